@@ -1,0 +1,1 @@
+"""Files on disk and things to render: contour files, hand motions, built-in objects."""

@@ -1,0 +1,1 @@
+"""Arrays of transducers and how to play frames to them. Never imports Warp."""

@@ -1,0 +1,1 @@
+"""The pipeline: objects and hands in, contours, focal points and drives out."""

@@ -3,3 +3,15 @@
 A module is one stage. Its kernels are private (`_verb_noun`); the host function of the same name beside them is the
 interface: it checks, launches and returns arrays on the device of its inputs.
 """
+
+from importlib import import_module
+
+STAGES = ("slice", "chain", "clip", "close", "arrange", "measure")
+
+
+def compile_kernels(device: str = "cpu") -> None:
+    """Compile every kernel for a device into Warp's cache: seconds once, nothing after."""
+    import warp as wp
+
+    for stage in STAGES:
+        wp.load_module(import_module(f".{stage}", __name__), device=device)

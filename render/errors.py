@@ -1,0 +1,27 @@
+"""What can go wrong in the pipeline; each message is complete in itself.
+
+    RenderError
+    ├── MeshError (ValueError)       an object that cannot be used, or not for this strategy
+    ├── StrategyError (ValueError)   a strategy or sampling that is not one
+    └── PoseError (ValueError)       poses that cannot be used
+"""
+
+
+class RenderError(Exception):
+    """Base of all errors of the pipeline."""
+
+
+class MeshError(RenderError, ValueError):
+    """A mesh that cannot be used, or not for what was asked."""
+
+
+class StrategyError(RenderError, ValueError):
+    """An intersection or sampling strategy with an unknown or unusable part."""
+
+
+class PoseError(RenderError, ValueError):
+    """Poses of the wrong shape, not finite, or without a rotation."""
+
+
+class PalpateWarning(UserWarning):
+    """Something was mended, dropped or looks wrong; the work goes on."""

@@ -1,0 +1,250 @@
+"""Judge a triangle soup and mend it into what the kernels assume: a simple, outward-facing surface."""
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..kernels.winged import OPEN, WingedEdges, wing_edges
+from .errors import MeshError, PalpateWarning
+
+
+@dataclass(frozen=True)
+class MeshReport:
+    """What was found and what was done when a mesh was loaded."""
+
+    vertices_welded: int = 0
+    """Vertices with the exact coordinates of another one."""
+    faces_dropped: int = 0
+    """Triangles with a corner twice, and exact repeats of a triangle."""
+    faces_flat: int = 0
+    """Triangles of zero area that were kept, since the surface closes through them."""
+    faces_turned: int = 0
+    """Triangles turned over so that neighbours agree."""
+    bodies: int = 1
+    """Connected surfaces."""
+    bodies_turned: int = 0
+    """Bodies that were inside out."""
+    cavities: int = 0
+    """Closed surfaces that face inwards, inside another body."""
+    bodies_united: bool = False
+    """Bodies overlapped or touched and were replaced by their union."""
+    overlap: str = ""
+    """Why overlapping bodies could not be united; empty if there was no need or it was done."""
+    open_edges: int = 0
+    """Edges with a triangle on one side only."""
+    crossed_edges: int = 0
+    """Edges where no choice of sides can agree (a surface with one side only)."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether inside and outside are defined everywhere."""
+        return self.open_edges == 0 and self.crossed_edges == 0 and not self.overlap
+
+
+def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Merge vertices of equal coordinates; unused ones disappear."""
+    used, faces = np.unique(faces, return_inverse=True)
+    merged, index = np.unique(vertices[used] + 0.0, axis=0, return_inverse=True)  # + 0.0: -0 is 0
+    return merged, index.ravel()[faces.reshape(-1, 3)].astype(np.int32)
+
+
+def drop_faces(faces: np.ndarray) -> np.ndarray:
+    """Leave out triangles with a corner twice, and repeats that face the same way."""
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    turned = np.array([np.roll(f, -k) for f, k in zip(faces, faces.argmin(axis=1), strict=True)]).reshape(-1, 3)
+    _, first = np.unique(turned, axis=0, return_index=True)
+    return faces[np.sort(first)]
+
+
+def agree_faces(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Turn triangles over until the two at every plain edge run along it in opposite directions.
+
+    Each triangle appears twice in a graph, as it is and turned over; edges join copies that agree. Its components are
+    the possible orientations of each body.
+    Returns the faces, which were turned, and at how many edges nothing can agree.
+    """
+    count = len(faces)
+    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    order = np.lexsort((np.maximum(tail, head), np.minimum(tail, head)))
+    pair = np.stack([np.minimum(tail, head), np.maximum(tail, head)], axis=1)[order]
+    _, start, size = np.unique(pair, axis=0, return_index=True, return_counts=True)
+    plain = start[size == 2]
+    one, two = order[plain] // 3, order[plain + 1] // 3
+    differ = (tail[order[plain]] == tail[order[plain + 1]]).astype(np.int64)
+    rows = np.concatenate([one, one + count])
+    columns = np.concatenate([two + count * differ, two + count * (1 - differ)])
+    graph = coo_matrix((np.ones(len(rows), bool), (rows, columns)), shape=(2 * count, 2 * count))
+    _, label = connected_components(graph, directed=False)
+    as_is, over = label[:count], label[count:]
+    crossed = as_is == over
+    turned = (over < as_is) & ~crossed  # the copy of a body's first triangle as it is has the smaller label
+    out = faces.copy()
+    out[turned] = out[turned][:, ::-1]
+    return out, turned, int(np.count_nonzero(crossed[one] & (differ == 1)))
+
+
+def body_labels(face_count: int, edges: WingedEdges) -> np.ndarray:
+    """Number of the body of each triangle: those joined through an edge's two sides."""
+    one, two = edges.face[np.all(edges.face != OPEN, axis=1)].T
+    graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(face_count, face_count))
+    return connected_components(graph, directed=False)[1]
+
+
+def signed_volumes(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray) -> np.ndarray:
+    """Volume of each body [m^3], negative if it faces inwards."""
+    a, b, c = (vertices[faces[:, k]] - vertices.mean(axis=0) for k in range(3))
+    return np.bincount(label, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0)
+
+
+def winding_number(point: np.ndarray, triangles: np.ndarray) -> float:
+    """Solid angle of a closed surface seen from a point, in turns of the sphere (Van Oosterom and Strackee 1983)."""
+    a, b, c = (triangles[:, k] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    top = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", x, y) for x, y in ((a, b), (b, c), (c, a)))
+    return float(np.sum(np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb)) / (2.0 * np.pi))
+
+
+def holder_of(body: int, vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, volume: np.ndarray) -> int:
+    """The smallest body of positive volume that a body lies in, -1 for none."""
+    box = [(vertices[faces[label == k]].min((0, 1)), vertices[faces[label == k]].max((0, 1))) for k in range(len(volume))]
+    point = vertices[faces[label == body][0]].mean(axis=0)
+    for other in np.argsort(volume):
+        inside = np.all(box[other][0] <= box[body][0]) and np.all(box[other][1] >= box[body][1])
+        if volume[other] > 0 and other != body and inside:
+            if winding_number(point, vertices[faces[label == other]]) > 0.5:
+                return int(other)
+    return -1
+
+
+def boxes_overlap(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray) -> bool:
+    """Whether the bounding boxes of any two bodies meet."""
+    low = np.array([vertices[faces[label == k]].min((0, 1)) for k in range(label.max() + 1)])
+    high = np.array([vertices[faces[label == k]].max((0, 1)) for k in range(label.max() + 1)])
+    meet = np.all((low[:, None] <= high[None]) & (low[None] <= high[:, None]), axis=2)
+    return bool(np.any(meet & ~np.eye(len(low), dtype=bool)))
+
+
+def unite(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, holder: dict[int, int]):
+    """Union of all bodies, each less the cavities it holds, by manifold3d.
+
+    Returns (vertices, faces) if the union differs from the bodies side by side, None if it does not.
+    Raises MeshError if a body is not a manifold.
+    """
+    import manifold3d  # 20 MB of geometry that most meshes never need
+
+    def solid(part: np.ndarray):
+        used, index = np.unique(part, return_inverse=True)
+        mesh = manifold3d.Mesh64(vertices[used], index.reshape(-1, 3).astype(np.uint64))
+        out = manifold3d.Manifold(mesh)
+        if out.status() != manifold3d.Error.NoError:
+            raise MeshError(f"a body of {len(part)} triangles is not a manifold ({out.status().name})")
+        return out
+
+    parts = {}
+    for body in range(label.max() + 1):
+        if body not in holder:
+            parts[body] = solid(faces[label == body])
+    for cavity, body in holder.items():
+        parts[body] = parts[body] - solid(faces[label == cavity][:, ::-1])
+    united = manifold3d.Manifold.batch_boolean(list(parts.values()), manifold3d.OpType.Add)
+    volume = sum(part.volume() for part in parts.values())
+    area = sum(part.surface_area() for part in parts.values())
+    if united.volume() > volume * (1 - 1e-9) and united.surface_area() > area * (1 - 1e-9):
+        return None
+    mesh = united.to_mesh64()
+    return weld(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts).astype(np.int32))
+
+
+def settle_bodies(vertices: np.ndarray, faces: np.ndarray, edges: WingedEdges, report: MeshReport):
+    """Turn bodies that are inside out, keep cavities, unite what overlaps; for a surface without open edges."""
+    label = body_labels(len(faces), edges)
+    volume = signed_volumes(vertices, faces, label)
+    holder: dict[int, int] = {}
+    turned = 0
+    for body in np.flatnonzero(volume < 0):
+        holder[body] = holder_of(body, vertices, faces, label, np.abs(volume) * np.where(volume < 0, -1, 1))
+        if holder[body] < 0:
+            del holder[body]
+            faces[label == body] = faces[label == body][:, ::-1]
+            turned += 1
+    report = replace(report, bodies=len(volume), bodies_turned=turned, cavities=len(holder))
+    if len(volume) > 1 and boxes_overlap(vertices, faces, label):
+        try:
+            united = unite(vertices, faces, label, holder)
+        except MeshError as error:
+            return vertices, faces, replace(report, overlap=str(error))
+        if united is not None:
+            vertices, faces = united
+            report = replace(report, bodies_united=True)
+    return vertices, faces, report
+
+
+def check_soup(vertices: np.ndarray, faces: np.ndarray) -> None:
+    """Refuse what is not a mesh at all, naming the row."""
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        raise MeshError(f"vertices must be [vertex, 3] and faces [face, 3], not {vertices.shape} and {faces.shape}")
+    if len(faces) == 0:
+        raise MeshError("the mesh has no triangles")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        row = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))[0])
+        raise MeshError(f"face {row} names vertex {faces[row].tolist()}, but there are {len(vertices)} vertices")
+    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if len(bad):
+        raise MeshError(f"{len(bad)} vertices are not finite, the first is vertex {bad[0]}: {vertices[bad[0]].tolist()}")
+
+
+def mend_mesh(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, MeshReport]:
+    """Weld, drop, turn and unite, and say what was done.
+
+    vertices: float, shape [vertex, 3]; faces: int, shape [face, 3].
+    Raises MeshError for what is no mesh: no triangles, indices out of range, vertices that are not finite.
+    """
+    vertices = np.array(vertices, np.float64)
+    faces = np.array(faces, np.int64)
+    check_soup(vertices, faces)
+    used_count = len(np.unique(faces))
+    given_count = len(faces)
+    vertices, faces = weld(vertices, faces)
+    welded = used_count - len(vertices)
+    faces = drop_faces(faces)
+    if len(faces) == 0:
+        raise MeshError(f"all {given_count} triangles have a corner twice: the mesh has no surface")
+    dropped = given_count - len(faces)
+    faces, turned, crossed = agree_faces(faces)
+    edges = wing_edges(faces)
+    report = MeshReport(
+        vertices_welded=welded,
+        faces_dropped=dropped,
+        faces_turned=int(turned.sum()),
+        open_edges=edges.open_count,
+        crossed_edges=crossed,
+    )
+    if edges.open_count == 0 and crossed == 0:
+        vertices, faces, report = settle_bodies(vertices, faces, edges, report)
+    else:
+        report = replace(report, bodies=int(body_labels(len(faces), edges).max()) + 1)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) <= 1e-15 * np.ptp(vertices, axis=0).max() ** 2
+    return vertices, faces, replace(report, faces_flat=int(flat.sum()))
+
+
+def warn_of(report: MeshReport, name: str) -> None:
+    """Say in one warning what was changed or is wrong; nothing if all was well."""
+    parts = []
+    if report.faces_dropped:
+        parts.append(f"{report.faces_dropped} triangles dropped (a corner twice, or a repeat)")
+    if report.faces_flat:
+        parts.append(f"{report.faces_flat} triangles of zero area kept, since the surface closes through them")
+    if report.faces_turned:
+        parts.append(f"{report.faces_turned} triangles turned over to agree with their neighbours")
+    if report.bodies_turned:
+        parts.append(f"{report.bodies_turned} of {report.bodies} bodies turned inside out (they faced inwards)")
+    if report.bodies_united:
+        parts.append(f"{report.bodies} bodies that overlap or touch were united")
+    if parts:
+        warnings.warn(f"{name}: " + "; ".join(parts), PalpateWarning, stacklevel=3)

@@ -1,0 +1,195 @@
+"""Objects to render: meshes, from a file, from arrays, or built in."""
+
+import hashlib
+import warnings
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..datasets.shapes import shape, shape_names
+from ..kernels.winged import WingedEdges, WingedMesh, upload_mesh, wing_edges
+from .errors import MeshError, PalpateWarning
+from .mend import mend_mesh, warn_of
+
+SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
+UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How an object's own coordinates become the array's: scale, turn up, fit, rotate, move, in this order."""
+
+    scale: float = 1.0
+    """Factor on all coordinates (0.001 for a file in millimetres)."""
+    up: str = "z"
+    """Axis of the file that points up, away from the array: one of x, y, z, -x, -y, -z."""
+    fit: float | None = None
+    """Longest side of the bounding box [m]; None leaves the size alone."""
+    rotate: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Angles about the array's x, then y, then z axis, through the middle of the bounding box [degree]."""
+    at: tuple[float, float, float] | None = None
+    """Where the middle of the bounding box goes [m], array frame; None leaves it where it is."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be applied."""
+        if not (np.isfinite(self.scale) and self.scale > 0):
+            raise MeshError(f"scale must be positive, not {self.scale}")
+        if self.up not in UP_AXES:
+            raise MeshError(f"up must be one of {', '.join(UP_AXES)}, not {self.up!r}")
+        if self.fit is not None and not (np.isfinite(self.fit) and self.fit > 0):
+            raise MeshError(f"fit must be a positive length in metres, not {self.fit}")
+        for field, value in (("rotate", self.rotate), ("at", self.at)):
+            if value is not None and (len(value) != 3 or not np.isfinite(value).all()):
+                raise MeshError(f"{field} must be three finite numbers, not {value}")
+
+    def applied_to(self, vertices: np.ndarray) -> np.ndarray:
+        """Placed vertices [m], shape [vertex, 3]."""
+        if self == Placement():
+            return vertices
+        out = vertices * self.scale @ up_rotation(self.up).T
+        middle = (out.min(axis=0) + out.max(axis=0)) / 2
+        out = out - middle
+        if self.fit is not None:
+            out *= self.fit / np.ptp(out, axis=0).max()
+        for axis, angle in enumerate(self.rotate):
+            out = out @ axis_rotation(axis, np.radians(angle)).T
+        return out + (middle if self.at is None else np.asarray(self.at))
+
+
+def axis_rotation(axis: int, angle: float) -> np.ndarray:
+    """Rotation matrix about a coordinate axis [rad]; quarter turns are exact."""
+    c, s = np.cos(angle), np.sin(angle)
+    c, s = (np.round(c), np.round(s)) if abs(np.sin(2 * angle)) < 1e-15 else (c, s)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    out = np.eye(3)
+    out[i, i], out[i, j], out[j, i], out[j, j] = c, -s, s, c
+    return out
+
+
+def up_rotation(up: str) -> np.ndarray:
+    """Rotation that brings an axis of the file to +z: a turn about the file's x (for x itself, about its y)."""
+    axis, angle = {"z": (0, 0), "y": (0, 1), "-z": (0, 2), "-y": (0, -1), "x": (1, -1), "-x": (1, 1)}[up]
+    return axis_rotation(axis, angle * np.pi / 2)
+
+
+def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """All triangles of a file that trimesh reads, a scene flattened with its transforms.
+
+    Raises MeshError for a missing file, one that cannot be read, and one without triangles.
+    """
+    import trimesh  # half a second that built-in objects need not wait for
+
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file; built-in objects are {', '.join(shape_names())}")
+    try:
+        scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
+        mesh = scene.to_mesh() if scene.geometry else trimesh.Trimesh()
+    except Exception as error:  # readers of many formats, each with errors of its own
+        raise MeshError(f"{path}: cannot be read as a mesh ({type(error).__name__}: {error})") from error
+    if len(mesh.faces) == 0:
+        raise MeshError(f"{path}: has no triangles ({path.stat().st_size} bytes)")
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+
+
+class MeshObject:
+    """A triangle mesh in the array's frame, judged and mended.
+
+    vertices: [m], shape [vertex, 3]; faces: int, shape [face, 3], counter-clockwise from outside.
+    Warns (PalpateWarning) of what was mended, of a size that suggests millimetres, and of an object behind the array.
+    Raises MeshError for what is no mesh.
+    """
+
+    def __init__(
+        self, vertices: np.ndarray, faces: np.ndarray, *, name: str = "mesh", placement: Placement | None = None
+    ) -> None:
+        self.name = name
+        self.placement = placement or Placement()
+        vertices, faces, self.report = mend_mesh(vertices, faces)
+        warn_of(self.report, name)
+        self.vertices = self.placement.applied_to(vertices).astype(np.float32)
+        """[m], float32, shape [vertex, 3]."""
+        self.faces = faces.astype(np.int32)
+        """int32, shape [face, 3]."""
+        self._on: dict[str, WingedMesh] = {}
+        self._judge_size()
+
+    @classmethod
+    def load(cls, source: str | Path, *, placement: Placement | None = None) -> "MeshObject":
+        """Load a built-in object by name, or any mesh file that trimesh reads (STL, OBJ, PLY, GLB, ...)."""
+        if str(source) in shape_names():
+            vertices, faces = shape(str(source))
+            return cls(vertices, faces, name=str(source), placement=placement)
+        path = Path(source)
+        vertices, faces = read_mesh(path)
+        try:
+            return cls(vertices, faces, name=path.name, placement=placement)
+        except MeshError as error:
+            raise MeshError(f"{path}: {error}") from error
+
+    def _judge_size(self) -> None:
+        size = np.ptp(self.vertices.astype(np.float64), axis=0)
+        if not np.isfinite(self.vertices).all():
+            raise MeshError(f"{self.name}: coordinates overflow after placement (scale {self.placement.scale})")
+        if size.max() > SIZE_LARGEST:
+            warnings.warn(
+                f"{self.name}: is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; a size like this suggests a file in "
+                "millimetres: use --scale 0.001, or --fit 0.13",
+                PalpateWarning,
+                stacklevel=3,
+            )
+        elif self.bounds[1, 2] <= 0:
+            warnings.warn(
+                f"{self.name}: lies behind the array (z from {self.bounds[0, 2]:.4g} to {self.bounds[1, 2]:.4g} m); "
+                "use --at 0 0 0.2 to place it in front",
+                PalpateWarning,
+                stacklevel=3,
+            )
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Lowest and highest coordinates [m], shape [2, 3]."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]).astype(np.float64)
+
+    @cached_property
+    def edges(self) -> WingedEdges:
+        """Edges in ascending key."""
+        return wing_edges(self.faces)
+
+    @cached_property
+    def identity(self) -> str:
+        """SHA-256 over vertices and faces as placed."""
+        return hashlib.sha256(self.vertices.tobytes() + b"/" + self.faces.tobytes()).hexdigest()
+
+    def require_closed(self) -> None:
+        """Raise MeshError, with the counts and the ways out, unless inside and outside are defined."""
+        report = self.report
+        if report.closed:
+            return
+        if report.overlap:
+            fault = f"its {report.bodies} bodies overlap and could not be united: {report.overlap}"
+        elif report.crossed_edges:
+            fault = f"it has one side only ({report.crossed_edges} edges where no orientation agrees)"
+        else:
+            fault = f"it has {report.open_edges} open edges ({report.bodies} bodies)"
+        raise MeshError(
+            f"{self.name}: closed contours (CC) need a closed surface, but {fault}. "
+            "Ways out: --strategy oc accepts any mesh, or close the mesh in a mesh editor"
+        )
+
+    def on(self, device: str) -> WingedMesh:
+        """The mesh on a Warp device, uploaded once."""
+        if device not in self._on:
+            self._on[device] = upload_mesh(self.vertices, self.edges, device)
+        return self._on[device]
+
+    def described(self) -> dict:
+        """What a file says about the object, for JSON."""
+        return {
+            "name": self.name,
+            "triangles": len(self.faces),
+            "hash": self.identity,
+            "placement": asdict(self.placement),
+            "report": asdict(self.report),
+        }

@@ -1,0 +1,17 @@
+"""What goes wrong with files, motions and shapes; each message is one sentence fit to be shown as it is."""
+
+
+class DatasetError(Exception):
+    """Base of every error that `palpate.datasets` raises for a user's mistake or a machine's failure."""
+
+
+class ContourFileError(DatasetError):
+    """A contour file cannot be read, written or resumed; the message names the file and why."""
+
+
+class MotionError(DatasetError, ValueError):
+    """A hand motion is malformed; the message names the row and the value."""
+
+
+class ShapeError(DatasetError, ValueError):
+    """A built-in shape is asked for that does not exist, or with impossible sizes."""

@@ -1,0 +1,137 @@
+"""The synthetic exploration: smooth, as fast as a person, in its workspace, from every side, a function of its seed."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from palpate.datasets.errors import MotionError
+from palpate.datasets.motion import exploration
+
+BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
+SEEDS = range(25)
+
+
+@pytest.fixture(scope="module")
+def explorations():
+    return [exploration(BOUNDS, duration=30.0, seed=seed) for seed in SEEDS]
+
+
+def speeds(motion):
+    rotation = Rotation.from_quat(motion.pose[:, 3:])
+    turn = (rotation[:-1].inv() * rotation[1:]).magnitude()
+    return np.linalg.norm(np.diff(motion.pose[:, :3].astype(float), axis=0), axis=1) * motion.rate, turn * motion.rate
+
+
+def test_exploration_lasts_as_long_as_asked_at_the_rate_asked():
+    motion = exploration(BOUNDS, duration=30.0, rate=90.0, seed=1)
+    assert (len(motion), motion.seed, motion.offset) == (2700, 1, 0.0)
+    assert motion.duration == pytest.approx(30.0)
+    assert motion.rate == pytest.approx(90.0)
+    assert len(exploration(BOUNDS, duration=1e-3, seed=1)) == 1
+
+
+def test_exploration_moves_as_fast_as_a_person(explorations):
+    linear, angular = (np.array(part) for part in zip(*map(speeds, explorations), strict=True))
+    assert linear.max() < 1.0
+    assert angular.max() < 4.0
+    assert 0.05 < linear.mean() < 0.4
+    assert np.mean((linear > 0.02) & (linear < 0.4)) > 0.75
+
+
+def test_exploration_is_smooth():
+    # A step of the velocity is about acceleration x interval: a jump would not shrink with the interval.
+    for seed in range(5):
+        step = []
+        for rate in (200.0, 800.0):
+            motion = exploration(BOUNDS, duration=20.0, rate=rate, seed=seed)
+            velocity = np.diff(motion.pose.astype(float), axis=0) * rate  # no change of a quaternion's sign either
+            step.append(np.abs(np.diff(velocity, axis=0)).max(axis=0))
+        assert (step[1] < 0.4 * step[0]).all()
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        BOUNDS,
+        [[-0.4, -0.3, 0.1], [0.4, 0.3, 0.9]],
+        [[0.1, 0.1, 0.2], [0.1, 0.1, 0.2]],
+        [[-0.1, -0.1, 0.0], [0.1, 0.1, 0.03]],
+        [[-0.065, -0.01, 0.15], [0.065, 0.01, 0.25]],
+    ],
+    ids=["cube", "large", "point", "on the array", "thin"],
+)
+def test_exploration_stays_in_the_workspace_whatever_the_object(bounds):
+    bounds = np.array(bounds)
+    for seed in range(5):
+        motion = exploration(bounds, duration=30.0, seed=seed)
+        position = motion.pose[:, :3].astype(float)
+        assert (position > bounds[0] - 0.06 - 1e-6).all()
+        assert (position < bounds[1] + 0.06 + 1e-6).all()
+        assert position[:, 2].min() > 0.06 - 1e-6
+        assert speeds(motion)[0].max() < 1.0
+        assert speeds(motion)[1].max() < 4.0
+
+
+def test_exploration_comes_from_every_side(explorations):
+    # Where the palm is when it is outside the object's bounds: each octant, in few explorations.
+    seen = []
+    for motion in explorations:
+        away = motion.pose[:, :3].astype(float) - BOUNDS.mean(axis=0)
+        outside = (np.abs(away) > 0.065).any(axis=1)
+        octant = (away > 0) @ [1, 2, 4]
+        seen.append(set(octant[outside]))
+    assert min(map(len, seen)) >= 5
+    for first in range(len(seen) - 2):
+        assert set.union(*seen[first : first + 3]) == set(range(8))
+
+
+def test_exploration_faces_the_object_imprecisely(explorations):
+    for motion in explorations:
+        away = motion.pose[:, :3].astype(float) - BOUNDS.mean(axis=0)
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        outside = (np.abs(motion.pose[:, :3] - BOUNDS.mean(axis=0)) > 0.08).any(axis=1)
+        skin = Rotation.from_quat(motion.pose[:, 3:]).apply([0, -1, 0])
+        facing = -(skin * away).sum(axis=1)[outside]
+        assert np.median(facing) > 0.7
+        assert speeds(motion)[1][~outside[1:]].mean() > 0.1  # tilted anew by each stroke, inside the object too [rad/s]
+
+
+def test_exploration_goes_in_and_out(explorations):
+    inside = [(np.abs(m.pose[:, :3] - BOUNDS.mean(axis=0)) < 0.065).all(axis=1).mean() for m in explorations]
+    assert 0.35 < np.mean(inside) < 0.65
+    assert min(inside) > 0.2
+    assert max(inside) < 0.8
+
+
+def test_same_seed_is_the_same_motion_and_another_is_not():
+    a, b, c = (exploration(BOUNDS, duration=5.0, seed=seed) for seed in (3, 3, 4))
+    assert np.array_equal(a.pose, b.pose)
+    assert not np.array_equal(a.pose, c.pose)
+
+
+@pytest.mark.parametrize(("duration", "rate", "every"), [(60.0, 90.0, 1), (20.0, 180.0, 2), (200.0, 900.0, 10)])
+def test_duration_and_rate_only_sample_the_path(duration, rate, every):
+    short = exploration(BOUNDS, duration=20.0, rate=90.0, seed=5)
+    other = exploration(BOUNDS, duration=duration, rate=rate, seed=5)
+    assert np.array_equal(other.pose[::every][: len(short)], short.pose)
+    assert np.array_equal(other.time[::every][: len(short)], short.time)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"bounds": BOUNDS[::-1]}, "minimum before maximum"),
+        ({"bounds": BOUNDS * np.nan}, "bounds must be finite"),
+        ({"bounds": BOUNDS[0]}, r"bounds must have shape \[2, 3\], got \[3\]"),
+        ({"bounds": BOUNDS - [0, 0, 0.3]}, "z = -0.035 m leaves a hand no room 0.06 m above"),
+        ({"duration": 0.0}, "duration must be finite and greater than 0, got 0.0"),
+        ({"duration": float("inf")}, "duration must be finite"),
+        ({"rate": -90.0}, "rate must be finite and greater than 0, got -90.0"),
+        ({"seed": -1}, "seed must be an integer of at least 0, got -1"),
+        ({"seed": 1.5}, "seed must be an integer"),
+    ],
+)
+def test_exploration_refuses_bad_arguments(change, said):
+    arguments = {"bounds": BOUNDS, "duration": 1.0, "seed": 1, **change}
+    with pytest.raises(MotionError, match=said):
+        exploration(arguments.pop("bounds"), **arguments)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import warp as wp
@@ -56,9 +56,13 @@ class IntersectionStrategy:
         """Whether inside and outside of the object must be defined."""
         return "close" in self.transform
 
+    def described(self) -> dict:
+        """What a file says about the strategy, for JSON."""
+        return {"raw": self.raw, "prune": list(self.prune), "transform": list(self.transform)}
+
     def to_json(self) -> str:
         """One line of JSON that `from_json` reads back."""
-        return json.dumps({**asdict(self), "prune": list(self.prune), "transform": list(self.transform)})
+        return json.dumps(self.described())
 
     @classmethod
     def from_json(cls, text: str) -> "IntersectionStrategy":

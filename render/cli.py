@@ -1,0 +1,196 @@
+"""The command line: every command has --help, results as JSON, and exit codes 0 done, 1 failed, 2 misuse."""
+
+import os
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import console
+
+app = typer.Typer(
+    name="palpate",
+    help="Objects and hand poses in, contours out, focal points on skin (ultrasound mid-air haptics).",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+Three = tuple[float, float, float]
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"palpate {version('palpate')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    show_version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Objects and hand poses in, contours out, focal points on skin (ultrasound mid-air haptics)."""
+    del show_version
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_WARNING  # before it says hello
+
+
+@app.command()
+def demo(
+    folder: Annotated[Path, typer.Option(help="Where the results go; made if missing, used again.")] = Path(
+        "palpate-demo"
+    ),
+    clock: Annotated[str, typer.Option(help="Play in real time (monotonic), or as fast as it goes (virtual).")] = (
+        "monotonic"
+    ),
+    json: Json = False,
+) -> None:
+    """Run the main job: explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
+    from .demo import run_demo
+
+    raise typer.Exit(console.run(lambda: run_demo(folder, clock=clock, as_json=json), as_json=json))
+
+
+@app.command()
+def render(
+    thing: Annotated[str, typer.Argument(metavar="OBJECT", help="Built-in object, or a mesh file (STL, OBJ, PLY, GLB).")],
+    motion: Annotated[
+        str, typer.Argument(metavar="MOTION", help="CSV or HDF5 of poses, or the word exploration for a synthetic one.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.h5", help="Contour file to write.")],
+    strategy: Annotated[str, typer.Option(help="oc, cc, or a JSON file.")] = "cc",
+    palm: Annotated[tuple[float, float], typer.Option(metavar="WIDTH LENGTH", help="Size of the palm [m].")] = (
+        0.085,
+        0.085,
+    ),
+    scale: Annotated[float, typer.Option(help="Factor on the object's coordinates (0.001 for millimetres).")] = 1.0,
+    up: Annotated[str, typer.Option(help="Axis of the file that points up: x, y, z, -x, -y, -z.")] = "z",
+    fit: Annotated[float | None, typer.Option(metavar="SIZE", help="Longest side of the object [m].")] = None,
+    rotate: Annotated[
+        Three, typer.Option(metavar="X Y Z", help="Turn about the array's axes x, y, z in turn [degree].")
+    ] = (0.0, 0.0, 0.0),
+    at: Annotated[
+        Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")
+    ] = None,
+    duration: Annotated[float, typer.Option(help="Of a synthetic exploration [s].")] = 30.0,
+    rate: Annotated[float, typer.Option(help="Poses a second of a synthetic exploration [Hz].")] = 90.0,
+    seed: Annotated[int, typer.Option(help="Seed of a synthetic exploration.")] = 1,
+    device: Annotated[str, typer.Option(help="cpu, cuda:0, ..., or auto: the first GPU if there is one.")] = "auto",
+    memory: Annotated[int, typer.Option(help="Memory budget of the working arrays [MB].")] = 512,
+    gzip: Annotated[int, typer.Option(min=0, max=9, help="Compress the file: 0 not, 9 most.")] = 0,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted rendering.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file once the new one is whole.")] = False,
+    json: Json = False,
+) -> None:
+    """Render the contours of an object on a moving hand into a contour file."""
+    from .job import RenderJob, run_render
+
+    job = RenderJob(
+        thing=thing,
+        motion=motion,
+        out=out,
+        strategy=strategy,
+        palm=palm,
+        placement={"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at},
+        exploration={"duration": duration, "rate": rate, "seed": seed},
+        device=device,
+        memory=memory * 10**6,
+        gzip=gzip,
+        resume=resume,
+        overwrite=overwrite,
+    )
+    raise typer.Exit(console.run(lambda: run_render(job, as_json=json), as_json=json))
+
+
+@app.command()
+def info(file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")], json: Json = False) -> None:
+    """Tell what is in a contour file."""
+    from .job import run_info
+
+    raise typer.Exit(console.run(lambda: run_info(file, as_json=json), as_json=json))
+
+
+@app.command()
+def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")], json: Json = False) -> None:
+    """Check that a contour file is whole: exit 0 if it is, 1 if not."""
+    from .job import run_check
+
+    raise typer.Exit(console.run(lambda: run_check(file, as_json=json), as_json=json))
+
+
+@app.command()
+def figure(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Contour files of one object and motion.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="PICTURE", help="PNG, SVG or PDF to write.")],
+    json: Json = False,
+) -> None:
+    """Draw contours on the object, the palm, length and draw frequency over time."""
+    from .job import run_figure
+
+    raise typer.Exit(console.run(lambda: run_figure(files, out, as_json=json), as_json=json))
+
+
+@app.command()
+def play(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")],
+    array: Annotated[str, typer.Option(help="Which kind of array.")] = "emulator",
+    serial: Annotated[str | None, typer.Option(help="Which one, by serial number.")] = None,
+    emulate: Annotated[bool, typer.Option("--emulate", help="A model of the array instead of the array.")] = False,
+    speed: Annotated[float, typer.Option(help="Of the focal point [m/s].")] = 7.0,
+    update_rate: Annotated[float, typer.Option(help="Focal points a second [Hz]: 40 kHz / n.")] = 10_000.0,
+    duration: Annotated[float | None, typer.Option(help="Stop after this time [s]; a static pose needs it.")] = None,
+    sound_speed: Annotated[float, typer.Option(help="Speed of sound [m/s]: 331.3 + 0.606 x degrees C.")] = 343.0,
+    clock: Annotated[
+        str, typer.Option(help="Of the emulated array: monotonic (real time) or virtual (as fast as it goes).")
+    ] = "monotonic",
+    json: Json = False,
+) -> None:
+    """Sample a contour file and stream it to an array; the array is off on every way out."""
+    from .job import run_play
+
+    options = {
+        "array": array,
+        "serial": serial,
+        "emulate": emulate,
+        "duration": duration,
+        "sound_speed": sound_speed,
+        "clock": clock,
+    }
+    raise typer.Exit(console.run(lambda: run_play(file, speed, update_rate, options, as_json=json), as_json=json))
+
+
+@app.command()
+def devices(json: Json = False) -> None:
+    """List the arrays that can be played to."""
+    from .job import run_devices
+
+    raise typer.Exit(console.run(lambda: run_devices(as_json=json), as_json=json))
+
+
+@app.command()
+def selftest(
+    array: Annotated[str, typer.Option(help="Which kind of array.")] = "emulator",
+    serial: Annotated[str | None, typer.Option(help="Which one, by serial number.")] = None,
+    height: Annotated[float, typer.Option(help="Of the hand above the array [m].")] = 0.2,
+    seconds: Annotated[float, typer.Option(help="Of each of the two stimuli [s].")] = 3.0,
+    clock: Annotated[str, typer.Option(help="Of the emulated array: monotonic or virtual.")] = "monotonic",
+    json: Json = False,
+) -> None:
+    """Play a focal point (200 Hz amplitude modulation) and then a circle, for a hand held above the array."""
+    from .selftest import run_selftest
+
+    options = {"array": array, "serial": serial, "height": height, "seconds": seconds, "clock": clock}
+    raise typer.Exit(console.run(lambda: run_selftest(options, as_json=json), as_json=json))
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    if sys.stdout is not None and not sys.stdout.isatty():
+        os.environ.setdefault("COLUMNS", "120")  # tables and help in pipes and logs
+    app()

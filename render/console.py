@@ -1,0 +1,96 @@
+"""How the command line talks: progress and warnings to standard error, results to standard output, exit codes."""
+
+import contextlib
+import json
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from ..datasets.errors import DatasetError
+from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
+from .errors import PalpateWarning, RenderError, StrategyError
+
+DONE, FAILED, MISUSED = 0, 1, 2
+
+MISUSES = (StrategyError, UnknownArrayError, UpdateRateError)
+"""Errors that are about what was asked, not about what happened."""
+
+errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def say(values: dict, *, as_json: bool, title: str) -> None:
+    """Print results: a table for people, one JSON object for machines."""
+    if as_json:
+        sys.stdout.write(json.dumps(values, default=float) + "\n")
+        return
+    table = Table(title=title, show_header=False, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for name, value in values.items():
+        if value is not None and not isinstance(value, (list, tuple)) or name == "problems":
+            table.add_row(name.replace("_", " "), escape(shown(value)))
+    Console(highlight=False, soft_wrap=True).print(table)
+
+
+def shown(value: object) -> str:
+    """A value for people."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {shown(inner)}" for key, inner in value.items())
+    if isinstance(value, (list, tuple)):
+        return "; ".join(shown(inner) for inner in value) or "none"
+    return str(value)
+
+
+@contextlib.contextmanager
+def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """A bar on standard error while something runs; called with what is done and the total."""
+    if quiet or not errors.is_terminal:
+        yield lambda done, total: None
+        return
+    columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=errors, transient=True) as progress:
+        task = progress.add_task(title, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def run(command: Callable[[], object], *, as_json: bool) -> int:
+    """Run a command and turn what goes wrong into one sentence and an exit code; no traceback for a user's mistake."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PalpateWarning)
+        warnings.showwarning = _show_warning
+        try:
+            code = command()
+        except (RenderError, DatasetError, DeviceError) as error:
+            return fail(str(error), MISUSED if isinstance(error, MISUSES) else FAILED, as_json, _report_of(error))
+        except PlayInterrupted as error:
+            return fail(str(error), FAILED, as_json, _report_of(error))
+        except KeyboardInterrupt:
+            return fail("interrupted", FAILED, as_json)
+        except (MemoryError, OSError) as error:
+            return fail(f"{type(error).__name__}: {error}", FAILED, as_json)
+    return code if isinstance(code, int) else DONE
+
+
+def fail(message: str, code: int, as_json: bool, report: dict | None = None) -> int:
+    """Say what went wrong."""
+    errors.print(f"[bold red]error:[/] {escape(message)}")
+    if as_json:
+        sys.stdout.write(json.dumps({"error": message, **({"report": report} if report else {})}, default=float) + "\n")
+    elif report:
+        errors.print(f"played until then: {report['frames']} frames, array off: {report['off_confirmed']}")
+    return code
+
+
+def _report_of(error: BaseException) -> dict | None:
+    report = getattr(error, "report", None)
+    return None if report is None else report.as_dict()
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *rest: object) -> None:
+    del category, rest
+    errors.print(f"[yellow]warning:[/] {escape(str(message))}")

@@ -1,0 +1,150 @@
+"""What the commands do: read, render or play, and say what came of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import warp as wp
+
+from ..datasets.check import check_file
+from ..datasets.motion import HandMotion, exploration
+from ..device.array import array_model, array_names
+from ..device.errors import NoBackendError
+from ..device.usb import find_arrays
+from . import console
+from .errors import StrategyError
+from .figure import draw_figure
+from .hands import Palm
+from .objects import MeshObject, Placement
+from .playback import play_file
+from .record import record
+from .sampling import SamplingStrategy
+from .strategy import load_strategy
+from .summary import summarise
+
+EXPLORATION = "exploration"
+
+
+@dataclass(frozen=True)
+class RenderJob:
+    """Everything that `palpate render` is told."""
+
+    thing: str
+    motion: str
+    out: Path
+    strategy: str
+    palm: tuple[float, float]
+    placement: dict
+    exploration: dict
+    device: str
+    memory: int
+    gzip: int
+    resume: bool
+    overwrite: bool
+
+
+def chosen_device(name: str) -> str:
+    """The device of that name; "auto" is the first GPU if there is one."""
+    if name == "auto":
+        return "cuda:0" if wp.get_cuda_device_count() else "cpu"
+    return name
+
+
+def load_motion(source: str, thing: MeshObject, options: dict) -> HandMotion:
+    """A motion from a file, or a synthetic exploration of the object."""
+    if source == EXPLORATION:
+        return exploration(thing.bounds, **options)
+    return HandMotion.load(source)
+
+
+def run_render(job: RenderJob, *, as_json: bool) -> None:
+    """Render, write, summarise."""
+    if job.resume and job.overwrite:
+        raise StrategyError("--resume and --overwrite exclude each other")
+    strategy = load_strategy(job.strategy)
+    hand = Palm(*job.palm)
+    placement = Placement(**job.placement)
+    thing = MeshObject.load(job.thing, placement=placement)
+    if strategy.needs_closed:
+        thing.require_closed()
+    motion = load_motion(job.motion, thing, job.exploration)
+    started = perf_counter()
+    with console.progress_bar("poses", quiet=as_json) as progress:
+        recording = record(
+            job.out,
+            thing,
+            hand,
+            motion,
+            strategy,
+            mode="resume" if job.resume else "overwrite" if job.overwrite else "create",
+            device=chosen_device(job.device),
+            memory=job.memory,
+            gzip=job.gzip,
+            progress=progress,
+        )
+    seconds = perf_counter() - started
+    for repair in recording.repairs:
+        console.errors.print(f"[yellow]warning:[/] {repair}")
+    rendering = {"poses_rendered": recording.rendered, "seconds": seconds}
+    console.say({**summarise(job.out), **rendering}, as_json=as_json, title=str(job.out))
+
+
+def run_info(file: Path, *, as_json: bool) -> None:
+    """Summarise."""
+    summary = summarise(file)
+    if not summary["sealed"]:
+        console.errors.print(
+            f"[yellow]warning:[/] {file} is still being written, or was interrupted: "
+            f"{summary['poses_done']} of {summary['poses']} poses are done (palpate render --resume goes on)"
+        )
+    console.say(summary, as_json=as_json, title=str(file))
+
+
+def run_check(file: Path, *, as_json: bool) -> int:
+    """Check; 0 whole, 1 not."""
+    problems = check_file(file)
+    if as_json:
+        console.say({"path": str(file), "whole": not problems, "problems": problems}, as_json=True, title="")
+    elif problems:
+        for problem in problems:
+            console.errors.print(f"[bold red]error:[/] {problem}", markup=True)
+    else:
+        console.say({"whole": "yes"}, as_json=False, title=str(file))
+    return console.FAILED if problems else console.DONE
+
+
+def run_figure(files: list[Path], out: Path, *, as_json: bool) -> None:
+    """Draw."""
+    draw_figure({path.stem: path for path in files}, out)
+    console.say({"picture": str(out)}, as_json=as_json, title="figure")
+
+
+def run_play(file: Path, speed: float, update_rate: float, options: dict, *, as_json: bool) -> None:
+    """Play and report."""
+    emulate = options.pop("emulate")
+    if emulate and not array_model(options["array"]).embedded:
+        raise StrategyError(f"array {options['array']!r} has no emulated board in this version")
+    sampling = SamplingStrategy(speed=speed, update_rate=update_rate)
+    with console.progress_bar("frames", quiet=as_json) as progress:
+        playback = play_file(file, sampling=sampling, progress=progress, **options)
+    console.say(playback.as_dict(), as_json=as_json, title=str(file))
+
+
+def run_devices(*, as_json: bool) -> None:
+    """List arrays: the embedded ones, and what libusb sees."""
+    found = [{"array": name, "serial": None, "where": "embedded"} for name in array_names() if array_model(name).embedded]
+    note = None
+    try:
+        for entry in find_arrays():
+            where = f"bus {entry.bus}, address {entry.address}"
+            where += "" if entry.accessible else ", not accessible for this user (a udev rule is missing)"
+            found.append({"array": entry.array, "serial": entry.serial, "where": where})
+    except NoBackendError as error:
+        note = str(error)
+    if as_json:
+        console.say({"devices": found, "note": note}, as_json=True, title="")
+        return
+    rows = {f"{entry['array']} {entry['serial'] or ''}".strip(): entry["where"] for entry in found}
+    console.say(rows, as_json=False, title="arrays")
+    if note:
+        console.errors.print(f"[yellow]note:[/] {note}")

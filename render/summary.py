@@ -1,0 +1,69 @@
+"""What is in a contour file, in numbers."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..datasets.reader import ContourFile
+from .sampling import SamplingStrategy
+
+POSES_AT_ONCE = 1 << 20
+
+
+def length_ratio(length: float, length_object: float) -> float | None:
+    """r = mean |CC| / mean |OC| from means (or sums) over the same poses, empty ones included; None without OC."""
+    return length / length_object if length_object > 0 else None
+
+
+def summarise(path: str | Path) -> dict:
+    """Counts, lengths [m], the strategy and who made it; `r` where the file holds closed contours.
+
+    Of a file that is not sealed, the poses done so far. Raises ContourFileError for what is no contour file.
+    """
+    with ContourFile(path) as file:
+        done = sum(stop - first for first, stop in file.done)
+        totals = np.zeros(4)
+        drawn = 0
+        longest = 0.0
+        for first, stop in file.done:
+            for a in range(first, stop, POSES_AT_ONCE):
+                metrics = file.metrics(a, min(stop, a + POSES_AT_ONCE))
+                names = ("length", "length_object", "length_hand", "length_made")
+                totals += [metrics[name].sum(dtype=np.float64) for name in names]
+                drawn += int(np.count_nonzero(metrics["length"]))
+                longest = max(longest, float(metrics["length"].max(initial=0.0)))
+        mean = totals / max(done, 1)
+        motion = file.motion()
+        time = motion.get("time")
+        thing = file.object()
+        speed = SamplingStrategy().speed
+        out = {
+            "path": str(path),
+            "sealed": file.sealed,
+            "poses": file.pose_count,
+            "poses_done": done,
+            "poses_drawn": drawn,
+            "polylines": file.polyline_count,
+            "points": file.point_count,
+            "duration": None if time is None or len(time) < 2 else float(time[-1] + np.median(np.diff(time))),
+            "length_mean": mean[0],
+            "length_longest": longest,
+            "length_object_mean": mean[1],
+            "length_hand_mean": mean[2],
+            "draw_frequency": speed * drawn / totals[0] if totals[0] > 0 else None,
+            "strategy": file.strategy,
+            "hand": file.hand,
+            "object": {
+                "name": thing["name"],
+                "triangles": len(thing["faces"]),
+                "hash": thing["hash"],
+                "placement": thing["placement"],
+            },
+            **file.attributes,
+        }
+        if "close" in file.strategy.get("transform", []):
+            out["r"] = length_ratio(totals[0], totals[1])
+        if file.sealed:
+            out["bytes"] = Path(path).stat().st_size
+            out["bytes_per_pose"] = out["bytes"] / max(file.pose_count, 1)
+        return out

@@ -1,0 +1,305 @@
+"""The emulated board and bus, through pyusb itself, as docs/emulator.md tells them."""
+
+from __future__ import annotations
+
+import ast
+import errno
+import struct
+from array import array
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import usb.core
+import usb.util
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import palpate.device.emulator
+from palpate.device import EmulatorBackend, Fault, FaultKind, VirtualClock
+
+FRAME = 512
+PERIOD = 4 * 25_000  # [ns], at the divider after power-up
+
+
+def frames(count: int, *, seed: int = 0, level: int | None = None) -> array:
+    """Random frames; their levels fixed if given."""
+    wire = np.random.default_rng(seed).integers(1, 256, (count, FRAME), np.uint8)
+    if level is not None:
+        wire[:, 1::2] = level
+    return array("B", wire.tobytes())
+
+
+def opened(bus: EmulatorBackend, **match: object) -> usb.core.Device:
+    device = usb.core.find(backend=bus, idVendor=0x1209, idProduct=0x0001, **match)
+    device.set_configuration()
+    usb.util.claim_interface(device, 0)
+    return device
+
+
+def status(device: usb.core.Device) -> tuple[int, ...]:
+    """frames played, underruns, starved periods, FIFO frames, torn bytes, level, divider."""
+    return struct.unpack("<QQQIHBB", device.ctrl_transfer(0xC0, 0x02, 0, 0, 32))
+
+
+@pytest.fixture
+def bus() -> EmulatorBackend:
+    return EmulatorBackend(clock=VirtualClock(), record=100_000)
+
+
+@pytest.fixture
+def board_usb(bus: EmulatorBackend) -> Iterator[usb.core.Device]:
+    device = opened(bus)
+    yield device
+    usb.util.dispose_resources(device)
+
+
+def tick(bus: EmulatorBackend, periods: float) -> None:
+    bus.clock.advance(periods * PERIOD * 1e-9)
+
+
+def imported_modules(path: Path) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names.add("." * node.level + (node.module or ""))
+    return names
+
+
+def test_the_emulator_knows_nothing_of_codec_array_or_drive() -> None:
+    # Followed through: what it imports of this package must not lead there either.
+    folder = Path(palpate.device.emulator.__file__).parent
+    waiting, reached = ["emulator"], set()
+    while waiting:
+        name = waiting.pop()
+        reached.add(name)
+        imported = imported_modules(folder / f"{name}.py")
+        local = {module[1:] for module in imported if module.startswith(".") and not module.startswith("..")}
+        assert not any(module.startswith(("..", "palpate")) for module in imported), (name, imported)
+        waiting += [] if name == "errors" else sorted(local - reached)  # errors imports for annotations only
+    assert reached == {"emulator", "board", "clock", "pyusb", "errors"}
+
+
+def test_enumeration_gives_ids_strings_and_one_bulk_endpoint(bus: EmulatorBackend) -> None:
+    bus = EmulatorBackend(["one", "two"], clock=VirtualClock())
+    found = list(usb.core.find(find_all=True, backend=bus))
+    assert [(d.idVendor, d.idProduct, d.serial_number) for d in found] == [(0x1209, 1, "one"), (0x1209, 1, "two")]
+    assert (found[0].manufacturer, found[0].product) == ("palpate", "emulated 256-transducer array")
+    [configuration] = found[0].configurations()
+    [interface] = configuration.interfaces()
+    [endpoint] = interface.endpoints()
+    assert (endpoint.bEndpointAddress, endpoint.bmAttributes, endpoint.wMaxPacketSize) == (0x01, 0x02, 512)
+    assert usb.core.find(backend=bus, idProduct=2) is None
+    for each in found:
+        usb.util.dispose_resources(each)
+
+
+def test_writing_needs_a_configuration_and_the_claim(bus: EmulatorBackend) -> None:
+    first = usb.core.find(backend=bus)
+    with pytest.raises(usb.core.USBError, match="Configuration not set"):
+        first.write(0x01, frames(1))
+    first.set_configuration()
+    first.write(0x01, frames(1))  # pyusb claims on the way
+    second = usb.core.find(backend=bus)
+    for attempt in (second.set_configuration, lambda: usb.util.claim_interface(second, 0)):
+        with pytest.raises(usb.core.USBError) as error:
+            attempt()
+        assert error.value.errno == errno.EBUSY
+    unclaimed = bus.open_device(next(bus.enumerate_devices()))  # pyusb itself would claim
+    with pytest.raises(usb.core.USBError, match="busy"):
+        bus.bulk_write(unclaimed, 0x01, 0, frames(1), 0)
+    usb.util.dispose_resources(first)
+    usb.util.claim_interface(second, 0)
+    usb.util.dispose_resources(second)
+
+
+def test_silent_and_not_starved_before_the_first_frame(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
+    tick(bus, 1000)
+    assert status(board_usb) == (0, 0, 0, 0, 0, 0, 4)
+
+
+def test_one_frame_a_tick_and_the_last_one_holds(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
+    sent = frames(3, level=9)
+    board_usb.write(0x01, sent)
+    tick(bus, 0.5)
+    assert status(board_usb)[:4] == (0, 0, 0, 3)
+    tick(bus, 2)
+    assert status(board_usb) == (2, 0, 0, 1, 0, 9, 4)
+    tick(bus, 5)  # frame 3 at tick 3, then four ticks without a frame
+    assert status(board_usb) == (3, 1, 4, 0, 0, 9, 4)
+    assert bus.board().played.tobytes() == sent.tobytes()
+    assert bus.board().playing.tobytes() == sent[-FRAME:].tobytes()
+
+
+def test_underruns_count_once_each_starved_periods_all(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
+    for pause in (3, 5):
+        board_usb.write(0x01, frames(1, level=1))
+        for _ in range(pause):  # looking on changes nothing
+            tick(bus, 1)
+            status(board_usb)
+    assert status(board_usb)[:3] == (2, 2, 2 + 4)
+
+
+def test_an_off_frame_held_is_no_underrun(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
+    board_usb.write(0x01, frames(2, level=5) + frames(1, level=0))
+    tick(bus, 50)
+    assert status(board_usb) == (3, 0, 0, 0, 0, 0, 4)
+
+
+@pytest.mark.parametrize("divider", [1, 3, 255])
+def test_the_divider_sets_the_rate(bus: EmulatorBackend, board_usb: usb.core.Device, divider: int) -> None:
+    board_usb.ctrl_transfer(0x40, 0x01, divider)
+    board_usb.write(0x01, frames(1000))
+    bus.clock.advance(100 * divider * 25e-6)
+    assert status(board_usb)[0] == 100
+    assert status(board_usb)[6] == divider
+
+
+@pytest.mark.parametrize("divider", [0, 256, 65535])
+def test_a_divider_out_of_range_and_an_unknown_request_stall(board_usb: usb.core.Device, divider: int) -> None:
+    for request in ((0x40, 0x01, divider), (0x40, 0x77, 0)):
+        with pytest.raises(usb.core.USBError) as error:
+            board_usb.ctrl_transfer(*request)
+        assert error.value.errno == errno.EPIPE
+    assert status(board_usb)[6] == 4
+
+
+def test_a_full_fifo_blocks_until_the_clock_makes_room(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
+    assert board_usb.write(0x01, frames(2048)) == 2048 * FRAME
+    assert bus.clock.now_ns() == 0
+    assert board_usb.write(0x01, frames(10), timeout=1000) == 10 * FRAME
+    assert bus.clock.now_ns() == 10 * PERIOD
+    assert status(board_usb)[3] == 2048
+
+
+def test_a_write_blocked_at_its_timeout_is_short_and_without_any_byte_an_error(
+    bus: EmulatorBackend, board_usb: usb.core.Device
+) -> None:
+    board_usb.ctrl_transfer(0x40, 0x01, 255)  # 6.375 ms a frame
+    assert board_usb.write(0x01, frames(2048), timeout=1) == 2048 * FRAME
+    with pytest.raises(usb.core.USBTimeoutError):
+        board_usb.write(0x01, frames(1), timeout=3)
+    assert board_usb.write(0x01, frames(5), timeout=10) == 2 * FRAME
+
+
+def test_a_write_larger_than_the_fifo_does_not_starve_it(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
+    sent = frames(5000)
+    board_usb.write(0x01, sent, timeout=0)
+    tick(bus, 2048)
+    assert status(board_usb)[:3] == (5000, 0, 0)
+    assert bus.board().played.tobytes() == sent.tobytes()
+
+
+def test_a_torn_frame_waits_for_its_rest_through_a_clear(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
+    sent = frames(3, level=1)
+    board_usb.write(0x01, sent[: 2 * FRAME + 100])
+    board_usb.ctrl_transfer(0x40, 0x03)
+    assert status(board_usb)[3:5] == (0, 100)
+    tick(bus, 100)
+    assert status(board_usb)[0] == 0
+    board_usb.write(0x01, sent[2 * FRAME + 100 :])
+    tick(bus, 1)
+    assert bus.board().played.tobytes() == sent[2 * FRAME :].tobytes()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.integers(1, 60_000), min_size=1, max_size=40), st.integers(1, 255))
+def test_content_played_is_content_sent_in_pieces_of_any_size(sizes: list[int], divider: int) -> None:
+    bus = EmulatorBackend(clock=VirtualClock(), record=100_000)
+    device = opened(bus)
+    device.ctrl_transfer(0x40, 0x01, divider)
+    whole = sum(sizes) // FRAME
+    sent = frames(whole + 1)[: sum(sizes)]
+    start = 0
+    for size in sizes:
+        assert device.write(0x01, sent[start : start + size], timeout=0) == size
+        start += size
+    bus.clock.advance(2049 * divider * 25e-6)
+    assert bus.board().played.tobytes() == sent[: whole * FRAME].tobytes()
+    assert status(device)[4] == sum(sizes) % FRAME
+    usb.util.dispose_resources(device)
+
+
+def test_record_keeps_the_last_frames_only() -> None:
+    bus = EmulatorBackend(clock=VirtualClock(), record=3)
+    device = opened(bus)
+    sent = frames(10)
+    device.write(0x01, sent)
+    tick(bus, 20)
+    assert bus.board().played.tobytes() == sent[-3 * FRAME :].tobytes()
+    usb.util.dispose_resources(device)
+
+
+@pytest.mark.parametrize("offset", [0, 100, 700])
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [
+        (FaultKind.UNPLUG, errno.ENODEV),
+        (FaultKind.STALL, errno.EPIPE),
+        (FaultKind.TIMEOUT, errno.ETIMEDOUT),
+        (FaultKind.SHORT, 0),
+    ],
+)
+def test_a_fault_strikes_at_its_byte_and_the_board_has_those_before(
+    bus: EmulatorBackend, board_usb: usb.core.Device, offset: int, kind: FaultKind, code: int
+) -> None:
+    bus.inject(Fault(kind, byte=1024 + offset))
+    assert board_usb.write(0x01, frames(2)) == 1024
+    if kind is FaultKind.SHORT or (kind is FaultKind.TIMEOUT and offset):
+        assert board_usb.write(0x01, frames(2)) == offset
+    else:
+        with pytest.raises(usb.core.USBError) as error:
+            board_usb.write(0x01, frames(2))
+        assert error.value.errno == code
+    assert bus.board().bytes_received == 1024 + offset
+    if kind is FaultKind.STALL:
+        with pytest.raises(usb.core.USBError, match="Pipe"):
+            board_usb.write(0x01, frames(1))
+        board_usb.clear_halt(0x01)
+    if kind is FaultKind.UNPLUG:
+        with pytest.raises(usb.core.USBError, match="No such device"):
+            board_usb.ctrl_transfer(0xC0, 0x02, 0, 0, 32)
+        assert usb.core.find(backend=bus) is None
+        assert not bus.board().playing.any()
+    else:
+        assert board_usb.write(0x01, frames(2)) == 1024
+
+
+def test_opening_and_claiming_fail_when_told_to(bus: EmulatorBackend) -> None:
+    bus.inject(Fault(FaultKind.DENIED))
+    bus.inject(Fault(FaultKind.BUSY))
+    found = usb.core.find(backend=bus)
+    with pytest.raises(usb.core.USBError) as error:
+        found.set_configuration()
+    assert error.value.errno == errno.EACCES
+    found.set_configuration()
+    with pytest.raises(usb.core.USBError) as error:
+        usb.util.claim_interface(found, 0)
+    assert error.value.errno == errno.EBUSY
+    usb.util.claim_interface(found, 0)
+    usb.util.dispose_resources(found)
+
+
+def test_a_fault_without_its_place_is_refused() -> None:
+    for kind, place in (
+        (FaultKind.STALL, {}),
+        (FaultKind.BUSY, {"byte": 3}),
+        (FaultKind.SHORT, {"request": 3}),
+        (FaultKind.UNPLUG, {"byte": 3, "request": 3}),
+    ):
+        with pytest.raises(ValueError, match="fault"):
+            Fault(kind, **place)
+
+
+def test_after_replugging_a_board_is_as_from_power_up(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
+    board_usb.write(0x01, frames(5, level=3))
+    tick(bus, 2)
+    bus.unplug()
+    assert not bus.board().playing.any()
+    bus.replug()
+    again = opened(bus)
+    assert status(again) == (0, 0, 0, 0, 0, 0, 4)
+    usb.util.dispose_resources(again)

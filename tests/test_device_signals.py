@@ -1,0 +1,120 @@
+"""Signals, in a process of its own that plays in real time: the array is off, and the caller learns of it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from palpate.device import EmulatorBackend, Player, UsbLink, VirtualClock, array_model
+
+PLAYS_FOREVER = """
+import json, signal, sys, threading, time
+import numpy as np
+from palpate.device import EmulatorBackend, Player, PlayInterrupted, UsbLink, array_model
+
+maker = sys.argv[1]
+bus = EmulatorBackend(record=10)
+wire = np.full((100, 512), 200, np.uint8)
+closed, told = [], []
+
+def blocks():
+    try:
+        while maker != "ends" or bus.board().bytes_received < 2000 * 512:
+            yield wire.tobytes()
+            if maker == "sleeps" and bus.board().bytes_received:
+                tell()
+                time.sleep(600)
+    finally:
+        closed.append(True)
+
+def tell():
+    if not told:
+        told.append(True)
+        print("playing", flush=True)
+
+def progress(frames):
+    if frames and maker != "sleeps":  # which tells by itself, when it is about to
+        tell()
+
+signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+before = [signal.getsignal(s) for s in signals]
+with UsbLink.open(array_model("emulator"), backend=bus) as link:
+    try:
+        Player(link).play(blocks(), update_rate=40e3 / 4 if maker != "ends" else 40e3 / 255, progress=progress)
+    except PlayInterrupted as interrupt:
+        report = interrupt.report
+        print(json.dumps({
+            "signum": interrupt.signum,
+            "stopped_by": report.stopped_by,
+            "off_confirmed": report.off_confirmed,
+            "frames": report.frames,
+            "last": bus.board().played.max(axis=1).tolist(),
+            "playing": int(bus.board().playing.max()),
+            "threads": threading.active_count(),
+            "handlers_restored": before == [signal.getsignal(s) for s in signals],
+            "maker_closed": closed,
+        }))
+        raise
+"""
+
+
+def played_until(signum: signal.Signals, maker: str) -> tuple[dict[str, object], str]:
+    """What the process tells about its end, and its standard error."""
+    child = subprocess.Popen(
+        [sys.executable, "-c", PLAYS_FOREVER, maker], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "playing\n"
+        child.send_signal(signum)
+        out, err = child.communicate(timeout=60)
+    finally:
+        child.kill()
+        child.wait()
+    return json.loads(out), err
+
+
+@pytest.mark.parametrize("maker", ["streams", "sleeps", "ends"])
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_switches_the_array_off_and_ends_the_script(signum: signal.Signals, maker: str) -> None:
+    end, err = played_until(signum, maker)
+    assert (end["signum"], end["stopped_by"]) == (signum, signum.name)
+    assert end["off_confirmed"]
+    *content, off = end["last"]
+    assert off == 0
+    assert set(content) <= {200}
+    assert end["playing"] == 0
+    assert end["frames"] > 0
+    assert end["threads"] == 1
+    assert end["handlers_restored"]
+    assert maker != "sleeps" or end["maker_closed"] == [True]
+    assert "PlayInterrupted: playback was stopped by" in err  # uncaught, it ends the script, as the signal asked
+
+
+def test_away_from_the_main_thread_no_handler_is_touched() -> None:
+    seen = []
+
+    def play() -> None:
+        def blocks():
+            seen.append(signal.getsignal(signal.SIGINT))
+            yield bytes(512)
+
+        with UsbLink.open(array_model("emulator"), backend=EmulatorBackend(clock=VirtualClock())) as link:
+            seen.append(Player(link).play(blocks(), update_rate=10e3).stopped_by)
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    thread.join()
+    assert seen == [signal.getsignal(signal.SIGINT), "end"]
+
+
+def test_handlers_are_restored_after_a_playback_that_ends() -> None:
+    before = [signal.getsignal(signum) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    with UsbLink.open(array_model("emulator"), backend=EmulatorBackend(clock=VirtualClock())) as link:
+        Player(link).play([bytes(512)], update_rate=10e3)
+    assert before == [signal.getsignal(signum) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]

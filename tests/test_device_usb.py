@@ -1,0 +1,200 @@
+"""The link over pyusb: finding, opening, short writes, and an error of our own for each of the bus's."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import usb.core
+
+from palpate.device import (
+    DeviceBusyError,
+    DeviceError,
+    DeviceLostError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+    DeviceStallError,
+    DeviceTimeoutError,
+    EmulatorBackend,
+    Fault,
+    FaultKind,
+    NoBackendError,
+    UpdateRateError,
+    UsbLink,
+    VirtualClock,
+    array_model,
+    find_arrays,
+)
+
+FRAME = 512
+MODEL = array_model("emulator")
+
+
+def frames(count: int, *, seed: int = 0) -> array:
+    return array("B", np.random.default_rng(seed).integers(1, 256, count * FRAME, np.uint8).tobytes())
+
+
+@pytest.fixture
+def bus() -> EmulatorBackend:
+    return EmulatorBackend(["one", "two"], clock=VirtualClock(), record=10_000)
+
+
+def test_arrays_are_listed_with_their_serial_numbers(bus: EmulatorBackend) -> None:
+    found = find_arrays(backend=bus)
+    assert [(info.array, info.serial, info.accessible) for info in found] == [
+        ("emulator", "one", True),
+        ("emulator", "two", True),
+    ]
+    bus.unplug()
+    assert [info.serial for info in find_arrays(backend=bus)] == ["two"]
+
+
+def test_listing_does_not_disturb_who_plays(bus: EmulatorBackend) -> None:
+    with UsbLink.open(MODEL, serial="one", backend=bus) as link:
+        find_arrays(backend=bus)
+        link.write(frames(1))
+        with pytest.raises(DeviceBusyError):
+            UsbLink.open(MODEL, serial="one", backend=bus)
+
+
+def test_an_array_that_may_not_be_opened_is_listed_as_such(bus: EmulatorBackend) -> None:
+    bus.inject(Fault(FaultKind.DENIED, count=None))
+    assert [(info.serial, info.accessible) for info in find_arrays(backend=bus)] == [(None, False), ("two", True)]
+    with pytest.raises(DevicePermissionError, match="udev rule"):
+        UsbLink.open(MODEL, serial="one", backend=bus)
+
+
+def test_a_strangers_device_with_the_shared_test_ids_is_no_array(
+    bus: EmulatorBackend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.device.emulator.PRODUCT_STRING", "a keyboard")
+    assert find_arrays(backend=bus) == ()
+    with pytest.raises(DeviceNotFoundError, match="plug it in"):
+        UsbLink.open(MODEL, backend=bus)
+
+
+def test_without_libusb_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(**_: object) -> None:
+        raise usb.core.NoBackendError("No backend available")
+
+    monkeypatch.setattr(usb.core, "find", missing)
+    with pytest.raises(NoBackendError, match="libusb is not installed"):
+        find_arrays()
+
+
+def test_an_array_is_chosen_by_serial_number(bus: EmulatorBackend) -> None:
+    with UsbLink.open(MODEL, serial="two", backend=bus) as link:
+        assert link.serial == "two"
+        link.write(frames(1))
+    assert [bus.board(index).bytes_received for index in (0, 1)] == [0, FRAME]
+    with pytest.raises(DeviceNotFoundError, match="emulator three was not found: found instead: one, two"):
+        UsbLink.open(MODEL, serial="three", backend=bus)
+
+
+def test_an_embedded_array_needs_no_backend() -> None:
+    with UsbLink.open(MODEL) as link:
+        assert link.clock.name == "monotonic"
+        assert link.status().level == 0
+
+
+def test_a_second_player_is_told_that_the_array_is_in_use(bus: EmulatorBackend) -> None:
+    with (
+        UsbLink.open(MODEL, serial="one", backend=bus),
+        pytest.raises(DeviceBusyError, match="array emulator one is in use: stop the other player"),
+    ):
+        UsbLink.open(MODEL, serial="one", backend=bus)
+    UsbLink.open(MODEL, serial="one", backend=bus).close()
+
+
+def test_a_claim_refused_by_the_system_is_busy_and_leaves_nothing_open(bus: EmulatorBackend) -> None:
+    bus.inject(Fault(FaultKind.BUSY))
+    with pytest.raises(DeviceBusyError):
+        UsbLink.open(MODEL, backend=bus)
+    UsbLink.open(MODEL, backend=bus).close()
+
+
+@pytest.mark.parametrize("kind", [FaultKind.SHORT, FaultKind.TIMEOUT])
+@pytest.mark.parametrize("offset", [0, 1, 511, 512, 700])
+def test_a_short_write_is_completed_and_counted(bus: EmulatorBackend, kind: FaultKind, offset: int) -> None:
+    bus.inject(Fault(kind, byte=offset))
+    sent = frames(3)
+    with UsbLink.open(MODEL, backend=bus) as link:
+        assert link.write(sent) == len(sent)
+        assert (link.short_writes, link.bytes_sent) == (1, len(sent))
+        bus.clock.advance(1)
+    assert bus.board().played.tobytes() == sent.tobytes()
+
+
+def test_an_abandoned_write_says_how_much_was_taken_and_off_completes_the_frame(bus: EmulatorBackend) -> None:
+    bus.inject(Fault(FaultKind.SHORT, byte=700))
+    sent = frames(3)
+    with UsbLink.open(MODEL, backend=bus) as link:
+        link.status()
+        assert link.write(sent, abandon=lambda: True) == 700
+        link.send_off()
+        bus.clock.advance(1)
+    expected = sent[:700].tobytes() + bytes(2 * FRAME - 700) + bytes(FRAME)
+    assert bus.board().played.tobytes() == expected
+
+
+def test_after_a_stall_the_board_is_asked_how_much_it_took(bus: EmulatorBackend) -> None:
+    bus.inject(Fault(FaultKind.STALL, byte=700))
+    with UsbLink.open(MODEL, backend=bus) as link:
+        link.status()
+        with pytest.raises(DeviceStallError):
+            link.write(frames(3))
+        link.send_off()
+        bus.clock.advance(1)
+    assert len(bus.board().played) == 3
+    assert not bus.board().playing.any()
+
+
+def test_a_board_that_takes_nothing_ends_the_write_in_bounded_time(bus: EmulatorBackend) -> None:
+    bus.inject(Fault(FaultKind.TIMEOUT, byte=100, count=None))
+    with UsbLink.open(MODEL, backend=bus) as link:
+        with pytest.raises(DeviceTimeoutError, match="emulator one did not answer in time"):
+            link.write(frames(1))
+        assert link.bytes_sent == 100
+    assert bus.clock.now_ns() < 2e9
+
+
+@pytest.mark.parametrize(
+    ("kind", "error"),
+    [
+        (FaultKind.UNPLUG, DeviceLostError),
+        (FaultKind.STALL, DeviceStallError),
+        (FaultKind.TIMEOUT, DeviceTimeoutError),
+    ],
+)
+@pytest.mark.parametrize(
+    ("request_number", "call"),
+    [(1, lambda link: link.set_divider(4)), (2, lambda link: link.status()), (3, lambda link: link.clear())],
+)
+def test_a_failed_request_is_an_error_of_our_own(
+    bus: EmulatorBackend,
+    kind: FaultKind,
+    error: type[DeviceError],
+    request_number: int,
+    call: Callable[[UsbLink], object],
+) -> None:
+    with UsbLink.open(MODEL, backend=bus) as link:
+        bus.inject(Fault(kind, request=request_number))
+        with pytest.raises(error, match="array emulator one"):
+            call(link)
+
+
+def test_an_unplugged_array_closes_without_an_error(bus: EmulatorBackend) -> None:
+    with UsbLink.open(MODEL, backend=bus) as link:
+        bus.unplug()
+        with pytest.raises(DeviceLostError):
+            link.write(frames(1))
+
+
+def test_a_divider_that_the_board_does_not_have_never_reaches_it(bus: EmulatorBackend) -> None:
+    with UsbLink.open(MODEL, backend=bus) as link:
+        with pytest.raises(UpdateRateError, match=r"divider 256 is outside 1\.\.255"):
+            link.set_divider(256)
+        link.set_divider(255)
+        assert link.status().divider == 255

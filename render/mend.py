@@ -18,7 +18,7 @@ class MeshReport:
     vertices_welded: int = 0
     """Vertices with the exact coordinates of another one."""
     faces_dropped: int = 0
-    """Triangles with a corner twice, and exact repeats of a triangle."""
+    """Triangles with a corner twice, exact repeats, and leaves: a triangle with its own back, attached to nothing."""
     faces_flat: int = 0
     """Triangles of zero area that were kept, since the surface closes through them."""
     faces_turned: int = 0
@@ -163,6 +163,10 @@ def unite(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, holder: di
 def settle_bodies(vertices: np.ndarray, faces: np.ndarray, edges: WingedEdges, report: MeshReport):
     """Turn bodies that are inside out, keep cavities, unite what overlaps; for a surface without open edges."""
     label = body_labels(len(faces), edges)
+    leaf = np.bincount(label)[label] == 2  # a triangle and its back: no volume, and no manifold
+    if leaf.any() and not leaf.all():
+        faces, label = faces[~leaf], np.unique(label[~leaf], return_inverse=True)[1].ravel()
+        report = replace(report, faces_dropped=report.faces_dropped + int(leaf.sum()))
     volume = signed_volumes(vertices, faces, label)
     holder: dict[int, int] = {}
     turned = 0
@@ -237,7 +241,7 @@ def warn_of(report: MeshReport, name: str) -> None:
     """Say in one warning what was changed or is wrong; nothing if all was well."""
     parts = []
     if report.faces_dropped:
-        parts.append(f"{report.faces_dropped} triangles dropped (a corner twice, or a repeat)")
+        parts.append(f"{report.faces_dropped} triangles dropped (a corner twice, a repeat, or a leaf without volume)")
     if report.faces_flat:
         parts.append(f"{report.faces_flat} triangles of zero area kept, since the surface closes through them")
     if report.faces_turned:

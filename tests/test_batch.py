@@ -1,0 +1,241 @@
+"""Batches of contours: properties of OC and CC, order, chunks, rigid motions, and the arrays' own rules."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from palpate.datasets.shapes import shape_names
+from palpate.render import (
+    ContourBatch,
+    IntersectionStrategy,
+    MeshObject,
+    Palm,
+    closed_contour,
+    open_contour,
+    render,
+)
+from palpate.render.batch import CROSSING_BYTES, rendered_chunks
+from palpate.render.contours import HAND, OBJECT, join_batches, object_part
+from palpate.render.errors import PoseError, StrategyError
+from palpate.datasets.errors import MotionError
+
+OBJECTS = {name: MeshObject.load(name) for name in shape_names()}
+PALM = Palm()
+
+
+def random_poses(count, seed, spread=0.08):
+    rng = np.random.default_rng(seed)
+    quaternion = rng.normal(size=(count, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return np.hstack([rng.uniform(-spread, spread, (count, 3)) + [0, 0, 0.2], quaternion]).astype(np.float32)
+
+
+def assert_same(one: ContourBatch, two: ContourBatch):
+    first, second = one.arrays(), two.arrays()
+    assert first.keys() == second.keys()
+    for name in first:
+        np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+
+
+poses_of_cases = st.builds(random_poses, st.integers(1, 12), st.integers(0, 2**32 - 1), st.floats(0.0, 0.12))
+palms = st.builds(Palm, st.floats(0.01, 0.3), st.floats(0.01, 0.3))
+
+
+@settings(max_examples=40)
+@given(name=st.sampled_from(["cube", "tube", "dog"]), poses=poses_of_cases, palm=palms)
+def test_closed_contours_hold_the_open_ones_and_are_never_shorter(name, poses, palm):
+    oc = render(OBJECTS[name], palm, poses, open_contour())
+    cc = render(OBJECTS[name], palm, poses, closed_contour())
+    assert (cc.length() >= oc.length() - 1e-6).all()
+    assert cc.length("object") == pytest.approx(oc.length(), abs=1e-6)
+    assert cc.polyline_closed.all()
+    own = object_part(cc)
+    for pose in range(len(poses)):
+        ends = {tuple(p) for line in oc.polylines_of(pose) for p in line}
+        assert {tuple(p) for line in own.polylines_of(pose) for p in line} == ends
+
+
+@settings(max_examples=40)
+@given(name=st.sampled_from(["cube", "tube", "dog"]), poses=poses_of_cases, palm=palms)
+def test_batches_keep_their_own_rules(name, poses, palm):
+    for strategy in (open_contour(), closed_contour(), IntersectionStrategy()):
+        batch = render(OBJECTS[name], palm, poses, strategy)
+        assert batch.pose_start[0] == 0
+        assert batch.pose_start[-1] == batch.polyline_count == len(batch.polyline_patch)
+        assert batch.polyline_start[0] == 0
+        assert batch.polyline_start[-1] == batch.point_count == len(batch.points)
+        assert (np.diff(batch.pose_start) >= 0).all()
+        assert (np.diff(batch.polyline_start) >= 2).all()
+        last = batch.polyline_start[1:] - 1
+        assert (batch.kind[last] == batch.kind[last - 1]).all()
+        closed = batch.polyline_closed == 1
+        first = batch.polyline_start[:-1]
+        np.testing.assert_array_equal(batch.points[last[closed]], batch.points[first[closed]])
+        steps = np.linalg.norm(np.diff(batch.points, axis=0), axis=1)
+        inner = np.ones(len(steps), bool)
+        inner[last[:-1]] = False
+        assert (steps[inner] > 0).all()
+        assert set(batch.kind) <= ({OBJECT, HAND} if strategy.needs_closed else {OBJECT})
+
+
+@settings(max_examples=25)
+@given(height=st.floats(-0.07, 0.07), tilt=st.floats(-1.2, 1.2), turn=st.floats(-3.1, 3.1))
+def test_sections_of_the_sphere_lie_between_its_faces_and_its_radius(height, tilt, turn):
+    axes = Rotation.from_euler("zx", [turn, tilt]).as_matrix() @ Rotation.from_euler("x", -90, degrees=True).as_matrix()
+    sphere = OBJECTS["sphere"]
+    centre = np.array([0, 0, 0.2]) + height * axes[:, 1]
+    pose = np.hstack([centre, Rotation.from_matrix(axes).as_quat()])
+    batch = render(sphere, Palm(0.3, 0.3), pose[None], open_contour())
+    triangles = sphere.vertices[sphere.faces].astype(float) - [0, 0, 0.2]
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    nearest = np.einsum("ij,ij->i", triangles[:, 0], normal / np.linalg.norm(normal, axis=1, keepdims=True)).min()
+    distance = np.linalg.norm(batch.points - [0, 0, 0.2], axis=1)
+    assert ((distance >= nearest - 1e-7) & (distance <= 0.065 + 1e-7)).all()
+    if abs(height) < nearest - 1e-6:
+        assert batch.polyline_closed.tolist() == [1]
+    if abs(height) > 0.065 + 1e-6:
+        assert batch.polyline_count == 0
+
+
+@settings(max_examples=25)
+@given(
+    name=st.sampled_from(["tube", "dog"]),
+    seed=st.integers(0, 2**32 - 1),
+    move=st.tuples(*[st.floats(-0.3, 0.3)] * 3),
+    turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+)
+def test_moving_everything_moves_the_contours(name, seed, move, turn):
+    thing, poses = OBJECTS[name], random_poses(4, seed).astype(float)
+    rigid = Rotation.from_euler("xyz", turn)
+    moved = MeshObject(rigid.apply(thing.vertices) + move, thing.faces) if move[2] > 0.2 else None
+    if moved is None:
+        return  # behind the array, which is warned of
+    other = np.hstack([rigid.apply(poses[:, :3]) + move, (rigid * Rotation.from_quat(poses[:, 3:])).as_quat()])
+    here = render(thing, PALM, poses, closed_contour())
+    there = render(moved, PALM, other, closed_contour())
+    assert there.length() == pytest.approx(here.length(), abs=2e-5)
+    if here.point_count == there.point_count and (here.polyline_start == there.polyline_start).all():
+        near = np.linalg.norm(rigid.apply(here.points) + move - there.points, axis=1)
+        assert np.median(np.append(near, 0.0)) < 2e-6
+
+
+def test_permuted_poses_permute_the_batch(device, rng):
+    poses = random_poses(200, 5)
+    order = rng.permutation(len(poses))
+    plain = render(OBJECTS["tube"], PALM, poses, closed_contour(), device=device)
+    shuffled = render(OBJECTS["tube"], PALM, poses[order], closed_contour(), device=device)
+    assert_same(join_batches([plain.select(i, i + 1) for i in order]), shuffled)
+
+
+def test_chunk_size_does_not_matter_and_memory_is_kept_to(device):
+    thing, poses = OBJECTS["dog-detailed"], random_poses(3000, 6)
+    whole = render(thing, PALM, poses, closed_contour(), device=device, memory=2**30)
+    chunks = list(rendered_chunks(thing, PALM, poses, closed_contour(), device=device, memory=2**20))
+    assert len(chunks) > 5
+    assert [c.first for c in chunks[1:]] == [c.stop for c in chunks[:-1]]
+    assert_same(whole, join_batches([c.contours for c in chunks]))
+    raw = render(thing, PALM, poses[:1000], IntersectionStrategy(), device=device)
+    assert raw.point_count * CROSSING_BYTES > 2**20  # so that the budget has had something to do
+
+
+def test_pose_too_large_for_the_budget_is_refused_with_the_bytes(device):
+    with pytest.raises(StrategyError, match=r"memory must be at least 1048576 bytes, not 1000"):
+        render(OBJECTS["cube"], PALM, random_poses(1, 1), open_contour(), device=device, memory=1000)
+
+
+def test_same_run_gives_the_same_bits(device):
+    poses = random_poses(500, 8)
+    one, two = (render(OBJECTS["rock"], PALM, poses, closed_contour(), device=device) for _ in range(2))
+    assert_same(one, two)
+
+
+def test_order_does_not_depend_on_where_the_section_starts(device):
+    """Polylines of a pose by smallest key: scaling the palm cuts pieces off but never reorders what is left whole."""
+    poses = random_poses(300, 9)
+    small, large = (render(OBJECTS["dog"], p, poses, IntersectionStrategy(), device=device) for p in (Palm(0.02, 0.02), PALM))
+    assert_same(small, large)
+
+
+def test_mirrored_object_gives_mirrored_contours_of_the_same_length(device):
+    thing, poses = OBJECTS["dog"], random_poses(100, 10)
+    mirror = np.array([-1.0, 1.0, 1.0])
+    mirrored = MeshObject(thing.vertices * mirror, thing.faces[:, ::-1])
+    turned = poses.copy()
+    turned[:, 0] *= -1
+    turned[:, 4:6] *= -1  # a mirror in x: rotations about y and z reverse
+    # The mirrored palm has its u reversed, which is the same rectangle; its normal keeps its side.
+    here = render(thing, PALM, poses, closed_contour(), device=device).length()
+    there = render(mirrored, PALM, turned, closed_contour(), device=device).length()
+    assert there == pytest.approx(here, abs=1e-5)
+
+
+def test_flipping_the_palm_over_changes_nothing_but_the_direction(device):
+    poses = random_poses(100, 11)
+    flipped = poses.copy()
+    half_turn = Rotation.from_euler("z", 180, degrees=True)  # about the fingers: n and u reverse
+    flipped[:, 3:] = (Rotation.from_quat(poses[:, 3:]) * half_turn).as_quat()
+    here = render(OBJECTS["tube"], PALM, poses, closed_contour(), device=device)
+    there = render(OBJECTS["tube"], PALM, flipped, closed_contour(), device=device)
+    assert there.length() == pytest.approx(here.length(), abs=1e-5)
+
+
+def test_far_from_the_origin_contours_are_as_good_as_the_coordinates(device):
+    near = MeshObject.load("cube")
+    poses = random_poses(50, 12)
+    offset = np.array([128.0, -64.0, 256.0], np.float32)  # float32 steps there are 15 and 30 um
+    snapped = np.round(near.vertices.astype(float) * 2**15) / 2**15
+    poses[:, :3] = np.round(poses[:, :3].astype(float) * 2**15) / 2**15
+    here = render(MeshObject(snapped, near.faces), PALM, poses, closed_contour(), device=device).length()
+    far_poses = poses.copy()
+    far_poses[:, :3] += offset
+    there = render(MeshObject(snapped + offset, near.faces), PALM, far_poses, closed_contour(), device=device).length()
+    assert there == pytest.approx(here, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("pose", "error", "message"),
+    [
+        (np.zeros((3, 6)), PoseError, r"\[pose, 7\].*\(3, 6\)"),
+        ([[0, 0, 0.2, 0, 0, 0, 0]], MotionError, "row 0.*zero quaternion"),
+        ([[0, 0, 0.2, 0, 0, 0, 1], [0, 0, 0.2, 0, 0, 0, 1.1]], MotionError, "row 1.*1.1"),
+        ([[0, 0, np.nan, 0, 0, 0, 1]], MotionError, "row 0.*not finite"),
+    ],
+)
+def test_bad_poses_are_refused_with_their_row(pose, error, message):
+    with pytest.raises(error, match=message):
+        render(OBJECTS["cube"], PALM, np.array(pose), open_contour())
+
+
+def test_unknown_device_is_refused_with_those_that_there_are():
+    with pytest.raises(StrategyError, match=r"no device 'cuda:99'.*cpu"):
+        render(OBJECTS["cube"], PALM, random_poses(1, 1), open_contour(), device="cuda:99")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "not JSON"),
+        ("[]", "must be a JSON object"),
+        ('{"raw": "guess"}', "raw: unknown stage 'guess'; known: section"),
+        ('{"prune": ["far"]}', "prune: unknown stage 'far'; known: outside"),
+        ('{"transform": ["close"]}', '"close" needs "outside"'),
+        ('{"stages": []}', "unknown field 'stages'"),
+        ('{"prune": "outside"}', "prune must be a list"),
+    ],
+)
+def test_bad_strategies_are_refused(text, message):
+    with pytest.raises(StrategyError, match=message):
+        IntersectionStrategy.from_json(text)
+
+
+def test_strategies_survive_json():
+    for strategy in (open_contour(), closed_contour(), IntersectionStrategy()):
+        assert IntersectionStrategy.from_json(strategy.to_json()) == strategy
+
+
+@pytest.mark.parametrize("size", [(0.0, 0.1), (0.1, -1.0), (float("nan"), 0.1), (2.0, 0.1)])
+def test_impossible_palms_are_refused(size):
+    with pytest.raises(StrategyError, match=r"palm (width|length)"):
+        Palm(*size)

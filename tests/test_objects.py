@@ -1,0 +1,275 @@
+"""Meshes are judged and mended when loaded; placement; bad files get one clear sentence."""
+
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+from palpate.render import MeshObject, Palm, Placement, closed_contour, open_contour, render
+from palpate.render.errors import MeshError, PalpateWarning
+
+BOX = trimesh.creation.box([0.1, 0.1, 0.1], transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
+
+
+def box(size=0.1, at=(0.0, 0.0, 0.2)):
+    mesh = trimesh.creation.box([size] * 3)
+    return np.asarray(mesh.vertices) + at, np.asarray(mesh.faces)
+
+
+def joined(*parts):
+    offsets = np.cumsum([0, *(len(v) for v, _ in parts)])
+    return np.vstack([v for v, _ in parts]), np.vstack([f + o for (_, f), o in zip(parts, offsets, strict=False)])
+
+
+def volume(thing):
+    return trimesh.Trimesh(thing.vertices, thing.faces, process=False).volume
+
+
+LEVEL = np.array([[0, 0, 0.2, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]])  # a palm parallel to the array
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb"])
+def test_formats_load_to_the_same_closed_object(suffix, tmp_path):
+    path = tmp_path / f"box.{suffix}"
+    BOX.export(path)
+    thing = MeshObject.load(path)
+    assert thing.report.closed
+    assert len(thing.vertices) == 8
+    assert thing.bounds == pytest.approx(np.array([[-0.05, -0.05, 0.15], [0.05, 0.05, 0.25]]), abs=1e-6)
+    assert volume(thing) == pytest.approx(1e-3, rel=1e-5)
+
+
+def test_scene_is_flattened_with_its_transforms(tmp_path):
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box([0.1] * 3), transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
+    scene.add_geometry(trimesh.creation.box([0.1] * 3), transform=trimesh.transformations.translation_matrix([0.3, 0, 0.2]))
+    scene.export(tmp_path / "scene.glb")
+    thing = MeshObject.load(tmp_path / "scene.glb")
+    assert thing.report.bodies == 2
+    assert thing.bounds[1] == pytest.approx([0.35, 0.05, 0.25], abs=1e-6)
+
+
+def test_texture_seams_are_welded_from_arrays_too():
+    vertices, faces = box()
+    thing = MeshObject(vertices[faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    assert thing.report.vertices_welded == 28
+    assert thing.report.closed
+
+
+def test_body_that_faces_inwards_is_turned_with_a_warning():
+    vertices, faces = box()
+    with pytest.warns(PalpateWarning, match="1 of 1 bodies turned inside out"):
+        thing = MeshObject(vertices, faces[:, ::-1])
+    assert volume(thing) == pytest.approx(1e-3, rel=1e-5)
+
+
+def test_triangles_that_disagree_are_turned():
+    vertices, faces = box()
+    faces = faces.copy()
+    faces[[3, 7]] = faces[[3, 7], ::-1]
+    with pytest.warns(PalpateWarning, match="2 triangles turned over"):
+        thing = MeshObject(vertices, faces)
+    assert thing.report.closed
+    assert volume(thing) == pytest.approx(1e-3, rel=1e-5)
+
+
+def test_cavity_keeps_its_orientation_and_body_in_cavity_too(device):
+    inner = box(0.06)
+    vertices, faces = joined(box(), (inner[0], inner[1][:, ::-1]), box(0.02))
+    thing = MeshObject(vertices, faces)
+    assert thing.report.cavities == 1
+    assert not thing.report.bodies_united
+    assert volume(thing) == pytest.approx(0.1**3 - 0.06**3 + 0.02**3, rel=1e-5)
+    length = render(thing, Palm(0.2, 0.2), LEVEL, closed_contour(), device=device).length()
+    assert length == pytest.approx([4 * (0.1 + 0.06 + 0.02)], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("other", "outline"), [((0.1, (0.05, 0.0, 0.2)), 0.5), ((0.06, (0.0, 0.0, 0.2)), 0.4), ((0.1, (0.1, 0.0, 0.2)), 0.6)]
+)
+def test_bodies_that_overlap_nest_or_share_a_face_are_united_once(other, outline, device):
+    with pytest.warns(PalpateWarning, match="2 bodies that overlap or touch were united"):
+        thing = MeshObject(*joined(box(), box(*other)))
+    length = render(thing, Palm(0.4, 0.4), LEVEL, closed_contour(), device=device).length()
+    assert length == pytest.approx([outline], abs=1e-5)
+
+
+def test_bodies_apart_are_left_alone():
+    thing = MeshObject(*joined(box(), box(0.05, (0.2, 0, 0.2))))
+    assert not thing.report.bodies_united
+    assert len(thing.faces) == 24
+
+
+def test_bodies_that_touch_in_an_edge_give_simple_loops(device):
+    vertices, faces = joined(box(), box(0.1, (0.1, 0.1, 0.2)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PalpateWarning)
+        thing = MeshObject(vertices, faces)
+    batch = render(thing, Palm(0.4, 0.4), LEVEL, closed_contour(), device=device)
+    assert batch.length() == pytest.approx([0.8], abs=1e-5)
+    assert batch.polyline_closed.all()
+
+
+def test_open_mesh_gives_open_contours_and_no_closed_ones(device):
+    vertices, faces = box()
+    thing = MeshObject(vertices, faces[2:])
+    assert thing.report.open_edges == 4
+    assert render(thing, Palm(), LEVEL, open_contour(), device=device).pose_count == 1
+    with pytest.raises(MeshError, match=r"4 open edges.*--strategy oc"):
+        render(thing, Palm(), LEVEL, closed_contour(), device=device)
+
+
+def test_open_surface_is_drawn_where_it_is_and_nowhere_else(device):
+    sheet = np.array([[-0.05, 0.0, 0.1], [0.05, 0.0, 0.1], [0.05, 0.0, 0.3], [-0.05, 0.0, 0.3]])
+    thing = MeshObject(sheet, [[0, 1, 2], [0, 2, 3]])
+    whole = render(thing, Palm(0.2, 0.2), LEVEL, open_contour(), device=device)
+    part = render(thing, Palm(0.06, 0.06), LEVEL, open_contour(), device=device)
+    for batch, length in ((whole, 0.1), (part, 0.06)):
+        assert batch.length() == pytest.approx([length], abs=1e-6)
+        assert batch.polyline_count == 1
+        assert batch.polyline_closed.tolist() == [0]
+
+
+def test_one_sided_surface_is_refused_for_closed_contours():
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    across = np.stack([np.cos(angle) * np.cos(angle / 2), np.sin(angle) * np.cos(angle / 2), np.sin(angle / 2)], axis=1)
+    vertices = np.vstack([0.1 * ring - 0.03 * across, 0.1 * ring + 0.03 * across]) + [0, 0, 0.2]
+    faces = []
+    for i in range(24):
+        a, b, c, d = i, (i + 1) % 24, i + 24, (i + 1) % 24 + 24
+        if i == 23:
+            b, d = 24, 0
+        faces += [[a, b, c], [b, d, c]]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PalpateWarning)
+        band = MeshObject(vertices, faces)
+    with pytest.raises(MeshError, match="one side only"):
+        band.require_closed()
+
+
+def test_triangles_without_area_are_dropped_or_kept_and_told():
+    vertices, faces = box()
+    vertices = np.vstack([vertices, (vertices[faces[0, 0]] + vertices[faces[0, 1]]) / 2])
+    edge = set(faces[0, :2])
+    across = next(i for i, f in enumerate(faces) if i and edge <= set(f))
+    a, b, c = faces[0]
+    split = [[a, 8, c], [8, b, c], [a, b, 8]]  # the last has no area; the surface closes through it
+    kept = [f for i, f in enumerate(faces) if i != 0]
+    assert across
+    with pytest.warns(PalpateWarning, match=r"1 triangles dropped.*1 triangles of zero area kept"):
+        thing = MeshObject(vertices, np.vstack([kept, split, [[0, 0, 1]]]))
+    assert thing.report.closed
+    assert thing.report.faces_flat == 1
+
+
+def test_repeated_triangles_are_dropped():
+    vertices, faces = box()
+    with pytest.warns(PalpateWarning, match="12 triangles dropped"):
+        thing = MeshObject(vertices, np.vstack([faces, np.roll(faces, 1, axis=1)]))
+    assert len(thing.faces) == 12
+    assert thing.report.closed
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (np.zeros((0, 3)), np.zeros((0, 3), int), "no triangles"),
+        ([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]], r"1 vertices are not finite, the first is vertex 2"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 3]], r"face 0 names vertex \[0, 1, 3\], but there are 3"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 1]], "all 1 triangles have a corner twice"),
+        ([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], r"\[vertex, 3\]"),
+    ],
+)
+def test_what_is_no_mesh_is_refused(vertices, faces, message):
+    with pytest.raises(MeshError, match=message):
+        MeshObject(vertices, faces)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("missing.stl", None, "no such file; built-in objects are cube"),
+        ("empty.stl", b"", "no triangles"),
+        ("text.stl", b"hello", "no triangles"),
+        ("points.obj", b"v 0 0 0\n", "no triangles"),
+        ("odd.xyzw", b"1", "cannot be read as a mesh"),
+        ("cut.glb", b"glTF\x02\x00", "cannot be read as a mesh"),
+        ("nan.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "not finite"),
+    ],
+)
+def test_bad_files_are_refused_with_their_name(name, content, message, tmp_path):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(MeshError, match=f"{name}.*{message}"):
+        MeshObject.load(tmp_path / name)
+
+
+def test_size_in_millimetres_is_warned_of_with_the_size():
+    vertices, faces = box()
+    with pytest.warns(PalpateWarning, match=r"100 x 100 x 100 m.*--scale 0.001"):
+        MeshObject(1000 * vertices, faces)
+    thing = MeshObject(1000 * vertices, faces, placement=Placement(scale=0.001))
+    assert thing.bounds[1] == pytest.approx([0.05, 0.05, 0.25])
+
+
+def test_object_behind_the_array_is_warned_of():
+    vertices, faces = box(at=(0, 0, -0.2))
+    with pytest.warns(PalpateWarning, match="behind the array"):
+        MeshObject(vertices, faces)
+
+
+def test_placement_scales_turns_up_fits_rotates_and_moves_in_this_order():
+    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 4, 0], [0, 0, 1.0]])
+    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    thing = MeshObject(vertices, faces, placement=Placement(up="y", fit=0.2, at=(0.01, 0.02, 0.3)))
+    assert np.ptp(thing.vertices, axis=0) == pytest.approx([0.1, 0.05, 0.2], rel=1e-5)
+    assert thing.bounds.mean(axis=0) == pytest.approx([0.01, 0.02, 0.3])
+    turned = MeshObject(vertices, faces, placement=Placement(up="y", fit=0.2, rotate=(0, 0, 90), at=(0, 0, 0.3)))
+    assert np.ptp(turned.vertices, axis=0) == pytest.approx([0.05, 0.1, 0.2], rel=1e-5)
+    assert volume(turned) == pytest.approx(volume(thing), rel=1e-5)  # no mirror among them
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
+def test_every_up_axis_ends_on_top(up):
+    axis, sign = "xyz".index(up[-1]), -1.0 if up[0] == "-" else 1.0
+    vertices, faces = box(at=(0, 0, 0))
+    vertices = vertices * 0.1
+    vertices[:, axis] *= 3
+    vertices[:, axis] += sign * 0.05
+    thing = MeshObject(vertices, faces, placement=Placement(up=up, scale=2.0))
+    assert thing.bounds[:, 2].mean() == pytest.approx(0.1, rel=1e-5)
+    assert volume(thing) > 0
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("scale", 0.0), ("scale", float("nan")), ("up", "w"), ("fit", -1.0), ("rotate", (0, 0)), ("at", (0, 0, float("inf")))],
+)
+def test_impossible_placement_is_refused_with_its_field(field, value):
+    with pytest.raises(MeshError, match=field):
+        Placement(**{field: value})
+
+
+def test_dirty_real_mesh_is_united_once_and_then_serves_closed_contours(device, outside_data):
+    with pytest.warns(PalpateWarning, match="27 bodies that overlap or touch were united"):
+        skull = MeshObject.load(
+            outside_data / "meshes" / "dog_skull_1200.stl", placement=Placement(fit=0.13, at=(0, 0, 0.2))
+        )
+    assert skull.report.closed
+    oc, cc = (render(skull, Palm(), LEVEL, s, device=device) for s in (open_contour(), closed_contour()))
+    assert cc.length("object") == pytest.approx(oc.length(), abs=1e-6)
+    assert cc.length()[0] > 0.1
+    assert cc.polyline_closed.all()
+
+
+def test_hand_mesh_of_a_scene_file_closes_once_its_seams_are_welded(device, outside_data):
+    hand = MeshObject.load(outside_data / "hands" / "left.glb", placement=Placement(at=(0, 0, 0.2)))
+    assert len(hand.faces) == 2314
+    assert 0.15 < np.ptp(hand.vertices, axis=0).max() < 0.25
+    assert hand.report.vertices_welded == 201
+    assert hand.report.closed
+    cc = render(hand, Palm(), LEVEL, closed_contour(), device=device)
+    assert cc.polyline_closed.all()
+    assert cc.length()[0] > 0.05

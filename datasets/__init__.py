@@ -1,1 +1,18 @@
 """Files on disk and things to render: contour files, hand motions, built-in objects."""
+
+from .check import check_file
+from .motion import HandMotion, exploration, static_pose
+from .reader import ContourFile
+from .shapes import shape, shape_names
+from .writer import ContourWriter
+
+__all__ = [
+    "ContourFile",
+    "ContourWriter",
+    "HandMotion",
+    "check_file",
+    "exploration",
+    "shape",
+    "shape_names",
+    "static_pose",
+]

@@ -1,0 +1,124 @@
+"""Files that are whole or not there, also after kill -9 and on a full disk; and one writer at a time."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+from pathlib import Path
+
+TEMPORARY_SUFFIX = ".tmp"
+"""Ends the names of files still being written; such a file found later was left by a killed process."""
+
+
+def write_file(path: Path, content: memoryview) -> None:
+    """Write a file such that `path` never shows a part of it; when this returns, it survives a power cut.
+
+    Raises:
+        OSError: As the system says (ENOSPC, EFBIG, EDQUOT, ...); nothing is left behind.
+    """
+    temporary = path.with_name(path.name + TEMPORARY_SUFFIX)
+    try:
+        write_temporary(temporary, content)
+        publish(temporary, path)
+    except OSError:
+        discard(temporary)
+        raise
+
+
+def write_temporary(path: Path, content: memoryview) -> None:
+    """Write a new file, or anew, and have it on the disk when this returns; raises OSError."""
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+    try:
+        while content:
+            content = content[os.write(handle, content) :]
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def reserve_space(path: Path, size: int) -> None:
+    """Make an existing file `size` bytes long, all of them allocated; raises OSError where the disk has no room."""
+    handle = os.open(path, os.O_WRONLY | os.O_CLOEXEC)
+    try:
+        os.posix_fallocate(handle, 0, size)
+    except OSError as error:
+        raise OSError(error.errno, f"{error.strerror} ({size / 1e6:.1f} MB are needed)") from error
+    finally:
+        os.close(handle)
+
+
+def publish(temporary: Path, path: Path) -> None:
+    """Give a file on the disk its final name, replacing what had it, and have the name on the disk too."""
+    os.replace(temporary, path)
+    sync(path.parent)
+
+
+def sync(path: Path) -> None:
+    """Have a file's content, or a folder's names, on the disk when this returns; raises OSError."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def discard(path: Path) -> None:
+    """Remove a file if it can be removed: a leftover of this kind is removed again by the next writer."""
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+class FolderLock:
+    """Sole right to write in a folder, held until `release` or the end of the process, however it ends.
+
+    Raises:
+        BlockingIOError: Another process (or another lock of this one) holds it.
+    """
+
+    NAME = "lock"
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / self.NAME
+        self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._refuse_if_replaced()
+        except OSError:
+            os.close(self._handle)
+            raise
+
+    def _refuse_if_replaced(self) -> None:
+        # The holder that just finished may have removed the file between open and flock: that lock keeps nobody out.
+        try:
+            current = os.stat(self._path)
+        except FileNotFoundError:
+            current = None
+        if current is None or current.st_ino != os.fstat(self._handle).st_ino:
+            raise BlockingIOError(errno.EWOULDBLOCK, "the folder was being finished by another process", self._path)
+
+    @classmethod
+    def is_held(cls, folder: Path) -> bool:
+        """Whether some process holds the lock of a folder at this moment."""
+        try:
+            handle = os.open(folder / cls.NAME, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:
+            return False
+        try:
+            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        finally:
+            os.close(handle)
+        return False
+
+    def remove(self) -> None:
+        """Remove the lock's file while holding it, when the folder itself is about to go."""
+        discard(self._path)
+
+    def release(self) -> None:
+        """Let others write; releasing twice does nothing."""
+        if self._handle >= 0:
+            os.close(self._handle)
+            self._handle = -1

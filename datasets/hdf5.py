@@ -1,0 +1,214 @@
+"""The one place that touches h5py: what comes out is typed, what goes wrong is a ContourFileError naming the dataset.
+
+h5py has no type information. It is imported by name, so all of it is `Any`, and stays inside this module.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from os import PathLike, fspath
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ContourFileError
+from .schema import CHUNK_ROWS, Field
+
+h5py: Any = importlib.import_module("h5py")
+
+# What h5py raises for damaged or foreign content; nothing else is taken for a bad file.
+_FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, EOFError, UnicodeError)
+
+_FILL = {"f": np.nan, "i": -1, "u": 255}
+"""A chunk that was never written must show: no field has one of these values by right."""
+
+Attribute = str | int | float | NDArray[Any]
+
+
+class Hdf5Reader:
+    """An HDF5 file opened for reading.
+
+    Raises:
+        ContourFileError: From every method, where the file is missing, foreign, truncated or damaged.
+    """
+
+    def __init__(self, path: str | PathLike[str]) -> None:
+        self.path = Path(path)
+        self._datasets: dict[str, Any] = {}
+        with _failures(str(self.path)):
+            try:
+                with self.path.open("rb") as stream:
+                    empty = not stream.read(1)
+            except FileNotFoundError:
+                raise ContourFileError(f"{self.path} does not exist") from None
+            except IsADirectoryError:
+                raise ContourFileError(f"{self.path} is a folder, not a contour file") from None
+            if empty:
+                raise ContourFileError(f"{self.path} is empty")
+            # Files are replaced, never changed, so a lock would only keep others out.
+            self._file: Any = h5py.File(fspath(self.path), "r", locking=False)
+
+    def close(self) -> None:
+        """Close the file; closing twice does nothing."""
+        self._datasets.clear()
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __contains__(self, name: str) -> bool:
+        with _failures(f"{self.path}: {name}"):
+            return name in self._file
+
+    def names(self, group: str) -> list[str]:
+        """Names of what a group holds, sorted; empty if it is not there."""
+        with _failures(f"{self.path}: {group}"):
+            return sorted(map(str, self._file[group])) if group in self._file else []
+
+    def layout(self, name: str) -> tuple[np.dtype[Any], tuple[int, ...]]:
+        """Dtype and shape of a dataset."""
+        with _failures(f"{self.path}: {name}"):
+            dataset: Any = self._dataset(name)
+            return np.dtype(dataset.dtype), tuple(int(size) for size in dataset.shape)
+
+    def has_checksum(self, name: str) -> bool:
+        """Whether a dataset's chunks carry a Fletcher-32 checksum; a dataset without rows has nothing to check."""
+        with _failures(f"{self.path}: {name}"):
+            dataset: Any = self._dataset(name)
+            return bool(dataset.fletcher32) or dataset.size == 0
+
+    def read(self, name: str, first: int = 0, stop: int | None = None) -> NDArray[Any]:
+        """Rows `first` to `stop` (all) of a dataset."""
+        with _failures(f"{self.path}: {name}"):
+            dataset: Any = self._dataset(name)
+            rows = np.asarray(dataset[first:stop])
+            return rows.astype(rows.dtype.newbyteorder("="), copy=False)
+
+    def attribute(self, name: str, key: str) -> Attribute | None:
+        """An attribute of a group or dataset; None if it is not there."""
+        with _failures(f"{self.path}: attribute {key} of {name}"):
+            stored: Any = self._file[name].attrs.get(key)
+            return cast(Attribute | None, stored.item() if hasattr(stored, "item") and stored.ndim == 0 else stored)
+
+    def text(self, name: str, key: str) -> str:
+        """An attribute that must be there and be text."""
+        value = self.attribute(name, key)
+        if not isinstance(value, str):
+            raise ContourFileError(f"{self.path}: attribute {key} of {name} is missing or not text")
+        return value
+
+    def _dataset(self, name: str) -> Any:
+        if name not in self._datasets:  # opening one takes longer than reading a pose of it
+            dataset: Any = self._file.get(name)
+            if not isinstance(dataset, h5py.Dataset):
+                raise ContourFileError(f"{self.path}: {name} is missing or not a dataset")
+            self._datasets[name] = dataset
+        return self._datasets[name]
+
+
+class Hdf5Image:
+    """An HDF5 file built in memory, so that HDF5 never meets a full disk; `image()` gives its bytes."""
+
+    def __init__(self, size_hint: int = 0) -> None:
+        self._file: Any = h5py.File(
+            "image", "w", driver="core", backing_store=False, block_size=max(1 << 16, min(size_hint, 1 << 26))
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def attributes(self, name: str, values: Mapping[str, Attribute]) -> None:
+        """Set attributes of a group, which is made if it is not there, or of a dataset."""
+        target: Any = self._file.require_group(name) if name not in self._file else self._file[name]
+        for key, value in values.items():
+            target.attrs[key] = value
+
+    def reserve(self, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> None:
+        """Make a dataset of a final shape without content, in chunks with checksums."""
+        chunked: dict[str, Any] = {}
+        if shape[0] > 0 and 0 not in shape:
+            chunked = {"chunks": (min(CHUNK_ROWS, shape[0]), *shape[1:]), "fletcher32": True}
+            if gzip:
+                chunked |= {"compression": "gzip", "compression_opts": gzip, "shuffle": True}
+        dataset: Any = self._file.create_dataset(
+            spec.path, shape=shape, dtype=spec.dtype, fillvalue=_FILL[spec.dtype.kind], track_times=False, **chunked
+        )
+        dataset.attrs["units"] = spec.unit
+        dataset.attrs["frame"] = spec.frame
+
+    def write(self, spec: Field, array: NDArray[Any]) -> None:
+        """Make a dataset with content."""
+        self.reserve(spec, array.shape)
+        if array.size:
+            self._file[spec.path][...] = array
+
+    def image(self) -> memoryview:
+        """The file's bytes so far."""
+        self._file.flush()
+        return memoryview(self._file.id.get_file_image())
+
+
+class Hdf5Filler:
+    """A file with reserved datasets, opened to fill them; closing trims the file to what it needs.
+
+    Raises:
+        ContourFileError: From every method, where HDF5 fails.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        with _failures(str(path)):
+            self._file: Any = h5py.File(fspath(path), "r+", locking=False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with _failures(str(self._path), "written"):
+            self._file.close()
+
+    def write(self, spec: Field, first: int, rows: NDArray[Any]) -> None:
+        """Fill rows of a dataset from `first` on."""
+        with _failures(f"{self._path}: {spec.path}", "written"):
+            self._file[spec.path][first : first + len(rows)] = rows
+
+
+@contextmanager
+def _failures(what: str, task: str = "read") -> Generator[None, None, None]:
+    try:
+        yield
+    except _FAILURES as error:
+        raise ContourFileError(f"{what} {_reason(error, task)}") from error
+
+
+def _reason(error: BaseException, task: str) -> str:
+    """What h5py's message says, in a user's words."""
+    text = str(error)
+    known = {
+        "file signature not found": "is not an HDF5 file",
+        "truncated file": "is truncated",
+        "fletcher32": "is damaged: the checksum of a chunk does not match",
+        "filter returned failure": "is damaged: the checksum of a chunk does not match",
+        "Permission denied": "may not be read: permission denied",
+    }
+    for sign, reason in known.items():
+        if sign in text:
+            return reason
+    return f"cannot be {task}: {' '.join(text.split()) or type(error).__name__}"

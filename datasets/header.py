@@ -1,0 +1,243 @@
+"""The header of a contour file: everything known before the first pose is rendered, and the recipe it makes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ContourFileError
+from .hdf5 import Hdf5Image, Hdf5Reader
+from .schema import FORMAT_NAME, FORMAT_VERSION, MOTION, OBJECT, Arrays, validate_fields
+
+
+@dataclass(frozen=True)
+class FileHeader:
+    """Everything of a contour file that is known before the first pose is rendered.
+
+    Arrays are kept as given and must have the file's dtypes: nothing is converted silently.
+    JSON means what `json.dumps` takes, without NaN and infinities.
+    """
+
+    pose: NDArray[np.float32]
+    """Hand frame -> array frame: position [m], quaternion xyzw [1], shape [pose, 7]."""
+    time: NDArray[np.float64] | None
+    """Time of each pose [s], shape [pose], increasing; None where poses have no time."""
+    object_name: str
+    """A built-in name, or what the mesh file was called."""
+    vertices: NDArray[np.float32]
+    """The object's mesh where it was rendered, array frame [m], shape [vertex, 3]."""
+    faces: NDArray[np.int32]
+    """Triangles, offsets into `vertices`, shape [face, 3]."""
+    hand: Mapping[str, Any]
+    """JSON of the hand: its kind, its patches."""
+    strategy: Mapping[str, Any]
+    """JSON of the intersection strategy."""
+    versions: Mapping[str, str]
+    """Versions of the software that renders; `palpate` is required."""
+    device: str
+    """The Warp device that renders, as `cuda:0`."""
+    placement: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    """JSON of how the mesh was brought to where it is."""
+    object_attributes: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    """JSON, anything else worth keeping of the object (source file, what loading mended)."""
+    time_offset: float = 0.0
+    """What the recording's clock read at time 0 [s]."""
+    seed: int | None = None
+    """Seed of whatever was random."""
+    created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="microseconds"))
+    """ISO 8601 time of creation; with the recipe it tells one run from another."""
+
+    @property
+    def pose_count(self) -> int:
+        """Number of poses."""
+        return int(self.pose.shape[0])
+
+    @property
+    def object_hash(self) -> str:
+        """SHA-256 (hexadecimal) of the vertices' bytes, then the faces' bytes, little endian."""
+        return _digest(self.vertices, self.faces)
+
+    @property
+    def motion_hash(self) -> str:
+        """SHA-256 (hexadecimal) of the poses' bytes, then the times' bytes if any, little endian."""
+        return _digest(self.pose, *([] if self.time is None else [self.time]))
+
+    @property
+    def recipe(self) -> dict[str, str]:
+        """What decides the data, field by field, each as text; two runs with equal recipes may be joined.
+
+        Left out: the device, dates, other software's versions, free attributes.
+        """
+        return {
+            "format": ".".join(map(str, FORMAT_VERSION)),
+            "palpate": self.versions["palpate"],
+            "object": f"{self.object_name} sha256:{self.object_hash}",
+            "placement": json_text(self.placement, "placement"),
+            "motion": f"{self.pose_count} poses sha256:{self.motion_hash}",
+            "hand": json_text(self.hand, "hand"),
+            "strategy": json_text(self.strategy, "strategy"),
+        }
+
+    def validate(self) -> None:
+        """Refuse what a file cannot hold.
+
+        Raises:
+            ContourFileError: An array of another dtype or shape, no pose, a motion that is not finite or not sorted,
+                a face beyond the vertices, a text with NUL, something that is not JSON, `versions` without palpate.
+        """
+        validate_fields(self.arrays(), (*MOTION, *OBJECT))
+        if self.pose_count == 0:
+            raise ContourFileError("/motion/pose has no rows, at least 1 pose is needed")
+        if not np.isfinite(self.pose).all():
+            row = int(np.flatnonzero(~np.isfinite(self.pose).all(axis=1))[0])
+            raise ContourFileError(f"/motion/pose row {row} is not finite: {self.pose[row].tolist()}")
+        if self.time is not None and not (np.isfinite(self.time).all() and (np.diff(self.time) > 0).all()):
+            raise ContourFileError("/motion/time must be finite and increase from pose to pose")
+        if self.faces.size and not (self.faces.min() >= 0 and self.faces.max() < len(self.vertices)):
+            raise ContourFileError(
+                f"/object/faces points at vertices {self.faces.min()} to {self.faces.max()} of {len(self.vertices)}"
+            )
+        if not math.isfinite(self.time_offset):
+            raise ContourFileError(f"time_offset must be finite, got {self.time_offset!r} s")
+        if "palpate" not in self.versions:
+            raise ContourFileError(f"versions must name palpate, but only has {sorted(self.versions)}")
+        for name in ("object_name", "device", "created"):
+            _check_text(getattr(self, name), name)
+        for name in ("hand", "strategy", "versions", "placement", "object_attributes"):
+            json_text(getattr(self, name), name)
+
+    def arrays(self) -> Arrays:
+        """The arrays of /motion and /object by their names: `pose`, `vertices`, `faces`, `time` if any."""
+        arrays: Arrays = {"pose": self.pose, "vertices": self.vertices, "faces": self.faces}
+        return arrays if self.time is None else {"time": self.time, **arrays}
+
+
+def recipe_differences(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    """Fields in which two recipes differ, one clause each with both values shortened; empty if there are none."""
+    names = [*new, *(name for name in old if name not in new)]
+    pairs = [(name, old.get(name, "absent"), new.get(name, "absent")) for name in names]
+    return [f"{name} was {_short(a, b)} and is now {_short(b, a)}" for name, a, b in pairs if a != b]
+
+
+def recipe_hash(recipe: Mapping[str, str]) -> str:
+    """SHA-256 (hexadecimal) of a recipe; every shard carries it, so that none of another run is taken for ours."""
+    return hashlib.sha256(json_text(recipe, "recipe").encode()).hexdigest()
+
+
+def json_text(value: Mapping[str, Any], name: str) -> str:
+    """Canonical JSON of a mapping: sorted names, ASCII; `name` is what an error calls it.
+
+    Raises:
+        ContourFileError: The value is not JSON.
+    """
+    try:
+        return json.dumps(dict(value), sort_keys=True, allow_nan=False, ensure_ascii=True)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ContourFileError(f"{name} cannot be stored as JSON: {error}") from error
+
+
+def put_header(image: Hdf5Image, header: FileHeader) -> None:
+    """Write a header into a file under construction: root attributes, /motion, /object, /hand."""
+    root: dict[str, Any] = {
+        "format": FORMAT_NAME,
+        "version": np.array(FORMAT_VERSION, dtype="<i4"),
+        "strategy": json_text(header.strategy, "strategy"),
+        "versions": json_text(header.versions, "versions"),
+        "recipe": json_text(header.recipe, "recipe"),
+        "device": header.device,
+        "created": header.created,
+    }
+    if header.seed is not None:
+        root["seed"] = header.seed
+    image.attributes("/", root)
+    image.attributes("/motion", {"offset": header.time_offset})
+    image.attributes("/hand", {"description": json_text(header.hand, "hand")})
+    placement, attributes = (
+        json_text(header.placement, "placement"),
+        json_text(header.object_attributes, "object_attributes"),
+    )
+    name, digest = header.object_name, header.object_hash
+    image.attributes("/object", {"name": name, "hash": digest, "placement": placement, "attributes": attributes})
+    arrays = header.arrays()
+    for spec in (*MOTION, *OBJECT):
+        if spec.name in arrays:
+            image.write(spec, arrays[spec.name])
+
+
+def get_header(file: Hdf5Reader) -> FileHeader:
+    """Read the header back, arrays included; raises ContourFileError where it is missing or damaged."""
+    seed, offset = file.attribute("/", "seed"), file.attribute("/motion", "offset")
+    return FileHeader(
+        pose=file.read("/motion/pose"),
+        time=file.read("/motion/time") if "/motion/time" in file else None,
+        object_name=file.text("/object", "name"),
+        vertices=file.read("/object/vertices"),
+        faces=file.read("/object/faces"),
+        hand=get_json(file, "/hand", "description"),
+        strategy=get_json(file, "/", "strategy"),
+        versions=get_json(file, "/", "versions"),
+        device=file.text("/", "device"),
+        placement=get_json(file, "/object", "placement"),
+        object_attributes=get_json(file, "/object", "attributes"),
+        time_offset=float(offset) if isinstance(offset, int | float) else 0.0,
+        seed=seed if isinstance(seed, int) else None,
+        created=file.text("/", "created"),
+    )
+
+
+def get_json(file: Hdf5Reader, name: str, key: str) -> dict[str, Any]:
+    """A JSON object kept in an attribute; raises ContourFileError where it is missing or not one."""
+    try:
+        value: Any = json.loads(file.text(name, key))
+    except ValueError as error:
+        raise ContourFileError(f"{file.path}: attribute {key} of {name} is not JSON: {error}") from error
+    if not isinstance(value, dict):
+        raise ContourFileError(f"{file.path}: attribute {key} of {name} is not a JSON object")
+    return cast(dict[str, Any], value)
+
+
+def refuse_foreign(file: Hdf5Reader) -> None:
+    """Raise ContourFileError unless the file is a contour file of a version that this reader understands."""
+    if file.attribute("/", "format") != FORMAT_NAME:
+        raise ContourFileError(f"{file.path} is HDF5, but not a contour file: its root has no format {FORMAT_NAME!r}")
+    version = file.attribute("/", "version")
+    if not isinstance(version, np.ndarray) or version.shape != (2,) or version.dtype.kind not in "iu":
+        raise ContourFileError(f"{file.path}: attribute version of / is missing or not [major, minor]")
+    major, minor = version.tolist()
+    if major > FORMAT_VERSION[0]:
+        raise ContourFileError(
+            f"{file.path} has format version {major}.{minor}, newer than this palpate reads ({FORMAT_VERSION[0]}.x)"
+        )
+
+
+def _digest(*arrays: NDArray[Any]) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).data)
+    return digest.hexdigest()
+
+
+def _short(text: str, other: str, *, width: int = 60) -> str:
+    """The part of a text where it begins to differ from another, with a little before it."""
+    differing = (index for index, (a, b) in enumerate(zip(text, other, strict=False)) if a != b)
+    common = next(differing, min(len(text), len(other)))
+    first = 0 if len(text) <= width else max(0, common - width // 3)
+    part = text[first : first + width]
+    return f"{'...' if first else ''}{part}{'...' if first + width < len(text) else ''}"
+
+
+def _check_text(text: str, name: str) -> None:
+    try:
+        encoded = text.encode()
+    except UnicodeEncodeError as error:
+        raise ContourFileError(f"{name} {text!r} is not valid Unicode") from error
+    if b"\0" in encoded:
+        raise ContourFileError(f"{name} {text!r} contains a NUL character")

@@ -1,0 +1,326 @@
+"""Contour files, sealed or still being written, read lazily by pose range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ContourFileError
+from .hdf5 import Hdf5Reader
+from .header import FileHeader, get_header, get_json, recipe_hash, refuse_foreign
+from .schema import CONTOURS, METRICS, Arrays
+from .shards import HEADER_NAME, Shard, shard_files, without_overlap, work_folder
+
+INTENSITY_ABSENT = np.float32(1.0)
+"""What a point's intensity is where a part of a file has none."""
+
+_BLOCK_POSES = 1 << 16
+
+
+class Timing(NamedTuple):
+    """How long the chunks of a rendering took; outside the promise of determinism."""
+
+    stages: list[str]
+    """Names of the columns of `seconds`."""
+    first: NDArray[np.int64]
+    """First pose of each chunk, shape [chunk]."""
+    stop: NDArray[np.int64]
+    """The pose after the last of each chunk, shape [chunk]."""
+    seconds: NDArray[np.float64]
+    """Time spent [s], shape [chunk, stage]; NaN where a chunk had no such stage."""
+
+
+class ContourFile:
+    """A contour file opened for reading; use it in a `with`, or `close()` it.
+
+    Where `path` does not exist but the work folder beside it does, the pose ranges done so far are read: `sealed` is
+    False, `done` says which, and asking for any other pose raises. What a writer does later is not seen.
+
+    Raises:
+        ContourFileError: From every method: missing, empty, truncated, foreign or damaged files, a newer major
+            version, poses out of range or not done yet. The message names the file and why.
+    """
+
+    def __init__(self, path: str | PathLike[str]) -> None:
+        self.path = Path(path)
+        self._open_shard: tuple[Shard, Hdf5Reader] | None = None
+        self.sealed, self._header_file, shards = _open(self.path)
+        try:
+            refuse_foreign(self._header_file)
+            _, shape = self._header_file.layout("/motion/pose")
+            self.pose_count = shape[0]
+            """Number of poses of the motion, done or not."""
+            self._shards = shards if shards is not None else [Shard(self.path, 0, self.pose_count)]
+        except ContourFileError:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; closing twice does nothing."""
+        self._header_file.close()
+        if self._open_shard is not None:
+            self._open_shard[1].close()
+            self._open_shard = None
+
+    @property
+    def folder(self) -> Path:
+        """The folder that the file's parts lie in: the work folder, or that of the sealed file."""
+        return self._header_file.path.parent
+
+    def parts(self) -> tuple[Path, list[tuple[Path, int]]]:
+        """The HDF5 files that make this one up: the header's, and those of the poses done with their numbers."""
+        return self._header_file.path, [(shard.path, shard.stop - shard.first) for shard in self._shards]
+
+    @property
+    def done(self) -> list[tuple[int, int]]:
+        """Pose ranges (first, stop) that can be read, joined where they touch."""
+        ranges: list[tuple[int, int]] = []
+        for shard in self._shards:
+            if ranges and ranges[-1][1] == shard.first:
+                ranges[-1] = (ranges[-1][0], shard.stop)
+            else:
+                ranges.append((shard.first, shard.stop))
+        return ranges
+
+    @cached_property
+    def polyline_count(self) -> int:
+        """Number of polylines of the poses done."""
+        return sum(self._rows(shard, "/contours/polyline_closed") for shard in self._shards)
+
+    @cached_property
+    def point_count(self) -> int:
+        """Number of points of the poses done, the repeated ones of closed polylines included."""
+        return sum(self._rows(shard, "/contours/points") for shard in self._shards)
+
+    @cached_property
+    def strategy(self) -> dict[str, Any]:
+        """JSON of the intersection strategy."""
+        return get_json(self._header_file, "/", "strategy")
+
+    @cached_property
+    def hand(self) -> dict[str, Any]:
+        """JSON of the hand."""
+        return get_json(self._header_file, "/hand", "description")
+
+    @cached_property
+    def recipe(self) -> dict[str, str]:
+        """What decides the data, field by field (`FileHeader.recipe`)."""
+        return cast(dict[str, str], get_json(self._header_file, "/", "recipe"))
+
+    @cached_property
+    def attributes(self) -> dict[str, Any]:
+        """Format name and version, software versions, device, time of creation, seed if any."""
+        file = self._header_file
+        version = cast(NDArray[np.int32], file.attribute("/", "version"))
+        attributes: dict[str, Any] = {
+            "format": file.text("/", "format"),
+            "version": [int(number) for number in version],
+            "versions": get_json(file, "/", "versions"),
+            "device": file.text("/", "device"),
+            "created": file.text("/", "created"),
+        }
+        seed = file.attribute("/", "seed")
+        return attributes if seed is None else {**attributes, "seed": seed}
+
+    def header(self) -> FileHeader:
+        """Everything that was known before the first pose was rendered, as the writer got it."""
+        return get_header(self._header_file)
+
+    def motion(self) -> Arrays:
+        """All poses: `pose`, hand frame -> array frame, float32 [pose, 7]; `time` [s], float64 [pose], if any."""
+        names = ("pose", "time") if "/motion/time" in self._header_file else ("pose",)
+        return {name: self._header_file.read(f"/motion/{name}") for name in names}
+
+    def object(self) -> dict[str, Any]:
+        """The mesh rendered: `vertices` [m], float32 [vertex, 3], array frame; `faces`; `name`, `hash`, JSON."""
+        file = self._header_file
+        return {
+            "name": file.text("/object", "name"),
+            "hash": file.text("/object", "hash"),
+            "placement": get_json(file, "/object", "placement"),
+            "attributes": get_json(file, "/object", "attributes"),
+            "vertices": file.read("/object/vertices"),
+            "faces": file.read("/object/faces"),
+        }
+
+    def contours(self, first: int = 0, stop: int | None = None) -> Arrays:
+        """Contours of poses `first` to `stop` (all), as one batch by itself.
+
+        Gives the arrays of `/contours` by name (docs/file-format.md), offsets from 0; `intensity` only where the
+        file has it. Raises ContourFileError where a pose of the range is not done.
+        """
+        pieces = [self._contours_of(shard, *poses) for shard, *poses in self._parts(first, stop)]
+        return join_contours(pieces)
+
+    def blocks(self, *, point_limit: int = 1 << 20) -> Iterator[tuple[int, int]]:
+        """Pose ranges (first, stop) that make up all poses done, in order, each of at most `point_limit` points.
+
+        A pose with more points is a range by itself. For going through a file of any size in bounded memory.
+        """
+        for shard in self._shards:
+            for first in range(0, shard.stop - shard.first, _BLOCK_POSES):
+                stop = min(first + _BLOCK_POSES, shard.stop - shard.first)
+                point_start = self._point_start(shard, first, stop)
+                row = 0
+                while row < stop - first:
+                    limit = int(point_start[row]) + point_limit
+                    fitting = int(np.searchsorted(point_start, limit, side="right")) - 1
+                    end = max(fitting, row + 1)
+                    yield shard.first + first + row, shard.first + first + end
+                    row = end
+
+    def metrics(self, first: int = 0, stop: int | None = None) -> Arrays:
+        """Metrics of poses `first` to `stop` (all) by name, each of shape [pose]: lengths [m], number of polylines."""
+        parts = self._parts(first, stop)
+        return {
+            spec.name: np.concatenate(
+                [np.zeros(0, spec.dtype), *(self._reader(shard).read(spec.path, a, b) for shard, a, b in parts)]
+            )
+            for spec in METRICS
+        }
+
+    def timing(self) -> Timing:
+        """How long each chunk took by stage; chunks in the order of their poses."""
+        return join_timing([get_timing(self._reader(shard)) for shard in self._shards])
+
+    def _parts(self, first: int, stop: int | None) -> list[tuple[Shard, int, int]]:
+        """Shards that make up a pose range, each with the rows in it."""
+        stop = self.pose_count if stop is None else stop
+        if not 0 <= first <= stop <= self.pose_count:
+            raise ContourFileError(
+                f"{self.path}: poses {first} to {stop} are out of range, there are {self.pose_count} poses"
+            )
+        parts: list[tuple[Shard, int, int]] = []
+        reached = first
+        for shard in self._shards:
+            if shard.first <= reached < min(stop, shard.stop):
+                end = min(stop, shard.stop)
+                parts.append((shard, reached - shard.first, end - shard.first))
+                reached = end
+        if reached < stop:
+            raise ContourFileError(f"{self.path}: pose {reached} of {first} to {stop} is not done yet")
+        return parts
+
+    def _contours_of(self, shard: Shard, first: int, stop: int) -> Arrays:
+        file = self._reader(shard)
+        pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
+        low, high = int(pose_start[0]), int(pose_start[-1])
+        polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
+        rows = {"pose": (first, stop), "polyline": (low, high)}
+        rows["point"] = int(polyline_start[0]), int(polyline_start[-1])
+        arrays: Arrays = {"pose_start": pose_start - low, "polyline_start": polyline_start - rows["point"][0]}
+        for spec in CONTOURS:
+            if not spec.is_offset and (not spec.optional or spec.path in file):
+                arrays[spec.name] = file.read(spec.path, *rows[str(spec.dims[0])])
+        return arrays
+
+    def _point_start(self, shard: Shard, first: int, stop: int) -> NDArray[np.int64]:
+        """Offsets into a shard's points where its poses `first` to `stop` begin, and where the last of them ends."""
+        file = self._reader(shard)
+        pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
+        low, high = int(pose_start[0]), int(pose_start[-1])
+        polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
+        return np.asarray(polyline_start[pose_start - low], np.int64)
+
+    def _rows(self, shard: Shard, name: str) -> int:
+        _, shape = self._reader(shard).layout(name)
+        return shape[0]
+
+    def _reader(self, shard: Shard) -> Hdf5Reader:
+        if self.sealed:
+            return self._header_file
+        if self._open_shard is None or self._open_shard[0] != shard:
+            if self._open_shard is not None:
+                self._open_shard[1].close()
+                self._open_shard = None
+            file = Hdf5Reader(shard.path)
+            if file.attribute("/", "recipe") != recipe_hash(self.recipe):
+                file.close()
+                raise ContourFileError(f"{shard.path} is of another rendering than the folder it lies in")
+            self._open_shard = (shard, file)
+        return self._open_shard[1]
+
+
+def join_contours(pieces: list[Arrays]) -> Arrays:
+    """Batches one after another as one; `intensity` is 1 for those without, where any has it."""
+    joined: Arrays = {}
+    for spec in CONTOURS:
+        if spec.is_offset:
+            joined[spec.name] = _join_offsets([piece[spec.name] for piece in pieces])
+        elif not spec.optional or any(spec.name in piece for piece in pieces):
+            empty = np.zeros((0, *(size for size in spec.dims[1:] if isinstance(size, int))), spec.dtype)
+            joined[spec.name] = np.concatenate([empty, *(_column(piece, spec.name) for piece in pieces)])
+    return joined
+
+
+def get_timing(file: Hdf5Reader) -> Timing:
+    """The /timing of one file."""
+    stages = cast(list[str], get_json(file, "/timing", "stages").get("stages", []))
+    return Timing(stages, file.read("/timing/first"), file.read("/timing/stop"), file.read("/timing/seconds"))
+
+
+def join_timing(pieces: list[Timing]) -> Timing:
+    """Chunks of several files in their order; a stage's column stands where it first appeared."""
+    stages = list(dict.fromkeys(stage for piece in pieces for stage in piece.stages))
+    first = np.concatenate([np.zeros(0, np.int64), *(piece.first for piece in pieces)])
+    stop = np.concatenate([np.zeros(0, np.int64), *(piece.stop for piece in pieces)])
+    seconds = np.full((len(first), len(stages)), np.nan)
+    row = 0
+    for piece in pieces:
+        seconds[row : row + len(piece.first), [stages.index(stage) for stage in piece.stages]] = piece.seconds
+        row += len(piece.first)
+    return Timing(stages, first, stop, seconds)
+
+
+def _open(path: Path) -> tuple[bool, Hdf5Reader, list[Shard] | None]:
+    """Whether the file is sealed, what its header is in, and its shards if it is not sealed."""
+    folder = path if (path / HEADER_NAME).is_file() else work_folder(path)
+    if folder != path and (path.exists() or not folder.is_dir()):
+        return True, Hdf5Reader(path), None
+    try:
+        shards = without_overlap(shard_files(folder))[0]
+        return False, Hdf5Reader(folder / HEADER_NAME), shards
+    except (OSError, ContourFileError) as error:
+        if path.is_file():  # sealed since we looked
+            return True, Hdf5Reader(path), None
+        raise ContourFileError(f"{path} is not written yet, and {folder} cannot be read ({error})") from error
+
+
+def _offsets(file: Hdf5Reader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:
+    """Offsets of rows `first` to `stop`, refused where they would lead anywhere but forward inside `target`."""
+    offsets = file.read(name, first, stop + 1)
+    _, shape = file.layout(target)
+    whole = len(offsets) == stop - first + 1 and offsets[0] >= 0 and offsets[-1] <= shape[0]
+    if not whole or (np.diff(offsets) < 0).any():
+        raise ContourFileError(f"{file.path}: {name} is damaged: its offsets do not lead forward inside {target}")
+    return offsets
+
+
+def _join_offsets(pieces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    joined = [np.zeros(1, np.int64)]
+    base = np.int64(0)
+    for piece in pieces:
+        joined.append(piece[1:] + base)
+        base += piece[-1]
+    return np.concatenate(joined)
+
+
+def _column(piece: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
+    if name in piece:
+        return piece[name]
+    return np.full(len(piece["points"]), INTENSITY_ABSENT, dtype=np.float32)

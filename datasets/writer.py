@@ -1,0 +1,358 @@
+"""Writing a contour file while it is computed, such that a pose range reported done is never lost.
+
+| OUT.h5 | header | shards | what `mode="resume"` does                                               |
+|--------|--------|--------|-------------------------------------------------------------------------|
+| no     | no     | no     | begins, as "create"                                                     |
+| yes    | no     | no     | compares with OUT.h5; nothing is missing                                |
+| any    | no     | yes    | refuses: nothing tells what the shards belong to                        |
+| yes    | same   | any    | killed after sealing: compares, nothing is missing, removes the folder  |
+| any    | other  | any    | compares with the header, goes on with the poses missing                |
+
+header, shards: in the work folder OUT.h5.partial; "same": its header is of the run that made OUT.h5.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Generator, Mapping
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .durable import TEMPORARY_SUFFIX, FolderLock, discard, publish, sync, write_file
+from .errors import ContourFileError
+from .hdf5 import Hdf5Image
+from .header import FileHeader, put_header, recipe_differences, recipe_hash
+from .reader import ContourFile
+from .schema import CONTOURS, METRICS, validate_fields
+from .seal import seal_into
+from .shards import (
+    HEADER_NAME,
+    Shard,
+    shard_files,
+    shard_image,
+    shard_name,
+    shard_problem,
+    without_overlap,
+    work_folder,
+)
+
+_SEALING_NAME = "sealed.h5" + TEMPORARY_SUFFIX
+
+
+class ContourWriter:
+    """Writes one contour file; the only writer of its path as long as it lives. For one thread at a time.
+
+    What is done lies in the work folder `OUT.h5.partial` until `seal()` makes OUT.h5 of it. Leaving the `with`, also
+    by an exception, only lets the next writer in: nothing done is removed.
+
+    Args:
+        path: The file to make, OUT.h5.
+        header: Motion, object, hand, strategy and who renders.
+        mode: "create" refuses an existing OUT.h5 or work folder; "resume" goes on where a writer with the same recipe
+            stopped, or begins; "overwrite" begins anew, keeping an old OUT.h5 until the new one is sealed.
+
+    Raises:
+        ContourFileError: The header is not valid; the path exists ("create"); the recipe differs ("resume", each
+            differing field is named); another writer is at work; the disk is full or fails.
+    """
+
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        header: FileHeader,
+        *,
+        mode: Literal["create", "resume", "overwrite"] = "create",
+    ) -> None:
+        self.path = Path(path)
+        self.repairs: tuple[str, ...] = ()
+        """What resuming found damaged and dropped, a sentence each; those poses are missing again."""
+        self._folder = work_folder(self.path)
+        self._shards: list[Shard] = []
+        self._complete = False
+        self._lock: FolderLock | None = None
+        header.validate()
+        self._header = header
+        self._recipe_hash = recipe_hash(header.recipe)
+        self._refuse_existing(mode)
+        with self._machine_failures("prepare"):
+            self._begin(mode)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let other writers in; what is done stays. Closing twice does nothing."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+    def missing(self) -> list[tuple[int, int]]:
+        """Pose ranges (first, stop) not done yet, in pose order."""
+        gaps: list[tuple[int, int]] = []
+        reached = self._header.pose_count if self._complete else 0
+        for shard in self._shards:
+            if reached < shard.first:
+                gaps.append((reached, shard.first))
+            reached = shard.stop
+        if reached < self._header.pose_count:
+            gaps.append((reached, self._header.pose_count))
+        return gaps
+
+    def write(
+        self,
+        first: int,
+        stop: int,
+        contours: Mapping[str, NDArray[Any]],
+        metrics: Mapping[str, NDArray[Any]],
+        timing: Mapping[str, float] | None = None,
+    ) -> None:
+        """Write the contours of poses `first` to `stop`; when this returns, they are done: on the disk, whole.
+
+        Takes about three times the arrays' memory. Ranges may come in any order and of any size.
+
+        Args:
+            first: First pose of the range.
+            stop: The pose after the last.
+            contours: Arrays of /contours by name, offsets from 0, points [m]; `intensity` may be left out.
+            metrics: Arrays of /metrics by name, shape [pose], lengths [m].
+            timing: Time spent by stage [s].
+
+        Raises:
+            ContourFileError: The range or an array is not valid, or overlaps what is done (nothing is written); the
+                disk is full or fails (what was done before stays done).
+        """
+        self._refuse_closed()
+        self._validate(first, stop, contours, metrics)
+        content = shard_image((first, stop), contours, metrics, timing or {}, self._recipe_hash)
+        shard = Shard(self._folder / shard_name(first, stop, content), first, stop)
+        with self._machine_failures(f"write poses {first} to {stop}"):
+            write_file(shard.path, content)
+        self._shards = sorted([*self._shards, shard], key=lambda done: done.first)
+
+    def seal(self, *, gzip: int = 0) -> None:
+        """Make OUT.h5 of what is done, replacing an old one, and remove the work folder.
+
+        Copies in blocks: takes a few megabytes, and twice the memory of the header's motion and mesh.
+
+        Args:
+            gzip: 0 stores points as they are; 1 to 9 compress (25 % smaller, some 50 times slower).
+
+        Raises:
+            ContourFileError: Poses are missing; the disk has no room for OUT.h5 beside the work folder, or fails.
+                What is done stays done.
+        """
+        if self._complete:
+            return
+        self._refuse_closed()
+        if gaps := self.missing():
+            count = sum(stop - first for first, stop in gaps)
+            raise ContourFileError(f"{self.path} cannot be sealed: {count} poses are missing, from {gaps[0][0]} on")
+        if gzip not in range(10):
+            raise ContourFileError(f"gzip must be 0 to 9, got {gzip!r}")
+        temporary = self._folder / _SEALING_NAME
+        with self._machine_failures("seal"):
+            try:
+                seal_into(temporary, self._header, self._shards, gzip=gzip)
+                self._refuse_unlike(temporary)
+                publish(temporary, self.path)
+            except (OSError, ContourFileError):
+                discard(temporary)
+                raise
+        self._complete = True
+        self._remove_folder()
+
+    def _refuse_existing(self, mode: str) -> None:
+        if mode not in ("create", "resume", "overwrite"):
+            raise ContourFileError(f"mode must be create, resume or overwrite, got {mode!r}")
+        if self.path.is_dir():
+            raise ContourFileError(f"{self.path} is a folder, not a file to write")
+        if not self.path.parent.is_dir():
+            raise ContourFileError(f"{self.path} cannot be written: there is no folder {self.path.parent}")
+        if mode == "create":
+            self._refuse_sealed()
+
+    def _refuse_sealed(self) -> None:
+        if self.path.exists():
+            raise ContourFileError(
+                f"{self.path} exists already: --overwrite replaces it once the new one is whole, "
+                "--resume keeps it if it is of the same rendering"
+            )
+
+    def _begin(self, mode: str) -> None:
+        fresh = self._make_folder()
+        try:
+            self._lock = FolderLock(self._folder)
+            if mode == "create":
+                self._refuse_sealed()  # again: now that nobody else can seal
+                self._refuse_unfinished(fresh)
+            if mode == "overwrite":
+                self._clear_folder()
+            if mode != "resume" or not self._resume():
+                self._write_header()
+        except BlockingIOError:
+            raise ContourFileError(f"{self.path} is being written by another process") from None
+        except BaseException as error:
+            if fresh and isinstance(error, (OSError, ContourFileError)):
+                self._remove_folder()
+            self.close()
+            raise
+
+    def _refuse_unfinished(self, fresh: bool) -> None:
+        if not fresh:
+            raise ContourFileError(
+                f"{self._folder} holds an unfinished rendering of {self.path}: "
+                "--resume goes on with it, --overwrite begins anew"
+            )
+
+    def _make_folder(self) -> bool:
+        try:
+            self._folder.mkdir()
+        except FileExistsError:
+            return False
+        sync(self._folder.parent)
+        return True
+
+    def _write_header(self) -> None:
+        with Hdf5Image() as image:
+            put_header(image, self._header)
+            content = image.image()
+        write_file(self._folder / HEADER_NAME, content)
+
+    def _resume(self) -> bool:
+        """Take over what is there, by the table above; False if there is nothing."""
+        self._clear_temporary()
+        found = shard_files(self._folder)
+        if not (self._folder / HEADER_NAME).exists():
+            if found:
+                raise ContourFileError(f"{self._folder} has lost its header and cannot be resumed, use --overwrite")
+            if not self.path.exists():
+                return False
+            self._finish_with(self.path)
+            return True
+        with ContourFile(self._folder) as old:
+            self._refuse_differing(old)
+            self._header = old.header()  # one run, one header: also its device and time of creation
+        if self._is_sealed_as(self._header.created):
+            self._finish_with(self.path)
+        else:
+            self._take_over(found)
+        return True
+
+    def _finish_with(self, path: Path) -> None:
+        with ContourFile(path) as old:
+            if not old.sealed:
+                raise ContourFileError(f"{path} is not whole")
+            self._refuse_differing(old)
+        self._complete = True
+        self._remove_folder()
+
+    def _is_sealed_as(self, created: str) -> bool:
+        """Whether OUT.h5 is of the run that began at `created`."""
+        try:
+            with ContourFile(self.path) as file:
+                return file.sealed and file.attributes["created"] == created and file.recipe == self._header.recipe
+        except ContourFileError:  # an old file that will be replaced may be anything
+            return False
+
+    def _take_over(self, found: list[Shard]) -> None:
+        repairs: list[str] = []
+        trusted: list[Shard] = []
+        for shard in found:
+            if problem := shard_problem(shard, self._recipe_hash):
+                shard.path.unlink()
+                repairs.append(f"{shard.path.name} {problem}: dropped, its poses are rendered again")
+            else:
+                trusted.append(shard)
+        self._shards, overlapping = without_overlap(trusted)
+        for shard in overlapping:
+            shard.path.unlink()
+            repairs.append(f"{shard.path.name} overlaps others: dropped")
+        self.repairs = tuple(repairs)
+
+    def _refuse_differing(self, old: ContourFile) -> None:
+        if differences := recipe_differences(old.recipe, self._header.recipe):
+            raise ContourFileError(
+                f"{self.path} cannot be resumed, it is of another rendering: {'; '.join(differences)}; "
+                "--overwrite begins anew"
+            )
+
+    def _refuse_unlike(self, temporary: Path) -> None:
+        """Look once more before the shards go."""
+        with ContourFile(temporary) as file, ContourFile(self._folder) as shards:
+            made, wanted = (file.point_count, file.polyline_count), (shards.point_count, shards.polyline_count)
+            if made != wanted or file.recipe != self._header.recipe:
+                raise ContourFileError(f"{temporary} has {made} points and polylines, the shards have {wanted}")
+
+    def _refuse_closed(self) -> None:
+        if self._complete:
+            raise ContourFileError(f"{self.path} is sealed already, nothing can be added")
+        if self._lock is None:
+            raise ContourFileError(f"{self.path}: this writer is closed")
+
+    def _validate(
+        self, first: int, stop: int, contours: Mapping[str, NDArray[Any]], metrics: Mapping[str, NDArray[Any]]
+    ) -> None:
+        where = f"{self.path}, poses {first} to {stop}"
+        if not 0 <= first < stop <= self._header.pose_count:
+            raise ContourFileError(f"{where}: out of range, there are {self._header.pose_count} poses")
+        if any(shard.first < stop and first < shard.stop for shard in self._shards):
+            raise ContourFileError(f"{where}: overlap poses that are done already")
+        try:
+            rows, metric_rows = validate_fields(contours, CONTOURS), validate_fields(metrics, METRICS)
+        except ContourFileError as error:
+            raise ContourFileError(f"{where}: {error}") from None
+        if rows["pose"] != stop - first or metric_rows["pose"] != stop - first:
+            raise ContourFileError(f"{where}: arrays are of {rows['pose']} and {metric_rows['pose']} poses")
+        for name, count in (("pose_start", rows["polyline"]), ("polyline_start", rows["point"])):
+            steps = np.diff(contours[name])
+            least = 0 if name == "pose_start" else 1  # a pose may be empty, a polyline may not
+            if contours[name][0] != 0 or contours[name][-1] != count or (steps < least).any():
+                raise ContourFileError(f"{where}: {name} must rise from 0 to {count} by at least {least}")
+
+    @contextlib.contextmanager
+    def _machine_failures(self, task: str) -> Generator[None, None, None]:
+        try:
+            yield
+        except OSError as error:
+            done = sum(shard.stop - shard.first for shard in self._shards)
+            kept = f"; the {done} poses done are kept in {self._folder}, make room and go on with --resume"
+            raise ContourFileError(
+                f"{self.path}: cannot {task}: {error.strerror or error}, {self._free()}{kept if done else ''}"
+            ) from error
+
+    def _free(self) -> str:
+        try:
+            return f"{shutil.disk_usage(self.path.parent).free / 1e6:.1f} MB are free"
+        except OSError:
+            return "free space unknown"
+
+    def _clear_temporary(self) -> None:
+        for path in self._folder.glob("*" + TEMPORARY_SUFFIX):
+            path.unlink()
+
+    def _clear_folder(self) -> None:
+        """Remove what writers left, the header last: without it, shards would be of nothing."""
+        self._clear_temporary()
+        for shard in shard_files(self._folder):
+            shard.path.unlink()
+        (self._folder / HEADER_NAME).unlink(missing_ok=True)
+
+    def _remove_folder(self) -> None:
+        # The file is whole by now; a folder that cannot go (something else lies in it) harms nobody.
+        with contextlib.suppress(OSError):
+            self._clear_folder()
+            if self._lock is not None:
+                self._lock.remove()
+            self._folder.rmdir()
+        self.close()

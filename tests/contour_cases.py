@@ -1,0 +1,147 @@
+"""Headers, ragged batches and crashes for the tests of the contour file; batches are plain NumPy."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.datasets.header import FileHeader
+from palpate.datasets.writer import ContourWriter
+
+Batch = dict[str, np.ndarray]
+
+
+def make_header(pose_count: int, **changes: Any) -> FileHeader:
+    rng = np.random.default_rng(pose_count)
+    pose = rng.normal(size=(pose_count, 7)).astype(np.float32)
+    pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+    fields: dict[str, Any] = {
+        "pose": pose,
+        "time": np.arange(pose_count) / 90.0,
+        "object_name": "tetrahedron",
+        "vertices": np.vstack([np.zeros((1, 3)), np.eye(3)]).astype(np.float32),
+        "faces": np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype=np.int32),
+        "hand": {"kind": "palm", "width": 0.085, "length": 0.085},
+        "strategy": {"raw": "mesh", "transform": ["close"]},
+        "versions": {"palpate": "0.1.0", "numpy": "2"},
+        "device": "cpu",
+        "placement": {"scale": 1.0},
+        "seed": 7,
+        "created": "2026-01-01T00:00:00.000000+00:00",
+    }
+    return FileHeader(**(fields | changes))
+
+
+def make_contours(pose_count: int, *, seed: int = 0, intensity: bool = False, point_count_max: int = 12) -> Batch:
+    """Poses of 0 to 2 polylines of 1 to `point_count_max` points, about half of them closed."""
+    rng = np.random.default_rng(seed)
+    pose_start = _offsets(rng.integers(0, 3, pose_count))
+    counts = rng.integers(1, point_count_max + 1, pose_start[-1])
+    polyline_start = _offsets(counts)
+    points = rng.normal(size=(polyline_start[-1], 3)).astype(np.float32)
+    kind = rng.integers(0, 3, len(points)).astype(np.uint8)
+    closed = rng.integers(0, 2, len(counts)).astype(np.uint8)
+    for first, stop, is_closed in zip(polyline_start[:-1], polyline_start[1:], closed, strict=True):
+        if is_closed:
+            points[stop - 1] = points[first]
+        kind[stop - 1] = kind[max(stop - 2, first)]
+    contours = {
+        "points": points,
+        "kind": kind,
+        "polyline_start": polyline_start,
+        "polyline_patch": rng.integers(0, 5, len(counts)).astype(np.int32),
+        "polyline_closed": closed,
+        "pose_start": pose_start,
+    }
+    return contours | ({"intensity": rng.random(len(points), dtype=np.float32)} if intensity else {})
+
+
+def make_metrics(contours: Batch) -> Batch:
+    """Metrics by a plain loop over polylines and segments."""
+    pose_count = len(contours["pose_start"]) - 1
+    length = np.zeros((pose_count, 3))
+    for pose in range(pose_count):
+        for polyline in range(contours["pose_start"][pose], contours["pose_start"][pose + 1]):
+            first, stop = contours["polyline_start"][polyline : polyline + 2]
+            for point in range(first, stop - 1):
+                a, b = contours["points"][point : point + 2].astype(np.float64)
+                length[pose, contours["kind"][point]] += np.linalg.norm(b - a)
+    names = ("length_object", "length_hand", "length_made")
+    metrics = {name: length[:, column].astype(np.float32) for column, name in enumerate(names)}
+    metrics["length"] = length.sum(axis=1).astype(np.float32)
+    metrics["polylines"] = np.diff(contours["pose_start"]).astype(np.int32)
+    return metrics
+
+
+def cut_contours(contours: Batch, first: int, stop: int) -> Batch:
+    """Poses `first` to `stop` of a batch as a batch."""
+    low, high = contours["pose_start"][[first, stop]]
+    begin, end = contours["polyline_start"][[low, high]]
+    cut = {name: contours[name][begin:end] for name in ("points", "kind", "intensity") if name in contours}
+    cut |= {name: contours[name][low:high] for name in ("polyline_patch", "polyline_closed")}
+    cut["polyline_start"] = contours["polyline_start"][low : high + 1] - begin
+    cut["pose_start"] = contours["pose_start"][first : stop + 1] - low
+    return cut
+
+
+def write_ranges(writer: ContourWriter, contours: Batch, ranges: Iterable[tuple[int, int]]) -> None:
+    for first, stop in ranges:
+        part = cut_contours(contours, first, stop)
+        writer.write(first, stop, part, make_metrics(part), {"raw": 0.25})
+
+
+def write_file(path: Path, contours: Batch, *, chunk: int = 4, mode: Any = "create", **changes: Any) -> FileHeader:
+    """A sealed file, written in chunks of `chunk` poses."""
+    count = len(contours["pose_start"]) - 1
+    header = make_header(count, **changes)
+    with ContourWriter(path, header, mode=mode) as writer:
+        write_ranges(writer, contours, [(first, min(first + chunk, count)) for first in range(0, count, chunk)])
+        writer.seal()
+    return header
+
+
+def assert_same(got: Batch, want: Batch) -> None:
+    """The same names, dtypes, shapes and bits."""
+    assert sorted(got) == sorted(want)
+    for name, array in want.items():
+        assert got[name].dtype == array.dtype, name
+        np.testing.assert_array_equal(got[name], array, err_msg=name)
+
+
+class Killed(BaseException):
+    """Stands for SIGKILL: nothing that handles errors handles it."""
+
+
+@contextmanager
+def killed_at(step: int) -> Iterator[None]:
+    """Raise Killed in place of the `step`-th system call that changes the disk; a write dies half done."""
+    names = ("mkdir", "write", "fsync", "replace", "posix_fallocate", "unlink", "rmdir")
+    real: dict[str, Callable[..., Any]] = {name: getattr(os, name) for name in names}
+    left = step
+
+    def counted(name: str) -> Callable[..., Any]:
+        def call(*args: Any, **options: Any) -> Any:
+            nonlocal left
+            left -= 1
+            if left < 0:
+                if name == "write" and left == -1:
+                    real["write"](args[0], args[1][: len(args[1]) // 2])
+                raise Killed
+            return real[name](*args, **options)
+
+        return call
+
+    try:
+        for name in names:
+            setattr(os, name, counted(name))
+        yield
+    finally:
+        for name in names:
+            setattr(os, name, real[name])
+
+
+def _offsets(counts: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)

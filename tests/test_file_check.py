@@ -1,0 +1,218 @@
+"""Reading refuses what is no contour file; checking finds each rule that is broken and names where."""
+
+import json
+import re
+
+import h5py
+import numpy as np
+import pytest
+from contour_cases import make_contours, make_header, write_file, write_ranges
+
+from palpate.datasets.check import check_file
+from palpate.datasets.errors import ContourFileError
+from palpate.datasets.reader import ContourFile
+from palpate.datasets.schema import FIELDS
+from palpate.datasets.shards import shard_files
+from palpate.datasets.writer import ContourWriter
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "out.h5"
+
+
+@pytest.fixture
+def sealed(path):
+    write_file(path, make_contours(30, intensity=True), chunk=11)
+    return path
+
+
+def refused(path, message):
+    with pytest.raises(ContourFileError, match=message) as refusal:
+        ContourFile(path)
+    assert str(path) in str(refusal.value)
+    assert check_file(path) == [str(refusal.value)]
+
+
+def test_no_file_a_folder_and_an_empty_file_are_refused(path, tmp_path):
+    refused(path, "does not exist")
+    refused(tmp_path, "is a folder")
+    path.touch()
+    refused(path, "is empty")
+
+
+@pytest.mark.parametrize("content", [b"time,x,y,z\n", b"\x89HDF\r\n\x1a\n", b"\0" * 5000, b"\x89HDF\r\n\x1a\n" * 600])
+def test_what_is_not_hdf5_is_refused(path, content):
+    path.write_bytes(content)
+    refused(path, "not an HDF5 file|truncated|cannot be read")
+
+
+def test_other_hdf5_is_refused(path):
+    with h5py.File(path, "w") as file:
+        file["points"] = np.zeros(3)
+    refused(path, "not a contour file")
+
+
+@pytest.mark.parametrize("version", [[2, 0], [3, 7]])
+def test_a_newer_major_version_is_refused(sealed, version):
+    with h5py.File(sealed, "r+") as file:
+        file.attrs["version"] = np.array(version, np.int32)
+    refused(sealed, f"version {version[0]}.{version[1]}, newer")
+
+
+def test_a_newer_minor_version_with_more_in_it_is_read(sealed):
+    with h5py.File(sealed, "r+") as file:
+        file.attrs["version"] = np.array([1, 9], np.int32)
+        file["/contours/colour"] = np.zeros(3)
+        file["/focus/points"] = np.zeros(3)
+    assert check_file(sealed) == []
+
+
+def test_a_truncated_file_is_refused_at_any_length(sealed, path):
+    content = sealed.read_bytes()
+    for length in {1, 7, 8, 40, 96, 512, len(content) // 2, len(content) - 4000, len(content) - 1}:
+        path.write_bytes(content[:length])
+        refused(path, "truncated|not an HDF5 file|cannot be read")
+
+
+@pytest.mark.parametrize("spec", FIELDS, ids=lambda spec: spec.path)
+def test_a_flipped_byte_is_found_and_the_dataset_named(sealed, spec):
+    with h5py.File(sealed) as file:
+        chunk = file[spec.path].id.get_chunk_info(0)
+    content = bytearray(sealed.read_bytes())
+    content[chunk.byte_offset + chunk.size // 2] ^= 0x10
+    sealed.write_bytes(content)
+    problems = check_file(sealed)
+    assert any(f"{spec.path} is damaged: the checksum" in problem for problem in problems)
+    if spec.group == "contours":
+        with ContourFile(sealed) as file, pytest.raises(ContourFileError, match=f"{spec.path} is damaged"):
+            file.contours()
+
+
+def set_rows(name, row, value):
+    def change(file):
+        file[name][row] = value
+
+    return change
+
+
+def set_attribute(name, key, value):
+    def change(file):
+        file[name].attrs[key] = value
+
+    return change
+
+
+def retype(name, make):
+    def change(file):
+        rows, attributes = file[name][...], dict(file[name].attrs)
+        del file[name]
+        file.create_dataset(name, data=make(rows), fletcher32=True).attrs.update(attributes)
+
+    return change
+
+
+def open_a_loop(file):
+    contours = file["contours"]
+    sizes = np.diff(contours["polyline_start"])
+    loop = int(np.flatnonzero((contours["polyline_closed"][...] == 1) & (sizes > 2))[0])
+    end = int(contours["polyline_start"][loop + 1]) - 1
+    contours["points"][end] = contours["points"][end] + np.float32(1e-6)
+
+
+def end_on_another_kind(file):
+    contours = file["contours"]
+    line = int(np.flatnonzero(np.diff(contours["polyline_start"]) > 1)[0])
+    end = int(contours["polyline_start"][line + 1]) - 1
+    contours["kind"][end] = (contours["kind"][end] + 1) % 3
+
+
+def lengthen(file):
+    metric = file["/metrics/length_hand"]
+    pose = int(np.argmax(metric[...]))
+    metric[pose] = metric[pose] * np.float32(1 + 4e-6)
+
+
+def drop(name):
+    def change(file):
+        del file[name]
+
+    return change
+
+
+def unchecked(file):
+    rows, attributes = file["/contours/kind"][...], dict(file["/contours/kind"].attrs)
+    del file["/contours/kind"]
+    file.create_dataset("/contours/kind", data=rows).attrs.update(attributes)
+
+
+BREAKS = [
+    (retype("/contours/points", lambda a: a.astype("f8")), "/contours/points is float64, expected float32"),
+    (retype("/contours/points", lambda a: a[:, :2]), r"/contours/points has shape \[.*, 2\], expected \[point, 3\]"),
+    (retype("/contours/kind", lambda a: a[:-1]), "/contours/kind has .* point rows, other fields have"),
+    (retype("/metrics/length", lambda a: a[:-1]), "/metrics/length has 29 pose rows, other fields have 30"),
+    (drop("/contours/polyline_patch"), "/contours/polyline_patch is missing"),
+    (drop("/timing/seconds"), "/timing/seconds is missing"),
+    (unchecked, "/contours/kind: has no Fletcher-32 checksums"),
+    (set_attribute("/contours/points", "units", "mm"), "/contours/points: attribute units is 'mm', expected 'm'"),
+    (set_attribute("/motion/pose", "frame", "head"), "/motion/pose: attribute frame is 'head'"),
+    (set_rows("/contours/points", 5, np.nan), r"/contours/points: not finite \(1, first 5\)"),
+    (set_rows("/contours/kind", slice(7, 9), 3), r"/contours/kind: outside 0 to 2 \(2, first 7\)"),
+    (set_rows("/contours/intensity", 4, 1.5), r"/contours/intensity: outside 0 to 1 \(1, first 4\)"),
+    (set_rows("/contours/polyline_closed", 2, 2), r"/contours/polyline_closed: outside 0 to 1 \(1, first 2\)"),
+    (set_rows("/contours/polyline_patch", 3, -1), r"/contours/polyline_patch: below 0 \(1, first 3\)"),
+    (set_rows("/contours/pose_start", 0, 1), "/contours/pose_start: begins with 1, expected 0"),
+    (
+        set_rows("/contours/pose_start", 30, 999),
+        "/contours/pose_start: ends with 999, but /contours/polyline_closed has",
+    ),
+    (set_rows("/contours/pose_start", 9, 0), r"/contours/pose_start: below the row before \(1, first 9\)"),
+    (set_rows("/contours/polyline_start", 4, 0), r"/contours/polyline_start: not above .* \(1, first 4\)"),
+    (open_a_loop, "/contours/polyline_closed: poses with a closed polyline that does not repeat"),
+    (end_on_another_kind, r"/contours/kind: poses with a polyline whose last kind .* \(1, first"),
+    (lengthen, r"/metrics/length_hand: poses whose points have another length \(1, first"),
+    (set_rows("/metrics/polylines", 6, 77), r"/metrics/polylines: poses with another number .* \(1, first 6\)"),
+    (set_rows("/metrics/length", 6, np.inf), r"/metrics/length: not finite \(1, first 6\)"),
+    (set_rows("/motion/pose", 3, 2.0), r"/motion/pose: quaternion norm not 1 .* \(1, first 3\)"),
+    (set_rows("/motion/pose", 3, np.inf), r"/motion/pose: not finite \(1, first 3\)"),
+    (set_rows("/motion/time", 3, 0.0), r"/motion/time: not later than the row before \(1, first 3\)"),
+    (set_rows("/object/faces", 1, 9), "/object/faces points at vertices 0 to 9 of 4"),
+    (set_rows("/object/vertices", 1, 0.5), "/object: hash is not of vertices and faces"),
+    (set_rows("/motion/pose", (3, 0), 0.5), "/: recipe is not of what the file holds: motion was"),
+    (set_attribute("/", "strategy", json.dumps({"raw": "x"})), "/: recipe is not of what .*: strategy was"),
+    (set_attribute("/", "strategy", "{"), "attribute strategy of / is not JSON"),
+    (set_attribute("/hand", "description", 3), "attribute description of /hand is missing or not text"),
+]
+
+
+@pytest.mark.parametrize(("change", "problem"), BREAKS, ids=[problem[:60] for _, problem in BREAKS])
+def test_each_broken_rule_is_found_and_named(sealed, change, problem):
+    assert check_file(sealed) == []
+    with h5py.File(sealed, "r+") as file:
+        change(file)
+    problems = check_file(sealed)
+    assert any(re.search(problem, found) for found in problems), problems
+
+
+def test_offsets_that_lead_nowhere_are_refused_by_the_reader(sealed):
+    with h5py.File(sealed, "r+") as file:
+        file["/contours/pose_start"][4] = 10**9
+    with ContourFile(sealed) as file, pytest.raises(ContourFileError, match="pose_start is damaged"):
+        file.contours()
+
+
+def test_a_file_being_written_says_so_and_what_is_done_is_checked(path):
+    contours = make_contours(10)
+    with ContourWriter(path, make_header(10)) as writer:
+        write_ranges(writer, contours, [(0, 4), (6, 10)])
+        assert check_file(path) == [f"{path} is still being written: 8 of 10 poses are done"]
+    stopped = f"{path} was not finished, --resume goes on with it: 8 of 10 poses are done"
+    assert check_file(path) == [stopped]
+    shard = shard_files(path.with_name("out.h5.partial"))[1].path
+    with h5py.File(shard, "r+") as file:
+        file["/metrics/polylines"][1] = 77
+    problems = check_file(path)
+    assert problems[0] == stopped
+    assert "/metrics/polylines: poses with another number of polylines (1, first 7)" in problems[1]
+    shard.write_bytes(shard.read_bytes()[:3000])
+    assert any(str(shard) in problem and "truncated" in problem for problem in check_file(path)[1:])

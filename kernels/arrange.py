@@ -31,6 +31,7 @@ class Turn:
 
 @wp.func
 def turn_of(lines: Polylines, line: wp.int64):
+    """Where a polyline starts: at its smallest key if it is closed."""
     base = lines.polyline_start[line]
     t = Turn()
     t.key = lines.key[base]
@@ -182,7 +183,11 @@ def arrange_polylines(lines: Polylines, pose: wp.array, patch: wp.array) -> Cont
     polylines = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
     point_counts = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
     wp.launch(
-        _count_points, section_count, inputs=[lines, pose, patch], outputs=[kept, polylines, point_counts], device=device
+        _count_points,
+        section_count,
+        inputs=[lines, pose, patch],
+        outputs=[kept, polylines, point_counts],
+        device=device,
     )
     section_start, polyline_count = offsets_of(polylines)
     point_start, point_count = offsets_of(point_counts)

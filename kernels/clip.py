@@ -20,6 +20,7 @@ class Passage:
 
 @wp.func
 def passage_of(p: wp.vec2, q: wp.vec2, code_p: int, code_q: int, half: wp.vec2):
+    """Sides by which p -> q enters and leaves the patch."""
     t = Passage()
     t.enter = NONE
     t.leave = NONE
@@ -131,12 +132,14 @@ def _count_pieces(
 
 @wp.func
 def write_point(out: Polylines, i: wp.int64, p: wp.vec2, key: int):
+    """Write point i; its kind stays object."""
     out.point[i] = p
     out.key[i] = key
 
 
 @wp.func
 def begin_piece(out: Polylines, polyline: wp.int64, i: wp.int64, closed: wp.uint8, enter: int):
+    """Begin a piece at point i; the side by which it leaves is not known yet."""
     out.polyline_start[polyline] = i
     out.closed[polyline] = closed
     out.side[polyline] = wp.vec2i(enter, NONE)

@@ -22,6 +22,7 @@ class Ends:
 
 @wp.func
 def end_side(lines: Polylines, piece: wp.int64, leaving: bool):
+    """Side of the patch by which a piece leaves, or enters."""
     if leaving:
         return lines.side[piece][1]
     return lines.side[piece][0]
@@ -29,6 +30,7 @@ def end_side(lines: Polylines, piece: wp.int64, leaving: bool):
 
 @wp.func
 def end_position(lines: Polylines, piece: wp.int64, leaving: bool):
+    """How far along that side it does."""
     i = lines.polyline_start[piece]
     if leaving:
         i = lines.polyline_start[piece + wp.int64(1)] - wp.int64(1)
@@ -120,6 +122,7 @@ def _match_pieces(
 
 @wp.func
 def write_corner(out: Polylines, i: wp.int64, k: int, half: wp.vec2, edge_count: int):
+    """Write patch corner k as point i, hand kind."""
     out.point[i] = corner(k, half)
     out.key[i] = 3 * edge_count + k
     out.kind[i] = wp.uint8(HAND)
@@ -138,7 +141,7 @@ def _close_polylines(
     seen: wp.array[wp.uint8],  # scratch, comes as 1, shape [piece]
     out: Polylines,
 ):
-    """Write the loops: pieces as object kind, what joins them as hand kind, the whole boundary if nothing crosses it."""
+    """Write the loops: pieces as object kind, what joins them as hand kind; the whole boundary if none crosses it."""
     section = wp.tid()
     half = patch[section % patch.shape[0]].half
     base = lines.section_start[section]

@@ -21,6 +21,7 @@ class Crossings:
 
 @wp.func
 def edge_crossed(mesh: WingedMesh, frame: Frame, edge: int):
+    """Whether an edge's ends lie on different sides of the plane."""
     end = mesh.end[edge]
     return above(height(frame, mesh.vertex[end[0]])) != above(height(frame, mesh.vertex[end[1]]))
 

@@ -90,7 +90,7 @@ def rendered_chunks(
             except CrossingLimitError as error:
                 if last - first == 1:
                     raise StrategyError(
-                        f"pose {first} alone crosses {error.count} mesh edges, more than {memory} bytes of memory hold: "
+                        f"pose {first} alone crosses {error.count} mesh edges, too many for {memory} bytes of memory: "
                         f"raise the memory budget to {error.count * CROSSING_BYTES} bytes"
                     ) from error
                 size = max(1, (last - first) // 2)

@@ -38,7 +38,7 @@ def _options(
     del show_version
     import warp as wp
 
-    wp.config.log_level = wp.LOG_WARNING  # before it says hello
+    wp.config.log_level = wp.LOG_ERROR  # that there is no CUDA driver is no news to who asks for the CPU
 
 
 @app.command()
@@ -59,7 +59,9 @@ def demo(
 
 @app.command()
 def render(
-    thing: Annotated[str, typer.Argument(metavar="OBJECT", help="Built-in object, or a mesh file (STL, OBJ, PLY, GLB).")],
+    thing: Annotated[
+        str, typer.Argument(metavar="OBJECT", help="Built-in object, or a mesh file (STL, OBJ, PLY, GLB).")
+    ],
     motion: Annotated[
         str, typer.Argument(metavar="MOTION", help="CSV or HDF5 of poses, or the word exploration for a synthetic one.")
     ],
@@ -75,9 +77,7 @@ def render(
     rotate: Annotated[
         Three, typer.Option(metavar="X Y Z", help="Turn about the array's axes x, y, z in turn [degree].")
     ] = (0.0, 0.0, 0.0),
-    at: Annotated[
-        Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")
-    ] = None,
+    at: Annotated[Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")] = None,
     duration: Annotated[float, typer.Option(help="Of a synthetic exploration [s].")] = 30.0,
     rate: Annotated[float, typer.Option(help="Poses a second of a synthetic exploration [Hz].")] = 90.0,
     seed: Annotated[int, typer.Option(help="Seed of a synthetic exploration.")] = 1,

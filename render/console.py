@@ -30,7 +30,7 @@ def say(values: dict, *, as_json: bool, title: str) -> None:
         return
     table = Table(title=title, show_header=False, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for name, value in values.items():
-        if value is not None and not isinstance(value, (list, tuple)) or name == "problems":
+        if (value is not None and not isinstance(value, (list, tuple))) or name == "problems":
             table.add_row(name.replace("_", " "), escape(shown(value)))
     Console(highlight=False, soft_wrap=True).print(table)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -12,7 +13,7 @@ from ..kernels.ragged import HAND, MADE, OBJECT
 
 KINDS = {"object": OBJECT, "hand": HAND, "made": MADE}
 
-Array = np.ndarray | wp.array
+Array = Any  # np.ndarray or wp.array, all alike: `on_device` tells; neither has the other's methods
 
 
 @dataclass(frozen=True)
@@ -86,16 +87,12 @@ class ContourBatch:
             return self
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         host = {name: None if value is None else value.numpy() for name, value in values.items()}
-        host["points"] = host["points"].reshape(-1, 3)
-        return ContourBatch(**host)
+        return ContourBatch(**{**host, "points": self.points.numpy().reshape(-1, 3)})
 
     def lengths(self) -> np.ndarray:
         """Length of the segments of each kind [m], float32, shape [pose, 3]."""
         if self.on_device:
-            device_batch = self
-            return measure_contours(
-                device_batch.points, device_batch.kind, device_batch.polyline_start, device_batch.pose_start
-            ).numpy()
+            return measure_contours(self.points, self.kind, self.polyline_start, self.pose_start).numpy()
         segment = np.linalg.norm(np.diff(self.points.astype(np.float64), axis=0), axis=1)
         segment[self.polyline_start[1:-1] - 1] = 0.0  # between polylines
         point_pose = np.repeat(np.arange(self.pose_count), np.diff(self.polyline_start[self.pose_start]))

@@ -1,9 +1,9 @@
 """What can go wrong in the pipeline; each message is complete in itself.
 
-    RenderError
-    ├── MeshError (ValueError)       an object that cannot be used, or not for this strategy
-    ├── StrategyError (ValueError)   a strategy or sampling that is not one
-    └── PoseError (ValueError)       poses that cannot be used
+RenderError
+├── MeshError (ValueError)       an object that cannot be used, or not for this strategy
+├── StrategyError (ValueError)   a strategy or sampling that is not one
+└── PoseError (ValueError)       poses that cannot be used
 """
 
 

@@ -37,6 +37,7 @@ def draw_figure(paths: dict[str, Path], picture: Path, *, sampling: SamplingStra
         scenes = [figure.add_subplot(grid[0, 2 * k : 2 * k + 2], projection="3d") for k in range(POSES_SHOWN)]
         length_axes = figure.add_subplot(grid[1, :POSES_SHOWN])
         frequency_axes = figure.add_subplot(grid[1, POSES_SHOWN:], sharex=length_axes)
+        time = None
         for k, (label, path) in enumerate(paths.items()):
             with ContourFile(path) as file:
                 length = _lengths(file)
@@ -83,7 +84,9 @@ def _draw_scenes(scenes: list, file: ContourFile, length: np.ndarray, across: np
         colours = np.where(batch.kind[segment] == HAND, COLOURS["hand"], COLOURS["object"])
         axes.computed_zorder = False  # contours over the palm over the object: depth sorting would hide them in turn
         axes.add_collection3d(Poly3DCollection(triangles, facecolors=COLOURS["mesh"], alpha=0.1, shade=True, zorder=1))
-        axes.add_collection3d(Poly3DCollection([palm], facecolor=COLOURS["palm"], edgecolor="none", alpha=0.4, zorder=2))
+        axes.add_collection3d(
+            Poly3DCollection([palm], facecolor=COLOURS["palm"], edgecolor="none", alpha=0.4, zorder=2)
+        )
         axes.add_collection3d(Line3DCollection(list(ends), colors=list(colours), lw=2.2, capstyle="round", zorder=3))
         for name, m in zip("xyz", middle, strict=True):
             getattr(axes, f"set_{name}lim")(m - reach, m + reach)

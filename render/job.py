@@ -8,7 +8,8 @@ import warp as wp
 
 from ..datasets.check import check_file
 from ..datasets.motion import HandMotion, exploration
-from ..device.array import array_model, array_names
+from ..device.array import array_model
+from ..device.emulator import EmulatorBackend
 from ..device.errors import NoBackendError
 from ..device.usb import find_arrays
 from . import console
@@ -132,7 +133,8 @@ def run_play(file: Path, speed: float, update_rate: float, options: dict, *, as_
 
 def run_devices(*, as_json: bool) -> None:
     """List arrays: the embedded ones, and what libusb sees."""
-    found = [{"array": name, "serial": None, "where": "embedded"} for name in array_names() if array_model(name).embedded]
+    embedded = find_arrays(backend=EmulatorBackend())
+    found = [{"array": entry.array, "serial": entry.serial, "where": "embedded"} for entry in embedded]
     note = None
     try:
         for entry in find_arrays():

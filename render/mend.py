@@ -111,13 +111,16 @@ def winding_number(point: np.ndarray, triangles: np.ndarray) -> float:
 
 def holder_of(body: int, vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, volume: np.ndarray) -> int:
     """The smallest body of positive volume that a body lies in, -1 for none."""
-    box = [(vertices[faces[label == k]].min((0, 1)), vertices[faces[label == k]].max((0, 1))) for k in range(len(volume))]
+    box = [
+        (vertices[faces[label == k]].min((0, 1)), vertices[faces[label == k]].max((0, 1))) for k in range(len(volume))
+    ]
     point = vertices[faces[label == body][0]].mean(axis=0)
     for other in np.argsort(volume):
         inside = np.all(box[other][0] <= box[body][0]) and np.all(box[other][1] >= box[body][1])
-        if volume[other] > 0 and other != body and inside:
-            if winding_number(point, vertices[faces[label == other]]) > 0.5:
-                return int(other)
+        if volume[other] <= 0 or other == body or not inside:
+            continue
+        if winding_number(point, vertices[faces[label == other]]) > 0.5:
+            return int(other)
     return -1
 
 
@@ -199,7 +202,9 @@ def check_soup(vertices: np.ndarray, faces: np.ndarray) -> None:
         raise MeshError(f"face {row} names vertex {faces[row].tolist()}, but there are {len(vertices)} vertices")
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(bad):
-        raise MeshError(f"{len(bad)} vertices are not finite, the first is vertex {bad[0]}: {vertices[bad[0]].tolist()}")
+        raise MeshError(
+            f"{len(bad)} vertices are not finite, the first is vertex {bad[0]}: {vertices[bad[0]].tolist()}"
+        )
 
 
 def mend_mesh(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, MeshReport]:

@@ -5,11 +5,12 @@ import warnings
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..datasets.shapes import shape, shape_names
-from ..kernels.winged import WingedEdges, WingedMesh, upload_mesh, wing_edges
+from ..kernels.winged import WingedEdges, upload_mesh, wing_edges
 from .errors import MeshError, PalpateWarning
 from .mend import mend_mesh, warn_of
 
@@ -112,7 +113,7 @@ class MeshObject:
         """[m], float32, shape [vertex, 3]."""
         self.faces = faces.astype(np.int32)
         """int32, shape [face, 3]."""
-        self._on: dict[str, WingedMesh] = {}
+        self._on: dict[str, Any] = {}  # device: WingedMesh, which is no type to a type checker
         self._judge_size()
 
     @classmethod
@@ -178,8 +179,8 @@ class MeshObject:
             "Ways out: --strategy oc accepts any mesh, or close the mesh in a mesh editor"
         )
 
-    def on(self, device: str) -> WingedMesh:
-        """The mesh on a Warp device, uploaded once."""
+    def on(self, device: str) -> Any:
+        """The mesh on a Warp device, a WingedMesh, uploaded once."""
         if device not in self._on:
             self._on[device] = upload_mesh(self.vertices, self.edges, device)
         return self._on[device]

@@ -11,7 +11,6 @@ from ..device.array import ArrayModel, array_model
 from ..device.clock import Clock, MonotonicClock, VirtualClock
 from ..device.codec import encode_frames
 from ..device.emulator import EmulatorBackend
-
 from ..device.player import Player
 from ..device.pyusb import Backend
 from ..device.report import PlayReport
@@ -146,5 +145,3 @@ def play_file(
                 progress=None if progress is None else lambda frames: progress(frames, total),
             )
         return Playback(report, sampler, source.refused)
-
-

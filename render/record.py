@@ -115,9 +115,7 @@ def _write_chunk(writer: ContourWriter, chunk: Chunk) -> int:
     return chunk.stop - chunk.first
 
 
-def _settled(
-    pending: Future[int] | None, done: int, total: int, progress: Callable[[int, int], None] | None
-) -> int:
+def _settled(pending: Future[int] | None, done: int, total: int, progress: Callable[[int, int], None] | None) -> int:
     """Wait for the chunk under way; poses that are done with it."""
     if pending is None:
         return 0

@@ -42,7 +42,12 @@ class SamplingStrategy:
 
     def __post_init__(self) -> None:
         """Refuse what is not a motion of a focal point."""
-        for name, low, high in (("speed", 1e-3, 100.0), ("update_rate", 1.0, 40_000.0), ("hold", 0, 60), ("fade", 0, 60)):
+        for name, low, high in (
+            ("speed", 1e-3, 100.0),
+            ("update_rate", 1.0, 40_000.0),
+            ("hold", 0, 60),
+            ("fade", 0, 60),
+        ):
             value = getattr(self, name)
             if not (np.isfinite(value) and low <= value <= high):
                 raise StrategyError(f"{name} must lie in {low:g}..{high:g}, not {value}")

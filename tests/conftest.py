@@ -16,7 +16,9 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
 def pytest_addoption(parser):
-    parser.addoption("--device", action="append", help="Warp device to test on (again for more); default: all there are")
+    parser.addoption(
+        "--device", action="append", help="Warp device to test on (again for more); default: all there are"
+    )
 
 
 def pytest_configure(config):

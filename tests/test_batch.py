@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from palpate.datasets.errors import MotionError
 from palpate.datasets.shapes import shape_names
 from palpate.render import (
     ContourBatch,
@@ -19,7 +20,6 @@ from palpate.render import (
 from palpate.render.batch import CROSSING_BYTES, rendered_chunks
 from palpate.render.contours import HAND, OBJECT, join_batches, object_part
 from palpate.render.errors import PoseError, StrategyError
-from palpate.datasets.errors import MotionError
 
 OBJECTS = {name: MeshObject.load(name) for name in shape_names()}
 PALM = Palm()
@@ -29,7 +29,7 @@ def random_poses(count, seed, spread=0.08):
     rng = np.random.default_rng(seed)
     quaternion = rng.normal(size=(count, 4))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    return np.hstack([rng.uniform(-spread, spread, (count, 3)) + [0, 0, 0.2], quaternion]).astype(np.float32)
+    return np.hstack([rng.uniform(-spread, spread, (count, 3)) + np.array([0, 0, 0.2]), quaternion]).astype(np.float32)
 
 
 def assert_same(one: ContourBatch, two: ContourBatch):
@@ -154,7 +154,9 @@ def test_same_run_gives_the_same_bits(device):
 def test_order_does_not_depend_on_where_the_section_starts(device):
     """Polylines of a pose by smallest key: scaling the palm cuts pieces off but never reorders what is left whole."""
     poses = random_poses(300, 9)
-    small, large = (render(OBJECTS["dog"], p, poses, IntersectionStrategy(), device=device) for p in (Palm(0.02, 0.02), PALM))
+    small, large = (
+        render(OBJECTS["dog"], p, poses, IntersectionStrategy(), device=device) for p in (Palm(0.02, 0.02), PALM)
+    )
     assert_same(small, large)
 
 

@@ -1,4 +1,4 @@
-"""Phases of a single focus: hand-worked values, an independent field, refusals; and the loop from contour to pressure."""
+"""Phases of a single focus: values worked by hand, an independent field; the loop from contour to pressure."""
 
 import numpy as np
 import pytest
@@ -114,7 +114,8 @@ def test_speed_of_sound_moves_the_phases_and_is_checked():
 
 
 @pytest.mark.parametrize(
-    "point", [(0, 0, -0.1), (0, 0, 0), (0.00525, 0.00525, 0.0), (0, 0, 3.0), (1.0, 0, 0.2), (np.nan, 0, 0.2), (0, np.inf, 0.2)]
+    "point",
+    [(0, 0, -0.1), (0, 0, 0), (0.00525, 0.00525, 0.0), (0, 0, 3.0), (1.0, 0, 0.2), (np.nan, 0, 0.2), (0, np.inf, 0.2)],
 )
 def test_focal_points_outside_the_zone_are_silenced_counted_and_never_nan(point):
     drives = drive_focus(focus_at(point, (0, 0, 0.2)), array_model("emulator"))
@@ -165,7 +166,7 @@ def segments_of(batch: ContourBatch, pose):
 
 
 def focus_by_coherence(delay, segments):
-    """The point of each frame's contour where the decoded delays arrive most nearly in phase: no word of the sampler."""
+    """The point of each frame's contour where the decoded delays arrive most nearly in phase: blind to the sampler."""
     out = []
     for turns, (start, end) in zip(delay, segments, strict=True):
         t = np.linspace(0, 1, 40)[None, :, None]

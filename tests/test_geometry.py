@@ -19,7 +19,7 @@ def random_poses(count, seed, spread=0.09):
     rng = np.random.default_rng(seed)
     quaternion = rng.normal(size=(count, 4))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    return np.hstack([rng.uniform(-spread, spread, (count, 3)) + [0, 0, 0.2], quaternion]).astype(np.float32)
+    return np.hstack([rng.uniform(-spread, spread, (count, 3)) + np.array([0, 0, 0.2]), quaternion]).astype(np.float32)
 
 
 def pose_of(position, rotation_matrix):

@@ -42,8 +42,12 @@ def test_formats_load_to_the_same_closed_object(suffix, tmp_path):
 
 def test_scene_is_flattened_with_its_transforms(tmp_path):
     scene = trimesh.Scene()
-    scene.add_geometry(trimesh.creation.box([0.1] * 3), transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
-    scene.add_geometry(trimesh.creation.box([0.1] * 3), transform=trimesh.transformations.translation_matrix([0.3, 0, 0.2]))
+    scene.add_geometry(
+        trimesh.creation.box([0.1] * 3), transform=trimesh.transformations.translation_matrix([0, 0, 0.2])
+    )
+    scene.add_geometry(
+        trimesh.creation.box([0.1] * 3), transform=trimesh.transformations.translation_matrix([0.3, 0, 0.2])
+    )
     scene.export(tmp_path / "scene.glb")
     thing = MeshObject.load(tmp_path / "scene.glb")
     assert thing.report.bodies == 2
@@ -86,7 +90,8 @@ def test_cavity_keeps_its_orientation_and_body_in_cavity_too(device):
 
 
 @pytest.mark.parametrize(
-    ("other", "outline"), [((0.1, (0.05, 0.0, 0.2)), 0.5), ((0.06, (0.0, 0.0, 0.2)), 0.4), ((0.1, (0.1, 0.0, 0.2)), 0.6)]
+    ("other", "outline"),
+    [((0.1, (0.05, 0.0, 0.2)), 0.5), ((0.06, (0.0, 0.0, 0.2)), 0.4), ((0.1, (0.1, 0.0, 0.2)), 0.6)],
 )
 def test_bodies_that_overlap_nest_or_share_a_face_are_united_once(other, outline, device):
     with pytest.warns(PalpateWarning, match="2 bodies that overlap or touch were united"):
@@ -135,7 +140,7 @@ def test_one_sided_surface_is_refused_for_closed_contours():
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     across = np.stack([np.cos(angle) * np.cos(angle / 2), np.sin(angle) * np.cos(angle / 2), np.sin(angle / 2)], axis=1)
-    vertices = np.vstack([0.1 * ring - 0.03 * across, 0.1 * ring + 0.03 * across]) + [0, 0, 0.2]
+    vertices = np.vstack([0.1 * ring - 0.03 * across, 0.1 * ring + 0.03 * across]) + np.array([0, 0, 0.2])
     faces = []
     for i in range(24):
         a, b, c, d = i, (i + 1) % 24, i + 24, (i + 1) % 24 + 24
@@ -245,7 +250,14 @@ def test_every_up_axis_ends_on_top(up):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("scale", 0.0), ("scale", float("nan")), ("up", "w"), ("fit", -1.0), ("rotate", (0, 0)), ("at", (0, 0, float("inf")))],
+    [
+        ("scale", 0.0),
+        ("scale", float("nan")),
+        ("up", "w"),
+        ("fit", -1.0),
+        ("rotate", (0, 0)),
+        ("at", (0, 0, float("inf"))),
+    ],
 )
 def test_impossible_placement_is_refused_with_its_field(field, value):
     with pytest.raises(MeshError, match=field):

@@ -101,7 +101,7 @@ def test_revisits_fall_behind_the_nominal_rate_where_contours_alternate():
 
 def test_thin_contour_is_not_turned_around_by_its_other_side():
     strip = np.array([[-0.05, 0, 0.2], [0.05, 0, 0.2], [0.05, 0.002, 0.2], [-0.05, 0.002, 0.2]])
-    poses = [[(strip + [0, 0.0015 * (i % 2), 0], True)] for i in range(40)]
+    poses = [[(strip + np.array([0, 0.0015 * (i % 2), 0]), True)] for i in range(40)]
     position, _, count = sampled(poses, np.arange(40) / 90.0, 40 / 90.0)
     direction = np.sign(np.diff(position[:, 0]))
     turns = np.count_nonzero(np.diff(direction[direction != 0]))
@@ -193,7 +193,8 @@ def test_draw_frequency_is_speed_over_length_and_is_not_capped():
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("speed", 0.0), ("speed", float("nan")), ("update_rate", 0.0), ("update_rate", 1e6), ("hold", -1)]
+    ("field", "value"),
+    [("speed", 0.0), ("speed", float("nan")), ("update_rate", 0.0), ("update_rate", 1e6), ("hold", -1)],
 )
 def test_impossible_sampling_is_refused_with_field_and_value(field, value):
     with pytest.raises(StrategyError, match=f"{field}.*{value}"):

@@ -1,0 +1,30 @@
+"""Every benchmark case runs, small, and says what it should."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+from poses import random_poses
+from throughput import CASES, compare, measure
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.thing}-{case.label}")
+def test_throughput_case_measures_what_it_renders(case, device):
+    figures, lengths = measure(case, device, random_poses(50), repeats=1)
+    assert lengths.shape == (50, 3)
+    assert figures["hit"] == np.mean(lengths.sum(axis=1) > 0)
+    assert figures["poses_per_second"] > 0
+    assert sum(figures["stages"].values()) == pytest.approx(1.0)
+    assert compare(lengths, lengths)["equal_bits"] == 50
+    assert compare(lengths, lengths + np.float32(0.1))["apart_over_1e-5"] == 50
+
+
+def test_poses_are_the_same_every_time_and_uniform():
+    poses = random_poses(4000)
+    np.testing.assert_array_equal(poses, random_poses(4000))
+    assert np.abs(poses[:, :3] - [0, 0, 0.2]).max() <= 0.065
+    assert np.linalg.norm(poses[:, 3:], axis=1) == pytest.approx(np.ones(4000), abs=1e-6)
+    assert np.abs(poses[:, 3:].mean(axis=0)).max() < 0.05

@@ -36,9 +36,6 @@ def _options(
 ) -> None:
     """Objects and hand poses in, contours out, focal points on skin (ultrasound mid-air haptics)."""
     del show_version
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_ERROR  # that there is no CUDA driver is no news to who asks for the CPU
 
 
 @app.command()

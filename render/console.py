@@ -2,10 +2,13 @@
 
 import contextlib
 import json
+import os
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 
+import warp as wp
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -21,6 +24,27 @@ MISUSES = (StrategyError, UnknownArrayError, UpdateRateError)
 """Errors that are about what was asked, not about what happened."""
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def start_warp() -> None:
+    """Start Warp without its greeting, and without the line it writes where there is no CUDA driver.
+
+    That line comes from native code, past every setting; whatever else is written meanwhile is passed on.
+    """
+    wp.config.log_level = wp.LOG_WARNING
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with tempfile.TemporaryFile() as caught:
+        os.dup2(caught.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+        caught.seek(0)
+        for line in caught.read().decode(errors="replace").splitlines(keepends=True):
+            if "find or load the NVIDIA CUDA driver" not in line:
+                sys.stderr.write(line)
 
 
 def say(values: dict, *, as_json: bool, title: str) -> None:

@@ -18,6 +18,7 @@ from .summary import summarise
 def run_demo(folder: Path, *, clock: str, as_json: bool) -> None:
     """Explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
     started = perf_counter()
+    console.start_warp()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

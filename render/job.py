@@ -62,6 +62,7 @@ def run_render(job: RenderJob, *, as_json: bool) -> None:
     """Render, write, summarise."""
     if job.resume and job.overwrite:
         raise StrategyError("--resume and --overwrite exclude each other")
+    console.start_warp()
     strategy = load_strategy(job.strategy)
     hand = Palm(*job.palm)
     placement = Placement(**job.placement)

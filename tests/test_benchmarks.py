@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+from paper_ratio import table
 from poses import random_poses
 from throughput import CASES, compare, measure
 
@@ -28,3 +29,11 @@ def test_poses_are_the_same_every_time_and_uniform():
     assert np.abs(poses[:, :3] - [0, 0, 0.2]).max() <= 0.065
     assert np.linalg.norm(poses[:, 3:], axis=1) == pytest.approx(np.ones(4000), abs=1e-6)
     assert np.abs(poses[:, 3:].mean(axis=0)).max() < 0.05
+
+
+def test_ratio_table_fits_the_cube_and_keeps_the_papers_order():
+    rows = table(range(1, 3))
+    fitted = {row["object"]: row["mean"] for row in rows[3:]}
+    assert rows[3]["side"] == rows[5]["side"] != rows[0]["side"]
+    assert fitted["cube"] == pytest.approx(2.54, abs=0.02)
+    assert fitted["cube"] > fitted["tube"] > fitted["dog"] > 1

@@ -1,0 +1,344 @@
+"""The command line: the main job, JSON, exit codes, and one clear sentence for every mistake."""
+
+import json
+import math
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner
+
+from palpate.datasets import ContourFile, HandMotion, check_file, static_pose
+from palpate.device.clock import VirtualClock
+from palpate.device.emulator import EmulatorBackend, Fault, FaultKind
+from palpate.render import playback
+from palpate.render.cli import app
+
+FAILED, MISUSED = 1, 2
+PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli import main; main()"]
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+
+
+def answer(*arguments):
+    """JSON of a command that succeeds."""
+    result = run(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def refused(code, message, *arguments):
+    """A command that must fail with this code and one sentence, the same in JSON."""
+    result = run(*arguments)
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    told = " ".join(result.stderr.split())
+    assert message in told, told
+    assert json.loads(run(*arguments, "--json").stdout)["error"]
+
+
+@pytest.fixture(scope="module")
+def motion(tmp_path_factory):
+    """A CSV of a palm that sinks through the objects in one second."""
+    path = tmp_path_factory.mktemp("motion") / "sink.csv"
+    z = np.linspace(0.3, 0.1, 91)
+    pose = np.column_stack([0 * z, 0 * z, z, np.tile(static_pose([0, 0, 0.2]).pose[0, 3:], (91, 1))])
+    HandMotion(np.arange(91) / 90.0, pose).save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def rendered(motion, tmp_path_factory):
+    path = tmp_path_factory.mktemp("rendered") / "tube.h5"
+    assert run("render", "tube", motion, "-o", path).exit_code == 0
+    return path
+
+
+def test_demo_runs_the_main_job_again_and_again(tmp_path):
+    for _ in range(2):
+        told = answer("demo", "--folder", tmp_path / "demo", "--clock", "virtual")
+    assert told["poses"] == 2700
+    assert told["frames"] == 300_000
+    assert told["board_underruns"] == 0
+    assert told["off_confirmed"] is True
+    assert told["r"] > 1
+    for name in ("motion", "open_contours", "closed_contours", "picture"):
+        assert Path(told[name]).stat().st_size > 1000
+    assert check_file(told["open_contours"]) == []
+    assert answer("info", told["closed_contours"])["r"] == pytest.approx(told["r"])
+
+
+@pytest.mark.parametrize("command", ["demo", "render", "info", "check", "figure", "play", "devices", "selftest"])
+def test_every_command_has_help(command):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert "--json" in result.output
+
+
+def test_info_tells_what_design_promises(rendered):
+    told = answer("info", rendered)
+    assert told["poses"] == 91
+    assert {"polylines", "points", "length_mean", "strategy", "r"} <= told.keys()
+    assert told["duration"] == pytest.approx(91 / 90)
+    assert told["strategy"] == {"raw": "section", "prune": ["outside"], "transform": ["close"]}
+
+
+def test_open_contours_have_no_r(motion, tmp_path):
+    assert "r" not in answer("render", "cube", motion, "-o", tmp_path / "oc.h5", "--strategy", "oc")
+
+
+def test_play_tells_what_design_promises(rendered):
+    told = answer("play", rendered, "--clock", "virtual")
+    assert told["frames"] == math.ceil(91 / 90 * 10_000)
+    assert told["bytes"] == told["frames"] * 512
+    assert (told["update_rate"], told["array"], told["clock"]) == (10_000, "emulator", "virtual")
+    assert (told["underruns"], told["board_underruns"], told["off_confirmed"]) == (0, 0, True)
+    assert told["duration"] == pytest.approx(91 / 90, abs=1e-3)
+    assert told["jumps"] == sum(told["jumps_by_cause"].values())
+
+
+def test_play_takes_other_rates_and_speeds(rendered):
+    told = answer("play", rendered, "--clock", "virtual", "--update-rate", "40000", "--speed", "5", "--duration", "0.5")
+    assert told["frames"] == 20_000
+    assert told["sampling"]["speed"] == 5.0
+    assert told["jump_threshold"] == 5e-3
+
+
+def test_devices_lists_the_emulated_array_without_libusb_too():
+    told = answer("devices")
+    assert {"array": "emulator", "serial": "EMU0001", "where": "embedded"} in told["devices"]
+
+
+def test_selftest_plays_a_point_and_a_circle():
+    told = answer("selftest", "--clock", "virtual", "--seconds", "0.2")
+    assert (told["point_frames"], told["circle_frames"]) == (2000, 2000)
+    assert told["point_off_confirmed"]
+    assert told["circle_off_confirmed"]
+
+
+def test_figure_is_drawn_of_several_files(rendered, tmp_path):
+    assert run("figure", rendered, rendered, "-o", tmp_path / "picture.png").exit_code == 0
+    assert (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_check_exits_with_1_and_names_the_place(rendered, tmp_path):
+    assert run("check", rendered).exit_code == 0
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(rendered.read_bytes())
+    with h5py.File(broken, "r+") as file:
+        file["/contours/points"][3] = np.nan
+    result = run("check", broken)
+    assert result.exit_code == FAILED
+    assert "/contours/points" in result.stderr
+    assert json.loads(run("check", broken, "--json").stdout)["whole"] is False
+
+
+def test_existing_file_is_refused_overwritten_or_resumed(rendered, motion, tmp_path):
+    path = tmp_path / "again.h5"
+    path.write_bytes(rendered.read_bytes())
+    refused(FAILED, "exists already", "render", "tube", motion, "-o", path)
+    assert path.read_bytes() == rendered.read_bytes()
+    assert answer("render", "tube", motion, "-o", path, "--resume")["poses_rendered"] == 0
+    refused(FAILED, "strategy", "render", "tube", motion, "-o", path, "--resume", "--strategy", "oc")
+    refused(FAILED, "object", "render", "cube", motion, "-o", path, "--resume")
+    refused(FAILED, "hand", "render", "tube", motion, "-o", path, "--resume", "--palm", "0.05", "0.05")
+    assert answer("render", "cube", motion, "-o", path, "--overwrite")["object"]["name"] == "cube"
+    refused(MISUSED, "exclude each other", "render", "cube", motion, "-o", path, "--overwrite", "--resume")
+
+
+def test_bad_objects_motions_and_options_are_refused(motion, tmp_path):
+    out = tmp_path / "out.h5"
+    refused(FAILED, "no such file; built-in objects are", "render", "nothing.stl", motion, "-o", out)
+    refused(MISUSED, "unknown strategy 'xx'", "render", "cube", motion, "-o", out, "--strategy", "xx")
+    refused(MISUSED, "no device 'cuda:7'", "render", "cube", motion, "-o", out, "--device", "cuda:7")
+    refused(MISUSED, "palm width", "render", "cube", motion, "-o", out, "--palm", "0", "0.1")
+    refused(FAILED, "fit must be", "render", "cube", motion, "-o", out, "--fit", "-1")
+    refused(FAILED, "no folder", "render", "cube", motion, "-o", tmp_path / "none" / "out.h5")
+    bad = tmp_path / "bad.csv"
+    for rows, message in (
+        ("0,0,0,0.2,0,0,0,1\n0,0,0,0.2,0,0,0,1\n", "line 3"),
+        ("1,0,0,0.2,0,0,0,1\n0,0,0,0.2,0,0,0,1\n", "line 3"),
+        ("0,0,0,0.2,0,0,0,0\n", "zero quaternion"),
+        ("0,0,0,0.2,0,0,0,2\n", "norm 2"),
+        ("0,0,0,nan,0,0,0,1\n", "line 2"),
+        ("", "no"),
+    ):
+        bad.write_text("time,x,y,z,qx,qy,qz,qw\n" + rows)
+        refused(FAILED, message, "render", "cube", bad, "-o", out)
+    assert not out.exists()
+    assert not list(tmp_path.glob("*.partial"))
+
+
+def test_mesh_in_millimetres_is_warned_of_and_scaled(motion, tmp_path):
+    mesh = trimesh.creation.box([130, 130, 130])
+    mesh.export(tmp_path / "mm.stl")
+    result = run("render", tmp_path / "mm.stl", motion, "-o", tmp_path / "mm.h5", "--json")
+    assert result.exit_code == 0
+    assert "warning" in result.stderr
+    assert "130 x 130 x 130 m" in result.stderr
+    placed = ("--scale", "0.001", "--at", "0", "0", "0.2")
+    told = answer("render", tmp_path / "mm.stl", motion, "-o", tmp_path / "m.h5", *placed)
+    assert told["length_mean"] > 0.05
+    assert told["object"]["placement"]["scale"] == 0.001
+
+
+def test_open_mesh_is_refused_for_closed_contours_with_the_ways_out(motion, tmp_path):
+    mesh = trimesh.creation.box([0.1, 0.1, 0.1], transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
+    path = tmp_path / "open.ply"
+    trimesh.Trimesh(mesh.vertices, mesh.faces[2:]).export(path)
+    refused(FAILED, "4 open edges", "render", path, motion, "-o", tmp_path / "out.h5")
+    told = answer("render", path, motion, "-o", tmp_path / "oc.h5", "--strategy", "oc", "--palm", "0.2", "0.2")
+    assert told["points"] > 0
+
+
+def test_static_pose_needs_a_duration(tmp_path):
+    static_pose([0, 0, 0.2]).save(tmp_path / "still.csv")
+    path = tmp_path / "still.h5"
+    assert answer("render", "tube", tmp_path / "still.csv", "-o", path)["duration"] is None
+    refused(FAILED, "--duration", "play", path, "--clock", "virtual")
+    refused(MISUSED, "duration must be positive", "play", path, "--clock", "virtual", "--duration", "-1")
+    told = answer("play", path, "--clock", "virtual", "--duration", "0.3")
+    assert told["frames"] == 3000
+    assert told["silent"] == 0
+
+
+def test_files_that_are_not_contours_are_refused(rendered, tmp_path):
+    foreign, cut, text = tmp_path / "foreign.h5", tmp_path / "cut.h5", tmp_path / "text.h5"
+    with h5py.File(foreign, "w") as file:
+        file["x"] = [1]
+    cut.write_bytes(rendered.read_bytes()[:5000])
+    text.write_text("hello")
+    for path in (foreign, cut, text, tmp_path / "missing.h5"):
+        for command in ("info", "play"):
+            refused(FAILED, path.name, command, path)
+        assert run("check", path).exit_code == FAILED
+
+
+def test_unknown_arrays_rates_and_clocks_are_misuse(rendered):
+    refused(MISUSED, "unknown array 'nope'; known: emulator", "play", rendered, "--array", "nope")
+    refused(MISUSED, "7000 Hz", "play", rendered, "--update-rate", "7000")
+    refused(MISUSED, "speed must lie", "play", rendered, "--speed", "0")
+    refused(MISUSED, "unknown clock", "play", rendered, "--clock", "sundial")
+    refused(MISUSED, "height must lie", "selftest", "--height", "3", "--clock", "virtual")
+    assert run("play").exit_code == MISUSED
+    assert run("dance").exit_code == MISUSED
+
+
+def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monkeypatch):
+    bus = EmulatorBackend(clock=VirtualClock())
+    bus.inject(Fault(FaultKind.UNPLUG, byte=1_000_000))
+    monkeypatch.setattr(playback, "EmulatorBackend", lambda clock: bus)
+    before = rendered.read_bytes()
+    result = run("play", rendered, "--clock", "virtual", "--json")
+    assert result.exit_code == FAILED
+    told = json.loads(result.stdout)
+    assert "gone" in told["error"]
+    assert 0 < told["report"]["frames"] < 9000
+    assert told["report"]["off_confirmed"] is False
+    assert rendered.read_bytes() == before
+    bus.replug()
+    assert run("play", rendered, "--clock", "virtual").exit_code == 0
+
+
+def test_second_player_on_the_same_array_is_refused(rendered, monkeypatch):
+    from palpate.device.array import array_model
+    from palpate.device.usb import UsbLink
+
+    bus = EmulatorBackend(clock=VirtualClock())
+    monkeypatch.setattr(playback, "EmulatorBackend", lambda clock: bus)
+    with UsbLink.open(array_model("emulator"), backend=bus):
+        refused(FAILED, "in use", "play", rendered, "--clock", "virtual")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_switches_the_array_off(rendered, number):
+    process = subprocess.Popen([*PALPATE, "play", str(rendered), "--json"], stdout=-1, stderr=-1, text=True)
+    time.sleep(1.5)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=20)
+    assert "Traceback" not in err
+    if process.returncode == 0:
+        pytest.skip("the machine was too slow to interrupt a playback of one second")
+    assert process.returncode == FAILED
+    told = json.loads(out)
+    assert number.name in told["error"]
+    assert told["report"]["off_confirmed"] is True
+
+
+def render_command(path, *more):
+    command = ["render", "tube", "exploration", "-o", str(path), "--duration", "2000", "--memory", "8", *more]
+    return [*PALPATE, *command, "--json"]
+
+
+def test_killed_rendering_is_resumed_to_the_same_data(tmp_path):
+    killed, whole = tmp_path / "killed.h5", tmp_path / "whole.h5"
+    subprocess.run(render_command(whole), check=True, capture_output=True, timeout=300)
+    process = subprocess.Popen(render_command(killed), stdout=-1, stderr=-1)
+    folder = tmp_path / "killed.h5.partial"
+    while process.poll() is None and len(list(folder.glob("poses-*.h5"))) < 4:
+        time.sleep(0.005)
+    process.kill()
+    process.communicate()
+    assert not killed.exists()
+    with ContourFile(killed) as file:
+        done = sum(stop - first for first, stop in file.done)
+    assert 0 < done < 180_000
+    told = run("info", killed)
+    assert "still being written, or was interrupted" in " ".join(told.stderr.split())
+    assert run("check", killed).exit_code == FAILED
+    refused(MISUSED, "not finished", "play", killed)
+    result = subprocess.run(render_command(killed, "--resume"), check=True, capture_output=True, timeout=300, text=True)
+    assert json.loads(result.stdout)["poses_rendered"] == 180_000 - done
+    assert_same_data(killed, whole)
+    assert check_file(killed) == []
+
+
+def test_full_disk_loses_nothing_that_was_done(tmp_path):
+    path, whole = tmp_path / "full.h5", tmp_path / "whole.h5"
+    arguments = ("--duration", "200")
+    limited = subprocess.run(
+        render_command(path, *arguments),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2_500_000, 2_500_000)),
+    )
+    assert limited.returncode == FAILED
+    assert "Traceback" not in limited.stderr
+    assert "--resume" in json.loads(limited.stdout)["error"]
+    assert not path.exists()
+    with ContourFile(path) as file:
+        assert file.done == [(0, 18_000)]  # every shard fits; the sealed file does not
+    subprocess.run(render_command(path, *arguments, "--resume"), check=True, capture_output=True, timeout=300)
+    subprocess.run(render_command(whole, *arguments), check=True, capture_output=True, timeout=300)
+    assert_same_data(path, whole)
+
+
+def assert_same_data(one, two):
+    """Everything but timing, dates and versions."""
+    with ContourFile(one) as a, ContourFile(two) as b:
+        assert a.recipe == b.recipe
+        for first in range(0, a.pose_count, 20_000):
+            stop = min(first + 20_000, a.pose_count)
+            for left, right in (
+                (a.contours(first, stop), b.contours(first, stop)),
+                (a.metrics(first, stop), b.metrics(first, stop)),
+            ):
+                assert left.keys() == right.keys()
+                for name in left:
+                    np.testing.assert_array_equal(left[name], right[name], err_msg=name)
+
+
+def test_nothing_heavy_is_imported_before_it_is_needed():
+    code = "import sys, palpate.render.cli; print({'matplotlib', 'trimesh', 'manifold3d'} & set(sys.modules))"
+    out = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "set()"

@@ -1,0 +1,93 @@
+"""The house: which package may import which, what is packed, how large files and kernels may grow."""
+
+import ast
+import re
+from importlib.metadata import files, version
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("kernels", "render", "device", "datasets")
+ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"kernels", "datasets", "device"}}
+SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).glob("*.py"))
+
+
+def imports_of(path):
+    """Packages of the house, and modules of others, that a file imports."""
+    own, other = set(), set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level == 2:
+            own.add(node.module.split(".")[0])
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            other.add(node.module.split(".")[0])
+        elif isinstance(node, ast.Import):
+            other.update(name.name.split(".")[0] for name in node.names)
+    return own, other
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: f"{p.parent.name}/{p.name}")
+def test_arrows_point_one_way(path):
+    own, other = imports_of(path)
+    assert own <= ALLOWED[path.parent.name]
+    assert "palpate" not in other  # siblings are imported relatively
+    if path.parent.name in ("device", "datasets"):
+        assert "warp" not in other
+    if path.parent.name == "kernels":
+        assert not other & {"h5py", "usb", "trimesh"}
+
+
+def test_folders_are_flat_and_have_no_room_for_odds_and_ends():
+    for package in PACKAGES:
+        inside = [p for p in (ROOT / package).iterdir() if p.is_dir() and p.name != "__pycache__"]
+        assert inside == []
+    assert not [p for p in SOURCES if re.search(r"util|common|helper|manager|misc", p.stem)]
+    assert not (ROOT / "palpate").exists()  # it would hide the namespace
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: f"{p.parent.name}/{p.name}")
+def test_files_and_kernels_stay_small(path):
+    text = path.read_text()
+    assert text.count("\n") <= 400
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef) and any("wp.kernel" in ast.unparse(d) for d in node.decorator_list):
+            assert node.end_lineno - node.lineno <= 65, node.name
+            assert len(node.args.args) <= 16, node.name
+            assert node.name.startswith("_"), node.name
+            assert ast.get_docstring(node), node.name
+            signature = "\n".join(text.splitlines()[node.lineno - 1 : node.body[0].lineno])
+            assert "# In:" in signature, node.name
+            assert "# Out:" in signature, node.name
+
+
+@pytest.mark.parametrize("path", [p for p in SOURCES if p.parent.name == "kernels"], ids=lambda p: p.name)
+def test_kernel_modules_are_compiled_exactly(path):
+    text = path.read_text()
+    assert ("@wp.kernel" not in text) or ("wp.set_module_options(EXACT)" in text)
+
+
+def test_precompiling_covers_every_kernel_module():
+    from palpate.kernels import STAGES
+
+    assert {p.stem for p in SOURCES if "@wp.kernel" in p.read_text()} == set(STAGES)
+
+
+def test_the_installed_package_has_every_module():
+    assert version("palpate")
+    listed = [str(f) for f in files("palpate") or []]
+    if any("__editable__" in name for name in listed):
+        return  # an editable install serves this very tree
+    for path in SOURCES:
+        assert f"palpate/{path.parent.name}/{path.name}" in listed
+    for package in PACKAGES:
+        assert f"palpate/{package}/py.typed" in listed
+    assert not [name for name in listed if name.startswith(("tests", "palpate/tests"))]
+
+
+def test_readme_is_short_and_its_commands_are_those_that_ci_runs():
+    readme = (ROOT / "README.md").read_text()
+    assert readme.count("\n") <= 150
+    commands = re.findall(r"^(?:    |)(python3 -m venv .*)$", readme, re.MULTILINE)
+    assert len(commands) == 2
+    ci = (ROOT / ".ci" / "run").read_text()
+    assert "README.md" in ci  # it takes the command from there

@@ -180,6 +180,8 @@ class Sampler:
         self.count = SamplingCount()
         self._point = np.array(REST)
         self._direction: np.ndarray | None = None
+        self._path: Path | None = None  # of the last sample
+        self._arc = 0.0  # its arc length there [m]
         self._drawn = False  # something has been drawn
         self._silent = True  # the last sample was
         self._probe: tuple[np.ndarray, float, bool] | None = None  # place on the skin, age [s], whether it was left
@@ -199,40 +201,41 @@ class Sampler:
         if path is None or sample_count == 0:
             self._rest(sample_count)
             return FocalPoints(np.tile(self._point, (sample_count, 1)).astype(np.float32), np.zeros(sample_count, "f4"))
-        point, intensity, segment = path.at(self._start_on(path) + self.strategy.step * np.arange(sample_count))
+        arc = self._start_on(path) + self.strategy.step * np.arange(sample_count)
+        point, intensity, segment = path.at(arc)
         intensity = intensity * gain
-        self._count_jumps(point, intensity > 0)
+        self._count_jumps(point, intensity > 0, "polyline" if path is self._path else "pose")
         self._count_revisits(point, intensity > 0, pose)
-        self._keep(point, intensity, path.step[segment[-1]])
+        self.count.silent += int(np.count_nonzero(intensity <= 0))
+        self._path, self._arc, self._point = path, float(arc[-1]) % path.length, point[-1]
+        self._direction = path.step[segment[-1]] / np.linalg.norm(path.step[segment[-1]])
+        self._silent, self._drawn = bool(intensity[-1] <= 0), True
         return FocalPoints(point.astype(np.float32), intensity.astype(np.float32))
 
     def _start_on(self, path: Path) -> float:
         """Arc length of the first sample: one step on from the nearest point, or that point after a silence."""
         if not self._drawn:
             return 0.0
+        if path is self._path:
+            return self._arc + self.strategy.step
         arc = path.nearest(self._point, self._direction, self.strategy.jump_threshold)
         return arc if self._silent else arc + self.strategy.step
 
     def _rest(self, sample_count: int) -> None:
         self.count.silent += sample_count
-        self._silent = self._silent or sample_count > 0
-        self._probe = None
+        if sample_count > 0:
+            self._silent, self._path, self._probe = True, None, None
 
-    def _keep(self, point: np.ndarray, intensity: np.ndarray, step: np.ndarray) -> None:
-        self.count.silent += int(np.count_nonzero(intensity <= 0))
-        self._point, self._silent, self._drawn = point[-1], bool(intensity[-1] <= 0), True
-        self._direction = step / np.linalg.norm(step)
-
-    def _count_jumps(self, point: np.ndarray, drawn: np.ndarray) -> None:
+    def _count_jumps(self, point: np.ndarray, drawn: np.ndarray, cause_first: str) -> None:
+        """Count steps that are too long; `cause_first` is what a jump to the first of the points is due to."""
         steps = np.linalg.norm(np.diff(np.vstack([self._point, point]), axis=0), axis=1)
-        before = np.concatenate([[not self._silent], drawn[:-1]])
-        felt = drawn & (before | (np.arange(len(point)) == 0)) & (self._drawn | (np.arange(len(point)) > 0))
-        jump = felt & (steps > self.strategy.jump_threshold)
-        if (felt & before).any():
-            self.count.step_longest = max(self.count.step_longest, float(steps[felt & before].max()))
-        for i in np.flatnonzero(jump):
-            cause = "polyline" if i > 0 else ("re-entry" if self._silent else "pose")
-            self.count.jumps[cause] += 1
+        from_drawn = drawn & np.concatenate([[not self._silent], drawn[:-1]])
+        self.count.step_longest = max(self.count.step_longest, float(steps[from_drawn].max(initial=0.0)))
+        jump = from_drawn & (steps > self.strategy.jump_threshold)
+        if self._silent and self._drawn and drawn[0] and steps[0] > self.strategy.jump_threshold:
+            jump[0], cause_first = True, "re-entry"
+        self.count.jumps[cause_first] += int(jump[0])
+        self.count.jumps["polyline"] += int(jump[1:].sum())
         self.count.jump_length += float(steps[jump].sum())
 
     def _count_revisits(self, point: np.ndarray, drawn: np.ndarray, pose: np.ndarray) -> None:

@@ -110,6 +110,20 @@ def test_thin_contour_is_not_turned_around_by_its_other_side():
     assert sum(count.jumps.values()) == 0
 
 
+def test_long_static_pose_is_drawn_in_order_even_where_contours_coincide():
+    ring = circle(0.03, count=90)
+    sampler = Sampler(SamplingStrategy())
+    batch = batch_of([[(ring, True), (ring[::-1], True)]])  # the second lies on the first, the other way round
+    blocks = list(sample_contours([batch], still(1), np.zeros(1), 10.0, sampler))
+    assert len(blocks) > 3  # a long pose comes in several blocks
+    position = np.concatenate([b.position for b in blocks])
+    angle = np.unwrap(np.arctan2(position[:, 1], position[:, 0]))
+    length = 90 * np.linalg.norm(ring[1] - ring[0])
+    lap = np.floor(7e-4 * np.arange(1, len(angle)) / length).astype(int)
+    assert ((np.diff(angle) > 0) == (lap % 2 == 0)).mean() > 0.99  # all but the steps across the start
+    assert sampler.count.jumps["pose"] == 0
+
+
 def test_jumps_between_open_pieces_are_counted_by_cause():
     pieces = [([[-0.04, y, 0.2], [0.04, y, 0.2]], False) for y in (-0.02, 0.02)]
     _, _, count = sampled([pieces], [0.0], 1.0)

@@ -16,10 +16,13 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # it would take [m] for markup and leave it out
 )
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 Three = tuple[float, float, float]
+OBJECT_HELP = "Mesh file (STL, OBJ, PLY, GLB), or built in: cube, sphere, tube, dog, dog-detailed, rock."
+DURATION_HELP = "Stop after this time [s] if the motion has not ended; a static pose needs it."
 
 
 def _show_version(wanted: bool) -> None:
@@ -57,7 +60,11 @@ def demo(
 @app.command()
 def render(
     thing: Annotated[
-        str, typer.Argument(metavar="OBJECT", help="Built-in object, or a mesh file (STL, OBJ, PLY, GLB).")
+        str,
+        typer.Argument(
+            metavar="OBJECT",
+            help=OBJECT_HELP,
+        ),
     ],
     motion: Annotated[
         str, typer.Argument(metavar="MOTION", help="CSV or HDF5 of poses, or the word exploration for a synthetic one.")
@@ -70,16 +77,16 @@ def render(
     ),
     scale: Annotated[float, typer.Option(help="Factor on the object's coordinates (0.001 for millimetres).")] = 1.0,
     up: Annotated[str, typer.Option(help="Axis of the file that points up: x, y, z, -x, -y, -z.")] = "z",
-    fit: Annotated[float | None, typer.Option(metavar="SIZE", help="Longest side of the object [m].")] = None,
+    fit: Annotated[float | None, typer.Option(metavar="SIZE", help="Longest side [m], whatever the scale.")] = None,
     rotate: Annotated[
         Three, typer.Option(metavar="X Y Z", help="Turn about the array's axes x, y, z in turn [degree].")
     ] = (0.0, 0.0, 0.0),
     at: Annotated[Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")] = None,
-    duration: Annotated[float, typer.Option(help="Of a synthetic exploration [s].")] = 30.0,
-    rate: Annotated[float, typer.Option(help="Poses a second of a synthetic exploration [Hz].")] = 90.0,
-    seed: Annotated[int, typer.Option(help="Seed of a synthetic exploration.")] = 1,
+    duration: Annotated[float | None, typer.Option(help="Of a synthetic exploration [s], by default 30.")] = None,
+    rate: Annotated[float | None, typer.Option(help="Poses a second of an exploration [Hz], by default 90.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of an exploration, by default 1.")] = None,
     device: Annotated[str, typer.Option(help="cpu, cuda:0, ..., or auto: the first GPU if there is one.")] = "auto",
-    memory: Annotated[int, typer.Option(help="Memory budget of the working arrays [MB].")] = 512,
+    memory: Annotated[int, typer.Option(min=5, help="Memory budget of the working arrays [MB].")] = 512,
     gzip: Annotated[int, typer.Option(min=0, max=9, help="Compress the file: 0 not, 9 most.")] = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted rendering.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file once the new one is whole.")] = False,
@@ -141,7 +148,7 @@ def play(
     emulate: Annotated[bool, typer.Option("--emulate", help="A model of the array instead of the array.")] = False,
     speed: Annotated[float, typer.Option(help="Of the focal point [m/s].")] = 7.0,
     update_rate: Annotated[float, typer.Option(help="Focal points a second [Hz]: 40 kHz / n.")] = 10_000.0,
-    duration: Annotated[float | None, typer.Option(help="Stop after this time [s]; a static pose needs it.")] = None,
+    duration: Annotated[float | None, typer.Option(help=DURATION_HELP)] = None,
     sound_speed: Annotated[float, typer.Option(help="Speed of sound [m/s]: 331.3 + 0.606 x degrees C.")] = 343.0,
     clock: Annotated[
         str, typer.Option(help="Of the emulated array: monotonic (real time) or virtual (as fast as it goes).")

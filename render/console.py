@@ -6,7 +6,7 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 
 import warp as wp
 from rich.console import Console
@@ -16,11 +16,11 @@ from rich.table import Table
 
 from ..datasets.errors import DatasetError
 from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
-from .errors import PalpateWarning, RenderError, StrategyError
+from .errors import PalpateWarning, PlacementError, RenderError, StrategyError
 
 DONE, FAILED, MISUSED = 0, 1, 2
 
-MISUSES = (StrategyError, UnknownArrayError, UpdateRateError)
+MISUSES = (StrategyError, PlacementError, UnknownArrayError, UpdateRateError)
 """Errors that are about what was asked, not about what happened."""
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -47,15 +47,39 @@ def start_warp() -> None:
                 sys.stderr.write(line)
 
 
-def say(values: dict, *, as_json: bool, title: str) -> None:
-    """Print results: a table for people, one JSON object for machines."""
+UNITS = {
+    "length_mean": "m, all poses",
+    "length_mean_drawn": "m, poses with contours",
+    "length_longest": "m",
+    "length_object_mean": "m, all poses",
+    "length_hand_mean": "m, all poses",
+    "draw_frequency": "Hz, at 7 m/s, poses with contours",
+    "update_rate": "Hz",
+    "revisit_rate": "Hz",
+    "duration": "s",
+    "elapsed": "s",
+    "seconds": "s",
+    "render_seconds": "s",
+    "starved": "s",
+    "board_starved": "s",
+    "jump_length": "m",
+    "jump_threshold": "m",
+    "step_longest": "m",
+    "height": "m",
+}
+"""What stands behind a value in a table; machines have docs/command-line.md."""
+
+
+def say(values: dict, *, as_json: bool, title: str, told: Collection[str] | None = None) -> None:
+    """Print results: one JSON object for machines, a table for people, of the values `told` (all)."""
     if as_json:
         sys.stdout.write(json.dumps(values, default=float) + "\n")
         return
     table = Table(title=title, show_header=False, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for name, value in values.items():
-        if (value is not None and not isinstance(value, (list, tuple))) or name == "problems":
-            table.add_row(name.replace("_", " "), escape(shown(value)))
+        if value is not None and (told is None or name in told):
+            unit = f" {UNITS[name]}" if name in UNITS else ""
+            table.add_row(escape(name.replace("_", " ")), escape(shown(value) + unit))
     Console(highlight=False, soft_wrap=True).print(table)
 
 
@@ -64,9 +88,9 @@ def shown(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):
-        return ", ".join(f"{key} {shown(inner)}" for key, inner in value.items())
+        return ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if inner is not None)
     if isinstance(value, (list, tuple)):
-        return "; ".join(shown(inner) for inner in value) or "none"
+        return " ".join(shown(inner) for inner in value) or "none"
     return str(value)
 
 

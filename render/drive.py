@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..device.array import ArrayModel
-from .errors import RenderError
+from .errors import StrategyError
 from .sampling import FocalPoints
 
 SOUND_SPEED = 343.0  # [m/s] at 20 degrees C; 331.3 + 0.606 T
@@ -27,7 +27,7 @@ def drive_focus(focus: FocalPoints, array: ArrayModel, *, sound_speed: float = S
     and any that are not finite, get amplitude 0 and are counted.
     """
     if not 300.0 <= sound_speed <= 400.0:
-        raise RenderError(f"speed of sound must lie in 300..400 m/s (air), not {sound_speed}")
+        raise StrategyError(f"speed of sound must lie in 300..400 m/s (air), not {sound_speed}")
     usable = array.focal_zone.contains(focus.position) & np.isfinite(focus.intensity)
     position = np.where(usable[:, None], focus.position, np.float32(0.2)).astype(np.float32)
     # |p - t|^2 as one matrix product: 4 times as fast as differences, exact to 1e-8 m at these distances

@@ -3,7 +3,8 @@
 RenderError
 ├── MeshError (ValueError)       an object that cannot be used, or not for this strategy
 ├── StrategyError (ValueError)   a strategy or sampling that is not one
-└── PoseError (ValueError)       poses that cannot be used
+├── PoseError (ValueError)       poses that cannot be used
+└── PlacementError (ValueError)  a placement that cannot be applied
 """
 
 
@@ -17,6 +18,10 @@ class MeshError(RenderError, ValueError):
 
 class StrategyError(RenderError, ValueError):
     """An intersection or sampling strategy with an unknown or unusable part."""
+
+
+class PlacementError(RenderError, ValueError):
+    """A placement with a value that cannot be applied."""
 
 
 class PoseError(RenderError, ValueError):

@@ -7,36 +7,47 @@ import numpy as np
 from ..datasets.errors import ContourFileError
 from ..datasets.reader import ContourFile
 from .contours import HAND, ContourBatch
-from .hands import hand_from
+from .errors import StrategyError
+from .hands import hand_from, rotated
 from .sampling import SamplingStrategy
 
 COLOURS = {"object": "#c1121f", "hand": "#1d6fa5", "mesh": "#8d99ae", "palm": "#f4a261"}
+LINES = ("#2b2d42", "#2a9d8f", "#9b5de5", "#bc6c25")  # of lengths and frequencies: not those of the contours
 POSES_SHOWN = 3
+SUFFIXES = (".png", ".svg", ".pdf")
+FREQUENCY_SHOWN = 1000.0  # [Hz]; contours of a few millimetres would stretch the axis a hundredfold
+ELEVATION, AZIMUTH = 22.0, -60.0  # [degree] of the eye
 
 
-def shown_poses(length: np.ndarray, count: int = POSES_SHOWN) -> np.ndarray:
-    """Poses to show: the one of longest contour in each of `count` equal stretches that has any."""
-    stretches = np.array_split(np.arange(len(length)), min(count, len(length)))
-    best = [part[np.argmax(length[part])] for part in stretches if len(part)]
-    return np.array([i for i in best if length[i] > 0], int)
+def shown_poses(length: np.ndarray, normal: np.ndarray, count: int = POSES_SHOWN) -> np.ndarray:
+    """Poses to show: in each of `count` equal stretches the one of longest contour, as far as it faces the eye.
+
+    length: [m], shape [pose]; normal: of the palm, shape [pose, 3]. The first pose if none has a contour.
+    """
+    azimuth, elevation = np.radians([AZIMUTH, ELEVATION])
+    eye = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    seen = length * np.abs(normal @ eye)
+    best = [part[np.argmax(seen[part])] for part in np.array_split(np.arange(len(seen)), min(count, len(seen)))]
+    return np.array([i for i in best if seen[i] > 0] or [0])
 
 
 def draw_figure(paths: dict[str, Path], picture: Path, *, sampling: SamplingStrategy | None = None) -> None:
     """Draw one picture of renderings of the same object and motion, by label, into a PNG, SVG or PDF.
 
-    The contours shown are those of the last file. Raises ContourFileError where a file cannot be read, or the picture
-    not be written.
+    The contours shown are those of the last file. Raises StrategyError for another kind of picture, and for files of
+    different objects or motions; ContourFileError where a file cannot be read, or the picture not be written.
     """
     import matplotlib as mpl  # 0.7 s that only pictures cost
     from matplotlib.figure import Figure
 
+    if picture.suffix not in SUFFIXES:
+        raise StrategyError(f"{picture}: a picture must end in one of {', '.join(SUFFIXES)}")
+    _refuse_unlike(list(paths.values()))
     sampling = sampling or SamplingStrategy()
     with mpl.rc_context({"font.size": 8, "axes.spines.top": False, "axes.spines.right": False}):
-        figure = Figure(figsize=(9.6, 5.0), layout="constrained")
-        grid = figure.add_gridspec(2, 2 * POSES_SHOWN, height_ratios=[1.7, 1])
-        scenes = [figure.add_subplot(grid[0, 2 * k : 2 * k + 2], projection="3d") for k in range(POSES_SHOWN)]
-        length_axes = figure.add_subplot(grid[1, :POSES_SHOWN])
-        frequency_axes = figure.add_subplot(grid[1, POSES_SHOWN:], sharex=length_axes)
+        figure = Figure(figsize=(9.6, 5.2), layout="constrained")
+        top, bottom = figure.subfigures(2, 1, height_ratios=[1.7, 1])
+        length_axes, frequency_axes = bottom.subplots(1, 2, sharex=True)
         time = None
         for k, (label, path) in enumerate(paths.items()):
             with ContourFile(path) as file:
@@ -44,18 +55,40 @@ def draw_figure(paths: dict[str, Path], picture: Path, *, sampling: SamplingStra
                 time = file.motion().get("time")
                 across = np.arange(len(length)) if time is None else time
                 if k == len(paths) - 1:
-                    _draw_scenes(scenes, file, length, across, "pose {:.0f}" if time is None else "{:.2f} s")
-            length_axes.plot(across, 1e3 * length, lw=0.9, label=label)
-            frequency_axes.plot(across, sampling.draw_frequency(length), lw=0.9, label=label)
-        for axes, name in ((length_axes, "length [mm]"), (frequency_axes, "draw frequency [Hz]")):
-            axes.set_title(name, fontsize=8, loc="left")
-            axes.set_xlabel("pose" if time is None else "time [s]")
-        length_axes.legend(loc="upper right", frameon=False, ncols=len(paths), borderaxespad=0)
+                    _draw_scenes(top, file, length, across, "pose {:.0f}" if time is None else "{:.2f} s")
+            style = {
+                "lw": 0.9,
+                "label": label,
+                "color": LINES[k % len(LINES)],
+                "marker": "." if len(length) < 3 else "",
+            }
+            length_axes.plot(across, 1e3 * length, **style)
+            frequency_axes.plot(across, sampling.draw_frequency(length), **style)
         frequency_axes.set_yscale("log")
+        low, high = frequency_axes.get_ylim()
+        frequency_axes.set_ylim(min(low, 10.0), min(max(high, 100.0), FREQUENCY_SHOWN))
+        length_axes.set_title("length [mm]", fontsize=8, loc="left")
+        frequency_axes.set_title(f"draw frequency at {sampling.speed:g} m/s [Hz]", fontsize=8, loc="left")
+        for axes in (length_axes, frequency_axes):
+            axes.set_xlabel("pose" if time is None else "time [s]")
+        handles, labels = length_axes.get_legend_handles_labels()
+        bottom.legend(handles, labels, loc="outside upper right", frameon=False, ncols=len(paths))
         try:
             figure.savefig(picture, dpi=120)
-        except (OSError, ValueError) as error:
-            raise ContourFileError(f"{picture}: the picture cannot be written ({error})") from error
+        except OSError as error:
+            raise ContourFileError(f"{picture}: the picture cannot be written ({error.strerror or error})") from error
+
+
+def _refuse_unlike(paths: list[Path]) -> None:
+    """Refuse files whose lengths cannot stand in one diagram."""
+    recipes = []
+    for path in paths:
+        with ContourFile(path) as file:
+            recipes.append(file.recipe)
+    for path, recipe in zip(paths, recipes, strict=True):
+        for field in ("object", "motion"):
+            if recipe[field] != recipes[0][field]:
+                raise StrategyError(f"{path} is of another {field} than {paths[0]}: they do not belong in one picture")
 
 
 def _lengths(file: ContourFile) -> np.ndarray:
@@ -66,35 +99,39 @@ def _lengths(file: ContourFile) -> np.ndarray:
     return length
 
 
-def _draw_scenes(scenes: list, file: ContourFile, length: np.ndarray, across: np.ndarray, title: str) -> None:
+def _draw_scenes(figure, file: ContourFile, length: np.ndarray, across: np.ndarray, title: str) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     thing, hand, pose = file.object(), hand_from(file.hand), file.motion()["pose"]
     triangles = 1e3 * thing["vertices"][thing["faces"]]
-    poses = shown_poses(np.nan_to_num(length))
-    corners = 1e3 * hand.corners(pose[poses]) if len(poses) else np.zeros((0, 4, 3))
-    extent = np.concatenate([triangles.reshape(-1, 3), corners.reshape(-1, 3)])
-    middle, reach = (extent.min(axis=0) + extent.max(axis=0)) / 2, 0.4 * np.ptp(extent, axis=0).max()
-    for axes in scenes[len(poses) :]:
-        axes.set_visible(False)
-    for axes, i, palm in zip(scenes, poses, corners, strict=False):
-        batch = ContourBatch.from_arrays(file.contours(int(i), int(i) + 1))
-        segment = np.flatnonzero(np.isin(np.arange(batch.point_count - 1), batch.polyline_start[1:] - 1, invert=True))
-        ends = 1e3 * np.stack([batch.points[segment], batch.points[segment + 1]], axis=1)
-        colours = np.where(batch.kind[segment] == HAND, COLOURS["hand"], COLOURS["object"])
-        axes.computed_zorder = False  # contours over the palm over the object: depth sorting would hide them in turn
+    normal = rotated(pose[:, 3:], np.array([0.0, 1.0, 0.0]))
+    poses = shown_poses(np.nan_to_num(length), normal)
+    corners = 1e3 * hand.corners(pose[poses])
+    drawn = np.nan_to_num(length)[poses] > 0
+    extent = np.concatenate([triangles.reshape(-1, 3), corners[drawn].reshape(-1, 3)])
+    middle, reach = (extent.min(axis=0) + extent.max(axis=0)) / 2, 0.5 * np.ptp(extent, axis=0).max()
+    for k, (i, palm) in enumerate(zip(poses, corners, strict=True)):
+        axes = figure.add_subplot(1, len(poses), k + 1, projection="3d")
+        axes.computed_zorder = False  # contours over the palm over the object: sorting by depth hides them in turn
         axes.add_collection3d(Poly3DCollection(triangles, facecolors=COLOURS["mesh"], alpha=0.1, shade=True, zorder=1))
-        axes.add_collection3d(
-            Poly3DCollection([palm], facecolor=COLOURS["palm"], edgecolor="none", alpha=0.4, zorder=2)
-        )
-        axes.add_collection3d(Line3DCollection(list(ends), colors=list(colours), lw=2.2, capstyle="round", zorder=3))
+        if drawn[k]:
+            batch = ContourBatch.from_arrays(file.contours(int(i), int(i) + 1))
+            last = batch.polyline_start[1:] - 1
+            segment = np.setdiff1d(np.arange(batch.point_count), last)
+            ends = 1e3 * np.stack([batch.points[segment], batch.points[segment + 1]], axis=1)
+            colours = [COLOURS["hand"] if kind == HAND else COLOURS["object"] for kind in batch.kind[segment]]
+            skin = Poly3DCollection([palm], facecolor=COLOURS["palm"], edgecolor="none", alpha=0.4, zorder=2)
+            axes.add_collection3d(skin)
+            axes.add_collection3d(Line3DCollection(list(ends), colors=colours, lw=2.2, capstyle="round", zorder=3))
         for name, m in zip("xyz", middle, strict=True):
             getattr(axes, f"set_{name}lim")(m - reach, m + reach)
-        axes.set_box_aspect((1, 1, 1))
-        axes.view_init(elev=22, azim=-60)
+        axes.set_box_aspect((1, 1, 1), zoom=1.35)
+        axes.view_init(elev=ELEVATION, azim=AZIMUTH)
         axes.set_axis_off()
-        axes.set_title(title.format(across[i]), fontsize=8, y=0.97)
-    if (np.nan_to_num(length) > 0).any():
-        scenes[0].plot([], [], [], color=COLOURS["object"], lw=2.2, label="object's contour")
-        scenes[0].plot([], [], [], color=COLOURS["hand"], lw=2.2, label="palm's boundary inside it")
-        scenes[0].legend(loc="lower left", frameon=False, fontsize=7, bbox_to_anchor=(-0.1, -0.12))
+        axes.set_title(title.format(across[i]) if drawn[k] else "no contour", fontsize=8)
+    if drawn.any():
+        from matplotlib.lines import Line2D
+
+        lines = [Line2D([], [], color=COLOURS[name], lw=2.2) for name in ("object", "hand")]
+        names = ["object's contour", "palm's boundary inside it"]
+        figure.legend(lines, names, loc="outside lower center", ncols=2, frameon=False)

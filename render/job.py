@@ -7,6 +7,7 @@ from time import perf_counter
 import warp as wp
 
 from ..datasets.check import check_file
+from ..datasets.errors import MotionError
 from ..datasets.motion import HandMotion, exploration
 from ..device.array import array_model
 from ..device.emulator import EmulatorBackend
@@ -24,6 +25,9 @@ from .strategy import load_strategy
 from .summary import summarise
 
 EXPLORATION = "exploration"
+EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
+SUFFIXES = (".h5", ".hdf5")
+TOLD_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
 
 
 @dataclass(frozen=True)
@@ -52,16 +56,36 @@ def chosen_device(name: str) -> str:
 
 
 def load_motion(source: str, thing: MeshObject, options: dict) -> HandMotion:
-    """A motion from a file, or a synthetic exploration of the object."""
+    """A motion from a file, or a synthetic exploration of the object; options that are None take their defaults."""
+    given = {name: value for name, value in options.items() if value is not None}
     if source == EXPLORATION:
-        return exploration(thing.bounds, **options)
+        try:
+            return exploration(thing.bounds, **{**EXPLORATION_DEFAULTS, **given})
+        except MotionError as error:
+            raise StrategyError(f"{EXPLORATION}: {error}") from error
+    if given:
+        raise StrategyError(f"--{next(iter(given))} is for a synthetic exploration, but the motion is {source}")
     return HandMotion.load(source)
 
 
-def run_render(job: RenderJob, *, as_json: bool) -> None:
+def warn_if_apart(thing: MeshObject, motion: HandMotion, drawn: int) -> None:
+    """Warn that no pose met the object, with what is needed to see why."""
+    if drawn:
+        return
+    low, high = motion.pose[:, :3].min(axis=0), motion.pose[:, :3].max(axis=0)
+    console.errors.print(
+        f"[yellow]warning:[/] no pose meets the object: it reaches from {console.shown(thing.bounds[0].tolist())} to "
+        f"{console.shown(thing.bounds[1].tolist())} m, the palms' centres from {console.shown(low.tolist())} to "
+        f"{console.shown(high.tolist())} m; see --at and --scale"
+    )
+
+
+def run_render(job: RenderJob, *, as_json: bool) -> int:
     """Render, write, summarise."""
     if job.resume and job.overwrite:
         raise StrategyError("--resume and --overwrite exclude each other")
+    if job.out.suffix not in SUFFIXES:
+        raise StrategyError(f"{job.out}: a contour file must end in {' or '.join(SUFFIXES)}")
     console.start_warp()
     strategy = load_strategy(job.strategy)
     hand = Palm(*job.palm)
@@ -70,25 +94,38 @@ def run_render(job: RenderJob, *, as_json: bool) -> None:
     if strategy.needs_closed:
         thing.require_closed()
     motion = load_motion(job.motion, thing, job.exploration)
+    done = len(motion)
     started = perf_counter()
-    with console.progress_bar("poses", quiet=as_json) as progress:
-        recording = record(
-            job.out,
-            thing,
-            hand,
-            motion,
-            strategy,
-            mode="resume" if job.resume else "overwrite" if job.overwrite else "create",
-            device=chosen_device(job.device),
-            memory=job.memory,
-            gzip=job.gzip,
-            progress=progress,
-        )
+    try:
+        with console.progress_bar("poses", quiet=as_json) as bar:
+
+            def progress(count: int, total: int) -> None:
+                nonlocal done
+                done = count
+                bar(count, total)
+
+            recording = record(
+                job.out,
+                thing,
+                hand,
+                motion,
+                strategy,
+                mode="resume" if job.resume else "overwrite" if job.overwrite else "create",
+                device=chosen_device(job.device),
+                memory=job.memory,
+                gzip=job.gzip,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        message = f"interrupted: {done} of {len(motion)} poses are done and kept, --resume goes on"
+        return console.fail(message, console.FAILED, as_json)
     seconds = perf_counter() - started
     for repair in recording.repairs:
         console.errors.print(f"[yellow]warning:[/] {repair}")
-    rendering = {"poses_rendered": recording.rendered, "seconds": seconds}
-    console.say({**summarise(job.out), **rendering}, as_json=as_json, title=str(job.out))
+    summary = {**summarise(job.out), "poses_rendered": recording.rendered, "seconds": seconds}
+    warn_if_apart(thing, motion, summary["poses_drawn"])
+    console.say(summary, as_json=as_json, title=str(job.out), told=TOLD_OF_RENDERING)
+    return console.DONE
 
 
 def run_info(file: Path, *, as_json: bool) -> None:

@@ -45,10 +45,17 @@ class MeshReport:
 
 
 def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Merge vertices of equal coordinates; unused ones disappear."""
+    """Merge vertices of equal coordinates, each at the place of the first; unused ones disappear.
+
+    The order of what is left does not depend on where the mesh lies, so neither does the order of its contours.
+    """
     used, faces = np.unique(faces, return_inverse=True)
-    merged, index = np.unique(vertices[used] + 0.0, axis=0, return_inverse=True)  # + 0.0: -0 is 0
-    return merged, index.ravel()[faces.reshape(-1, 3)].astype(np.int32)
+    points = vertices[used] + 0.0  # -0 is 0
+    _, first, index = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.zeros(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    return points[first[order]], rank[index.ravel()][faces.reshape(-1, 3)].astype(np.int32)
 
 
 def drop_faces(faces: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..datasets.shapes import shape, shape_names
 from ..kernels.winged import WingedEdges, upload_mesh, wing_edges
-from .errors import MeshError, PalpateWarning
+from .errors import MeshError, PalpateWarning, PlacementError
 from .mend import mend_mesh, warn_of
 
 SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
@@ -36,14 +36,14 @@ class Placement:
     def __post_init__(self) -> None:
         """Refuse what cannot be applied."""
         if not (np.isfinite(self.scale) and self.scale > 0):
-            raise MeshError(f"scale must be positive, not {self.scale}")
+            raise PlacementError(f"scale must be positive, not {self.scale}")
         if self.up not in UP_AXES:
-            raise MeshError(f"up must be one of {', '.join(UP_AXES)}, not {self.up!r}")
+            raise PlacementError(f"up must be one of {', '.join(UP_AXES)}, not {self.up!r}")
         if self.fit is not None and not (np.isfinite(self.fit) and self.fit > 0):
-            raise MeshError(f"fit must be a positive length in metres, not {self.fit}")
+            raise PlacementError(f"fit must be a positive length in metres, not {self.fit}")
         for field, value in (("rotate", self.rotate), ("at", self.at)):
             if value is not None and (len(value) != 3 or not np.isfinite(value).all()):
-                raise MeshError(f"{field} must be three finite numbers, not {value}")
+                raise PlacementError(f"{field} must be three finite numbers, not {value}")
 
     def applied_to(self, vertices: np.ndarray) -> np.ndarray:
         """Placed vertices [m], shape [vertex, 3]."""
@@ -140,10 +140,10 @@ class MeshObject:
                 PalpateWarning,
                 stacklevel=3,
             )
-        elif self.bounds[1, 2] <= 0:
+        elif self.bounds[0, 2] < 0:
             warnings.warn(
-                f"{self.name}: lies behind the array (z from {self.bounds[0, 2]:.4g} to {self.bounds[1, 2]:.4g} m); "
-                "use --at 0 0 0.2 to place it in front",
+                f"{self.name}: reaches behind the array (z from {self.bounds[0, 2]:.4g} to {self.bounds[1, 2]:.4g} m): "
+                "coordinates are taken as they are, --at 0 0 0.2 places it in front",
                 PalpateWarning,
                 stacklevel=3,
             )

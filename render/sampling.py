@@ -172,6 +172,47 @@ class Path:
         return float(self.arc[best] + t[best] * np.sqrt(square[best]))
 
 
+class Probe:
+    """A place on the skin that is watched until the focal point has left it and passed it again.
+
+    It is left and passed where the focal point is farther and nearer than REVISIT_RADIUS; the moment of passing is that
+    of the smallest distance, so that a still contour gives v / L.
+    """
+
+    def __init__(self, place: np.ndarray) -> None:
+        self.age = 0.0  # [s]
+        self.passed_at = 0.0  # age at the smallest distance of the pass [s]
+        self.passed = False
+        self.over = False
+        self._place = place
+        self._left = False
+        self._nearest = np.inf  # smallest distance of the pass under way [m]
+
+    def watch(self, skin: np.ndarray, period: float) -> int:
+        """Look at the next points [m], shape [sample, 3]; returns at how many, fewer than all once it is over."""
+        distance = np.linalg.norm(skin - self._place, axis=1)
+        near = distance < REVISIT_RADIUS
+        i = 0 if self._left else first_true(~near)
+        self._left = self._left or i < len(near)
+        if self._nearest == np.inf:
+            i += first_true(near[i:])
+        if i < len(near):
+            stop = i + first_true(~near[i:])
+            best = i + int(np.argmin(np.append(distance[i:stop], np.inf)))
+            if stop > i and distance[best] < self._nearest:
+                self._nearest, self.passed_at = float(distance[best]), self.age + best * period
+            self.passed = self.over = stop < len(near)
+            i = stop
+        self.age += i * period
+        self.over = self.over or self.age > REVISIT_LIMIT
+        return max(i, 1)
+
+
+def first_true(flags: np.ndarray) -> int:
+    """Place of the first that holds, their number if none does."""
+    return int(np.argmax(flags)) if flags.any() else len(flags)
+
+
 class Sampler:
     """Draws one pose after another; keeps where the focal point is and counts what happens."""
 
@@ -184,7 +225,7 @@ class Sampler:
         self._arc = 0.0  # its arc length there [m]
         self._drawn = False  # something has been drawn
         self._silent = True  # the last sample was
-        self._probe: tuple[np.ndarray, float, bool] | None = None  # place on the skin, age [s], whether it was left
+        self._probe: Probe | None = None
 
     def draw(
         self, path: Path | None, pose: np.ndarray, sample_count: int, *, age: float = 0.0, hold: float = np.inf
@@ -239,7 +280,7 @@ class Sampler:
         self.count.jump_length += float(steps[jump].sum())
 
     def _count_revisits(self, point: np.ndarray, drawn: np.ndarray, pose: np.ndarray) -> None:
-        """Wait, on the skin, for the focal point to leave a place and come back to it; then pick the next place."""
+        """Wait, on the skin, until the focal point has left a place and passed it again; then pick the next place."""
         if not drawn.all():
             self._probe = None
             return
@@ -248,21 +289,12 @@ class Sampler:
         first = 0
         while first < len(skin):
             if self._probe is None:
-                self._probe = (skin[first], 0.0, False)
-            place, age, left = self._probe
-            distance = np.linalg.norm(skin[first:] - place, axis=1)
-            away = np.flatnonzero(distance > 2 * REVISIT_RADIUS)
-            leaving = 0 if left else (int(away[0]) if len(away) else len(distance))
-            back = np.flatnonzero(distance[leaving:] < REVISIT_RADIUS)
-            passed = leaving + int(back[0]) if len(back) else len(distance)
-            age += passed / self.strategy.update_rate
-            if len(back) or age > REVISIT_LIMIT:
-                self.count.revisits += int(len(back) > 0)
-                self.count.revisit_time += age
+                self._probe = Probe(skin[first])
+            first += self._probe.watch(skin[first:], 1.0 / self.strategy.update_rate)
+            if self._probe.over:
+                self.count.revisits += int(self._probe.passed)
+                self.count.revisit_time += self._probe.passed_at if self._probe.passed else self._probe.age
                 self._probe = None
-            else:
-                self._probe = (place, age, left or leaving < len(distance))
-            first += max(passed, 1)
 
 
 def sample_bounds(time: np.ndarray, duration: float, update_rate: float) -> np.ndarray:

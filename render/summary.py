@@ -47,6 +47,7 @@ def summarise(path: str | Path) -> dict:
             "points": file.point_count,
             "duration": None if time is None or len(time) < 2 else float(time[-1] + np.median(np.diff(time))),
             "length_mean": mean[0],
+            "length_mean_drawn": totals[0] / drawn if drawn else None,
             "length_longest": longest,
             "length_object_mean": mean[1],
             "length_hand_mean": mean[2],

@@ -125,9 +125,49 @@ def test_selftest_plays_a_point_and_a_circle():
     assert told["circle_off_confirmed"]
 
 
-def test_figure_is_drawn_of_several_files(rendered, tmp_path):
-    assert run("figure", rendered, rendered, "-o", tmp_path / "picture.png").exit_code == 0
+def test_figure_is_drawn_of_files_of_one_object_and_motion(rendered, motion, tmp_path):
+    run("render", "tube", motion, "-o", tmp_path / "oc.h5", "--strategy", "oc")
+    assert run("figure", tmp_path / "oc.h5", rendered, "-o", tmp_path / "picture.png").exit_code == 0
     assert (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
+    run("render", "cube", motion, "-o", tmp_path / "cube.h5")
+    refused(MISUSED, "another object", "figure", rendered, tmp_path / "cube.h5", "-o", tmp_path / "two.png")
+    refused(MISUSED, "must end in one of .png", "figure", rendered, "-o", tmp_path / "picture.bmp")
+    refused(FAILED, "cannot be written", "figure", rendered, "-o", tmp_path / "none" / "picture.png")
+
+
+@pytest.mark.parametrize("heights", [[0.2], [0.2, 0.201], [5.0], [5.0, 0.2, 5.0]])
+def test_figure_is_drawn_of_few_poses_and_of_none_that_meet_the_object(heights, tmp_path):
+    rows = "".join(f"0,0,{z},0.7071068,0,0,0.7071068\n" for z in heights)
+    (tmp_path / "few.csv").write_text("x,y,z,qx,qy,qz,qw\n" + rows)
+    result = run("render", "tube", tmp_path / "few.csv", "-o", tmp_path / "few.h5")
+    assert result.exit_code == 0
+    assert ("no pose meets the object" in " ".join(result.stderr.split())) == (min(heights) > 1)
+    assert run("figure", tmp_path / "few.h5", "-o", tmp_path / "few.svg").exit_code == 0
+    assert "<svg" in (tmp_path / "few.svg").read_text()
+
+
+def test_r_is_null_where_nothing_of_the_object_is_drawn(motion, tmp_path):
+    """A palm that stays inside the cube: closed contours, no open ones; poses outside count with length 0."""
+    told = answer("render", "cube", motion, "-o", tmp_path / "inside.h5")
+    assert told["poses_drawn"] < told["poses"]
+    assert told["length_object_mean"] == 0
+    assert told["r"] is None
+    assert told["length_mean"] == pytest.approx(0.34 * told["poses_drawn"] / told["poses"], abs=1e-6)
+
+
+def test_r_is_a_ratio_of_means_over_all_poses_not_a_mean_of_ratios(tmp_path):
+    told = answer("render", "cube", "exploration", "-o", tmp_path / "cube.h5", "--duration", "20")
+    with ContourFile(tmp_path / "cube.h5") as file:
+        metrics = file.metrics()
+    whole, own = metrics["length"].astype(float), metrics["length_object"].astype(float)
+    assert ((whole > 0) & (own == 0)).any()  # palms inside: their own ratio would be infinite
+    assert told["r"] == pytest.approx(whole.mean() / own.mean(), rel=1e-6)
+
+
+def test_units_are_in_the_help():
+    for command, units in (("render", ("[m]", "[degree]", "[s]", "[Hz]", "[MB]")), ("play", ("[m/s]", "[Hz]", "[s]"))):
+        text = run(command, "--help").output
+        assert all(unit in text for unit in units), command
 
 
 def test_check_exits_with_1_and_names_the_place(rendered, tmp_path):
@@ -161,7 +201,10 @@ def test_bad_objects_motions_and_options_are_refused(motion, tmp_path):
     refused(MISUSED, "unknown strategy 'xx'", "render", "cube", motion, "-o", out, "--strategy", "xx")
     refused(MISUSED, "no device 'cuda:7'", "render", "cube", motion, "-o", out, "--device", "cuda:7")
     refused(MISUSED, "palm width", "render", "cube", motion, "-o", out, "--palm", "0", "0.1")
-    refused(FAILED, "fit must be", "render", "cube", motion, "-o", out, "--fit", "-1")
+    refused(MISUSED, "fit must be", "render", "cube", motion, "-o", out, "--fit", "-1")
+    refused(MISUSED, "must end in .h5", "render", "cube", motion, "-o", tmp_path / "out.txt")
+    refused(MISUSED, "--seed is for a synthetic exploration", "render", "cube", motion, "-o", out, "--seed", "3")
+    refused(MISUSED, "duration must be", "render", "cube", "exploration", "-o", out, "--duration", "-1")
     refused(FAILED, "no folder", "render", "cube", motion, "-o", tmp_path / "none" / "out.h5")
     bad = tmp_path / "bad.csv"
     for rows, message in (
@@ -228,6 +271,7 @@ def test_unknown_arrays_rates_and_clocks_are_misuse(rendered):
     refused(MISUSED, "7000 Hz", "play", rendered, "--update-rate", "7000")
     refused(MISUSED, "speed must lie", "play", rendered, "--speed", "0")
     refused(MISUSED, "unknown clock", "play", rendered, "--clock", "sundial")
+    refused(MISUSED, "speed of sound", "play", rendered, "--sound-speed", "0", "--clock", "virtual")
     refused(MISUSED, "height must lie", "selftest", "--height", "3", "--clock", "virtual")
     assert run("play").exit_code == MISUSED
     assert run("dance").exit_code == MISUSED
@@ -277,6 +321,19 @@ def test_signal_switches_the_array_off(rendered, number):
 def render_command(path, *more):
     command = ["render", "tube", "exploration", "-o", str(path), "--duration", "2000", "--memory", "8", *more]
     return [*PALPATE, *command, "--json"]
+
+
+def test_interrupted_rendering_says_how_to_go_on(tmp_path):
+    path = tmp_path / "stopped.h5"
+    process = subprocess.Popen(render_command(path), stdout=-1, stderr=-1, text=True)
+    folder = tmp_path / "stopped.h5.partial"
+    while process.poll() is None and len(list(folder.glob("poses-*.h5"))) < 3:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == FAILED
+    assert "Traceback" not in err
+    assert "of 180000 poses are done and kept, --resume goes on" in json.loads(out)["error"]
 
 
 def test_killed_rendering_is_resumed_to_the_same_data(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from palpate.render import MeshObject, Palm, Placement, closed_contour, open_contour, render
-from palpate.render.errors import MeshError, PalpateWarning
+from palpate.render.errors import MeshError, PalpateWarning, PlacementError
 
 BOX = trimesh.creation.box([0.1, 0.1, 0.1], transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
 
@@ -221,7 +221,7 @@ def test_size_in_millimetres_is_warned_of_with_the_size():
 
 def test_object_behind_the_array_is_warned_of():
     vertices, faces = box(at=(0, 0, -0.2))
-    with pytest.warns(PalpateWarning, match="behind the array"):
+    with pytest.warns(PalpateWarning, match="reaches behind the array"):
         MeshObject(vertices, faces)
 
 
@@ -260,7 +260,7 @@ def test_every_up_axis_ends_on_top(up):
     ],
 )
 def test_impossible_placement_is_refused_with_its_field(field, value):
-    with pytest.raises(MeshError, match=field):
+    with pytest.raises(PlacementError, match=field):
         Placement(**{field: value})
 
 

@@ -87,7 +87,13 @@ def test_contour_longer_than_a_pose_interval_is_still_drawn_whole():
     position, _, count = sampled([[(ring, True)]] * 90, np.arange(90) / 90.0, 1.0)
     seen = np.unique(np.floor((np.arctan2(position[:, 1], position[:, 0]) + np.pi) / (2 * np.pi) * 36).clip(0, 35))
     assert len(seen) == 36
-    assert count.revisit_rate == pytest.approx(7.0 / 0.377, rel=0.05)
+    assert count.revisit_rate == pytest.approx(7.0 / 0.377, rel=0.002)
+
+
+@pytest.mark.parametrize("side", [0.015, 0.02, 0.085])
+def test_revisit_rate_of_a_still_contour_is_its_draw_frequency(side):
+    _, _, count = sampled([[(square(side), True)]], [0.0], 2.0)
+    assert count.revisit_rate == pytest.approx(7.0 / (4 * side), rel=0.01)
 
 
 def test_revisits_fall_behind_the_nominal_rate_where_contours_alternate():

@@ -46,7 +46,7 @@ def draw_figure(paths: dict[str, Path], picture: Path, *, sampling: SamplingStra
     sampling = sampling or SamplingStrategy()
     with mpl.rc_context({"font.size": 8, "axes.spines.top": False, "axes.spines.right": False}):
         figure = Figure(figsize=(9.6, 5.2), layout="constrained")
-        top, bottom = figure.subfigures(2, 1, height_ratios=[1.7, 1])
+        top, bottom = np.ravel(figure.subfigures(2, 1, height_ratios=[1.7, 1]))
         length_axes, frequency_axes = bottom.subplots(1, 2, sharex=True)
         time = None
         for k, (label, path) in enumerate(paths.items()):

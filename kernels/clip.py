@@ -19,7 +19,7 @@ class Passage:
 
 
 @wp.func
-def passage_of(p: wp.vec2, q: wp.vec2, code_p: int, code_q: int, half: wp.vec2):
+def passage_of(p: wp.vec2d, q: wp.vec2d, code_p: int, code_q: int, half: wp.vec2d):
     """Sides by which p -> q enters and leaves the patch."""
     t = Passage()
     t.enter = NONE
@@ -35,7 +35,7 @@ def passage_of(p: wp.vec2, q: wp.vec2, code_p: int, code_q: int, half: wp.vec2):
 
 
 @wp.func
-def first_entry(lines: Polylines, base: wp.int64, count: int, half: wp.vec2):
+def first_entry(lines: Polylines, base: wp.int64, count: int, half: wp.vec2d):
     """Number of the first segment of a loop that enters the patch; -1 if none does, -2 if no point is outside."""
     outside = int(0)
     p = lines.point[base]
@@ -54,7 +54,7 @@ def first_entry(lines: Polylines, base: wp.int64, count: int, half: wp.vec2):
 
 
 @wp.func
-def winding_step(p: wp.vec2, q: wp.vec2, code_p: int, code_q: int, half: wp.vec2):
+def winding_step(p: wp.vec2d, q: wp.vec2d, code_p: int, code_q: int, half: wp.vec2d):
     """What a segment adds to the winding number around corner 0: a ray along side 0's line, away from the patch.
 
         crosses that line   beyond the corner   adds
@@ -131,7 +131,7 @@ def _count_pieces(
 
 
 @wp.func
-def write_point(out: Polylines, i: wp.int64, p: wp.vec2, key: int):
+def write_point(out: Polylines, i: wp.int64, p: wp.vec2d, key: int):
     """Write point i; its kind stays object."""
     out.point[i] = p
     out.key[i] = key

@@ -121,7 +121,7 @@ def _match_pieces(
 
 
 @wp.func
-def write_corner(out: Polylines, i: wp.int64, k: int, half: wp.vec2, edge_count: int):
+def write_corner(out: Polylines, i: wp.int64, k: int, half: wp.vec2d, edge_count: int):
     """Write patch corner k as point i, hand kind."""
     out.point[i] = corner(k, half)
     out.key[i] = 3 * edge_count + k

@@ -20,7 +20,7 @@ class Polylines:
     polyline_start: wp.array[wp.int64]  # offsets into points, shape [polyline + 1]
     closed: wp.array[wp.uint8]  # shape [polyline]
     side: wp.array[wp.vec2i]  # patch sides by which an open one enters and leaves, -1 for none, shape [polyline]
-    point: wp.array[wp.vec2]  # [m], shape [point]
+    point: wp.array[wp.vec2d]  # [m], shape [point]
     key: wp.array[wp.int32]  # shape [point]
     kind: wp.array[wp.uint8]  # of the segment that starts here, shape [point]
 
@@ -40,7 +40,7 @@ def empty_polylines(section_start: wp.array, polyline_count: int, point_count: i
     out.polyline_start = wp.zeros(polyline_count + 1, dtype=wp.int64, device=device)
     out.closed = wp.zeros(polyline_count, dtype=wp.uint8, device=device)
     out.side = wp.empty(polyline_count, dtype=wp.vec2i, device=device)
-    out.point = wp.empty(point_count, dtype=wp.vec2, device=device)
+    out.point = wp.empty(point_count, dtype=wp.vec2d, device=device)
     out.key = wp.empty(point_count, dtype=wp.int32, device=device)
     out.kind = wp.zeros(point_count, dtype=wp.uint8, device=device)
     return out

@@ -16,7 +16,7 @@ class Crossings:
     section_start: wp.array[wp.int64]  # offsets into crossings, shape [section + 1]
     key: wp.array[wp.int32]  # of the mesh edge, ascending within a section
     next_key: wp.array[wp.int32]  # of the crossing that follows, the solid on the left; OPEN at an open border
-    point: wp.array[wp.vec2]  # in the patch's frame [m]
+    point: wp.array[wp.vec2d]  # in the patch's frame [m]
 
 
 @wp.func
@@ -89,7 +89,7 @@ def _slice_mesh(
             q = flat(frame, y)
             crossings.key[i] = edge
             crossings.next_key[i] = key_after(mesh, frame, edge, above(a))
-            crossings.point[i] = wp.vec2(blend(p[0], q[0], a, b), blend(p[1], q[1], a, b))
+            crossings.point[i] = wp.vec2d(blend(p[0], q[0], a, b), blend(p[1], q[1], a, b))
             i += wp.int64(1)
 
 
@@ -120,6 +120,6 @@ def slice_mesh(mesh: WingedMesh, pose: wp.array, patch: wp.array, *, limit: int 
         raise CrossingLimitError(total, limit)
     crossings.key = wp.empty(total, dtype=wp.int32, device=device)
     crossings.next_key = wp.empty(total, dtype=wp.int32, device=device)
-    crossings.point = wp.empty(total, dtype=wp.vec2, device=device)
+    crossings.point = wp.empty(total, dtype=wp.vec2d, device=device)
     wp.launch(_slice_mesh, section_count, inputs=[mesh, pose, patch], outputs=[crossings], device=device)
     return crossings

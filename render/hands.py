@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import warp as wp
 
-from ..kernels.patch import Patch
+from ..kernels.patch import ON, Patch
 from .errors import StrategyError
 
 
@@ -33,8 +33,8 @@ class Palm:
     def on(self, device: str) -> wp.array:
         """Patches on a Warp device, dtype Patch, shape [patch]."""
         patch = Patch()
-        patch.u, patch.v, patch.n = wp.vec3(1.0, 0.0, 0.0), wp.vec3(0.0, 0.0, -1.0), wp.vec3(0.0, 1.0, 0.0)
-        patch.half = wp.vec2(self.width / 2, self.length / 2)
+        patch.u, patch.v, patch.n = wp.vec3d(1.0, 0.0, 0.0), wp.vec3d(0.0, 0.0, -1.0), wp.vec3d(0.0, 1.0, 0.0)
+        patch.half = wp.vec2d(self.width / 2 - float(ON), self.length / 2 - float(ON))
         return wp.array([patch], dtype=Patch, device=device)
 
     def corners(self, pose: np.ndarray) -> np.ndarray:

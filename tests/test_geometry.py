@@ -130,6 +130,38 @@ def test_degenerate_poses_equal_a_nearby_answer(name, device):
     assert degenerate >= 8 if name != "dog" else True
 
 
+def test_palm_flush_with_a_face_gives_all_of_it_or_nothing_however_it_is_turned(device):
+    cube = MeshObject.load("cube")
+    half_turn = np.pi * np.arange(400) / 400.0
+    c, s = np.cos(half_turn / 2), np.sin(half_turn / 2)
+    quaternion = np.stack([c, s, s, c], axis=1) * np.sqrt(0.5)  # n = +z, turned about it
+    for z, whole in ((0.135, 0.0), (0.265, 0.34)):
+        poses = np.hstack([np.tile([0.0, 0.0, z], (400, 1)), quaternion]).astype(np.float32)
+        oc = render(cube, Palm(0.06, 0.06), poses, open_contour(), device=device).length()
+        cc = render(cube, PALM, poses, closed_contour(), device=device).length()
+        assert not oc.any()
+        assert set(np.round(cc, 5)) == {np.float32(whole)}
+
+
+@pytest.mark.parametrize("tilt", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
+def test_palms_nearly_flush_with_a_face_are_as_exact_as_any(tilt, device):
+    cube = MeshObject.load("cube")
+    rng = np.random.default_rng(int(1 / tilt))
+    poses = []
+    for _ in range(60):
+        around = rng.uniform(0, 2 * np.pi)
+        lean = Rotation.from_rotvec(tilt * np.array([np.cos(around), np.sin(around), 0]))
+        turned = lean * Rotation.from_euler("z", rng.uniform(0, 2 * np.pi)) * Rotation.from_matrix(lying_rotation())
+        z = rng.choice([0.135, 0.265]) + rng.uniform(-0.05, 0.05) * tilt
+        poses.append(pose_of([*rng.uniform(-0.03, 0.03, 2), z], turned.as_matrix()))
+    oc = render(cube, PALM, np.array(poses), open_contour(), device=device)
+    cc = render(cube, PALM, np.array(poses), closed_contour(), device=device)
+    for i, pose in enumerate(poses):
+        expected = cut_mesh(cube.vertices, cube.faces, pose, HALF)
+        fits = agrees(i, oc, cc, expected)
+        assert fits, (i, expected, found(oc, i), found(cc, i))
+
+
 def test_flush_face_belongs_to_one_side_only(device):
     cube = MeshObject.load("cube")
     heights = [(0.265, False), (0.265, True), (0.135, False), (0.135, True)]

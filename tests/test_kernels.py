@@ -31,8 +31,8 @@ def random_poses(count, seed):
 
 def patches(device, half=(1.0, 1.0)):
     patch = Patch()
-    patch.u, patch.v, patch.n = wp.vec3(1.0, 0.0, 0.0), wp.vec3(0.0, 1.0, 0.0), wp.vec3(0.0, 0.0, 1.0)
-    patch.half = wp.vec2(*half)
+    patch.u, patch.v, patch.n = wp.vec3d(1.0, 0.0, 0.0), wp.vec3d(0.0, 1.0, 0.0), wp.vec3d(0.0, 0.0, 1.0)
+    patch.half = wp.vec2d(*half)
     return wp.array([patch], dtype=Patch, device=device)
 
 
@@ -94,7 +94,7 @@ def test_chains_are_walked_like_the_oracle_walks(data, device):
     crossings.key = wp.array(np.array(key, np.int32), device=device)
     crossings.next_key = wp.array(np.array(after, np.int32), device=device)
     crossings.point = wp.array(
-        np.array(key, np.float32)[:, None] * np.ones((1, 2), np.float32), dtype=wp.vec2, device=device
+        np.array(key, np.float32)[:, None] * np.ones((1, 2), np.float32), dtype=wp.vec2d, device=device
     )
     lines = chain_crossings(crossings)
     section_start, polyline_start = lines.section_start.numpy(), lines.polyline_start.numpy()
@@ -139,7 +139,7 @@ def lines_of(loops, device):
     lines.polyline_start = wp.array(np.concatenate([[0], np.cumsum(count)]).astype(np.int64), device=device)
     lines.closed = wp.array(np.ones(len(loops), np.uint8), device=device)
     lines.side = wp.full(len(loops), wp.vec2i(-1, -1), dtype=wp.vec2i, device=device)
-    lines.point = wp.array(np.concatenate(loops), dtype=wp.vec2, device=device)
+    lines.point = wp.array(np.concatenate(loops), dtype=wp.vec2d, device=device)
     lines.key = wp.array(np.arange(total, dtype=np.int32), device=device)
     lines.kind = wp.zeros(total, dtype=wp.uint8, device=device)
     return lines

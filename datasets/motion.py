@@ -24,6 +24,13 @@ PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 NORM_TOLERANCE = 1e-3
 """A quaternion's norm may differ from 1 by this much; farther off it is no rotation and is refused."""
 
+BOUNDS_FARTHEST = 100.0
+"""An exploration is of an object this near to the array [m]; farther is a mistake of units."""
+POSES_MOST = 1e9
+"""Poses of one exploration: 36 GB of them."""
+SEED_MOST = 2**63 - 1
+"""A seed fits an HDF5 integer."""
+
 _NORM_ROUNDING = 1e-7  # all a unit quaternion loses in float32; left alone, so that reading back changes no bit
 
 
@@ -109,15 +116,19 @@ def exploration(bounds: ArrayLike, *, duration: float, rate: float = 90.0, seed:
     it, at k / rate < duration. Raises MotionError for a bad argument, and where the object leaves no room above 60 mm.
     """
     box = _numbers(bounds, "bounds", (2, 3))
-    if not np.isfinite(box).all() or (box[0] > box[1]).any():
-        raise MotionError(f"bounds must be finite, minimum before maximum, got {box.tolist()}")
+    if not (np.abs(box) <= BOUNDS_FARTHEST).all() or (box[0] > box[1]).any():
+        raise MotionError(
+            f"bounds must be finite, minimum before maximum and within {BOUNDS_FARTHEST:g} m, got {box.tolist()}"
+        )
     if box[1, 2] + MARGIN <= FLOOR:
         raise MotionError(f"the object's top at z = {box[1, 2]:g} m leaves a hand no room {FLOOR:g} m above the array")
     for name, value in (("duration", duration), ("rate", rate)):
         if not (math.isfinite(value) and value > 0.0):
             raise MotionError(f"{name} must be finite and greater than 0, got {value!r}")
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts pass floats
-        raise MotionError(f"seed must be an integer of at least 0, got {seed!r}")
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= SEED_MOST:  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts pass floats
+        raise MotionError(f"seed must be an integer of 0 to {SEED_MOST}, got {seed!r}")
+    if duration * rate > POSES_MOST:
+        raise MotionError(f"{duration:g} s at {rate:g} Hz are more than {POSES_MOST:g} poses")
     count = max(1, math.ceil(duration * rate - 1e-9))  # 1e-9: 0.1 s x 30 Hz is three poses
     time = np.arange(count) / rate
     return _motion(time, exploration_path(box, time, seed), seed=seed)

@@ -12,11 +12,12 @@
 
 import importlib
 import io
+import math
 import os
 from array import array
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,11 +168,11 @@ def _rows_from_hdf5(path: Path) -> MotionRows:
                 raise MotionError("an HDF5 file without /motion/pose")
             pose = _dataset(group, "pose")
             time = _dataset(group, "time") if "time" in group else None
-            seed: Any = group.attrs.get("seed", file.attrs.get("seed"))
-            offset = float(group.attrs.get("offset", 0.0))
+            seed = _whole(group.attrs.get("seed", file.attrs.get("seed")))
+            offset = _number(group.attrs.get("offset", 0.0))
     except (OSError, KeyError, RuntimeError) as error:  # what h5py raises for a foreign or a damaged file
         raise MotionError(f"not a readable HDF5 file ({error})") from error
-    return MotionRows(time, pose, offset, None if seed is None else int(seed), row_place)
+    return MotionRows(time, pose, offset, seed, row_place)
 
 
 def _dataset(group: Any, name: str) -> NDArray[np.float64]:
@@ -196,3 +197,16 @@ def _hdf5_bytes(rows: MotionRows) -> bytes:
             time: Any = group.create_dataset("time", data=rows.time, fletcher32=True)
             time.attrs["units"] = "s"
     return image.getvalue()
+
+
+def _number(value: Any) -> float:
+    """A number that an attribute holds; NaN, which no motion accepts, where it holds something else."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan
+
+
+def _whole(value: Any) -> int | None:
+    """A whole number that an attribute holds; None where it holds something else: a seed is only a note."""
+    return int(cast(int, value)) if isinstance(value, (int, np.integer)) else None

@@ -36,7 +36,9 @@ class Shard:
 
 
 def work_folder(path: Path) -> Path:
-    """Where the parts of a file lie until it is sealed."""
+    """Where the parts of a file lie until it is sealed; raises ContourFileError for a path without a name."""
+    if not path.name:  # "/", "."
+        raise ContourFileError(f"{path} is a folder, not a contour file")
     return path.with_name(path.name + ".partial")
 
 

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
@@ -31,6 +32,15 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _run(module: str, name: str, *arguments: object, as_json: bool) -> None:
+    """Exit with the code of a command, whose module is imported only now: --help need not wait for it."""
+
+    def command() -> object:
+        return getattr(import_module(f".{module}", __package__), name)(*arguments, as_json=as_json)
+
+    raise typer.Exit(console.run(command, as_json=as_json))
+
+
 @app.callback()
 def _options(
     show_version: Annotated[
@@ -52,9 +62,8 @@ def demo(
     json: Json = False,
 ) -> None:
     """Run the main job: explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
-    from .demo import run_demo
 
-    raise typer.Exit(console.run(lambda: run_demo(folder, clock=clock, as_json=json), as_json=json))
+    _run("demo", "run_demo", folder, clock, as_json=json)
 
 
 @app.command()
@@ -93,39 +102,35 @@ def render(
     json: Json = False,
 ) -> None:
     """Render the contours of an object on a moving hand into a contour file."""
-    from .job import RenderJob, run_render
-
-    job = RenderJob(
-        thing=thing,
-        motion=motion,
-        out=out,
-        strategy=strategy,
-        palm=palm,
-        placement={"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at},
-        exploration={"duration": duration, "rate": rate, "seed": seed},
-        device=device,
-        memory=memory * 10**6,
-        gzip=gzip,
-        resume=resume,
-        overwrite=overwrite,
-    )
-    raise typer.Exit(console.run(lambda: run_render(job, as_json=json), as_json=json))
+    options = {
+        "thing": thing,
+        "motion": motion,
+        "out": out,
+        "strategy": strategy,
+        "palm": palm,
+        "placement": {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at},
+        "exploration": {"duration": duration, "rate": rate, "seed": seed},
+        "device": device,
+        "memory": memory * 10**6,
+        "gzip": gzip,
+        "resume": resume,
+        "overwrite": overwrite,
+    }
+    _run("job", "run_render", options, as_json=json)
 
 
 @app.command()
 def info(file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")], json: Json = False) -> None:
     """Tell what is in a contour file."""
-    from .job import run_info
 
-    raise typer.Exit(console.run(lambda: run_info(file, as_json=json), as_json=json))
+    _run("job", "run_info", file, as_json=json)
 
 
 @app.command()
 def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")], json: Json = False) -> None:
     """Check that a contour file is whole: exit 0 if it is, 1 if not."""
-    from .job import run_check
 
-    raise typer.Exit(console.run(lambda: run_check(file, as_json=json), as_json=json))
+    _run("job", "run_check", file, as_json=json)
 
 
 @app.command()
@@ -135,9 +140,8 @@ def figure(
     json: Json = False,
 ) -> None:
     """Draw contours on the object, the palm, length and draw frequency over time."""
-    from .job import run_figure
 
-    raise typer.Exit(console.run(lambda: run_figure(files, out, as_json=json), as_json=json))
+    _run("job", "run_figure", files, out, as_json=json)
 
 
 @app.command()
@@ -156,8 +160,6 @@ def play(
     json: Json = False,
 ) -> None:
     """Sample a contour file and stream it to an array; the array is off on every way out."""
-    from .job import run_play
-
     options = {
         "array": array,
         "serial": serial,
@@ -166,15 +168,14 @@ def play(
         "sound_speed": sound_speed,
         "clock": clock,
     }
-    raise typer.Exit(console.run(lambda: run_play(file, speed, update_rate, options, as_json=json), as_json=json))
+    _run("job", "run_play", file, speed, update_rate, options, as_json=json)
 
 
 @app.command()
 def devices(json: Json = False) -> None:
     """List the arrays that can be played to."""
-    from .job import run_devices
 
-    raise typer.Exit(console.run(lambda: run_devices(as_json=json), as_json=json))
+    _run("job", "run_devices", as_json=json)
 
 
 @app.command()
@@ -187,10 +188,8 @@ def selftest(
     json: Json = False,
 ) -> None:
     """Play a focal point (200 Hz amplitude modulation) and then a circle, for a hand held above the array."""
-    from .selftest import run_selftest
-
     options = {"array": array, "serial": serial, "height": height, "seconds": seconds, "clock": clock}
-    raise typer.Exit(console.run(lambda: run_selftest(options, as_json=json), as_json=json))
+    _run("selftest", "run_selftest", options, as_json=json)
 
 
 def main() -> None:

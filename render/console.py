@@ -8,6 +8,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Collection, Iterator
 
+import numpy as np
 import warp as wp
 from rich.console import Console
 from rich.markup import escape
@@ -73,7 +74,7 @@ UNITS = {
 def say(values: dict, *, as_json: bool, title: str, told: Collection[str] | None = None) -> None:
     """Print results: one JSON object for machines, a table for people, of the values `told` (all)."""
     if as_json:
-        sys.stdout.write(json.dumps(values, default=float) + "\n")
+        sys.stdout.write(json_line(values))
         return
     table = Table(title=title, show_header=False, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for name, value in values.items():
@@ -81,6 +82,25 @@ def say(values: dict, *, as_json: bool, title: str, told: Collection[str] | None
             unit = f" {UNITS[name]}" if name in UNITS else ""
             table.add_row(escape(name.replace("_", " ")), escape(shown(value) + unit))
     Console(highlight=False, soft_wrap=True).print(table)
+
+
+def json_line(values: object) -> str:
+    """One line of JSON; numbers that JSON has no word for (NaN, infinity) become null."""
+    return json.dumps(finite(values), allow_nan=False) + "\n"
+
+
+def finite(value: object) -> object:
+    """A value with plain numbers, None where they are not finite."""
+    if isinstance(value, dict):
+        return {str(key): finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(inner) for inner in value]
+    if isinstance(value, (str, bool, int)) or value is None:
+        return value
+    if isinstance(value, np.integer):
+        return int(value)
+    number = float(value)  # type: ignore[arg-type]  # what is left is a float, NumPy's or Python's
+    return number if np.isfinite(number) else None
 
 
 def shown(value: object) -> str:
@@ -119,8 +139,11 @@ def run(command: Callable[[], object], *, as_json: bool) -> int:
             return fail(str(error), FAILED, as_json, _report_of(error))
         except KeyboardInterrupt:
             return fail("interrupted", FAILED, as_json)
-        except (MemoryError, OSError) as error:
-            return fail(f"{type(error).__name__}: {error}", FAILED, as_json)
+        except Exception as error:  # a fault of palpate's own: still one sentence, and the way to say more
+            if os.environ.get("PALPATE_TRACEBACK"):
+                raise
+            told = f"{type(error).__name__}: {error}"
+            return fail(f"{told} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
     return code if isinstance(code, int) else DONE
 
 
@@ -128,7 +151,7 @@ def fail(message: str, code: int, as_json: bool, report: dict | None = None) -> 
     """Say what went wrong."""
     errors.print(f"[bold red]error:[/] {escape(message)}")
     if as_json:
-        sys.stdout.write(json.dumps({"error": message, **({"report": report} if report else {})}, default=float) + "\n")
+        sys.stdout.write(json_line({"error": message, **({"report": report} if report else {})}))
     elif report:
         errors.print(f"played until then: {report['frames']} frames, array off: {report['off_confirmed']}")
     return code

@@ -15,7 +15,7 @@ from .strategy import closed_contour, open_contour
 from .summary import summarise
 
 
-def run_demo(folder: Path, *, clock: str, as_json: bool) -> None:
+def run_demo(folder: Path, clock: str, *, as_json: bool) -> None:
     """Explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
     started = perf_counter()
     console.start_warp()

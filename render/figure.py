@@ -46,7 +46,8 @@ def draw_figure(paths: dict[str, Path], picture: Path, *, sampling: SamplingStra
     sampling = sampling or SamplingStrategy()
     with mpl.rc_context({"font.size": 8, "axes.spines.top": False, "axes.spines.right": False}):
         figure = Figure(figsize=(9.6, 5.2), layout="constrained")
-        top, bottom = np.ravel(figure.subfigures(2, 1, height_ratios=[1.7, 1]))
+        parts = figure.add_gridspec(2, 1, height_ratios=[1.7, 1])
+        top, bottom = figure.add_subfigure(parts[0]), figure.add_subfigure(parts[1])
         length_axes, frequency_axes = bottom.subplots(1, 2, sharex=True)
         time = None
         for k, (label, path) in enumerate(paths.items()):

@@ -80,8 +80,9 @@ def warn_if_apart(thing: MeshObject, motion: HandMotion, drawn: int) -> None:
     )
 
 
-def run_render(job: RenderJob, *, as_json: bool) -> int:
-    """Render, write, summarise."""
+def run_render(options: dict, *, as_json: bool) -> int:
+    """Render, write, summarise; the options are those of `RenderJob`."""
+    job = RenderJob(**options)
     if job.resume and job.overwrite:
         raise StrategyError("--resume and --overwrite exclude each other")
     if job.out.suffix not in SUFFIXES:
@@ -164,7 +165,16 @@ def run_play(file: Path, speed: float, update_rate: float, options: dict, *, as_
     if emulate and not array_model(options["array"]).embedded:
         raise StrategyError(f"array {options['array']!r} has no emulated board in this version")
     sampling = SamplingStrategy(speed=speed, update_rate=update_rate)
-    with console.progress_bar("frames", quiet=as_json) as progress:
+    with console.progress_bar("frames", quiet=as_json) as bar:
+        told = False
+
+        def progress(done: int, total: int) -> None:
+            nonlocal told
+            if not told:
+                console.errors.print(f"playing {total} frames to array {options['array']}; Ctrl-C stops it")
+                told = True
+            bar(done, total)
+
         playback = play_file(file, sampling=sampling, progress=progress, **options)
     console.say(playback.as_dict(), as_json=as_json, title=str(file))
 

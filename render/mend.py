@@ -62,7 +62,7 @@ def drop_faces(faces: np.ndarray) -> np.ndarray:
     """Leave out triangles with a corner twice, and repeats that face the same way."""
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
-    turned = np.array([np.roll(f, -k) for f, k in zip(faces, faces.argmin(axis=1), strict=True)]).reshape(-1, 3)
+    turned = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
     _, first = np.unique(turned, axis=0, return_index=True)
     return faces[np.sort(first)]
 
@@ -94,6 +94,16 @@ def agree_faces(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     return out, turned, int(np.count_nonzero(crossed[one] & (differ == 1)))
 
 
+def closes_within(vertices: np.ndarray, faces: np.ndarray) -> float | None:
+    """Share of the mesh's size within which vertices would have to be merged for its open edges to close."""
+    size = np.ptp(vertices, axis=0).max()
+    for share in (1e-9, 1e-7, 1e-5):
+        joined = drop_faces(weld(np.round(vertices / (share * size)), faces)[1])
+        if len(joined) and wing_edges(joined).open_count == 0:
+            return share
+    return None
+
+
 def body_labels(face_count: int, edges: WingedEdges) -> np.ndarray:
     """Number of the body of each triangle: those joined through an edge's two sides."""
     one, two = edges.face[np.all(edges.face != OPEN, axis=1)].T
@@ -116,34 +126,53 @@ def winding_number(point: np.ndarray, triangles: np.ndarray) -> float:
     return float(np.sum(np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb)) / (2.0 * np.pi))
 
 
-def holder_of(body: int, vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, volume: np.ndarray) -> int:
-    """The smallest body of positive volume that a body lies in, -1 for none."""
-    box = [
-        (vertices[faces[label == k]].min((0, 1)), vertices[faces[label == k]].max((0, 1))) for k in range(len(volume))
-    ]
-    point = vertices[faces[label == body][0]].mean(axis=0)
-    for other in np.argsort(volume):
-        inside = np.all(box[other][0] <= box[body][0]) and np.all(box[other][1] >= box[body][1])
-        if volume[other] <= 0 or other == body or not inside:
-            continue
-        if winding_number(point, vertices[faces[label == other]]) > 0.5:
-            return int(other)
-    return -1
+def bodies_around(triangles: list[np.ndarray]) -> list[set[int]]:
+    """For each body those that it lies in wholly, by the winding number of all its vertices (of 256 of them at most).
+
+    triangles: of each body, float64, shape [face, 3, 3].
+    """
+    low, high = (np.array([f(t, axis=(0, 1)) for t in triangles]) for f in (np.min, np.max))
+    around: list[set[int]] = [set() for _ in triangles]
+    for body, part in enumerate(triangles):
+        points = part.reshape(-1, 3)[:: max(1, 3 * len(part) // 256)]
+        for other in np.flatnonzero(np.all((low <= low[body]) & (high >= high[body]), axis=1)):
+            if other != body and all(abs(winding_number(point, triangles[other])) > 0.5 for point in points):
+                around[body].add(int(other))
+    return around
 
 
-def boxes_overlap(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray) -> bool:
+def settle_signs(volume: np.ndarray, around: list[set[int]]) -> np.ndarray:
+    """Which way each body should face: +1 a solid, -1 a cavity; from the outermost inwards.
+
+    solid around it   faces     outermost body turned   becomes
+    no                outward   either                  solid
+    no                inward    either                  solid (turned)
+    yes               inward    either                  cavity
+    yes               outward   no                      solid (overlaps: to be united)
+    yes               outward   yes                     cavity (turned: the whole nest was inside out)
+    """
+    sign = np.ones(len(volume), int)
+    for body in sorted(range(len(volume)), key=lambda k: len(around[k])):
+        solid_around = sum(sign[k] for k in around[body]) > 0
+        outermost = [k for k in around[body] if not around[k]]
+        turned = any(volume[k] < 0 for k in outermost)
+        if solid_around and (volume[body] < 0 or turned):
+            sign[body] = -1
+    return sign
+
+
+def boxes_overlap(triangles: list[np.ndarray]) -> bool:
     """Whether the bounding boxes of any two bodies meet."""
-    low = np.array([vertices[faces[label == k]].min((0, 1)) for k in range(label.max() + 1)])
-    high = np.array([vertices[faces[label == k]].max((0, 1)) for k in range(label.max() + 1)])
+    low, high = (np.array([f(t, axis=(0, 1)) for t in triangles]) for f in (np.min, np.max))
     meet = np.all((low[:, None] <= high[None]) & (low[None] <= high[:, None]), axis=2)
     return bool(np.any(meet & ~np.eye(len(low), dtype=bool)))
 
 
-def unite(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, holder: dict[int, int]):
-    """Union of all bodies, each less the cavities it holds, by manifold3d.
+def unite(vertices: np.ndarray, parts: list[np.ndarray], sign: np.ndarray, around: list[set[int]]):
+    """Union of all solids, each less the cavities in it, by manifold3d.
 
-    Returns (vertices, faces) if the union differs from the bodies side by side, None if it does not.
-    Raises MeshError if a body is not a manifold.
+    parts: faces of each body, facing as `sign` says. Returns (vertices, faces) if that differs from the bodies side by
+    side in volume or area, None if it does not. Raises MeshError if a body is not a manifold.
     """
     import manifold3d  # 20 MB of geometry that most meshes never need
 
@@ -155,16 +184,15 @@ def unite(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, holder: di
             raise MeshError(f"a body of {len(part)} triangles is not a manifold ({out.status().name})")
         return out
 
-    parts = {}
-    for body in range(label.max() + 1):
-        if body not in holder:
-            parts[body] = solid(faces[label == body])
-    for cavity, body in holder.items():
-        parts[body] = parts[body] - solid(faces[label == cavity][:, ::-1])
-    united = manifold3d.Manifold.batch_boolean(list(parts.values()), manifold3d.OpType.Add)
-    volume = sum(part.volume() for part in parts.values())
-    area = sum(part.surface_area() for part in parts.values())
-    if united.volume() > volume * (1 - 1e-9) and united.surface_area() > area * (1 - 1e-9):
+    bodies = [solid(part if s > 0 else part[:, ::-1]) for part, s in zip(parts, sign, strict=True)]
+    solids = {k: body for k, body in enumerate(bodies) if sign[k] > 0}
+    for k in np.flatnonzero(sign < 0):
+        holder = max((j for j in around[k] if sign[j] > 0), key=lambda j: len(around[j]))
+        solids[holder] = solids[holder] - bodies[k]
+    united = manifold3d.Manifold.batch_boolean(list(solids.values()), manifold3d.OpType.Add)
+    volume = sum(s * body.volume() for s, body in zip(sign, bodies, strict=True))
+    area = sum(body.surface_area() for body in bodies)
+    if np.isclose(united.volume(), volume, rtol=1e-9) and np.isclose(united.surface_area(), area, rtol=1e-9):
         return None
     mesh = united.to_mesh64()
     return weld(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts).astype(np.int32))
@@ -178,18 +206,19 @@ def settle_bodies(vertices: np.ndarray, faces: np.ndarray, edges: WingedEdges, r
         faces, label = faces[~leaf], np.unique(label[~leaf], return_inverse=True)[1].ravel()
         report = replace(report, faces_dropped=report.faces_dropped + int(leaf.sum()))
     volume = signed_volumes(vertices, faces, label)
-    holder: dict[int, int] = {}
-    turned = 0
-    for body in np.flatnonzero(volume < 0):
-        holder[body] = holder_of(body, vertices, faces, label, np.abs(volume) * np.where(volume < 0, -1, 1))
-        if holder[body] < 0:
-            del holder[body]
-            faces[label == body] = faces[label == body][:, ::-1]
-            turned += 1
-    report = replace(report, bodies=len(volume), bodies_turned=turned, cavities=len(holder))
-    if len(volume) > 1 and boxes_overlap(vertices, faces, label):
+    rows = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))[:-1])
+    triangles = [vertices[faces[k]] for k in rows]
+    around = bodies_around(triangles)
+    sign = settle_signs(volume, around)
+    turned = np.sign(volume) * sign < 0
+    for k in np.flatnonzero(turned):
+        faces[rows[k]] = faces[rows[k]][:, ::-1]
+    report = replace(
+        report, bodies=len(volume), bodies_turned=int(turned.sum()), cavities=int(np.count_nonzero(sign < 0))
+    )
+    if len(volume) > 1 and boxes_overlap(triangles):
         try:
-            united = unite(vertices, faces, label, holder)
+            united = unite(vertices, [faces[k] for k in rows], sign, around)
         except MeshError as error:
             return vertices, faces, replace(report, overlap=str(error))
         if united is not None:

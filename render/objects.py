@@ -12,7 +12,7 @@ import numpy as np
 from ..datasets.shapes import shape, shape_names
 from ..kernels.winged import WingedEdges, upload_mesh, wing_edges
 from .errors import MeshError, PalpateWarning, PlacementError
-from .mend import mend_mesh, warn_of
+from .mend import closes_within, mend_mesh, warn_of
 
 SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -115,6 +115,7 @@ class MeshObject:
         """int32, shape [face, 3]."""
         self._on: dict[str, Any] = {}  # device: WingedMesh, which is no type to a type checker
         self._judge_size()
+        self._judge_rounding(vertices)
 
     @classmethod
     def load(cls, source: str | Path, *, placement: Placement | None = None) -> "MeshObject":
@@ -148,6 +149,16 @@ class MeshObject:
                 stacklevel=3,
             )
 
+    def _judge_rounding(self, vertices: np.ndarray) -> None:
+        lost = len(vertices) - len(np.unique(self.vertices + np.float32(0), axis=0))
+        if lost > len(vertices) // 100:
+            warnings.warn(
+                f"{self.name}: {lost} of {len(vertices)} vertices fall on others in float32, which steps by "
+                f"{np.spacing(np.abs(self.vertices).max()):.2g} m this far from the array: place it with --at",
+                PalpateWarning,
+                stacklevel=3,
+            )
+
     @property
     def bounds(self) -> np.ndarray:
         """Lowest and highest coordinates [m], shape [2, 3]."""
@@ -174,6 +185,8 @@ class MeshObject:
             fault = f"it has one side only ({report.crossed_edges} edges where no orientation agrees)"
         else:
             fault = f"it has {report.open_edges} open edges ({report.bodies} bodies)"
+            share = closes_within(self.vertices.astype(np.float64), self.faces)
+            fault += f", which merging vertices within {share:g} of its size would close" if share else ""
         raise MeshError(
             f"{self.name}: closed contours (CC) need a closed surface, but {fault}. "
             "Ways out: --strategy oc accepts any mesh, or close the mesh in a mesh editor"

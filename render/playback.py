@@ -21,6 +21,7 @@ from .errors import PoseError, StrategyError
 from .sampling import Sampler, SamplingStrategy, sample_bounds, sample_contours
 
 CLOCKS: dict[str, Callable[[], Clock]] = {"monotonic": MonotonicClock, "virtual": VirtualClock}
+FRAMES_MOST = 1e12  # a year at 40 kHz
 BLOCK = 1024  # frames; 0.1 s at 10 kHz, 26 ms at 40 kHz: what Python needs a few milliseconds for
 
 
@@ -62,12 +63,9 @@ class FrameSource:
         self._file, self._array, self._sampler, self._sound_speed = file, array, sampler, sound_speed
         self._pose = motion["pose"]
         self._time, self.duration = play_times(motion.get("time"), len(self._pose), duration, file.path)
-        self.refused = 0
-
-    @property
-    def frame_count(self) -> int:
+        self.frame_count = frame_count(self._time, self.duration, sampler.strategy, file.path)
         """Frames that it will make."""
-        return int(sample_bounds(self._time, self.duration, self._sampler.strategy.update_rate)[-1])
+        self.refused = 0
 
     def _batches(self) -> Iterator[ContourBatch]:
         for first, stop in self._file.blocks():
@@ -98,11 +96,21 @@ def play_times(
         if pose_count > 1:
             raise PoseError(f"{path}: has {pose_count} poses without times, which cannot be played")
         if duration is None:
-            raise PoseError(f"{path}: holds one static pose: say how long to play it with --duration")
+            raise StrategyError(f"{path}: holds one static pose: say how long to play it with --duration")
         return np.zeros(1), duration
     end = float(time[-1] + np.median(np.diff(time)))
     end = end if duration is None else min(end, duration)
     return time[time < end], end
+
+
+def frame_count(time: np.ndarray, duration: float, sampling: SamplingStrategy, path: Path) -> int:
+    """Frames of a playback; refused where there is none, or more than a count can hold."""
+    if duration * sampling.update_rate > FRAMES_MOST:
+        raise StrategyError(f"{path}: {duration:g} s at {sampling.update_rate:g} Hz is over {FRAMES_MOST:g} frames")
+    count = int(sample_bounds(time, duration, sampling.update_rate)[-1])
+    if count == 0:
+        raise StrategyError(f"{path}: {duration:g} s at {sampling.update_rate:g} Hz is not one frame")
+    return count
 
 
 def play_file(

@@ -127,7 +127,7 @@ def test_duration_and_rate_only_sample_the_path(duration, rate, every):
         ({"duration": 0.0}, "duration must be finite and greater than 0, got 0.0"),
         ({"duration": float("inf")}, "duration must be finite"),
         ({"rate": -90.0}, "rate must be finite and greater than 0, got -90.0"),
-        ({"seed": -1}, "seed must be an integer of at least 0, got -1"),
+        ({"seed": -1}, "seed must be an integer of 0 to 9223372036854775807, got -1"),
         ({"seed": 1.5}, "seed must be an integer"),
     ],
 )

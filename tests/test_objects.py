@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 from palpate.render import MeshObject, Palm, Placement, closed_contour, open_contour, render
@@ -98,6 +99,67 @@ def test_bodies_that_overlap_nest_or_share_a_face_are_united_once(other, outline
         thing = MeshObject(*joined(box(), box(*other)))
     length = render(thing, Palm(0.4, 0.4), LEVEL, closed_contour(), device=device).length()
     assert length == pytest.approx([outline], abs=1e-5)
+
+
+def inverted(body):
+    return body[0], body[1][:, ::-1]
+
+
+@pytest.mark.parametrize(
+    ("bodies", "turned", "cavities", "small", "large"),
+    [  # small and large: length of CC of palms of 30 and 200 mm through the middle
+        pytest.param([box(0.1), inverted(box(0.05)), inverted(box(0.02))], 1, 1, 0.08, 0.68, id="island inwards"),
+        pytest.param([inverted(box(0.1)), box(0.06)], 2, 1, 0.0, 0.64, id="hollow cube inside out"),
+        pytest.param([inverted(box(0.1)), inverted(box(0.06))], 1, 1, 0.0, 0.64, id="only the outside inside out"),
+        pytest.param(
+            [box(0.1), inverted(box(0.04, (-0.01, 0, 0.2))), inverted(box(0.04, (0.01, 0, 0.2)))],
+            0,
+            2,
+            0.0,
+            0.6,
+            id="two cavities that overlap",
+        ),
+        pytest.param([box(0.1), inverted(box(0.02, (0.07, 0, 0.2)))], 1, 0, 0.12, 0.48, id="inward body outside"),
+    ],
+)
+def test_nests_are_settled_from_the_outside_inwards(bodies, turned, cavities, small, large, device):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PalpateWarning)
+        thing = MeshObject(*joined(*bodies))
+    assert (thing.report.bodies_turned, thing.report.cavities) == (turned, cavities)
+    for palm, length in ((Palm(0.03, 0.03), small), (Palm(0.2, 0.2), large)):
+        assert render(thing, palm, LEVEL, closed_contour(), device=device).length() == pytest.approx([length], abs=1e-5)
+
+
+def test_inward_body_beside_an_l_is_not_taken_for_its_cavity():
+    """It lies in the L's bounding box, but not in the L."""
+    short = box(0.02, (0.06, 0.06, 0.2))
+    outline = np.array([[0, 0], [0.08, 0], [0.08, 0.02], [0.02, 0.02], [0.02, 0.08], [0, 0.08]])
+    ell = trimesh.creation.extrude_polygon(shapely.Polygon(outline - 0.01), 0.02, engine="manifold")
+    ell.apply_translation([0, 0, 0.19])
+    with pytest.warns(PalpateWarning, match="1 of 2 bodies turned"):
+        thing = MeshObject(*joined((ell.vertices, ell.faces), inverted(short)))
+    assert thing.report.cavities == 0
+    assert volume(thing) == pytest.approx(ell.volume + 0.02**3, rel=1e-5)
+
+
+def test_gap_of_rounding_is_named_with_what_would_close_it():
+    angle = np.linspace(0, 2 * np.pi, 33)  # the last is not quite the first
+    ring = 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    below, above = (np.column_stack([ring, np.full(33, z)]) for z in (0.15, 0.25))
+    i = np.arange(32)
+    side = np.vstack([np.stack([i, i + 1, i + 33], 1), np.stack([i + 1, i + 34, i + 33], 1)])
+    caps = np.vstack([np.stack([i + 1, i, 0 * i + 66], 1), np.stack([i + 33, i + 34, 0 * i + 67], 1)])
+    vertices = np.vstack([below, above, [[0, 0, 0.15], [0, 0, 0.25]]])
+    thing = MeshObject(vertices, np.vstack([side, caps]))
+    with pytest.raises(MeshError, match=r"open edges \(1 bodies\), which merging vertices within 1e-09 of its size"):
+        thing.require_closed()
+
+
+def test_object_too_far_for_float32_is_warned_of():
+    vertices, faces = box()
+    with pytest.warns(PalpateWarning, match=r"of 8 vertices fall on others in float32, which steps by 8 m"):
+        MeshObject(vertices + 1e8, faces)
 
 
 def test_bodies_apart_are_left_alone():

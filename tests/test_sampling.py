@@ -205,6 +205,25 @@ def test_how_poses_are_cut_up_does_not_change_what_is_drawn(radius, speed, divid
     assert sum(count.jumps.values()) == (0 if strategy.step < 2.4e-3 else sum(count.jumps.values()))
 
 
+@pytest.mark.parametrize(("speed", "step", "jumps"), [(100.0, 19.9, 0), (100.0, 20.1, 1), (7.0, 4.9, 0), (7.0, 5.1, 1)])
+def test_jump_is_a_step_longer_than_two_steps_and_five_millimetres(speed, step, jumps):
+    strategy = SamplingStrategy(speed=speed)  # 10 mm a step at 100 m/s
+    reach, gap = 20 * strategy.step, 1e-3 * step - strategy.step
+    pieces = [([[0, 0, 0.2], [reach, 0, 0.2]], False), ([[reach + gap, 0, 0.2], [2 * reach + gap, 0, 0.2]], False)]
+    sampler = Sampler(strategy)
+    path = Path.of(batch_of([pieces]), 0)
+    sampler.draw(path, still(1)[0], 30)  # over the gap, but not back from the end
+    assert sampler.count.jumps["polyline"] == jumps
+
+
+def test_hold_is_twice_the_median_interval_of_slow_poses():
+    ring = [(circle(0.03), True)]
+    time = [0.0, 0.2, 0.4, 0.6, 1.2, 1.4]
+    _, intensity, _ = sampled([ring] * 6, time, 1.6)
+    assert intensity[:10_000].min() == 1  # 0.6 + 2 x 0.2
+    assert intensity[10_205:12_000].max() == 0
+
+
 def test_draw_frequency_is_speed_over_length_and_is_not_capped():
     strategy = SamplingStrategy()
     frequency = strategy.draw_frequency(np.array([0.1, 0.001, 0.0]))

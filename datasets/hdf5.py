@@ -98,7 +98,8 @@ class Hdf5Reader:
         """An attribute of a group or dataset; None if it is not there."""
         with _failures(f"{self.path}: attribute {key} of {name}"):
             stored: Any = self._file[name].attrs.get(key)
-            return cast(Attribute | None, stored.item() if hasattr(stored, "item") and stored.ndim == 0 else stored)
+            value: Any = stored.item() if hasattr(stored, "item") and stored.ndim == 0 else stored
+            return cast(Attribute | None, value.decode(errors="replace") if isinstance(value, bytes) else value)
 
     def text(self, name: str, key: str) -> str:
         """An attribute that must be there and be text."""
@@ -116,12 +117,28 @@ class Hdf5Reader:
         return self._datasets[name]
 
 
+_FORMAT = ("v108", "v108")
+"""HDF5 1.8's format, which every reader of today reads: its object headers carry checksums, so that damage to them is
+an error; with older headers libhdf5 can read for ever. Not newer: those mark a file as open for writing."""
+
+
+def _fixed(text: str) -> Any:
+    """Text of fixed length: HDF5 keeps it in the checksummed header, not in a heap without checksum."""
+    raw = text.encode()
+    return np.array(raw, h5py.string_dtype("utf-8", max(1, len(raw))))
+
+
 class Hdf5Image:
     """An HDF5 file built in memory, so that HDF5 never meets a full disk; `image()` gives its bytes."""
 
     def __init__(self, size_hint: int = 0) -> None:
         self._file: Any = h5py.File(
-            "image", "w", driver="core", backing_store=False, block_size=max(1 << 16, min(size_hint, 1 << 26))
+            "image",
+            "w",
+            driver="core",
+            backing_store=False,
+            block_size=max(1 << 16, min(size_hint, 1 << 26)),
+            libver=_FORMAT,
         )
 
     def __enter__(self) -> Self:
@@ -136,7 +153,7 @@ class Hdf5Image:
         """Set attributes of a group, which is made if it is not there, or of a dataset."""
         target: Any = self._file.require_group(name) if name not in self._file else self._file[name]
         for key, value in values.items():
-            target.attrs[key] = value
+            target.attrs[key] = _fixed(value) if isinstance(value, str) else value
 
     def reserve(self, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> None:
         """Make a dataset of a final shape without content, in chunks with checksums."""
@@ -148,8 +165,8 @@ class Hdf5Image:
         dataset: Any = self._file.create_dataset(
             spec.path, shape=shape, dtype=spec.dtype, fillvalue=_FILL[spec.dtype.kind], track_times=False, **chunked
         )
-        dataset.attrs["units"] = spec.unit
-        dataset.attrs["frame"] = spec.frame
+        dataset.attrs["units"] = _fixed(spec.unit)
+        dataset.attrs["frame"] = _fixed(spec.frame)
 
     def write(self, spec: Field, array: NDArray[Any]) -> None:
         """Make a dataset with content."""
@@ -173,7 +190,7 @@ class Hdf5Filler:
     def __init__(self, path: Path) -> None:
         self._path = path
         with _failures(str(path)):
-            self._file: Any = h5py.File(fspath(path), "r+", locking=False)
+            self._file: Any = h5py.File(fspath(path), "r+", locking=False, libver=_FORMAT)
 
     def __enter__(self) -> Self:
         return self

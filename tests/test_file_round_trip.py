@@ -247,7 +247,7 @@ def test_the_file_is_laid_out_as_it_always_was(folder):
         if isinstance(item, h5py.Group):
             lines.append(" ".join([f"/{name}", *attributes]))
             return
-        values = " ".join(f"{key}={item.attrs[key]}" for key in ("units", "frame"))
+        values = " ".join(f"{key}={item.attrs[key].decode()}" for key in ("units", "frame"))
         assert attributes == ["frame", "units"]
         checked = " fletcher32" if item.fletcher32 else ""
         lines.append(f"/{name} {item.dtype} {list(item.shape)} {values}{checked}")
@@ -255,7 +255,7 @@ def test_the_file_is_laid_out_as_it_always_was(folder):
     with h5py.File(folder / "a.h5") as file:
         describe("", file)
         file.visititems(describe)
-        assert file.attrs["format"] == "palpate contours"
+        assert file.attrs["format"] == b"palpate contours"
         assert file.attrs["version"].tolist() == [1, 0]
     assert "\n".join(lines) + "\n" == STRUCTURE
 

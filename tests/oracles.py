@@ -7,6 +7,7 @@ import shapely
 import trimesh
 
 SHIFT = 1e-6  # [m]; how near to a degenerate pose float32 may decide otherwise (design, section 5)
+COUNTED = 4 * SHIFT  # [m]; shorter polylines are rounding's, on either side
 
 
 def rotation(quaternion):
@@ -93,9 +94,9 @@ def cut_loops(loops, half):
     return Cut(
         oc_length=float(sum(g.length for g in lines)),
         cc_length=float(sum(ring.length for ring in rings)),
-        oc_lines=len(lines),
-        oc_loops=sum(g.is_closed for g in lines),
-        cc_loops=len(rings),
+        oc_lines=sum(g.length > COUNTED for g in lines),
+        oc_loops=sum(g.is_closed and g.length > COUNTED for g in lines),
+        cc_loops=sum(ring.length > COUNTED for ring in rings),
     )
 
 

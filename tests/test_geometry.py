@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from oracles import SHIFT, cut_mesh, cut_mesh_trimesh, is_degenerate
+from oracles import COUNTED, SHIFT, cut_mesh, cut_mesh_trimesh, is_degenerate
 from scipy.spatial.transform import Rotation
 
 from palpate.datasets.shapes import shape_names
@@ -38,7 +38,7 @@ def found(batch, pose):
     first, stop = batch.pose_start[pose], batch.pose_start[pose + 1]
     lengths = [np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in batch.polylines_of(pose)]
     closed = batch.polyline_closed[first:stop]
-    return sum(lengths), [bool(c) for c, length in zip(closed, lengths, strict=True) if length > 4 * SHIFT]
+    return sum(lengths), [bool(c) for c, length in zip(closed, lengths, strict=True) if length > COUNTED]
 
 
 def agrees(pose, oc, cc, expected):

@@ -17,7 +17,7 @@ from .strategy import IntersectionStrategy, intersect
 
 MEMORY_DEFAULT = 512 * 2**20  # [byte]
 MEMORY_SMALLEST = 2**20  # [byte]; room for one pose of any mesh that fits itself
-CROSSING_BYTES = 160  # of all arrays of all stages, measured per crossing of a mesh edge, rounded up
+CROSSING_BYTES = 160  # all stages' arrays per crossing of a mesh edge, added up as if none were freed: 117, and room
 SECTION_BYTES = 256  # the same per pose and patch
 POSES_FIRST = 2048  # of the first chunk, which tells how large the others may be
 

@@ -98,6 +98,8 @@ def play_times(
         if duration is None:
             raise StrategyError(f"{path}: holds one static pose: say how long to play it with --duration")
         return np.zeros(1), duration
+    if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
+        raise PoseError(f"{path}: /motion/time does not increase all the way; palpate check tells where")
     end = float(time[-1] + np.median(np.diff(time)))
     end = end if duration is None else min(end, duration)
     return time[time < end], end

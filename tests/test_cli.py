@@ -246,6 +246,7 @@ def test_json_has_no_nan_even_where_a_file_has(rendered, tmp_path):
         file["/motion/time"][-1] = np.nan
     told = json.loads(run("info", path, "--json").stdout, parse_constant=lambda word: pytest.fail(word))
     assert told["duration"] is None
+    refused(FAILED, "/motion/time does not increase", "play", path, "--clock", "virtual")
 
 
 def test_mesh_in_millimetres_is_warned_of_and_scaled(motion, tmp_path):

@@ -1,217 +1,238 @@
-"""Boundary of region ∩ patch (CC): pieces joined along the patch's own boundary where that lies in the solid."""
+"""Pieces -> polylines: as they are (OC), or closed along the patch's own boundary where that is in the solid (CC)."""
+
+from typing import Any, NamedTuple
 
 import warp as wp
 
-from .patch import EXACT, Patch, corner, side_position
-from .ragged import HAND, Polylines, empty_polylines, offsets_of
+from .patch import EXACT, Frame, Patch, corner, frame_at, lifted
+from .piece import CLOSED, Pieces, room_of, section_of, start_of
+from .ragged import PointLimitError, last_of, offsets_of
 
 wp.set_module_options(EXACT)
 
 NONE = wp.constant(-1)
+BEGIN = wp.constant(1 << 24)  # in an entry: a polyline begins with this piece
+CORNERS = wp.constant(25)  # bits above it: how many corners of the patch follow the piece
+SLOT = wp.constant((1 << 24) - 1)  # bits of the piece's slot
+BOUNDARY = wp.constant(1 << 30)  # in a row's entry count: the patch's whole boundary follows as a polyline
+
+
+@wp.struct
+class Entries:
+    """Pieces in the order in which they are drawn; a row's entry e stands where its slot e does."""
+
+    entry: wp.array[wp.int32]  # slot, BEGIN, corners << CORNERS
+    count: wp.array[wp.int32]  # entries, BOUNDARY; shape [row]
 
 
 @wp.struct
 class Ends:
-    """Where a section's pieces enter and leave the patch, sorted along its boundary; scratch, shape [piece]."""
+    """Where a row's open pieces enter and leave, sorted along the boundary; scratch, by slot."""
 
     leaving: wp.array[wp.int32]  # piece, in the order of the places where pieces leave
     entering: wp.array[wp.int32]  # piece, in the order of the places where pieces enter
-    follower: wp.array[wp.int32]  # the piece that the boundary leads to from where this one leaves
+    follower: wp.array[wp.int32]  # the piece that the boundary leads to from where this one leaves; NONE once drawn
     corners: wp.array[wp.int32]  # how many corners it passes on the way
 
 
 @wp.func
-def end_side(lines: Polylines, piece: wp.int64, leaving: bool):
-    """Side of the patch by which a piece leaves, or enters."""
-    if leaving:
-        return lines.side[piece][1]
-    return lines.side[piece][0]
-
-
-@wp.func
-def end_position(lines: Polylines, piece: wp.int64, leaving: bool):
-    """How far along that side it does."""
-    i = lines.polyline_start[piece]
-    if leaving:
-        i = lines.polyline_start[piece + wp.int64(1)] - wp.int64(1)
-    return side_position(end_side(lines, piece, leaving), lines.point[i])
-
-
-@wp.func
-def sort_ends(lines: Polylines, base: wp.int64, count: int, leaving: bool, order: wp.array[wp.int32]):
-    """Insertion sort of a section's open pieces by where they enter or leave; returns how many there are."""
+def sort_ends(pieces: Pieces, base: wp.int64, count: int, end: int, order: wp.array[wp.int32]):
+    """Insertion sort of a row's open pieces by where they enter (end 0) or leave (1); returns how many there are."""
     n = int(0)
-    for piece in range(count):
-        line = base + wp.int64(piece)
-        if lines.closed[line] == wp.uint8(0):
-            side = end_side(lines, line, leaving)
-            position = end_position(lines, line, leaving)
-            slot = int(n)
-            while slot > 0:
-                other = base + wp.int64(order[base + wp.int64(slot - 1)])
-                other_side = end_side(lines, other, leaving)
-                if other_side < side:
+    for slot in range(count):
+        own = base + wp.int64(slot) * pieces.stride
+        if pieces.key[own] < CLOSED:
+            side = pieces.side[own][end]
+            position = pieces.position[own][end]
+            place = int(n)
+            while place > 0:
+                other = base + wp.int64(order[base + wp.int64(place - 1) * pieces.stride]) * pieces.stride
+                other_side = pieces.side[other][end]
+                if other_side < side or (other_side == side and pieces.position[other][end] <= position):
                     break
-                if other_side == side and end_position(lines, other, leaving) <= position:
-                    break
-                order[base + wp.int64(slot)] = order[base + wp.int64(slot - 1)]
-                slot -= 1
-            order[base + wp.int64(slot)] = piece
+                order[base + wp.int64(place) * pieces.stride] = order[base + wp.int64(place - 1) * pieces.stride]
+                place -= 1
+            order[base + wp.int64(place) * pieces.stride] = slot
             n += 1
     return n
 
 
 @wp.func
-def corners_between(lines: Polylines, leaving: wp.int64, entering: wp.int64, wraps: bool):
-    """Corners passed counter-clockwise; none where rounding has swapped two ends that all but coincide."""
-    gap = end_side(lines, entering, False) - end_side(lines, leaving, True)
-    if wraps:
-        return gap + 4
-    return wp.max(gap, 0)
-
-
-@wp.kernel
-def _match_pieces(
-    # In:
-    lines: Polylines,
-    corner_winding: wp.array[wp.int32],  # of the solid around corner 0, shape [section]
-    # Out:
-    ends: Ends,
-    seen: wp.array[wp.uint8],  # scratch, comes as 0, shape [piece]
-    polyline_count: wp.array[wp.int64],  # shape [section + 1]
-    point_count: wp.array[wp.int64],  # shape [section + 1]
-):
-    """Match leaving and entering ends.
+def match_ends(pieces: Pieces, base: wp.int64, count: int, winding: int, ends: Ends):
+    """Match leaving and entering ends; returns how many open pieces there are.
 
     Along the boundary the solid begins where a piece leaves and ends where one enters. At corner 0 `winding` stretches
     are open already: the first entries end those, so the k-th leaving end goes with the (k + winding)-th entering one,
-    around the corner where that is past the last. By rank alone: ends that rounding has swapped stay matched.
+    around the corner where that is past the last. By rank alone: ends that rounding has swapped stay matched, and no
+    corner is passed where two ends all but coincide.
     """
-    section = wp.tid()
-    base = lines.section_start[section]
-    count = int(lines.section_start[section + 1] - base)
-    winding = corner_winding[section]
-    points = int(0)
-    polylines = int(0)
-    if count > 0:
-        points = int(lines.polyline_start[base + wp.int64(count)] - lines.polyline_start[base])
-    open_count = sort_ends(lines, base, count, True, ends.leaving)
-    sort_ends(lines, base, count, False, ends.entering)
-    for k in range(open_count):
-        leaving = ends.leaving[base + wp.int64(k)]
-        entering = ends.entering[base + wp.int64((k + wp.max(winding, 0)) % open_count)]
-        passed = corners_between(
-            lines, base + wp.int64(leaving), base + wp.int64(entering), k + wp.max(winding, 0) >= open_count
-        )
-        ends.follower[base + wp.int64(leaving)] = entering
-        ends.corners[base + wp.int64(leaving)] = passed
-        points += passed
-    for piece in range(count):
-        if seen[base + wp.int64(piece)] == wp.uint8(0):
-            polylines += 1
-            j = int(piece)
-            while j != NONE and seen[base + wp.int64(j)] == wp.uint8(0):
-                seen[base + wp.int64(j)] = wp.uint8(1)
-                j = ends.follower[base + wp.int64(j)]
-    if open_count == 0 and winding > 0:
-        polylines += 1
-        points += 4
-    polyline_count[section] = wp.int64(polylines)
-    point_count[section] = wp.int64(points)
+    n = sort_ends(pieces, base, count, 1, ends.leaving)
+    sort_ends(pieces, base, count, 0, ends.entering)
+    for k in range(n):
+        leaving = ends.leaving[base + wp.int64(k) * pieces.stride]
+        entering = ends.entering[base + wp.int64((k + wp.max(winding, 0)) % n) * pieces.stride]
+        own = base + wp.int64(leaving) * pieces.stride
+        gap = pieces.side[base + wp.int64(entering) * pieces.stride][0] - pieces.side[own][1]
+        if k + wp.max(winding, 0) >= n:
+            gap += 4
+        ends.follower[own] = entering
+        ends.corners[own] = wp.max(gap, 0)
+    return n
 
 
 @wp.func
-def write_corner(out: Polylines, i: wp.int64, k: int, half: wp.vec2d, edge_count: int):
-    """Write patch corner k as point i, hand kind."""
-    out.point[i] = corner(k, half)
-    out.key[i] = 3 * edge_count + k
-    out.kind[i] = wp.uint8(HAND)
+def lowest_left(pieces: Pieces, base: wp.int64, count: int, ends: Ends):
+    """Slot of the piece with the lowest key that is not drawn yet; NONE if all are."""
+    slot = int(NONE)
+    lowest = int(0)
+    for other in range(count):
+        own = base + wp.int64(other) * pieces.stride
+        if ends.follower[own] != NONE and (slot == NONE or pieces.key[own] < lowest):
+            slot = other
+            lowest = pieces.key[own]
+    return slot
+
+
+@wp.func
+def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, corners: int):
+    """Steps of some length from x, on a side, by way of that many corners to y."""
+    steps = int(0)
+    p = x
+    for k in range(corners):
+        q = lifted(f, corner((side + 1 + k) % 4, half))
+        if not (p == q):
+            steps += 1
+        p = q
+    if not (p == y):
+        steps += 1
+    return steps
+
+
+@wp.func
+def loop_steps(pieces: Pieces, base: wp.int64, first: int, f: Frame, half: wp.vec2d, ends: Ends):
+    """Steps of some length around the loop of a piece."""
+    own = base + wp.int64(first) * pieces.stride
+    steps = pieces.steps[own]
+    if pieces.key[own] >= CLOSED or pieces.side[own][1] == NONE or ends.corners[own] == NONE:
+        return steps
+    slot = ends.follower[own]
+    while True:
+        following = base + wp.int64(slot) * pieces.stride
+        steps += joint_steps(f, half, pieces.last[own], pieces.first[following], pieces.side[own][1], ends.corners[own])
+        if slot == first:
+            break
+        own = following
+        steps += pieces.steps[own]
+        slot = ends.follower[own]
+    return steps
+
+
+@wp.func
+def enter_loop(pieces: Pieces, base: wp.int64, first: int, kept: bool, ends: Ends, entries: Entries, entry: int):
+    """Mark the pieces of a loop as drawn, and enter them from entry on if it is kept; returns the next free entry."""
+    n = int(entry)
+    slot = int(first)
+    while True:
+        own = base + wp.int64(slot) * pieces.stride
+        corners = wp.max(ends.corners[own], 0)
+        follower = ends.follower[own]
+        ends.follower[own] = NONE
+        if kept:
+            code = slot | (corners << CORNERS)
+            if slot == first:
+                code = code | BEGIN
+            entries.entry[base + wp.int64(n) * pieces.stride] = code
+            n += 1
+        if follower == first:
+            break
+        slot = follower
+    return n
 
 
 @wp.kernel
-def _close_polylines(
+def _join_pieces(
     # In:
-    lines: Polylines,
+    pieces: Pieces,
+    pose: wp.array[wp.transform],
     patch: wp.array[Patch],
-    edge_count: int,
-    corner_winding: wp.array[wp.int32],
-    ends: Ends,
-    point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
+    closes: int,  # 1: CC, 0: OC
     # Out:
-    seen: wp.array[wp.uint8],  # scratch, comes as 1, shape [piece]
-    out: Polylines,
+    ends: Ends,  # scratch
+    entries: Entries,
+    polyline_count: wp.array[wp.int64],  # shape [section + 1]
+    point_count: wp.array[wp.int64],  # shape [section + 1]
 ):
-    """Write the loops: pieces as object kind, what joins them as hand kind; the whole boundary if none crosses it."""
-    section = wp.tid()
-    half = patch[section % patch.shape[0]].half
-    base = lines.section_start[section]
-    count = int(lines.section_start[section + 1] - base)
-    i = point_start[section]
-    line = out.section_start[section]
-    open_count = int(0)
-    for piece in range(count):
-        if seen[base + wp.int64(piece)] == wp.uint8(1):
-            out.polyline_start[line] = i
-            out.closed[line] = wp.uint8(1)
-            line += wp.int64(1)
-            j = int(piece)
-            while j != NONE and seen[base + wp.int64(j)] == wp.uint8(1):
-                source = base + wp.int64(j)
-                seen[source] = wp.uint8(0)
-                for k in range(int(lines.polyline_start[source]), int(lines.polyline_start[source + wp.int64(1)])):
-                    out.point[i] = lines.point[k]
-                    out.key[i] = lines.key[k]
-                    i += wp.int64(1)
-                if lines.closed[source] == wp.uint8(0):
-                    open_count += 1
-                    out.kind[i - wp.int64(1)] = wp.uint8(HAND)
-                    for k in range(ends.corners[source]):
-                        write_corner(out, i, (lines.side[source][1] + 1 + k) % 4, half, edge_count)
-                        i += wp.int64(1)
-                j = ends.follower[source]
-    if open_count == 0 and corner_winding[section] > 0:
-        out.polyline_start[line] = i
-        out.closed[line] = wp.uint8(1)
-        line += wp.int64(1)
-        for k in range(4):
-            write_corner(out, i, k, half, edge_count)
-            i += wp.int64(1)
-    if section == lines.section_start.shape[0] - 2:
-        out.polyline_start[line] = i
+    """Order each row's pieces, loop by loop, and count polylines and points without steps of zero length."""
+    row = wp.tid()
+    section = section_of(pieces, row)
+    count = pieces.count[row]
+    base = start_of(pieces, row)
+    lines = int(0)
+    points = int(0)
+    entry = int(0)
+    if count <= room_of(pieces, row):  # else it has a row with more room elsewhere
+        f = frame_at(pose[section // patch.shape[0]], patch[section % patch.shape[0]])
+        half = patch[section % patch.shape[0]].half
+        for slot in range(count):
+            ends.follower[base + wp.int64(slot) * pieces.stride] = slot
+            ends.corners[base + wp.int64(slot) * pieces.stride] = NONE
+        open_count = int(0)
+        if closes == 1:
+            open_count = match_ends(pieces, base, count, pieces.winding[row], ends)
+        for _ in range(count):
+            slot = lowest_left(pieces, base, count, ends)
+            if slot != NONE:
+                steps = loop_steps(pieces, base, slot, f, half, ends)
+                entry = enter_loop(pieces, base, slot, steps > 0, ends, entries, entry)
+                if steps > 0:
+                    lines += 1
+                    points += steps + 1
+        if closes == 1 and open_count == 0 and pieces.winding[row] > 0:
+            entry = entry | BOUNDARY
+            lines += 1
+            points += 5
+    entries.count[row] = entry
+    polyline_count[section] = wp.int64(lines)
+    point_count[section] = wp.int64(points)
 
 
-def close_polylines(lines: Polylines, patch: wp.array, edge_count: int, corner_winding: wp.array) -> Polylines:
-    """Close the pieces that `clip_polylines` made of a watertight mesh's sections.
+class Joined(NamedTuple):
+    """Polylines that are ordered and counted, not yet drawn."""
 
-    lines: every open piece enters and leaves through a side of its patch.
-    corner_winding: int32, shape [section], from the same call.
+    rows: list[tuple[Any, Any]]  # Pieces and Entries
+    section_start: wp.array  # offsets of each section's polylines, int64, shape [section + 1]
+    point_start: wp.array  # offsets of each section's points
+    polyline_count: int
+    point_count: int
+
+
+def join_pieces(found: list, pose: wp.array, patch: wp.array, *, closes: bool, limit: int | None = None) -> Joined:
+    """Order pieces into polylines, closed along the patches' boundaries or not, and count their points.
+
+    found: what `find_pieces` returned; closes needs a watertight surface and bounded patches.
+    Raises PointLimitError, before any memory is taken for them, if there are more points than `limit`.
     """
-    section_count = lines.section_start.shape[0] - 1
-    piece_count = lines.closed.shape[0]
-    device = lines.closed.device
-    ends = Ends()
-    ends.leaving = wp.empty(piece_count, dtype=wp.int32, device=device)
-    ends.entering = wp.empty(piece_count, dtype=wp.int32, device=device)
-    ends.follower = wp.full(piece_count, -1, dtype=wp.int32, device=device)
-    ends.corners = wp.zeros(piece_count, dtype=wp.int32, device=device)
-    seen = wp.zeros(piece_count, dtype=wp.uint8, device=device)
+    section_count = pose.shape[0] * patch.shape[0]
+    device = pose.device
     polylines = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
     points = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
-    wp.launch(
-        _match_pieces,
-        section_count,
-        inputs=[lines, corner_winding],
-        outputs=[ends, seen, polylines, points],
-        device=device,
-    )
-    section_start, polyline_count = offsets_of(polylines)
-    point_start, point_count = offsets_of(points)
-    out = empty_polylines(section_start, polyline_count, point_count)
-    wp.launch(
-        _close_polylines,
-        section_count,
-        inputs=[lines, patch, edge_count, corner_winding, ends, point_start],
-        outputs=[seen, out],
-        device=device,
-    )
-    return out
+    rows = []
+    for pieces in found:
+        ends, entries = Ends(), Entries()
+        for field in ("leaving", "entering", "follower", "corners"):
+            setattr(ends, field, wp.empty(pieces.half.shape[0], dtype=wp.int32, device=device))
+        entries.entry = wp.empty(pieces.half.shape[0], dtype=wp.int32, device=device)
+        entries.count = wp.empty(pieces.count.shape[0], dtype=wp.int32, device=device)
+        wp.launch(
+            _join_pieces,
+            pieces.count.shape[0],
+            inputs=[pieces, pose, patch, int(closes)],
+            outputs=[ends, entries, polylines, points],
+            device=device,
+        )
+        rows.append((pieces, entries))
+    section_start, point_start = offsets_of(polylines), offsets_of(points)
+    polyline_count, point_count = last_of(section_start), last_of(point_start)
+    if limit is not None and point_count > limit:
+        raise PointLimitError(point_count, limit)
+    return Joined(rows, section_start, point_start, polyline_count, point_count)

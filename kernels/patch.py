@@ -37,6 +37,15 @@ class Patch:
 
 
 @wp.struct
+class Plane:
+    """A patch's plane in float32, and how near to it float32 cannot tell the side."""
+
+    n: wp.vec3
+    distance: float  # of the plane from the array's origin, along n [m]
+    unsure: float  # [m]
+
+
+@wp.struct
 class Frame:
     """A patch's origin and axes in the array's frame."""
 
@@ -75,12 +84,13 @@ def frame_at(pose: wp.transform, patch: Patch):
 
 
 @wp.func
-def height(f: Frame, x: wp.vec3):
-    """Signed height above the patch's plane [m]; exactly 0 where a vertex counts as on it."""
-    h = wp.dot(f.n, widened(x) - f.origin)
+def placed(f: Frame, x: wp.vec3):
+    """Coordinates of a vertex along u, v and n [m]; the last is exactly 0 where it counts as on the plane."""
+    d = widened(x) - f.origin
+    h = wp.dot(f.n, d)
     if wp.abs(h) <= ON:
-        return wp.float64(0.0)
-    return h
+        h = wp.float64(0.0)
+    return wp.vec3d(wp.dot(f.u, d), wp.dot(f.v, d), h)
 
 
 @wp.func
@@ -90,10 +100,23 @@ def above(h: wp.float64):
 
 
 @wp.func
-def flat(f: Frame, x: wp.vec3):
-    """Coordinates along u and v [m]."""
-    d = widened(x) - f.origin
-    return wp.vec2d(wp.dot(f.u, d), wp.dot(f.v, d))
+def plane_of(f: Frame, reach: float):
+    """The plane in float32; `reach`: largest |x| + |y| + |z| of a vertex that will be asked about [m]."""
+    t = Plane()
+    t.n = wp.vec3(wp.float32(f.n[0]), wp.float32(f.n[1]), wp.float32(f.n[2]))
+    t.distance = wp.float32(wp.dot(f.n, f.origin))
+    # n, the three products, their sum, the distance and the difference: at most 7 roundings of 2^-24 each.
+    t.unsure = 5.0e-7 * (reach + wp.abs(t.distance)) + 2.0e-12
+    return t
+
+
+@wp.func
+def is_above(f: Frame, t: Plane, x: wp.vec3):
+    """Which side of the plane a vertex is on: asked in float32, and in float64 where that cannot tell."""
+    h = wp.dot(t.n, x) - t.distance
+    if wp.abs(h) > t.unsure:
+        return h > 0.0
+    return above(placed(f, x)[2])
 
 
 @wp.func
@@ -131,75 +154,8 @@ def corner(k: int, half: wp.vec2d):
 
 
 @wp.func
-def left_of(p: wp.vec2d, q: wp.vec2d, c: wp.vec2d):
-    """Whether corner c lies to the left of p -> q or on it.
-
-    Monotone in each coordinate of c however it rounds, so the answers at a patch's four corners always fit one line.
-    """
-    return (q[0] - p[0]) * (c[1] - p[1]) - (q[1] - p[1]) * (c[0] - p[0]) >= wp.float64(0.0)
-
-
-@wp.func
-def crosses(k: int, p: wp.vec2d, q: wp.vec2d, code_p: int, code_q: int, half: wp.vec2d):
-    """Whether p -> q crosses side k of the patch: 1 outward, -1 inward, 0 not.
-
-    A segment that passes a corner asks `left_of` about it once for both sides, so it crosses exactly one of them, or
-    cuts the corner off by crossing both, or misses both:
-
-        corner between p and q (both sides' bits differ)   side ending in it      side starting in it
-        outward                                            crossed if left        crossed if not left
-        inward                                             crossed if not left    crossed if left
-    """
-    side = 1 << k
-    if (code_p & side) == (code_q & side):
-        return 0
-    outward = (code_q & side) != 0
-    after = 1 << ((k + 1) % 4)
-    before = 1 << ((k + 3) % 4)
-    if (code_p & after) != (code_q & after):
-        if left_of(p, q, corner((k + 1) % 4, half)) != outward:
-            return 0
-    elif (code_p & after) != 0:
-        return 0
-    if (code_p & before) != (code_q & before):
-        if left_of(p, q, corner(k, half)) == outward:
-            return 0
-    elif (code_p & before) != 0:
-        return 0
-    if outward:
-        return 1
-    return -1
-
-
-@wp.func
 def blend(x: wp.float64, y: wp.float64, a: wp.float64, b: wp.float64):
     """Value between x and y where the one that runs from a to b is 0, from the nearer end: exact at both ends."""
     if wp.abs(a) <= wp.abs(b):
         return x + (a / (a - b)) * (y - x)
     return y + (b / (b - a)) * (x - y)
-
-
-@wp.func
-def side_point(k: int, p: wp.vec2d, q: wp.vec2d, half: wp.vec2d):
-    """Where p -> q crosses side k, never beyond its corners [m]."""
-    if k == 1 or k == 3:
-        x = half[0]
-        if k == 3:
-            x = -x
-        return wp.vec2d(x, wp.clamp(blend(p[1], q[1], p[0] - x, q[0] - x), -half[1], half[1]))
-    y = half[1]
-    if k == 0:
-        y = -y
-    return wp.vec2d(wp.clamp(blend(p[0], q[0], p[1] - y, q[1] - y), -half[0], half[0]), y)
-
-
-@wp.func
-def side_position(k: int, p: wp.vec2d):
-    """How far along side k a point of it lies, counter-clockwise."""
-    if k == 0:
-        return p[0]
-    if k == 1:
-        return p[1]
-    if k == 2:
-        return -p[0]
-    return -p[1]

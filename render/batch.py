@@ -1,25 +1,29 @@
-"""Render many poses: chunks to a memory budget, results in memory or chunk by chunk."""
+"""Render many poses: chunks to a memory budget, by one worker or many, results in memory or chunk by chunk."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
 
 from ..datasets.motion import HandMotion
-from ..kernels.slice import CrossingLimitError
+from ..kernels.measure import measure_contours
+from ..kernels.ragged import PointLimitError
 from .contours import ContourBatch, join_batches
+from .download import Downloader
 from .errors import PoseError, StrategyError
 from .hands import Palm
 from .objects import MeshObject
 from .strategy import IntersectionStrategy, intersect
+from .workers import Crew, PoseSpans, Work, warp_device
 
 MEMORY_DEFAULT = 512 * 2**20  # [byte]
 MEMORY_SMALLEST = 2**20  # [byte]; room for one pose of any mesh that fits itself
-CROSSING_BYTES = 160  # all stages' arrays per crossing of a mesh edge, added up as if none were freed: 117, and room
-SECTION_BYTES = 256  # the same per pose and patch
-POSES_FIRST = 2048  # of the first chunk, which tells how large the others may be
+POINT_BYTES = 28  # of a contour's point and its share of the polylines: 13 and up to 13
+SECTION_BYTES = 448  # of a pose and patch: slots of pieces (SLOTS x 80), counts and offsets
 
 
 @dataclass(frozen=True)
@@ -32,18 +36,12 @@ class Chunk:
     lengths: np.ndarray
     """[m], float32, shape [pose, 3]: object, hand, made."""
     timing: dict[str, float] = field(default_factory=dict)
-    """Seconds by stage."""
+    """Seconds by stage; on a GPU in all only, since stages would have to be waited for."""
 
-
-def warp_device(name: str) -> str:
-    """The Warp device of that name.
-
-    Raises StrategyError, listing what there is, for one that this machine lacks.
-    """
-    known = [str(device) for device in wp.get_devices()]
-    if name not in known and not (name == "cuda" and "cuda:0" in known):
-        raise StrategyError(f"no device {name!r} on this machine; there is: {', '.join(known)}")
-    return str(wp.get_device(name))
+    @property
+    def point_count(self) -> int:
+        """Number of points."""
+        return self.contours.point_count
 
 
 def check_poses(motion: HandMotion | np.ndarray) -> np.ndarray:
@@ -66,58 +64,108 @@ def rendered_chunks(
     strategy: IntersectionStrategy,
     *,
     device: str = "cpu",
+    devices: Sequence[str] | None = None,
     memory: int = MEMORY_DEFAULT,
     ranges: Sequence[tuple[int, int]] | None = None,
 ) -> Iterator[Chunk]:
-    """Render poses chunk by chunk, each small enough for `memory` bytes of working arrays.
+    """Render poses chunk by chunk, in pose order.
 
     pose: float32, shape [pose, 7]; ranges: which poses, as (first, stop), by default all.
-    The contours of a pose do not depend on the chunk that it is in.
+    devices: one worker on each of these Warp devices, a name as often as it has workers; by default one on `device`.
+    memory: for the working arrays and results of all chunks that are computed, wait or are with the caller [byte].
+    The contours of a pose do not depend on the chunk that it is in, nor on who made it. The workers end with the
+    generator: when it is exhausted, closed, or raises what one of them raised.
     """
     if memory < MEMORY_SMALLEST:
         raise StrategyError(f"memory must be at least {MEMORY_SMALLEST} bytes, not {memory}")
     if strategy.needs_closed:
         thing.require_closed()
-    device = warp_device(device)
-    limit = memory // CROSSING_BYTES
-    pose_bytes = SECTION_BYTES * hand.patch_count
-    size = max(1, min(POSES_FIRST, memory // (4 * pose_bytes)))
-    for first, stop in ranges if ranges is not None else [(0, len(pose))]:
-        while first < stop:
-            last = min(stop, first + size)
+    names = [warp_device(name) for name in ([device] if devices is None else devices)]
+    if not names:
+        raise StrategyError("devices must name one device at least")
+    rendering = _Rendering(thing, hand, pose, strategy, memory, share_count=2 * len(names) + 1)
+    spans = PoseSpans(
+        [(0, len(pose))] if ranges is None else ranges,
+        budget=rendering.share,
+        pose_bytes=SECTION_BYTES * hand.patch_count,
+        point_bytes=POINT_BYTES,
+        worker_count=len(names),
+    )
+    if spans.first is None:
+        return
+    turns = {name: threading.Lock() for name in names}
+    for name in turns:
+        rendering.prepare(name)
+    crew = Crew(spans, [rendering.work_on(name, turns[name]) for name in names])
+    yield from cast(Iterator[Chunk], crew.chunks())
+
+
+@dataclass(frozen=True)
+class _Rendering:
+    """What all workers share."""
+
+    thing: MeshObject
+    hand: Palm
+    pose: np.ndarray
+    strategy: IntersectionStrategy
+    memory: int
+    share_count: int
+    """Chunks that the memory is for: two of each worker, and the one that the caller has."""
+
+    @property
+    def share(self) -> int:
+        """Memory of one chunk [byte]."""
+        return self.memory // self.share_count
+
+    def prepare(self, device: str) -> None:
+        """Upload the object and load Warp's modules, once and by one thread: one pose takes all that chunks take."""
+        first = wp.array(self.pose[:1], dtype=wp.transform, device=device)
+        intersect(self.thing, self.hand, first, self.strategy)[0].lengths()
+
+    def work_on(self, device: str, turn: threading.Lock) -> Work:
+        """What a worker on that device does; those of one GPU take turns in computing, not in bringing down."""
+        if wp.get_device(device).is_cpu:
+            return lambda first, stop: self._fitting(first, stop, lambda *span: self._on_cpu(device, *span))
+        down = Downloader(device)
+        return lambda first, stop: self._fitting(first, stop, lambda *span: self._on_gpu(device, turn, down, *span))
+
+    def _fitting(self, first: int, stop: int, make: Callable[[int, int], Chunk]) -> Chunk:
+        """The chunk, or the beginning of it that fits the memory."""
+        while True:
             try:
-                chunk, crossing_count = _render_chunk(thing, hand, pose, (first, last), strategy, device, limit)
-            except CrossingLimitError as error:
-                if last - first == 1:
+                return make(first, stop)
+            except PointLimitError as error:
+                if stop - first == 1:
                     raise StrategyError(
-                        f"pose {first} alone crosses {error.count} mesh edges, too many for {memory} bytes of memory: "
-                        f"raise the memory budget to {error.count * CROSSING_BYTES} bytes"
+                        f"pose {first} alone has {error.count} points, too many for {self.memory} bytes of memory: "
+                        f"raise the memory budget to {error.count * POINT_BYTES * self.share_count} bytes"
                     ) from error
-                size = max(1, (last - first) // 2)
-                continue
-            yield chunk
-            needed = pose_bytes + 1.25 * CROSSING_BYTES * crossing_count / (last - first)
-            size = max(1, min(int(0.8 * memory / needed), 4 * size))
-            first = last
+                stop = first + (stop - first) // 2
 
+    def _intersected(self, device: str, first: int, stop: int, timing: dict[str, float] | None) -> ContourBatch:
+        poses = wp.array(self.pose[first:stop], dtype=wp.transform, device=device)
+        limit = self.share // POINT_BYTES
+        return intersect(self.thing, self.hand, poses, self.strategy, point_limit=limit, timing=timing)[0]
 
-def _render_chunk(
-    thing: MeshObject,
-    hand: Palm,
-    pose: np.ndarray,
-    span: tuple[int, int],
-    strategy: IntersectionStrategy,
-    device: str,
-    limit: int,
-) -> tuple[Chunk, int]:
-    timing: dict[str, float] = {}
-    started = time.perf_counter()
-    poses = wp.array(pose[span[0] : span[1]], dtype=wp.transform, device=device)
-    on_device, crossing_count = intersect(thing, hand, poses, strategy, crossing_limit=limit, timing=timing)
-    lengths = on_device.lengths()
-    contours = on_device.numpy()
-    timing["total"] = time.perf_counter() - started
-    return Chunk(span[0], span[1], contours, lengths, timing), crossing_count
+    def _on_cpu(self, device: str, first: int, stop: int) -> Chunk:
+        timing: dict[str, float] = {}
+        started = time.perf_counter()
+        batch = self._intersected(device, first, stop, timing)
+        lengths = batch.lengths()
+        timing["total"] = time.perf_counter() - started
+        return Chunk(first, stop, batch.numpy(), lengths, timing)
+
+    def _on_gpu(self, device: str, turn: threading.Lock, down: Downloader, first: int, stop: int) -> Chunk:
+        started = time.perf_counter()
+        with turn:
+            batch = self._intersected(device, first, stop, None)
+            lengths = measure_contours(batch.points, batch.kind, batch.polyline_start, batch.pose_start)
+            down.start({**batch.by_name(), "lengths": lengths})
+        del batch, lengths  # the downloader keeps them as long as they are needed
+        host: dict[str, Any] = down.finish()
+        lengths = host.pop("lengths")
+        timing = {"total": time.perf_counter() - started}
+        return Chunk(first, stop, ContourBatch.from_arrays(host), lengths, timing)
 
 
 def render(
@@ -127,18 +175,21 @@ def render(
     strategy: IntersectionStrategy,
     *,
     device: str = "cpu",
+    devices: Sequence[str] | None = None,
     memory: int = MEMORY_DEFAULT,
     progress: Callable[[int], None] | None = None,
 ) -> ContourBatch:
     """Contours of all poses, in memory on the host.
 
-    motion: a HandMotion, or poses alone, shape [pose, 7]. memory: budget of the working arrays [byte], results apart.
+    motion: a HandMotion, or poses alone, shape [pose, 7]. devices: one worker on each of these Warp devices, by default
+    one on `device`; the contours are the same. memory: budget of what is being computed [byte], results apart.
     progress: called with the number of poses done.
     Raises MeshError where the strategy needs a closed surface and the object has none; MotionError with the row of a
     bad pose; StrategyError for an unknown device or too small a budget.
     """
     batches = []
-    for chunk in rendered_chunks(thing, hand, check_poses(motion), strategy, device=device, memory=memory):
+    chunks = rendered_chunks(thing, hand, check_poses(motion), strategy, device=device, devices=devices, memory=memory)
+    for chunk in chunks:
         batches.append(chunk.contours)
         if progress is not None:
             progress(chunk.stop)

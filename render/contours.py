@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..kernels.arrange import Contours
+from ..kernels.draw import HAND, MADE, OBJECT, Contours
 from ..kernels.measure import measure_contours
-from ..kernels.ragged import HAND, MADE, OBJECT
 
 KINDS = {"object": OBJECT, "hand": HAND, "made": MADE}
 
@@ -20,7 +19,7 @@ Array = Any  # np.ndarray or wp.array, all alike: `on_device` tells; neither has
 class ContourBatch:
     """Contours of many poses in CSR form, all arrays on the host (NumPy) or all on one Warp device.
 
-    Polylines of a pose are ordered by (patch, smallest key); a pose without contours has an empty range.
+    Polylines of a pose are ordered by (patch, key); a pose without contours has an empty range.
     """
 
     points: Array
@@ -76,10 +75,13 @@ class ContourBatch:
         """A batch of the arrays that a contour file names like the fields."""
         return cls(**{f.name: arrays[f.name] for f in fields(cls) if f.name in arrays})
 
+    def by_name(self) -> dict[str, Array]:
+        """The fields that are there, where they are."""
+        return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
+
     def arrays(self) -> dict[str, np.ndarray]:
         """The fields that are there, as NumPy arrays."""
-        host = self.numpy()
-        return {f.name: v for f in fields(self) if (v := getattr(host, f.name)) is not None}
+        return self.numpy().by_name()
 
     def numpy(self) -> "ContourBatch":
         """The same batch on the host."""

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..kernels.winged import OPEN, WingedEdges, wing_edges
+from ..kernels.surface import OPEN, twins_of
 from .errors import MeshError, PalpateWarning
 
 
@@ -99,15 +99,16 @@ def closes_within(vertices: np.ndarray, faces: np.ndarray) -> float | None:
     size = np.ptp(vertices, axis=0).max()
     for share in (1e-9, 1e-7, 1e-5):
         joined = drop_faces(weld(np.round(vertices / (share * size)), faces)[1])
-        if len(joined) and wing_edges(joined).open_count == 0:
+        if len(joined) and not (twins_of(joined) == OPEN).any():
             return share
     return None
 
 
-def body_labels(face_count: int, edges: WingedEdges) -> np.ndarray:
-    """Number of the body of each triangle: those joined through an edge's two sides."""
-    one, two = edges.face[np.all(edges.face != OPEN, axis=1)].T
-    graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(face_count, face_count))
+def body_labels(twin: np.ndarray) -> np.ndarray:
+    """Number of the body of each triangle: those joined through an edge's two sides (see `twins_of`)."""
+    inner = np.flatnonzero(twin != OPEN)
+    one, two = inner // 3, twin[inner] // 3
+    graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(len(twin) // 3,) * 2)
     return connected_components(graph, directed=False)[1]
 
 
@@ -198,9 +199,9 @@ def unite(vertices: np.ndarray, parts: list[np.ndarray], sign: np.ndarray, aroun
     return weld(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts).astype(np.int32))
 
 
-def settle_bodies(vertices: np.ndarray, faces: np.ndarray, edges: WingedEdges, report: MeshReport):
+def settle_bodies(vertices: np.ndarray, faces: np.ndarray, twin: np.ndarray, report: MeshReport):
     """Turn bodies that are inside out, keep cavities, unite what overlaps; for a surface without open edges."""
-    label = body_labels(len(faces), edges)
+    label = body_labels(twin)
     leaf = np.bincount(label)[label] == 2  # a triangle and its back: no volume, and no manifold
     if leaf.any() and not leaf.all():
         faces, label = faces[~leaf], np.unique(label[~leaf], return_inverse=True)[1].ravel()
@@ -261,18 +262,19 @@ def mend_mesh(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.n
         raise MeshError(f"all {given_count} triangles have a corner twice: the mesh has no surface")
     dropped = given_count - len(faces)
     faces, turned, crossed = agree_faces(faces)
-    edges = wing_edges(faces)
+    twin = twins_of(faces)
+    open_count = int(np.count_nonzero(twin == OPEN))
     report = MeshReport(
         vertices_welded=welded,
         faces_dropped=dropped,
         faces_turned=int(turned.sum()),
-        open_edges=edges.open_count,
+        open_edges=open_count,
         crossed_edges=crossed,
     )
-    if edges.open_count == 0 and crossed == 0:
-        vertices, faces, report = settle_bodies(vertices, faces, edges, report)
+    if open_count == 0 and crossed == 0:
+        vertices, faces, report = settle_bodies(vertices, faces, twin, report)
     else:
-        report = replace(report, bodies=int(body_labels(len(faces), edges).max()) + 1)
+        report = replace(report, bodies=int(body_labels(twin).max()) + 1)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) <= 1e-15 * np.ptp(vertices, axis=0).max() ** 2
     return vertices, faces, replace(report, faces_flat=int(flat.sum()))

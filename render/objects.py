@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..datasets.shapes import shape, shape_names
-from ..kernels.winged import WingedEdges, upload_mesh, wing_edges
+from ..kernels.surface import HalfEdges, upload_surface
 from .errors import MeshError, PalpateWarning, PlacementError
 from .mend import closes_within, mend_mesh, warn_of
 
@@ -113,7 +113,7 @@ class MeshObject:
         """[m], float32, shape [vertex, 3]."""
         self.faces = faces.astype(np.int32)
         """int32, shape [face, 3]."""
-        self._on: dict[str, Any] = {}  # device: WingedMesh, which is no type to a type checker
+        self._on: dict[str, Any] = {}  # device: Surface, which is no type to a type checker
         self._judge_size()
         self._judge_rounding(vertices)
 
@@ -165,9 +165,9 @@ class MeshObject:
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]).astype(np.float64)
 
     @cached_property
-    def edges(self) -> WingedEdges:
-        """Edges in ascending key."""
-        return wing_edges(self.faces)
+    def edges(self) -> HalfEdges:
+        """Half-edges, in the order that contours are numbered by."""
+        return HalfEdges(self.vertices, self.faces)
 
     @cached_property
     def identity(self) -> str:
@@ -193,9 +193,9 @@ class MeshObject:
         )
 
     def on(self, device: str) -> Any:
-        """The mesh on a Warp device, a WingedMesh, uploaded once."""
+        """The mesh on a Warp device, a Surface, uploaded once."""
         if device not in self._on:
-            self._on[device] = upload_mesh(self.vertices, self.edges, device)
+            self._on[device] = upload_surface(self.edges, device)
         return self._on[device]
 
     def described(self) -> dict:

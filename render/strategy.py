@@ -7,11 +7,9 @@ from pathlib import Path
 
 import warp as wp
 
-from ..kernels.arrange import arrange_polylines
-from ..kernels.chain import chain_crossings
-from ..kernels.clip import clip_polylines
-from ..kernels.close import close_polylines
-from ..kernels.slice import slice_mesh
+from ..kernels.close import join_pieces
+from ..kernels.draw import draw_contours
+from ..kernels.find import find_pieces
 from .contours import ContourBatch
 from .errors import StrategyError
 from .hands import Palm
@@ -115,34 +113,29 @@ def intersect(
     pose: wp.array,
     strategy: IntersectionStrategy,
     *,
-    crossing_limit: int | None = None,
+    point_limit: int | None = None,
+    method: str | None = None,
     timing: dict[str, float] | None = None,
 ) -> tuple[ContourBatch, int]:
-    """Contours of one batch of poses in one go, on the device of the poses, and how many mesh edges they cross.
+    """Contours of one batch of poses in one go, on the device of the poses, and how many points they have.
 
     pose: wp.transform, hand frame -> array frame, shape [pose].
-    crossing_limit: more crossings of mesh edges than this raise `CrossingLimitError` before memory is taken.
+    point_limit: more points than this raise `PointLimitError` before memory is taken for them.
+    method: how contours are looked for, see `find_pieces`; the result is the same.
     timing: takes the seconds of each stage, which are then waited for one by one.
     """
     if strategy.needs_closed:
         thing.require_closed()
     device = str(pose.device)
-    mesh, patch, edge_count = thing.on(device), hand.on(device), len(thing.edges.end)
-    with StageClock(timing, "slice", device):
-        crossings = slice_mesh(mesh, pose, patch, limit=crossing_limit)
-    with StageClock(timing, "chain", device):
-        lines = chain_crossings(crossings)
-        crossing_count = crossings.key.shape[0]
-        del crossings  # half of what the chain needs; the later stages can have it
-    if "outside" in strategy.prune:
-        with StageClock(timing, "clip", device):
-            lines, corner_winding = clip_polylines(lines, patch, edge_count)
-        if "close" in strategy.transform:
-            with StageClock(timing, "close", device):
-                lines = close_polylines(lines, patch, edge_count, corner_winding)
-    with StageClock(timing, "arrange", device):
-        contours = arrange_polylines(lines, pose, patch)
-    return ContourBatch.from_device(contours, hand.patch_count), crossing_count
+    surface, patch = thing.on(device), hand.on(device)
+    bounded, closes = "outside" in strategy.prune, "close" in strategy.transform
+    with StageClock(timing, "find", device):
+        found = find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method=method)
+    with StageClock(timing, "join", device):
+        joined = join_pieces(found, pose, patch, closes=closes, limit=point_limit)
+    with StageClock(timing, "draw", device):
+        contours = draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes)
+    return ContourBatch.from_device(contours, hand.patch_count), joined.point_count
 
 
 class StageClock:

@@ -17,7 +17,7 @@ from palpate.render import (
     open_contour,
     render,
 )
-from palpate.render.batch import CROSSING_BYTES, rendered_chunks
+from palpate.render.batch import POINT_BYTES, rendered_chunks
 from palpate.render.contours import HAND, OBJECT, join_batches, object_part
 from palpate.render.errors import PoseError, StrategyError
 
@@ -114,9 +114,10 @@ def test_moving_everything_moves_the_contours(name, seed, move, turn):
     here = render(thing, PALM, poses, closed_contour())
     there = render(moved, PALM, other, closed_contour())
     assert there.length() == pytest.approx(here.length(), abs=2e-5)
-    if here.point_count == there.point_count and (here.polyline_start == there.polyline_start).all():
-        near = np.linalg.norm(rigid.apply(here.points) + move - there.points, axis=1)
-        assert np.median(np.append(near, 0.0)) < 2e-6
+    expected = rigid.apply(here.points) + move  # where a contour starts depends on the order of triangles in space
+    if here.point_count and there.point_count:
+        near = np.linalg.norm(there.points[:, None] - expected[None], axis=2).min(axis=1)
+        assert np.median(near) < 2e-6
 
 
 def test_permuted_poses_permute_the_batch(device, rng):
@@ -134,8 +135,7 @@ def test_chunk_size_does_not_matter_and_memory_is_kept_to(device):
     assert len(chunks) > 5
     assert [c.first for c in chunks[1:]] == [c.stop for c in chunks[:-1]]
     assert_same(whole, join_batches([c.contours for c in chunks]))
-    raw = render(thing, PALM, poses[:1000], IntersectionStrategy(), device=device)
-    assert raw.point_count * CROSSING_BYTES > 2**20  # so that the budget has had something to do
+    assert whole.point_count * POINT_BYTES > 2**20  # so that the budget has had something to do
 
 
 def test_pose_too_large_for_the_budget_is_refused_with_the_bytes(device):
@@ -150,7 +150,7 @@ def test_same_run_gives_the_same_bits(device):
 
 
 def test_order_does_not_depend_on_where_the_section_starts(device):
-    """Polylines of a pose by smallest key: scaling the palm cuts pieces off but never reorders what is left whole."""
+    """Polylines of a pose by key: scaling the palm cuts pieces off but never reorders what is left whole."""
     poses = random_poses(300, 9)
     small, large = (
         render(OBJECTS["dog"], p, poses, IntersectionStrategy(), device=device) for p in (Palm(0.02, 0.02), PALM)

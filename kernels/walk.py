@@ -1,0 +1,165 @@
+"""Walking a contour from triangle to triangle: no coordinate is ever compared to find what comes next."""
+
+import warp as wp
+
+from .patch import Frame, above, blend, outcode, placed
+from .surface import OPEN, Surface
+
+
+@wp.struct
+class Crossing:
+    """Where the plane crosses an edge, the solid to the left of the contour seen from +n.
+
+    The half-edge is that of the triangle which the contour goes into; it runs down through the plane.
+    """
+
+    half: int  # OPEN where there is no such triangle
+    scanned: int  # 1 if the edge is a scanned one
+    upper: wp.vec3d  # its ends in the patch's frame [m]
+    lower: wp.vec3d
+
+
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    const float4 r = __ldg(reinterpret_cast<const float4*>(a.data) + i);  // one load, not four
+    return wp::vec_t<4, wp::float32>(r.x, r.y, r.z, r.w);
+#else
+    return a.data[i];
+#endif
+""")
+def loaded(a: wp.array[wp.vec4], i: int) -> wp.vec4:
+    """Entry i of an array that is aligned to 16 bytes."""
+
+
+@wp.func
+def vertex_of(x: wp.vec4):
+    """Position [m]."""
+    return wp.vec3(x[0], x[1], x[2])
+
+
+@wp.func
+def link_of(x: wp.vec4):
+    """Link of a half-edge: see `HalfEdges.link`."""
+    return wp.cast(x[3], wp.int32)
+
+
+@wp.func
+def half_after(half: int):
+    """Next half-edge of the triangle."""
+    if half % 3 == 2:
+        return half - 2
+    return half + 1
+
+
+@wp.func
+def half_before(half: int):
+    """Next half-edge but one."""
+    if half % 3 == 0:
+        return half + 2
+    return half - 1
+
+
+@wp.func
+def crossing_at(surface: Surface, f: Frame, half: int):
+    """The crossing of a half-edge that runs down through the plane."""
+    c = Crossing()
+    c.half = half
+    c.upper = placed(f, vertex_of(loaded(surface.corner, half)))
+    c.lower = placed(f, vertex_of(loaded(surface.corner, half_after(half))))
+    return c
+
+
+@wp.func
+def crossing_after(surface: Surface, f: Frame, c: Crossing):
+    """The crossing by which the contour leaves the triangle of c.half.
+
+    the triangle's third vertex   comes up along
+    above                         the next half-edge (lower end to third)
+    below                         the next but one (third to upper end)
+    """
+    n = Crossing()
+    third = loaded(surface.corner, half_before(c.half))
+    x = placed(f, vertex_of(third))
+    link = link_of(third)
+    n.upper = c.upper
+    n.lower = x
+    if above(x[2]):
+        n.upper = x
+        n.lower = c.lower
+        link = link_of(loaded(surface.corner, half_after(c.half)))
+    n.half = OPEN
+    if link != OPEN:
+        n.half = link >> 1
+        n.scanned = link & 1
+    return n
+
+
+@wp.func
+def crossing_before(surface: Surface, f: Frame, c: Crossing):
+    """The crossing that comes before c, OPEN if c begins a chain: through the triangle on the other side."""
+    n = Crossing()
+    n.half = OPEN
+    own = link_of(loaded(surface.corner, c.half))
+    if own != OPEN:
+        half = own >> 1  # runs up through the plane
+        third = loaded(surface.corner, half_before(half))
+        x = placed(f, vertex_of(third))
+        if above(x[2]):
+            n.half = half_before(half)
+            n.upper = x
+            n.lower = c.lower
+        else:
+            n.half = half_after(half)
+            n.upper = c.upper
+            n.lower = x
+        n.scanned = link_of(loaded(surface.corner, n.half)) & 1  # OPEN is odd: an open edge is scanned
+    return n
+
+
+@wp.func
+def chain_start(surface: Surface, f: Frame, half: int):
+    """Half-edge of the first crossing of a chain."""
+    c = crossing_at(surface, f, half)
+    first = half
+    while True:
+        c = crossing_before(surface, f, c)
+        if c.half == OPEN:
+            break
+        first = c.half
+    return first
+
+
+@wp.func
+def point_of(c: Crossing):
+    """Where on the plane the crossing lies, in the patch's frame [m]."""
+    a = c.upper[2]
+    b = c.lower[2]
+    return wp.vec2d(blend(c.upper[0], c.lower[0], a, b), blend(c.upper[1], c.lower[1], a, b))
+
+
+@wp.func
+def is_first(surface: Surface, f: Frame, half: int, side: wp.vec2d):
+    """Whether a scanned crossing has the lowest rank of a loop that never leaves the patch.
+
+    Walks both ways in turn until it meets a lower rank, leaves the patch, or has been around: all crossings of a loop
+    of n together ask for n log n steps at most, whatever their order.
+    """
+    rank = surface.rank[half]
+    ahead = crossing_at(surface, f, half)
+    back = crossing_at(surface, f, half)
+    while True:
+        ahead = crossing_after(surface, f, ahead)
+        if ahead.half == OPEN or ahead.half == half:
+            return ahead.half == half
+        if outcode(point_of(ahead), side) != 0:
+            return False
+        if ahead.scanned == 1 and surface.rank[ahead.half] < rank:
+            return False
+        back = crossing_before(surface, f, back)
+        if back.half == OPEN:
+            return False
+        if outcode(point_of(back), side) != 0:
+            return False
+        if back.scanned == 1 and surface.rank[back.half] < rank:
+            return False
+    return False

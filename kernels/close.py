@@ -4,9 +4,12 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from .patch import EXACT, Frame, Patch, corner, frame_at, lifted
+from .clip import side_point, side_position
+from .patch import EXACT, Frame, Patch, corner, frame_at, lifted, outcode
 from .piece import CLOSED, Pieces, room_of, section_of, start_of
 from .ragged import PointLimitError, last_of, offsets_of
+from .surface import Surface
+from .walk import crossing_after, crossing_at, point_of
 
 wp.set_module_options(EXACT)
 
@@ -33,22 +36,57 @@ class Ends:
     entering: wp.array[wp.int32]  # piece, in the order of the places where pieces enter
     follower: wp.array[wp.int32]  # the piece that the boundary leads to from where this one leaves; NONE once drawn
     corners: wp.array[wp.int32]  # how many corners it passes on the way
+    position: wp.array[wp.vec2d]  # how far along its side each piece enters and leaves [m]
+    steps: wp.array[wp.int32]  # steps of some length
+    first: wp.array[wp.vec3]  # first and last point [m], array frame
+    last: wp.array[wp.vec3]
 
 
 @wp.func
-def sort_ends(pieces: Pieces, base: wp.int64, count: int, end: int, order: wp.array[wp.int32]):
+def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp.int64, ends: Ends):
+    """Compute where an open piece enters and leaves its patch; count its steps there that are of some length."""
+    side = pieces.side[i]
+    position = wp.vec2d()
+    steps = pieces.steps[i]
+    x = wp.vec3()
+    if side[0] != NONE:
+        c = crossing_at(surface, f, pieces.half[i])
+        q = point_of(crossing_after(surface, f, c))
+        p = side_point(side[0], point_of(c), q, half)
+        x = lifted(f, p)
+        position[0] = side_position(side[0], p)
+        ends.first[i] = x
+        if outcode(q, half) == 0 and not (x == lifted(f, q)):
+            steps += 1
+    if side[1] != NONE:
+        c = crossing_at(surface, f, pieces.out[i])
+        p = point_of(c)
+        q = side_point(side[1], p, point_of(crossing_after(surface, f, c)), half)
+        y = lifted(f, q)
+        position[1] = side_position(side[1], q)
+        ends.last[i] = y
+        if outcode(p, half) == 0:
+            x = lifted(f, p)
+        if not (x == y):
+            steps += 1
+    ends.position[i] = position
+    ends.steps[i] = steps
+
+
+@wp.func
+def sort_ends(pieces: Pieces, base: wp.int64, count: int, end: int, ends: Ends, order: wp.array[wp.int32]):
     """Insertion sort of a row's open pieces by where they enter (end 0) or leave (1); returns how many there are."""
     n = int(0)
     for slot in range(count):
         own = base + wp.int64(slot) * pieces.stride
         if pieces.key[own] < CLOSED:
             side = pieces.side[own][end]
-            position = pieces.position[own][end]
+            position = ends.position[own][end]
             place = int(n)
             while place > 0:
                 other = base + wp.int64(order[base + wp.int64(place - 1) * pieces.stride]) * pieces.stride
                 other_side = pieces.side[other][end]
-                if other_side < side or (other_side == side and pieces.position[other][end] <= position):
+                if other_side < side or (other_side == side and ends.position[other][end] <= position):
                     break
                 order[base + wp.int64(place) * pieces.stride] = order[base + wp.int64(place - 1) * pieces.stride]
                 place -= 1
@@ -66,8 +104,8 @@ def match_ends(pieces: Pieces, base: wp.int64, count: int, winding: int, ends: E
     around the corner where that is past the last. By rank alone: ends that rounding has swapped stay matched, and no
     corner is passed where two ends all but coincide.
     """
-    n = sort_ends(pieces, base, count, 1, ends.leaving)
-    sort_ends(pieces, base, count, 0, ends.entering)
+    n = sort_ends(pieces, base, count, 1, ends, ends.leaving)
+    sort_ends(pieces, base, count, 0, ends, ends.entering)
     for k in range(n):
         leaving = ends.leaving[base + wp.int64(k) * pieces.stride]
         entering = ends.entering[base + wp.int64((k + wp.max(winding, 0)) % n) * pieces.stride]
@@ -112,17 +150,17 @@ def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, cor
 def loop_steps(pieces: Pieces, base: wp.int64, first: int, f: Frame, half: wp.vec2d, ends: Ends):
     """Steps of some length around the loop of a piece."""
     own = base + wp.int64(first) * pieces.stride
-    steps = pieces.steps[own]
+    steps = ends.steps[own]
     if pieces.key[own] >= CLOSED or pieces.side[own][1] == NONE or ends.corners[own] == NONE:
         return steps
     slot = ends.follower[own]
     while True:
         following = base + wp.int64(slot) * pieces.stride
-        steps += joint_steps(f, half, pieces.last[own], pieces.first[following], pieces.side[own][1], ends.corners[own])
+        steps += joint_steps(f, half, ends.last[own], ends.first[following], pieces.side[own][1], ends.corners[own])
         if slot == first:
             break
         own = following
-        steps += pieces.steps[own]
+        steps += ends.steps[own]
         slot = ends.follower[own]
     return steps
 
@@ -152,6 +190,7 @@ def enter_loop(pieces: Pieces, base: wp.int64, first: int, kept: bool, ends: End
 @wp.kernel
 def _join_pieces(
     # In:
+    surface: Surface,
     pieces: Pieces,
     pose: wp.array[wp.transform],
     patch: wp.array[Patch],
@@ -174,8 +213,12 @@ def _join_pieces(
         f = frame_at(pose[section // patch.shape[0]], patch[section % patch.shape[0]])
         half = patch[section % patch.shape[0]].half
         for slot in range(count):
-            ends.follower[base + wp.int64(slot) * pieces.stride] = slot
-            ends.corners[base + wp.int64(slot) * pieces.stride] = NONE
+            own = base + wp.int64(slot) * pieces.stride
+            ends.follower[own] = slot
+            ends.corners[own] = NONE
+            ends.steps[own] = pieces.steps[own]
+            if pieces.key[own] < CLOSED:
+                place_ends(surface, f, half, pieces, own, ends)
         open_count = int(0)
         if closes == 1:
             open_count = match_ends(pieces, base, count, pieces.winding[row], ends)
@@ -206,7 +249,9 @@ class Joined(NamedTuple):
     point_count: int
 
 
-def join_pieces(found: list, pose: wp.array, patch: wp.array, *, closes: bool, limit: int | None = None) -> Joined:
+def join_pieces(
+    surface: Any, found: list, pose: wp.array, patch: wp.array, *, closes: bool, limit: int | None = None
+) -> Joined:
     """Order pieces into polylines, closed along the patches' boundaries or not, and count their points.
 
     found: what `find_pieces` returned; closes needs a watertight surface and bounded patches.
@@ -219,16 +264,19 @@ def join_pieces(found: list, pose: wp.array, patch: wp.array, *, closes: bool, l
     rows = []
     for pieces in found:
         ends, entries = Ends(), Entries()
-        for field in ("leaving", "entering", "follower", "corners"):
+        for field in ("leaving", "entering", "follower", "corners", "steps"):
             setattr(ends, field, wp.empty(pieces.half.shape[0], dtype=wp.int32, device=device))
+        for field, dtype in (("position", wp.vec2d), ("first", wp.vec3), ("last", wp.vec3)):
+            setattr(ends, field, wp.empty(pieces.half.shape[0], dtype=dtype, device=device))
         entries.entry = wp.empty(pieces.half.shape[0], dtype=wp.int32, device=device)
         entries.count = wp.empty(pieces.count.shape[0], dtype=wp.int32, device=device)
         wp.launch(
             _join_pieces,
             pieces.count.shape[0],
-            inputs=[pieces, pose, patch, int(closes)],
+            inputs=[surface, pieces, pose, patch, int(closes)],
             outputs=[ends, entries, polylines, points],
             device=device,
+            block_dim=64,
         )
         rows.append((pieces, entries))
     section_start, point_start = offsets_of(polylines), offsets_of(points)

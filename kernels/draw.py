@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from .clip import passage_of, side_point
+from .clip import corners_left, segment_of, side_point
 from .close import BEGIN, BOUNDARY, CORNERS, SLOT, Entries, Joined
 from .patch import EXACT, Frame, Patch, corner, frame_at, lifted, outcode
 from .piece import CLOSED, Pieces, section_of, start_of
@@ -48,6 +48,7 @@ class Pen:
     i: wp.int64  # where it goes
     x: wp.vec3
     kind: int  # of the segment that starts there
+    first: wp.vec3  # where its last piece began
 
 
 @wp.func
@@ -62,6 +63,7 @@ def drawn_to(lines: Lines, pen: Pen, y: wp.vec3):
         out.i = pen.i + wp.int64(1)
     out.x = y
     out.kind = OBJECT
+    out.first = pen.first
     return out
 
 
@@ -76,38 +78,32 @@ def finish_line(lines: Lines, i: wp.int64, y: wp.vec3):
 def draw_piece(surface: Surface, f: Frame, side: wp.vec2d, half: int, lines: Lines, pen: Pen, starts: bool):
     """Walk a piece from where it enters, or starts, to where it leaves, ends or closes."""
     c = crossing_at(surface, f, half)
+    n = crossing_after(surface, f, c)
     p = point_of(c)
+    q = point_of(n)
     code_p = outcode(p, side)
+    code_q = outcode(q, side)
+    x = lifted(f, p)
+    if code_p != 0:
+        x = lifted(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).enter, p, q, side))
     out = Pen()
     out.i = pen.i
-    if code_p == 0:
-        x = lifted(f, p)
-        if not starts:
-            out = drawn_to(lines, pen, x)
-        out.x = x
-        out.kind = OBJECT
-    while True:
-        n = crossing_after(surface, f, c)
-        q = point_of(n)
-        code_q = outcode(q, side)
-        if code_p != 0:
-            t = passage_of(p, q, code_p, code_q, side)
-            x = lifted(f, side_point(t.enter, p, q, side))
-            if not starts:
-                out = drawn_to(lines, pen, x)
-            out.x = x
-            out.kind = OBJECT
-        if code_q != 0:
-            t = passage_of(p, q, code_p, code_q, side)
-            out = drawn_to(lines, out, lifted(f, side_point(t.leave, p, q, side)))
-            break
+    if not starts:
+        out = drawn_to(lines, pen, x)
+    out.x = x
+    out.kind = OBJECT
+    out.first = x
+    while code_q == 0 and n.half != OPEN and n.half != half:
         out = drawn_to(lines, out, lifted(f, q))
-        if n.half == OPEN or n.half == half:
-            break
-        c = n
         p = q
         code_p = code_q
-    return out
+        n = crossing_after(surface, f, n)
+        q = point_of(n)
+        code_q = outcode(q, side)
+    x = lifted(f, q)
+    if code_q != 0:
+        x = lifted(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).leave, p, q, side))
+    return drawn_to(lines, out, x)
 
 
 @wp.func
@@ -178,8 +174,9 @@ def _draw_contours(
         if begins:
             begin_line(lines, line, pen.i, own, whole or closes == 1)
             line += wp.int64(1)
-            first = pieces.first[slot]
         pen = draw_piece(surface, f, side, pieces.half[slot], lines, pen, begins)
+        if begins:
+            first = pen.first
         if closes == 1 and not whole:
             pen = draw_corners(lines, pen, f, side, pieces.side[slot][1] + 1, code >> CORNERS)
         ends = e + 1 == count
@@ -218,10 +215,19 @@ def draw_contours(
             _draw_contours,
             pieces.count.shape[0],
             inputs=[
-                *(surface, pose, patch, pieces, entries, int(bounded), int(closes)),
+                *(
+                    surface,
+                    pose,
+                    patch,
+                    pieces,
+                    entries,
+                    int(bounded),
+                    int(closes),
+                ),
                 *(joined.section_start, joined.point_start),
             ],
             outputs=[lines],
             device=device,
+            block_dim=64,
         )
     return out

@@ -5,8 +5,8 @@ from typing import Any
 import warp as wp
 
 from .piece import room_for_excess, room_for_sections
-from .seek import _seek_pieces
-from .trace import _trace_pieces
+from .seek import seek_pieces
+from .trace import trace_pieces
 
 TRACED_LARGEST = {"cpu": 2000, "cuda": 2000}  # [triangle]; measured (docs/performance.md): larger ones are sought
 METHODS = ("trace", "seek")
@@ -30,14 +30,18 @@ def find_pieces(
     device = pose.device
     method = method or method_for(surface.corner.shape[0] // 3, "cpu" if device.is_cpu else "cuda")
 
-    def launch(pieces: Any) -> None:
-        inputs = [surface, pose, patch, int(bounded), *([int(closes)] if method == "seek" else [])]
-        kernel = _seek_pieces if method == "seek" else _trace_pieces
-        wp.launch(kernel, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=device)
-
     found = [room_for_sections(pose.shape[0] * patch.shape[0], device)]
-    launch(found[0])
+    needed = None
+    if method == "trace":
+        needed = trace_pieces(surface, pose, patch, found[0], bounded=bounded)
+    else:
+        seek_pieces(surface, pose, patch, found[0], bounded=bounded, closes=closes)
     if found[0].excess.numpy()[0] > 0:
-        found.append(room_for_excess(found[0], device))
-        launch(found[1])
+        rest = room_for_excess(found[0], device)
+        found.append(rest)
+        if needed is not None:  # events, that is
+            room = int(needed.numpy()[rest.section.numpy()].max())
+            trace_pieces(surface, pose, patch, rest, bounded=bounded, room=room)
+        else:
+            seek_pieces(surface, pose, patch, rest, bounded=bounded, closes=closes)
     return found

@@ -37,12 +37,16 @@ class Patch:
 
 
 @wp.struct
-class Plane:
-    """A patch's plane in float32, and how near to it float32 cannot tell the side."""
+class Coarse:
+    """A patch's frame in float32, and what float32 may be wrong by: it answers first, float64 where it cannot tell."""
 
+    origin: wp.vec3  # [m]
+    u: wp.vec3
+    v: wp.vec3
     n: wp.vec3
     distance: float  # of the plane from the array's origin, along n [m]
-    unsure: float  # [m]
+    half: wp.vec2  # half extents of the patch [m]
+    unsure: float  # bound of the rounding of a coordinate in this frame [m]
 
 
 @wp.struct
@@ -100,21 +104,32 @@ def above(h: wp.float64):
 
 
 @wp.func
-def plane_of(f: Frame, reach: float):
-    """The plane in float32; `reach`: largest |x| + |y| + |z| of a vertex that will be asked about [m]."""
-    t = Plane()
-    t.n = wp.vec3(wp.float32(f.n[0]), wp.float32(f.n[1]), wp.float32(f.n[2]))
-    t.distance = wp.float32(wp.dot(f.n, f.origin))
-    # n, the three products, their sum, the distance and the difference: at most 7 roundings of 2^-24 each.
-    t.unsure = 5.0e-7 * (reach + wp.abs(t.distance)) + 2.0e-12
-    return t
+def narrowed(x: wp.vec3d):
+    """The same vector in float32."""
+    return wp.vec3(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2]))
 
 
 @wp.func
-def is_above(f: Frame, t: Plane, x: wp.vec3):
-    """Which side of the plane a vertex is on: asked in float32, and in float64 where that cannot tell."""
-    h = wp.dot(t.n, x) - t.distance
-    if wp.abs(h) > t.unsure:
+def coarse_of(f: Frame, half: wp.vec2d, reach: float):
+    """The frame in float32; `reach`: largest |x| + |y| + |z| of a vertex that will be asked about [m]."""
+    g = Coarse()
+    g.origin = narrowed(f.origin)
+    g.u = narrowed(f.u)
+    g.v = narrowed(f.v)
+    g.n = narrowed(f.n)
+    g.distance = wp.float32(wp.dot(f.n, f.origin))
+    g.half = wp.vec2(wp.float32(half[0]), wp.float32(half[1]))
+    # Origin, axes, difference, products and their sums: at most 7 roundings of 2^-24 each, and ON.
+    far = wp.abs(g.origin[0]) + wp.abs(g.origin[1]) + wp.abs(g.origin[2])
+    g.unsure = 5.0e-7 * (reach + far) + 2.0e-12
+    return g
+
+
+@wp.func
+def is_above(f: Frame, g: Coarse, x: wp.vec3):
+    """Which side of the plane a vertex is on."""
+    h = wp.dot(g.n, x) - g.distance
+    if wp.abs(h) > g.unsure:
         return h > 0.0
     return above(placed(f, x)[2])
 
@@ -123,7 +138,7 @@ def is_above(f: Frame, t: Plane, x: wp.vec3):
 def lifted(f: Frame, p: wp.vec2d):
     """Point of the patch's plane in the array's frame [m]."""
     x = f.origin + p[0] * f.u + p[1] * f.v
-    return wp.vec3(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2]))
+    return narrowed(x)
 
 
 @wp.func
@@ -151,11 +166,3 @@ def corner(k: int, half: wp.vec2d):
     if k == 0 or k == 1:
         y = -y
     return wp.vec2d(x, y)
-
-
-@wp.func
-def blend(x: wp.float64, y: wp.float64, a: wp.float64, b: wp.float64):
-    """Value between x and y where the one that runs from a to b is 0, from the nearer end: exact at both ends."""
-    if wp.abs(a) <= wp.abs(b):
-        return x + (a / (a - b)) * (y - x)
-    return y + (b / (b - a)) * (x - y)

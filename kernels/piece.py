@@ -5,10 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from .clip import NONE, side_point, side_position
-from .patch import Frame, lifted
-
-SLOTS = 4  # pieces a section has room for at first; one with more is searched again, with as much room as it needs
+SLOTS = 8  # pieces a section has room for at first; one with more is searched again, with as much room as it needs
 CLOSED = wp.constant(1 << 30)  # in a piece's key: a loop that never leaves the patch
 
 
@@ -25,25 +22,9 @@ class Pieces:
     excess: wp.array[wp.int32]  # rows without room for all of their pieces, shape [1]
     half: wp.array[wp.int32]  # of the crossing before it enters, or the first inside
     key: wp.array[wp.int32]  # orders the pieces of a section: half, or CLOSED + rank
+    out: wp.array[wp.int32]  # of the crossing before it leaves
     side: wp.array[wp.vec2i]  # patch sides by which it enters and leaves, NONE for none
-    position: wp.array[wp.vec2d]  # how far along them [m]
-    steps: wp.array[wp.int32]  # points that differ from the one after, the last one apart
-    first: wp.array[wp.vec3]  # first and last point [m], array frame
-    last: wp.array[wp.vec3]
-
-
-@wp.struct
-class Piece:
-    """A piece while it is walked."""
-
-    half: int
-    enter: int
-    leave: int
-    enter_position: wp.float64
-    leave_position: wp.float64
-    steps: int
-    first: wp.vec3
-    last: wp.vec3
+    steps: wp.array[wp.int32]  # steps of some length between crossings inside
 
 
 @wp.func
@@ -71,59 +52,15 @@ def section_of(pieces: Pieces, row: int):
 
 
 @wp.func
-def store_piece(pieces: Pieces, row: int, slot: int, piece: Piece, key: int):
-    """Put a piece where there is room for it; it is counted in any case."""
+def store_piece(pieces: Pieces, row: int, slot: int, half: int, out: int, enter: int, leave: int, steps: int, key: int):
+    """Put a piece where there is room for it."""
     if slot < room_of(pieces, row):
         i = start_of(pieces, row) + wp.int64(slot) * pieces.stride
-        pieces.half[i] = piece.half
+        pieces.half[i] = half
+        pieces.out[i] = out
         pieces.key[i] = key
-        pieces.side[i] = wp.vec2i(piece.enter, piece.leave)
-        pieces.position[i] = wp.vec2d(piece.enter_position, piece.leave_position)
-        pieces.steps[i] = piece.steps
-        pieces.first[i] = piece.first
-        pieces.last[i] = piece.last
-
-
-@wp.func
-def begun_inside(f: Frame, half: int, p: wp.vec2d):
-    """A piece that begins at a crossing inside the patch."""
-    piece = Piece()
-    piece.half = half
-    piece.enter = NONE
-    piece.leave = NONE
-    piece.first = lifted(f, p)
-    piece.last = piece.first
-    return piece
-
-
-@wp.func
-def begun_at_side(f: Frame, half: int, p: wp.vec2d, q: wp.vec2d, enter: int, side: wp.vec2d):
-    """A piece that begins where p -> q enters the patch; half: of the crossing p."""
-    s = side_point(enter, p, q, side)
-    piece = begun_inside(f, half, s)
-    piece.enter = enter
-    piece.enter_position = side_position(enter, s)
-    return piece
-
-
-@wp.func
-def led_to(f: Frame, piece: Piece, p: wp.vec2d):
-    """The piece, a point longer."""
-    x = lifted(f, p)
-    if not (x == piece.last):
-        piece.steps += 1
-    piece.last = x
-    return piece
-
-
-@wp.func
-def led_out(f: Frame, piece: Piece, p: wp.vec2d, q: wp.vec2d, leave: int, side: wp.vec2d):
-    """The piece up to where p -> q leaves the patch."""
-    s = side_point(leave, p, q, side)
-    out = led_to(f, piece, s)
-    out.leave = leave
-    out.leave_position = side_position(leave, s)
-    return out
+        pieces.side[i] = wp.vec2i(enter, leave)
+        pieces.steps[i] = steps
 
 
 @wp.func
@@ -164,8 +101,7 @@ def with_slots(pieces: Any, row_count: int, slot_count: int, device: str) -> Any
     pieces.winding = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.excess = wp.zeros(1, dtype=wp.int32, device=device)
     for field, dtype in (
-        *(("half", wp.int32), ("key", wp.int32), ("side", wp.vec2i), ("position", wp.vec2d)),
-        *(("steps", wp.int32), ("first", wp.vec3), ("last", wp.vec3)),
+        *(("half", wp.int32), ("out", wp.int32), ("key", wp.int32), ("side", wp.vec2i), ("steps", wp.int32)),
     ):
         setattr(pieces, field, wp.empty(slot_count, dtype=dtype, device=device))
     return pieces

@@ -1,73 +1,36 @@
 """Contours of large surfaces: a hierarchy of boxes, traversed by the oriented patch, finds what lies in it."""
 
+from typing import Any
+
 import warp as wp
 
-from .clip import NONE, passage_of, winding_step
-from .patch import EXACT, Frame, Patch, Plane, frame_at, is_above, outcode, plane_of
-from .piece import (
-    CLOSED,
-    Pieces,
-    begun_at_side,
-    begun_inside,
-    count_row,
-    led_out,
-    led_to,
-    section_of,
-    store_piece,
-)
+from .clip import NONE, corners_left, segment_of, winding_step
+from .patch import EXACT, Coarse, Frame, Patch, coarse_of, frame_at, is_above, lifted, outcode
+from .piece import CLOSED, Pieces, count_row, section_of, store_piece
 from .surface import LEAF, OPEN, Surface
 from .trace import UNBOUNDED
-from .walk import (
-    crossing_after,
-    crossing_at,
-    is_first,
-    link_of,
-    loaded,
-    point_of,
-    vertex_of,
-)
+from .walk import crossing_after, crossing_at, is_first, link_of, loaded, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
-ENTRY = wp.constant(1)  # the contour enters the patch, or starts in it, in this face
-INNER = wp.constant(2)  # a scanned crossing strictly inside
-OUTER = wp.constant(3)  # crosses the ray, anywhere: for the winding number
+LISTED = 8  # crossed faces that a traversal lists before they are looked at
 
 
 @wp.struct
 class Window:
-    """The rectangle that is looked for, in a patch's frame, in float32."""
+    """The rectangle that is looked for, along u and v of a patch's frame [m]."""
 
-    origin: wp.vec3  # [m]
-    u: wp.vec3
-    v: wp.vec3
-    low: wp.vec2  # [m]
+    low: wp.vec2
     high: wp.vec2
-    margin: float  # [m]; what float32 may be wrong by
 
 
 @wp.struct
 class Cursor:
-    """Where a traversal has come to, and what it found there."""
+    """Where a traversal has come to, and what it found on the way."""
 
     node: int  # heap number; 0 at the end
     place: int  # of the next face in the leaf
-    kind: int  # ENTRY, INNER, OUTER; NONE at the end
-    half: int
-    scanned: int  # 1 if the crossing is a scanned one inside the patch
-
-
-@wp.func
-def window_of(f: Frame, surface: Surface, low: wp.vec2d, high: wp.vec2d):
-    """The window low..high of a patch's plane."""
-    w = Window()
-    w.origin = wp.vec3(wp.float32(f.origin[0]), wp.float32(f.origin[1]), wp.float32(f.origin[2]))
-    w.u = wp.vec3(wp.float32(f.u[0]), wp.float32(f.u[1]), wp.float32(f.u[2]))
-    w.v = wp.vec3(wp.float32(f.v[0]), wp.float32(f.v[1]), wp.float32(f.v[2]))
-    w.low = wp.vec2(wp.float32(low[0]), wp.float32(low[1]))
-    w.high = wp.vec2(wp.float32(high[0]), wp.float32(high[1]))
-    w.margin = 2.0e-6 * (surface.reach + wp.abs(w.origin[0]) + wp.abs(w.origin[1]) + wp.abs(w.origin[2]))
-    return w
+    listed: int  # faces set aside
 
 
 @wp.func
@@ -77,23 +40,23 @@ def reach_along(axis: wp.vec3, half: wp.vec3):
 
 
 @wp.func
-def meets(surface: Surface, plane: Plane, w: Window, node: int):
+def meets(surface: Surface, g: Coarse, w: Window, node: int):
     """Whether a box may meet the window: separating axes n, u and v.
 
     The box's own axes would add little: a box is small against the patch where it matters, near the leaves.
     """
     e = loaded(surface.node_half, node)
     half = wp.vec3(e[0], e[1], e[2])
-    centre = vertex_of(loaded(surface.node_centre, node))
-    if half[0] < 0.0 or wp.abs(wp.dot(plane.n, centre) - plane.distance) > reach_along(plane.n, half) + w.margin:
+    d = vertex_of(loaded(surface.node_centre, node)) - g.origin
+    margin = 4.0 * g.unsure
+    if half[0] < 0.0 or wp.abs(wp.dot(g.n, d)) > reach_along(g.n, half) + margin:
         return False
-    d = centre - w.origin
-    x = wp.dot(w.u, d)
-    r = reach_along(w.u, half) + w.margin
+    x = wp.dot(g.u, d)
+    r = reach_along(g.u, half) + margin
     if x - r > w.high[0] or x + r < w.low[0]:
         return False
-    y = wp.dot(w.v, d)
-    r = reach_along(w.v, half) + w.margin
+    y = wp.dot(g.v, d)
+    r = reach_along(g.v, half) + margin
     return y - r <= w.high[1] and y + r >= w.low[1]
 
 
@@ -109,12 +72,28 @@ def node_after(node: int):
 
 
 @wp.func
-def down_half(surface: Surface, f: Frame, plane: Plane, face: int):
+def leaf_from(surface: Surface, g: Coarse, w: Window, node: int):
+    """The next leaf that may meet the window, from a node on in the heap's order; 0 if there is none."""
+    n = int(node)
+    while n != 0:
+        if meets(surface, g, w, n):
+            if n >= surface.leaf_first:
+                break
+            n = 2 * n
+        else:
+            n = node_after(n)
+    return n
+
+
+@wp.func
+def down_half(surface: Surface, f: Frame, g: Coarse, face: int):
     """The half-edge of a face that runs down through the plane; OPEN if none does."""
     half = 3 * face
-    a = is_above(f, plane, vertex_of(loaded(surface.corner, half)))
-    b = is_above(f, plane, vertex_of(loaded(surface.corner, half + 1)))
-    c = is_above(f, plane, vertex_of(loaded(surface.corner, half + 2)))
+    if half >= surface.corner.shape[0]:
+        return OPEN
+    a = is_above(f, g, vertex_of(loaded(surface.corner, half)))
+    b = is_above(f, g, vertex_of(loaded(surface.corner, half + 1)))
+    c = is_above(f, g, vertex_of(loaded(surface.corner, half + 2)))
     if a and not b:
         return half
     if b and not c:
@@ -125,127 +104,135 @@ def down_half(surface: Surface, f: Frame, plane: Plane, face: int):
 
 
 @wp.func
-def judged(surface: Surface, f: Frame, side: wp.vec2d, half: int):
-    """What a crossed face means for the patch: ENTRY, INNER or NONE."""
-    found = Cursor()
-    found.half = half
-    found.kind = NONE
-    c = crossing_at(surface, f, half)
-    p = point_of(c)
-    code_p = outcode(p, side)
-    link = link_of(loaded(surface.corner, half))
-    if code_p == 0:
-        found.scanned = link & 1  # OPEN is odd
-        if link == OPEN:
-            found.kind = ENTRY
-        elif found.scanned == 1:
-            found.kind = INNER
-    else:
-        q = point_of(crossing_after(surface, f, c))
-        if passage_of(p, q, code_p, outcode(q, side), side).enter != NONE:
-            found.kind = ENTRY
-    return found
-
-
-@wp.func
-def next_found(surface: Surface, f: Frame, plane: Plane, w: Window, side: wp.vec2d, at: Cursor, ray: bool):
-    """Go on with a traversal up to the next face that means something; of a ray's, to the next face crossed."""
-    found = Cursor()
-    found.kind = NONE
-    node = int(at.node)
-    place = int(at.place)
-    while node != 0:
-        if place == 0 and not meets(surface, plane, w, node):
-            node = node_after(node)
-        elif node < surface.leaf_first:
-            node = 2 * node
-        elif place == LEAF:
-            place = 0
-            node = node_after(node)
-        else:
-            face = (node - surface.leaf_first) * LEAF + place
-            place += 1
-            half = int(OPEN)
-            if 3 * face < surface.corner.shape[0]:
-                half = down_half(surface, f, plane, face)
+def traversed(surface: Surface, f: Frame, g: Coarse, w: Window, at: Cursor, halves: wp.array[wp.int32]):
+    """Go on with a traversal, listing half-edges by which faces are crossed, until the list is full or all is done."""
+    out = Cursor()
+    out.node = at.node
+    out.place = at.place
+    while out.node != 0 and out.listed < LISTED:
+        if out.place == 0:
+            out.node = leaf_from(surface, g, w, out.node)
+        if out.node != 0:
+            half = down_half(surface, f, g, (out.node - surface.leaf_first) * LEAF + out.place)
             if half != OPEN:
-                if ray:
-                    found.kind = OUTER
-                    found.half = half
-                else:
-                    found = judged(surface, f, side, half)
-                if found.kind != NONE:
-                    break
-    found.node = node
-    found.place = place
-    return found
+                halves[out.listed] = half
+                out.listed += 1
+            out.place += 1
+            if out.place == LEAF:
+                out.place = 0
+                out.node = node_after(out.node)
+    return out
+
+
+@wp.struct
+class Found:
+    """What is known of a section so far."""
+
+    count: int  # pieces
+    total: int  # scanned crossings inside the patch
+    passed: int  # of them, how many lie on pieces
 
 
 @wp.func
-def walked_out(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: Pieces, row: int, slot: int):
+def piece_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int, pieces: Pieces, row: int, slot: int):
     """Walk an open piece from where it enters or starts, and store it; returns the scanned crossings inside, passed."""
     c = crossing_at(surface, f, half)
     p = point_of(c)
-    code_p = outcode(p, side)
-    scanned = int(0)
-    piece = begun_inside(f, half, p)
-    if code_p == 0:
-        scanned = 1  # it starts at an open edge
-    while True:
-        n = crossing_after(surface, f, c)
-        q = point_of(n)
-        code_q = outcode(q, side)
-        if code_p == 0 and code_q == 0:
-            piece = led_to(f, piece, q)
-        else:
-            t = passage_of(p, q, code_p, code_q, side)
-            if code_p != 0:
-                piece = begun_at_side(f, c.half, p, q, t.enter, side)
-            if code_q == 0:
-                piece = led_to(f, piece, q)
-            else:
-                piece = led_out(f, piece, p, q, t.leave, side)
-                break
+    code = outcode(p, side)
+    passed = wp.where(code == 0, 1, 0)  # it starts inside at an open edge, which is scanned
+    out = half
+    steps = int(0)
+    n = crossing_after(surface, f, c)
+    q = point_of(n)
+    code_q = outcode(q, side)
+    x = lifted(f, p)
+    while code_q == 0:
+        y = lifted(f, q)
+        if code == 0 and not (x == y):
+            steps += 1
         if n.half == OPEN:
             break
-        scanned += n.scanned
-        c = n
+        passed += n.scanned
+        out = n.half
+        x = y
         p = q
-        code_p = code_q
-    store_piece(pieces, row, slot, piece, half)
-    return scanned
+        code = 0
+        n = crossing_after(surface, f, n)
+        q = point_of(n)
+        code_q = outcode(q, side)
+    leave = int(NONE)
+    if code_q != 0:
+        leave = segment_of(code, code_q, corners_left(p, q, side)).leave
+    store_piece(pieces, row, slot, half, out, enter, leave, steps, half)
+    return passed
 
 
 @wp.func
-def walked_loop(surface: Surface, f: Frame, half: int, pieces: Pieces, row: int, slot: int):
+def loop_from(surface: Surface, f: Frame, half: int, pieces: Pieces, row: int, slot: int):
     """Walk a loop that never leaves the patch, and store it; returns the scanned crossings passed."""
     c = crossing_at(surface, f, half)
-    piece = begun_inside(f, half, point_of(c))
-    scanned = int(0)
-    while True:
+    x = lifted(f, point_of(c))
+    steps = int(0)
+    passed = int(0)
+    done = int(0)
+    while done == 0:
         c = crossing_after(surface, f, c)
-        piece = led_to(f, piece, point_of(c))
-        scanned += c.scanned
+        y = lifted(f, point_of(c))
+        if not (x == y):
+            steps += 1
+        x = y
+        passed += c.scanned
         if c.half == half:
-            break
-    store_piece(pieces, row, slot, piece, CLOSED + surface.rank[half])
-    return scanned
+            done = 1
+    store_piece(pieces, row, slot, half, half, NONE, NONE, steps, CLOSED + surface.rank[half])
+    return passed
 
 
 @wp.func
-def wound(surface: Surface, f: Frame, plane: Plane, side: wp.vec2d):
+def judged(surface: Surface, f: Frame, side: wp.vec2d, half: int, found: Found, pieces: Pieces, row: int):
+    """Walk the piece that begins in a crossed face, if one does, or count its scanned crossing inside."""
+    out = found
+    link = link_of(loaded(surface.corner, half))
+    c = crossing_at(surface, f, half)
+    p = point_of(c)
+    code_p = outcode(p, side)
+    enter = int(NONE)
+    if code_p == 0:
+        out.total += link & 1  # OPEN is odd
+    else:
+        q = point_of(crossing_after(surface, f, c))
+        enter = segment_of(code_p, outcode(q, side), corners_left(p, q, side)).enter
+    if enter != NONE or (code_p == 0 and link == OPEN):
+        out.passed += piece_from(surface, f, side, half, enter, pieces, row, out.count)
+        out.count += 1
+    return out
+
+
+@wp.func
+def is_candidate(surface: Surface, f: Frame, side: wp.vec2d, half: int):
+    """Whether a crossing is a scanned one inside the patch."""
+    link = link_of(loaded(surface.corner, half))
+    if link == OPEN or link & 1 == 0:
+        return False
+    return outcode(point_of(crossing_at(surface, f, half)), side) == 0
+
+
+@wp.func
+def wound(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.array[wp.int32]):
     """Winding number around corner 0: what crosses the line of side 0 beyond it, away from the patch."""
-    w = window_of(f, surface, wp.vec2d(-UNBOUNDED, -side[1]), wp.vec2d(-side[0], -side[1]))
+    w = Window()
+    w.low = wp.vec2(-wp.float32(UNBOUNDED), -g.half[1])
+    w.high = -g.half
     winding = int(0)
     at = Cursor()
     at.node = 1
     while at.node != 0:
-        at = next_found(surface, f, plane, w, side, at, True)
-        if at.kind == OUTER:
-            c = crossing_at(surface, f, at.half)
+        at = traversed(surface, f, g, w, at, halves)
+        for k in range(at.listed):
+            c = crossing_at(surface, f, halves[k])
             p = point_of(c)
             q = point_of(crossing_after(surface, f, c))
-            winding += winding_step(p, q, outcode(p, side), outcode(q, side), side)
+            winding += winding_step(outcode(p, side), outcode(q, side), corners_left(p, q, side))
     return winding
 
 
@@ -268,28 +255,36 @@ def _seek_pieces(
     side = own.half
     if bounded == 0:
         side = wp.vec2d(UNBOUNDED, UNBOUNDED)
-    plane = plane_of(f, surface.reach)
-    w = window_of(f, surface, -side, side)
-    count = int(0)
-    total = int(0)
-    passed = int(0)
+    g = coarse_of(f, side, surface.reach)
+    halves = wp.zeros(shape=LISTED, dtype=wp.int32)
+    w = Window()
+    w.low = -g.half
+    w.high = g.half
+    found = Found()
     at = Cursor()
     at.node = 1
     while at.node != 0:
-        at = next_found(surface, f, plane, w, side, at, False)
-        total += at.scanned
-        if at.kind == ENTRY:
-            passed += walked_out(surface, f, side, at.half, pieces, row, count)
-            count += 1
+        at = traversed(surface, f, g, w, at, halves)
+        for k in range(at.listed):
+            found = judged(surface, f, side, halves[k], found, pieces, row)
     at = Cursor()
     at.node = 1
-    while at.node != 0 and passed < total:
-        at = next_found(surface, f, plane, w, side, at, False)
-        if at.kind == INNER:
-            if is_first(surface, f, at.half, side):
-                passed += walked_loop(surface, f, at.half, pieces, row, count)
-                count += 1
+    while at.node != 0 and found.passed < found.total:
+        at = traversed(surface, f, g, w, at, halves)
+        k = int(0)
+        while k < at.listed and found.passed < found.total:
+            half = halves[k]
+            if is_candidate(surface, f, side, half) and is_first(surface, f, half, side):
+                found.passed += loop_from(surface, f, half, pieces, row, found.count)
+                found.count += 1
+            k += 1
     winding = int(0)
     if closes == 1:
-        winding = wound(surface, f, plane, side)
-    count_row(pieces, row, count, winding)
+        winding = wound(surface, f, g, side, halves)
+    count_row(pieces, row, found.count, winding)
+
+
+def seek_pieces(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
+    """Find the pieces of a surface of any size."""
+    inputs = [surface, pose, patch, int(bounded), int(closes)]
+    wp.launch(_seek_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=64)

@@ -1,27 +1,43 @@
-"""Contours of small surfaces: look at every scanned edge, then walk every loop of the plane around once."""
+"""Contours of small surfaces: look at every scanned edge, then walk every loop of the plane around once.
+
+Two kernels: the first walks and lists the segments that clipping must look at, the second looks at them. Walking is
+the same for every lane of a GPU; what happens at the patch's sides is not, and would hold all of them up.
+"""
+
+from typing import Any
 
 import warp as wp
 
-from .clip import NONE, passage_of, winding_step
-from .patch import EXACT, Frame, Patch, Plane, frame_at, is_above, outcode, plane_of
-from .piece import (
-    CLOSED,
-    Pieces,
-    begun_at_side,
-    begun_inside,
-    count_row,
-    led_out,
-    led_to,
-    section_of,
-    store_piece,
-)
+from .clip import NONE, Segment, needs_left, segment_of
+from .patch import BOTTOM, EXACT, Coarse, Frame, Patch, coarse_of, frame_at, is_above, lifted, outcode
+from .piece import CLOSED, Pieces, count_row, section_of, store_piece
 from .surface import MASK_WORDS, OPEN, Surface
-from .walk import chain_start, crossing_after, crossing_at, link_of, loaded, point_of, vertex_of
+from .walk import chain_start, crossing_after, crossing_at, left_from, link_of, loaded, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
 UNBOUNDED = wp.constant(wp.float64(1e30))  # [m]; half extent of a patch that cuts nothing off
 LISTED = 32  # scanned crossings that a sweep keeps; more are swept for again
+
+# An event is what clipping must look at, in two numbers: where and what, and how many steps of some length there were
+# inside since the one before. Where and what: half-edge of the segment's first crossing << HALF, and these bits.
+TO = wp.constant(15)  # outcode where the segment ends
+FROM = wp.constant(4)  # bits above it: outcode where it starts
+BEGIN = wp.constant(256)  # a loop begins here; both outcodes are of its first crossing
+END = wp.constant(512)  # it is back there
+STOP = wp.constant(1024)  # it ends at an open edge
+HALF = wp.constant(11)
+
+
+@wp.struct
+class Events:
+    """Events of each row's section, loop by loop; event k of row r stands at r * row + k * step."""
+
+    room: wp.int32  # of a row
+    row: wp.int64
+    step: wp.int64
+    event: wp.array[wp.vec2i]
+    count: wp.array[wp.int32]  # events of each row, also those that had no room
 
 
 @wp.struct
@@ -34,23 +50,20 @@ class Sweep:
 
 
 @wp.func
-def swept(surface: Surface, f: Frame, plane: Plane, start: int, halves: wp.array[wp.int32]):
+def swept(surface: Surface, f: Frame, g: Coarse, start: int, halves: wp.array[wp.int32]):
     """List the scanned crossings of the trail after step `start`, as many as there is room for, and count them all."""
     found = Sweep()
-    was = is_above(f, plane, vertex_of(loaded(surface.trail, start)))
+    was = is_above(f, g, vertex_of(loaded(surface.trail, start)))
     for i in range(start + 1, surface.trail.shape[0]):
-        side = is_above(f, plane, vertex_of(loaded(surface.trail, i)))
-        if side != was:
-            both = surface.trail_half[i]
-            half = both[1]
-            if was:
-                half = both[0]
-            if half != OPEN:
-                if found.kept < LISTED:
-                    halves[found.kept] = half
-                    found.kept += 1
-                    found.step = i
-                found.count += 1
+        side = is_above(f, g, vertex_of(loaded(surface.trail, i)))
+        both = surface.trail_half[i]
+        half = wp.where(was, both[0], both[1])
+        if side != was and half != OPEN:
+            if found.kept < LISTED:
+                halves[found.kept] = half
+                found.kept += 1
+                found.step = i
+            found.count += 1
         was = side
     return found
 
@@ -67,131 +80,268 @@ def mark(mask: wp.array[wp.uint32], rank: int):
     mask[rank >> 5] = mask[rank >> 5] | (wp.uint32(1) << wp.uint32(rank & 31))
 
 
-@wp.struct
-class Round:
-    """What a walk around one loop found."""
+@wp.func
+def write_event(events: Events, row: int, k: int, what: int, steps: int):
+    """Write event k of a row, if there is room."""
+    if k < events.room:
+        events.event[wp.int64(row) * events.row + wp.int64(k) * events.step] = wp.vec2i(what, steps)
 
-    pieces: int
-    winding: int
-    scanned: int
-    ended: int  # 1 if it came to an end: the loop is a chain
+
+@wp.struct
+class Walk:
+    """What a walk around one loop did."""
+
+    events: int
+    scanned: int  # scanned crossings passed
+    ended: int  # 1 if it came to an open end: the loop is a chain
 
 
 @wp.func
-def walked_round(
+def moves(f: Frame, g: Coarse, p: wp.vec2d, q: wp.vec2d):
+    """Whether two points differ in float32 in the array's frame."""
+    if wp.abs(p[0] - q[0]) > wp.float64(g.unsure) or wp.abs(p[1] - q[1]) > wp.float64(g.unsure):
+        return True
+    return not (lifted(f, p) == lifted(f, q))
+
+
+@wp.func
+def walked(
     surface: Surface,
     f: Frame,
+    g: Coarse,
     side: wp.vec2d,
     half: int,
     chain: bool,
     mask: wp.array[wp.uint32],
-    pieces: Pieces,
+    events: Events,
     row: int,
-    slot: int,
+    start: int,
 ):
-    """Walk from a crossing around its loop, or to the end of its chain, and store the pieces from slot on.
+    """Walk from a crossing around its loop, or to the end of its chain; events from `start` on.
 
-    A piece that the walk starts in the middle of is walked when the walk comes back to it, from where it enters.
+    A segment is an event unless it stays inside, or outside without winding around the patch.
     """
-    out = Round()
+    out = Walk()
     c = crossing_at(surface, f, half)
     p = point_of(c)
-    code_p = outcode(p, side)
-    piece = begun_inside(f, half, p)
-    inside = code_p == 0
-    whole = inside  # so far; a piece begun in the middle of a loop is either the whole loop or not stored
-    again = bool(False)
+    code = outcode(p, side)
+    write_event(events, row, start, (half << HALF) | BEGIN | (code << FROM) | code, 0)
+    out.events = 1
     if chain:
         mark(mask, surface.rank[half])
         out.scanned = 1
-        whole = False
-    partial = whole
-    while True:
-        n = crossing_after(surface, f, c)
-        q = point_of(n)
+    steps = int(0)
+    last = int(0)
+    while last == 0:
+        at = c.half
+        c = crossing_after(surface, f, c)
+        q = point_of(c)
         code_q = outcode(q, side)
-        if not again:
-            out.winding += winding_step(p, q, code_p, code_q, side)
-            if n.scanned == 1 and n.half != OPEN:
-                mark(mask, surface.rank[n.half])
-                out.scanned += 1
-        if code_p == 0 and code_q == 0:
-            piece = led_to(f, piece, q)
-        else:
-            whole = False
-            t = passage_of(p, q, code_p, code_q, side)
-            if t.enter != NONE and not again:
-                piece = begun_at_side(f, c.half, p, q, t.enter, side)
-                partial = False
-                inside = True
-            if t.enter != NONE and code_q == 0:
-                piece = led_to(f, piece, q)
-            if t.leave != NONE and inside:
-                piece = led_out(f, piece, p, q, t.leave, side)
-                inside = False
-                if not partial:
-                    store_piece(pieces, row, slot + out.pieces, piece, piece.half)
-                    out.pieces += 1
-        if n.half == half:
-            again = True
-        if n.half == OPEN:
-            out.ended = 1
-            if inside:
-                store_piece(pieces, row, slot + out.pieces, piece, piece.half)
-                out.pieces += 1
-            break
-        if again and (whole or not inside):
-            break
-        c = n
+        if c.half == OPEN:
+            last = STOP
+        elif c.half == half:
+            last = END
+        if c.scanned == 1 and last != STOP:
+            mark(mask, surface.rank[c.half])
+            out.scanned += 1
+        if (code | code_q) == 0:
+            if moves(f, g, p, q):
+                steps += 1
+        if last != 0 or not quiet(code, code_q):
+            write_event(events, row, start + out.events, (at << HALF) | last | (code << FROM) | code_q, steps)
+            out.events += 1
+            steps = 0
         p = q
-        code_p = code_q
-    if whole:
-        store_piece(pieces, row, slot, piece, CLOSED + surface.rank[half])
-        out.pieces = 1
+        code = code_q
+    if last == STOP:
+        out.ended = 1
     return out
 
 
+@wp.func
+def quiet(code_p: int, code_q: int):
+    """Whether a segment stays inside, or outside without winding around the patch."""
+    if (code_p | code_q) == 0:
+        return True
+    return (code_p & code_q) != 0 and ((code_p ^ code_q) & BOTTOM) == 0
+
+
 @wp.kernel
-def _trace_pieces(
+def _walk_loops(
     # In:
     surface: Surface,
     pose: wp.array[wp.transform],  # hand frame -> array frame, shape [pose]
     patch: wp.array[Patch],
     bounded: int,  # 0: the whole plane
+    rows: wp.array[wp.int32],  # section of each row; empty if rows are sections
     # Out:
-    pieces: Pieces,
+    events: Events,
 ):
-    """Find the pieces of each row's section."""
+    """Walk around every loop of each row's plane."""
     row = wp.tid()
-    section = section_of(pieces, row)
+    section = row
+    if rows.shape[0] > 0:
+        section = rows[row]
     own = patch[section % patch.shape[0]]
     f = frame_at(pose[section // patch.shape[0]], own)
     side = own.half
     if bounded == 0:
         side = wp.vec2d(UNBOUNDED, UNBOUNDED)
-    plane = plane_of(f, surface.reach)
+    g = coarse_of(f, side, surface.reach)
     count = int(0)
-    winding = int(0)
     scanned = int(0)
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
     mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
-    found = swept(surface, f, plane, 0, halves)
+    found = swept(surface, f, g, 0, halves)
     total = found.count
     k = int(0)
     while scanned < total and found.kept > 0:
         if k == found.kept:
-            found = swept(surface, f, plane, found.step, halves)
+            found = swept(surface, f, g, found.step, halves)
             k = 0
         while k < found.kept and marked(mask, surface.rank[halves[k]]):
             k += 1
         if k < found.kept:
             half = halves[k]
             chain = link_of(loaded(surface.corner, half)) == OPEN
-            walked = walked_round(surface, f, side, half, chain, mask, pieces, row, count)
-            if walked.ended == 1 and not chain:
-                half = chain_start(surface, f, half)
-                walked = walked_round(surface, f, side, half, True, mask, pieces, row, count)
-            count += walked.pieces
-            winding += walked.winding
-            scanned += walked.scanned
-    count_row(pieces, row, count, winding)
+            walk = walked(surface, f, g, side, half, chain, mask, events, row, count)
+            if walk.ended == 1 and not chain:
+                walk = walked(surface, f, g, side, chain_start(surface, f, half), True, mask, events, row, count)
+            count += walk.events
+            scanned += walk.scanned
+    events.count[row] = count
+
+
+@wp.struct
+class Tour:
+    """A loop read from its events, and the piece that it is on."""
+
+    begin: int  # event with which the loop begins
+    first: int  # half-edge with which it begins
+    half: int  # the piece: of the crossing before it enters, or where the tour starts
+    enter: int
+    steps: int
+    inside: int  # 1 while on a piece
+    partial: int  # 1 while on a piece that the tour started in the middle of: it is read at the end
+    whole: int  # 1 if the loop has not left the patch so far
+    again: int  # 1 once the tour has come back to where it started
+    done: int  # 1 between loops
+    pieces: int
+    winding: int
+
+
+@wp.func
+def begun(surface: Surface, k: int, what: int, old: Tour):
+    """The tour of the loop that begins with event k."""
+    t = Tour()
+    t.pieces = old.pieces
+    t.winding = old.winding
+    t.begin = k
+    t.first = what >> HALF
+    t.half = t.first
+    t.enter = NONE
+    if (what & TO) == 0:
+        t.inside = 1
+        if link_of(loaded(surface.corner, t.half)) != OPEN:  # else a chain: its first piece is one
+            t.whole = 1
+            t.partial = 1
+    return t
+
+
+@wp.func
+def advanced(tour: Tour, what: int, steps: int, e: Segment, pieces: Pieces, row: int):
+    """The tour after an event."""
+    t = tour
+    at = what >> HALF
+    t.steps += steps
+    if t.again == 0:
+        t.winding += e.winding
+        if e.enter != NONE:
+            t.half = at
+            t.enter = e.enter
+            t.steps = 0
+            t.inside = 1
+            t.partial = 0
+    if (what & TO) != 0:
+        t.whole = 0
+    if t.inside == 1 and (e.leave != NONE or (what & STOP) != 0):
+        if t.partial == 0:
+            store_piece(pieces, row, t.pieces, t.half, at, t.enter, e.leave, t.steps, t.half)
+            t.pieces += 1
+        t.inside = 0
+    if (what & (END | STOP)) != 0:
+        t.again = 1
+    t.done = wp.where(t.again == 1 and (t.whole == 1 or t.inside == 0 or (what & STOP) != 0), 1, 0)
+    return t
+
+
+@wp.kernel
+def _clip_loops(
+    # In:
+    surface: Surface,
+    pose: wp.array[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,  # 0: the whole plane
+    events: Events,
+    # Out:
+    pieces: Pieces,
+):
+    """Find the pieces of each row's section in its events."""
+    row = wp.tid()
+    section = section_of(pieces, row)
+    own = patch[section % patch.shape[0]]
+    count = events.count[row]
+    tour = Tour()
+    tour.pieces = wp.where(count > events.room, count, 0)  # no more pieces than events
+    count = wp.where(count > events.room, 0, count)
+    k = int(0)
+    after = int(0)  # the event behind the loop
+    while k < count:
+        event = events.event[wp.int64(row) * events.row + wp.int64(k) * events.step]
+        what = event[0]
+        k += 1
+        if (what & BEGIN) != 0:
+            tour = begun(surface, k, what, tour)
+        else:
+            left = int(0)
+            if needs_left((what >> FROM) & TO, what & TO):
+                f = frame_at(pose[section // patch.shape[0]], own)
+                left = left_from(surface, f, what >> HALF, own.half)
+            tour = advanced(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), pieces, row)
+            if tour.done == 1 and tour.whole == 1:
+                half = tour.first
+                store_piece(pieces, row, tour.pieces, half, half, NONE, NONE, tour.steps, CLOSED + surface.rank[half])
+                tour.pieces += 1
+            if (what & (END | STOP)) != 0:
+                after = k
+                if tour.done == 0:
+                    k = tour.begin
+            elif tour.done == 1:
+                k = after
+    count_row(pieces, row, tour.pieces, tour.winding)
+
+
+def trace_pieces(
+    surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, room: int = 24
+) -> wp.array:
+    """Find the pieces of a surface that has a trail; returns how many events each row has, int32, shape [row].
+
+    room: events a row. One with more is counted in `pieces` as a row with more pieces than it has room for.
+    """
+    device = pose.device
+    row_count = pieces.count.shape[0]
+    events = room_for_events(row_count, room, device)
+    inputs = [surface, pose, patch, int(bounded)]
+    wp.launch(_walk_loops, row_count, inputs=[*inputs, pieces.section], outputs=[events], device=device, block_dim=64)
+    wp.launch(_clip_loops, row_count, inputs=[*inputs, events], outputs=[pieces], device=device, block_dim=64)
+    return events.count
+
+
+def room_for_events(row_count: int, room: int, device: Any) -> Any:
+    """Room for that many events a row: side by side for a CPU's cache, event by event for a GPU's lanes."""
+    events = Events()
+    events.room = room
+    events.row, events.step = (room, 1) if device.is_cpu else (1, row_count)
+    events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
+    events.count = wp.empty(row_count, dtype=wp.int32, device=device)
+    return events

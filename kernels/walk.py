@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from .patch import Frame, above, blend, outcode, placed
+from .clip import blend, corners_left
+from .patch import Frame, above, outcode, placed
 from .surface import OPEN, Surface
 
 
@@ -14,7 +15,7 @@ class Crossing:
     """
 
     half: int  # OPEN where there is no such triangle
-    scanned: int  # 1 if the edge is a scanned one
+    scanned: int  # 1 if the edge is a scanned one (or open)
     upper: wp.vec3d  # its ends in the patch's frame [m]
     lower: wp.vec3d
 
@@ -80,17 +81,12 @@ def crossing_after(surface: Surface, f: Frame, c: Crossing):
     n = Crossing()
     third = loaded(surface.corner, half_before(c.half))
     x = placed(f, vertex_of(third))
-    link = link_of(third)
-    n.upper = c.upper
-    n.lower = x
-    if above(x[2]):
-        n.upper = x
-        n.lower = c.lower
-        link = link_of(loaded(surface.corner, half_after(c.half)))
-    n.half = OPEN
-    if link != OPEN:
-        n.half = link >> 1
-        n.scanned = link & 1
+    up = above(x[2])
+    n.upper = wp.where(up, x, c.upper)
+    n.lower = wp.where(up, c.lower, x)
+    link = link_of(loaded(surface.corner, wp.where(up, half_after(c.half), half_before(c.half))))
+    n.half = link >> 1  # of OPEN: OPEN
+    n.scanned = link & 1
     return n
 
 
@@ -132,9 +128,16 @@ def chain_start(surface: Surface, f: Frame, half: int):
 @wp.func
 def point_of(c: Crossing):
     """Where on the plane the crossing lies, in the patch's frame [m]."""
-    a = c.upper[2]
-    b = c.lower[2]
-    return wp.vec2d(blend(c.upper[0], c.lower[0], a, b), blend(c.upper[1], c.lower[1], a, b))
+    p = wp.vec2d(c.upper[0], c.upper[1])
+    q = wp.vec2d(c.lower[0], c.lower[1])
+    return blend(p, q, c.upper[2], c.lower[2])
+
+
+@wp.func
+def left_from(surface: Surface, f: Frame, half: int, side: wp.vec2d):
+    """Corners of the patch to the left of the segment from the crossing of a half-edge to the next: `corners_left`."""
+    c = crossing_at(surface, f, half)
+    return corners_left(point_of(c), point_of(crossing_after(surface, f, c)), side)
 
 
 @wp.func
@@ -153,13 +156,15 @@ def is_first(surface: Surface, f: Frame, half: int, side: wp.vec2d):
             return ahead.half == half
         if outcode(point_of(ahead), side) != 0:
             return False
-        if ahead.scanned == 1 and surface.rank[ahead.half] < rank:
-            return False
+        if ahead.scanned == 1:
+            if surface.rank[ahead.half] < rank:
+                return False
         back = crossing_before(surface, f, back)
         if back.half == OPEN:
             return False
         if outcode(point_of(back), side) != 0:
             return False
-        if back.scanned == 1 and surface.rank[back.half] < rank:
-            return False
+        if back.scanned == 1:
+            if surface.rank[back.half] < rank:
+                return False
     return False

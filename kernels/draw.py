@@ -215,15 +215,7 @@ def draw_contours(
             _draw_contours,
             pieces.count.shape[0],
             inputs=[
-                *(
-                    surface,
-                    pose,
-                    patch,
-                    pieces,
-                    entries,
-                    int(bounded),
-                    int(closes),
-                ),
+                *(surface, pose, patch, pieces, entries, int(bounded), int(closes)),
                 *(joined.section_start, joined.point_start),
             ],
             outputs=[lines],

@@ -4,15 +4,31 @@ Two kernels: the first walks and lists the segments that clipping must look at, 
 the same for every lane of a GPU; what happens at the patch's sides is not, and would hold all of them up.
 """
 
+from functools import partial
 from typing import Any
 
 import warp as wp
 
 from .clip import NONE, Segment, needs_left, segment_of
-from .patch import BOTTOM, EXACT, Coarse, Frame, Patch, coarse_of, frame_at, is_above, lifted, outcode
+from .patch import (
+    BOTTOM,
+    EXACT,
+    LEFT,
+    ON,
+    RIGHT,
+    TOP,
+    Coarse,
+    Frame,
+    Patch,
+    coarse_of,
+    frame_at,
+    is_above,
+    lifted,
+    outcode,
+)
 from .piece import CLOSED, Pieces, count_row, section_of, store_piece
 from .surface import MASK_WORDS, OPEN, Surface
-from .walk import chain_start, crossing_after, crossing_at, left_from, link_of, loaded, point_of, vertex_of
+from .walk import Crossing, chain_start, crossing_after, crossing_at, left_from, link_of, loaded, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
@@ -44,26 +60,30 @@ class Events:
 class Sweep:
     """What a sweep along the trail found."""
 
+    first: int  # half-edge of the first scanned crossing
     kept: int  # scanned crossings in the list
     step: int  # where the last of them was
     count: int  # scanned crossings in all
 
 
 @wp.func
-def swept(surface: Surface, f: Frame, g: Coarse, start: int, halves: wp.array[wp.int32]):
-    """List the scanned crossings of the trail after step `start`, as many as there is room for, and count them all."""
+def swept(surface: Surface, f: Frame, g: Coarse, start: int, lists: bool, halves: wp.array[wp.int32]):
+    """Count the scanned crossings of the trail after step `start`, and list as many as there is room for."""
     found = Sweep()
+    found.first = OPEN
     was = is_above(f, g, vertex_of(loaded(surface.trail, start)))
     for i in range(start + 1, surface.trail.shape[0]):
         side = is_above(f, g, vertex_of(loaded(surface.trail, i)))
-        both = surface.trail_half[i]
-        half = wp.where(was, both[0], both[1])
-        if side != was and half != OPEN:
-            if found.kept < LISTED:
-                halves[found.kept] = half
-                found.kept += 1
-                found.step = i
-            found.count += 1
+        if side != was:
+            half = surface.trail_half[i][wp.where(was, 0, 1)]
+            if half != OPEN:
+                if found.count == 0:
+                    found.first = half
+                if lists and found.kept < LISTED:
+                    halves[found.kept] = half
+                    found.kept += 1
+                    found.step = i
+                found.count += 1
         was = side
     return found
 
@@ -96,12 +116,41 @@ class Walk:
     ended: int  # 1 if it came to an open end: the loop is a chain
 
 
+@wp.struct
+class Spot:
+    """A crossing's point as a fraction x / d, y / d, which takes no division, and its outcode."""
+
+    x: wp.float64  # [m^2]
+    y: wp.float64
+    d: wp.float64  # [m]
+    code: int
+
+
 @wp.func
-def moves(f: Frame, g: Coarse, p: wp.vec2d, q: wp.vec2d):
-    """Whether two points differ in float32 in the array's frame."""
-    if wp.abs(p[0] - q[0]) > wp.float64(g.unsure) or wp.abs(p[1] - q[1]) > wp.float64(g.unsure):
+def spot_of(c: Crossing, side: wp.vec2d):
+    """The point of a crossing; where it is within ON of a side, `point_of` decides."""
+    t = Spot()
+    t.d = c.upper[2] - c.lower[2]
+    t.x = c.lower[0] * c.upper[2] - c.upper[0] * c.lower[2]
+    t.y = c.lower[1] * c.upper[2] - c.upper[1] * c.lower[2]
+    right = wp.abs(t.x) - side[0] * t.d
+    top = wp.abs(t.y) - side[1] * t.d
+    zero = wp.float64(0.0)
+    if wp.abs(right) <= ON * t.d or wp.abs(top) <= ON * t.d:
+        t.code = outcode(point_of(c), side)
+    else:
+        t.code = wp.where(right > zero, wp.where(t.x > zero, RIGHT, LEFT), 0)
+        t.code += wp.where(top > zero, wp.where(t.y > zero, TOP, BOTTOM), 0)
+    return t
+
+
+@wp.func
+def moves(f: Frame, g: Coarse, c: Crossing, p: Spot, n: Crossing, q: Spot):
+    """Whether the points of two crossings differ in float32 in the array's frame."""
+    room = wp.float64(g.unsure) * p.d * q.d
+    if wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room:
         return True
-    return not (lifted(f, p) == lifted(f, q))
+    return not (lifted(f, point_of(c)) == lifted(f, point_of(n)))
 
 
 @wp.func
@@ -112,6 +161,7 @@ def walked(
     side: wp.vec2d,
     half: int,
     chain: bool,
+    marks: bool,
     mask: wp.array[wp.uint32],
     events: Events,
     row: int,
@@ -123,39 +173,54 @@ def walked(
     """
     out = Walk()
     c = crossing_at(surface, f, half)
-    p = point_of(c)
-    code = outcode(p, side)
-    write_event(events, row, start, (half << HALF) | BEGIN | (code << FROM) | code, 0)
+    p = spot_of(c, side)
+    write_event(events, row, start, (half << HALF) | BEGIN | (p.code << FROM) | p.code, 0)
     out.events = 1
     if chain:
-        mark(mask, surface.rank[half])
         out.scanned = 1
+        if marks:
+            mark(mask, surface.rank[half])
     steps = int(0)
     last = int(0)
     while last == 0:
-        at = c.half
-        c = crossing_after(surface, f, c)
-        q = point_of(c)
-        code_q = outcode(q, side)
-        if c.half == OPEN:
+        n = crossing_after(surface, f, c)
+        q = spot_of(n, side)
+        if n.half == OPEN:
             last = STOP
-        elif c.half == half:
+        elif n.half == half:
             last = END
-        if c.scanned == 1 and last != STOP:
-            mark(mask, surface.rank[c.half])
+        if n.scanned == 1 and last != STOP:
             out.scanned += 1
-        if (code | code_q) == 0:
-            if moves(f, g, p, q):
+            if marks:
+                mark(mask, surface.rank[n.half])
+        if (p.code | q.code) == 0:
+            if moves(f, g, c, p, n, q):
                 steps += 1
-        if last != 0 or not quiet(code, code_q):
-            write_event(events, row, start + out.events, (at << HALF) | last | (code << FROM) | code_q, steps)
+        if last != 0 or not quiet(p.code, q.code):
+            write_event(events, row, start + out.events, (c.half << HALF) | last | (p.code << FROM) | q.code, steps)
             out.events += 1
             steps = 0
+        c = n
         p = q
-        code = code_q
     if last == STOP:
         out.ended = 1
     return out
+
+
+@wp.func
+def passed(surface: Surface, f: Frame, half: int, mask: wp.array[wp.uint32]):
+    """Mark the scanned crossings of a loop; returns how many there are."""
+    count = int(0)
+    c = crossing_at(surface, f, half)
+    done = int(0)
+    while done == 0:
+        c = crossing_after(surface, f, c)
+        if c.scanned == 1:
+            count += 1
+            mark(mask, surface.rank[c.half])
+        if c.half == half:
+            done = 1
+    return count
 
 
 @wp.func
@@ -167,46 +232,83 @@ def quiet(code_p: int, code_q: int):
 
 
 @wp.kernel
-def _walk_loops(
+def _walk_first_loops(
     # In:
     surface: Surface,
     pose: wp.array[wp.transform],  # hand frame -> array frame, shape [pose]
     patch: wp.array[Patch],
     bounded: int,  # 0: the whole plane
-    rows: wp.array[wp.int32],  # section of each row; empty if rows are sections
+    section: wp.array[wp.int32],  # of each row; empty if rows are sections
     # Out:
     events: Events,
+    rest: wp.array[wp.int32],  # rows with more loops, in any order, shape [row]
+    rest_count: wp.array[wp.int32],  # how many there are, comes as 0, shape [1]
 ):
-    """Walk around every loop of each row's plane."""
+    """Walk around the first loop of each row's plane, which most often is the only one."""
     row = wp.tid()
-    section = row
-    if rows.shape[0] > 0:
-        section = rows[row]
-    own = patch[section % patch.shape[0]]
-    f = frame_at(pose[section // patch.shape[0]], own)
-    side = own.half
+    own = row
+    if section.shape[0] > 0:
+        own = section[row]
+    f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
+    side = patch[own % patch.shape[0]].half
     if bounded == 0:
         side = wp.vec2d(UNBOUNDED, UNBOUNDED)
     g = coarse_of(f, side, surface.reach)
-    count = int(0)
-    scanned = int(0)
+    nothing = wp.zeros(shape=1, dtype=wp.int32)
+    no_mask = wp.zeros(shape=1, dtype=wp.uint32)
+    found = swept(surface, f, g, 0, False, nothing)
+    walk = Walk()
+    if found.count > 0 and surface.is_open == 0:
+        walk = walked(surface, f, g, side, found.first, False, False, no_mask, events, row, 0)
+    events.count[row] = walk.events
+    if walk.scanned < found.count:
+        rest[wp.atomic_add(rest_count, 0, 1)] = row
+
+
+@wp.kernel
+def _walk_other_loops(
+    # In:
+    surface: Surface,
+    pose: wp.array[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    section: wp.array[wp.int32],
+    rest: wp.array[wp.int32],
+    # Out:
+    events: Events,  # those of the first loop are there already, if the surface is closed
+):
+    """Walk around the other loops of rows that have more than one, and around all loops of an open surface."""
+    row = rest[wp.tid()]
+    own = row
+    if section.shape[0] > 0:
+        own = section[row]
+    f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
+    side = patch[own % patch.shape[0]].half
+    if bounded == 0:
+        side = wp.vec2d(UNBOUNDED, UNBOUNDED)
+    g = coarse_of(f, side, surface.reach)
+    count = events.count[row]
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
     mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
-    found = swept(surface, f, g, 0, halves)
+    found = swept(surface, f, g, 0, True, halves)
     total = found.count
+    scanned = int(0)
+    if count > 0:
+        scanned = passed(surface, f, found.first, mask)
     k = int(0)
     while scanned < total and found.kept > 0:
         if k == found.kept:
-            found = swept(surface, f, g, found.step, halves)
+            found = swept(surface, f, g, found.step, True, halves)
             k = 0
         while k < found.kept and marked(mask, surface.rank[halves[k]]):
             k += 1
         if k < found.kept:
             half = halves[k]
             chain = link_of(loaded(surface.corner, half)) == OPEN
-            walk = walked(surface, f, g, side, half, chain, mask, events, row, count)
+            walk = walked(surface, f, g, side, half, chain, True, mask, events, row, count)
             if walk.ended == 1 and not chain:
-                walk = walked(surface, f, g, side, chain_start(surface, f, half), True, mask, events, row, count)
+                half = chain_start(surface, f, half)
+                walk = walked(surface, f, g, side, half, True, True, mask, events, row, count)
             count += walk.events
             scanned += walk.scanned
     events.count[row] = count
@@ -331,9 +433,15 @@ def trace_pieces(
     device = pose.device
     row_count = pieces.count.shape[0]
     events = room_for_events(row_count, room, device)
+    rest = wp.empty(row_count, dtype=wp.int32, device=device)
+    rest_count = wp.zeros(1, dtype=wp.int32, device=device)
     inputs = [surface, pose, patch, int(bounded)]
-    wp.launch(_walk_loops, row_count, inputs=[*inputs, pieces.section], outputs=[events], device=device, block_dim=64)
-    wp.launch(_clip_loops, row_count, inputs=[*inputs, events], outputs=[pieces], device=device, block_dim=64)
+    launch = partial(wp.launch, device=device, block_dim=64)
+    launch(_walk_first_loops, row_count, inputs=[*inputs, pieces.section], outputs=[events, rest, rest_count])
+    more = int(rest_count.numpy()[0])
+    if more > 0:
+        launch(_walk_other_loops, more, inputs=[*inputs, pieces.section, rest], outputs=[events])
+    launch(_clip_loops, row_count, inputs=[*inputs, events], outputs=[pieces])
     return events.count
 
 

@@ -6,7 +6,7 @@ interface: it checks, launches and returns arrays on the device of its inputs.
 
 from importlib import import_module
 
-STAGES = ("trace", "seek", "close", "draw", "measure")
+STAGES = ("trace", "events", "seek", "close", "draw", "measure")
 
 
 def compile_kernels(device: str = "cpu") -> None:

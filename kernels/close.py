@@ -1,5 +1,6 @@
 """Pieces -> polylines: as they are (OC), or closed along the patch's own boundary where that is in the solid (CC)."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import warp as wp
@@ -26,6 +27,8 @@ class Entries:
 
     entry: wp.array[wp.int32]  # slot, BEGIN, corners << CORNERS
     count: wp.array[wp.int32]  # entries, BOUNDARY; shape [row]
+    polylines: wp.array[wp.int64]  # of each section, shape [section + 1], the last one stays 0
+    points: wp.array[wp.int64]
 
 
 @wp.struct
@@ -47,7 +50,7 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp
     """Compute where an open piece enters and leaves its patch; count its steps there that are of some length."""
     side = pieces.side[i]
     position = wp.vec2d()
-    steps = pieces.steps[i]
+    steps = pieces.steps[i] // 2
     x = wp.vec3()
     if side[0] != NONE:
         c = crossing_at(surface, f, pieces.half[i])
@@ -187,6 +190,69 @@ def enter_loop(pieces: Pieces, base: wp.int64, first: int, kept: bool, ends: End
     return n
 
 
+@wp.func
+def write_row(entries: Entries, row: int, section: int, entry: int, lines: int, points: int):
+    """Write what joining a row came to."""
+    entries.count[row] = entry
+    entries.polylines[section] = wp.int64(lines)
+    entries.points[section] = wp.int64(points)
+
+
+@wp.kernel
+def _join_single_pieces(
+    # In:
+    pieces: Pieces,
+    closes: int,  # 1: CC, 0: OC
+    # Out:
+    entries: Entries,
+    rest: wp.array[wp.int32],  # rows for `_join_pieces`, in any order, shape [row]
+    rest_count: wp.array[wp.int32],  # how many there are, comes as 0, shape [1]
+):
+    """Join rows with one piece at most whose ends are clear; list the others."""
+    row = wp.tid()
+    count = pieces.count[row]
+    entry = int(0)
+    lines = int(0)
+    points = int(0)
+    clear = int(1)
+    if count == 1:
+        clear = pieces.steps[start_of(pieces, row)] & 1
+    if count > 1 or clear == 0:
+        rest[wp.atomic_add(rest_count, 0, 1)] = row
+    else:
+        inside = closes == 1 and pieces.winding[row] > 0
+        if count == 1:
+            own = start_of(pieces, row)
+            steps = pieces.steps[own] // 2
+            side = pieces.side[own]
+            corners = int(0)
+            if pieces.key[own] < CLOSED:
+                steps += end_steps(side, pieces.half[own] == pieces.out[own])
+                if closes == 1:
+                    corners = wp.max(side[0] - side[1] + wp.where(inside, 4, 0), 0)
+                    steps += corners + 1
+                inside = False
+            if steps > 0:
+                entries.entry[own] = BEGIN | (corners << CORNERS)
+                entry = 1
+                lines = 1
+                points = steps + 1
+        if inside:
+            entry = entry | BOUNDARY
+            lines += 1
+            points += 5
+    write_row(entries, row, section_of(pieces, row), entry, lines, points)
+
+
+@wp.func
+def end_steps(side: wp.vec2i, through: bool):
+    """Steps of an open piece at the patch's sides; through: it enters and leaves with one segment."""
+    steps = wp.where(side[0] != NONE, 1, 0) + wp.where(side[1] != NONE, 1, 0)
+    if through and steps == 2:
+        return 1
+    return steps
+
+
 @wp.kernel
 def _join_pieces(
     # In:
@@ -195,14 +261,16 @@ def _join_pieces(
     pose: wp.array[wp.transform],
     patch: wp.array[Patch],
     closes: int,  # 1: CC, 0: OC
+    rest: wp.array[wp.int32],
+    rest_count: wp.array[wp.int32],
     # Out:
     ends: Ends,  # scratch
     entries: Entries,
-    polyline_count: wp.array[wp.int64],  # shape [section + 1]
-    point_count: wp.array[wp.int64],  # shape [section + 1]
 ):
     """Order each row's pieces, loop by loop, and count polylines and points without steps of zero length."""
-    row = wp.tid()
+    if wp.tid() >= rest_count[0]:
+        return
+    row = rest[wp.tid()]
     section = section_of(pieces, row)
     count = pieces.count[row]
     base = start_of(pieces, row)
@@ -216,7 +284,7 @@ def _join_pieces(
             own = base + wp.int64(slot) * pieces.stride
             ends.follower[own] = slot
             ends.corners[own] = NONE
-            ends.steps[own] = pieces.steps[own]
+            ends.steps[own] = pieces.steps[own] // 2
             if pieces.key[own] < CLOSED:
                 place_ends(surface, f, half, pieces, own, ends)
         open_count = int(0)
@@ -234,9 +302,7 @@ def _join_pieces(
             entry = entry | BOUNDARY
             lines += 1
             points += 5
-    entries.count[row] = entry
-    polyline_count[section] = wp.int64(lines)
-    point_count[section] = wp.int64(points)
+    write_row(entries, row, section, entry, lines, points)
 
 
 class Joined(NamedTuple):
@@ -261,26 +327,33 @@ def join_pieces(
     device = pose.device
     polylines = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
     points = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
+    launch = partial(wp.launch, device=device, block_dim=64)
     rows = []
     for pieces in found:
-        ends, entries = Ends(), Entries()
-        for field in ("leaving", "entering", "follower", "corners", "steps"):
-            setattr(ends, field, wp.empty(pieces.half.shape[0], dtype=wp.int32, device=device))
-        for field, dtype in (("position", wp.vec2d), ("first", wp.vec3), ("last", wp.vec3)):
-            setattr(ends, field, wp.empty(pieces.half.shape[0], dtype=dtype, device=device))
-        entries.entry = wp.empty(pieces.half.shape[0], dtype=wp.int32, device=device)
-        entries.count = wp.empty(pieces.count.shape[0], dtype=wp.int32, device=device)
-        wp.launch(
-            _join_pieces,
-            pieces.count.shape[0],
-            inputs=[surface, pieces, pose, patch, int(closes)],
-            outputs=[ends, entries, polylines, points],
-            device=device,
-            block_dim=64,
-        )
+        row_count = pieces.count.shape[0]
+        ends, entries = room_to_join(pieces, device)
+        entries.polylines, entries.points = polylines, points
+        rest = wp.empty(row_count, dtype=wp.int32, device=device)
+        rest_count = wp.zeros(1, dtype=wp.int32, device=device)
+        launch(_join_single_pieces, row_count, inputs=[pieces, int(closes)], outputs=[entries, rest, rest_count])
+        inputs = [surface, pieces, pose, patch, int(closes), rest, rest_count]
+        launch(_join_pieces, row_count, inputs=inputs, outputs=[ends, entries])
         rows.append((pieces, entries))
     section_start, point_start = offsets_of(polylines), offsets_of(points)
     polyline_count, point_count = last_of(section_start), last_of(point_start)
     if limit is not None and point_count > limit:
         raise PointLimitError(point_count, limit)
     return Joined(rows, section_start, point_start, polyline_count, point_count)
+
+
+def room_to_join(pieces: Any, device: Any) -> tuple[Any, Any]:
+    """Ends and Entries for as many pieces."""
+    ends, entries = Ends(), Entries()
+    slot_count = pieces.half.shape[0]
+    for field in ("leaving", "entering", "follower", "corners", "steps"):
+        setattr(ends, field, wp.empty(slot_count, dtype=wp.int32, device=device))
+    for field, dtype in (("position", wp.vec2d), ("first", wp.vec3), ("last", wp.vec3)):
+        setattr(ends, field, wp.empty(slot_count, dtype=dtype, device=device))
+    entries.entry = wp.empty(slot_count, dtype=wp.int32, device=device)
+    entries.count = wp.empty(pieces.count.shape[0], dtype=wp.int32, device=device)
+    return ends, entries

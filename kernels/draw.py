@@ -6,10 +6,9 @@ import warp as wp
 
 from .clip import corners_left, segment_of, side_point
 from .close import BEGIN, BOUNDARY, CORNERS, SLOT, Entries, Joined
-from .patch import EXACT, Frame, Patch, corner, frame_at, lifted, outcode
+from .patch import EXACT, Frame, Patch, corner, frame_at, half_of, lifted, outcode
 from .piece import CLOSED, Pieces, section_of, start_of
 from .surface import OPEN, Surface
-from .trace import UNBOUNDED
 from .walk import crossing_after, crossing_at, point_of
 
 wp.set_module_options(EXACT)
@@ -157,9 +156,7 @@ def _draw_contours(
     section = section_of(pieces, row)
     own = section % patch.shape[0]
     f = frame_at(pose[section // patch.shape[0]], patch[own])
-    side = patch[own].half
-    if bounded == 0:
-        side = wp.vec2d(UNBOUNDED, UNBOUNDED)
+    side = half_of(patch[own], bounded)
     base = start_of(pieces, row)
     line = section_start[section]
     pen = Pen()
@@ -211,13 +208,11 @@ def draw_contours(
     lines.points, lines.kind, lines.polyline_start = out.points, out.kind, out.polyline_start
     lines.polyline_patch, lines.polyline_closed = out.polyline_patch, out.polyline_closed
     for pieces, entries in joined.rows:
+        inputs = [surface, pose, patch, pieces, entries, int(bounded), int(closes)]
         wp.launch(
             _draw_contours,
             pieces.count.shape[0],
-            inputs=[
-                *(surface, pose, patch, pieces, entries, int(bounded), int(closes)),
-                *(joined.section_start, joined.point_start),
-            ],
+            inputs=[*inputs, joined.section_start, joined.point_start],
             outputs=[lines],
             device=device,
             block_dim=64,

@@ -19,6 +19,7 @@ EXACT = {"fuse_fp": False, "fast_math": False, "enable_backward": False, "defaul
 #        |                    |        4  (side 2)   v >=  half v
 #        0 ----- side 0 ----- 1        8  (side 3)   u <= -half u
 ON = wp.constant(wp.float64(1e-12))  # [m]; what is this near to a plane or side counts as on it
+UNBOUNDED = wp.constant(wp.float64(1e30))  # [m]; half extent of a patch that cuts nothing off
 BOTTOM = wp.constant(1)
 RIGHT = wp.constant(2)
 TOP = wp.constant(4)
@@ -123,6 +124,14 @@ def coarse_of(f: Frame, half: wp.vec2d, reach: float):
     far = wp.abs(g.origin[0]) + wp.abs(g.origin[1]) + wp.abs(g.origin[2])
     g.unsure = 5.0e-7 * (reach + far) + 2.0e-12
     return g
+
+
+@wp.func
+def half_of(patch: Patch, bounded: int):
+    """Half extents of a patch [m]; bounded: 0 for the whole plane."""
+    if bounded == 0:
+        return wp.vec2d(UNBOUNDED, UNBOUNDED)
+    return patch.half
 
 
 @wp.func

@@ -24,7 +24,8 @@ class Pieces:
     key: wp.array[wp.int32]  # orders the pieces of a section: half, or CLOSED + rank
     out: wp.array[wp.int32]  # of the crossing before it leaves
     side: wp.array[wp.vec2i]  # patch sides by which it enters and leaves, NONE for none
-    steps: wp.array[wp.int32]  # steps of some length between crossings inside
+    steps: wp.array[wp.int32]  # twice the steps of some length between crossings inside, plus 1 if its ends are clear:
+    # apart from the crossings and corners next to them in float32, so that the steps there are of some length, too
 
 
 @wp.func
@@ -52,15 +53,17 @@ def section_of(pieces: Pieces, row: int):
 
 
 @wp.func
-def store_piece(pieces: Pieces, row: int, slot: int, half: int, out: int, enter: int, leave: int, steps: int, key: int):
-    """Put a piece where there is room for it."""
+def store_piece(
+    pieces: Pieces, row: int, slot: int, half: int, out: int, enter: int, leave: int, steps: int, key: int, clear: int
+):
+    """Put a piece where there is room for it; clear: 1 if its ends are (see `Pieces.steps`), 0 if nobody knows."""
     if slot < room_of(pieces, row):
         i = start_of(pieces, row) + wp.int64(slot) * pieces.stride
         pieces.half[i] = half
         pieces.out[i] = out
         pieces.key[i] = key
         pieces.side[i] = wp.vec2i(enter, leave)
-        pieces.steps[i] = steps
+        pieces.steps[i] = 2 * steps + clear
 
 
 @wp.func

@@ -5,10 +5,21 @@ from typing import Any
 import warp as wp
 
 from .clip import NONE, corners_left, segment_of, winding_step
-from .patch import EXACT, Coarse, Frame, Patch, coarse_of, frame_at, is_above, lifted, outcode
+from .patch import (
+    EXACT,
+    UNBOUNDED,
+    Coarse,
+    Frame,
+    Patch,
+    coarse_of,
+    frame_at,
+    half_of,
+    is_above,
+    lifted,
+    outcode,
+)
 from .piece import CLOSED, Pieces, count_row, section_of, store_piece
 from .surface import LEAF, OPEN, Surface
-from .trace import UNBOUNDED
 from .walk import crossing_after, crossing_at, is_first, link_of, loaded, point_of, vertex_of
 
 wp.set_module_options(EXACT)
@@ -163,7 +174,7 @@ def piece_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int
     leave = int(NONE)
     if code_q != 0:
         leave = segment_of(code, code_q, corners_left(p, q, side)).leave
-    store_piece(pieces, row, slot, half, out, enter, leave, steps, half)
+    store_piece(pieces, row, slot, half, out, enter, leave, steps, half, 0)
     return passed
 
 
@@ -184,7 +195,7 @@ def loop_from(surface: Surface, f: Frame, half: int, pieces: Pieces, row: int, s
         passed += c.scanned
         if c.half == half:
             done = 1
-    store_piece(pieces, row, slot, half, half, NONE, NONE, steps, CLOSED + surface.rank[half])
+    store_piece(pieces, row, slot, half, half, NONE, NONE, steps, CLOSED + surface.rank[half], 1)
     return passed
 
 
@@ -250,11 +261,8 @@ def _seek_pieces(
     """Find the pieces of each row's section: first those that enter, then loops that nothing has passed."""
     row = wp.tid()
     section = section_of(pieces, row)
-    own = patch[section % patch.shape[0]]
-    f = frame_at(pose[section // patch.shape[0]], own)
-    side = own.half
-    if bounded == 0:
-        side = wp.vec2d(UNBOUNDED, UNBOUNDED)
+    f = frame_at(pose[section // patch.shape[0]], patch[section % patch.shape[0]])
+    side = half_of(patch[section % patch.shape[0]], bounded)
     g = coarse_of(f, side, surface.reach)
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
     w = Window()

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from .clip import NONE, Segment, needs_left, segment_of
+from .events import BEGIN, CLEAR, END, FROM, HALF, STOP, Events, _clip_loops, quiet, room_for_events, write_event
 from .patch import (
     BOTTOM,
     EXACT,
@@ -22,38 +22,17 @@ from .patch import (
     Patch,
     coarse_of,
     frame_at,
+    half_of,
     is_above,
     lifted,
     outcode,
 )
-from .piece import CLOSED, Pieces, count_row, section_of, store_piece
 from .surface import MASK_WORDS, OPEN, Surface
-from .walk import Crossing, chain_start, crossing_after, crossing_at, left_from, link_of, loaded, point_of, vertex_of
+from .walk import Crossing, chain_start, crossing_after, crossing_at, link_of, loaded, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
-UNBOUNDED = wp.constant(wp.float64(1e30))  # [m]; half extent of a patch that cuts nothing off
 LISTED = 32  # scanned crossings that a sweep keeps; more are swept for again
-
-# An event is what clipping must look at, in two numbers: where and what, and how many steps of some length there were
-# inside since the one before. Where and what: half-edge of the segment's first crossing << HALF, and these bits.
-TO = wp.constant(15)  # outcode where the segment ends
-FROM = wp.constant(4)  # bits above it: outcode where it starts
-BEGIN = wp.constant(256)  # a loop begins here; both outcodes are of its first crossing
-END = wp.constant(512)  # it is back there
-STOP = wp.constant(1024)  # it ends at an open edge
-HALF = wp.constant(11)
-
-
-@wp.struct
-class Events:
-    """Events of each row's section, loop by loop; event k of row r stands at r * row + k * step."""
-
-    room: wp.int32  # of a row
-    row: wp.int64
-    step: wp.int64
-    event: wp.array[wp.vec2i]
-    count: wp.array[wp.int32]  # events of each row, also those that had no room
 
 
 @wp.struct
@@ -100,13 +79,6 @@ def mark(mask: wp.array[wp.uint32], rank: int):
     mask[rank >> 5] = mask[rank >> 5] | (wp.uint32(1) << wp.uint32(rank & 31))
 
 
-@wp.func
-def write_event(events: Events, row: int, k: int, what: int, steps: int):
-    """Write event k of a row, if there is room."""
-    if k < events.room:
-        events.event[wp.int64(row) * events.row + wp.int64(k) * events.step] = wp.vec2i(what, steps)
-
-
 @wp.struct
 class Walk:
     """What a walk around one loop did."""
@@ -124,10 +96,11 @@ class Spot:
     y: wp.float64
     d: wp.float64  # [m]
     code: int
+    clear: int  # CLEAR if it is apart from the lines of all four sides, in float32 in the array's frame
 
 
 @wp.func
-def spot_of(c: Crossing, side: wp.vec2d):
+def spot_of(c: Crossing, g: Coarse, side: wp.vec2d):
     """The point of a crossing; where it is within ON of a side, `point_of` decides."""
     t = Spot()
     t.d = c.upper[2] - c.lower[2]
@@ -141,6 +114,9 @@ def spot_of(c: Crossing, side: wp.vec2d):
     else:
         t.code = wp.where(right > zero, wp.where(t.x > zero, RIGHT, LEFT), 0)
         t.code += wp.where(top > zero, wp.where(t.y > zero, TOP, BOTTOM), 0)
+    room = wp.float64(2.0 * g.unsure) * t.d
+    if wp.abs(right) > room and wp.abs(top) > room:
+        t.clear = CLEAR
     return t
 
 
@@ -173,7 +149,7 @@ def walked(
     """
     out = Walk()
     c = crossing_at(surface, f, half)
-    p = spot_of(c, side)
+    p = spot_of(c, g, side)
     write_event(events, row, start, (half << HALF) | BEGIN | (p.code << FROM) | p.code, 0)
     out.events = 1
     if chain:
@@ -184,7 +160,7 @@ def walked(
     last = int(0)
     while last == 0:
         n = crossing_after(surface, f, c)
-        q = spot_of(n, side)
+        q = spot_of(n, g, side)
         if n.half == OPEN:
             last = STOP
         elif n.half == half:
@@ -197,7 +173,8 @@ def walked(
             if moves(f, g, c, p, n, q):
                 steps += 1
         if last != 0 or not quiet(p.code, q.code):
-            write_event(events, row, start + out.events, (c.half << HALF) | last | (p.code << FROM) | q.code, steps)
+            what = (c.half << HALF) | last | (p.clear & q.clear) | (p.code << FROM) | q.code
+            write_event(events, row, start + out.events, what, steps)
             out.events += 1
             steps = 0
         c = n
@@ -223,14 +200,6 @@ def passed(surface: Surface, f: Frame, half: int, mask: wp.array[wp.uint32]):
     return count
 
 
-@wp.func
-def quiet(code_p: int, code_q: int):
-    """Whether a segment stays inside, or outside without winding around the patch."""
-    if (code_p | code_q) == 0:
-        return True
-    return (code_p & code_q) != 0 and ((code_p ^ code_q) & BOTTOM) == 0
-
-
 @wp.kernel
 def _walk_first_loops(
     # In:
@@ -250,9 +219,7 @@ def _walk_first_loops(
     if section.shape[0] > 0:
         own = section[row]
     f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
-    side = patch[own % patch.shape[0]].half
-    if bounded == 0:
-        side = wp.vec2d(UNBOUNDED, UNBOUNDED)
+    side = half_of(patch[own % patch.shape[0]], bounded)
     g = coarse_of(f, side, surface.reach)
     nothing = wp.zeros(shape=1, dtype=wp.int32)
     no_mask = wp.zeros(shape=1, dtype=wp.uint32)
@@ -274,18 +241,19 @@ def _walk_other_loops(
     bounded: int,
     section: wp.array[wp.int32],
     rest: wp.array[wp.int32],
+    rest_count: wp.array[wp.int32],
     # Out:
     events: Events,  # those of the first loop are there already, if the surface is closed
 ):
     """Walk around the other loops of rows that have more than one, and around all loops of an open surface."""
+    if wp.tid() >= rest_count[0]:
+        return
     row = rest[wp.tid()]
     own = row
     if section.shape[0] > 0:
         own = section[row]
     f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
-    side = patch[own % patch.shape[0]].half
-    if bounded == 0:
-        side = wp.vec2d(UNBOUNDED, UNBOUNDED)
+    side = half_of(patch[own % patch.shape[0]], bounded)
     g = coarse_of(f, side, surface.reach)
     count = events.count[row]
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
@@ -314,115 +282,6 @@ def _walk_other_loops(
     events.count[row] = count
 
 
-@wp.struct
-class Tour:
-    """A loop read from its events, and the piece that it is on."""
-
-    begin: int  # event with which the loop begins
-    first: int  # half-edge with which it begins
-    half: int  # the piece: of the crossing before it enters, or where the tour starts
-    enter: int
-    steps: int
-    inside: int  # 1 while on a piece
-    partial: int  # 1 while on a piece that the tour started in the middle of: it is read at the end
-    whole: int  # 1 if the loop has not left the patch so far
-    again: int  # 1 once the tour has come back to where it started
-    done: int  # 1 between loops
-    pieces: int
-    winding: int
-
-
-@wp.func
-def begun(surface: Surface, k: int, what: int, old: Tour):
-    """The tour of the loop that begins with event k."""
-    t = Tour()
-    t.pieces = old.pieces
-    t.winding = old.winding
-    t.begin = k
-    t.first = what >> HALF
-    t.half = t.first
-    t.enter = NONE
-    if (what & TO) == 0:
-        t.inside = 1
-        if link_of(loaded(surface.corner, t.half)) != OPEN:  # else a chain: its first piece is one
-            t.whole = 1
-            t.partial = 1
-    return t
-
-
-@wp.func
-def advanced(tour: Tour, what: int, steps: int, e: Segment, pieces: Pieces, row: int):
-    """The tour after an event."""
-    t = tour
-    at = what >> HALF
-    t.steps += steps
-    if t.again == 0:
-        t.winding += e.winding
-        if e.enter != NONE:
-            t.half = at
-            t.enter = e.enter
-            t.steps = 0
-            t.inside = 1
-            t.partial = 0
-    if (what & TO) != 0:
-        t.whole = 0
-    if t.inside == 1 and (e.leave != NONE or (what & STOP) != 0):
-        if t.partial == 0:
-            store_piece(pieces, row, t.pieces, t.half, at, t.enter, e.leave, t.steps, t.half)
-            t.pieces += 1
-        t.inside = 0
-    if (what & (END | STOP)) != 0:
-        t.again = 1
-    t.done = wp.where(t.again == 1 and (t.whole == 1 or t.inside == 0 or (what & STOP) != 0), 1, 0)
-    return t
-
-
-@wp.kernel
-def _clip_loops(
-    # In:
-    surface: Surface,
-    pose: wp.array[wp.transform],
-    patch: wp.array[Patch],
-    bounded: int,  # 0: the whole plane
-    events: Events,
-    # Out:
-    pieces: Pieces,
-):
-    """Find the pieces of each row's section in its events."""
-    row = wp.tid()
-    section = section_of(pieces, row)
-    own = patch[section % patch.shape[0]]
-    count = events.count[row]
-    tour = Tour()
-    tour.pieces = wp.where(count > events.room, count, 0)  # no more pieces than events
-    count = wp.where(count > events.room, 0, count)
-    k = int(0)
-    after = int(0)  # the event behind the loop
-    while k < count:
-        event = events.event[wp.int64(row) * events.row + wp.int64(k) * events.step]
-        what = event[0]
-        k += 1
-        if (what & BEGIN) != 0:
-            tour = begun(surface, k, what, tour)
-        else:
-            left = int(0)
-            if needs_left((what >> FROM) & TO, what & TO):
-                f = frame_at(pose[section // patch.shape[0]], own)
-                left = left_from(surface, f, what >> HALF, own.half)
-            tour = advanced(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), pieces, row)
-            if tour.done == 1 and tour.whole == 1:
-                half = tour.first
-                store_piece(pieces, row, tour.pieces, half, half, NONE, NONE, tour.steps, CLOSED + surface.rank[half])
-                tour.pieces += 1
-            if (what & (END | STOP)) != 0:
-                after = k
-                if tour.done == 0:
-                    k = tour.begin
-            elif tour.done == 1:
-                k = after
-    count_row(pieces, row, tour.pieces, tour.winding)
-
-
 def trace_pieces(
     surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, room: int = 24
 ) -> wp.array:
@@ -438,18 +297,6 @@ def trace_pieces(
     inputs = [surface, pose, patch, int(bounded)]
     launch = partial(wp.launch, device=device, block_dim=64)
     launch(_walk_first_loops, row_count, inputs=[*inputs, pieces.section], outputs=[events, rest, rest_count])
-    more = int(rest_count.numpy()[0])
-    if more > 0:
-        launch(_walk_other_loops, more, inputs=[*inputs, pieces.section, rest], outputs=[events])
+    launch(_walk_other_loops, row_count, inputs=[*inputs, pieces.section, rest, rest_count], outputs=[events])
     launch(_clip_loops, row_count, inputs=[*inputs, events], outputs=[pieces])
     return events.count
-
-
-def room_for_events(row_count: int, room: int, device: Any) -> Any:
-    """Room for that many events a row: side by side for a CPU's cache, event by event for a GPU's lanes."""
-    events = Events()
-    events.room = room
-    events.row, events.step = (room, 1) if device.is_cpu else (1, row_count)
-    events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
-    events.count = wp.empty(row_count, dtype=wp.int32, device=device)
-    return events

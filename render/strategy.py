@@ -132,7 +132,7 @@ def intersect(
     with StageClock(timing, "find", device):
         found = find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method=method)
     with StageClock(timing, "join", device):
-        joined = join_pieces(found, pose, patch, closes=closes, limit=point_limit)
+        joined = join_pieces(surface, found, pose, patch, closes=closes, limit=point_limit)
     with StageClock(timing, "draw", device):
         contours = draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes)
     return ContourBatch.from_device(contours, hand.patch_count), joined.point_count

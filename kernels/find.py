@@ -8,13 +8,14 @@ from .piece import room_for_excess, room_for_sections
 from .seek import seek_pieces
 from .trace import trace_pieces
 
-TRACED_LARGEST = {"cpu": 2000, "cuda": 2000}  # [triangle]; measured (docs/performance.md): larger ones are sought
+TRACED_LARGEST = {"cpu": 5000, "cuda": 8000}  # [triangle]; measured (docs/performance.md): larger ones are sought
 METHODS = ("trace", "seek")
 
 
-def method_for(face_count: int, device: str) -> str:
-    """The faster way for a surface of that many triangles: "trace" or "seek"."""
-    return METHODS[face_count > TRACED_LARGEST["cpu" if device == "cpu" else "cuda"]]
+def method_for(surface: Any, device: Any) -> str:
+    """The faster way for a surface: "trace" or "seek"."""
+    small = surface.corner.shape[0] // 3 <= TRACED_LARGEST["cpu" if device.is_cpu else "cuda"]
+    return "trace" if small and surface.trail.shape[0] > 0 else "seek"
 
 
 def find_pieces(
@@ -25,11 +26,15 @@ def find_pieces(
     surface: Surface; pose: wp.transform, shape [pose]; patch: Patch, shape [patch]; all on one device.
     bounded: whether patches cut contours off; closes: whether winding numbers are wanted.
     method: "trace" for surfaces with a trail, "seek" for any, None for the faster one.
+    Raises ValueError for a method that does not exist, or not for this surface.
     Returns Pieces, and more Pieces for sections that had no room in the first.
     """
     device = pose.device
-    method = method or method_for(surface.corner.shape[0] // 3, "cpu" if device.is_cpu else "cuda")
-
+    method = method or method_for(surface, device)
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    if method == "trace" and surface.trail.shape[0] == 0:
+        raise ValueError(f"a surface of {surface.corner.shape[0] // 3} triangles has no trail to trace: use seek")
     found = [room_for_sections(pose.shape[0] * patch.shape[0], device)]
     needed = None
     if method == "trace":

@@ -7,8 +7,8 @@ import warp as wp
 
 OPEN = -1
 LEAF = 4  # triangles of a leaf of the hierarchy
-MASK_WORDS = 32  # of 32 bits: the scanned edges that a search along the trail can tell apart
-TRAIL_LARGEST = 8192  # [triangle]; beyond, no trail is made: a search along it is slower than the hierarchy by far
+MASK_WORDS = 128  # of 32 bits: the scanned edges that a search along the trail can tell apart
+TRAIL_LARGEST = 8000  # [triangle]; beyond, no trail is made
 
 
 @wp.struct
@@ -111,11 +111,17 @@ class HalfEdges:
         a contour is a simple path from face to face, and one that closes cannot keep to a forest. A third of all edges
         are enough, of a closed surface V - 1 + 2 genus.
         """
-        joined = forest_by_order(self.twin) if len(self.faces) > TRAIL_LARGEST else forest_off_paths(self)
+        joined = forest_off_paths(self) if len(self.faces) <= TRAIL_LARGEST else forest_by_order(self.twin)
         scanned = np.ones(len(self.twin), bool)
         scanned[joined] = False
         scanned[self.twin[joined]] = False
         return scanned
+
+    @cached_property
+    def has_trail(self) -> bool:
+        """Whether there are few enough scanned edges to search along them."""
+        inner = np.count_nonzero(self.scanned & (self.twin != OPEN)) // 2
+        return len(self.faces) <= TRAIL_LARGEST and inner + self.open_count <= 32 * MASK_WORDS
 
     @cached_property
     def link(self) -> np.ndarray:
@@ -129,11 +135,10 @@ class HalfEdges:
 
     @cached_property
     def rank(self) -> np.ndarray:
-        """Order in which scanned edges are found, int32, shape [half]: along the trail, by number in a large mesh."""
-        rank = np.zeros(len(self.twin), np.int32)
-        if len(self.faces) > TRAIL_LARGEST:
-            both = np.where(self.twin == OPEN, np.arange(len(self.twin)), np.minimum(self.twin, np.arange(len(rank))))
-            return both.astype(np.int32)
+        """Order of the scanned edges, the same on both sides, int32, shape [half]: along the trail if there is one."""
+        rank = np.arange(len(self.twin), dtype=np.int32)
+        if not self.has_trail:
+            return np.where(self.twin == OPEN, rank, np.minimum(self.twin, rank))
         half = self.trail[1]
         half = half[half != OPEN]
         rank[half] = np.arange(len(half))
@@ -259,7 +264,7 @@ def upload_surface(surface: HalfEdges, device: str) -> Surface:
     out.rank = wp.array(surface.rank, dtype=wp.int32, device=device)
     out.is_open = int(surface.open_count > 0)
     out.reach = float(np.abs(surface.vertices).sum(axis=1).max())
-    vertices, halves = surface.trail if len(surface.faces) <= TRAIL_LARGEST else (np.zeros(0, int), np.zeros(0, int))
+    vertices, halves = surface.trail if surface.has_trail else (np.zeros(0, int), np.zeros(0, int))
     out.trail = wp.array(padded(surface.vertices[vertices]), dtype=wp.vec4, device=device)
     out.trail_half = wp.array(sides_of(surface, vertices, halves), dtype=wp.vec2i, device=device)
     centre, half, leaf_first = boxes_of(surface)

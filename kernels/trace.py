@@ -232,29 +232,9 @@ def _walk_first_loops(
         rest[wp.atomic_add(rest_count, 0, 1)] = row
 
 
-@wp.kernel
-def _walk_other_loops(
-    # In:
-    surface: Surface,
-    pose: wp.array[wp.transform],
-    patch: wp.array[Patch],
-    bounded: int,
-    section: wp.array[wp.int32],
-    rest: wp.array[wp.int32],
-    rest_count: wp.array[wp.int32],
-    # Out:
-    events: Events,  # those of the first loop are there already, if the surface is closed
-):
-    """Walk around the other loops of rows that have more than one, and around all loops of an open surface."""
-    if wp.tid() >= rest_count[0]:
-        return
-    row = rest[wp.tid()]
-    own = row
-    if section.shape[0] > 0:
-        own = section[row]
-    f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
-    side = half_of(patch[own % patch.shape[0]], bounded)
-    g = coarse_of(f, side, surface.reach)
+@wp.func
+def walked_others(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, row: int):
+    """Walk around the loops of a row that have no events yet; returns how many events it has then."""
     count = events.count[row]
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
     mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
@@ -279,7 +259,32 @@ def _walk_other_loops(
                 walk = walked(surface, f, g, side, half, True, True, mask, events, row, count)
             count += walk.events
             scanned += walk.scanned
-    events.count[row] = count
+    return count
+
+
+@wp.kernel
+def _walk_other_loops(
+    # In:
+    surface: Surface,
+    pose: wp.array[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    section: wp.array[wp.int32],
+    rest: wp.array[wp.int32],
+    rest_count: wp.array[wp.int32],
+    # Out:
+    events: Events,  # those of the first loop are there already, if the surface is closed
+):
+    """Walk around the other loops of rows that have more than one, and around all loops of an open surface."""
+    if wp.tid() < rest_count[0]:
+        row = rest[wp.tid()]
+        own = row
+        if section.shape[0] > 0:
+            own = section[row]
+        f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
+        side = half_of(patch[own % patch.shape[0]], bounded)
+        g = coarse_of(f, side, surface.reach)
+        events.count[row] = walked_others(surface, f, g, side, events, row)
 
 
 def trace_pieces(

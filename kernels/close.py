@@ -208,40 +208,40 @@ def _join_single_pieces(
     rest: wp.array[wp.int32],  # rows for `_join_pieces`, in any order, shape [row]
     rest_count: wp.array[wp.int32],  # how many there are, comes as 0, shape [1]
 ):
-    """Join rows with one piece at most whose ends are clear; list the others."""
+    """Join rows with one piece at most whose steps at the patch's sides are surely of some length; list the others."""
     row = wp.tid()
     count = pieces.count[row]
+    inside = closes == 1 and pieces.winding[row] > 0
     entry = int(0)
     lines = int(0)
     points = int(0)
-    clear = int(1)
+    listed = count > 1
     if count == 1:
-        clear = pieces.steps[start_of(pieces, row)] & 1
-    if count > 1 or clear == 0:
+        own = start_of(pieces, row)
+        steps = pieces.steps[own] // 2
+        corners = int(0)
+        listed = pieces.steps[own] & 1 == 0
+        if pieces.key[own] < CLOSED:
+            side = pieces.side[own]
+            steps += end_steps(side, pieces.half[own] == pieces.out[own])
+            if closes == 1:
+                corners = wp.max(side[0] - side[1] + wp.where(inside, 4, 0), 0)
+                steps += corners + 1
+                listed = listed or corners == 0  # it may leave where it entered
+            inside = False
+        if steps > 0:
+            entries.entry[own] = BEGIN | (corners << CORNERS)
+            entry = 1
+            lines = 1
+            points = steps + 1
+    if inside:
+        entry = entry | BOUNDARY
+        lines += 1
+        points += 5
+    if listed:
         rest[wp.atomic_add(rest_count, 0, 1)] = row
     else:
-        inside = closes == 1 and pieces.winding[row] > 0
-        if count == 1:
-            own = start_of(pieces, row)
-            steps = pieces.steps[own] // 2
-            side = pieces.side[own]
-            corners = int(0)
-            if pieces.key[own] < CLOSED:
-                steps += end_steps(side, pieces.half[own] == pieces.out[own])
-                if closes == 1:
-                    corners = wp.max(side[0] - side[1] + wp.where(inside, 4, 0), 0)
-                    steps += corners + 1
-                inside = False
-            if steps > 0:
-                entries.entry[own] = BEGIN | (corners << CORNERS)
-                entry = 1
-                lines = 1
-                points = steps + 1
-        if inside:
-            entry = entry | BOUNDARY
-            lines += 1
-            points += 5
-    write_row(entries, row, section_of(pieces, row), entry, lines, points)
+        write_row(entries, row, section_of(pieces, row), entry, lines, points)
 
 
 @wp.func

@@ -199,7 +199,9 @@ def draw_contours(
     out = Contours(
         points=wp.empty(joined.point_count, dtype=wp.vec3, device=device),
         kind=wp.zeros(joined.point_count, dtype=wp.uint8, device=device),
-        polyline_start=wp.empty(joined.polyline_count + 1, dtype=wp.int64, device=device),
+        polyline_start=(wp.empty if pose.shape[0] else wp.zeros)(
+            joined.polyline_count + 1, dtype=wp.int64, device=device
+        ),
         polyline_patch=wp.empty(joined.polyline_count, dtype=wp.int32, device=device),
         polyline_closed=wp.empty(joined.polyline_count, dtype=wp.uint8, device=device),
         section_start=joined.section_start,

@@ -14,6 +14,7 @@ from .durable import FolderLock
 from .errors import ContourFileError
 from .hdf5 import Hdf5Reader
 from .header import get_header, get_json, recipe_differences
+from .part_reader import PartReader
 from .reader import ContourFile
 from .schema import CONTOURS, KIND_NAMES, METRICS, MOTION, OBJECT, TIMING, Arrays, Field, count_problems, shape_problem
 
@@ -66,18 +67,18 @@ def _check_open(file: ContourFile) -> list[str]:
     findings = _Findings()
     if not file.sealed:
         findings.tell(_unfinished(file))
+    for problem in file.problems:
+        findings.tell(problem)
     header, parts = file.parts()
-    with Hdf5Reader(header) as part:
-        check = _PartCheck(part, findings, "" if file.sealed else f"{header.name}: ")
-        check.fields((*MOTION, *OBJECT))
-        check.header()
+    check = _PartCheck(header, findings, "" if file.sealed else f"{header.path.name}: ")
+    check.fields((*MOTION, *OBJECT))
+    check.header(header)
     try:
-        for path, pose_count in parts:
-            with Hdf5Reader(path) as part:
-                check = _PartCheck(part, findings, "" if file.sealed else f"{path.name}: ")
-                check.fields((*CONTOURS, *METRICS), pose_count)
-                check.fields(TIMING)
-        if not findings.rows and len(findings.sentences) == int(not file.sealed):
+        for part, pose_count in parts:
+            check = _PartCheck(part, findings, "" if file.sealed else f"{part.path.name}: ")
+            check.fields((*CONTOURS, *METRICS), pose_count)
+            check.fields(TIMING)
+        if not findings.rows and len(findings.sentences) == int(not file.sealed) + len(file.problems):
             _check_contours(file, findings)  # only fields that are right by themselves can be compared
     except ContourFileError as error:
         findings.tell(str(error))
@@ -95,20 +96,20 @@ def _unfinished(file: ContourFile) -> str:
 class _PartCheck:
     """The fields of one HDF5 file, each by itself; `inside` begins each sentence."""
 
-    part: Hdf5Reader
+    part: Hdf5Reader | PartReader
     findings: _Findings
     inside: str
     shapes: dict[str, tuple[int, ...]] = field(default_factory=dict[str, tuple[int, ...]])
 
-    def header(self) -> None:
+    def header(self, part: Hdf5Reader) -> None:
         """Attributes, and whether recipe and hashes are of what the file holds."""
         try:
-            header = get_header(self.part)
+            header = get_header(part)
             header.validate()
-            stored, found = get_json(self.part, "/", "recipe"), header.recipe
+            stored, found = get_json(part, "/", "recipe"), header.recipe
             if changed := recipe_differences(stored, {**found, "format": stored.get("format", "absent")}):
                 self._tell(f"/: recipe is not of what the file holds: {'; '.join(changed)}")
-            if self.part.text("/object", "hash") != header.object_hash:
+            if part.text("/object", "hash") != header.object_hash:
                 self._tell("/object: hash is not of vertices and faces")
         except ContourFileError as error:
             self.findings.tell(str(error))

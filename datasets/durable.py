@@ -6,7 +6,16 @@ import contextlib
 import errno
 import fcntl
 import os
+from collections import deque
+from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
+
+_BUFFERS_MOST = 1024  # IOV_MAX of Linux
+_BLOCK_BYTES = 1 << 22
+
+Buffer = memoryview | bytes | bytearray
+"""Bytes to write, one item a byte."""
 
 TEMPORARY_SUFFIX = ".tmp"
 """Ends the names of files still being written; such a file found later was left by a killed process."""
@@ -38,15 +47,56 @@ def write_temporary(path: Path, content: memoryview) -> None:
         os.close(handle)
 
 
-def reserve_space(path: Path, size: int) -> None:
-    """Make an existing file `size` bytes long, all of them allocated; raises OSError where the disk has no room."""
-    handle = os.open(path, os.O_WRONLY | os.O_CLOEXEC)
+def append_at(path: Path, end: int, buffers: Sequence[Buffer], *, front: Buffer = b"", durable: bool = True) -> None:
+    """Write behind the first `end` bytes of a file, which is made if it is not there, dropping what else it has.
+
+    front: overwrites its first bytes. durable: have all of it on the disk when this returns.
+
+    Raises:
+        OSError: As the system says; the file has its first `end` bytes as before, but for the front.
+    """
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
-        os.posix_fallocate(handle, 0, size)
-    except OSError as error:
-        raise OSError(error.errno, f"{error.strerror} ({size / 1e6:.1f} MB are needed)") from error
+        if os.fstat(handle).st_size != end:  # what a write left that failed or was killed; or a file just made
+            os.ftruncate(handle, end)
+        _write_at(handle, end, buffers)
+        _write_at(handle, 0, [front])
+        if durable:
+            os.fsync(handle)
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.ftruncate(handle, end)
+        raise
     finally:
         os.close(handle)
+
+
+def copy_range(source: Path, path: Path, first: int, stop: int) -> None:
+    """Copy a range of bytes of a file to the same place of another one, and have them on the disk; raises OSError."""
+    with source.open("rb") as stream:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            while first < stop:
+                block = os.pread(stream.fileno(), min(_BLOCK_BYTES, stop - first), first)
+                if not block:
+                    raise OSError(errno.EIO, f"{source} ends at {first} bytes, before {stop}")
+                _write_at(handle, first, [block])
+                first += len(block)
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _write_at(handle: int, offset: int, buffers: Sequence[Buffer]) -> None:
+    """Write buffers one after another to an open file, from an offset on; raises OSError."""
+    left = deque(memoryview(buffer) for buffer in buffers if len(buffer))
+    while left:
+        count = os.pwritev(handle, list(islice(left, _BUFFERS_MOST)), offset)
+        offset += count
+        while left and count >= len(left[0]):
+            count -= len(left.popleft())
+        if count:
+            left[0] = left[0][count:]
 
 
 def publish(temporary: Path, path: Path) -> None:

@@ -6,6 +6,7 @@ h5py has no type information. It is imported by name, so all of it is `Any`, and
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from os import PathLike, fspath
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ContourFileError
+from .index import leaf_of_one
 from .schema import CHUNK_ROWS, Field
 
 h5py: Any = importlib.import_module("h5py")
@@ -24,8 +26,10 @@ h5py: Any = importlib.import_module("h5py")
 # What h5py raises for damaged or foreign content; nothing else is taken for a bad file.
 _FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, EOFError, UnicodeError)
 
-_FILL = {"f": np.nan, "i": -1, "u": 255}
+FILL = {"f": np.nan, "i": -1, "u": 255}
 """A chunk that was never written must show: no field has one of these values by right."""
+
+_CHECKSUM_BYTES = 4
 
 Attribute = str | int | float | NDArray[Any]
 
@@ -113,8 +117,29 @@ class Hdf5Reader:
             dataset: Any = self._file.get(name)
             if not isinstance(dataset, h5py.Dataset):
                 raise ContourFileError(f"{self.path}: {name} is missing or not a dataset")
+            self._refuse_lost_chunks(name, dataset)
             self._datasets[name] = dataset
         return self._datasets[name]
+
+    def _refuse_lost_chunks(self, name: str, dataset: Any) -> None:
+        """Look through the index of chunks, which has no checksum: libhdf5 dies of some that are damaged."""
+        if dataset.chunks is None or not dataset.size or not dataset.fletcher32:
+            return
+        if not hasattr(dataset.id, "chunk_iter"):  # h5py has it with HDF5 1.12.3 and newer
+            return
+        size = self.path.stat().st_size
+        sound = 0
+
+        def look(chunk: Any) -> None:
+            nonlocal sound
+            sound += _CHECKSUM_BYTES < chunk.size <= size - chunk.byte_offset
+
+        dataset.id.chunk_iter(look)
+        expected = math.prod(-(-rows // chunk) for rows, chunk in zip(dataset.shape, dataset.chunks, strict=True))
+        if sound != expected:
+            raise ContourFileError(
+                f"{self.path}: {name} is damaged: {sound} of its {expected} chunks can be where its index says"
+            )
 
 
 _FORMAT = ("v108", "v108")
@@ -129,15 +154,15 @@ def _fixed(text: str) -> Any:
 
 
 class Hdf5Image:
-    """An HDF5 file built in memory, so that HDF5 never meets a full disk; `image()` gives its bytes."""
+    """Metadata of an HDF5 file, built in memory: HDF5 never meets a full disk. `image()` gives its bytes."""
 
-    def __init__(self, size_hint: int = 0) -> None:
+    def __init__(self) -> None:
         self._file: Any = h5py.File(
             "image",
             "w",
             driver="core",
             backing_store=False,
-            block_size=max(1 << 16, min(size_hint, 1 << 26)),
+            block_size=1 << 16,
             libver=_FORMAT,
         )
 
@@ -163,48 +188,26 @@ class Hdf5Image:
             if gzip:
                 chunked |= {"compression": "gzip", "compression_opts": gzip, "shuffle": True}
         dataset: Any = self._file.create_dataset(
-            spec.path, shape=shape, dtype=spec.dtype, fillvalue=_FILL[spec.dtype.kind], track_times=False, **chunked
+            spec.path, shape=shape, dtype=spec.dtype, fillvalue=FILL[spec.dtype.kind], track_times=False, **chunked
         )
         dataset.attrs["units"] = _fixed(spec.unit)
         dataset.attrs["frame"] = _fixed(spec.frame)
 
-    def write(self, spec: Field, array: NDArray[Any]) -> None:
-        """Make a dataset with content."""
-        self.reserve(spec, array.shape)
-        if array.size:
-            self._file[spec.path][...] = array
+    def reserve_index(self, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> None:
+        """Make a dataset whose chunks lie elsewhere: one byte stands for the first, so that its index has a root."""
+        self.reserve(spec, shape, gzip=gzip)
+        self._file[spec.path].id.write_direct_chunk((0,) * len(shape), b"\0")
+
+    def index_root(self, spec: Field, image: bytes | bytearray) -> int:
+        """Where the root of a dataset's index lies in the image, to be overwritten."""
+        dataset: Any = self._file[spec.path]
+        address = int(dataset.id.get_chunk_info(0).byte_offset)
+        return image.index(leaf_of_one(1, address, int(dataset.ndim)))
 
     def image(self) -> memoryview:
         """The file's bytes so far."""
         self._file.flush()
         return memoryview(self._file.id.get_file_image())
-
-
-class Hdf5Filler:
-    """A file with reserved datasets, opened to fill them; closing trims the file to what it needs.
-
-    Raises:
-        ContourFileError: From every method, where HDF5 fails.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        with _failures(str(path)):
-            self._file: Any = h5py.File(fspath(path), "r+", locking=False, libver=_FORMAT)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with _failures(str(self._path), "written"):
-            self._file.close()
-
-    def write(self, spec: Field, first: int, rows: NDArray[Any]) -> None:
-        """Fill rows of a dataset from `first` on."""
-        with _failures(f"{self._path}: {spec.path}", "written"):
-            self._file[spec.path][first : first + len(rows)] = rows
 
 
 @contextmanager

@@ -8,21 +8,37 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, cast
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ContourFileError
-from .hdf5 import Hdf5Image, Hdf5Reader
+from .hdf5 import Attribute, Hdf5Reader
 from .schema import FORMAT_NAME, FORMAT_VERSION, MOTION, OBJECT, Arrays, validate_fields
+
+
+class TextSource(Protocol):
+    """What has text attributes."""
+
+    @property
+    def path(self) -> Path:
+        """Where it lies, for errors."""
+        ...
+
+    def text(self, name: str, key: str) -> str:
+        """An attribute that must be there and be text."""
+        ...
 
 
 @dataclass(frozen=True)
 class FileHeader:
     """Everything of a contour file that is known before the first pose is rendered.
 
-    Arrays are kept as given and must have the file's dtypes: nothing is converted silently.
+    Arrays are kept as given and must have the file's dtypes: nothing is converted silently. They are not to be changed
+    afterwards: their hashes are taken once.
     JSON means what `json.dumps` takes, without NaN and infinities.
     """
 
@@ -60,17 +76,17 @@ class FileHeader:
         """Number of poses."""
         return int(self.pose.shape[0])
 
-    @property
+    @cached_property
     def object_hash(self) -> str:
         """SHA-256 (hexadecimal) of the vertices' bytes, then the faces' bytes, little endian."""
         return _digest(self.vertices, self.faces)
 
-    @property
+    @cached_property
     def motion_hash(self) -> str:
         """SHA-256 (hexadecimal) of the poses' bytes, then the times' bytes if any, little endian."""
         return _digest(self.pose, *([] if self.time is None else [self.time]))
 
-    @property
+    @cached_property
     def recipe(self) -> dict[str, str]:
         """What decides the data, field by field, each as text; two runs with equal recipes may be joined.
 
@@ -144,9 +160,9 @@ def json_text(value: Mapping[str, Any], name: str) -> str:
         raise ContourFileError(f"{name} cannot be stored as JSON: {error}") from error
 
 
-def put_header(image: Hdf5Image, header: FileHeader) -> None:
-    """Write a header into a file under construction: root attributes, /motion, /object, /hand."""
-    root: dict[str, Any] = {
+def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
+    """What a file says of its header beside the arrays: attributes by group."""
+    root: dict[str, Attribute] = {
         "format": FORMAT_NAME,
         "version": np.array(FORMAT_VERSION, dtype="<i4"),
         "strategy": json_text(header.strategy, "strategy"),
@@ -157,19 +173,14 @@ def put_header(image: Hdf5Image, header: FileHeader) -> None:
     }
     if header.seed is not None:
         root["seed"] = header.seed
-    image.attributes("/", root)
-    image.attributes("/motion", {"offset": header.time_offset})
-    image.attributes("/hand", {"description": json_text(header.hand, "hand")})
-    placement, attributes = (
-        json_text(header.placement, "placement"),
-        json_text(header.object_attributes, "object_attributes"),
-    )
-    name, digest = header.object_name, header.object_hash
-    image.attributes("/object", {"name": name, "hash": digest, "placement": placement, "attributes": attributes})
-    arrays = header.arrays()
-    for spec in (*MOTION, *OBJECT):
-        if spec.name in arrays:
-            image.write(spec, arrays[spec.name])
+    placed: dict[str, Attribute] = {
+        "name": header.object_name,
+        "hash": header.object_hash,
+        "placement": json_text(header.placement, "placement"),
+        "attributes": json_text(header.object_attributes, "object_attributes"),
+    }
+    hand = json_text(header.hand, "hand")
+    return {"/": root, "/motion": {"offset": header.time_offset}, "/hand": {"description": hand}, "/object": placed}
 
 
 def get_header(file: Hdf5Reader) -> FileHeader:
@@ -193,7 +204,7 @@ def get_header(file: Hdf5Reader) -> FileHeader:
     )
 
 
-def get_json(file: Hdf5Reader, name: str, key: str) -> dict[str, Any]:
+def get_json(file: TextSource, name: str, key: str) -> dict[str, Any]:
     """A JSON object kept in an attribute; raises ContourFileError where it is missing or not one."""
     try:
         value: Any = json.loads(file.text(name, key))

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from .errors import ContourFileError
 from .hdf5 import Hdf5Reader
 from .header import FileHeader, get_header, get_json, recipe_hash, refuse_foreign
+from .part_reader import PartReader
+from .parts import HEADER_NAME, readable_parts, work_folder
+from .rows import INTENSITY_ABSENT
 from .schema import CONTOURS, METRICS, Arrays
-from .shards import HEADER_NAME, Shard, shard_files, without_overlap, work_folder
-
-INTENSITY_ABSENT = np.float32(1.0)
-"""What a point's intensity is where a part of a file has none."""
 
 _BLOCK_POSES = 1 << 16
 
@@ -50,14 +49,18 @@ class ContourFile:
 
     def __init__(self, path: str | PathLike[str]) -> None:
         self.path = Path(path)
-        self._open_shard: tuple[Shard, Hdf5Reader] | None = None
-        self.sealed, self._header_file, shards = _open(self.path)
+        self.sealed, self._header_file, parts, self.problems = _open(self.path)
+        """Sentences on what of an unfinished file is damaged; resuming renders it again."""
+        self._pieces: list[_Piece] = []
         try:
             refuse_foreign(self._header_file)
             _, shape = self._header_file.layout("/motion/pose")
             self.pose_count = shape[0]
             """Number of poses of the motion, done or not."""
-            self._shards = shards if shards is not None else [Shard(self.path, 0, self.pose_count)]
+            if self.sealed:
+                self._pieces = [_Piece(0, self.pose_count, self._header_file)]
+            else:
+                self._pieces = [_Piece(part.part.first, part.part.stop, part) for part in parts]
         except ContourFileError:
             self.close()
             raise
@@ -73,39 +76,43 @@ class ContourFile:
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
         self._header_file.close()
-        if self._open_shard is not None:
-            self._open_shard[1].close()
-            self._open_shard = None
+        for piece in self._pieces:
+            piece.rows.close()
 
     @property
     def folder(self) -> Path:
         """The folder that the file's parts lie in: the work folder, or that of the sealed file."""
         return self._header_file.path.parent
 
-    def parts(self) -> tuple[Path, list[tuple[Path, int]]]:
-        """The HDF5 files that make this one up: the header's, and those of the poses done with their numbers."""
-        return self._header_file.path, [(shard.path, shard.stop - shard.first) for shard in self._shards]
+    def parts(self) -> tuple[Hdf5Reader, list[tuple[Hdf5Reader | PartReader, int]]]:
+        """What this file is made up of: its header, and the rows of the poses done with the poses' numbers."""
+        return self._header_file, [(self._checked(piece), piece.stop - piece.first) for piece in self._pieces]
 
     @property
     def done(self) -> list[tuple[int, int]]:
         """Pose ranges (first, stop) that can be read, joined where they touch."""
         ranges: list[tuple[int, int]] = []
-        for shard in self._shards:
-            if ranges and ranges[-1][1] == shard.first:
-                ranges[-1] = (ranges[-1][0], shard.stop)
+        for piece in self._pieces:
+            if ranges and ranges[-1][1] == piece.first:
+                ranges[-1] = (ranges[-1][0], piece.stop)
             else:
-                ranges.append((shard.first, shard.stop))
+                ranges.append((piece.first, piece.stop))
         return ranges
 
     @cached_property
     def polyline_count(self) -> int:
         """Number of polylines of the poses done."""
-        return sum(self._rows(shard, "/contours/polyline_closed") for shard in self._shards)
+        return sum(self._row_count(piece, "/contours/polyline_closed") for piece in self._pieces)
 
     @cached_property
     def point_count(self) -> int:
         """Number of points of the poses done, the repeated ones of closed polylines included."""
-        return sum(self._rows(shard, "/contours/points") for shard in self._shards)
+        return sum(self._row_count(piece, "/contours/points") for piece in self._pieces)
+
+    @property
+    def has_intensity(self) -> bool:
+        """Whether any of the poses done has intensities."""
+        return any("/contours/intensity" in piece.rows for piece in self._pieces)
 
     @cached_property
     def strategy(self) -> dict[str, Any]:
@@ -164,7 +171,7 @@ class ContourFile:
         Gives the arrays of `/contours` by name (docs/file-format.md), offsets from 0; `intensity` only where the
         file has it. Raises ContourFileError where a pose of the range is not done.
         """
-        pieces = [self._contours_of(shard, *poses) for shard, *poses in self._parts(first, stop)]
+        pieces = [self._contours_of(piece, *poses) for piece, *poses in self._parts(first, stop)]
         return join_contours(pieces)
 
     def blocks(self, *, point_limit: int = 1 << 20) -> Iterator[tuple[int, int]]:
@@ -172,16 +179,16 @@ class ContourFile:
 
         A pose with more points is a range by itself. For going through a file of any size in bounded memory.
         """
-        for shard in self._shards:
-            for first in range(0, shard.stop - shard.first, _BLOCK_POSES):
-                stop = min(first + _BLOCK_POSES, shard.stop - shard.first)
-                point_start = self._point_start(shard, first, stop)
+        for piece in self._pieces:
+            for first in range(0, piece.stop - piece.first, _BLOCK_POSES):
+                stop = min(first + _BLOCK_POSES, piece.stop - piece.first)
+                point_start = self._point_start(piece, first, stop)
                 row = 0
                 while row < stop - first:
                     limit = int(point_start[row]) + point_limit
                     fitting = int(np.searchsorted(point_start, limit, side="right")) - 1
                     end = max(fitting, row + 1)
-                    yield shard.first + first + row, shard.first + first + end
+                    yield piece.first + first + row, piece.first + first + end
                     row = end
 
     def metrics(self, first: int = 0, stop: int | None = None) -> Arrays:
@@ -189,35 +196,35 @@ class ContourFile:
         parts = self._parts(first, stop)
         return {
             spec.name: np.concatenate(
-                [np.zeros(0, spec.dtype), *(self._reader(shard).read(spec.path, a, b) for shard, a, b in parts)]
+                [np.zeros(0, spec.dtype), *(self._checked(piece).read(spec.path, a, b) for piece, a, b in parts)]
             )
             for spec in METRICS
         }
 
     def timing(self) -> Timing:
         """How long each chunk took by stage; chunks in the order of their poses."""
-        return join_timing([get_timing(self._reader(shard)) for shard in self._shards])
+        return join_timing([get_timing(self._checked(piece)) for piece in self._pieces])
 
-    def _parts(self, first: int, stop: int | None) -> list[tuple[Shard, int, int]]:
-        """Shards that make up a pose range, each with the rows in it."""
+    def _parts(self, first: int, stop: int | None) -> list[tuple[_Piece, int, int]]:
+        """Pieces that make up a pose range, each with the rows in it."""
         stop = self.pose_count if stop is None else stop
         if not 0 <= first <= stop <= self.pose_count:
             raise ContourFileError(
                 f"{self.path}: poses {first} to {stop} are out of range, there are {self.pose_count} poses"
             )
-        parts: list[tuple[Shard, int, int]] = []
+        parts: list[tuple[_Piece, int, int]] = []
         reached = first
-        for shard in self._shards:
-            if shard.first <= reached < min(stop, shard.stop):
-                end = min(stop, shard.stop)
-                parts.append((shard, reached - shard.first, end - shard.first))
+        for piece in self._pieces:
+            if piece.first <= reached < min(stop, piece.stop):
+                end = min(stop, piece.stop)
+                parts.append((piece, reached - piece.first, end - piece.first))
                 reached = end
         if reached < stop:
             raise ContourFileError(f"{self.path}: pose {reached} of {first} to {stop} is not done yet")
         return parts
 
-    def _contours_of(self, shard: Shard, first: int, stop: int) -> Arrays:
-        file = self._reader(shard)
+    def _contours_of(self, piece: _Piece, first: int, stop: int) -> Arrays:
+        file = self._checked(piece)
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
@@ -229,31 +236,35 @@ class ContourFile:
                 arrays[spec.name] = file.read(spec.path, *rows[str(spec.dims[0])])
         return arrays
 
-    def _point_start(self, shard: Shard, first: int, stop: int) -> NDArray[np.int64]:
-        """Offsets into a shard's points where its poses `first` to `stop` begin, and where the last of them ends."""
-        file = self._reader(shard)
+    def _point_start(self, piece: _Piece, first: int, stop: int) -> NDArray[np.int64]:
+        """Offsets into a piece's points where its poses `first` to `stop` begin, and where the last of them ends."""
+        file = self._checked(piece)
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
         return np.asarray(polyline_start[pose_start - low], np.int64)
 
-    def _rows(self, shard: Shard, name: str) -> int:
-        _, shape = self._reader(shard).layout(name)
+    def _row_count(self, piece: _Piece, name: str) -> int:
+        _, shape = self._checked(piece).layout(name)
         return shape[0]
 
-    def _reader(self, shard: Shard) -> Hdf5Reader:
-        if self.sealed:
-            return self._header_file
-        if self._open_shard is None or self._open_shard[0] != shard:
-            if self._open_shard is not None:
-                self._open_shard[1].close()
-                self._open_shard = None
-            file = Hdf5Reader(shard.path)
-            if file.attribute("/", "recipe") != recipe_hash(self.recipe):
-                file.close()
-                raise ContourFileError(f"{shard.path} is of another rendering than the folder it lies in")
-            self._open_shard = (shard, file)
-        return self._open_shard[1]
+    def _checked(self, piece: _Piece) -> Hdf5Reader | PartReader:
+        rows = piece.rows
+        if isinstance(rows, PartReader) and rows.part.recipe != self._recipe_hash:
+            raise ContourFileError(f"{rows.path} is of another rendering than the folder it lies in")
+        return rows
+
+    @cached_property
+    def _recipe_hash(self) -> str:
+        return recipe_hash(self.recipe)
+
+
+class _Piece(NamedTuple):
+    """Rows of consecutive poses."""
+
+    first: int
+    stop: int
+    rows: Hdf5Reader | PartReader
 
 
 def join_contours(pieces: list[Arrays]) -> Arrays:
@@ -268,7 +279,7 @@ def join_contours(pieces: list[Arrays]) -> Arrays:
     return joined
 
 
-def get_timing(file: Hdf5Reader) -> Timing:
+def get_timing(file: Hdf5Reader | PartReader) -> Timing:
     """The /timing of one file."""
     stages = cast(list[str], get_json(file, "/timing", "stages").get("stages", []))
     return Timing(stages, file.read("/timing/first"), file.read("/timing/stop"), file.read("/timing/seconds"))
@@ -287,21 +298,26 @@ def join_timing(pieces: list[Timing]) -> Timing:
     return Timing(stages, first, stop, seconds)
 
 
-def _open(path: Path) -> tuple[bool, Hdf5Reader, list[Shard] | None]:
-    """Whether the file is sealed, what its header is in, and its shards if it is not sealed."""
+def _open(path: Path) -> tuple[bool, Hdf5Reader, list[PartReader], list[str]]:
+    """Whether the file is sealed, what its header is in, its parts if it is not sealed, and what is wrong with them."""
     folder = path if (path / HEADER_NAME).is_file() else work_folder(path)
     if folder != path and (path.exists() or not folder.is_dir()):
-        return True, Hdf5Reader(path), None
+        return True, Hdf5Reader(path), [], []
+    opened: list[PartReader] = []
     try:
-        shards = without_overlap(shard_files(folder))[0]
-        return False, Hdf5Reader(folder / HEADER_NAME), shards
+        parts, problems = readable_parts(folder)
+        for part in parts:
+            opened.append(PartReader(part))
+        return False, Hdf5Reader(folder / HEADER_NAME), opened, problems
     except (OSError, ContourFileError) as error:
+        for reader in opened:
+            reader.close()
         if path.is_file():  # sealed since we looked
-            return True, Hdf5Reader(path), None
+            return True, Hdf5Reader(path), [], []
         raise ContourFileError(f"{path} is not written yet, and {folder} cannot be read ({error})") from error
 
 
-def _offsets(file: Hdf5Reader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:
+def _offsets(file: Hdf5Reader | PartReader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:
     """Offsets of rows `first` to `stop`, refused where they would lead anywhere but forward inside `target`."""
     offsets = file.read(name, first, stop + 1)
     _, shape = file.layout(target)

@@ -1,14 +1,14 @@
 """Writing a contour file while it is computed, such that a pose range reported done is never lost.
 
-| OUT.h5 | header | shards | what `mode="resume"` does                                               |
-|--------|--------|--------|-------------------------------------------------------------------------|
-| no     | no     | no     | begins, as "create"                                                     |
-| yes    | no     | no     | compares with OUT.h5; nothing is missing                                |
-| any    | no     | yes    | refuses: nothing tells what the shards belong to                        |
-| yes    | same   | any    | killed after sealing: compares, nothing is missing, removes the folder  |
-| any    | other  | any    | compares with the header, goes on with the poses missing                |
+| OUT.h5 | header | parts | what `mode="resume"` does                                              |
+|--------|--------|-------|------------------------------------------------------------------------|
+| no     | no     | no    | begins, as "create"                                                    |
+| yes    | no     | no    | compares with OUT.h5; nothing is missing                               |
+| any    | no     | yes   | refuses: nothing tells what the parts belong to                        |
+| yes    | same   | any   | killed after sealing: compares, nothing is missing, removes the folder |
+| any    | other  | any   | compares with the header, goes on with the poses missing               |
 
-header, shards: in the work folder OUT.h5.partial; "same": its header is of the run that made OUT.h5.
+header, parts: in the work folder OUT.h5.partial; "same": its header is of the run that made OUT.h5.
 """
 
 from __future__ import annotations
@@ -24,23 +24,14 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .durable import TEMPORARY_SUFFIX, FolderLock, discard, publish, sync, write_file
+from .durable import TEMPORARY_SUFFIX, FolderLock, copy_range, discard, publish, sync
 from .errors import ContourFileError
-from .hdf5 import Hdf5Image
-from .header import FileHeader, put_header, recipe_differences, recipe_hash
+from .header import FileHeader, recipe_differences, recipe_hash
+from .parts import HEADER_NAME, Part, begin_part, part_logs, work_folder
 from .reader import ContourFile
+from .recovery import part_files, take_over_parts
 from .schema import CONTOURS, METRICS, validate_fields
-from .seal import seal_into
-from .shards import (
-    HEADER_NAME,
-    Shard,
-    shard_files,
-    shard_image,
-    shard_name,
-    shard_problem,
-    without_overlap,
-    work_folder,
-)
+from .seal import Frame, copy_rows, frame_of, seal_rows, write_header
 
 _SEALING_NAME = "sealed.h5" + TEMPORARY_SUFFIX
 
@@ -73,12 +64,14 @@ class ContourWriter:
         self.repairs: tuple[str, ...] = ()
         """What resuming found damaged and dropped, a sentence each; those poses are missing again."""
         self._folder = work_folder(self.path)
-        self._shards: list[Shard] = []
+        self._parts: list[Part] = []
         self._complete = False
         self._lock: FolderLock | None = None
         header.validate()
         self._header = header
-        self._recipe_hash = recipe_hash(header.recipe)
+        self._recipe = header.recipe  # hashes motion and mesh anew each time it is asked for
+        self._recipe_hash = recipe_hash(self._recipe)
+        self._frame = Frame(0, 0)
         self._refuse_existing(mode)
         with self._machine_failures("prepare"):
             self._begin(mode)
@@ -101,10 +94,10 @@ class ContourWriter:
         """Pose ranges (first, stop) not done yet, in pose order."""
         gaps: list[tuple[int, int]] = []
         reached = self._header.pose_count if self._complete else 0
-        for shard in self._shards:
-            if reached < shard.first:
-                gaps.append((reached, shard.first))
-            reached = shard.stop
+        for part in self._parts:
+            if reached < part.first:
+                gaps.append((reached, part.first))
+            reached = part.stop
         if reached < self._header.pose_count:
             gaps.append((reached, self._header.pose_count))
         return gaps
@@ -119,7 +112,8 @@ class ContourWriter:
     ) -> None:
         """Write the contours of poses `first` to `stop`; when this returns, they are done: on the disk, whole.
 
-        Takes about three times the arrays' memory. Ranges may come in any order and of any size.
+        Ranges may come in any order and of any size; in pose order nothing is ever copied. Takes a few megabytes
+        beside the arrays.
 
         Args:
             first: First pose of the range.
@@ -134,23 +128,37 @@ class ContourWriter:
         """
         self._refuse_closed()
         self._validate(first, stop, contours, metrics)
-        content = shard_image((first, stop), contours, metrics, timing or {}, self._recipe_hash)
-        shard = Shard(self._folder / shard_name(first, stop, content), first, stop)
         with self._machine_failures(f"write poses {first} to {stop}"):
-            write_file(shard.path, content)
-        self._shards = sorted([*self._shards, shard], key=lambda done: done.first)
+            part = self._part_for(first, intensity="intensity" in contours)
+            part.append(stop, contours, metrics, timing or {})
+        if part not in self._parts:
+            self._parts = sorted([*self._parts, part], key=lambda done: done.first)
+
+    def _part_for(self, first: int, *, intensity: bool) -> Part:
+        """The part that ends where poses begin, or a new one."""
+        for part in self._parts:
+            if part.stop == first and part.has_intensity == intensity:
+                return part
+        part = begin_part(self._folder, first, self._recipe_hash, self._frame.begin, intensity=intensity)
+        self._give_arrays(part)
+        return part
+
+    def _give_arrays(self, part: Part) -> None:
+        """Put motion and mesh into the part that will be sealed; again after a kill, which may have come before."""
+        if part.first == 0:
+            copy_range(self._folder / HEADER_NAME, part.path, self._frame.room, self._frame.begin)
 
     def seal(self, *, gzip: int = 0) -> None:
         """Make OUT.h5 of what is done, replacing an old one, and remove the work folder.
 
-        Copies in blocks: takes a few megabytes, and twice the memory of the header's motion and mesh.
+        Poses written in order lie in their final place: metadata are added. Otherwise, and with gzip, all is copied, in
+        blocks. Takes a few megabytes.
 
         Args:
             gzip: 0 stores points as they are; 1 to 9 compress (25 % smaller, some 50 times slower).
 
         Raises:
-            ContourFileError: Poses are missing; the disk has no room for OUT.h5 beside the work folder, or fails.
-                What is done stays done.
+            ContourFileError: Poses are missing; the disk has no room, or fails. What is done stays done.
         """
         if self._complete:
             return
@@ -160,17 +168,29 @@ class ContourWriter:
             raise ContourFileError(f"{self.path} cannot be sealed: {count} poses are missing, from {gaps[0][0]} on")
         if gzip not in range(10):
             raise ContourFileError(f"gzip must be 0 to 9, got {gzip!r}")
-        temporary = self._folder / _SEALING_NAME
         with self._machine_failures("seal"):
-            try:
-                seal_into(temporary, self._header, self._shards, gzip=gzip)
-                self._refuse_unlike(temporary)
-                publish(temporary, self.path)
-            except (OSError, ContourFileError):
-                discard(temporary)
-                raise
+            self._seal(gzip)
         self._complete = True
         self._remove_folder()
+
+    def _seal(self, gzip: int) -> None:
+        if len(self._parts) == 1 and not gzip:
+            part = self._parts[0]
+            with ContourFile(self._folder) as file:
+                seal_rows(part.path, part.rows, self._header, file.timing(), self._frame)
+            self._refuse_unlike(part.path)
+            publish(part.path, self.path)
+            return
+        copy = self._folder / _SEALING_NAME
+        try:
+            with ContourFile(self._folder) as file:
+                rows = copy_rows(copy, file, self._folder / HEADER_NAME, self._frame, gzip=gzip)
+                seal_rows(copy, rows, self._header, file.timing(), self._frame)
+            self._refuse_unlike(copy)
+            publish(copy, self.path)
+        except (OSError, ContourFileError):
+            discard(copy)
+            raise
 
     def _refuse_existing(self, mode: str) -> None:
         if mode not in ("create", "resume", "overwrite"):
@@ -224,17 +244,20 @@ class ContourWriter:
         return True
 
     def _write_header(self) -> None:
-        with Hdf5Image() as image:
-            put_header(image, self._header)
-            content = image.image()
-        write_file(self._folder / HEADER_NAME, content)
+        temporary = self._folder / (HEADER_NAME + TEMPORARY_SUFFIX)
+        try:
+            write_header(temporary, self._header)
+            publish(temporary, self._folder / HEADER_NAME)
+        except OSError:
+            discard(temporary)
+            raise
+        self._frame = frame_of(self._header)
 
     def _resume(self) -> bool:
         """Take over what is there, by the table above; False if there is nothing."""
         self._clear_temporary()
-        found = shard_files(self._folder)
         if not (self._folder / HEADER_NAME).exists():
-            if found:
+            if part_logs(self._folder):
                 raise ContourFileError(f"{self._folder} has lost its header and cannot be resumed, use --overwrite")
             if not self.path.exists():
                 return False
@@ -243,10 +266,13 @@ class ContourWriter:
         with ContourFile(self._folder) as old:
             self._refuse_differing(old)
             self._header = old.header()  # one run, one header: also its device and time of creation
+        self._frame = frame_of(self._header)
         if self._is_sealed_as(self._header.created):
             self._finish_with(self.path)
         else:
-            self._take_over(found)
+            self._parts, self.repairs = take_over_parts(self._folder, self._recipe_hash)
+            for part in self._parts:
+                self._give_arrays(part)
         return True
 
     def _finish_with(self, path: Path) -> None:
@@ -261,38 +287,24 @@ class ContourWriter:
         """Whether OUT.h5 is of the run that began at `created`."""
         try:
             with ContourFile(self.path) as file:
-                return file.sealed and file.attributes["created"] == created and file.recipe == self._header.recipe
+                return file.sealed and file.attributes["created"] == created and file.recipe == self._recipe
         except ContourFileError:  # an old file that will be replaced may be anything
             return False
 
-    def _take_over(self, found: list[Shard]) -> None:
-        repairs: list[str] = []
-        trusted: list[Shard] = []
-        for shard in found:
-            if problem := shard_problem(shard, self._recipe_hash):
-                shard.path.unlink()
-                repairs.append(f"{shard.path.name} {problem}: dropped, its poses are rendered again")
-            else:
-                trusted.append(shard)
-        self._shards, overlapping = without_overlap(trusted)
-        for shard in overlapping:
-            shard.path.unlink()
-            repairs.append(f"{shard.path.name} overlaps others: dropped")
-        self.repairs = tuple(repairs)
-
     def _refuse_differing(self, old: ContourFile) -> None:
-        if differences := recipe_differences(old.recipe, self._header.recipe):
+        if differences := recipe_differences(old.recipe, self._recipe):
             raise ContourFileError(
                 f"{self.path} cannot be resumed, it is of another rendering: {'; '.join(differences)}; "
                 "--overwrite begins anew"
             )
 
     def _refuse_unlike(self, temporary: Path) -> None:
-        """Look once more before the shards go."""
-        with ContourFile(temporary) as file, ContourFile(self._folder) as shards:
-            made, wanted = (file.point_count, file.polyline_count), (shards.point_count, shards.polyline_count)
-            if made != wanted or file.recipe != self._header.recipe:
-                raise ContourFileError(f"{temporary} has {made} points and polylines, the shards have {wanted}")
+        """Look once more before the parts go."""
+        wanted = tuple(sum(part.rows.count(dim) for part in self._parts) for dim in ("point", "polyline"))
+        with ContourFile(temporary) as file:
+            made = (file.point_count, file.polyline_count)
+            if made != wanted or file.recipe != self._recipe:
+                raise ContourFileError(f"{temporary} has {made} points and polylines, its parts have {wanted}")
 
     def _refuse_closed(self) -> None:
         if self._complete:
@@ -306,7 +318,7 @@ class ContourWriter:
         where = f"{self.path}, poses {first} to {stop}"
         if not 0 <= first < stop <= self._header.pose_count:
             raise ContourFileError(f"{where}: out of range, there are {self._header.pose_count} poses")
-        if any(shard.first < stop and first < shard.stop for shard in self._shards):
+        if any(part.first < stop and first < part.stop for part in self._parts):
             raise ContourFileError(f"{where}: overlap poses that are done already")
         try:
             rows, metric_rows = validate_fields(contours, CONTOURS), validate_fields(metrics, METRICS)
@@ -325,7 +337,7 @@ class ContourWriter:
         try:
             yield
         except OSError as error:
-            done = sum(shard.stop - shard.first for shard in self._shards)
+            done = sum(part.stop - part.first for part in self._parts)
             kept = f"; the {done} poses done are kept in {self._folder}, make room and go on with --resume"
             raise ContourFileError(
                 f"{self.path}: cannot {task}: {error.strerror or error}, {self._free()}{kept if done else ''}"
@@ -342,10 +354,10 @@ class ContourWriter:
             path.unlink()
 
     def _clear_folder(self) -> None:
-        """Remove what writers left, the header last: without it, shards would be of nothing."""
+        """Remove what writers left, the header last: without it, parts would be of nothing."""
         self._clear_temporary()
-        for shard in shard_files(self._folder):
-            shard.path.unlink()
+        for path in part_files(self._folder):
+            path.unlink()
         (self._folder / HEADER_NAME).unlink(missing_ok=True)
 
     def _remove_folder(self) -> None:

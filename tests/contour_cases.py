@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
+from palpate.datasets import assembly, hdf5, part_reader, parts
+from palpate.datasets import rows as rows_module
 from palpate.datasets.header import FileHeader
 from palpate.datasets.writer import ContourWriter
 
@@ -118,7 +121,7 @@ class Killed(BaseException):
 @contextmanager
 def killed_at(step: int) -> Iterator[None]:
     """Raise Killed in place of the `step`-th system call that changes the disk; a write dies half done."""
-    names = ("mkdir", "write", "fsync", "replace", "posix_fallocate", "unlink", "rmdir")
+    names = ("mkdir", "write", "pwritev", "ftruncate", "fsync", "replace", "unlink", "rmdir")
     real: dict[str, Callable[..., Any]] = {name: getattr(os, name) for name in names}
     left = step
 
@@ -129,6 +132,9 @@ def killed_at(step: int) -> Iterator[None]:
             if left < 0:
                 if name == "write" and left == -1:
                     real["write"](args[0], args[1][: len(args[1]) // 2])
+                if name == "pwritev" and left == -1:
+                    content = b"".join(args[1])
+                    real["pwritev"](args[0], [content[: len(content) // 2]], args[2])
                 raise Killed
             return real[name](*args, **options)
 
@@ -141,6 +147,15 @@ def killed_at(step: int) -> Iterator[None]:
     finally:
         for name in names:
             setattr(os, name, real[name])
+
+
+@contextmanager
+def small_chunks(rows: int = 7) -> Iterator[None]:
+    """Many HDF5 chunks in a few rows."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (assembly, hdf5, part_reader, parts, rows_module):
+            patch.setattr(module, "CHUNK_ROWS", rows)
+        yield
 
 
 def _offsets(counts: np.ndarray) -> np.ndarray:

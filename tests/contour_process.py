@@ -32,21 +32,21 @@ def write(path: str, mode: str, pose_count: str, chunk: str) -> None:
 
 
 def fill(folder: str) -> None:
-    """Run into the full disk twice, in a shard and in sealing, making room after each."""
+    """Run into the full disk twice, in a log and in sealing, making room after each."""
     path, ballast = Path(folder) / "out.h5", Path(folder) / "ballast"
     contours = make_contours(400)
-    occupy(ballast, keep=300_000)
+    occupy(ballast, keep=115_000)
     with ContourWriter(path, make_header(400)) as writer:
         try:
             write_ranges(writer, contours, ((first, first + 20) for first in range(0, 400, 20)))
         except ContourFileError as error:
-            say("shard:", error)
+            say("log:", error)
         say("done", 400 - sum(stop - first for first, stop in writer.missing()))
     ballast.unlink()
     with ContourWriter(path, make_header(400), mode="resume") as writer:
         say("resumed", 400 - sum(stop - first for first, stop in writer.missing()), len(writer.repairs))
         write_ranges(writer, contours, writer.missing())
-        occupy(ballast, keep=100_000)
+        occupy(ballast, keep=50_000)
         try:
             writer.seal()
         except ContourFileError as error:

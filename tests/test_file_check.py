@@ -8,13 +8,13 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from contour_cases import make_contours, make_header, write_file, write_ranges
+from contour_cases import make_contours, make_header, small_chunks, write_file, write_ranges
 
 from palpate.datasets.check import check_file
 from palpate.datasets.errors import ContourFileError
+from palpate.datasets.parts import part_logs
 from palpate.datasets.reader import ContourFile
 from palpate.datasets.schema import FIELDS
-from palpate.datasets.shards import shard_files
 from palpate.datasets.writer import ContourWriter
 
 
@@ -210,14 +210,32 @@ def test_a_file_being_written_says_so_and_what_is_done_is_checked(path):
         assert check_file(path) == [f"{path} is still being written: 8 of 10 poses are done"]
     stopped = f"{path} was not finished, --resume goes on with it: 8 of 10 poses are done"
     assert check_file(path) == [stopped]
-    shard = shard_files(path.with_name("out.h5.partial"))[1].path
-    with h5py.File(shard, "r+") as file:
-        file["/metrics/polylines"][1] = 77
-    problems = check_file(path)
-    assert problems[0] == stopped
-    assert "/metrics/polylines: poses with another number of polylines (1, first 7)" in problems[1]
-    shard.write_bytes(shard.read_bytes()[:3000])
-    assert any(str(shard) in problem and "truncated" in problem for problem in check_file(path)[1:])
+
+
+def flip(path, at):
+    content = bytearray(path.read_bytes())
+    content[at] ^= 0x10
+    path.write_bytes(content)
+
+
+def test_damage_in_a_file_being_written_is_told_and_not_read(path):
+    contours = make_contours(40)
+    with small_chunks(), ContourWriter(path, make_header(40)) as writer:
+        write_ranges(writer, contours, [(0, 10), (10, 20), (20, 30)])
+        rows = path.with_name("out.h5.partial") / "poses-000000000000.rows"
+        with ContourFile(path) as file:
+            parts = file.parts()[1]
+            address = parts[0][0].part.rows.addresses[0][0]
+        flip(rows, address + 5)
+        assert any("/contours/points is damaged: the checksum" in problem for problem in check_file(path))
+        with ContourFile(path) as file, pytest.raises(ContourFileError, match="points is damaged"):
+            file.contours(0, 5)
+        flip(rows, address + 5)
+        log = part_logs(rows.parent)[0]
+        flip(log, log.stat().st_size - 3)
+        problems = check_file(path)
+        assert "20 of 40 poses are done" in problems[0]
+        assert problems[1:] == [f"{log} is truncated or damaged after pose 20"]
 
 
 DAMAGE = """

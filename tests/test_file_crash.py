@@ -18,6 +18,7 @@ from contour_cases import (
     killed_at,
     make_contours,
     make_header,
+    small_chunks,
     write_file,
     write_ranges,
 )
@@ -46,6 +47,14 @@ def assert_kept(path, contours, done):
                 assert_same(file.contours(first, stop), cut_contours(contours, first, stop))
 
 
+@pytest.fixture(params=[7, 8192], ids=["chunks", "tails"])
+def chunk_rows(request):
+    """Rows that are mostly in chunks, and rows that are all in logs."""
+    with small_chunks(request.param):
+        yield request.param
+
+
+@pytest.mark.usefixtures("chunk_rows")
 def test_a_kill_at_any_step_loses_nothing_reported_done_and_resuming_completes(tmp_path):
     contours, header = make_contours(9), make_header(9)
     step, finished = 0, False
@@ -75,16 +84,30 @@ def test_a_kill_at_any_step_loses_nothing_reported_done_and_resuming_completes(t
     assert step > 25
 
 
-def test_a_shard_is_on_the_disk_before_it_has_its_name_and_the_name_before_it_is_done(tmp_path, monkeypatch):
-    with ContourWriter(tmp_path / "out.h5", make_header(9)) as writer:
+def test_rows_are_on_the_disk_before_their_record_and_the_record_before_they_are_done(tmp_path, monkeypatch):
+    contours = make_contours(20)
+    with small_chunks(), ContourWriter(tmp_path / "out.h5", make_header(20)) as writer:
+        write_ranges(writer, contours, [(0, 2)])
         calls: list[str] = []
-        for name in ("write", "fsync", "replace"):
+        opened: dict[int, str] = {}
+        real_open = os.open
+
+        def noted_open(path, *args):
+            handle = real_open(path, *args)
+            opened[handle] = Path(path).suffix
+            return handle
+
+        monkeypatch.setattr(os, "open", noted_open)
+        for name in ("pwritev", "fsync"):
             real = getattr(os, name)
-            monkeypatch.setattr(os, name, lambda *args, name=name, real=real: (calls.append(name), real(*args))[1])
-        write_ranges(writer, make_contours(9), [(0, 9)])
-    assert calls == ["write", "fsync", "replace", "fsync"]
+            monkeypatch.setattr(
+                os, name, lambda handle, *args, n=name, r=real: (calls.append(n + opened[handle]), r(handle, *args))[1]
+            )
+        write_ranges(writer, contours, [(2, 20)])
+    assert calls == ["pwritev.rows", "fsync.rows", "pwritev.log", "fsync.log"]
 
 
+@pytest.mark.usefixtures("chunk_rows")
 def test_a_kill_at_any_step_of_overwriting_leaves_a_whole_file_and_resuming_completes(tmp_path):
     contours, header = make_contours(9), make_header(9)
     step, finished = 0, False
@@ -107,6 +130,22 @@ def test_a_kill_at_any_step_of_overwriting_leaves_a_whole_file_and_resuming_comp
         assert_whole(path, contours)
         step += 1
     assert step > 20
+
+
+@pytest.mark.parametrize("step", [0, 1, 2, 3])
+def test_what_an_interrupted_write_left_is_not_found_behind_a_shorter_one(tmp_path, step):
+    path, contours = tmp_path / "out.h5", make_contours(40)
+    with small_chunks():
+        with ContourWriter(path, make_header(40)) as writer:
+            write_ranges(writer, contours, [(0, 4)])
+            with pytest.raises(Killed), killed_at(step):
+                write_ranges(writer, contours, [(4, 40)])
+            write_ranges(writer, contours, [(4, 6)])
+        with ContourWriter(path, make_header(40), mode="resume") as writer:
+            assert (writer.missing(), writer.repairs) == ([(6, 40)], ())
+            write_ranges(writer, contours, [(6, 40)])
+            writer.seal()
+        assert_whole(path, contours)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.02, 0.06, 0.15])
@@ -137,39 +176,41 @@ def file_size_limit(size):
         resource.setrlimit(resource.RLIMIT_FSIZE, old)
 
 
-def test_a_shard_over_the_file_size_limit_fails_alone(tmp_path):
-    path, contours = tmp_path / "out.h5", make_contours(400)
-    with ContourWriter(path, make_header(400)) as writer:
+@pytest.mark.parametrize(("limit", "rows"), [(60_000, 8192), (80_000, 7)], ids=["log", "rows"])
+def test_poses_over_the_file_size_limit_fail_alone(tmp_path, limit, rows):
+    path, contours = tmp_path / "out.h5", make_contours(800)
+    with small_chunks(rows), ContourWriter(path, make_header(800)) as writer:
         write_ranges(writer, contours, [(0, 10)])
         with (
-            file_size_limit(60_000),
+            file_size_limit(limit),
             pytest.raises(
-                ContourFileError, match=r"cannot write poses 10 to 400: File too large.* 10 poses .*--resume"
+                ContourFileError, match=r"cannot write poses 10 to 800: File too large.* 10 poses .*--resume"
             ),
         ):
-            write_ranges(writer, contours, [(10, 400)])
-        assert writer.missing() == [(10, 400)]
+            write_ranges(writer, contours, [(10, 800)])
+        assert writer.missing() == [(10, 800)]
         assert_kept(path, contours, [(0, 10)])
-        write_ranges(writer, contours, [(10, 400)])
+        write_ranges(writer, contours, [(10, 800)])
         writer.seal()
-    assert_whole(path, contours)
+        assert_whole(path, contours)
 
 
-def test_sealing_over_the_file_size_limit_keeps_everything_and_the_old_file(tmp_path):
-    path, contours, before = tmp_path / "out.h5", make_contours(40), make_contours(3, seed=9)
+@pytest.mark.parametrize("order", [[(0, 400)], [(200, 400), (0, 200)]], ids=["in place", "copied"])
+def test_sealing_over_the_file_size_limit_keeps_everything_and_the_old_file(tmp_path, order):
+    path, contours, before = tmp_path / "out.h5", make_contours(400), make_contours(3, seed=9)
     write_file(path, before)
-    with ContourWriter(path, make_header(40), mode="overwrite") as writer:
-        write_ranges(writer, contours, [(0, 40)])
+    with ContourWriter(path, make_header(400), mode="overwrite") as writer:
+        write_ranges(writer, contours, order)
         with (
-            file_size_limit(200_000),
-            pytest.raises(ContourFileError, match=r"cannot seal: File too large .*MB are needed"),
+            file_size_limit(100_000),
+            pytest.raises(ContourFileError, match=r"cannot seal: File too large.*MB are free"),
         ):
             writer.seal()
         assert not list(tmp_path.glob("**/*.tmp"))
     assert check_file(path) == []
     with ContourFile(path) as file:
         assert_same(file.contours(), before)
-    with ContourWriter(path, make_header(40), mode="resume") as writer:
+    with ContourWriter(path, make_header(400), mode="resume") as writer:
         assert writer.missing() == []
         writer.seal()
     assert_whole(path, contours)
@@ -190,9 +231,9 @@ def test_a_full_disk_loses_nothing_reported_done(tmp_path):
     result = subprocess.run([*command, tmp_path, sys.executable, PROCESS], capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
     told = dict(line.split(" ", 1) for line in result.stdout.splitlines())
-    assert "No space left on device" in told["shard:"]
-    assert "kept in" in told["shard:"]
-    assert "--resume" in told["shard:"]
+    assert "No space left on device" in told["log:"]
+    assert "kept in" in told["log:"]
+    assert "--resume" in told["log:"]
     assert 0 < int(told["done"]) < 400
     assert told["resumed"] == f"{told['done']} 0"
     assert "cannot seal: No space left on device" in told["seal:"]

@@ -1,4 +1,4 @@
-"""Who may write a contour file: modes, recipes, locks, and shards that are not to be trusted."""
+"""Who may write a contour file: modes, recipes, locks, and parts that are not to be trusted."""
 
 import shutil
 import subprocess
@@ -14,14 +14,15 @@ from contour_cases import (
     make_contours,
     make_header,
     make_metrics,
+    small_chunks,
     write_file,
     write_ranges,
 )
 
 from palpate.datasets.check import check_file
 from palpate.datasets.errors import ContourFileError
+from palpate.datasets.parts import part_logs, read_part
 from palpate.datasets.reader import ContourFile
-from palpate.datasets.shards import shard_files
 from palpate.datasets.writer import ContourWriter
 
 PROCESS = Path(__file__).parent / "contour_process.py"
@@ -136,7 +137,7 @@ def test_overwriting_keeps_the_old_file_until_the_new_one_is_sealed(path):
 def test_overwriting_an_unfinished_rendering_begins_anew(begun):
     with ContourWriter(begun, make_header(10, strategy={}), mode="overwrite") as writer:
         assert writer.missing() == [(0, 10)]
-        assert shard_files(begun.with_name("out.h5.partial")) == []
+        assert part_logs(begun.with_name("out.h5.partial")) == []
 
 
 @pytest.mark.parametrize("mode", ["create", "resume", "overwrite"])
@@ -153,41 +154,80 @@ def test_a_second_writer_is_refused_in_this_process_and_another(path, contours, 
     assert check_file(path) == []
 
 
-def cut_half(shard):
-    shard.write_bytes(shard.read_bytes()[: shard.stat().st_size // 2])
+@pytest.fixture
+def long(path):
+    """A rendering of 40 poses, 30 done in three ranges, in many small chunks; and its contours."""
+    contours = make_contours(40)
+    with small_chunks():
+        with ContourWriter(path, make_header(40)) as writer:
+            write_ranges(writer, contours, [(0, 10), (10, 20), (20, 30)])
+        yield contours
 
 
-def flip(shard):
-    content = bytearray(shard.read_bytes())
-    content[len(content) // 2] ^= 1
-    shard.write_bytes(content)
+def flip(path, at):
+    content = bytearray(path.read_bytes())
+    content[at] ^= 1
+    path.write_bytes(content)
 
 
-def empty(shard):
-    shard.write_bytes(b"")
+def resume_long(path, contours):
+    with ContourWriter(path, make_header(40), mode="resume") as writer:
+        missing, repairs = writer.missing(), writer.repairs
+        write_ranges(writer, contours, missing)
+        writer.seal()
+    assert check_file(path) == []
+    with ContourFile(path) as file:
+        assert_same(file.contours(), contours)
+    return missing, repairs
 
 
-def replace_by_text(shard):
-    shard.write_text("not a shard")
+@pytest.mark.parametrize("commit", [0, 1, 2])
+@pytest.mark.parametrize("where", ["rows", "record", "prefix"])
+def test_damage_drops_the_poses_from_there_on_reports_it_and_they_are_rendered_again(path, long, commit, where):
+    log = part_logs(path.with_name("out.h5.partial"))[0]
+    part = read_part(log)
+    if where == "rows":
+        flip(part.path, part.commits[commit].rows_end - 1)
+    else:
+        begin = part.commits[commit - 1].log_end if commit else part.begun_end
+        flip(log, begin + (2 if where == "prefix" else 40))
+    missing, repairs = resume_long(path, long)
+    assert missing == [(10 * commit, 40)]
+    assert len(repairs) == 1
+    assert f"{log.name} is truncated or damaged after pose {10 * commit}" in repairs[0]
 
 
-@pytest.mark.parametrize("spoil", [cut_half, flip, empty, replace_by_text])
-def test_a_damaged_shard_is_dropped_reported_and_rendered_again(begun, contours, spoil):
-    shard = shard_files(begun.with_name("out.h5.partial"))[1]
-    spoil(shard.path)
-    with ContourWriter(begun, make_header(10), mode="resume") as writer:
-        assert writer.missing() == [(3, 7)]
-        assert len(writer.repairs) == 1
-        assert shard.path.name in writer.repairs[0]
-        assert "truncated or damaged" in writer.repairs[0]
-    resume_and_seal(begun, contours)
+def test_rows_cut_short_are_dropped_reported_and_rendered_again(path, long):
+    rows = read_part(part_logs(path.with_name("out.h5.partial"))[0])
+    with rows.path.open("r+b") as file:
+        file.truncate((rows.commits[0].rows_end + rows.commits[1].rows_end) // 2)
+    missing, repairs = resume_long(path, long)
+    assert missing == [(10, 40)]
+    assert "is truncated or damaged" in repairs[0]
 
 
-def test_a_shard_of_another_rendering_is_dropped_at_resume_and_refused_by_the_reader(begun, contours, tmp_path):
+def test_a_record_cut_short_was_never_reported_done(path, long):
+    log = part_logs(path.with_name("out.h5.partial"))[0]
+    with log.open("r+b") as file:
+        file.truncate(log.stat().st_size - 3)
+    assert resume_long(path, long) == ([(20, 40)], ())
+
+
+@pytest.mark.parametrize("content", [b"", b"not a log", bytes(500)])
+def test_a_log_that_is_none_is_dropped_and_reported(path, long, content):
+    log = part_logs(path.with_name("out.h5.partial"))[0]
+    log.write_bytes(content)
+    missing, repairs = resume_long(path, long)
+    assert missing == [(0, 40)]
+    assert f"{log.name} is truncated or damaged" in repairs[0]
+
+
+def test_a_part_of_another_rendering_is_dropped_at_resume_and_refused_by_the_reader(begun, contours, tmp_path):
     with ContourWriter(tmp_path / "b.h5", make_header(10, strategy={})) as writer:
         write_ranges(writer, make_contours(10, seed=3), [(5, 7)])
-    foreign = shard_files(tmp_path / "b.h5.partial")[0]
-    shutil.copy(foreign.path, begun.with_name("out.h5.partial"))
+    foreign = part_logs(tmp_path / "b.h5.partial")[0]
+    for path in (foreign, foreign.with_suffix(".rows")):
+        shutil.copy(path, begun.with_name("out.h5.partial"))
     with ContourFile(begun) as file, pytest.raises(ContourFileError, match="of another rendering"):
         file.contours(4, 8)
     with ContourWriter(begun, make_header(10), mode="resume") as writer:
@@ -196,22 +236,43 @@ def test_a_shard_of_another_rendering_is_dropped_at_resume_and_refused_by_the_re
     resume_and_seal(begun, contours)
 
 
-def test_shards_without_their_header_are_refused_not_removed(begun):
+def test_shards_of_an_older_palpate_are_dropped_and_reported(begun, contours):
+    shard = begun.with_name("out.h5.partial") / "poses-000000000005-000000000007-0badf00d.h5"
+    shard.write_bytes(b"HDF5")
+    with ContourWriter(begun, make_header(10), mode="resume") as writer:
+        assert writer.missing() == [(5, 7)]
+        assert writer.repairs == (f"{shard.name} is of an older palpate: dropped, its poses are rendered again",)
+    resume_and_seal(begun, contours)
+
+
+def test_overlapping_parts_are_dropped_and_reported(path, begun, contours, tmp_path):
+    with ContourWriter(tmp_path / "b.h5", make_header(10)) as writer:
+        write_ranges(writer, contours, [(4, 7)])
+    for file in (tmp_path / "b.h5.partial").glob("poses-*"):
+        shutil.copy(file, begun.with_name("out.h5.partial"))
+    with ContourWriter(begun, make_header(10), mode="resume") as writer:
+        assert writer.missing() == [(5, 7)]
+        assert "overlaps others" in writer.repairs[0]
+    resume_and_seal(begun, contours)
+
+
+def test_parts_without_their_header_are_refused_not_removed(begun):
     folder = begun.with_name("out.h5.partial")
     (folder / "header.h5").unlink()
     with pytest.raises(ContourFileError, match="lost its header"):
         ContourWriter(begun, make_header(10), mode="resume")
-    assert len(shard_files(folder)) == 3
+    assert len(part_logs(folder)) == 2
 
 
 def test_leftovers_of_a_kill_are_removed_and_other_peoples_files_are_not(begun, contours):
     folder = begun.with_name("out.h5.partial")
-    with pytest.raises(Killed), ContourWriter(begun, make_header(10), mode="resume") as writer, killed_at(1):
+    with pytest.raises(Killed), ContourWriter(begun, make_header(10), mode="overwrite") as writer, killed_at(2):
         write_ranges(writer, contours, [(5, 7)])
-    assert len(list(folder.glob("*.tmp"))) == 1
+    assert list(folder.glob("*.tmp"))
+    assert list(folder.glob("*.rows"))
     (folder / "notes.txt").write_text("mine")
     with ContourWriter(begun, make_header(10), mode="resume"):
-        assert not list(folder.glob("*.tmp"))
+        assert sorted(path.name for path in folder.iterdir()) == ["header.h5", "lock", "notes.txt"]
     resume_and_seal(begun, contours)
     assert [path.name for path in folder.iterdir()] == ["notes.txt"]
 

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -20,10 +20,12 @@ from .objects import MeshObject
 from .strategy import IntersectionStrategy, intersect
 from .workers import Crew, PoseSpans, Work, warp_device
 
-MEMORY_DEFAULT = 512 * 2**20  # [byte]
+MEMORY_DEFAULT = 512 * 10**6  # [byte]; or more for many workers:
+MEMORY_WORKER = {"cpu": 200 * 10**6, "cuda": 10**9}  # [byte] by kind of device; a GPU is full with 300,000 poses
 MEMORY_SMALLEST = 2**20  # [byte]; room for one pose of any mesh that fits itself
 POINT_BYTES = 28  # of a contour's point and its share of the polylines: 13 and up to 13
-SECTION_BYTES = 448  # of a pose and patch: slots of pieces (SLOTS x 80), counts and offsets
+CPU_SPAN_BYTES = 96 * 2**20  # working arrays of a span on CPUs at most: larger ones are no faster, and end less evenly
+SECTION_BYTES = 1024  # of a pose and patch: slots of pieces (SLOTS x 88), events (24 x 8), counts and offsets
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,11 @@ def check_poses(motion: HandMotion | np.ndarray) -> np.ndarray:
     return HandMotion(None, array).pose
 
 
+def memory_for(devices: Sequence[str]) -> int:
+    """Memory that workers on these devices have together unless they are told another [byte]."""
+    return max(MEMORY_DEFAULT, sum(MEMORY_WORKER["cpu" if name == "cpu" else "cuda"] for name in devices))
+
+
 def rendered_chunks(
     thing: MeshObject,
     hand: Palm,
@@ -65,28 +72,31 @@ def rendered_chunks(
     *,
     device: str = "cpu",
     devices: Sequence[str] | None = None,
-    memory: int = MEMORY_DEFAULT,
+    memory: int | None = None,
     ranges: Sequence[tuple[int, int]] | None = None,
-) -> Iterator[Chunk]:
+) -> Generator[Chunk, None, None]:
     """Render poses chunk by chunk, in pose order.
 
     pose: float32, shape [pose, 7]; ranges: which poses, as (first, stop), by default all.
     devices: one worker on each of these Warp devices, a name as often as it has workers; by default one on `device`.
-    memory: for the working arrays and results of all chunks that are computed, wait or are with the caller [byte].
+    memory: for the working arrays and results of all chunks that are computed, wait or are with the caller [byte]; by
+    default `memory_for` the workers.
     The contours of a pose do not depend on the chunk that it is in, nor on who made it. The workers end with the
     generator: when it is exhausted, closed, or raises what one of them raised.
     """
+    names = [warp_device(name) for name in ([device] if devices is None else devices)]
+    if not names:
+        raise StrategyError("devices must name one device at least")
+    memory = memory_for(names) if memory is None else memory
     if memory < MEMORY_SMALLEST:
         raise StrategyError(f"memory must be at least {MEMORY_SMALLEST} bytes, not {memory}")
     if strategy.needs_closed:
         thing.require_closed()
-    names = [warp_device(name) for name in ([device] if devices is None else devices)]
-    if not names:
-        raise StrategyError("devices must name one device at least")
     rendering = _Rendering(thing, hand, pose, strategy, memory, share_count=2 * len(names) + 1)
+    on_cpus = all(wp.get_device(name).is_cpu for name in names)
     spans = PoseSpans(
         [(0, len(pose))] if ranges is None else ranges,
-        budget=rendering.share,
+        budget=min(rendering.share, CPU_SPAN_BYTES) if on_cpus else rendering.share,
         pose_bytes=SECTION_BYTES * hand.patch_count,
         point_bytes=POINT_BYTES,
         worker_count=len(names),
@@ -119,6 +129,8 @@ class _Rendering:
 
     def prepare(self, device: str) -> None:
         """Upload the object and load Warp's modules, once and by one thread: one pose takes all that chunks take."""
+        if wp.get_device(device).is_cuda:  # else the pool gives back all it has at every wait, which costs milliseconds
+            wp.set_mempool_release_threshold(device, self.memory)
         first = wp.array(self.pose[:1], dtype=wp.transform, device=device)
         intersect(self.thing, self.hand, first, self.strategy)[0].lengths()
 
@@ -176,14 +188,14 @@ def render(
     *,
     device: str = "cpu",
     devices: Sequence[str] | None = None,
-    memory: int = MEMORY_DEFAULT,
+    memory: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> ContourBatch:
     """Contours of all poses, in memory on the host.
 
     motion: a HandMotion, or poses alone, shape [pose, 7]. devices: one worker on each of these Warp devices, by default
-    one on `device`; the contours are the same. memory: budget of what is being computed [byte], results apart.
-    progress: called with the number of poses done.
+    one on `device`; the contours are the same. memory: budget of what is being computed [byte], results apart, by
+    default `memory_for` the workers. progress: called with the number of poses done.
     Raises MeshError where the strategy needs a closed surface and the object has none; MotionError with the row of a
     bad pose; StrategyError for an unknown device or too small a budget.
     """

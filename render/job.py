@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-import warp as wp
-
 from ..datasets.check import check_file
 from ..datasets.errors import MotionError
 from ..datasets.motion import HandMotion, exploration
@@ -23,6 +21,7 @@ from .record import record
 from .sampling import SamplingStrategy
 from .strategy import load_strategy
 from .summary import summarise
+from .workers import worker_devices
 
 EXPLORATION = "exploration"
 EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
@@ -42,17 +41,20 @@ class RenderJob:
     placement: dict
     exploration: dict
     device: str
-    memory: int
+    workers: str
+    memory: int | None
     gzip: int
     resume: bool
     overwrite: bool
 
 
-def chosen_device(name: str) -> str:
-    """The device of that name; "auto" is the first GPU if there is one."""
-    if name == "auto":
-        return "cuda:0" if wp.get_cuda_device_count() else "cpu"
-    return name
+def worker_count(text: str) -> int | None:
+    """A number of workers, None for "auto"; raises StrategyError for what is neither."""
+    if text == "auto":
+        return None
+    if not text.isdecimal():
+        raise StrategyError(f"--workers must be a number or auto, not {text!r}")
+    return int(text)
 
 
 def load_motion(source: str, thing: MeshObject, options: dict) -> HandMotion:
@@ -88,6 +90,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
     if job.out.suffix not in SUFFIXES:
         raise StrategyError(f"{job.out}: a contour file must end in {' or '.join(SUFFIXES)}")
     console.start_warp()
+    devices = worker_devices(job.device, worker_count(job.workers))
     strategy = load_strategy(job.strategy)
     hand = Palm(*job.palm)
     placement = Placement(**job.placement)
@@ -112,7 +115,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
                 motion,
                 strategy,
                 mode="resume" if job.resume else "overwrite" if job.overwrite else "create",
-                device=chosen_device(job.device),
+                devices=devices,
                 memory=job.memory,
                 gzip=job.gzip,
                 progress=progress,

@@ -1,7 +1,7 @@
-"""Render into a contour file, writing each chunk while the next is computed."""
+"""Render into a contour file, writing each chunk while workers compute the next ones."""
 
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -12,12 +12,13 @@ import numpy as np
 from ..datasets.header import FileHeader
 from ..datasets.motion import HandMotion
 from ..datasets.writer import ContourWriter
-from .batch import MEMORY_DEFAULT, MEMORY_SMALLEST, Chunk, rendered_chunks, warp_device
+from .batch import MEMORY_SMALLEST, Chunk, memory_for, rendered_chunks
 from .contours import KINDS
 from .errors import StrategyError
 from .hands import Palm
 from .objects import MeshObject
 from .strategy import IntersectionStrategy
+from .workers import warp_device
 
 PACKAGES = ("palpate", "warp-lang", "numpy", "trimesh", "h5py")
 
@@ -74,52 +75,39 @@ def record(
     *,
     mode: Literal["create", "resume", "overwrite"] = "create",
     device: str = "cpu",
-    memory: int = MEMORY_DEFAULT,
+    devices: Sequence[str] | None = None,
+    memory: int | None = None,
     gzip: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recording:
     """Render a motion into a contour file; what was reported done survives a kill and a full disk.
 
     mode: "create" refuses an existing file; "resume" goes on with an unfinished one of the same object, hand, motion,
-    strategy and version; "overwrite" replaces it when the new one is whole. memory: budget of all working arrays
-    [byte]; the motion itself (36 bytes a pose) and the object come on top. progress: called with the poses that are
-    done, safe on the disk, and with all.
+    strategy and version; "overwrite" replaces it when the new one is whole. devices: one worker on each of these Warp
+    devices, by default one on `device`; the file is the same. memory: budget of all chunks, computed or written
+    [byte], by default `memory_for` the workers; the motion itself (36 bytes a pose) and the object come on top.
+    progress: called with the poses that are done, safe on the disk, and with all.
     Raises MeshError, StrategyError, MotionError as `render` does; ContourFileError for what the file refuses.
     """
     if strategy.needs_closed:
         thing.require_closed()
-    device = warp_device(device)
+    names = [warp_device(name) for name in ([device] if devices is None else devices)]
+    memory = memory_for(names) if memory is None else memory
     if memory < 4 * MEMORY_SMALLEST:
         raise StrategyError(f"memory must be at least {4 * MEMORY_SMALLEST} bytes to record, not {memory}")
-    header = file_header(thing, hand, motion, strategy, device)
-    with ContourWriter(path, header, mode=mode) as writer, ThreadPoolExecutor(1) as thread:
+    header = file_header(thing, hand, motion, strategy, ",".join(dict.fromkeys(names)))
+    with ContourWriter(path, header, mode=mode) as writer:
         missing = writer.missing()
         rendered = sum(stop - first for first, stop in missing)
         done = len(motion) - rendered
         if progress is not None:
             progress(done, len(motion))
-        pending: Future[int] | None = None
-        # A quarter for the working arrays: beside them, a chunk being written takes about three times its own size.
-        for chunk in rendered_chunks(
-            thing, hand, motion.pose, strategy, device=device, memory=memory // 4, ranges=missing
-        ):
-            done += _settled(pending, done, len(motion), progress)
-            pending = thread.submit(_write_chunk, writer, chunk)
-        _settled(pending, done, len(motion), progress)
+        chunks = rendered_chunks(thing, hand, motion.pose, strategy, devices=names, memory=memory, ranges=missing)
+        with closing(chunks):  # what ends this loop also ends the workers, before the file is let go
+            for chunk in chunks:
+                writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
+                done += chunk.stop - chunk.first
+                if progress is not None:
+                    progress(done, len(motion))
         writer.seal(gzip=gzip)
         return Recording(Path(path), len(motion), rendered, writer.repairs)
-
-
-def _write_chunk(writer: ContourWriter, chunk: Chunk) -> int:
-    writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
-    return chunk.stop - chunk.first
-
-
-def _settled(pending: Future[int] | None, done: int, total: int, progress: Callable[[int, int], None] | None) -> int:
-    """Wait for the chunk under way; poses that are done with it."""
-    if pending is None:
-        return 0
-    count = pending.result()
-    if progress is not None:
-        progress(done + count, total)
-    return count

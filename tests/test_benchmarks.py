@@ -9,6 +9,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from paper_ratio import table
 from poses import random_poses
+from recording import THINGS
+from recording import measure as measure_recording
 from throughput import CASES, compare, measure
 
 
@@ -37,3 +39,11 @@ def test_ratio_table_fits_the_cube_and_keeps_the_papers_order():
     assert rows[3]["side"] == rows[5]["side"] != rows[0]["side"]
     assert fitted["cube"] == pytest.approx(2.54, abs=0.02)
     assert fitted["cube"] > fitted["tube"] > fitted["dog"] > 1
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_recording_case_measures_what_it_writes(name, device, tmp_path):
+    figures = measure_recording(name, [device], 3000, 1, tmp_path)
+    assert figures["commits"] >= 2
+    assert 100 < figures["bytes_per_pose"] < 1000
+    assert min(figures[f"{side}_seconds"] for side in ("render", "record", "write", "raw")) > 0

@@ -1,88 +1,63 @@
-"""Poses a second from poses to contours, results left on the device.
+"""Poses a second from poses to contours, results left on the device: `palpate bench` without peers, and with lengths.
 
     python benchmarks/throughput.py --device cuda:0 --poses 4000000
     python benchmarks/throughput.py --save lengths.npz            # here
     python benchmarks/throughput.py --device cuda:0 --compare lengths.npz     # on a machine with a GPU
 
-The cases also run small as tests (tests/test_benchmarks.py). Medians of `--repeats` runs; first runs are not counted.
+Needs Warp, NumPy and what palpate.render imports; one line of JSON a case. The cases also run small as tests
+(tests/test_benchmarks.py). Medians of `--repeats` runs; first runs are not counted.
 """
 
 import argparse
 import json
-import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import warp as wp
 
-sys.path.insert(0, str(Path(__file__).parent))
-from poses import random_poses
-
-from palpate.render.contours import ContourBatch
-from palpate.render.hands import Palm
-from palpate.render.objects import MeshObject
-from palpate.render.strategy import IntersectionStrategy, closed_contour, intersect, open_contour
-
-CHUNK = 500_000  # poses at once; what a GPU is full with, and 10 GB of working arrays for the tube
+from palpate.render.bench_measure import OwnTurn
+from palpate.render.bench_objects import bench_object, random_poses
+from palpate.render.bench_rows import measure_trial
+from palpate.render.bench_turns import BenchOptions, Trial
 
 
 @dataclass(frozen=True)
 class Case:
-    """One object and strategy."""
+    """One object, built in or a blob, and strategy."""
 
     thing: str
     label: str
-    strategy: IntersectionStrategy
+    """OC or CC."""
+
+    def trial(self, device: str, poses: np.ndarray, repeats: int) -> Trial:
+        """The case on a device with these poses."""
+        options = BenchOptions(device=device, repeats=repeats)
+        return Trial(self.thing, bench_object(self.thing), self.label.lower(), poses, options)
 
 
-CASES = [
-    Case(thing, label, strategy)
-    for thing in ("cube", "tube", "dog", "sphere", "dog-detailed")
-    for label, strategy in (("OC", open_contour()), ("CC", closed_contour()))
-]
+OBJECTS = ("cube", "tube", "dog", "sphere", "rock", "dog-detailed", "blob-5000")
 
 
-def run_once(case: Case, thing: MeshObject, pose: list[wp.array], timing: dict | None = None) -> list[ContourBatch]:
-    """All chunks of one case; returns when the device is done."""
-    batches = [intersect(thing, Palm(), part, case.strategy, timing=timing)[0] for part in pose]
-    wp.synchronize_device(pose[0].device)
-    return batches
+def cases(objects: Sequence[str]) -> list[Case]:
+    """Every object with OC and with CC."""
+    return [Case(thing, label) for thing in objects for label in ("OC", "CC")]
+
+
+CASES = cases(OBJECTS)
 
 
 def measure(case: Case, device: str, poses: np.ndarray, repeats: int) -> tuple[dict, np.ndarray]:
     """Figures of one case, and the lengths of all poses [m], shape [pose, kind]."""
-    thing = MeshObject.load(case.thing)
-    pose = [wp.array(poses[i : i + CHUNK], dtype=wp.transform, device=device) for i in range(0, len(poses), CHUNK)]
-    batches = run_once(case, thing, pose)
-    seconds = []
-    for _ in range(repeats):
-        del batches
-        started = perf_counter()
-        batches = run_once(case, thing, pose)
-        seconds.append(perf_counter() - started)
-    timing: dict[str, float] = {}
-    lengths = np.concatenate([batch.lengths() for batch in batches])
-    points = sum(batch.point_count for batch in batches)
-    lines = sum(batch.polyline_count for batch in batches)
-    del batches
-    run_once(case, thing, pose, timing)
-    median = float(np.median(seconds))
-    figures = {
-        "object": case.thing,
-        "strategy": case.label,
-        "device": device,
-        "poses": len(poses),
-        "seconds": median,
-        "poses_per_second": len(poses) / median,
-        "us_per_pose": 1e6 * median / len(poses),
-        "hit": float(np.mean(lengths.sum(axis=1) > 0)),
-        "points_per_pose": points / len(poses),
-        "polylines_per_pose": lines / len(poses),
-        "stages": {stage: value / sum(timing.values()) for stage, value in timing.items()},
-    }
-    return figures, lengths
+    trial = case.trial(device, poses, repeats)
+    return asdict(measure_trial(trial)), lengths_of(trial)
+
+
+def lengths_of(trial: Trial) -> np.ndarray:
+    """Lengths of all poses by kind [m], shape [pose, 3]."""
+    own = OwnTurn(trial.thing, trial.hand, trial.pose, trial.stages, trial.options.device)
+    return np.concatenate([batch.lengths() for batch in own()])
 
 
 def compare(lengths: np.ndarray, known: np.ndarray) -> dict:
@@ -109,15 +84,13 @@ def main() -> None:
     poses = random_poses(options.poses)
     known = np.load(options.compare) if options.compare else {}
     saved = {}
-    for case in CASES:
-        if case.thing not in options.objects:
-            continue
+    for case in cases(options.objects):
         figures, lengths = measure(case, options.device, poses, options.repeats)
         name = f"{case.thing}-{case.label}"
         saved[name] = lengths
         if name in known:  # as many poses as there: another count draws other poses
-            _, same = measure(case, options.device, random_poses(len(known[name])), 1)
-            figures["against_file"] = compare(same, known[name])
+            same = case.trial(options.device, random_poses(len(known[name])), 1)
+            figures["against_file"] = compare(lengths_of(same), known[name])
         print(json.dumps(figures), flush=True)
     if options.save:
         np.savez_compressed(options.save, **saved)

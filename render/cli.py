@@ -23,6 +23,9 @@ app = typer.Typer(
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 Three = tuple[float, float, float]
 OBJECT_HELP = "Mesh file (STL, OBJ, PLY, GLB), or built in: cube, sphere, tube, dog, dog-detailed, rock."
+DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
+WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
+MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
 DURATION_HELP = "Stop after this time [s] if the motion has not ended; a static pose needs it."
 
 
@@ -94,8 +97,9 @@ def render(
     duration: Annotated[float | None, typer.Option(help="Of a synthetic exploration [s], by default 30.")] = None,
     rate: Annotated[float | None, typer.Option(help="Poses a second of an exploration [Hz], by default 90.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of an exploration, by default 1.")] = None,
-    device: Annotated[str, typer.Option(help="cpu, cuda:0, ..., or auto: the first GPU if there is one.")] = "auto",
-    memory: Annotated[int, typer.Option(min=5, help="Memory budget of the working arrays [MB].")] = 512,
+    device: Annotated[str, typer.Option(help=DEVICE_HELP)] = "auto",
+    workers: Annotated[str, typer.Option(metavar="N", help=WORKERS_HELP)] = "auto",
+    memory: Annotated[int | None, typer.Option(min=5, help=MEMORY_HELP)] = None,
     gzip: Annotated[int, typer.Option(min=0, max=9, help="Compress the file: 0 not, 9 most.")] = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted rendering.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file once the new one is whole.")] = False,
@@ -111,7 +115,8 @@ def render(
         "placement": {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at},
         "exploration": {"duration": duration, "rate": rate, "seed": seed},
         "device": device,
-        "memory": memory * 10**6,
+        "workers": workers,
+        "memory": None if memory is None else memory * 10**6,
         "gzip": gzip,
         "resume": resume,
         "overwrite": overwrite,
@@ -190,6 +195,42 @@ def selftest(
     """Play a focal point (200 Hz amplitude modulation) and then a circle, for a hand held above the array."""
     options = {"array": array, "serial": serial, "height": height, "seconds": seconds, "clock": clock}
     _run("selftest", "run_selftest", options, as_json=json)
+
+
+@app.command()
+def bench(
+    objects: Annotated[
+        str, typer.Option(metavar="NAME,...", help="Built in, or blob-N of about N triangles (blob-5000); or none.")
+    ] = "cube,tube,dog,sphere,rock,blob-100k,blob-1m",
+    strategies: Annotated[str, typer.Option(metavar="NAME,...", help="oc, cc.")] = "oc,cc",
+    device: Annotated[str, typer.Option(help="Of palpate: cpu, cuda:0, ...; peers run on the CPU.")] = "cpu",
+    poses: Annotated[
+        int | None, typer.Option(min=1, help="Of palpate; by default half a second of them, on a GPU 4,000,000.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Repetitions, of which the median is taken.")] = 7,
+    peers: Annotated[str, typer.Option(metavar="NAME,...", help="Libraries to compare with, or all, or none.")] = "all",
+    motion: Annotated[str, typer.Option(help="Poses: random, or exploration.")] = "random",
+    one_core: Annotated[
+        bool, typer.Option("--one-core/--all-cores", help="Compare CPU time on one core, or wall time on all.")
+    ] = True,
+    curve: Annotated[bool, typer.Option("--curve", help="Cost against triangles and against poses, too.")] = False,
+    first_use: Annotated[bool, typer.Option("--first-use", help="Time a first and a later `render`, too.")] = False,
+    json: Json = False,
+) -> None:
+    """Time contours: palpate and installed libraries (pip install palpate[bench]) in turns, beside a memory copy."""
+    options = {
+        "device": device,
+        "objects": objects,
+        "strategies": strategies,
+        "poses": poses,
+        "repeats": repeats,
+        "peers": peers,
+        "motion": motion,
+        "one_core": one_core,
+        "curve": curve,
+        "first_use": first_use,
+    }
+    _run("bench", "run_bench", options, as_json=json)
 
 
 def main() -> None:

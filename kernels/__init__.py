@@ -13,5 +13,8 @@ def compile_kernels(device: str = "cpu") -> None:
     """Compile every kernel for a device into Warp's cache: seconds once, nothing after."""
     import warp as wp
 
-    for stage in STAGES:
-        wp.load_module(import_module(f".{stage}", __name__), device=device)
+    from .ragged import BLOCK
+
+    for stage in STAGES:  # a CPU has blocks of one
+        block = 1 if wp.get_device(device).is_cpu else BLOCK
+        wp.load_module(import_module(f".{stage}", __name__), device=device, block_dim=block)

@@ -8,7 +8,7 @@ import warp as wp
 from .clip import side_point, side_position
 from .patch import EXACT, Frame, Patch, corner, frame_at, lifted, outcode
 from .piece import CLOSED, Pieces, room_of, section_of, start_of
-from .ragged import PointLimitError, last_of, offsets_of
+from .ragged import BLOCK, PointLimitError, last_of, offsets_of
 from .surface import Surface
 from .walk import crossing_after, crossing_at, point_of
 
@@ -327,7 +327,7 @@ def join_pieces(
     device = pose.device
     polylines = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
     points = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
-    launch = partial(wp.launch, device=device, block_dim=64)
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
     rows = []
     for pieces in found:
         row_count = pieces.count.shape[0]

@@ -8,6 +8,7 @@ from .clip import corners_left, segment_of, side_point
 from .close import BEGIN, BOUNDARY, CORNERS, SLOT, Entries, Joined
 from .patch import EXACT, Frame, Patch, corner, frame_at, half_of, lifted, outcode
 from .piece import CLOSED, Pieces, section_of, start_of
+from .ragged import BLOCK
 from .surface import OPEN, Surface
 from .walk import crossing_after, crossing_at, point_of
 
@@ -217,6 +218,6 @@ def draw_contours(
             inputs=[*inputs, joined.section_start, joined.point_start],
             outputs=[lines],
             device=device,
-            block_dim=64,
+            block_dim=BLOCK,
         )
     return out

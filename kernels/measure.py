@@ -3,6 +3,7 @@
 import warp as wp
 
 from .patch import EXACT
+from .ragged import BLOCK
 
 wp.set_module_options(EXACT)
 
@@ -41,5 +42,6 @@ def measure_contours(points: wp.array, kind: wp.array, polyline_start: wp.array,
         inputs=[points, kind, polyline_start, pose_start],
         outputs=[length],
         device=points.device,
+        block_dim=BLOCK,
     )
     return length

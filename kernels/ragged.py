@@ -1,6 +1,8 @@
-"""Ragged rows on a device: counts to offsets."""
+"""Rows on a device: how many threads work on them at a time, and counts to offsets."""
 
 import warp as wp
+
+BLOCK = 64  # threads of a GPU's block: registers are scarce, and larger blocks leave more of them unused (measured)
 
 
 class PointLimitError(MemoryError):

@@ -19,6 +19,7 @@ from .patch import (
     outcode,
 )
 from .piece import CLOSED, Pieces, count_row, section_of, store_piece
+from .ragged import BLOCK
 from .surface import LEAF, OPEN, Surface
 from .walk import crossing_after, crossing_at, is_first, link_of, loaded, point_of, vertex_of
 
@@ -295,4 +296,4 @@ def _seek_pieces(
 def seek_pieces(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
     """Find the pieces of a surface of any size."""
     inputs = [surface, pose, patch, int(bounded), int(closes)]
-    wp.launch(_seek_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=64)
+    wp.launch(_seek_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK)

@@ -27,6 +27,7 @@ from .patch import (
     lifted,
     outcode,
 )
+from .ragged import BLOCK
 from .surface import MASK_WORDS, OPEN, Surface
 from .walk import Crossing, chain_start, crossing_after, crossing_at, link_of, loaded, point_of, vertex_of
 
@@ -300,7 +301,7 @@ def trace_pieces(
     rest = wp.empty(row_count, dtype=wp.int32, device=device)
     rest_count = wp.zeros(1, dtype=wp.int32, device=device)
     inputs = [surface, pose, patch, int(bounded)]
-    launch = partial(wp.launch, device=device, block_dim=64)
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
     launch(_walk_first_loops, row_count, inputs=[*inputs, pieces.section], outputs=[events, rest, rest_count])
     launch(_walk_other_loops, row_count, inputs=[*inputs, pieces.section, rest, rest_count], outputs=[events])
     launch(_clip_loops, row_count, inputs=[*inputs, events], outputs=[pieces])

@@ -11,6 +11,7 @@ from paper_ratio import table
 from poses import random_poses
 from recording import THINGS
 from recording import measure as measure_recording
+from scaling import measure as measure_scaling
 from throughput import CASES, compare, measure
 
 
@@ -47,3 +48,11 @@ def test_recording_case_measures_what_it_writes(name, device, tmp_path):
     assert figures["commits"] >= 2
     assert 100 < figures["bytes_per_pose"] < 1000
     assert min(figures[f"{side}_seconds"] for side in ("render", "record", "write", "raw")) > 0
+
+
+def test_scaling_case_measures_workers_and_processes():
+    figures = measure_scaling("cube", ["cpu", "cpu"], 2001, 1)
+    assert figures["poses"] == 2000
+    assert set(figures["seconds"]) == {"one", "together", "apart"}
+    assert min(figures["seconds"].values()) > 0
+    assert figures["speedup"] == figures["seconds"]["one"] / figures["seconds"]["together"]

@@ -13,7 +13,6 @@ import multiprocessing
 import sys
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import warp as wp

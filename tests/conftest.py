@@ -1,18 +1,24 @@
-"""Devices to test on, kernels compiled once, hypothesis without clocks."""
+"""Devices to test on, kernels compiled once, hypothesis without clocks; modules that need what is not here skipped."""
 
 import os
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
-import hypothesis
 import numpy as np
 import pytest
 import warp as wp
 
+try:
+    import hypothesis
+except ModuleNotFoundError:  # a machine with a GPU, Warp, NumPy and pytest only
+    hypothesis = None
+
 wp.config.log_level = wp.LOG_WARNING
 
-hypothesis.settings.register_profile("default", deadline=None)
-hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
-hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "default")
+if hypothesis:
+    hypothesis.settings.register_profile("default", deadline=None)
+    hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
+    hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
 def pytest_addoption(parser):
@@ -23,11 +29,45 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """Compile every kernel in this one process, before workers that would all do it at once."""
+    config.addinivalue_line("markers", "stress: many poses on large meshes; seconds each")
     if not hasattr(config, "workerinput"):
         from palpate.kernels import compile_kernels
 
         for device in config.getoption("--device") or [str(d) for d in wp.get_devices()]:
             compile_kernels(device)
+
+
+def is_absent(error):
+    """Whether a package of others is not installed; where CI runs, that is an error like any."""
+    while isinstance(error, Exception) and not isinstance(error, ModuleNotFoundError):
+        error = error.__cause__
+    if isinstance(error, PackageNotFoundError):
+        return not os.environ.get("CI")
+    own = {path.stem for path in Path(__file__).parent.glob("*.py")} | {"palpate"}
+    return error is not None and not os.environ.get("CI") and (error.name or "").split(".")[0] not in own
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """Skip a module, with the reason, if it imports a package that is not installed."""
+    report = yield
+    error = report.call.excinfo.value if report.failed and report.call.excinfo else None
+    if is_absent(error):
+        while not isinstance(error, ModuleNotFoundError):
+            error = error.__cause__
+        report.outcome, report.longrepr = "skipped", (str(collector.path), 1, f"Skipped: {error}")
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call():
+    """Skip a test, with the reason, if it asks for a package that is not installed."""
+    try:
+        return (yield)
+    except ModuleNotFoundError as error:
+        if not is_absent(error):
+            raise
+        pytest.skip(str(error))
 
 
 def pytest_generate_tests(metafunc):

@@ -37,17 +37,47 @@ def section_links(vertices, faces, pose, shift=0.0):
     local = in_palm(vertices, pose)
     height = local[:, 2] - shift
     point, after = {}, {}
-    for face in faces:
-        for a, b in zip(face, np.roll(face, -1), strict=True):
+    above = (height >= 0)[np.asarray(faces)]
+    for face in np.asarray(faces)[above.any(axis=1) & ~above.all(axis=1)].tolist():
+        for a, b in zip(face, face[1:] + face[:1], strict=True):
             edge = (min(a, b), max(a, b))
             if (height[a] >= 0) != (height[b] >= 0):
                 t = height[edge[0]] / (height[edge[0]] - height[edge[1]])
                 point[edge] = local[edge[0], :2] + t * (local[edge[1], :2] - local[edge[0], :2])
-        down = [(a, b) for a, b in zip(face, np.roll(face, -1), strict=True) if height[a] >= 0 > height[b]]
-        up = [(a, b) for a, b in zip(face, np.roll(face, -1), strict=True) if height[a] < 0 <= height[b]]
-        if down:
-            after[(min(down[0]), max(down[0]))] = (min(up[0]), max(up[0]))
+        down = [(a, b) for a, b in zip(face, face[1:] + face[:1], strict=True) if height[a] >= 0 > height[b]]
+        up = [(a, b) for a, b in zip(face, face[1:] + face[:1], strict=True) if height[a] < 0 <= height[b]]
+        after[(min(down[0]), max(down[0]))] = (min(up[0]), max(up[0]))
     return point, after
+
+
+def section_steps(edges, height):
+    """The same over half-edges, whatever meets at an edge: {half-edge, the lower of its pair: the one that follows}.
+
+    edges: with `faces` and `twin` (negative for none); height of each vertex over the plane, 0 counts as above.
+    """
+    after = {}
+    above = (height >= 0)[edges.faces]
+    for face in np.flatnonzero(above.any(axis=1) & ~above.all(axis=1)):
+        halves = 3 * face + np.arange(3)
+        names = np.where(edges.twin[halves] < 0, halves, np.minimum(halves, edges.twin[halves]))
+        up = above[face]
+        after[int(names[up & ~np.roll(up, -1)][0])] = int(names[~up & np.roll(up, -1)][0])
+    return after
+
+
+def soup_length(vertices, faces, pose, half):
+    """Length [m] of what of a mesh's section lies inside a palm, triangle by triangle: for generic poses only."""
+    local = in_palm(vertices, pose)
+    segments = []
+    above = (local[:, 2] >= 0)[np.asarray(faces)]
+    for corners in local[np.asarray(faces)[above.any(axis=1) & ~above.all(axis=1)]]:
+        sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        cut = [(a, b) for a, b in sides if (a[2] >= 0) != (b[2] >= 0)]
+        segments.append([a[:2] + a[2] / (a[2] - b[2]) * (b[:2] - a[:2]) for a, b in cut])
+    if not segments:
+        return 0.0
+    box = shapely.box(-half[0], -half[1], half[0], half[1])
+    return float(shapely.length(shapely.intersection(shapely.linestrings(segments), box)).sum())
 
 
 def walk(after):

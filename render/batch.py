@@ -129,8 +129,6 @@ class _Rendering:
 
     def prepare(self, device: str) -> None:
         """Upload the object and load Warp's modules, once and by one thread: one pose takes all that chunks take."""
-        if wp.get_device(device).is_cuda:  # else the pool gives back all it has at every wait, which costs milliseconds
-            wp.set_mempool_release_threshold(device, self.memory)
         first = wp.array(self.pose[:1], dtype=wp.transform, device=device)
         intersect(self.thing, self.hand, first, self.strategy)[0].lengths()
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from ..datasets.shapes import shape, shape_names
 from ..kernels.surface import HalfEdges, upload_surface
@@ -15,6 +16,7 @@ from .errors import MeshError, PalpateWarning, PlacementError
 from .mend import closes_within, mend_mesh, warn_of
 
 SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
+POOL_KEPT = 0.5  # of a GPU's memory, kept for the next batch: giving it back at every wait costs milliseconds
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
 
@@ -195,6 +197,8 @@ class MeshObject:
     def on(self, device: str) -> Any:
         """The mesh on a Warp device, a Surface, uploaded once."""
         if device not in self._on:
+            if wp.get_device(device).is_cuda:
+                wp.set_mempool_release_threshold(device, POOL_KEPT)
             self._on[device] = upload_surface(self.edges, device)
         return self._on[device]
 

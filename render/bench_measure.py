@@ -14,8 +14,8 @@ from .hands import Palm
 from .objects import MeshObject
 from .strategy import IntersectionStrategy, intersect
 
-CHUNK_POINTS = {True: 100_000_000, False: 10_000_000}  # of one launch, by whether it is on CUDA: 1.3 GB and 130 MB
-CHUNK_POSES = 1_000_000
+CHUNK_POINTS = {True: 200_000_000, False: 10_000_000}  # of one launch, by whether it is on CUDA: 2.6 GB and 130 MB
+CHUNK_POSES = {True: 4_000_000, False: 100_000}  # 4 GB and 100 MB of working arrays
 COPY_BYTES = {True: 2**30, False: 2**28}  # far beyond any cache
 COPY_COUNT = {True: 20, False: 2}  # of one turn: on a GPU one copy takes 0.5 ms, and waiting for it a good part of that
 POSE_BYTES, VERTEX_BYTES, POLYLINE_BYTES = 28, 12, 8
@@ -120,7 +120,7 @@ class OwnTurn:
 
 def chunk_size(points_per_pose: float, is_cuda: bool) -> int:
     """Poses of one launch, so that its results stay within bounds."""
-    return max(1, min(CHUNK_POSES, int(CHUNK_POINTS[is_cuda] / max(points_per_pose, 1.0))))
+    return max(1, min(CHUNK_POSES[is_cuda], int(CHUNK_POINTS[is_cuda] / max(points_per_pose, 1.0))))
 
 
 @dataclass(frozen=True)

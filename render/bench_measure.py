@@ -15,7 +15,7 @@ from .objects import MeshObject
 from .strategy import IntersectionStrategy, intersect
 
 CHUNK_POINTS = {True: 200_000_000, False: 10_000_000}  # of one launch, by whether it is on CUDA: 2.6 GB and 130 MB
-CHUNK_POSES = {True: 4_000_000, False: 100_000}  # 4 GB and 100 MB of working arrays
+CHUNK_POSES = {True: 4_000_000, False: 20_000}  # 4 GB of working arrays; 20 MB, which caches like
 COPY_BYTES = {True: 2**30, False: 2**28}  # far beyond any cache
 COPY_COUNT = {True: 20, False: 2}  # of one turn: on a GPU one copy takes 0.5 ms, and waiting for it a good part of that
 POSE_BYTES, VERTEX_BYTES, POLYLINE_BYTES = 28, 12, 8

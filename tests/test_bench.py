@@ -131,7 +131,7 @@ def test_a_copy_counts_what_it_reads_and_what_it_writes(device):
 def test_chunks_change_nothing(device, monkeypatch):
     thing, pose = bench_object("tube"), random_poses(100)
     whole = Yield.of(OwnTurn(thing, Palm(), pose, closed_contour(), device)())
-    monkeypatch.setattr(bench_measure, "CHUNK_POSES", 7)
+    monkeypatch.setattr(bench_measure, "CHUNK_POSES", {True: 7, False: 7})
     parts = OwnTurn(thing, Palm(), pose, closed_contour(), device)()
     assert len(parts) == 15
     assert Yield.of(parts).points == whole.points

@@ -1,10 +1,19 @@
 """Results from a GPU to the host, through pinned memory, while the GPU goes on with the next chunk."""
 
+import weakref
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import warp as wp
+
+
+class Landed:
+    """An array in pinned memory that NumPy looks into; its memory serves another chunk once nobody does."""
+
+    def __init__(self, held: Any, view: np.ndarray) -> None:
+        self._held = held
+        self.__array_interface__ = view.__array_interface__
 
 
 class Downloader:
@@ -15,34 +24,44 @@ class Downloader:
 
     Arrays of Warp's memory pool (its default on CUDA) are given back in the order of the device's current stream, which
     knows nothing of this one: they are kept here until their copies are done.
+
+    What comes down is handed out where it landed. To copy it would take longer than to compute it: pages of new memory
+    are given to a process one at a time, whatever the number of its threads.
     """
 
     def __init__(self, device: str) -> None:
         self._device = wp.get_device(device)
         self._stream = wp.Stream(self._device)
-        self._pinned: dict[str, Any] = {}
-        self._under_way: dict[str, tuple[Any, Any]] = {}
+        self._free: dict[str, list[Any]] = {}
+        self._under_way: dict[str, tuple[Any, Any, Any]] = {}
 
     def start(self, arrays: Mapping[str, Any]) -> None:
         """Queue copies of arrays after all that the device's current stream has been given so far."""
         self._stream.wait_stream(self._device.stream)
         for name, array in arrays.items():
-            landing = self._landing(name, array)
+            held = self._room(name, array.size * wp.types.type_size_in_bytes(array.dtype))
+            landing = wp.array(
+                ptr=held.ptr, dtype=array.dtype, shape=array.shape, capacity=held.capacity, device="cpu", pinned=True
+            )
             wp.copy(landing, array, stream=self._stream)
-            self._under_way[name] = (landing, array)
+            self._under_way[name] = (held, landing, array)
 
     def finish(self) -> dict[str, np.ndarray]:
-        """The arrays by name, once they are down, in memory of their own: the pinned one serves the next chunk."""
+        """The arrays by name, once they are down."""
         wp.synchronize_stream(self._stream)
-        host = {name: np.array(landing.numpy()) for name, (landing, _) in self._under_way.items()}
+        host = {}
+        for name, (held, landing, _) in self._under_way.items():
+            landed = Landed(held, landing.numpy())
+            weakref.finalize(landed, self._free[name].append, held)
+            host[name] = np.asarray(landed)
         self._under_way.clear()
         return host
 
-    def _landing(self, name: str, array: Any) -> Any:
-        """Pinned memory in the array's shape; it grows, by a quarter more than needed, and is used again."""
-        size = array.size * wp.types.type_size_in_bytes(array.dtype)
-        held = self._pinned.get(name)
-        if held is None or held.shape[0] < size:
-            held = wp.empty(size + size // 4 + 1, dtype=wp.uint8, device="cpu", pinned=True)
-            self._pinned[name] = held
-        return wp.array(ptr=held.ptr, dtype=array.dtype, shape=array.shape, capacity=size, device="cpu", pinned=True)
+    def _room(self, name: str, size: int) -> Any:
+        """Pinned memory of at least that many bytes: some that is free again, or new, a quarter larger than needed."""
+        free = self._free.setdefault(name, [])
+        while free:
+            held = free.pop()
+            if held.capacity >= size:
+                return held  # smaller ones are let go
+        return wp.empty(size + size // 4 + 1, dtype=wp.uint8, device="cpu", pinned=True)

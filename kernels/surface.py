@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 OPEN = -1
+FACES_MOST = 2**28  # numbers of half-edges and flags share 31 bits
 LEAF = 4  # triangles of a leaf of the hierarchy
 MASK_WORDS = 128  # of 32 bits: the scanned edges that a search along the trail can tell apart
 TRAIL_LARGEST = 8000  # [triangle]; beyond, no trail is made
@@ -83,11 +84,14 @@ class HalfEdges:
     """Half-edges of a triangle mesh on the host, its faces in spatial order.
 
     vertices: [m], float32, shape [vertex, 3], array frame; faces: int, shape [face, 3], no corner twice.
+    Raises ValueError beyond FACES_MOST triangles.
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
         self.vertices = np.ascontiguousarray(vertices, np.float32).reshape(-1, 3)
         faces = np.asarray(faces, np.int64).reshape(-1, 3)
+        if len(faces) > FACES_MOST:
+            raise ValueError(f"a surface may have {FACES_MOST} triangles, not {len(faces)}")
         self.faces = faces[spatial_order(self.vertices, faces)]
         """int64, shape [face, 3]; half-edges are numbered along it."""
         self.twin = twins_of(self.faces)

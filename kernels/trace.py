@@ -1,6 +1,6 @@
 """Contours of small surfaces: look at every scanned edge, then walk every loop of the plane around once.
 
-Two kernels: the first walks and lists the segments that clipping must look at, the second looks at them. Walking is
+Two steps: the first walks and lists the segments that clipping must look at, the second looks at them. Walking is
 the same for every lane of a GPU; what happens at the patch's sides is not, and would hold all of them up.
 """
 

@@ -217,7 +217,7 @@ def bench(
     first_use: Annotated[bool, typer.Option("--first-use", help="Time a first and a later `render`, too.")] = False,
     json: Json = False,
 ) -> None:
-    """Time contours: palpate and installed libraries (pip install palpate[bench]) in turns, beside a memory copy."""
+    """Time contours: palpate and installed libraries (pip install -e '.[bench]') in turns, beside a memory copy."""
     options = {
         "device": device,
         "objects": objects,

@@ -125,7 +125,7 @@ def _missing(peer: type[Peer]) -> str:
                 warnings.simplefilter("ignore")  # what a library warns of itself when imported is nothing of ours
                 import_module(module)
         except (ImportError, OSError) as error:  # OSError: a shared library that it links to is missing
-            return f"not installed ({module}: {error})"
+            return f"cannot be imported ({module}: {error})"
     try:
         for package in (*peer.packages, *COMPLETION):
             version(package)

@@ -15,6 +15,7 @@ from .walk import crossing_after, crossing_at, point_of
 wp.set_module_options(EXACT)
 
 NONE = wp.constant(-1)
+BY_KEY = wp.constant(2)  # an order of pieces; 0 and 1: by where they enter, leave
 BEGIN = wp.constant(1 << 24)  # in an entry: a polyline begins with this piece
 CORNERS = wp.constant(25)  # bits above it: how many corners of the patch follow the piece
 SLOT = wp.constant((1 << 24) - 1)  # bits of the piece's slot
@@ -35,7 +36,7 @@ class Entries:
 class Ends:
     """Where a row's open pieces enter and leave, sorted along the boundary; scratch, by slot."""
 
-    leaving: wp.array[wp.int32]  # piece, in the order of the places where pieces leave
+    leaving: wp.array[wp.int32]  # piece, in the order of the places where pieces leave; in the end, by key
     entering: wp.array[wp.int32]  # piece, in the order of the places where pieces enter
     follower: wp.array[wp.int32]  # the piece that the boundary leads to from where this one leaves; NONE once drawn
     corners: wp.array[wp.int32]  # how many corners it passes on the way
@@ -77,24 +78,45 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp
 
 
 @wp.func
-def sort_ends(pieces: Pieces, base: wp.int64, count: int, end: int, ends: Ends, order: wp.array[wp.int32]):
-    """Insertion sort of a row's open pieces by where they enter (end 0) or leave (1); returns how many there are."""
+def comes_before(pieces: Pieces, base: wp.int64, one: int, two: int, by: int, ends: Ends):
+    """Whether a slot's piece comes before another's: by where they enter or leave, then by key."""
+    a = base + wp.int64(one) * pieces.stride
+    b = base + wp.int64(two) * pieces.stride
+    if by != BY_KEY:
+        side_a = pieces.side[a][by]
+        side_b = pieces.side[b][by]
+        if side_a != side_b:
+            return side_a < side_b
+        if ends.position[a][by] != ends.position[b][by]:
+            return ends.position[a][by] < ends.position[b][by]
+    return pieces.key[a] < pieces.key[b]
+
+
+@wp.func
+def sort_slots(
+    pieces: Pieces, base: wp.int64, count: int, by: int, only_open: bool, ends: Ends, order: wp.array[wp.int32]
+):
+    """Shell sort of a row's slots; returns how many there are. For a few it is an insertion sort."""
     n = int(0)
     for slot in range(count):
-        own = base + wp.int64(slot) * pieces.stride
-        if pieces.key[own] < CLOSED:
-            side = pieces.side[own][end]
-            position = ends.position[own][end]
-            place = int(n)
-            while place > 0:
-                other = base + wp.int64(order[base + wp.int64(place - 1) * pieces.stride]) * pieces.stride
-                other_side = pieces.side[other][end]
-                if other_side < side or (other_side == side and ends.position[other][end] <= position):
-                    break
-                order[base + wp.int64(place) * pieces.stride] = order[base + wp.int64(place - 1) * pieces.stride]
-                place -= 1
-            order[base + wp.int64(place) * pieces.stride] = slot
+        if not only_open or pieces.key[base + wp.int64(slot) * pieces.stride] < CLOSED:
+            order[base + wp.int64(n) * pieces.stride] = slot
             n += 1
+    gap = int(1)
+    while gap < n // 3:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(gap, n):
+            slot = order[base + wp.int64(i) * pieces.stride]
+            place = int(i)
+            while place >= gap:
+                other = order[base + wp.int64(place - gap) * pieces.stride]
+                if not comes_before(pieces, base, slot, other, by, ends):
+                    break
+                order[base + wp.int64(place) * pieces.stride] = other
+                place -= gap
+            order[base + wp.int64(place) * pieces.stride] = slot
+        gap = gap // 3
     return n
 
 
@@ -107,8 +129,8 @@ def match_ends(pieces: Pieces, base: wp.int64, count: int, winding: int, ends: E
     around the corner where that is past the last. By rank alone: ends that rounding has swapped stay matched, and no
     corner is passed where two ends all but coincide.
     """
-    n = sort_ends(pieces, base, count, 1, ends, ends.leaving)
-    sort_ends(pieces, base, count, 0, ends, ends.entering)
+    n = sort_slots(pieces, base, count, 1, True, ends, ends.leaving)
+    sort_slots(pieces, base, count, 0, True, ends, ends.entering)
     for k in range(n):
         leaving = ends.leaving[base + wp.int64(k) * pieces.stride]
         entering = ends.entering[base + wp.int64((k + wp.max(winding, 0)) % n) * pieces.stride]
@@ -119,19 +141,6 @@ def match_ends(pieces: Pieces, base: wp.int64, count: int, winding: int, ends: E
         ends.follower[own] = entering
         ends.corners[own] = wp.max(gap, 0)
     return n
-
-
-@wp.func
-def lowest_left(pieces: Pieces, base: wp.int64, count: int, ends: Ends):
-    """Slot of the piece with the lowest key that is not drawn yet; NONE if all are."""
-    slot = int(NONE)
-    lowest = int(0)
-    for other in range(count):
-        own = base + wp.int64(other) * pieces.stride
-        if ends.follower[own] != NONE and (slot == NONE or pieces.key[own] < lowest):
-            slot = other
-            lowest = pieces.key[own]
-    return slot
 
 
 @wp.func
@@ -290,9 +299,10 @@ def _join_pieces(
         open_count = int(0)
         if closes == 1:
             open_count = match_ends(pieces, base, count, pieces.winding[row], ends)
-        for _ in range(count):
-            slot = lowest_left(pieces, base, count, ends)
-            if slot != NONE:
+        sort_slots(pieces, base, count, BY_KEY, False, ends, ends.leaving)
+        for rank in range(count):
+            slot = ends.leaving[base + wp.int64(rank) * pieces.stride]
+            if ends.follower[base + wp.int64(slot) * pieces.stride] != NONE:
                 steps = loop_steps(pieces, base, slot, f, half, ends)
                 entry = enter_loop(pieces, base, slot, steps > 0, ends, entries, entry)
                 if steps > 0:

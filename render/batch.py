@@ -80,7 +80,7 @@ def rendered_chunks(
     pose: float32, shape [pose, 7]; ranges: which poses, as (first, stop), by default all.
     devices: one worker on each of these Warp devices, a name as often as it has workers; by default one on `device`.
     memory: for the working arrays and results of all chunks that are computed, wait or are with the caller [byte]; by
-    default `memory_for` the workers.
+    default `memory_for` the workers. Fewer work than `devices` names if a share of it would be below MEMORY_SMALLEST.
     The contours of a pose do not depend on the chunk that it is in, nor on who made it. The workers end with the
     generator: when it is exhausted, closed, or raises what one of them raised.
     """
@@ -92,7 +92,11 @@ def rendered_chunks(
         raise StrategyError(f"memory must be at least {MEMORY_SMALLEST} bytes, not {memory}")
     if strategy.needs_closed:
         thing.require_closed()
-    rendering = _Rendering(thing, hand, pose, strategy, memory, share_count=2 * len(names) + 1)
+    wanted = 2 * len(names) + 1
+    names = names[: max(1, (memory // MEMORY_SMALLEST - 1) // 2)]  # a worker needs room to be of any use
+    rendering = _Rendering(
+        thing, hand, pose, strategy, memory, share_count=2 * len(names) + 1, share_count_wanted=wanted
+    )
     on_cpus = all(wp.get_device(name).is_cpu for name in names)
     spans = PoseSpans(
         [(0, len(pose))] if ranges is None else ranges,
@@ -121,6 +125,8 @@ class _Rendering:
     memory: int
     share_count: int
     """Chunks that the memory is for: two of each worker, and the one that the caller has."""
+    share_count_wanted: int
+    """The same if all workers had room."""
 
     @property
     def share(self) -> int:
@@ -148,7 +154,7 @@ class _Rendering:
                 if stop - first == 1:
                     raise StrategyError(
                         f"pose {first} alone has {error.count} points, too many for {self.memory} bytes of memory: "
-                        f"raise the memory budget to {error.count * POINT_BYTES * self.share_count} bytes"
+                        f"raise the memory budget to {error.count * POINT_BYTES * self.share_count_wanted} bytes"
                     ) from error
                 stop = first + (stop - first) // 2
 

@@ -205,7 +205,8 @@ def bench(
     strategies: Annotated[str, typer.Option(metavar="NAME,...", help="oc, cc.")] = "oc,cc",
     device: Annotated[str, typer.Option(help="Of palpate: cpu, cuda:0, ...; peers run on the CPU.")] = "cpu",
     poses: Annotated[
-        int | None, typer.Option(min=1, help="Of palpate; by default half a second of them, on a GPU 4,000,000.")
+        int | None,
+        typer.Option(min=1, max=10**8, help="Of palpate; by default half a second of them, on a GPU 4,000,000."),
     ] = None,
     repeats: Annotated[int, typer.Option(min=1, help="Repetitions, of which the median is taken.")] = 7,
     peers: Annotated[str, typer.Option(metavar="NAME,...", help="Libraries to compare with, or all, or none.")] = "all",

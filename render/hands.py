@@ -8,6 +8,8 @@ import warp as wp
 from ..kernels.patch import ON, Patch
 from .errors import StrategyError
 
+SMALLEST, LARGEST = 1e-4, 1.0  # side of a palm [m]
+
 
 @dataclass(frozen=True)
 class Palm:
@@ -19,11 +21,11 @@ class Palm:
     """Along v [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse a palm without area."""
+        """Refuse a palm that is no size for skin: float32 could not tell its corners apart."""
         for field in ("width", "length"):
             value = getattr(self, field)
-            if not (np.isfinite(value) and 0 < value <= 1):
-                raise StrategyError(f"palm {field} must lie between 0 and 1 m, not {value}")
+            if not (np.isfinite(value) and SMALLEST <= value <= LARGEST):
+                raise StrategyError(f"palm {field} must lie between {SMALLEST:g} and {LARGEST:g} m, not {value}")
 
     @property
     def patch_count(self) -> int:

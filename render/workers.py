@@ -22,6 +22,7 @@ import warp as wp
 
 from .errors import StrategyError
 
+WORKERS_MOST = 256  # on one device; more than any machine has cores for is a slip of the finger
 GPU_WORKERS = 2  # one computes while the other's results come down
 POSES_FIRST = 2048  # of the first spans, which tell how large the others may be
 POSES_FEWEST = 4096  # that a span is divided for, so that all workers end together
@@ -62,10 +63,12 @@ def worker_devices(device: str, workers: int | None = None) -> list[str]:
 
     device: "cpu", "cuda:0", several with commas between them, "cuda" (all GPUs), "auto" (the first GPU, else the CPU).
     workers: on each device; None is one for each core on the CPU, and two on a GPU.
-    Raises StrategyError for a device that this machine lacks, one named twice, or no workers.
+    Raises StrategyError for a device that this machine lacks, one named twice, no workers, or more than WORKERS_MOST.
     """
     if workers is not None and workers < 1:
         raise StrategyError(f"workers must be at least 1, not {workers}")
+    if workers is not None and workers > WORKERS_MOST:
+        raise StrategyError(f"workers must be at most {WORKERS_MOST} on each device, not {workers}")
     gpus = [str(gpu) for gpu in wp.get_cuda_devices()]
     names = {"auto": gpus[:1] or ["cpu"], "cuda": gpus or ["cuda"]}.get(device) or device.split(",")
     devices = [warp_device(name.strip()) for name in names]

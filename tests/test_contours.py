@@ -268,3 +268,17 @@ def test_lengths_are_those_of_numpy(device, rng):
     for i, j in [(0, 0), (2, 1), (2, 2)]:
         np.add.at(expected[i], kind[line[j] : line[j + 1] - 1], steps_of(points[line[j] : line[j + 1]]))
     np.testing.assert_allclose(got, expected, rtol=1e-6)
+
+
+def test_thousands_of_loops_in_a_section_are_joined_in_the_order_of_their_keys(device):
+    cubes = 24
+    vertices, faces = MESHES["cube"]()
+    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    small = (vertices - centre) * (0.02 / cubes / np.ptp(vertices, axis=0).max())
+    offset = np.stack(np.meshgrid(*[np.linspace(-0.02, 0.02, cubes)] * 2), axis=-1).reshape(-1, 2)
+    many = np.concatenate([small + np.array([x, y, 0.2]) for x, y in offset])
+    joined = np.concatenate([faces + k * len(vertices) for k in range(len(offset))])
+    poses = np.array([[0, 0, 0.2001, 0.5**0.5, 0, 0, 0.5**0.5]], np.float32)
+    drawn = draw(surface_on((many, joined), device), poses, patch_array(HALF, device), "cc", "seek")
+    assert len(drawn.closed_of(0)) == cubes**2
+    assert drawn.length[0].sum() == pytest.approx(cubes**2 * 4 * 0.02 / cubes, rel=1e-4)

@@ -318,3 +318,10 @@ def test_many_workers_have_more_memory_by_default():
     assert memory_for(["cpu"] * 64) == 64 * 200 * 10**6
     assert memory_for(["cuda:0"] * 2) == 2 * 10**9
     assert POINT_BYTES < SECTION_BYTES
+
+
+def test_more_workers_than_memory_has_shares_for_are_fewer(poses):
+    few = render(TUBE, PALM, poses[:200], closed_contour(), devices=["cpu"] * 100, memory=2 * 2**20)
+    assert_same(few, render(TUBE, PALM, poses[:200], closed_contour()))
+    with pytest.raises(StrategyError, match="workers must be at most 256 on each device, not 257"):
+        worker_devices("cpu", 257)

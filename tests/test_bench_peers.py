@@ -190,7 +190,7 @@ def test_a_peer_that_is_not_installed_is_no_error(monkeypatch):
     found, absent = find_peers("vtk")
     assert found == []
     assert absent[0].name == "vtk"
-    assert "not installed" in absent[0].reason
+    assert "cannot be imported" in absent[0].reason
 
 
 def test_peers_get_poses_from_all_of_the_motion():

@@ -121,7 +121,6 @@ def _clip_loops(
     surface: Surface,
     pose: wp.array[wp.transform],
     patch: wp.array[Patch],
-    bounded: int,  # 0: the whole plane
     events: Events,
     # Out:
     pieces: Pieces,

@@ -45,11 +45,17 @@ def start_of(pieces: Pieces, row: int):
 
 
 @wp.func
+def section_at(section: wp.array[wp.int32], row: int):
+    """Section of a row: see `Pieces.section`."""
+    if section.shape[0] == 0:
+        return row
+    return section[row]
+
+
+@wp.func
 def section_of(pieces: Pieces, row: int):
     """Section of a row."""
-    if pieces.section.shape[0] == 0:
-        return row
-    return pieces.section[row]
+    return section_at(pieces.section, row)
 
 
 @wp.func
@@ -103,8 +109,7 @@ def with_slots(pieces: Any, row_count: int, slot_count: int, device: str) -> Any
     pieces.count = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.winding = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.excess = wp.zeros(1, dtype=wp.int32, device=device)
-    for field, dtype in (
-        *(("half", wp.int32), ("out", wp.int32), ("key", wp.int32), ("side", wp.vec2i), ("steps", wp.int32)),
-    ):
-        setattr(pieces, field, wp.empty(slot_count, dtype=dtype, device=device))
+    pieces.side = wp.empty(slot_count, dtype=wp.vec2i, device=device)
+    for field in ("half", "out", "key", "steps"):
+        setattr(pieces, field, wp.empty(slot_count, dtype=wp.int32, device=device))
     return pieces

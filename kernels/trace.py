@@ -27,6 +27,7 @@ from .patch import (
     lifted,
     outcode,
 )
+from .piece import section_at
 from .ragged import BLOCK
 from .surface import MASK_WORDS, OPEN, Surface
 from .walk import Crossing, chain_start, crossing_after, crossing_at, link_of, loaded, point_of, vertex_of
@@ -216,9 +217,7 @@ def _walk_first_loops(
 ):
     """Walk around the first loop of each row's plane, which most often is the only one."""
     row = wp.tid()
-    own = row
-    if section.shape[0] > 0:
-        own = section[row]
+    own = section_at(section, row)
     f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
     side = half_of(patch[own % patch.shape[0]], bounded)
     g = coarse_of(f, side, surface.reach)
@@ -279,9 +278,7 @@ def _walk_other_loops(
     """Walk around the other loops of rows that have more than one, and around all loops of an open surface."""
     if wp.tid() < rest_count[0]:
         row = rest[wp.tid()]
-        own = row
-        if section.shape[0] > 0:
-            own = section[row]
+        own = section_at(section, row)
         f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
         side = half_of(patch[own % patch.shape[0]], bounded)
         g = coarse_of(f, side, surface.reach)
@@ -304,5 +301,5 @@ def trace_pieces(
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     launch(_walk_first_loops, row_count, inputs=[*inputs, pieces.section], outputs=[events, rest, rest_count])
     launch(_walk_other_loops, row_count, inputs=[*inputs, pieces.section, rest, rest_count], outputs=[events])
-    launch(_clip_loops, row_count, inputs=[*inputs, events], outputs=[pieces])
+    launch(_clip_loops, row_count, inputs=[surface, pose, patch, events], outputs=[pieces])
     return events.count

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import warp as wp
@@ -16,6 +17,7 @@ from .errors import MeshError, PalpateWarning, PlacementError
 from .mend import closes_within, mend_mesh, warn_of
 
 SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
+_EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by identity, while an object has them
 POOL_KEPT = 0.5  # of a GPU's memory, kept for the next batch: giving it back at every wait costs milliseconds
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
@@ -168,8 +170,11 @@ class MeshObject:
 
     @cached_property
     def edges(self) -> HalfEdges:
-        """Half-edges, in the order that contours are numbered by."""
-        return HalfEdges(self.vertices, self.faces)
+        """Half-edges, in the order that contours are numbered by; the same for all objects that are equal as placed."""
+        edges = _EDGES.get(self.identity)
+        if edges is None:
+            edges = _EDGES[self.identity] = HalfEdges(self.vertices, self.faces)
+        return edges
 
     @cached_property
     def identity(self) -> str:

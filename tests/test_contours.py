@@ -279,6 +279,8 @@ def test_thousands_of_loops_in_a_section_are_joined_in_the_order_of_their_keys(d
     many = np.concatenate([small + np.array([x, y, 0.2]) for x, y in offset])
     joined = np.concatenate([faces + k * len(vertices) for k in range(len(offset))])
     poses = np.array([[0, 0, 0.2001, 0.5**0.5, 0, 0, 0.5**0.5]], np.float32)
-    drawn = draw(surface_on((many, joined), device), poses, patch_array(HALF, device), "cc", "seek")
+    surface, patch = surface_on((many, joined), device), patch_array(HALF, device)
+    drawn = draw(surface, poses, patch, "cc", "seek")
+    assert_same_bits(drawn, draw(surface, poses, patch, "cc", "trace"))  # which finds them in another order
     assert len(drawn.closed_of(0)) == cubes**2
     assert drawn.length[0].sum() == pytest.approx(cubes**2 * 4 * 0.02 / cubes, rel=1e-4)

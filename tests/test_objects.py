@@ -8,7 +8,7 @@ import shapely
 import trimesh
 
 from palpate.render import MeshObject, Palm, Placement, closed_contour, open_contour, render
-from palpate.render.errors import MeshError, PalpateWarning, PlacementError
+from palpate.render.errors import MeshError, PalpateWarning, PlacementError, StrategyError
 
 BOX = trimesh.creation.box([0.1, 0.1, 0.1], transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
 
@@ -347,3 +347,15 @@ def test_hand_mesh_of_a_scene_file_closes_once_its_seams_are_welded(device, outs
     cc = render(hand, Palm(), LEVEL, closed_contour(), device=device)
     assert cc.polyline_closed.all()
     assert cc.length()[0] > 0.05
+
+
+def test_equal_objects_share_what_is_built_of_them():
+    one, two, other = (MeshObject.load("tube", placement=Placement(scale=scale)) for scale in (1.0, 1.0, 1.1))
+    assert one.edges is two.edges
+    assert one.edges is not other.edges
+
+
+@pytest.mark.parametrize("width", [0.0, 5e-5, 1.5, float("nan")])
+def test_palm_of_no_size_for_skin_is_refused_with_the_bounds(width):
+    with pytest.raises(StrategyError, match=r"palm width must lie between 0\.0001 and 1 m, not"):
+        Palm(width, 0.085)

@@ -6,15 +6,20 @@ interface: it checks, launches and returns arrays on the device of its inputs.
 
 from importlib import import_module
 
-STAGES = ("trace", "events", "seek", "close", "draw", "measure")
+RENDER_STAGES = ("trace", "events", "seek", "close", "draw", "measure")  # poses to contours
+DRIVE_STAGES = ("focus", "solve", "slew")  # focal points to phases
+STAGES = RENDER_STAGES + DRIVE_STAGES
 
 
-def compile_kernels(device: str = "cpu") -> None:
-    """Compile every kernel for a device into Warp's cache: seconds once, nothing after."""
+def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> None:
+    """Compile the kernels of some stages for a device into Warp's cache: seconds once, nothing after.
+
+    Each stage is otherwise compiled when it is first used, so rendering does not wait for what drives an array.
+    """
     import warp as wp
 
     from .ragged import BLOCK
 
-    for stage in STAGES:  # a CPU has blocks of one
+    for stage in stages:  # a CPU has blocks of one
         block = 1 if wp.get_device(device).is_cpu else BLOCK
         wp.load_module(import_module(f".{stage}", __name__), device=device, block_dim=block)

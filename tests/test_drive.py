@@ -13,7 +13,7 @@ from palpate.device.emulator import EmulatorBackend
 from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.drive import drive_focus
 from palpate.render.errors import RenderError
-from palpate.render.playback import play_file
+from palpate.render.playback import Connection, play_file
 from palpate.render.record import record
 from palpate.render.sampling import FocalPoints, SamplingStrategy
 
@@ -143,7 +143,7 @@ def test_pressure_peaks_on_the_contour_at_every_frame_played(name, strategy, tmp
     record(path, thing, Palm(), motion, strategy)
     bus = EmulatorBackend(clock=VirtualClock(), record=5000)
     rate = 2500.0
-    playback = play_file(path, backend=bus, clock="virtual", sampling=SamplingStrategy(update_rate=rate))
+    playback = play_file(path, connection=Connection(backend=bus), sampling=SamplingStrategy(update_rate=rate))
     frames = bus.board().played[: playback.played.frames]
     delay, level = decode_frames(frames)
     assert len(frames) == round(0.2 * rate)

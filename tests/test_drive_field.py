@@ -1,0 +1,53 @@
+"""The field oracle beside values worked by hand; decoded bytes, propagated back, meet in phase at the asked point."""
+
+import numpy as np
+import pytest
+from drive_cases import RADIUS, WAVELENGTH
+from field_oracles import pressure_of, wave_matrix
+
+from palpate.device.array import array_model
+from palpate.device.board import decode_frames, slot_position
+from palpate.device.codec import encode_frames
+from palpate.render.drive import Driver, drive_focus
+from palpate.render.sampling import FocalPoints
+
+POINT = np.array([0.03, -0.02, 0.2])  # [m]
+UP = np.array([[0.0, 0.0, 1.0]])
+
+
+def field_of(drives, points, radius=RADIUS):
+    """Complex pressure at points [point, 3] of the first frame, by way of the wire."""
+    delay, level = decode_frames(encode_frames(drives.delay[:1], drives.amplitude[:1], array="emulator"))
+    normal = np.tile(UP, (256, 1))
+    waves = wave_matrix(points, slot_position(), normal, wavelength=WAVELENGTH, radius=radius)
+    return pressure_of(waves, delay[0], level[0]), np.abs(waves).sum(axis=-1)
+
+
+def test_oracle_of_one_transducer_gives_values_worked_by_hand():
+    # from (0, 0, 0): r = sqrt(0.0413) m = 0.2032240 m = 23.6995935 wavelengths, so exp(-2 pi j 0.6995935) / r;
+    # x = k a sin = 3.2972984 x 0.1774176 = 0.5849987, and 2 J1(x) / x = 1 - x^2/8 + x^4/192 - ... = 0.9578277
+    monopole = wave_matrix(POINT[None], np.zeros((1, 3)), UP, wavelength=WAVELENGTH, radius=0.0)[0, 0]
+    piston = wave_matrix(POINT[None], np.zeros((1, 3)), UP, wavelength=WAVELENGTH, radius=RADIUS)[0, 0]
+    assert monopole == pytest.approx(-1.5325209 + 4.6759443j, abs=1e-6)
+    assert piston == pytest.approx(-1.4678910 + 4.4787490j, abs=1e-6)
+
+
+@pytest.mark.parametrize("radius", [RADIUS, 0.0])
+def test_decoded_bytes_meet_in_phase_at_an_asymmetric_point(radius):
+    drives = drive_focus(FocalPoints(POINT[None].astype(np.float32), np.ones(1, np.float32)), array_model("emulator"))
+    (field,), (bound,) = field_of(drives, POINT[None], radius)
+    assert field.real / bound == pytest.approx(1.0, abs=2e-4)  # what 8 bits leave
+    assert abs(field.imag) / bound < 1e-3
+    mirrored, _ = field_of(drives, POINT[None] * [-1, 1, 1], radius)
+    assert np.abs(mirrored[0]) < 0.2 * bound
+
+
+def test_decoded_bytes_of_several_foci_have_the_asked_pressures():
+    points = np.float32([[[0.03, -0.02, 0.2], [-0.03, 0.01, 0.18], [0.0, 0.035, 0.22]]])
+    intensity = np.float32([[1.0, 0.5, 0.75]])
+    drives = Driver(array_model("emulator")).drive(FocalPoints(points, intensity))
+    field, _ = field_of(drives, points[0].astype(float))
+    ratio = np.abs(field) / intensity[0]
+    assert ratio / ratio.mean() == pytest.approx(np.ones(3), abs=0.02)
+    elsewhere, _ = field_of(drives, points[0].astype(float) * [-1, -1, 1])
+    assert np.abs(elsewhere).mean() < 0.3 * np.abs(field).mean()

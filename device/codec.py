@@ -1,26 +1,30 @@
-"""Drives to wire bytes: pure, vectorised, one layout a board. The layout of `emulator` is told in docs/emulator.md."""
+"""Drives to wire bytes and back to what they do: pure, vectorised. Each board's layout stands in `codec_layout`."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import FrameError, UnknownArrayError
+from .array import ArrayModel, array_model
+from .codec_layout import LAYOUTS, Layout
+from .errors import FrameError, UnknownArrayError, UpdateRateError
 
-CHUNK_FRAMES = 1024  # 1 MiB of float32 at 256 transducers: temporaries stay in the cache
+CHUNK_FRAMES = 256  # 256 KiB of float32 at 256 transducers: temporaries stay in the cache
+
+_PAT16_DIVIDER_BYTE, _PAT16_LOAD_BYTE = 26, 34
+_PAT16_MARK = 0x80
 
 
-def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: str = "emulator") -> NDArray[np.uint8]:
-    """Encode drives as the frames that a board takes.
+def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel | str = "emulator") -> NDArray[np.uint8]:
+    """Encode drives as the frames that a board takes, its calibration applied.
 
     Args:
         delay: delay of each transducer [turns of the carrier], shape [frame, transducer], 0..1 (1 is 0 again:
             float32 arithmetic rounds up to it). The focus at distance r needs frac(-r / wavelength): the farther
             transducer has the smaller delay.
-        amplitude: relative pressure amplitude 0..1, shape [frame] or [frame, transducer]; 0 is off.
-        array: name of the array.
+        amplitude: relative pressure amplitude 0..1, shape [frame] or [frame, transducer]; 0 is off. A sonicsurface
+            is on from 0.5; `switched_count` tells how many amplitudes that changes.
+        array: the array, or the name of a built-in one.
 
     Returns:
         The wire bytes, shape [frame, frame_bytes].
@@ -29,36 +33,99 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: str = "emula
         FrameError: another shape, or a value that is NaN or out of range, with its index.
         UnknownArrayError: no codec for that array.
     """
-    pack, transducer_count, frame_bytes = _layout(array)
+    model, layout = _resolve(array)
     turns = np.asarray(delay, np.float32)
     level = np.asarray(amplitude, np.float32)
-    if turns.ndim != 2 or turns.shape[1] != transducer_count:
-        raise FrameError(f"delay has shape {turns.shape}, but array {array} takes [frame, {transducer_count}]")
+    if turns.ndim != 2 or turns.shape[1] != model.transducer_count:
+        raise FrameError(
+            f"delay has shape {turns.shape}, but array {model.name} takes [frame, {model.transducer_count}]"
+        )
     if level.shape not in (turns.shape[:1], turns.shape):
         raise FrameError(
             f"amplitude has shape {level.shape}, but delay {turns.shape} takes {turns.shape[:1]} or the same"
         )
     _require_unit_range("delay", turns, "turns")
     _require_unit_range("amplitude", level, "of full pressure")
-    per_frame = level[:, None] if level.ndim == 1 else level
-    frame = np.zeros((len(turns), frame_bytes), np.uint8)
+    level = level[:, None] if level.ndim == 1 else level
+    offset = model.delay_offset if model.delay_offset.any() else None
+    gain = None if (model.gain == 1).all() else model.gain
+    frame = np.zeros((len(turns), model.frame_bytes), np.uint8)
     for start in range(0, len(turns), CHUNK_FRAMES):
         rows = slice(start, start + CHUNK_FRAMES)
-        pack(turns[rows], per_frame[rows], frame[rows])
+        part = turns[rows] if offset is None else _wrapped(turns[rows] - offset)
+        layout.pack(part, level[rows] if gain is None else level[rows] * gain, model.wire_order, frame[rows])
     return frame
 
 
-def off_frame(*, array: str = "emulator") -> NDArray[np.uint8]:
-    """The frame that silences every transducer, shape [frame_bytes]."""
-    _, transducer_count, _ = _layout(array)
-    return encode_frames(np.zeros((1, transducer_count)), np.zeros(1), array=array)[0]
+def off_frame(*, array: ArrayModel | str = "emulator") -> NDArray[np.uint8]:
+    """The frame that silences every transducer, shape [frame_bytes]; any part of it silences what it covers."""
+    model, layout = _resolve(array)
+    frame = np.zeros((1, model.frame_bytes), np.uint8)
+    silent = np.zeros((1, model.transducer_count), np.float32)
+    layout.pack(silent, silent, model.wire_order, frame)
+    if model.name == "pat16":
+        frame &= _PAT16_MARK  # phases of silent pulses say nothing; without them a frame is off byte for byte
+    return frame[0]
 
 
-def _layout(array: str) -> tuple[_Pack, int, int]:
+def is_emitting(frames: NDArray[np.uint8], *, array: ArrayModel | str = "emulator") -> NDArray[np.bool_]:
+    """Which frames, shape [frame, frame_bytes], make any sound; shape [frame]."""
+    model, layout = _resolve(array)
+    return layout.emitting(_whole(frames, model))
+
+
+def duty(frames: NDArray[np.uint8], *, array: ArrayModel | str = "emulator") -> NDArray[np.float32]:
+    """How hard frames, shape [frame, frame_bytes], drive the array, shape [frame]: a measure of what it heats.
+
+    Width of the pulses in parts of half a period (full drive), mean over all transducers: 0..1. For boards that take
+    an amplitude a it is that of the pulse which gives it, 2 / pi asin(a).
+    """
+    model, layout = _resolve(array)
+    return layout.width(_whole(frames, model))
+
+
+def switched_count(amplitude: ArrayLike, *, array: ArrayModel | str = "emulator") -> int:
+    """How many amplitudes between 0 and 1 a board that can only switch turns into 0 or 1; 0 for boards with steps."""
+    _, layout = _resolve(array)
+    level = np.asarray(amplitude)
+    return int(np.count_nonzero((level > 0) & (level < 1))) if layout.amplitude_steps == 1 else 0
+
+
+def with_divider(frames: NDArray[np.uint8], divider: int) -> NDArray[np.uint8]:
+    """Frames of a pat16, shape [..., 512], that also set its update rate to 40 kHz / divider, 1..255.
+
+    The divider stands in bit 7 of bytes 26..33, lowest bit first; bit 7 of byte 34 says that it is there.
+    Raises `UpdateRateError` for another divider.
+    """
+    if not 1 <= divider <= 255:
+        raise UpdateRateError(f"divider {divider} is outside 1..255 of array pat16")
+    marked = frames.copy()
+    bits = marked[..., _PAT16_DIVIDER_BYTE:_PAT16_LOAD_BYTE]
+    bits &= 0xFF ^ _PAT16_MARK
+    bits |= ((divider >> np.arange(8) & 1) * _PAT16_MARK).astype(np.uint8)
+    marked[..., _PAT16_LOAD_BYTE] |= _PAT16_MARK
+    return marked
+
+
+def _resolve(array: ArrayModel | str) -> tuple[ArrayModel, Layout]:
+    model = array_model(array) if isinstance(array, str) else array
     try:
-        return _LAYOUTS[array]
+        return model, LAYOUTS[model.name]
     except KeyError:
-        raise UnknownArrayError(f"unknown array {array!r}; known: {', '.join(_LAYOUTS)}") from None
+        raise UnknownArrayError(f"array {model.name!r} has no wire format; known: {', '.join(LAYOUTS)}") from None
+
+
+def _whole(frames: NDArray[np.uint8], model: ArrayModel) -> NDArray[np.uint8]:
+    if frames.dtype != np.uint8 or frames.ndim != 2 or frames.shape[1] != model.frame_bytes:
+        raise FrameError(
+            f"frames are {frames.dtype} of shape {frames.shape}, but those of array {model.name} are uint8 of "
+            f"[frame, {model.frame_bytes}]"
+        )
+    return frames
+
+
+def _wrapped(turns: NDArray[np.float32]) -> NDArray[np.float32]:
+    return turns - np.floor(turns)
 
 
 def _require_unit_range(name: str, value: NDArray[np.float32], unit: str) -> None:
@@ -67,24 +134,3 @@ def _require_unit_range(name: str, value: NDArray[np.float32], unit: str) -> Non
         return
     index = tuple(int(i) for i in np.argwhere(~((value >= 0) & (value <= 1)))[0])
     raise FrameError(f"{name}[{', '.join(map(str, index))}] is {value[index]:g}, outside 0..1 {unit}")
-
-
-def _serpentine(count: int) -> NDArray[np.intp]:
-    """Transducer at each place of the wire: columns from +x to -x, the first from +y down, the next up, in turn."""
-    place = np.arange(count * count)
-    column, step = place // count, place % count
-    row = np.where(column % 2 == 0, count - 1 - step, step)
-    return row * count + (count - 1 - column)
-
-
-def _pack_emulator(delay: NDArray[np.float32], level: NDArray[np.float32], out: NDArray[np.uint8]) -> None:
-    # Rounding before the wrap: 255.6 / 256 turns is nearest to a full turn, which is 0.
-    out[:, 0::2] = np.rint(delay * 256).astype(np.uint16)[:, _EMULATOR_ORDER] & 0xFF
-    full = np.rint(level * 255).astype(np.uint8)
-    out[:, 1::2] = full if full.shape[1] == 1 else full[:, _EMULATOR_ORDER]
-
-
-_EMULATOR_ORDER = _serpentine(16)
-
-_Pack = Callable[[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]], None]
-_LAYOUTS: dict[str, tuple[_Pack, int, int]] = {"emulator": (_pack_emulator, 256, 512)}

@@ -1,103 +1,226 @@
-"""Drives to wire bytes of the board `emulator`, and its array model."""
+"""Drives to wire bytes of each board, read back by decoders that share no code with the codec."""
 
 from __future__ import annotations
 
 import hashlib
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from wire_decoders import DECODERS, Drive
 
-from palpate.device import FrameError, UnknownArrayError, UpdateRateError, array_model, encode_frames, off_frame
+from palpate.device.array import ArrayModel, array_model, array_names
 from palpate.device.board import decode_frames, slot_position
+from palpate.device.codec import duty, encode_frames, is_emitting, off_frame, switched_count, with_divider
+from palpate.device.errors import FrameError, UnknownArrayError, UpdateRateError
 
-RATES = st.integers(1, 255)
-
-
-def decoded_by_position(frame: bytes) -> dict[tuple[float, float], tuple[float, float]]:
-    """A decoder by the page docs/emulator.md alone, slot by slot: (x, y) [mm] -> delay [turns], level."""
-    drive = {}
-    for slot in range(256):
-        column, step = divmod(slot, 16)
-        y = 78.75 - 10.5 * step if column % 2 == 0 else -78.75 + 10.5 * step
-        drive[78.75 - 10.5 * column, y] = frame[2 * slot] / 256, frame[2 * slot + 1] / 255
-    return drive
+STEPS = {"emulator": 256, "pat16": 128, "sonicsurface": 32, "autd3": 256}
+AMPLITUDE_ERROR = {"emulator": 1 / 510, "pat16": np.pi / 256, "sonicsurface": 0.5, "autd3": 1 / 510}
+EACH_BOARD = pytest.mark.parametrize("name", array_names())
+WAVELENGTH = 343 / 40e3
 
 
-@given(st.integers(0, 2**32 - 1), st.booleans())
-def test_each_transducer_gets_its_own_delay_and_level(seed: int, per_transducer: bool) -> None:
+def read(frame: np.ndarray, model: ArrayModel) -> tuple[np.ndarray, np.ndarray]:
+    """Delay [turns] and amplitude of each transducer, by its place, in the model's order."""
+    drive: Drive = DECODERS[model.name](frame.tobytes())
+    places = [(round(x, 2), round(y, 2)) for x, y in (model.position[:, :2].astype(float) * 1e3).tolist()]
+    delay, amplitude = zip(*[drive[place] for place in places], strict=True)
+    return np.array(delay), np.array(amplitude)
+
+
+def turns_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.abs((a - b + 0.5) % 1 - 0.5)
+
+
+def focus_delay(model: ArrayModel, focus: np.ndarray) -> np.ndarray:
+    return np.mod(-np.linalg.norm(model.position - focus, axis=1) / WAVELENGTH, 1).astype(np.float32)
+
+
+@EACH_BOARD
+@given(seed=st.integers(0, 2**32 - 1), per_transducer=st.booleans())
+def test_each_transducer_gets_its_own_delay_and_amplitude(name: str, seed: int, per_transducer: bool) -> None:
     rng = np.random.default_rng(seed)
-    delay = rng.random((3, 256), np.float32)
-    amplitude = rng.random((3, 256) if per_transducer else 3, np.float32)
-    position = array_model("emulator").position * 1e3
-    for row, frame in enumerate(encode_frames(delay, amplitude)):
-        drive = decoded_by_position(frame.tobytes())
-        for transducer, (x, y, _) in enumerate(position.tolist()):
-            got_delay, got_level = drive[round(x, 2), round(y, 2)]
-            error = got_delay - float(delay[row, transducer])
-            assert abs(error - round(error)) <= 1 / 512 + 1e-7
-            assert abs(got_level - float(np.broadcast_to(amplitude[row], 256)[transducer])) <= 1 / 510 + 1e-7
+    model = array_model(name)
+    delay = rng.random((2, model.transducer_count), np.float32)
+    amplitude = rng.random(delay.shape if per_transducer else 2, np.float32)
+    for row, frame in enumerate(encode_frames(delay, amplitude, array=model)):
+        got_delay, got_amplitude = read(frame, model)
+        asked = np.broadcast_to(amplitude[row], model.transducer_count)
+        on = got_amplitude > 0
+        assert (turns_between(got_delay, delay[row])[on] <= 0.5 / STEPS[name] + 1e-6).all()
+        assert (np.abs(got_amplitude - asked) <= AMPLITUDE_ERROR[name] + 1e-6).all()
 
 
-def test_board_model_decodes_a_focus_where_it_was_put() -> None:
-    # Superposition by hand, from the board model's own wiring: a mistake of sign or order misses the point.
-    wavelength = 343 / 40e3
+@EACH_BOARD
+def test_calibration_makes_unlike_transducers_alike(name: str) -> None:
+    rng = np.random.default_rng(1)
+    plain = array_model(name)
+    count = plain.transducer_count
+    offset, gain = rng.uniform(-0.5, 0.5, count).astype(np.float32), rng.uniform(0.6, 1, count).astype(np.float32)
+    model = replace(plain, delay_offset=offset, gain=gain)
+    delay, amplitude = rng.random(count, np.float32), np.float32(0.9)
+    on_wire, level = read(encode_frames(delay[None], [amplitude], array=model)[0], model)
+    emitted = on_wire + offset  # a transducer adds its own delay
+    assert turns_between(emitted, delay).max() <= 0.5 / STEPS[name] + 1e-6
+    assert np.abs(level - amplitude * gain).max() <= AMPLITUDE_ERROR[name]
+
+
+@EACH_BOARD
+def test_a_focus_back_propagated_from_the_bytes_is_where_it_was_put(name: str) -> None:
+    # Superposition by hand from the decoder's places: a mistake of sign, order or mirror misses the point.
+    model = array_model(name)
     focus = np.array([0.030, -0.020, 0.200])
-    away = np.linalg.norm(array_model("emulator").position - focus, axis=1)
-    delay = np.mod(-away / wavelength, 1).astype(np.float32)
-    turns, level = decode_frames(encode_frames(delay[None], [1.0]))
+    drive = DECODERS[name](encode_frames(focus_delay(model, focus)[None], [1.0], array=model)[0].tobytes())
+    place = np.array([[x / 1e3, y / 1e3, 0] for x, y in drive])
+    delay, amplitude = np.array(list(drive.values())).T
 
     def pressure(point: np.ndarray) -> float:
-        r = np.linalg.norm(slot_position() - point, axis=1)
-        return abs(np.sum(level[0] * np.exp(-2j * np.pi * (turns[0] + r / wavelength)) / r))
+        r = np.linalg.norm(place - point, axis=1)
+        return abs(np.sum(amplitude * np.exp(-2j * np.pi * (delay + r / WAVELENGTH)) / r))
 
-    best = np.sum(1 / np.linalg.norm(slot_position() - focus, axis=1))
+    best = np.sum(1 / np.linalg.norm(place - focus, axis=1))
     assert pressure(focus) > 0.99 * best
-    for mirrored in ([-0.030, -0.020, 0.2], [0.030, 0.020, 0.2], [-0.020, 0.030, 0.2], [0.030, -0.020, 0.15]):
-        assert pressure(np.array(mirrored)) < 0.5 * best
+    for wrong in ([-0.030, -0.020, 0.2], [0.030, 0.020, 0.2], [-0.020, 0.030, 0.2], [0.030, -0.020, 0.15]):
+        assert pressure(np.array(wrong)) < 0.5 * best
 
 
-def test_wire_bytes_of_two_small_frames_are_these() -> None:
-    delay = np.zeros((2, 256), np.float32)
-    delay[0, 0], delay[0, 15], delay[0, 240], delay[0, 255] = 0.25, 0.5, 0.75, 0.998  # the corners -- +- -+ ++
-    delay[1] = np.arange(256) / 256
-    wire = encode_frames(delay, np.array([1.0, 0.5], np.float32))
-    # slot 0 is the corner (+, +), 15 (+, -), 240 (-, -), 255 (-, +); 0.998 turns is nearest to 255 / 256
-    assert [wire[0, 2 * slot] for slot in (0, 15, 240, 255)] == [255, 128, 64, 192]
-    assert set(wire[0, 1::2]) == {255}
-    assert bytes(wire[1, :36]) == bytes.fromhex(
+def test_the_board_model_decodes_a_focus_where_it_was_put() -> None:
+    model = array_model("emulator")
+    focus = np.array([0.030, -0.020, 0.200])
+    turns, level = decode_frames(encode_frames(focus_delay(model, focus)[None], [1.0]))
+    r = np.linalg.norm(slot_position() - focus, axis=1)
+    assert abs(np.sum(level[0] * np.exp(-2j * np.pi * (turns[0] + r / WAVELENGTH)) / r)) > 0.99 * np.sum(1 / r)
+
+
+def test_wiring_of_the_board_model_covers_the_array() -> None:
+    model = array_model("emulator").position
+    assert np.allclose(np.sort(slot_position(), axis=0), np.sort(model, axis=0), atol=1e-7)
+
+
+def test_bytes_worked_by_hand() -> None:
+    corner = 240  # the transducer at (-78.75, +78.75)
+    delay, amplitude = np.zeros((2, 256)), np.zeros((2, 256))
+    delay[:, corner], amplitude[0, corner], amplitude[1, corner] = 0.25, 1, 0.5
+    pat = encode_frames(delay, amplitude, array="pat16")
+    # pin 249; a pulse of 64 of 128 steps from 32; asin(0.5) is a third of pi / 2: 21 steps, the start 21.5 later
+    assert [pat[0, 249], pat[0, 256 + 249], pat[1, 249], pat[1, 256 + 249]] == [32, 64, 54, 21]
+    assert (pat[0, 0], pat[0, 256]) == (0x80 | 32, 0)
+    sonic = encode_frames(delay, amplitude, array="sonicsurface")
+    # slot 7 * 8 + 4; a quarter of 32 steps; 0.5 is on
+    assert [sonic[0, 0], sonic[0, 1 + 60], sonic[1, 1 + 60], sonic[0, 257]] == [0xFE, 8, 8, 0xFD]
+    assert np.count_nonzero(sonic[0] == 32) == 255
+    one = np.zeros((1, 249))
+    one[0, 19] = 0.5  # (3, 1): places 1 and 2 of the second row are screws
+    autd3 = encode_frames(one / 2, one, array="autd3")
+    assert (np.flatnonzero(autd3[0]).tolist(), autd3[0, 19], autd3[0, 249 + 19]) == ([19, 268], 64, 128)
+
+
+@pytest.mark.parametrize(
+    ("name", "sha256"),
+    [
+        ("emulator", "4d22a69d652a18e9980e3d241f2a837b59243e3341eff4e00ffc66cfd0b6d363"),
+        ("pat16", "8d89148171aa51ec7f803462a9349db64b812737eb3ec5eb6bac04746f796856"),
+        ("sonicsurface", "c34b6932501d3c140d9cd75f306ba6fcaa9794e9c4d9d60d62b15b15520da1cc"),
+        ("autd3", "362775ce46691ba4085b48f06c2630917c687be6e8e2be326d1ff854c4f4e2f0"),
+    ],
+)
+def test_wire_bytes_of_a_small_set_are_these(name: str, sha256: str) -> None:
+    count = array_model(name).transducer_count
+    place = np.arange(count)
+    delay = np.stack([place / 1000, (place * 7 % 100 + 0.3) / 100, np.full(count, 0.123)])
+    amplitude = np.stack([np.full(count, 0.77), place / count, (place % 2).astype(float)])
+    assert hashlib.sha256(encode_frames(delay, amplitude, array=name).tobytes()).hexdigest() == sha256
+
+
+def test_wire_bytes_of_the_emulator_are_these() -> None:
+    delay = np.arange(256)[None] / 256
+    wire = encode_frames(delay, np.array([0.5], np.float32))
+    assert bytes(wire[0, :36]) == bytes.fromhex(
         "ff80ef80df80cf80bf80af809f808f807f806f805f804f803f802f801f800f800e801e80"
     )
-    assert hashlib.sha256(wire.tobytes()).hexdigest() == GOLDEN_SHA256
 
 
-GOLDEN_SHA256 = "7b25fcedd579c0b8d5b24b48cfeb46aeabc662a8c06bcf889b063b3aa87c7846"
+@EACH_BOARD
+def test_a_delay_that_rounds_up_to_a_turn_is_zero(name: str) -> None:
+    count = array_model(name).transducer_count
+    zero = encode_frames(np.zeros((1, count)), [1], array=name)
+    for turns in (1.0, 0.9999):
+        assert np.array_equal(encode_frames(np.full((1, count), turns), [1], array=name), zero)
 
 
-def test_a_delay_that_rounds_up_to_a_turn_is_zero() -> None:
-    wire = encode_frames(np.full((1, 256), 0.9999, np.float32), [1])
-    assert not wire[0, 0::2].any()
-    assert np.array_equal(wire, encode_frames(np.ones((1, 256)), [1]))
+@EACH_BOARD
+def test_off_is_off(name: str) -> None:
+    model = array_model(name)
+    off = off_frame(array=name)
+    assert off.shape == (model.frame_bytes,)
+    silenced = encode_frames(np.random.default_rng(0).random((4, model.transducer_count)), np.zeros(4), array=name)
+    for frames in (off[None], silenced):
+        assert not is_emitting(frames, array=name).any()
+        assert not duty(frames, array=name).any()
+        assert not any(read(frame, model)[1].any() for frame in frames)
 
 
-def test_off_frame_is_zero_and_zero_amplitude_is_off() -> None:
-    assert not off_frame().any()
-    assert off_frame().shape == (512,)
-    assert not encode_frames(np.random.default_rng(0).random((4, 256)), np.zeros(4))[:, 1::2].any()
+@EACH_BOARD
+def test_one_transducer_that_is_on_is_emitting(name: str) -> None:
+    count = array_model(name).transducer_count
+    frames = encode_frames(np.zeros((count, count)), np.eye(count), array=name)
+    assert is_emitting(frames, array=name).all()
+    assert duty(frames, array=name) == pytest.approx(np.full(count, 1 / count))
 
 
-def test_no_frames_encode_to_no_frames() -> None:
-    assert encode_frames(np.zeros((0, 256)), np.zeros(0)).shape == (0, 512)
+@EACH_BOARD
+def test_duty_is_the_width_of_the_pulses(name: str) -> None:
+    count = array_model(name).transducer_count
+    frames = encode_frames(np.zeros((3, count)), np.array([0, 0.5, 1]), array=name)
+    half = 1 if name == "sonicsurface" else 1 / 3  # asin(0.5) = pi / 6
+    assert duty(frames, array=name) == pytest.approx([0, half, 1], abs=0.006)
+    assert is_emitting(frames, array=name).tolist() == [False, True, True]
 
 
-@pytest.mark.parametrize("frame_count", [1023, 1024, 1025, 2049])
-def test_frames_are_encoded_each_on_its_own(frame_count: int) -> None:
+def test_amplitudes_that_can_only_be_switched_are_counted() -> None:
+    amplitude = [0, 0.2, 0.5, 0.9, 1]
+    assert switched_count(amplitude, array="sonicsurface") == 3
+    assert switched_count(amplitude, array="pat16") == 0
+
+
+@given(divider=st.integers(1, 255), seed=st.integers(0, 1000))
+def test_a_divider_rides_on_a_frame_of_a_pat16_and_changes_nothing_else(divider: int, seed: int) -> None:
+    frames = encode_frames(np.random.default_rng(seed).random((2, 256)), [1, 0.3], array="pat16")
+    marked = with_divider(frames, divider)
+    mark = marked >> 7
+    assert (mark[:, 26:34] @ (1 << np.arange(8)) == divider).all()
+    assert (mark[:, 34] == 1).all()
+    assert np.array_equal(marked & 0x7F, frames & 0x7F)
+    rest = np.r_[0:26, 35:512]
+    assert np.array_equal(marked[:, rest], frames[:, rest])
+    assert np.array_equal(with_divider(marked, 255 - divider or 1), with_divider(frames, 255 - divider or 1))
+
+
+@pytest.mark.parametrize("divider", [0, 256, -1])
+def test_a_divider_that_a_pat16_lacks_is_refused(divider: int) -> None:
+    with pytest.raises(UpdateRateError, match=re.escape(f"divider {divider} is outside 1..255")):
+        with_divider(off_frame(array="pat16"), divider)
+
+
+@EACH_BOARD
+def test_no_frames_encode_to_no_frames(name: str) -> None:
+    model = array_model(name)
+    none = encode_frames(np.zeros((0, model.transducer_count)), np.zeros(0), array=model)
+    assert none.shape == (0, model.frame_bytes)
+    assert is_emitting(none, array=model).shape == duty(none, array=model).shape == (0,)
+
+
+@EACH_BOARD
+@pytest.mark.parametrize("frame_count", [255, 256, 257, 513])
+def test_frames_are_encoded_each_on_its_own(name: str, frame_count: int) -> None:
     rng = np.random.default_rng(frame_count)
-    delay, amplitude = rng.random((frame_count, 256)), rng.random(frame_count)
-    last = encode_frames(delay[-1:], amplitude[-1:])
-    assert np.array_equal(encode_frames(delay, amplitude)[-1:], last)
+    delay, amplitude = rng.random((frame_count, array_model(name).transducer_count)), rng.random(frame_count)
+    frames = encode_frames(delay, amplitude, array=name)
+    assert np.array_equal(encode_frames(delay[-1:], amplitude[-1:], array=name), frames[-1:])
+    assert duty(frames, array=name)[-1] == duty(frames[-1:], array=name)[0]
 
 
 @pytest.mark.parametrize(
@@ -114,8 +237,9 @@ def test_frames_are_encoded_each_on_its_own(frame_count: int) -> None:
 def test_a_value_out_of_range_is_refused_with_its_index(name: str, value: float, message: str) -> None:
     drive = {"delay": np.zeros((2, 256)), "amplitude": np.zeros(2)}
     drive[name][(1, 7)[: drive[name].ndim]] = value
-    with pytest.raises(FrameError, match=re.escape(message)):
-        encode_frames(**drive)
+    for board in ("emulator", "pat16", "sonicsurface"):
+        with pytest.raises(FrameError, match=re.escape(message)):
+            encode_frames(**drive, array=board)
 
 
 @pytest.mark.parametrize(
@@ -126,46 +250,14 @@ def test_a_wrong_shape_is_refused_with_the_shape(delay: tuple[int, ...], amplitu
         encode_frames(np.zeros(delay), np.zeros(amplitude))
 
 
-def test_an_unknown_array_is_refused_with_the_known_ones() -> None:
-    for ask in (array_model, lambda name: off_frame(array=name)):
-        with pytest.raises(UnknownArrayError, match="unknown array 'pat16'; known: emulator"):
-            ask("pat16")
+def test_frames_of_another_board_are_refused() -> None:
+    for ask in (is_emitting, duty):
+        with pytest.raises(FrameError, match=re.escape("uint8 of [frame, 258]")):
+            ask(np.zeros((1, 512), np.uint8), array="sonicsurface")
 
 
-def test_the_array_is_centred_flat_and_faces_up() -> None:
-    model = array_model("emulator")
-    assert model.position.shape == (256, 3)
-    assert sorted(set(np.round(model.position[:, 0] * 1e3, 2).tolist())) == [-78.75 + 10.5 * i for i in range(16)]
-    assert np.allclose(model.position.mean(axis=0), 0, atol=1e-8)
-    assert np.array_equal(model.normal, np.tile([0, 0, 1], (256, 1)))
-    # stored in files, so it must stay
-    assert model.identity() == "52f183542e18dc0645909b6d232f22dc4495970dfd39f7fd4e6929e9716b3aa4"
-
-
-def test_wiring_of_the_board_model_covers_the_array() -> None:
-    model = array_model("emulator").position
-    assert np.allclose(np.sort(slot_position(), axis=0), np.sort(model, axis=0), atol=1e-7)
-
-
-@given(RATES)
-def test_each_divider_comes_back_from_its_update_rate(divider: int) -> None:
-    model = array_model("emulator")
-    assert model.divider(model.update_rate(divider)) == divider
-    assert model.divider(float(f"{model.update_rate(divider):.8g}")) == divider
-
-
-@pytest.mark.parametrize("rate", [7e3, 39e3, 41e3, 100.0, 0.0, -1e4, float("nan"), float("inf")])
-def test_an_update_rate_that_the_board_does_not_have_is_refused(rate: float) -> None:
-    with pytest.raises(UpdateRateError, match="update rate"):
-        array_model("emulator").divider(rate)
-
-
-def test_a_refused_update_rate_names_its_neighbours() -> None:
-    with pytest.raises(UpdateRateError, match=r"nearest are 6666\.66667 and 8000 Hz"):
-        array_model("emulator").divider(7e3)
-
-
-def test_the_focal_zone_refuses_points_beside_it() -> None:
-    zone = array_model("emulator").focal_zone
-    points = np.array([[0, 0, 0.2], [0.2, 0, 0.2], [0, -0.2, 0.2], [0, 0, 0.01], [0, 0, 1], [np.nan, 0, 0.2]])
-    assert zone.contains(points).tolist() == [True, False, False, False, False, False]
+def test_an_array_without_a_codec_is_refused() -> None:
+    with pytest.raises(UnknownArrayError, match="known: emulator"):
+        off_frame(array="pat")
+    with pytest.raises(UnknownArrayError, match="array 'mine' has no wire format"):
+        off_frame(array=replace(array_model("pat16"), name="mine"))

@@ -1,0 +1,135 @@
+"""FTDI's USB chips over plain pyusb: opening one, and the requests that set it up. Facts of FTDI's application notes.
+
+Requests go to the device with bmRequestType 0x40, wIndex the port, which is 1 for the first one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+from typing import Final, Self, cast
+
+from .array import ArrayModel
+from .errors import link_error
+from .ftdi_baud import FtdiChip, baud_setting
+from .lookup import DriverDevice, driver_is_bound, find_device
+from .pyusb import Backend, UsbDevice, UsbError, claim, dispose
+
+BULK_OUT: Final = 0x02
+"""Endpoint of the bytes to the board."""
+
+_VENDOR_OUT = 0x40
+_RESET, _FLOW, _BAUD, _LINE, _LATENCY, _BITMODE = 0x00, 0x02, 0x03, 0x04, 0x09, 0x0B
+_RESET_ALL, _PURGE_RX, _PURGE_TX = 0, 1, 2
+_LINE_8N1 = 0x0008
+_PORT = 1
+_TIMEOUT_MS = 500
+
+
+class FtdiPort:
+    """An opened FTDI chip. Made by `FtdiPort.open`; every failure is a `LinkError`.
+
+    Args:
+        device: pyusb's device, claimed.
+        serial: its serial number.
+        who: name and serial number of the array, for messages.
+        detached: whether a driver of the operating system was detached, and is to be given it back.
+    """
+
+    def __init__(self, device: UsbDevice, serial: str | None, *, who: str, detached: bool) -> None:
+        self.device = device
+        self.serial = serial
+        self.who = who
+        self.detached = detached
+
+    @classmethod
+    def open(cls, model: ArrayModel, *, serial: str | None = None, backend: Backend | None = None) -> Self:
+        """Find the chip of an array, take it from the operating system's driver, configure and claim it.
+
+        Raises DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError as `find_device` does.
+        """
+        device, found = find_device(model, serial, backend)
+        port = cls(device, found, who=f"{model.name} {found}" if found else model.name, detached=False)
+        try:
+            if driver_is_bound(device):
+                cast("DriverDevice", device).detach_kernel_driver(0)
+                port.detached = True
+            _configure(device)
+            claim(device, 0)
+        except UsbError as error:
+            port.close()
+            raise link_error(port.who, error.errno, error) from error
+        return port
+
+    @property
+    def chip(self) -> FtdiChip:
+        """Which chip it is; one that is not known counts as an FT232R, the oldest."""
+        try:
+            return FtdiChip(cast("DriverDevice", self.device).bcdDevice)
+        except ValueError:
+            return FtdiChip.FT232R
+
+    def close(self) -> None:
+        """Let go of the chip and give it back to the driver that had it; nothing happens if it is gone."""
+        dispose(self.device)
+        if self.detached:
+            self.detached = False
+            with contextlib.suppress(UsbError, NotImplementedError, ValueError):  # it is gone, or another has it
+                cast("DriverDevice", self.device).attach_kernel_driver(0)
+            dispose(self.device)
+
+    def reset(self) -> None:
+        """Reset the chip's UART or FIFO engine."""
+        self._request(_RESET, _RESET_ALL)
+
+    def purge(self) -> None:
+        """Drop what the chip holds in both directions."""
+        self._request(_RESET, _PURGE_RX)
+        self._request(_RESET, _PURGE_TX)
+
+    def reset_bitmode(self) -> bool:
+        """Go back to the mode that the chip's EEPROM says: asynchronous FIFO on a pat16, UART elsewhere.
+
+        False from a chip that only has a UART: it stalls the request.
+        """
+        try:
+            self._control(_BITMODE, 0x00FF, _PORT)  # mode 0 in the high byte, all pins outputs in the low one
+        except UsbError as error:
+            if error.errno == errno.EPIPE:
+                return False
+            raise link_error(self.who, error.errno, error) from error
+        return True
+
+    def set_latency(self, milliseconds: int) -> None:
+        """Time after which the chip sends a packet to the host that is not full, 1..255 ms."""
+        self._request(_LATENCY, milliseconds)
+
+    def set_baud(self, baud: int) -> float:
+        """Set the UART's rate to the nearest that the chip has; returns that [Bd]. Raises `UpdateRateError`."""
+        setting = baud_setting(baud, self.chip)
+        self._request(_BAUD, setting.value, setting.index)
+        return setting.baud
+
+    def set_line_8n1(self) -> None:
+        """8 data bits, no parity, 1 stop bit, no flow control."""
+        self._request(_LINE, _LINE_8N1)
+        self._request(_FLOW, 0)
+
+    def _request(self, request: int, value: int, index: int = _PORT) -> None:
+        try:
+            self._control(request, value, index)
+        except UsbError as error:
+            raise link_error(self.who, error.errno, error) from error
+
+    def _control(self, request: int, value: int, index: int) -> None:
+        self.device.ctrl_transfer(_VENDOR_OUT, request, value, index, None, _TIMEOUT_MS)
+
+
+def _configure(device: UsbDevice) -> None:
+    """Configure the device unless it is: doing it again would fail while another player has claimed it."""
+    try:
+        device.get_active_configuration()
+    except UsbError as error:
+        if error.errno is not None:  # pyusb's own "not set" has no errno
+            raise
+        device.set_configuration()

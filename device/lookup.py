@@ -1,0 +1,137 @@
+"""Looking for arrays on a bus: which devices may be one, and what each says of itself."""
+
+from __future__ import annotations
+
+import errno
+from typing import NamedTuple, Protocol, cast
+
+from .array import ArrayModel
+from .clock import Clock
+from .errors import DeviceNotFoundError, link_error
+from .peripheral import EmulatedBoard
+from .pyusb import Backend, UsbDevice, UsbError, devices, dispose
+from .usb_bus import EmulatedBus
+
+
+class DeviceStrings(NamedTuple):
+    """Strings that a device gives; None where it has none."""
+
+    manufacturer: str | None
+    product: str | None
+    serial: str | None
+
+
+class DriverDevice(UsbDevice, Protocol):
+    """A device that a driver of the operating system may hold: `usb.core.Device`, as far as that goes."""
+
+    bcdDevice: int
+    """Release number in its descriptor."""
+
+    def is_kernel_driver_active(self, interface: int) -> bool:
+        """Whether a driver holds the interface; NotImplementedError where the system cannot say."""
+        ...
+
+    def detach_kernel_driver(self, interface: int) -> None:
+        """Take the interface from the driver."""
+        ...
+
+    def attach_kernel_driver(self, interface: int) -> None:
+        """Give it back."""
+        ...
+
+
+def candidates(model: ArrayModel, backend: Backend | None) -> list[UsbDevice]:
+    """Every device on the bus with ids of the array; none for an array that is not on USB.
+
+    Raises `NoBackendError` where libusb is missing.
+    """
+    if model.usb is None:
+        return []
+    return [
+        device
+        for product in model.usb.products
+        for device in devices(vendor=model.usb.vendor, product=product, backend=backend)
+    ]
+
+
+def strings_of(device: UsbDevice) -> DeviceStrings:
+    """What a device says of itself; raises `UsbError` where it may not be asked, or is gone."""
+    try:
+        return DeviceStrings(device.manufacturer, device.product, device.serial_number)
+    except ValueError as error:  # pyusb's word for whatever kept it from asking
+        raise _cause(device) from error
+
+
+def _cause(device: UsbDevice) -> UsbError:
+    """What keeps a device from being asked."""
+    try:
+        device.get_active_configuration()
+    except UsbError as error:
+        if error.errno is not None:  # pyusb's own "not set" has no errno
+            return error
+    return UsbError("its strings cannot be read", None, errno.EIO)
+
+
+def matches(model: ArrayModel, strings: DeviceStrings) -> bool:
+    """Whether a device with the array's ids may be it by its strings."""
+    usb = model.usb
+    return usb is not None and (
+        usb.generic or (strings.manufacturer, strings.product) == (usb.manufacturer_string, usb.product_string)
+    )
+
+
+def find_device(model: ArrayModel, serial: str | None, backend: Backend | None) -> tuple[UsbDevice, str | None]:
+    """The device to open as an array, not yet configured or claimed, and its serial number.
+
+    Args:
+        model: which kind.
+        serial: which one; None takes that of the array's calibration, or the first.
+        backend: pyusb's; None is libusb's.
+
+    Raises:
+        DeviceNotFoundError: there is none, or it is not on USB; or several have its chip, and none was named.
+        DevicePermissionError: there may be one, but this user may not ask.
+        NoBackendError: libusb is missing.
+    """
+    if model.usb is None:
+        raise DeviceNotFoundError(f"array {model.name} is not on USB, so it cannot be looked for there")
+    wanted = serial if serial is not None else model.serial
+    found: list[tuple[UsbDevice, str | None]] = []
+    refusal: UsbError | None = None
+    for device in candidates(model, backend):
+        try:
+            strings = strings_of(device)
+        except UsbError as error:
+            refusal = refusal or error
+        else:
+            if matches(model, strings):
+                found.append((device, strings.serial))
+        dispose(device)
+    chosen = [one for one in found if wanted in (None, one[1])]
+    serials = ", ".join(one[1] or "(no serial number)" for one in found)
+    if len(chosen) > 1 and model.usb.generic:
+        raise DeviceNotFoundError(
+            f"array {model.name} must be named by its serial number, for other things have its chip; found: {serials}"
+        )
+    if chosen:
+        return chosen[0]
+    who = f"{model.name} {wanted}" if wanted else model.name
+    if refusal is not None:
+        raise link_error(who, refusal.errno, refusal) from refusal
+    there = f"found instead: {serials}" if found else "plug it in and switch it on"
+    raise DeviceNotFoundError(f"array {who} was not found: {there}")
+
+
+def driver_is_bound(device: UsbDevice) -> bool:
+    """Whether a driver of the operating system holds the device; False where the system cannot say."""
+    try:
+        return bool(cast("DriverDevice", device).is_kernel_driver_active(0))
+    except (NotImplementedError, UsbError, ValueError):  # other systems; pyusb raises all of these
+        return False
+
+
+def emulated_clock(backend: Backend | None) -> Clock | None:
+    """Clock that the boards of an emulated bus run by; None for any other bus."""
+    if not isinstance(backend, EmulatedBus):
+        return None
+    return cast("EmulatedBus[EmulatedBoard]", backend).clock

@@ -1,0 +1,162 @@
+"""What is plugged in: listed with the reason when it cannot be opened, and opened by the right link."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import numpy as np
+import pytest
+import usb.core
+from test_device_array import board_lines, write
+
+from palpate.device.array import array_model, array_names
+from palpate.device.bus import emulated_backend
+from palpate.device.clock import VirtualClock
+from palpate.device.discovery import UDEV_FILE, find_arrays, open_link, udev_rule
+from palpate.device.errors import (
+    DeviceBusyError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+    NoBackendError,
+)
+from palpate.device.faults import Fault, FaultKind
+from palpate.device.lookup import DeviceStrings
+from palpate.device.pat16 import PatLink
+from palpate.device.pat_file import CalibrationError
+from palpate.device.sonicsurface import SonicLink
+from palpate.device.usb import UsbLink
+
+USB_BOARDS = ["emulator", "pat16", "sonicsurface"]
+EACH_BOARD = pytest.mark.parametrize("name", USB_BOARDS)
+
+
+@EACH_BOARD
+def test_boards_are_listed_with_their_serial_numbers(name: str) -> None:
+    bus = emulated_backend(name, clock=VirtualClock(), serials=["one", "two"])
+    found = find_arrays(bus)
+    assert [(info.array, info.serial, info.accessible) for info in found] == [(name, "one", True), (name, "two", True)]
+    assert [info.certain for info in found] == [name == "emulator"] * 2
+    bus.unplug()
+    assert [info.serial for info in find_arrays(backend=bus)] == ["two"]
+
+
+def test_what_has_an_ftdi_chip_is_only_said_to_be_a_likely_array(tmp_path: Path) -> None:
+    board = write(tmp_path / "b.pat", board_lines(np.random.default_rng(0))[0])
+    bus = emulated_backend("pat16", clock=VirtualClock(), serials=["FT4TKZL8", "AB0CDE"])
+    unknown = find_arrays(bus)
+    assert all("may be a pat16" in (info.reason or "") and not info.certain for info in unknown)
+    known, other = find_arrays(bus, calibrations=[board])
+    assert (known.certain, known.serial) == (True, "FT4TKZL8")
+    assert "may be" not in (known.reason or "")
+    assert "no board file given has its serial number" in (other.reason or "")
+    with pytest.raises(CalibrationError, match="cannot be read"):
+        find_arrays(bus, calibrations=[tmp_path / "none.pat"])
+
+
+@EACH_BOARD
+def test_without_permission_the_rule_that_gives_it_is_told(name: str) -> None:
+    bus = emulated_backend(name, clock=VirtualClock())
+    bus.inject(Fault(FaultKind.DENIED, count=None))
+    (info,) = find_arrays(bus)
+    assert (info.accessible, info.serial) == (False, None)
+    assert udev_rule(array_model(name)) in (info.reason or "")
+    assert UDEV_FILE in (info.reason or "")
+    with pytest.raises(DevicePermissionError, match=f"array {name} may not be opened"):
+        open_link(array_model(name), backend=bus)
+
+
+@EACH_BOARD
+def test_a_board_that_is_played_to_is_listed_as_in_use_and_plays_on(name: str) -> None:
+    bus = emulated_backend(name, clock=VirtualClock())
+    with open_link(array_model(name), backend=bus) as link:
+        (info,) = find_arrays(bus)
+        assert not info.accessible
+        assert "in use by another program" in (info.reason or "")
+        link.start(array_model(name).divider_default)
+        with pytest.raises(DeviceBusyError, match="in use"):
+            open_link(array_model(name), backend=bus)
+    assert find_arrays(bus)[0].accessible
+
+
+@EACH_BOARD
+def test_a_kernel_driver_is_told_of_and_left_alone(name: str) -> None:
+    bus = emulated_backend(name, clock=VirtualClock())
+    bus.bind_kernel_driver()
+    (info,) = find_arrays(bus)
+    assert info.accessible
+    assert "serial driver, which is detached" in (info.reason or "")
+    assert bus._ports[0].driver
+
+
+def test_a_system_that_knows_no_kernel_drivers_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(*_: object) -> bool:
+        raise NotImplementedError
+
+    bus = emulated_backend("emulator", clock=VirtualClock())
+    monkeypatch.setattr(type(bus), "is_kernel_driver_active", unknown)
+    assert find_arrays(bus)[0].accessible
+    pat = emulated_backend("sonicsurface", clock=VirtualClock())
+    pat._ports[0].driver = False
+    open_link(array_model("sonicsurface"), backend=pat).close()
+
+
+@pytest.mark.parametrize(
+    ("code", "listed"), [(errno.ENODEV, []), (errno.EIO, ["cannot be opened: [Errno 5] Input/Output Error"])]
+)
+def test_a_device_that_cannot_be_asked_is_told_of_and_one_that_is_gone_is_not(
+    monkeypatch: pytest.MonkeyPatch, code: int, listed: list[str]
+) -> None:
+    def fail(*_: object) -> None:
+        raise usb.core.USBError("Input/Output Error", None, code)
+
+    bus = emulated_backend("emulator", clock=VirtualClock())
+    monkeypatch.setattr(type(bus), "open_device", fail)
+    assert [info.reason for info in find_arrays(bus)] == listed
+
+
+def test_without_libusb_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(**_: object) -> None:
+        raise usb.core.NoBackendError("No backend available")
+
+    monkeypatch.setattr(usb.core, "find", missing)
+    with pytest.raises(NoBackendError, match="libusb is not installed"):
+        find_arrays()
+    with pytest.raises(NoBackendError, match="libusb is not installed"):
+        open_link(array_model("sonicsurface"))
+
+
+def test_a_strangers_device_with_the_shared_test_ids_is_no_array(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.device.lookup.strings_of", lambda _: DeviceStrings("somebody", "a keyboard", "1"))
+    bus = emulated_backend("emulator", clock=VirtualClock())
+    with pytest.raises(DeviceNotFoundError, match="array emulator was not found: plug it in"):
+        open_link(array_model("emulator"), backend=bus)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("emulator", UsbLink), ("pat16", PatLink), ("sonicsurface", SonicLink)])
+def test_each_array_is_opened_by_its_own_link(name: str, kind: type) -> None:
+    bus = emulated_backend(name, clock=VirtualClock(), serials=["one", "two"])
+    with open_link(array_model(name), serial="two", backend=bus) as link:
+        assert isinstance(link, kind)
+        assert (link.serial, link.array.name, link.clock) == ("two", name, bus.clock)
+    with pytest.raises(DeviceNotFoundError, match=f"array {name} three was not found: found instead: one, two"):
+        open_link(array_model(name), serial="three", backend=bus)
+
+
+@pytest.mark.parametrize("name", ["pat16", "sonicsurface"])
+def test_one_of_several_ftdi_chips_must_be_named(name: str) -> None:
+    bus = emulated_backend(name, clock=VirtualClock(), serials=["one", "two"])
+    with pytest.raises(DeviceNotFoundError, match=r"must be named by its serial number, .* found: one, two"):
+        open_link(array_model(name), backend=bus)
+    bus.unplug()
+    with open_link(array_model(name), backend=bus) as link:
+        assert link.serial == "two"
+
+
+def test_a_rule_names_each_chip_and_an_array_on_the_network_has_none() -> None:
+    assert udev_rule(array_model("sonicsurface")).splitlines() == [
+        'SUBSYSTEM=="usb", ATTR{idVendor}=="0403", ATTR{idProduct}=="6001", TAG+="uaccess"',
+        'SUBSYSTEM=="usb", ATTR{idVendor}=="0403", ATTR{idProduct}=="6015", TAG+="uaccess"',
+    ]
+    assert udev_rule(array_model("autd3")) == ""
+    assert set(array_names()) - set(USB_BOARDS) == {"autd3"}

@@ -8,6 +8,8 @@ from __future__ import annotations
 import struct
 import threading
 from collections import deque
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,8 @@ DIVIDER_MAX = 255
 _FIFO_BYTES = FIFO_FRAMES * FRAME_BYTES
 _STATUS = struct.Struct("<QQQIHBB")
 _OFF = bytes(FRAME_BYTES)
+
+T = TypeVar("T")
 
 
 class Board:
@@ -50,10 +54,13 @@ class Board:
         self._underruns = 0
         self._starved_periods = 0
         self._starving = False
-        self._record: deque[bytes] = deque(maxlen=record)
+        self._record: deque[tuple[bytes, int]] = deque(maxlen=record)
 
-    def accept(self, data: memoryview) -> int:
-        """Take as many of the bytes as the FIFO has room for; returns their count."""
+    def accept(self, data: memoryview, *, since_ns: int | None = None) -> int:
+        """Take as many of the bytes as the FIFO has room for; returns their count.
+
+        How long they have been on the bus makes no difference: the FIFO is deep enough for a host that looks up late.
+        """
         with self._lock:
             self._play_due()
             count = min(len(data), _FIFO_BYTES - (self._received - self._taken))
@@ -65,11 +72,11 @@ class Board:
             return count
 
     def room_at_ns(self, byte_count: int) -> int:
-        """Time [ns] at which the FIFO will have room for that many bytes, or as good as empty if they are too many."""
+        """Time [ns] at which the FIFO will have room for that many bytes; if they are too many, will be half empty."""
         with self._lock:
             self._play_due()
             missing = byte_count - (_FIFO_BYTES - (self._received - self._taken))
-            frames = min(-(-missing // FRAME_BYTES), self._queued_frames())
+            frames = min(-(-missing // FRAME_BYTES), -(-self._queued_frames() // 2))
             return self._ticks_from_ns + (self._ticks + max(frames, 0)) * self._period_ns()
 
     def set_divider(self, divider: int) -> bool:
@@ -116,6 +123,21 @@ class Board:
         return self._received
 
     @property
+    def frames_played(self) -> int:
+        """Frames played since power-up."""
+        return self._look(lambda: self._frames_played)
+
+    @property
+    def underruns(self) -> int:
+        """Underruns since power-up."""
+        return self._look(lambda: self._underruns)
+
+    @property
+    def emitting(self) -> bool:
+        """Whether the frame that is playing drives any transducer."""
+        return self._look(lambda: any(self._playing[1::2]))
+
+    @property
     def playing(self) -> NDArray[np.uint8]:
         """The frame that is playing now, shape [512]."""
         with self._lock:
@@ -127,7 +149,17 @@ class Board:
         """The frames played so far, the last `record` of them, oldest first, shape [frame, 512]."""
         with self._lock:
             self._play_due()
-            return np.frombuffer(b"".join(self._record), np.uint8).reshape(-1, FRAME_BYTES)
+            return np.frombuffer(b"".join(frame for frame, _ in self._record), np.uint8).reshape(-1, FRAME_BYTES)
+
+    @property
+    def played_ns(self) -> NDArray[np.int64]:
+        """When each of `played` began, by the board's clock [ns], shape [frame]."""
+        return self._look(lambda: np.array([began for _, began in self._record], np.int64))
+
+    def _look(self, what: Callable[[], T]) -> T:
+        with self._lock:
+            self._play_due()
+            return what()
 
     def _period_ns(self) -> int:
         return self._divider * CARRIER_PERIOD_NS
@@ -139,10 +171,10 @@ class Board:
         """Catch up with the clock: at each tick the next frame, or the last one again."""
         ticks = (self.clock.now_ns() - self._ticks_from_ns) // self._period_ns()
         due = ticks - self._ticks
-        self._ticks = ticks
         frames = min(due, self._queued_frames())
         if frames:
             self._play(frames)
+        self._ticks = ticks
         # Frames only arrive between calls, so the periods without one are the last of those due.
         held = due - frames
         if held and any(self._playing[1::2]):
@@ -155,7 +187,7 @@ class Board:
         for number in range(frames - max(keep, 1), frames):
             slot = (self._taken + number * FRAME_BYTES) % _FIFO_BYTES
             self._playing = bytes(self._fifo[slot : slot + FRAME_BYTES])
-            self._record.append(self._playing)
+            self._record.append((self._playing, self._ticks_from_ns + (self._ticks + number + 1) * self._period_ns()))
         self._taken += frames * FRAME_BYTES
         self._frames_played += frames
         self._starving = False

@@ -80,7 +80,9 @@ def test_the_emulator_knows_nothing_of_codec_array_or_drive() -> None:
         local = {module[1:] for module in imported if module.startswith(".") and not module.startswith("..")}
         assert not any(module.startswith(("..", "palpate")) for module in imported), (name, imported)
         waiting += [] if name == "errors" else sorted(local - reached)  # errors imports for annotations only
-    assert reached == {"emulator", "board", "clock", "pyusb", "errors"}
+    assert reached == {
+        *("emulator", "board", "clock", "pyusb", "errors", "faults", "peripheral", "usb_bus"),
+    }
 
 
 def test_enumeration_gives_ids_strings_and_one_bulk_endpoint(bus: EmulatorBackend) -> None:
@@ -132,6 +134,8 @@ def test_one_frame_a_tick_and_the_last_one_holds(bus: EmulatorBackend, board_usb
     assert status(board_usb) == (3, 1, 4, 0, 0, 9, 4)
     assert bus.board().played.tobytes() == sent.tobytes()
     assert bus.board().playing.tobytes() == sent[-FRAME:].tobytes()
+    assert bus.board().played_ns.tolist() == [PERIOD, 2 * PERIOD, 3 * PERIOD]
+    assert (bus.board().frames_played, bus.board().underruns, bus.board().emitting) == (3, 1, True)
 
 
 def test_underruns_count_once_each_starved_periods_all(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:

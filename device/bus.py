@@ -1,0 +1,75 @@
+"""Emulated buses by the name of the array on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, overload
+
+from .clock import Clock
+from .emulator import EmulatorBackend
+from .errors import UnknownArrayError
+from .ftdi_chip import FT232H_BYTE_RATE, FT232H_CHIP_BYTES, FT232R_CHIP_BYTES, Ft232h, Ft232r
+from .pat_board import PatBoard
+from .peripheral import EmulatedBoard
+from .sonic_board import BAUD, SonicBoard
+from .usb_bus import EmulatedBus
+
+__all__ = ["EmulatedBus", "emulated_backend"]
+
+
+@overload
+def emulated_backend(
+    name: Literal["emulator"], *, clock: Clock | None = None, record: int = 0, serials: Sequence[str] | None = None
+) -> EmulatorBackend: ...
+@overload
+def emulated_backend(
+    name: Literal["pat16"], *, clock: Clock | None = None, record: int = 0, serials: Sequence[str] | None = None
+) -> EmulatedBus[PatBoard]: ...
+@overload
+def emulated_backend(
+    name: Literal["sonicsurface"],
+    *,
+    clock: Clock | None = None,
+    record: int = 0,
+    serials: Sequence[str] | None = None,
+    baud: float = BAUD,
+) -> EmulatedBus[SonicBoard]: ...
+@overload
+def emulated_backend(
+    name: str, *, clock: Clock | None = None, record: int = 0, serials: Sequence[str] | None = None, baud: float = BAUD
+) -> EmulatedBus[EmulatedBoard]: ...
+def emulated_backend(
+    name: str, *, clock: Clock | None = None, record: int = 0, serials: Sequence[str] | None = None, baud: float = BAUD
+) -> EmulatedBus[EmulatedBoard]:
+    """A bus with models of a board on it, for pyusb; what they model is told in docs/emulator.md.
+
+    The boards have been switched on for a while; one that is plugged in again is fresh from power-up.
+
+    Args:
+        name: `emulator`, `pat16` (behind an FT232H) or `sonicsurface` (behind an FT232R).
+        clock: clock of all boards; None takes the monotonic one.
+        record: how many of its last played frames each board keeps, for tests.
+        serials: serial number of each board on the bus; None is one board.
+        baud: bits a second that a `sonicsurface` samples at [Bd]; others have none.
+
+    Raises:
+        UnknownArrayError: there is no model of that board.
+    """
+    if name == "emulator":
+        return EmulatorBackend(serials or ("EMU0001",), clock=clock, record=record)
+    if name == "pat16":
+
+        def plug_pat(clock: Clock, serial: str, on_for_ns: int) -> Ft232h:
+            board = PatBoard(
+                clock, record=record, chip_bytes=FT232H_CHIP_BYTES, byte_rate=FT232H_BYTE_RATE, on_for_ns=on_for_ns
+            )
+            return Ft232h(clock, serial, board)
+
+        return EmulatedBus(plug_pat, serials or ("PATEMU01",), clock=clock)
+    if name == "sonicsurface":
+
+        def plug_sonic(clock: Clock, serial: str, on_for_ns: int) -> Ft232r:
+            return Ft232r(clock, serial, SonicBoard(clock, record=record, baud=baud, chip_bytes=FT232R_CHIP_BYTES))
+
+        return EmulatedBus(plug_sonic, serials or ("SONEMU01",), clock=clock)
+    raise UnknownArrayError(f"no board of array {name!r} is emulated on USB; known: emulator, pat16, sonicsurface")

@@ -1,0 +1,405 @@
+"""The emulated buses of all boards through pyusb itself: chips, claims, kernel drivers, faults."""
+
+from __future__ import annotations
+
+import ast
+import errno
+import threading
+import time
+from array import array
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import usb.core
+import usb.util
+
+import palpate.device.bus
+from palpate.device.bus import EmulatedBus, emulated_backend
+from palpate.device.clock import VirtualClock
+from palpate.device.errors import UnknownArrayError
+from palpate.device.faults import Fault, FaultKind
+from palpate.device.ftdi_chip import divided_baud
+
+OUT, IN = 0x40, 0xC0
+RESET, FLOW, BAUD, LINE, SET_LATENCY, GET_LATENCY, BIT_MODE = 0, 2, 3, 4, 9, 0x0A, 0x0B
+NAMES = ("emulator", "pat16", "sonicsurface")
+ENDPOINT = {"emulator": 0x01, "pat16": 0x02, "sonicsurface": 0x02}
+FRAME = {"emulator": 512, "pat16": 512, "sonicsurface": 258}
+DIVISOR_227_558 = 13  # of 3 MHz: 230769 Bd, 1.4 % above what the board samples at
+
+
+def frames(name: str, count: int) -> array:
+    """Frames that emit, each another."""
+    number = np.arange(count, dtype=np.uint8)[:, None]
+    if name == "sonicsurface":
+        wire = np.concatenate([number * 0 + 0xFE, np.repeat(number % 32, 256, 1), number * 0 + 0xFD], axis=1)
+    else:
+        wire = np.repeat(number % 64 + 1, 512, axis=1)
+        wire[:, 0] |= 0x80
+    return array("B", wire.astype(np.uint8).tobytes())
+
+
+def content(name: str, data: array) -> bytes:
+    """What a board keeps of frames that it plays."""
+    wire = np.frombuffer(data, np.uint8).reshape(-1, FRAME[name])
+    return (wire[:, 1:-1] if name == "sonicsurface" else wire).tobytes()
+
+
+def bus_of(name: str, **options: object) -> EmulatedBus:
+    return emulated_backend(name, clock=VirtualClock(), record=1000, **options)
+
+
+def opened(bus: EmulatedBus, name: str) -> usb.core.Device:
+    found = usb.core.find(backend=bus)
+    if name != "emulator":
+        found.detach_kernel_driver(0)
+    found.set_configuration()
+    usb.util.claim_interface(found, 0)
+    if name == "sonicsurface":
+        found.ctrl_transfer(OUT, BAUD, DIVISOR_227_558)
+    return found
+
+
+@pytest.fixture(params=NAMES)
+def name(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture
+def bus(name: str) -> EmulatedBus:
+    return bus_of(name)
+
+
+@pytest.fixture
+def plugged(bus: EmulatedBus, name: str) -> Iterator[usb.core.Device]:
+    found = opened(bus, name)
+    yield found
+    usb.util.dispose_resources(found)
+
+
+def raised(code: int, call: Callable[[], object]) -> None:
+    with pytest.raises(usb.core.USBError) as error:
+        call()
+    assert error.value.errno == code
+
+
+def test_boards_are_written_from_documents_alone() -> None:
+    # Followed through: nothing that a board, chip or bus imports may lead to a codec, an array model or a link.
+    folder = Path(palpate.device.bus.__file__).parent
+    waiting, reached = ["bus"], set()
+    while waiting:
+        module = waiting.pop()
+        reached.add(module)
+        tree = ast.parse((folder / f"{module}.py").read_text())
+        imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level]
+        assert all(node.level == 1 and node.module for node in imports)
+        local = {node.module for node in imports}
+        waiting += [] if module == "errors" else sorted(local - reached)  # errors imports for annotations only
+    boards = {"board", "pat_board", "sonic_board"}
+    buses = {"bus", "emulator", "ftdi_chip", "peripheral", "usb_bus", "faults"}
+    assert reached == boards | buses | {"clock", "errors", "pyusb"}
+
+
+@pytest.mark.parametrize("module", ["board", "pat_board", "sonic_board", "ftdi_chip", "peripheral", "clock"])
+def test_models_need_no_usb_library(module: str) -> None:
+    # So that another interpreter can run them behind another bus.
+    tree = ast.parse((Path(palpate.device.bus.__file__).parent / f"{module}.py").read_text())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            assert node.module not in ("pyusb", "usb_bus", "bus")
+        elif isinstance(node, ast.Import):
+            assert not any(alias.name.startswith("usb") for alias in node.names)
+
+
+def test_there_is_no_bus_for_an_array_that_has_none() -> None:
+    with pytest.raises(UnknownArrayError, match="autd3"):
+        emulated_backend("autd3")
+
+
+@pytest.mark.parametrize(
+    ("name", "ids", "endpoints", "packet", "speed"),
+    [
+        ("emulator", (0x1209, 0x0001), [0x01], 512, 3),
+        ("pat16", (0x0403, 0x6014), [0x81, 0x02], 512, 3),
+        ("sonicsurface", (0x0403, 0x6001), [0x81, 0x02], 64, 2),
+    ],
+)
+def test_enumeration(name: str, ids: tuple[int, int], endpoints: list[int], packet: int, speed: int) -> None:
+    found = list(usb.core.find(find_all=True, backend=bus_of(name, serials=["one", "two"])))
+    assert [(d.idVendor, d.idProduct) for d in found] == [ids, ids]
+    assert [d.serial_number for d in found] == ["one", "two"]
+    assert found[0].speed == speed
+    [interface] = found[0].configurations()[0].interfaces()
+    assert [(e.bEndpointAddress, e.bmAttributes, e.wMaxPacketSize) for e in interface] == [
+        (address, 2, packet) for address in endpoints
+    ]
+    for each in found:
+        usb.util.dispose_resources(each)
+
+
+def test_what_is_written_is_played(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
+    sent = frames(name, 150)
+    assert plugged.write(ENDPOINT[name], sent, timeout=0) == len(sent)
+    bus.clock.advance(1.0)
+    assert bus.board().played.tobytes() == content(name, sent)
+    assert bus.board().emitting
+    assert len(bus.board().played_ns) == bus.board().frames_played == 150
+
+
+def test_a_board_may_be_looked_at_while_another_thread_writes(name: str) -> None:
+    bus = emulated_backend(name, record=1000)  # in real time
+    plugged = opened(bus, name)
+    sent = frames(name, {"emulator": 150, "pat16": 150, "sonicsurface": 5}[name])
+    writer = threading.Thread(target=lambda: plugged.write(ENDPOINT[name], sent, timeout=0))
+    writer.start()
+    while writer.is_alive():
+        assert bus.board().frames_played <= len(sent) // FRAME[name]
+        assert len(bus.board().played) <= len(bus.board().played_ns)
+    while bus.board().frames_played < len(sent) // FRAME[name]:
+        time.sleep(0.001)
+    assert bus.board().played.tobytes() == content(name, sent)
+    usb.util.dispose_resources(plugged)
+
+
+def test_a_write_blocks_until_the_board_has_room(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
+    # Of pat16, one frame plays for 255 periods from the one after its last byte; then 512 bytes leave the chip.
+    holds, room_at_ns = {
+        "emulator": (2048 * 512, 100_000),
+        "pat16": (31 * 512, 75_000 + 255 * 25_000 + 512 * 125),
+        "sonicsurface": (128, 258 * 10e9 / (3e6 / 13)),
+    }[name]
+    sent = frames(name, holds // FRAME[name] + 2)
+    if name == "pat16":
+        sent[26:35] = array("B", [0xFF] * 9)
+    plugged.write(ENDPOINT[name], sent[:holds], timeout=1000)
+    assert bus.clock.now_ns() < room_at_ns / 2
+    plugged.write(ENDPOINT[name], sent[holds : holds + FRAME[name]], timeout=1000)
+    assert bus.clock.now_ns() == pytest.approx(room_at_ns, abs=2)
+
+
+def test_a_write_blocked_at_its_timeout_is_short_and_without_any_byte_an_error(
+    bus: EmulatedBus, name: str, plugged: usb.core.Device
+) -> None:
+    sent = frames(name, 2200)
+    taken = plugged.write(ENDPOINT[name], sent, timeout=2)
+    assert 0 < taken < len(sent)
+    assert bus.clock.now_ns() == 2_000_000
+    bus.inject(Fault(FaultKind.TIMEOUT, byte=taken))
+    raised(errno.ETIMEDOUT, lambda: plugged.write(ENDPOINT[name], sent[taken:], timeout=1))
+    assert bus.board().bytes_received == taken
+
+
+@pytest.mark.parametrize("offset", [0, 100])
+@pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT, FaultKind.SHORT])
+def test_a_fault_strikes_at_its_byte(
+    bus: EmulatedBus, name: str, plugged: usb.core.Device, kind: FaultKind, offset: int
+) -> None:
+    whole = 3 * FRAME[name]
+    bus.inject(Fault(kind, byte=whole + offset))
+    sent = frames(name, 6)
+
+    def write(data: array) -> int:
+        return plugged.write(ENDPOINT[name], data, timeout=1000)
+
+    assert write(sent[:whole]) == whole
+    if kind is FaultKind.SHORT or (kind is FaultKind.TIMEOUT and offset):
+        assert write(sent[whole:]) == offset
+    else:
+        code = {FaultKind.UNPLUG: errno.ENODEV, FaultKind.STALL: errno.EPIPE, FaultKind.TIMEOUT: errno.ETIMEDOUT}[kind]
+        raised(code, lambda: write(sent[whole:]))
+    assert bus.board().bytes_received == whole + offset
+    if kind is FaultKind.UNPLUG:
+        assert not bus.board().emitting
+        assert usb.core.find(backend=bus) is None
+        return
+    if kind is FaultKind.STALL:
+        raised(errno.EPIPE, lambda: write(sent))
+        plugged.clear_halt(ENDPOINT[name])
+    assert write(sent[whole + offset :]) == len(sent) - whole - offset
+    bus.clock.advance(0.5)
+    assert bus.board().played.tobytes() == content(name, sent)
+
+
+def test_opening_and_claiming_fail_when_told_to(bus: EmulatedBus, name: str) -> None:
+    bus.inject(Fault(FaultKind.DENIED))
+    bus.inject(Fault(FaultKind.BUSY))
+    found = usb.core.find(backend=bus)
+    raised(errno.EACCES, lambda: found.is_kernel_driver_active(0))
+    if found.is_kernel_driver_active(0):
+        found.detach_kernel_driver(0)
+    found.set_configuration()
+    raised(errno.EBUSY, lambda: usb.util.claim_interface(found, 0))
+    usb.util.claim_interface(found, 0)
+    usb.util.dispose_resources(found)
+
+
+def test_a_kernel_driver_keeps_the_interface_until_it_is_detached(bus: EmulatedBus, name: str) -> None:
+    found = usb.core.find(backend=bus)
+    assert found.is_kernel_driver_active(0) == (name != "emulator")
+    bus.bind_kernel_driver()
+    if name == "emulator":
+        raised(errno.EBUSY, found.set_configuration)
+    else:
+        assert found.get_active_configuration().bConfigurationValue == 1
+        raised(errno.EBUSY, lambda: usb.util.claim_interface(found, 0))
+    found.detach_kernel_driver(0)
+    raised(errno.ENOENT, lambda: found.detach_kernel_driver(0))
+    found.set_configuration()
+    usb.util.claim_interface(found, 0)
+    raised(errno.EBUSY, lambda: found.attach_kernel_driver(0))
+    usb.util.release_interface(found, 0)
+    found.attach_kernel_driver(0)
+    assert found.is_kernel_driver_active(0)
+    usb.util.dispose_resources(found)
+
+
+def test_no_driver_of_the_system_knows_the_emulator() -> None:
+    found = usb.core.find(backend=bus_of("emulator"))
+    raised(errno.ENOENT, lambda: found.attach_kernel_driver(0))
+    usb.util.dispose_resources(found)
+
+
+def test_after_replugging_a_board_is_as_from_power_up(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
+    plugged.write(ENDPOINT[name], frames(name, 5), timeout=1000)
+    bus.clock.advance(0.5)
+    bus.unplug()
+    assert not bus.board().emitting
+    bus.replug()
+    assert (bus.board().emitting, bus.board().frames_played, bus.board().bytes_received) == (False, 0, 0)
+    again = opened(bus, name)
+    again.write(ENDPOINT[name], frames(name, 5), timeout=1000)
+    bus.clock.advance(0.5)
+    assert bus.board().frames_played == (0 if name == "pat16" else 5)  # a PAT board waits for a second
+    usb.util.dispose_resources(again)
+
+
+# The FTDI chips.
+
+chips = pytest.mark.parametrize("name", ["pat16", "sonicsurface"], indirect=True)
+
+
+@chips
+def test_status_packets_come_at_the_latency(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
+    plugged.ctrl_transfer(OUT, SET_LATENCY, 2, 1)
+    assert plugged.ctrl_transfer(IN, GET_LATENCY, 0, 1, 1).tolist() == [2]
+    assert len(plugged.read(0x81, 64, timeout=100)) == 2
+    assert bus.clock.now_ns() == 2_000_000
+    plugged.ctrl_transfer(OUT, SET_LATENCY, 255, 1)
+    raised(errno.ETIMEDOUT, lambda: plugged.read(0x81, 64, timeout=100))
+    raised(errno.EOVERFLOW, lambda: plugged.read(0x81, 1, timeout=1000))
+
+
+@chips
+def test_an_unknown_request_and_another_port_stall(name: str, plugged: usb.core.Device) -> None:
+    for request in ((OUT, 0x77, 0, 1), (OUT, RESET, 3, 1), (OUT, RESET, 0, 2), (OUT, SET_LATENCY, 0, 1)):
+        raised(errno.EPIPE, lambda request=request: plugged.ctrl_transfer(*request))
+    for known in ((OUT, RESET, 0, 1), (OUT, BIT_MODE, 0x00FF, 1), (OUT, FLOW, 0, 1)):
+        assert plugged.ctrl_transfer(*known) == 0
+
+
+@chips
+def test_a_request_can_be_made_to_fail(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
+    bus.inject(Fault(FaultKind.STALL, request=BIT_MODE))
+    raised(errno.EPIPE, lambda: plugged.ctrl_transfer(OUT, BIT_MODE, 0, 1))
+    assert plugged.ctrl_transfer(OUT, BIT_MODE, 0, 1) == 0
+
+
+@chips
+def test_in_another_bit_mode_nothing_leaves_the_chip(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
+    plugged.ctrl_transfer(OUT, BIT_MODE, 0x40FF, 1)
+    sent = frames(name, 3)
+    held = {"pat16": 0, "sonicsurface": 128}[name]
+    if held:
+        assert plugged.write(0x02, sent, timeout=100) == held
+    raised(errno.ETIMEDOUT, lambda: plugged.write(0x02, sent[held:], timeout=100))
+    assert bus.board().frames_played == 0
+    plugged.ctrl_transfer(OUT, BIT_MODE, 0x00FF, 1)
+    plugged.write(0x02, sent[held:], timeout=100)
+    bus.clock.advance(1.0)
+    assert bus.board().played.tobytes() == content(name, sent)
+
+
+@chips
+@pytest.mark.parametrize("purges", [(1,), (2,), (1, 2), (2, 1), (1, 1)])
+def test_both_purges_empty_the_chip(
+    bus: EmulatedBus, name: str, plugged: usb.core.Device, purges: tuple[int, ...]
+) -> None:
+    sent = frames(name, 40)
+    if name == "pat16":
+        sent[26:35] = array("B", [0xFF] * 9)  # the first frame plays for 6.4 ms
+    taken = plugged.write(0x02, sent, timeout=5)
+    for purge in purges:
+        plugged.ctrl_transfer(OUT, RESET, purge, 1)
+    bus.clock.advance(0.5)
+    held = {"pat16": 1024, "sonicsurface": 128}[name]
+    kept = taken - held if set(purges) == {1, 2} else taken
+    if name == "pat16":
+        assert bus.board().frames_played == kept // 512
+    else:  # the rest of the pattern that the purge tore
+        plugged.write(0x02, frames(name, 2)[258 - 1 :], timeout=500)
+        bus.clock.advance(0.5)
+        assert bus.board().bytes_ignored == 0
+        assert len(bus.board().played) == 2 + (kept > 258)
+
+
+@pytest.mark.parametrize(
+    ("value", "index", "baud"),
+    [
+        (13, 0, 3e6 / 13),
+        (0, 0, 3e6),
+        (1, 0, 2e6),
+        (2, 0, 1.5e6),
+        (0xC000 | 312, 0, 3e6 / 312.125),
+        (0x8000 | 26, 0, 3e6 / 26.25),
+        (0x4000 | 26, 0, 3e6 / 26.5),
+        (26, 1, 3e6 / 26.375),
+        (0x4000 | 26, 1, 3e6 / 26.625),
+        (0x8000 | 26, 1, 3e6 / 26.75),
+        (0xC000 | 26, 1, 3e6 / 26.875),
+    ],
+)
+def test_the_divisor_of_the_baud_rate(value: int, index: int, baud: float) -> None:
+    # Values of FTDI's application note on divisors: eighths 1, 2, 4, 3, 5, 6, 7 have the codes 3, 2, 1, 4 ... 7.
+    assert divided_baud(value, index) == pytest.approx(baud)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        (OUT, BAUD, 26, 0),  # half the rate
+        (OUT, LINE, 0x0007, 1),  # seven data bits
+        (OUT, LINE, 0x0108, 1),  # odd parity
+        (OUT, LINE, 0x4008, 1),  # break
+    ],
+)
+def test_a_line_that_is_set_wrong_is_misread(wrong: tuple[int, ...]) -> None:
+    bus = bus_of("sonicsurface")
+    plugged = opened(bus, "sonicsurface")
+    plugged.ctrl_transfer(*wrong)
+    plugged.write(0x02, frames("sonicsurface", 2), timeout=0)
+    bus.clock.advance(1.0)
+    assert bus.board().bytes_garbled == 2 * 258
+    usb.util.dispose_resources(plugged)
+
+
+def test_flow_control_holds_the_line() -> None:
+    bus = bus_of("sonicsurface")
+    plugged = opened(bus, "sonicsurface")
+    plugged.ctrl_transfer(OUT, FLOW, 0, 0x0101)  # RTS/CTS
+    assert plugged.write(0x02, frames("sonicsurface", 2), timeout=1000) == 128
+    plugged.ctrl_transfer(OUT, FLOW, 0, 0x0001)
+    assert plugged.write(0x02, frames("sonicsurface", 2)[128:], timeout=1000) == 2 * 258 - 128
+    usb.util.dispose_resources(plugged)
+
+
+def test_a_recompiled_board_takes_a_faster_line() -> None:
+    bus = bus_of("sonicsurface", baud=10.24e6 / 7)
+    plugged = opened(bus, "sonicsurface")
+    plugged.ctrl_transfer(OUT, BAUD, 2)  # 1.5 MBd, 2.5 % above
+    plugged.write(0x02, frames("sonicsurface", 20), timeout=0)
+    bus.clock.advance(0.01)
+    assert bus.board().played.tobytes() == content("sonicsurface", frames("sonicsurface", 20))
+    assert 1e9 / np.diff(bus.board().played_ns).mean() == pytest.approx(1.5e6 / 2580, rel=1e-3)
+    usb.util.dispose_resources(plugged)

@@ -1,0 +1,115 @@
+"""The links to real boards against the models of those boards: every frame arrives, whatever the last player left."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+import pytest
+import usb.core
+import usb.util
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.device.array import array_model
+from palpate.device.bus import EmulatedBus, emulated_backend
+from palpate.device.clock import VirtualClock
+from palpate.device.codec import encode_frames
+from palpate.device.discovery import open_link
+from palpate.device.pat_board import pulses
+
+NAMES = ("emulator", "pat16", "sonicsurface")
+OUT_ENDPOINT = {"emulator": 0x01, "pat16": 0x02, "sonicsurface": 0x02}
+
+
+def bus_of(name: str) -> EmulatedBus:
+    return emulated_backend(name, clock=VirtualClock(), record=10_000)
+
+
+def wire(name: str, count: int, seed: int = 0) -> np.ndarray:
+    """Frames that emit from every transducer."""
+    delay = np.random.default_rng(seed).random((count, 256), np.float32)
+    return encode_frames(delay, np.ones(count), array=array_model(name))
+
+
+def emitted(name: str, frames: np.ndarray) -> bytes:
+    """What of frames, or of what a board has played of them, makes the transducers do what they do."""
+    if name == "pat16":
+        return b"".join(part.tobytes() for part in pulses(frames))
+    return (frames[:, 1:-1] if frames.shape[1] == 258 else frames).tobytes()
+
+
+def write(link, frames: np.ndarray) -> None:
+    link.write(array("B", frames.tobytes()), abandon=lambda: False)
+    assert link.drain(abandon=lambda: False)
+
+
+def killed_player(bus: EmulatedBus, name: str, frames: np.ndarray, torn: int) -> None:
+    """Leave the array emitting, with part of a frame in it and no word of goodbye."""
+    link = open_link(array_model(name), backend=bus)
+    link.start(link.array.divider_default)
+    write(link, frames)
+    link.close()
+    device = usb.core.find(backend=bus)
+    if device.is_kernel_driver_active(0):
+        device.detach_kernel_driver(0)
+    if torn:
+        device.write(OUT_ENDPOINT[name], array("B", frames[0, :torn].tobytes()), timeout=1000)
+    usb.util.dispose_resources(device)
+    bus.clock.advance(0.1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_frame_written_is_played_and_the_array_is_off_at_the_end(name: str) -> None:
+    bus = bus_of(name)
+    link = open_link(array_model(name), backend=bus)
+    driver_known = name != "emulator"
+    link.start(link.array.divider_default)
+    assert not bus.board().emitting
+    before = bus.board().frames_played
+    frames = wire(name, 60)
+    write(link, frames)
+    link.send_off()
+    bus.clock.advance(0.5)
+    assert emitted(name, bus.board().played[before : before + 60]) == emitted(name, frames)
+    assert bus.board().frames_played > before + 60
+    assert not bus.board().emitting
+    assert bus.board().bytes_received == link.bytes_sent
+    link.close()
+    device = usb.core.find(backend=bus)
+    assert device.is_kernel_driver_active(0) == driver_known  # given back
+    usb.util.dispose_resources(device)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from(NAMES), st.integers(0, 511))
+def test_whatever_a_killed_player_left_the_next_one_starts_silent_and_whole(name: str, torn: int) -> None:
+    bus = bus_of(name)
+    frames = wire(name, 5)
+    killed_player(bus, name, frames, torn % frames.shape[1])
+    assert bus.board().emitting
+    link = open_link(array_model(name), backend=bus)
+    link.start(link.array.divider_default)
+    bus.clock.advance(0.1)
+    assert not bus.board().emitting
+    before = bus.board().frames_played
+    again = wire(name, 20, seed=1)
+    write(link, again)
+    link.send_off()
+    bus.clock.advance(0.5)
+    assert emitted(name, bus.board().played[before : before + 20]) == emitted(name, again)
+    assert not bus.board().emitting
+    link.close()
+
+
+@pytest.mark.parametrize("divider", [3, 4, 100])
+def test_the_pat_board_plays_at_the_rate_that_the_link_was_started_with(divider: int) -> None:
+    bus = bus_of("pat16")
+    link = open_link(array_model("pat16"), backend=bus)
+    link.start(divider)
+    bus.clock.advance(0.1)
+    before = bus.board().frames_played
+    write(link, wire("pat16", 50))
+    bus.clock.advance(0.5)
+    assert (np.diff(bus.board().played_ns[before:]) == divider * 25_000).all()
+    link.close()

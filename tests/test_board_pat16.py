@@ -1,0 +1,413 @@
+"""The model of the PAT board, by bytes written by hand, and what the codec's bytes make it emit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from board_field import FOCUS, brightest_point, focal_delay, turns_apart
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.device.array import array_model
+from palpate.device.clock import VirtualClock
+from palpate.device.codec import encode_frames, off_frame, with_divider
+from palpate.device.pat_board import PatBoard, decode_frames, pulses
+
+FRAME = 512
+TICK = 25_000  # [ns]
+SECOND = 1_000_000_000
+SWITCHED_ON = 10 * SECOND
+
+
+def wire(
+    count: int = 1,
+    *,
+    duty: int = 64,
+    phase: int | np.ndarray | None = None,
+    divider: int | None = None,
+    led: int | None = None,
+) -> np.ndarray:
+    """Frames as the board takes them, shape [count, 512]; their phases numbered if not given."""
+    frames = np.zeros((count, FRAME), np.uint8)
+    frames[:, :256] = (np.arange(count)[:, None] if phase is None else phase) & 0x7F
+    frames[:, 256:] = duty
+    frames[:, 0] |= 0x80
+    if divider is not None:
+        frames[:, 26:34] |= np.unpackbits(np.array([divider], np.uint8), bitorder="little") * np.uint8(0x80)
+        frames[:, 34] |= 0x80
+    if led is not None:
+        bits = np.unpackbits(np.array([led], "<u4").view(np.uint8), bitorder="little")[:24]
+        frames[:, 1:25] |= bits * np.uint8(0x80)
+        frames[:, 25] |= 0x80
+    return frames
+
+
+@pytest.fixture
+def clock() -> VirtualClock:
+    return VirtualClock()
+
+
+@pytest.fixture
+def board(clock: VirtualClock) -> PatBoard:
+    return PatBoard(clock, record=100_000, on_for_ns=SWITCHED_ON)
+
+
+def send(board: PatBoard, data: np.ndarray | bytes) -> int:
+    return board.accept(memoryview(data if isinstance(data, bytes) else data.tobytes()))
+
+
+def pour(board: PatBoard, data: bytes, late_ns: int = 0, every_ns: int | None = None) -> None:
+    """As a bus does: bytes wait on it until there is room; the host looks up late, or again and again."""
+    left, since_ns = memoryview(data), board.clock.now_ns()
+    while left:
+        left = left[board.accept(left, since_ns=since_ns) :]
+        if left:
+            board.clock.sleep_until_ns(
+                board.clock.now_ns() + every_ns if every_ns else board.room_at_ns(len(left)) + late_ns
+            )
+            assert board.fifo_bytes <= 28 * FRAME  # and looking on changes nothing
+
+
+def advance(clock: VirtualClock, time_ns: int) -> None:
+    clock.sleep_until_ns(clock.now_ns() + time_ns)
+
+
+def test_a_pulse_begins_at_the_phase_and_lasts_the_duty(board: PatBoard) -> None:
+    frame = wire(duty=0)
+    frame[0, [5, 6, 7]] = 10, 100, 3
+    frame[0, [256 + 5, 256 + 6, 256 + 7]] = 64, 64, 1
+    send(board, frame)
+    high = {pin: set(np.flatnonzero(board.output(pin))) for pin in (4, 5, 6, 7)}
+    assert high == {4: set(), 5: set(range(10, 74)), 6: {*range(100, 128), *range(36)}, 7: {3}}
+
+
+def test_the_fundamental_told_is_that_of_the_pulse(board: PatBoard) -> None:
+    random = np.random.default_rng(1)
+    frame = wire(phase=random.integers(0, 128, 256), duty=0)
+    frame[0, 256:] = random.integers(1, 65, 256)
+    send(board, frame)
+    [delay], [amplitude] = decode_frames(frame)
+    for pin in range(0, 256, 5):
+        middle_of_count = np.exp(-2j * np.pi * (np.arange(128) + 0.5) / 128)
+        fundamental = (board.output(pin) * middle_of_count).sum() * np.sin(np.pi / 128)
+        assert turns_apart(-np.angle(fundamental) / (2 * np.pi), delay[pin]) < 1e-9
+        assert abs(fundamental) == pytest.approx(amplitude[pin], abs=1e-9)
+
+
+def test_flags_in_the_most_significant_bits_are_no_phase(board: PatBoard) -> None:
+    frames = wire(phase=77, divider=255, led=0xFFFFFF)
+    assert (pulses(frames)[0] == 77).all()
+
+
+@pytest.mark.parametrize("divider", [1, 3, 4, 157, 255])
+def test_the_divider_is_that_of_the_frame_that_loads_it(board: PatBoard, clock: VirtualClock, divider: int) -> None:
+    send(board, np.concatenate([wire(2), wire(1, divider=divider), wire(2)]))
+    advance(clock, 3 * 255 * 4 * TICK)
+    assert np.diff(board.played_ns).tolist() == [4 * TICK, 4 * TICK, divider * TICK, divider * TICK]
+    assert board.divider == divider
+
+
+def test_a_divider_of_0_changes_nothing(board: PatBoard) -> None:
+    send(board, wire(1, divider=0))
+    assert (board.divider, board.frames_played) == (4, 1)
+
+
+def test_the_led_takes_24_bits_when_told(board: PatBoard, clock: VirtualClock) -> None:
+    without_load = wire(1, led=0xFFFFFF)
+    without_load[0, 25] &= 0x7F
+    send(board, without_load)
+    assert board.led is None
+    send(board, wire(1, led=0x12AB40))
+    advance(clock, 4 * TICK)
+    assert board.led == 0x12AB40
+
+
+def test_a_frame_is_taken_when_it_is_complete_and_not_before(board: PatBoard, clock: VirtualClock) -> None:
+    data = wire(phase=9).tobytes()
+    send(board, data[:511])
+    advance(clock, 1000 * TICK)
+    assert (board.frames_played, board.fifo_bytes) == (0, 511)
+    send(board, data[511:])
+    assert (board.frames_played, board.fifo_bytes) == (1, 0)
+    assert board.playing.tobytes() == data
+
+
+def test_nothing_is_read_above_28_frames(board: PatBoard, clock: VirtualClock) -> None:
+    send(board, wire(1))  # is taken at once; the next is due after 4 ticks
+    assert send(board, wire(40)) == 28 * FRAME
+    assert send(board, wire(1)) == 0
+    assert board.room_at_ns(1) == board.room_at_ns(FRAME) == clock.now_ns() + 4 * TICK
+    assert board.room_at_ns(5 * FRAME) == clock.now_ns() + 5 * 4 * TICK
+    advance(clock, 4 * TICK)
+    assert send(board, wire(40)) == FRAME
+    assert board.bytes_received == 30 * FRAME
+
+
+def test_what_the_chip_holds_comes_on_top_and_can_be_purged(clock: VirtualClock) -> None:
+    board = PatBoard(clock, record=100, chip_bytes=1024, on_for_ns=SWITCHED_ON)
+    send(board, wire(1))
+    assert send(board, wire(40)) == 30 * FRAME
+    board.purge_chip()
+    advance(clock, SECOND)
+    assert board.frames_played == 29
+
+
+def test_a_starved_board_plays_its_last_frame_on_and_the_model_counts(board: PatBoard, clock: VirtualClock) -> None:
+    send(board, wire(1))
+    advance(clock, 4 * TICK)
+    assert (board.underruns, board.emitting) == (0, True)
+    advance(clock, 6 * TICK)
+    assert (board.underruns, board.starved_ns, board.frames_played) == (1, 6 * TICK, 1)
+    send(board, wire(2, duty=1))
+    assert board.lateness_ns.tolist() == [0, 6 * TICK]
+    advance(clock, 4 * TICK)
+    assert (board.underruns, board.starved_ns) == (1, 6 * TICK)
+    assert board.lateness_ns.tolist() == [0, 6 * TICK, 0]
+
+
+def test_holding_an_off_frame_is_no_underrun(board: PatBoard, clock: VirtualClock) -> None:
+    send(board, np.concatenate([wire(1), wire(1, duty=0)]))
+    advance(clock, SECOND)
+    assert (board.emitting, board.underruns) == (False, 0)
+    send(board, wire(1))
+    assert board.lateness_ns.tolist() == [0, 0, 0]
+
+
+def test_a_torn_frame_is_cleared_after_a_second_and_not_before(board: PatBoard, clock: VirtualClock) -> None:
+    send(board, wire(1, phase=1))  # the FIFO falls short of a frame now
+    send(board, wire(1).tobytes()[:300])
+    advance(clock, SECOND - 1)
+    assert (board.fifo_bytes, board.bytes_cleared) == (300, 0)
+    advance(clock, 1)
+    assert (board.fifo_bytes, board.bytes_cleared) == (0, 300)
+    send(board, wire(1, phase=2))
+    assert board.playing.tobytes() == wire(1, phase=2).tobytes()
+
+
+def test_the_second_begins_anew_only_with_a_whole_frame(board: PatBoard, clock: VirtualClock) -> None:
+    half = wire().tobytes()[:256], wire().tobytes()[256:]
+    for pause, frames in ((4 * SECOND // 10, 2), (6 * SECOND // 10, 1)):
+        before = board.frames_played
+        send(board, wire())
+        advance(clock, pause)
+        send(board, half[0])
+        advance(clock, pause)  # 0.8 s or 1.2 s after the whole frame: bytes that came since then do not count
+        send(board, half[1])
+        assert board.frames_played == before + frames
+
+
+def test_bytes_count_from_when_they_were_on_the_bus_not_from_when_the_host_looks(
+    board: PatBoard, clock: VirtualClock
+) -> None:
+    send(board, wire(1))
+    send(board, wire(1).tobytes()[:300])
+    since_ns = clock.now_ns() + 9 * SECOND // 10
+    advance(clock, 2 * SECOND)  # the torn frame would have been cleared, had its rest not come
+    assert board.accept(memoryview(wire(1).tobytes()[300:]), since_ns=since_ns) == 212
+    assert board.played_ns.tolist() == [0, since_ns]
+    assert board.bytes_cleared == 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 511), st.integers(0, 50))
+def test_511_bytes_without_msb_complete_a_torn_frame_and_the_rest_are_skipped(torn: int, wait: int) -> None:
+    board = PatBoard(VirtualClock(), record=10, on_for_ns=SWITCHED_ON)
+    send(board, wire(1, phase=33).tobytes()[:torn])
+    advance(board.clock, wait * TICK)
+    send(board, bytes(511))
+    fresh = wire(3, duty=20)
+    send(board, fresh)
+    advance(board.clock, 20 * TICK)
+    assert board.played[-3:].tobytes() == fresh.tobytes()
+    assert board.frames_played == 3 + (torn > 0)
+    assert board.bytes_skipped == (torn - 1 if torn else 511)
+
+
+def test_a_lost_byte_shifts_what_follows_until_bytes_without_msb_are_skipped(
+    board: PatBoard, clock: VirtualClock
+) -> None:
+    frames = wire(3, phase=5)
+    send(board, frames.tobytes()[:100] + frames.tobytes()[101:])
+    advance(clock, 100 * TICK)
+    # the first takes the second's start byte for its last duty; the second's rest is skipped up to the third
+    assert board.played[0].tobytes() == frames.tobytes()[:100] + frames.tobytes()[101:513]
+    assert board.played[1:].tobytes() == frames[2].tobytes()
+    assert board.bytes_skipped == FRAME - 1
+
+
+def test_after_power_up_frames_wait_for_a_second(clock: VirtualClock) -> None:
+    board = PatBoard(clock, record=10)
+    assert send(board, wire(40)) == 28 * FRAME
+    advance(clock, SECOND - 1)
+    assert (board.frames_played, board.emitting) == (0, False)
+    advance(clock, 1)
+    assert board.frames_played == 1
+    assert board.played_ns.tolist() == [SECOND]
+
+
+def test_without_power_it_is_silent_and_takes_nothing(board: PatBoard, clock: VirtualClock) -> None:
+    send(board, wire(20))
+    board.power_off()
+    advance(clock, SECOND)
+    assert (board.emitting, board.fifo_bytes, send(board, wire(1)), board.frames_played) == (False, 0, 0, 1)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.integers(1, 40_000), min_size=1, max_size=12),
+    st.integers(1, 8),
+    st.integers(0, 60_000_000),
+)
+def test_a_host_that_looks_up_late_changes_nothing(sizes: list[int], divider: int, late_ns: int) -> None:
+    whole = sum(sizes) // FRAME
+    frames = np.concatenate([wire(whole, divider=divider), wire(1, duty=0)])
+    data = frames.tobytes()[: sum(sizes)]
+    played = []
+    for late in (0, late_ns):
+        board = PatBoard(VirtualClock(), record=100_000, chip_bytes=1024, on_for_ns=SWITCHED_ON)
+        pour(board, data, late)
+        advance(board.clock, 60 * divider * TICK)
+        assert board.played.tobytes() == frames[:whole].tobytes()
+        assert board.bytes_received == len(data)
+        assert (np.diff(board.played_ns) == divider * TICK).all()
+        played.append(board.played_ns.tolist())
+    assert played[0] == played[1]
+
+
+def fed_by_a_chip() -> PatBoard:
+    return PatBoard(VirtualClock(), record=100_000, chip_bytes=1024, byte_rate=8e6, on_for_ns=SWITCHED_ON)
+
+
+@pytest.mark.parametrize(("divider", "keeps_up"), [(4, True), (3, True), (2, False), (1, False)])
+@pytest.mark.parametrize("late_ns", [0, 300_000])
+def test_the_chip_keeps_up_with_divider_3_and_not_with_less(divider: int, keeps_up: bool, late_ns: int) -> None:
+    board = fed_by_a_chip()
+    frames = np.concatenate([wire(600, divider=divider), wire(1, duty=0)])
+    pour(board, frames.tobytes(), late_ns)
+    advance(board.clock, SECOND)
+    assert board.played.tobytes() == frames.tobytes()
+    rate = 1e9 / np.diff(board.played_ns[:600]).mean()  # frames a second
+    assert rate == pytest.approx(40e3 / divider if keeps_up else 8e6 / 512, rel=0.01)
+    assert (board.underruns > 0) != keeps_up
+
+
+@pytest.mark.parametrize(("count", "late"), [(28, None), (45, None), (80, 45)])
+@pytest.mark.parametrize("every_ns", [None, 5_000])
+def test_a_burst_at_divider_1_lasts_as_long_as_a_full_fifo_does(
+    count: int, late: int | None, every_ns: int | None
+) -> None:
+    board = fed_by_a_chip()
+    # Held back by a frame that lasts for 6.4 ms, so that the FIFO is full when the burst begins. From then on frame
+    # k is due after k x 25 us, but has passed the chip after (k - 27) x 64 us: too late from k = 45 on.
+    burst = np.concatenate([wire(1, divider=255, duty=0), wire(count, divider=1), wire(1, duty=0)])
+    pour(board, burst.tobytes(), every_ns=every_ns)
+    advance(board.clock, SECOND)
+    assert board.played.tobytes() == burst.tobytes()
+    starved = np.flatnonzero(board.lateness_ns[1 : 1 + count])
+    assert (starved[0] if len(starved) else None) == late
+
+
+def test_what_has_not_passed_the_chip_is_purged() -> None:
+    board = fed_by_a_chip()
+    assert send(board, wire(40)) == 1024
+    assert send(board, wire(1)) == 0
+    advance(board.clock, 64_000)  # 512 bytes at 8 MB/s
+    board.purge_chip()
+    advance(board.clock, SECOND // 2)
+    assert (board.frames_played, board.fifo_bytes) == (1, 0)
+
+
+# What the codec's bytes make this board emit. A board file of random wiring and calibration tells both sides.
+
+
+class Wiring:
+    """A board with random pins, offsets and amplitude factors, and the file that tells of them."""
+
+    def __init__(self, folder: Path) -> None:
+        random = np.random.default_rng(7)
+        steps = np.arange(16) * 10.5e-3 - 78.75e-3
+        self.position = np.array([(x, y, 0.0) for x in steps for y in steps[::-1]])
+        self.pin = random.permutation(256)
+        self.offset = random.integers(-180, 180, 256) / 360  # [turns] that a transducer lags by itself
+        self.factor = random.integers(50, 101, 256) / 100
+        self.path = folder / "board.pat"
+        lines = [
+            "TEST0001",
+            "256",
+            "128",
+            ",".join(f"({x:.5f}, {y:.5f}, {z:.1f})" for x, y, z in self.position),
+            ",".join(map(str, self.pin)),
+            ",".join(f"{360 * turns:.1f}" for turns in self.offset),
+            ",".join(f"{factor:.2f}" for factor in self.factor),
+        ]
+        self.path.write_text("\n".join(lines) + "\n")
+        self.model = array_model("pat16", calibration=self.path)
+        # transducer of the file that stands where each of the model's does
+        apart = np.linalg.norm(self.model.position[:, None].astype(np.float64) - self.position[None], axis=2)
+        self.of_model = apart.argmin(axis=1)
+        assert apart.min(axis=1).max() < 1e-6
+
+    def emitted(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Delay [turns] and amplitude of each transducer of the model, [frame, transducer]."""
+        delay, amplitude = decode_frames(frames)
+        pin = self.pin[self.of_model]
+        return (delay[:, pin] + self.offset[self.of_model]) % 1.0, amplitude[:, pin]
+
+
+@pytest.fixture(scope="module")
+def wiring(tmp_path_factory: pytest.TempPathFactory) -> Wiring:
+    return Wiring(tmp_path_factory.mktemp("pat"))
+
+
+def played_by_a_board(frames: np.ndarray) -> np.ndarray:
+    """Frames as a board takes them, poured as a bus would."""
+    board = PatBoard(VirtualClock(), record=100_000, on_for_ns=SWITCHED_ON)
+    pour(board, frames.tobytes())
+    advance(board.clock, SECOND)
+    return board.played
+
+
+def test_every_transducer_emits_the_delay_meant_for_it(wiring: Wiring) -> None:
+    random = np.random.default_rng(3)
+    delay = random.random((200, 256), np.float32)
+    amplitude = random.random((200, 256), np.float32)
+    emitted, strength = wiring.emitted(played_by_a_board(encode_frames(delay, amplitude, array=wiring.model)))
+    # A constant of a quarter of a turn is that of a full pulse's middle; where a duty is 0 there is no pulse.
+    apart = turns_apart(emitted - 0.25, delay)
+    assert apart[strength > 0].max() <= 1 / 128
+    wanted = amplitude * wiring.factor[wiring.of_model]
+    # half a step of duty, at its steepest pi / 128 in amplitude
+    assert np.abs(strength - wanted).max() <= 0.5 * np.pi / 128 + 1e-6
+
+
+@pytest.mark.parametrize("amplitude", [1.0, 0.3])
+def test_the_field_peaks_at_the_focus_asked_for(wiring: Wiring, amplitude: float) -> None:
+    delay = focal_delay(wiring.model.position)
+    played = played_by_a_board(encode_frames(delay[None], np.array([amplitude]), array=wiring.model))
+    [emitted], [strength] = wiring.emitted(played)
+    assert np.linalg.norm(brightest_point(wiring.model.position, emitted, strength) - FOCUS) <= 1e-3
+
+
+def test_silence_is_silent(wiring: Wiring) -> None:
+    silent = encode_frames(np.full((1, 256), 0.3), np.zeros(1), array=wiring.model)
+    for frames in (silent, off_frame(array=wiring.model)[None]):
+        board = PatBoard(VirtualClock(), record=10, on_for_ns=SWITCHED_ON)
+        send(board, np.concatenate([wire(1), frames]))
+        assert board.emitting
+        advance(board.clock, 4 * TICK)
+        assert (board.frames_played, board.emitting) == (2, False)
+        assert not any(board.output(pin).any() for pin in range(256))
+
+
+@pytest.mark.parametrize("divider", [1, 3, 28, 255])
+def test_the_codecs_divider_sets_the_rate_and_leaves_the_phases(wiring: Wiring, divider: int) -> None:
+    delay = np.random.default_rng(4).random((6, 256), np.float32)
+    frames = encode_frames(delay, np.ones(6), array=wiring.model)
+    board = PatBoard(VirtualClock(), record=10, on_for_ns=SWITCHED_ON)
+    send(board, with_divider(frames, divider))
+    advance(board.clock, 6 * 255 * TICK)
+    assert (np.diff(board.played_ns) == divider * TICK).all()
+    assert np.array_equal(pulses(board.played)[0], pulses(frames)[0])
+    assert np.array_equal(pulses(board.played)[1], pulses(frames)[1])

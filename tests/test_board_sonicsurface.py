@@ -1,0 +1,204 @@
+"""The model of the SonicSurface board, by bytes written by hand, and what the codec's bytes make it emit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from board_field import FOCUS, brightest_point, focal_delay, turns_apart
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.device.array import array_model
+from palpate.device.clock import VirtualClock
+from palpate.device.codec import encode_frames, off_frame
+from palpate.device.sonic_board import BAUD, SonicBoard, decode_patterns, slot_position
+
+START, SWAP, CLOCKS_OFF, CLOCKS_ON, PRIMARY, SECONDARY = 0xFE, 0xFD, 0x96, 0x97, 0xC0, 0xC1
+BYTE = 10e9 / BAUD  # [ns]
+
+
+def pattern(seed: int) -> bytes:
+    return np.random.default_rng(seed).integers(0, 33, 256, np.uint8).tobytes()
+
+
+def command(values: bytes) -> bytes:
+    return bytes([START]) + values + bytes([SWAP])
+
+
+def board_of(*, record: int = 1000, baud: float = BAUD, sender: float = BAUD) -> SonicBoard:
+    board = SonicBoard(VirtualClock(), record=record, baud=baud)
+    board.set_line(sender)
+    return board
+
+
+def pour(board: SonicBoard, data: bytes, late_ns: int = 0) -> None:
+    """As a bus does: bytes wait on it until the chip has room; the host looks up late. Then until all are sent."""
+    left, since_ns = memoryview(data), board.clock.now_ns()
+    while left:
+        left = left[board.accept(left, since_ns=since_ns) :]
+        if left:
+            board.clock.sleep_until_ns(board.room_at_ns(len(left)) + late_ns)
+            assert board.bytes_garbled >= 0  # looking on changes nothing
+    board.clock.sleep_until_ns(board.clock.now_ns() + round(130 * BYTE))
+
+
+def test_a_swap_plays_what_came_since_the_start() -> None:
+    board = board_of()
+    pour(board, command(pattern(1)) + command(pattern(2)))
+    assert board.played.tobytes() == pattern(1) + pattern(2)
+    assert board.playing.tobytes() == pattern(2)
+    assert (board.bytes_ignored, board.bytes_strange, board.bytes_garbled) == (0, 0, 0)
+
+
+def test_a_bare_swap_toggles_the_last_two() -> None:
+    board = board_of()
+    pour(board, command(pattern(1)) + command(pattern(2)) + bytes([SWAP, SWAP]))
+    assert board.played.tobytes() == pattern(1) + pattern(2) + pattern(1) + pattern(2)
+
+
+def test_nothing_is_heard_before_the_swap() -> None:
+    board = board_of()
+    pour(board, command(pattern(1))[:-1])
+    assert (board.emitting, board.frames_played) == (False, 0)
+
+
+def test_a_pattern_takes_258_bytes_of_ten_bits() -> None:
+    board = board_of()
+    pour(board, (command(pattern(1)) * 20))
+    assert np.abs(board.played_ns - np.arange(1, 21) * 258 * BYTE).max() <= 1
+    assert 1e9 / np.diff(board.played_ns).mean() == pytest.approx(88.2, abs=0.05)  # frames a second
+
+
+def test_after_a_torn_pattern_the_next_start_begins_anew() -> None:
+    board = board_of()
+    pour(board, command(pattern(1))[:100] + command(pattern(2)))
+    assert board.played.tobytes() == pattern(2)
+
+
+def test_data_beyond_their_place_are_ignored_and_those_above_32_are_off() -> None:
+    board = board_of()
+    pour(board, bytes(3) + command(bytes([33, 255, 0xA1]) + bytes(253) + bytes(7)))
+    assert (board.bytes_ignored, board.bytes_strange) == (3 + 7, 3)
+    assert (decode_patterns(board.played)[1] == np.r_[0, 0, 0, np.ones(253)]).all()
+
+
+def test_clocks_and_the_choice_of_board() -> None:
+    board = board_of()
+    pour(board, command(bytes(256)))
+    assert board.emitting
+    pour(board, bytes([CLOCKS_OFF]))
+    assert not board.emitting
+    pour(board, bytes([CLOCKS_ON, SECONDARY]) + command(pattern(1)) + bytes([PRIMARY]))
+    assert board.playing.tobytes() == bytes([32]) * 256  # the swap is for both boards, the data were not for this one
+    pour(board, command(pattern(3)))
+    assert board.playing.tobytes() == pattern(3)
+
+
+@pytest.mark.parametrize(
+    ("own", "sender", "readable"),
+    [
+        (BAUD, 230_400, True),
+        (BAUD, BAUD * 1.029, True),
+        (BAUD, BAUD * 1.031, False),
+        (BAUD, BAUD * 0.969, False),
+        (BAUD, 9600, False),
+        (10.24e6 / 7, 1.5e6, True),
+    ],
+)
+def test_a_sender_more_than_three_percent_off_is_misread(own: float, sender: float, readable: bool) -> None:
+    board = board_of(baud=own, sender=sender)
+    data = command(pattern(1)) * 3
+    pour(board, data)
+    board.clock.advance(2.0)
+    assert board.bytes_garbled == (0 if readable else len(data))
+    assert (board.played.tobytes() == pattern(1) * 3) == readable
+
+
+def test_seven_bits_or_parity_are_misread() -> None:
+    board = board_of()
+    board.set_line(BAUD, eight_bits=False)
+    pour(board, command(pattern(1)))
+    assert board.bytes_garbled == 258
+
+
+def test_a_held_line_sends_nothing_until_it_is_free() -> None:
+    board = board_of()
+    board.hold_line(True)
+    assert board.accept(memoryview(command(pattern(1)))) == 128
+    board.clock.advance(10.0)
+    assert board.accept(memoryview(bytes(10))) == 0
+    board.hold_line(False)
+    pour(board, command(pattern(1))[128:])
+    assert board.played.tobytes() == pattern(1)
+
+
+def test_without_power_it_is_silent_and_takes_nothing() -> None:
+    board = board_of()
+    pour(board, command(bytes(256)))
+    board.power_off()
+    assert (board.emitting, board.accept(memoryview(bytes(5)))) == (False, 0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.integers(1, 600), min_size=1, max_size=6), st.integers(0, 50_000_000))
+def test_a_host_that_looks_up_late_changes_nothing(sizes: list[int], late_ns: int) -> None:
+    data = b"".join(command(pattern(seed)) for seed in range(sum(sizes) // 258 + 1))[: sum(sizes)]
+    timed = []
+    for late in (0, late_ns):
+        board = board_of()
+        pour(board, data, late)
+        assert board.bytes_received == len(data)
+        timed.append((board.played.tobytes(), board.played_ns))
+    assert timed[0][0] == timed[1][0]
+    assert np.abs(timed[0][1] - timed[1][1]).max(initial=0) <= 1  # bits do not last whole nanoseconds
+
+
+def test_places_of_the_wiring_that_the_maker_lists() -> None:
+    position = slot_position()
+    # Read off the maker's list, whose z is -y.
+    expected = {0: (-78.75, -78.75), 1: (-57.75, -78.75), 7: (-68.25, -78.75), 4: (-78.75, -68.25)}
+    expected |= {64: (-36.75, -78.75), 8: (-78.75, -57.75), 65: (-15.75, -78.75), 63: (-68.25, 68.25)}
+    expected |= {252: (47.25, 78.75), 253: (78.75, 78.75), 255: (57.75, 68.25)}
+    for place, (x, y) in expected.items():
+        assert position[place] == pytest.approx([x * 1e-3, y * 1e-3, 0.0])
+    assert len(np.unique(position.round(6), axis=0)) == 256
+
+
+# What the codec's bytes make this board emit.
+
+
+def emitted(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Delay [turns] and amplitude of each transducer of the model as the board plays the frames."""
+    board = board_of(sender=230_400)
+    pour(board, frames.tobytes())
+    delay, amplitude = decode_patterns(board.played)
+    position = array_model("sonicsurface").position.astype(np.float64)
+    apart = np.linalg.norm(position[:, None] - slot_position()[None], axis=2)
+    assert apart.min(axis=1).max() < 1e-6
+    return delay[:, apart.argmin(axis=1)], amplitude[:, apart.argmin(axis=1)]
+
+
+def test_every_transducer_emits_the_delay_meant_for_it() -> None:
+    random = np.random.default_rng(3)
+    delay = random.random((50, 256), np.float32)
+    amplitude = random.integers(0, 2, (50, 256)).astype(np.float32)
+    got, strength = emitted(encode_frames(delay, amplitude, array="sonicsurface"))
+    assert np.array_equal(strength, amplitude)
+    # A constant of a quarter of a turn is that of a half-period pulse's middle.
+    assert turns_apart(got - 0.25, delay)[amplitude == 1].max() <= 0.5 / 32 + 1e-6
+
+
+def test_the_field_peaks_at_the_focus_asked_for() -> None:
+    position = array_model("sonicsurface").position
+    [delay], [strength] = emitted(encode_frames(focal_delay(position)[None], np.ones(1), array="sonicsurface"))
+    assert np.linalg.norm(brightest_point(position, delay, strength) - FOCUS) <= 1e-3
+
+
+def test_silence_is_silent() -> None:
+    silent = encode_frames(np.full((1, 256), 0.3), np.zeros(1), array="sonicsurface")
+    for frames in (silent, off_frame(array="sonicsurface")[None]):
+        board = board_of(sender=230_400)
+        pour(board, command(bytes(256)))
+        assert board.emitting
+        pour(board, frames.tobytes())
+        assert (board.emitting, board.frames_played) == (False, 2)

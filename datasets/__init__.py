@@ -2,6 +2,7 @@
 
 from .check import check_file
 from .motion import HandMotion, exploration, static_pose
+from .ptlist import read_ptlist, write_ptlist
 from .reader import ContourFile
 from .shapes import shape, shape_names
 from .writer import ContourWriter
@@ -12,7 +13,9 @@ __all__ = [
     "HandMotion",
     "check_file",
     "exploration",
+    "read_ptlist",
     "shape",
     "shape_names",
     "static_pose",
+    "write_ptlist",
 ]

@@ -148,10 +148,13 @@ class ContourFile:
         """Everything that was known before the first pose was rendered, as the writer got it."""
         return get_header(self._header_file)
 
-    def motion(self) -> Arrays:
-        """All poses: `pose`, hand frame -> array frame, float32 [pose, 7]; `time` [s], float64 [pose], if any."""
+    def motion(self, first: int = 0, stop: int | None = None) -> Arrays:
+        """Poses `first` to `stop` (all): `pose`, float32 [pose, 7], hand frame -> array frame; `time` [s], if any.
+
+        `time` is float64 [pose]. Poses are there before their contours are done.
+        """
         names = ("pose", "time") if "/motion/time" in self._header_file else ("pose",)
-        return {name: self._header_file.read(f"/motion/{name}") for name in names}
+        return {name: self._header_file.read(f"/motion/{name}", first, stop) for name in names}
 
     def object(self) -> dict[str, Any]:
         """The mesh rendered: `vertices` [m], float32 [vertex, 3], array frame; `faces`; `name`, `hash`, JSON."""

@@ -26,6 +26,22 @@ OBJECT_HELP = "Mesh file (STL, OBJ, PLY, GLB), or built in: cube, sphere, tube, 
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
 MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
+Array = Annotated[
+    str, typer.Option(help="emulator, pat16, sonicsurface, autd3, or a JSON file of several arrays and their poses.")
+]
+Serial = Annotated[
+    str | None, typer.Option(help="Which one, by serial number; of an autd3 its network interface or address.")
+]
+Calibration = Annotated[
+    Path | None, typer.Option(metavar="BOARD.pat", help="Board file of a pat16: wiring, phase offsets, serial number.")
+]
+Emulate = Annotated[bool, typer.Option("--emulate", help="A model of the array instead of the array.")]
+Watchdog = Annotated[
+    bool, typer.Option("--watchdog", help="A second process switches the array off if this one is killed.")
+]
+Uncalibrated = Annotated[
+    bool, typer.Option("--uncalibrated", help="Play on a real pat16 without its board file: wired as published ones.")
+]
 DURATION_HELP = "Stop after this time [s] if the motion has not ended; a static pose needs it."
 
 
@@ -151,49 +167,94 @@ def figure(
 
 @app.command()
 def play(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")],
-    array: Annotated[str, typer.Option(help="Which kind of array.")] = "emulator",
-    serial: Annotated[str | None, typer.Option(help="Which one, by serial number.")] = None,
-    emulate: Annotated[bool, typer.Option("--emulate", help="A model of the array instead of the array.")] = False,
-    speed: Annotated[float, typer.Option(help="Of the focal point [m/s].")] = 7.0,
-    update_rate: Annotated[float, typer.Option(help="Focal points a second [Hz]: 40 kHz / n.")] = 10_000.0,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file, or a .PTLIST of focal points.")],
+    array: Array = "emulator",
+    serial: Serial = None,
+    calibration: Calibration = None,
+    baud: Annotated[int | None, typer.Option(help="Of a sonicsurface with unusual firmware [Bd].")] = None,
+    emulate: Emulate = False,
+    sampling: Annotated[
+        str | None, typer.Option(metavar="NAME|FILE", help="Sampling strategy: a preset (docs/sampling.md) or JSON.")
+    ] = None,
+    speed: Annotated[float | None, typer.Option(help="Of the focal point [m/s], by default 7.")] = None,
+    update_rate: Annotated[
+        float | None, typer.Option(help="Focal points a second [Hz]: 40 kHz / n, by default 10000, or the array's.")
+    ] = None,
     duration: Annotated[float | None, typer.Option(help=DURATION_HELP)] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="How often to play it.")] = 1,
+    amplitude: Annotated[str, typer.Option(help="What an intensity is: pressure, or force.")] = "pressure",
+    solver: Annotated[
+        str, typer.Option(help="For several focal points at once: naive, gs-pat, wgs, gs-pat+wgs.")
+    ] = "gs-pat+wgs",
+    slew: Annotated[
+        float | None,
+        typer.Option(metavar="TURNS", help="Most that a phase changes in 25 us [turns]; 0.015625 quietens jumps."),
+    ] = None,
+    level_max: Annotated[float, typer.Option(help="Amplitude of intensity 1, of what the array can.")] = 1.0,
+    on_time_max: Annotated[
+        float, typer.Option(help="Longest emission without a pause of 1 s [s]; 0 lifts the limit.")
+    ] = 120.0,
+    duty_max: Annotated[
+        float, typer.Option(help="Highest mean duty over 10 min, 1 being full drive; 0 lifts the limit.")
+    ] = 0.5,
     sound_speed: Annotated[float, typer.Option(help="Speed of sound [m/s]: 331.3 + 0.606 x degrees C.")] = 343.0,
+    transport: Annotated[str, typer.Option(help="USB writes: queued, sync, or auto.")] = "auto",
+    watchdog: Watchdog = False,
+    uncalibrated: Uncalibrated = False,
+    device: Annotated[str, typer.Option(help="For solvers of several focal points: cpu, cuda:0.")] = "cpu",
     clock: Annotated[
         str, typer.Option(help="Of the emulated array: monotonic (real time) or virtual (as fast as it goes).")
     ] = "monotonic",
     json: Json = False,
 ) -> None:
     """Sample a contour file and stream it to an array; the array is off on every way out."""
-    options = {
-        "array": array,
-        "serial": serial,
-        "emulate": emulate,
-        "duration": duration,
-        "sound_speed": sound_speed,
-        "clock": clock,
-    }
-    _run("job", "run_play", file, speed, update_rate, options, as_json=json)
+    options = {name: value for name, value in locals().items() if name not in ("file", "json")}
+    _run("play_job", "run_play", file, options, as_json=json)
 
 
 @app.command()
-def devices(json: Json = False) -> None:
-    """List the arrays that can be played to."""
+def export(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.ptlist", help="Point list to write (DOLPHIN).")],
+    sampling: Annotated[str, typer.Option(metavar="NAME|FILE", help="Sampling strategy: a preset or JSON.")] = "stm",
+    speed: Annotated[float | None, typer.Option(help="Of the focal point [m/s], by default 7.")] = None,
+    update_rate: Annotated[float | None, typer.Option(help="Focal points a second [Hz], by default 10000.")] = None,
+    duration: Annotated[float | None, typer.Option(help=DURATION_HELP)] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
+    json: Json = False,
+) -> None:
+    """Sample a contour file into a list of focal points that other programs read."""
+    options = {"sampling": sampling, "speed": speed, "update_rate": update_rate, "duration": duration}
+    _run("play_job", "run_export", file, out, options, overwrite, as_json=json)
 
-    _run("job", "run_devices", as_json=json)
+
+@app.command()
+def devices(
+    calibration: Annotated[
+        list[Path] | None, typer.Option(metavar="BOARD.pat", help="Board files: they tell a pat16 by its serial.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List the arrays that can be played to, and why one cannot be opened."""
+
+    _run("play_job", "run_devices", calibration or [], as_json=json)
 
 
 @app.command()
 def selftest(
-    array: Annotated[str, typer.Option(help="Which kind of array.")] = "emulator",
-    serial: Annotated[str | None, typer.Option(help="Which one, by serial number.")] = None,
+    array: Array = "emulator",
+    serial: Serial = None,
+    calibration: Calibration = None,
+    emulate: Emulate = False,
     height: Annotated[float, typer.Option(help="Of the hand above the array [m].")] = 0.2,
     seconds: Annotated[float, typer.Option(help="Of each of the two stimuli [s].")] = 3.0,
+    watchdog: Watchdog = False,
+    uncalibrated: Uncalibrated = False,
     clock: Annotated[str, typer.Option(help="Of the emulated array: monotonic or virtual.")] = "monotonic",
     json: Json = False,
 ) -> None:
     """Play a focal point (200 Hz amplitude modulation) and then a circle, for a hand held above the array."""
-    options = {"array": array, "serial": serial, "height": height, "seconds": seconds, "clock": clock}
+    options = {name: value for name, value in locals().items() if name != "json"}
     _run("selftest", "run_selftest", options, as_json=json)
 
 

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from ..datasets.errors import DatasetError
 from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
+from ..device.report import LiveStatistics
 from .errors import PalpateWarning, PlacementError, RenderError, StrategyError
 
 DONE, FAILED, MISUSED = 0, 1, 2
@@ -57,6 +58,8 @@ UNITS = {
     "draw_frequency": "Hz, at 7 m/s, poses with contours",
     "update_rate": "Hz",
     "revisit_rate": "Hz",
+    "draw_frequency_nominal": "Hz",
+    "on_time": "s",
     "duration": "s",
     "elapsed": "s",
     "seconds": "s",
@@ -124,6 +127,38 @@ def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], No
     with Progress(*columns, console=errors, transient=True) as progress:
         task = progress.add_task(title, total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextlib.contextmanager
+def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatistics, int], None]]:
+    """A title when playing has begun, then live statistics, on standard error; called with these and the frames in all.
+
+    quiet, or no terminal: the title alone.
+    """
+    begun = False
+
+    def begin() -> None:
+        nonlocal begun
+        if not begun:
+            errors.print(escape(title))
+            begun = True
+
+    if quiet or not errors.is_terminal:
+        yield lambda live, total: begin()
+        return
+    told = TextColumn("{task.fields[told]}")
+    with Progress(BarColumn(), MofNCompleteColumn(), told, console=errors, transient=True) as progress:
+        task = progress.add_task("frames", total=None, told="")
+
+        def show(live: LiveStatistics, total: int) -> None:
+            begin()
+            told = (
+                f"{live.queue_bytes >> 10} KiB under way, {live.underruns} underruns, "
+                f"late by {live.lateness_max * 1e3:.1f} ms at most"
+            )
+            progress.update(task, completed=live.frames, total=total, told=told)
+
+        yield show
 
 
 def run(command: Callable[[], object], *, as_json: bool) -> int:

@@ -9,7 +9,7 @@ from . import console
 from .figure import draw_figure
 from .hands import Palm
 from .objects import MeshObject
-from .playback import play_file
+from .playback import Connection, play_file
 from .record import record
 from .strategy import closed_contour, open_contour
 from .summary import summarise
@@ -34,8 +34,8 @@ def run_demo(folder: Path, clock: str, *, as_json: bool) -> None:
     rendered = perf_counter() - started
     picture = folder / "tube.png"
     draw_figure(files, picture)
-    with console.progress_bar("play CC", quiet=as_json) as progress:
-        playback = play_file(files["CC"], clock=clock, progress=progress).as_dict()
+    with console.playback_line("playing CC; Ctrl-C stops it", quiet=as_json) as line:
+        playback = play_file(files["CC"], connection=Connection(clock=clock), watch=line).as_dict()
     summary = summarise(files["CC"])
     told = ("frames", "update_rate", "duration", "bytes", "underruns", "board_underruns", "jumps", "array", "clock")
     values = {

@@ -7,18 +7,12 @@ from time import perf_counter
 from ..datasets.check import check_file
 from ..datasets.errors import MotionError
 from ..datasets.motion import HandMotion, exploration
-from ..device.array import array_model
-from ..device.emulator import EmulatorBackend
-from ..device.errors import NoBackendError
-from ..device.usb import find_arrays
 from . import console
 from .errors import StrategyError
 from .figure import draw_figure
 from .hands import Palm
 from .objects import MeshObject, Placement
-from .playback import play_file
 from .record import record
-from .sampling import SamplingStrategy
 from .strategy import load_strategy
 from .summary import summarise
 from .workers import worker_devices
@@ -160,44 +154,3 @@ def run_figure(files: list[Path], out: Path, *, as_json: bool) -> None:
     """Draw."""
     draw_figure({path.stem: path for path in files}, out)
     console.say({"picture": str(out)}, as_json=as_json, title="figure")
-
-
-def run_play(file: Path, speed: float, update_rate: float, options: dict, *, as_json: bool) -> None:
-    """Play and report."""
-    emulate = options.pop("emulate")
-    if emulate and not array_model(options["array"]).embedded:
-        raise StrategyError(f"array {options['array']!r} has no emulated board in this version")
-    sampling = SamplingStrategy(speed=speed, update_rate=update_rate)
-    with console.progress_bar("frames", quiet=as_json) as bar:
-        told = False
-
-        def progress(done: int, total: int) -> None:
-            nonlocal told
-            if not told:
-                console.errors.print(f"playing {total} frames to array {options['array']}; Ctrl-C stops it")
-                told = True
-            bar(done, total)
-
-        playback = play_file(file, sampling=sampling, progress=progress, **options)
-    console.say(playback.as_dict(), as_json=as_json, title=str(file))
-
-
-def run_devices(*, as_json: bool) -> None:
-    """List arrays: the embedded ones, and what libusb sees."""
-    embedded = find_arrays(backend=EmulatorBackend())
-    found = [{"array": entry.array, "serial": entry.serial, "where": "embedded"} for entry in embedded]
-    note = None
-    try:
-        for entry in find_arrays():
-            where = f"bus {entry.bus}, address {entry.address}"
-            where += "" if entry.accessible else ", not accessible for this user (a udev rule is missing)"
-            found.append({"array": entry.array, "serial": entry.serial, "where": where})
-    except NoBackendError as error:
-        note = str(error)
-    if as_json:
-        console.say({"devices": found, "note": note}, as_json=True, title="")
-        return
-    rows = {f"{entry['array']} {entry['serial'] or ''}".strip(): entry["where"] for entry in found}
-    console.say(rows, as_json=False, title="arrays")
-    if note:
-        console.errors.print(f"[yellow]note:[/] {note}")

@@ -1,157 +1,198 @@
 """Play a contour file: contours -> focal points -> drives -> frames -> the player."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ..datasets.ptlist import read_ptlist
 from ..datasets.reader import ContourFile
-from ..device.array import ArrayModel, array_model
+from ..device.array import array_model
+from ..device.autd3 import open_autd3
+from ..device.bus import emulated_backend
 from ..device.clock import Clock, MonotonicClock, VirtualClock
-from ..device.codec import encode_frames
-from ..device.emulator import EmulatorBackend
-from ..device.player import Player
+from ..device.discovery import open_link
+from ..device.ensemble import play_together
+from ..device.limits import Limits
+from ..device.link import Link
 from ..device.pyusb import Backend
-from ..device.report import PlayReport
-from ..device.usb import UsbLink
-from .contours import ContourBatch
-from .drive import SOUND_SPEED, drive_focus
-from .errors import PoseError, StrategyError
-from .sampling import Sampler, SamplingStrategy, sample_bounds, sample_contours
+from ..device.report import LiveStatistics, PlayReport
+from ..device.transport import TransportKind
+from ..device.watchdog import Watchdog
+from .drive import Driver, DriveStrategy
+from .errors import StrategyError
+from .frames import FrameSource
+from .rig import PlacedArray
+from .sampling import FocalPoints, Sampler, SamplingStrategy
+from .source import ContourSource, FocusSource, PointSource
 
 CLOCKS: dict[str, Callable[[], Clock]] = {"monotonic": MonotonicClock, "virtual": VirtualClock}
-FRAMES_MOST = 1e12  # a year at 40 kHz
-BLOCK = 1024  # frames; 0.1 s at 10 kHz, 26 ms at 40 kHz: what Python needs a few milliseconds for
 
 
 @dataclass(frozen=True)
 class Playback:
     """What playing a file came to."""
 
-    played: PlayReport
-    sampler: Sampler
+    reports: tuple[PlayReport, ...]
+    """The player's report on each array."""
+    sampler: Sampler | None
+    """None for focal points that were read from a file."""
     refused: int
-    """Focal points outside the array's focal zone: silenced."""
+    """Focal points that no array can reach, or that were none: silenced."""
+    drive: DriveStrategy
+    repeats: int = 1
+    """How often the file was played; the sampler counted one time."""
+
+    @property
+    def played(self) -> PlayReport:
+        """The player's report on the first array."""
+        return self.reports[0]
 
     def as_dict(self) -> dict:
-        """Everything, for JSON: the player's report, and the sampler's counts."""
-        count = self.sampler.count
-        return {
-            **self.played.as_dict(),
-            "jumps": sum(count.jumps.values()),
-            "jumps_by_cause": count.jumps,
-            "jump_length": count.jump_length,
-            "jump_threshold": self.sampler.strategy.jump_threshold,
-            "step_longest": count.step_longest,
-            "samples": count.samples,
-            "silent": count.silent,
-            "held": count.held,
-            "refused": self.refused,
-            "revisit_rate": count.revisit_rate,
-            "sampling": asdict(self.sampler.strategy),
-        }
+        """Everything, for JSON: the player's report, the sampler's counts, the strategies."""
+        values = {**self.played.as_dict(), "repeats": self.repeats, "refused": self.refused}
+        if len(self.reports) > 1:
+            values["arrays"] = [report.as_dict() for report in self.reports]
+        if self.sampler is not None:
+            count, strategy = self.sampler.count, self.sampler.strategy
+            values |= {
+                "jumps": sum(count.jumps.values()),
+                "jumps_by_cause": count.jumps,
+                "jump_length": count.jump_length,
+                "jump_threshold": strategy.jump_threshold,
+                "step_longest": count.step_longest,
+                "samples": count.samples,
+                "silent": count.silent,
+                "held": count.held,
+                "draw_frequency_nominal": count.draw_frequency(strategy.update_rate),
+                "revisit_rate": count.revisit_rate,
+                "sampling": strategy.described(),
+            }
+        return values | {"drive": asdict(self.drive)}
 
 
-class FrameSource:
-    """Wire bytes of a contour file, block by block, made as they are taken."""
+@dataclass(frozen=True)
+class Connection:
+    """How the arrays of a playback are reached.
 
-    def __init__(
-        self, file: ContourFile, array: ArrayModel, sampler: Sampler, duration: float | None, sound_speed: float
-    ) -> None:
-        motion = file.motion()
-        self._file, self._array, self._sampler, self._sound_speed = file, array, sampler, sound_speed
-        self._pose = motion["pose"]
-        self._time, self.duration = play_times(motion.get("time"), len(self._pose), duration, file.path)
-        self.frame_count = frame_count(self._time, self.duration, sampler.strategy, file.path)
-        """Frames that it will make."""
-        self.refused = 0
-
-    def _batches(self) -> Iterator[ContourBatch]:
-        for first, stop in self._file.blocks():
-            if first >= len(self._time):
-                return
-            batch = ContourBatch.from_arrays(self._file.contours(first, stop))
-            yield batch.select(0, min(stop, len(self._time)) - first)
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        """Blocks of frames, uint8, shape [frame, frame_bytes]."""
-        pose = self._pose[: len(self._time)]
-        for focus in sample_contours(self._batches(), pose, self._time, self.duration, self._sampler, block=BLOCK):
-            drives = drive_focus(focus, self._array, sound_speed=self._sound_speed)
-            self.refused += drives.refused
-            yield encode_frames(drives.delay, drives.amplitude, array=self._array.name)
-
-
-def play_times(
-    time: np.ndarray | None, pose_count: int, duration: float | None, path: Path
-) -> tuple[np.ndarray, float]:
-    """Times of the poses that are played, and when the last of them ends [s].
-
-    A motion of one pose, or without time, is one static pose only if it is one: more poses without time are refused.
+    The emulated array is emulated always, a real one only if asked for. `backend` is pyusb's for tests; `clock` is
+    that of emulated arrays, "monotonic" or "virtual" (as fast as it goes).
     """
-    if duration is not None and not (np.isfinite(duration) and duration > 0):
-        raise StrategyError(f"duration must be positive, not {duration} s")
-    if time is None or pose_count == 1:
-        if pose_count > 1:
-            raise PoseError(f"{path}: has {pose_count} poses without times, which cannot be played")
-        if duration is None:
-            raise StrategyError(f"{path}: holds one static pose: say how long to play it with --duration")
-        return np.zeros(1), duration
-    if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
-        raise PoseError(f"{path}: /motion/time does not increase all the way; palpate check tells where")
-    end = float(time[-1] + np.median(np.diff(time)))
-    end = end if duration is None else min(end, duration)
-    return time[time < end], end
 
+    emulate: bool = False
+    clock: str = "monotonic"
+    backend: Backend | None = None
+    transport: TransportKind = "auto"
+    uncalibrated: bool = False
+    """Play on a real pat16 without its board file."""
+    watchdog: bool = False
+    """A process beside this one switches the array off if this one is killed."""
 
-def frame_count(time: np.ndarray, duration: float, sampling: SamplingStrategy, path: Path) -> int:
-    """Frames of a playback; refused where there is none, or more than a count can hold."""
-    if duration * sampling.update_rate > FRAMES_MOST:
-        raise StrategyError(f"{path}: {duration:g} s at {sampling.update_rate:g} Hz is over {FRAMES_MOST:g} frames")
-    count = int(sample_bounds(time, duration, sampling.update_rate)[-1])
-    if count == 0:
-        raise StrategyError(f"{path}: {duration:g} s at {sampling.update_rate:g} Hz is not one frame")
-    return count
+    def __post_init__(self) -> None:
+        """Refuse a clock that there is not."""
+        if self.clock not in CLOCKS:
+            raise StrategyError(f"unknown clock {self.clock!r}; known: {', '.join(CLOCKS)}")
+
+    def open(self, placed: PlacedArray) -> Link:
+        """The link to one array."""
+        model = placed.model
+        emulated = self.backend is None and (model.embedded or self.emulate)
+        if emulated and model.name == "autd3":
+            return open_autd3(model, emulated=True)
+        backend = emulated_backend(model.name, clock=CLOCKS[self.clock]()) if emulated else self.backend
+        return open_link(
+            model,
+            serial=None if emulated else placed.serial,
+            backend=backend,
+            transport=self.transport,
+            uncalibrated=self.uncalibrated or emulated,
+        )
+
+    @contextmanager
+    def all_of(self, arrays: Sequence[PlacedArray]) -> Iterator[list[Link]]:
+        """Links to all arrays, closed in the end."""
+        with ExitStack() as stack:
+            links = []
+            for placed in arrays:
+                link = self.open(placed)
+                stack.callback(link.close)
+                if self.watchdog:
+                    stack.enter_context(Watchdog(link))
+                links.append(link)
+            yield links
 
 
 def play_file(
     path: str | Path,
     *,
-    array: str = "emulator",
-    serial: str | None = None,
+    array: str | Sequence[PlacedArray] = "emulator",
     sampling: SamplingStrategy | None = None,
+    drive: DriveStrategy | None = None,
     duration: float | None = None,
-    sound_speed: float = SOUND_SPEED,
-    clock: str = "monotonic",
-    backend: Backend | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    repeats: int = 1,
+    limits: Limits | None = None,
+    connection: Connection | None = None,
+    device: str = "cpu",
+    watch: Callable[[LiveStatistics, int], object] | None = None,
 ) -> Playback:
-    """Play a contour file to an array; the array is off when this returns or raises.
+    """Play a contour file, or a .PTLIST of focal points; the arrays are off when this returns or raises.
 
-    duration: how long [s]; a motion ends by itself, a static pose does not. clock: of the emulated array, "monotonic"
-    or "virtual" (as fast as it goes). backend: pyusb's, by default the embedded emulated bus for the emulator.
-    progress: called with frames taken and frames in all.
-    Raises ContourFileError, PoseError, StrategyError before anything is sent; DeviceError (with `report`) and
-    PlayInterrupted while playing.
+    Args:
+        path: the file.
+        array: name of an array, or several arrays with where they stand (`load_rig`).
+        sampling: how contours become focal points; its update rate is that of the playback. A .PTLIST has its own.
+        drive: how focal points become drives.
+        duration: how long [s]; a motion ends by itself, a static pose does not.
+        repeats: how often, one after the other; 64 MB of frames are kept for that, a longer file is read again.
+        limits: of on-time and duty; None takes the defaults.
+        connection: how the arrays are reached.
+        device: Warp's device for solvers of several focal points.
+        watch: called now and then with live statistics (of the first array) and the frames in all.
+
+    Raises:
+        ContourFileError, PoseError, StrategyError, DeviceError: before anything is sent.
+        DeviceError (with `report`), PlayInterrupted: while playing.
     """
-    model = array_model(array)
-    sampler = Sampler(sampling or SamplingStrategy())
-    model.divider(sampler.strategy.update_rate)
-    if clock not in CLOCKS:
-        raise StrategyError(f"unknown clock {clock!r}; known: {', '.join(CLOCKS)}")
-    if backend is None and model.embedded:
-        backend = EmulatorBackend(clock=CLOCKS[clock]())
+    arrays = (PlacedArray(array_model(array)),) if isinstance(array, str) else tuple(array)
+    if repeats < 1:
+        raise StrategyError(f"repeats must be at least 1, not {repeats}")
+    with ExitStack() as stack:
+        source, sampler, update_rate = stack.enter_context(opened(Path(path), sampling, duration, arrays))
+        for placed in arrays:
+            placed.model.divider(update_rate)
+        driver = Driver([placed.model for placed in arrays], drive, update_rate=update_rate, device=device)
+        frames = FrameSource(source, driver, repeats=repeats)
+        links = stack.enter_context((connection or Connection()).all_of(arrays))
+        reports = play_together(
+            links,
+            frames,
+            update_rate=update_rate,
+            limits=limits,
+            watch=None if watch is None else lambda live: watch(live, frames.frame_count),
+        )
+        return Playback(tuple(reports), sampler, frames.refused, driver.strategy, repeats)
+
+
+@contextmanager
+def opened(
+    path: Path, sampling: SamplingStrategy | None, duration: float | None, arrays: Sequence[PlacedArray]
+) -> Iterator[tuple[FocusSource, Sampler | None, float]]:
+    """A file's focal points, what samples them, and their update rate [Hz]; by default the first array's own."""
+    if path.suffix.lower() == ".ptlist":
+        if sampling is not None:
+            raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
+        points = read_ptlist(path)
+        focus = FocalPoints(points.position, points.intensity * np.float32(points.intensity_peak))
+        stop = None if duration is None else round(duration * points.update_rate)
+        yield PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop])), None, points.update_rate
+        return
+    model = arrays[0].model
+    if sampling is None:
+        sampling = SamplingStrategy(update_rate=model.update_rate(model.divider_default))
+    sampler = Sampler(sampling)
     with ContourFile(path) as file:
         if not file.sealed:
             raise StrategyError(f"{path}: is not finished and cannot be played; palpate render --resume finishes it")
-        source = FrameSource(file, model, sampler, duration, sound_speed)
-        total = source.frame_count
-        with UsbLink.open(model, serial=serial, backend=backend) as link:
-            player = Player(link)
-            report = player.play(
-                source,
-                update_rate=sampler.strategy.update_rate,
-                progress=None if progress is None else lambda frames: progress(frames, total),
-            )
-        return Playback(report, sampler, source.refused)
+        yield ContourSource(file, sampler, duration), sampler, sampling.update_rate

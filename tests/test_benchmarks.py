@@ -12,6 +12,8 @@ from poses import random_poses
 from recording import THINGS
 from recording import measure as measure_recording
 from scaling import measure as measure_scaling
+from solvers import SEVERAL, SINGLE, focal_points
+from solvers import measure as measure_solvers
 from throughput import CASES, compare, measure
 
 
@@ -56,3 +58,10 @@ def test_scaling_case_measures_workers_and_processes():
     assert set(figures["seconds"]) == {"one", "together", "apart"}
     assert min(figures["seconds"].values()) > 0
     assert figures["speedup"] == figures["seconds"]["one"] / figures["seconds"]["together"]
+
+
+def test_solver_cases_measure_phases_that_focus(device):
+    for figure in measure_solvers(SINGLE, focal_points(50, 1)[:, 0], device, 1):
+        assert figure.error is None or figure.error < 1, figure.case  # 1/256 turn
+    for figure in measure_solvers(SEVERAL, focal_points(20, 4), device, 1):
+        assert figure.error < 0.3, figure.case

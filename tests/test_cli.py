@@ -118,7 +118,9 @@ def test_play_takes_other_rates_and_speeds(rendered):
 
 def test_devices_lists_the_emulated_array_without_libusb_too():
     told = answer("devices")
-    assert {"array": "emulator", "serial": "EMU0001", "where": "embedded"} in told["devices"]
+    emulated = {entry["array"] for entry in told["devices"] if entry["where"] == "emulated"}
+    assert emulated == {"emulator", "pat16", "sonicsurface", "autd3"}
+    assert 'ATTR{idVendor}=="0403"' in told["udev_rules"]["pat16"]
 
 
 def test_selftest_plays_a_point_and_a_circle():
@@ -313,7 +315,7 @@ def test_unknown_arrays_rates_and_clocks_are_misuse(rendered):
 def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monkeypatch):
     bus = EmulatorBackend(clock=VirtualClock())
     bus.inject(Fault(FaultKind.UNPLUG, byte=1_000_000))
-    monkeypatch.setattr(playback, "EmulatorBackend", lambda clock: bus)
+    monkeypatch.setattr(playback, "emulated_backend", lambda name, clock: bus)
     before = rendered.read_bytes()
     result = run("play", rendered, "--clock", "virtual", "--json")
     assert result.exit_code == FAILED
@@ -331,7 +333,7 @@ def test_second_player_on_the_same_array_is_refused(rendered, monkeypatch):
     from palpate.device.usb import UsbLink
 
     bus = EmulatorBackend(clock=VirtualClock())
-    monkeypatch.setattr(playback, "EmulatorBackend", lambda clock: bus)
+    monkeypatch.setattr(playback, "emulated_backend", lambda name, clock: bus)
     with UsbLink.open(array_model("emulator"), backend=bus):
         refused(FAILED, "in use", "play", rendered, "--clock", "virtual")
 

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from contour_shapes import batch_of, circle, square, still
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from sampling_oracle import drawn_slowly
 
 from palpate.render.errors import StrategyError
-from palpate.render.sampling import Path, Sampler, SamplingStrategy, sample_bounds, sample_contours
+from palpate.render.sampling import Order, Path, Sampler, SamplingStrategy, sample_bounds, sample_contours
+
+GIVEN = Order(route="given")
 
 
 def sampled(poses, time, duration, *, strategy=None, hand=None):
@@ -29,9 +32,35 @@ def test_closed_contour_is_drawn_in_equal_steps_the_seam_included():
     ring = circle(0.03, count=720)
     position, intensity, count = sampled([[(ring, True)]], [0.0], 1.0)
     assert len(position) == 10_000
-    assert steps_of(position) == pytest.approx(np.full(9999, 7e-4), rel=2e-3)  # chords of a 720-gon
+    even = 720 * np.linalg.norm(ring[1] - ring[0]) / 270  # N = ceil(269.27)
+    assert steps_of(position) == pytest.approx(np.full(9999, even), rel=5e-4)  # chords of a 720-gon
+    assert even <= 7e-4
     assert set(intensity) == {1.0}
     assert sum(count.jumps.values()) == 0
+
+
+@given(
+    radius=st.floats(0.01, 0.06),
+    corners=st.integers(3, 20),
+    shifts=st.lists(
+        st.tuples(st.floats(-3e-3, 3e-3), st.floats(-3e-3, 3e-3), st.floats(-0.5, 0.5)), min_size=1, max_size=5
+    ),
+    speed=st.floats(2.0, 20.0),
+    seed=st.integers(0, 99),
+)
+@settings(deadline=None, max_examples=40)
+def test_default_strategy_draws_what_the_slow_way_draws(radius, corners, shifts, speed, seed):
+    random = np.random.default_rng(seed)
+    strategy = SamplingStrategy(speed=speed)
+    poses = [circle(radius, centre=(x, y, 0.2), count=corners, turn=turn) for x, y, turn in shifts]
+    counts = random.integers(5, 60, len(poses)).tolist()
+    sampler = Sampler(strategy)
+    drawn = [
+        sampler.draw(Path.of(batch_of([[(ring, True)]]), 0), still(1)[0], count)
+        for ring, count in zip(poses, counts, strict=True)
+    ]
+    slow = drawn_slowly(poses, counts, speed, strategy.update_rate, strategy.jump_threshold)
+    assert np.concatenate([d.position for d in drawn]) == pytest.approx(slow, abs=2e-7)
 
 
 def test_corners_are_cut_by_no_more_than_half_a_step():
@@ -51,7 +80,8 @@ def test_number_of_samples_a_cycle_is_rounded_up_and_needs_no_partial_step():
     assert strategy.samples_a_cycle(0.2801) == 401
     ring = circle(0.0445727, count=1000)  # 400.09 steps around
     position, _, _ = sampled([[(ring, True)]], [0.0], 2.0)
-    assert steps_of(position).min() > 6.99e-4
+    assert steps_of(position) == pytest.approx(np.full(len(position) - 1, 7e-4 * 400.09 / 401), rel=1e-3)
+    assert np.abs(position[401:] - position[:-401]).max() == 0  # every cycle the same
 
 
 def test_samples_do_not_drift_from_the_clock():
@@ -118,23 +148,25 @@ def test_thin_contour_is_not_turned_around_by_its_other_side():
 
 def test_long_static_pose_is_drawn_in_order_even_where_contours_coincide():
     ring = circle(0.03, count=90)
-    sampler = Sampler(SamplingStrategy())
+    sampler = Sampler(SamplingStrategy(order=GIVEN))
     batch = batch_of([[(ring, True), (ring[::-1], True)]])  # the second lies on the first, the other way round
     blocks = list(sample_contours([batch], still(1), np.zeros(1), 10.0, sampler))
     assert len(blocks) > 3  # a long pose comes in several blocks
     position = np.concatenate([b.position for b in blocks])
     angle = np.unwrap(np.arctan2(position[:, 1], position[:, 0]))
     length = 90 * np.linalg.norm(ring[1] - ring[0])
-    lap = np.floor(7e-4 * np.arange(1, len(angle)) / length).astype(int)
+    step = 2 * length / np.ceil(2 * length / 7e-4)
+    lap = np.floor(step * np.arange(1, len(angle)) / length + 1e-9).astype(int)
     assert ((np.diff(angle) > 0) == (lap % 2 == 0)).mean() > 0.99  # all but the steps across the start
     assert sampler.count.jumps["pose"] == 0
 
 
 def test_jumps_between_open_pieces_are_counted_by_cause():
     pieces = [([[-0.04, y, 0.2], [0.04, y, 0.2]], False) for y in (-0.02, 0.02)]
-    _, _, count = sampled([pieces], [0.0], 1.0)
-    assert count.jumps == {"polyline": int(7.0 / 0.08), "pose": 0, "re-entry": 0}
+    _, _, count = sampled([pieces], [0.0], 1.0, strategy=SamplingStrategy(order=GIVEN))
+    assert count.jumps == {"polyline": int(7.0 / 0.08), "order": 0, "pose": 0, "re-entry": 0}
     assert count.jump_length == pytest.approx(count.jumps["polyline"] * np.hypot(0.08, 0.04), rel=0.02)
+    assert count.jump_lengths["polyline"] == count.jump_length
 
 
 def test_vanished_contour_is_silent_and_does_not_play_the_last_path():
@@ -151,7 +183,17 @@ def test_vanished_contour_is_silent_and_does_not_play_the_last_path():
 def test_reentry_elsewhere_is_counted_as_such():
     near, far = [(circle(0.03), True)], [(circle(0.03, centre=(0.12, 0, 0.2)), True)]
     _, _, count = sampled([near, [], far], [0.0, 0.1, 0.2], 0.3)
-    assert count.jumps == {"polyline": 0, "pose": 0, "re-entry": 1}
+    assert count.jumps == {"polyline": 0, "order": 0, "pose": 0, "re-entry": 1}
+
+
+def test_after_a_silence_drawing_begins_at_the_nearest_point_itself():
+    near, beside = [(square(0.04), True)], [(square(0.04, centre=(0.001, 0, 0.2)), True)]
+    position, _, _ = sampled([near, [], beside], [0.0, 0.1, 0.2], 0.3)
+    left, back = position[1999], position[2000]
+    assert np.linalg.norm(back - left) <= 1e-3 + 1e-7
+    along = np.abs(np.abs(back[:2] - [0.001, 0.0]).max() - 0.02)
+    assert along < 1e-7
+    assert back - left == pytest.approx(np.array([0.001, 0, 0]) * (abs(abs(left[0]) - 0.02) < 1e-7), abs=1e-7)
 
 
 def test_motion_without_any_contour_is_silent_and_finite():
@@ -174,6 +216,14 @@ def test_missing_poses_are_held_and_then_faded_while_the_focal_point_moves_on():
     assert count.held == 1799
 
 
+def test_pose_that_is_missing_for_long_stays_faded():
+    ring = [(circle(0.03), True)]
+    _, intensity, count = sampled([ring] * 4, [0.0, 0.01, 0.02, 4.0], 4.01)
+    assert not intensity[1401:40_000].any()  # longer than any block
+    assert intensity[40_000:].all()
+    assert count.held == 40_000 - 1201
+
+
 def test_slow_but_regular_poses_are_not_missing():
     ring = [(circle(0.03), True)]
     _, intensity, count = sampled([ring] * 5, np.arange(5) * 0.5, 2.5)
@@ -185,7 +235,7 @@ def test_intensity_is_linear_along_segments():
     batch = batch_of([[([[0, 0, 0.2], [0.07, 0, 0.2]], False)]])
     faded = type(batch)(**{**batch.__dict__, "intensity": np.array([0.0, 1.0], np.float32)})
     path = Path.of(faded, 0)
-    point, intensity, _ = path.at(np.linspace(0, 0.0699, 50))
+    point, intensity = path.at(np.linspace(0, 0.0699, 50))
     assert intensity == pytest.approx(point[:, 0] / 0.07, abs=1e-6)
 
 

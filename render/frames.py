@@ -1,0 +1,65 @@
+"""Focal points -> drives -> wire bytes of each array, block by block, made as they are taken."""
+
+from __future__ import annotations  # array("B") takes no index at run time
+
+from array import array
+from collections.abc import Iterator
+
+from ..device.codec import encode_frames
+from .drive import Driver
+from .sampling import FocalPoints
+from .source import FocusSource
+
+KEPT_BYTES_MOST = 1 << 26  # of frames that are kept for the next time round
+
+
+class FrameSource:
+    """Wire bytes for all arrays of a driver; a block of them is as long as the focal points' block.
+
+    Focal points that are the same object as before are encoded once, and bytes that are played again come as the same
+    array("B"), as long as frames do not depend on those before them and all of it is not more than KEPT_BYTES_MOST.
+    """
+
+    def __init__(self, source: FocusSource, driver: Driver, *, repeats: int = 1) -> None:
+        self.frame_count = source.frame_count * repeats
+        self.refused = 0
+        """Focal points so far that no array could reach, or that were none: silenced."""
+        self._source, self._driver, self._repeats = source, driver, repeats
+        self._last: tuple[FocalPoints, tuple[array[int], ...], int] | None = None
+        self._kept: list[tuple[tuple[array[int], ...], int]] | None = None
+
+    def __iter__(self) -> Iterator[tuple[array[int], ...]]:
+        """Blocks of frames, one array("B") for each array."""
+        frame_bytes = sum(model.frame_bytes for model in self._driver.arrays)
+        fits = self._source.frame_count * frame_bytes <= KEPT_BYTES_MOST
+        keeping = self._repeats > 1 and fits
+        blocks: list[tuple[tuple[array[int], ...], int]] = []
+        for _ in range(self._repeats):
+            if self._kept is not None:
+                for block, refused in self._kept:
+                    self.refused += refused
+                    yield block
+                continue
+            for focus in self._source:
+                block, refused = self._encoded(focus)
+                self.refused += refused
+                keeping = keeping and self._is_memoryless(focus)
+                if keeping:
+                    blocks.append((block, refused))
+                yield block
+            self._kept = blocks if keeping else None
+
+    def _encoded(self, focus: FocalPoints) -> tuple[tuple[array[int], ...], int]:
+        if self._last is not None and self._last[0] is focus and self._is_memoryless(focus):
+            return self._last[1], self._last[2]
+        drives = self._driver.drive(focus)
+        block = tuple(
+            array("B", encode_frames(part.delay, part.amplitude, array=model).tobytes())
+            for model, part in zip(self._driver.arrays, self._driver.split(drives), strict=True)
+        )
+        self._last = focus, block, drives.refused
+        return block, drives.refused
+
+    def _is_memoryless(self, focus: FocalPoints) -> bool:
+        """Whether frames depend on their focal points alone: no slew limit, no gauge."""
+        return self._driver.strategy.slew is None and focus.position.ndim == 2

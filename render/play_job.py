@@ -1,0 +1,154 @@
+"""What `play`, `devices` and `export` do."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from ..datasets.ptlist import write_ptlist
+from ..datasets.reader import ContourFile
+from ..device.array import array_model, array_names
+from ..device.discovery import find_arrays, udev_rule
+from ..device.errors import NoBackendError
+from ..device.limits import Limits
+from . import console
+from .drive import DriveStrategy
+from .errors import StrategyError
+from .playback import Connection, play_file
+from .rig import PlacedArray, load_rig
+from .sampling import Sampler, SamplingStrategy, joined, load_sampling
+from .source import ContourSource
+
+POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
+TOLD_OF_PLAYING = (
+    "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "board_underruns", "lateness",
+    "queue_depth", "jumps", "jumps_by_cause", "jump_length", "step_longest", "draw_frequency_nominal", "revisit_rate",
+    "samples", "silent", "held", "refused", "duty", "on_time", "array", "serial", "clock", "transport", "short_writes",
+    "stopped_by", "off_sent", "off_confirmed",
+)  # fmt: skip
+
+
+def run_play(file: Path, options: dict, *, as_json: bool) -> None:
+    """Play and report."""
+    arrays = load_rig(
+        options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
+    )
+    console.start_warp()
+    names = ", ".join(f"{placed.model.name} {placed.serial or ''}".strip() for placed in arrays)
+    with console.playback_line(f"playing {file} to {names}; Ctrl-C stops it", quiet=as_json) as line:
+        playback = play_file(
+            file,
+            array=arrays,
+            sampling=sampling_of(options, arrays, file),
+            drive=drive_of(options),
+            duration=options["duration"],
+            repeats=options["repeats"],
+            limits=limits_of(options),
+            connection=connection_of(options),
+            device=options["device"],
+            watch=line,
+        )
+    console.say(playback.as_dict(), as_json=as_json, title=str(file), told=TOLD_OF_PLAYING)
+
+
+def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json: bool) -> None:
+    """Sample into a point list and report."""
+    changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
+    if out.suffix.lower() != ".ptlist":
+        raise StrategyError(f"{out}: must end in .ptlist, the one format that there is")
+    if out.exists() and not overwrite:
+        raise StrategyError(f"{out}: exists; --overwrite replaces it")
+    sampler = Sampler(replace(load_sampling(options["sampling"]), **changes))
+    with ContourFile(file) as contours:
+        if not contours.sealed:
+            raise StrategyError(f"{file}: is not finished; palpate render --resume finishes it")
+        source = ContourSource(contours, sampler, options["duration"])
+        if source.frame_count > POINTS_MOST:
+            raise StrategyError(f"{file}: {source.frame_count} focal points, but a point list holds {POINTS_MOST}")
+        focus = joined(list(source))
+    rate = sampler.strategy.update_rate
+    write_ptlist(out, focus.position, focus.intensity, rate)
+    jumps = sum(sampler.count.jumps.values())
+    values = {"points": len(focus.intensity), "update_rate": rate, "jumps": jumps, "path": str(out)}
+    console.say(values, as_json=as_json, title=str(out))
+
+
+def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> SamplingStrategy | None:
+    """The sampling strategy asked for: a preset or a file, with other fields where options say so."""
+    changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
+    if file.suffix.lower() == ".ptlist":
+        if changes or options["sampling"] is not None:
+            asked = ", ".join(sorted(changes)) or "sampling"
+            raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")
+        return None
+    sampling = load_sampling(options["sampling"] or "stm")
+    is_file = options["sampling"] is not None and options["sampling"].endswith(".json")
+    if "update_rate" not in changes and not is_file:
+        model = arrays[0].model
+        changes["update_rate"] = model.update_rate(model.divider_default)
+    return replace(sampling, **changes)
+
+
+def drive_of(options: dict) -> DriveStrategy:
+    """How focal points become drives, as options say."""
+    return DriveStrategy(
+        amplitude=options["amplitude"],
+        solver=options["solver"],
+        slew=options["slew"],
+        sound_speed=options["sound_speed"],
+        level_max=options["level_max"],
+    )
+
+
+def limits_of(options: dict) -> Limits:
+    """Limits, as options say; 0 lifts one."""
+    try:
+        return Limits(on_time_max=options["on_time_max"] or None, duty_max=options["duty_max"] or None)
+    except ValueError as error:
+        raise StrategyError(str(error)) from error
+
+
+def connection_of(options: dict) -> Connection:
+    """How the arrays are reached, as options say."""
+    return Connection(
+        emulate=options["emulate"],
+        clock=options["clock"],
+        transport=options["transport"],
+        uncalibrated=options["uncalibrated"],
+        watchdog=options["watchdog"],
+    )
+
+
+def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
+    """List arrays: what is emulated, what libusb sees, and what cannot be seen."""
+    found: list[dict] = [
+        {"array": name, "serial": None, "where": "emulated", "accessible": True, "certain": True, "reason": None}
+        for name in array_names()
+    ]
+    note = None
+    try:
+        for entry in find_arrays(calibrations=calibrations):
+            where = f"bus {entry.bus}, address {entry.address}"
+            found.append(
+                {
+                    "array": entry.array,
+                    "serial": entry.serial,
+                    "where": where,
+                    "accessible": entry.accessible,
+                    "certain": entry.certain,
+                    "reason": entry.reason,
+                }
+            )
+    except NoBackendError as error:
+        note = str(error)
+    if as_json:
+        rules = {name: udev_rule(array_model(name)) for name in array_names()}
+        console.say({"devices": found, "note": note, "udev_rules": rules}, as_json=True, title="")
+        return
+    rows = {}
+    for entry in found:
+        told = entry["where"] + ("" if entry["accessible"] else ", cannot be opened")
+        rows[f"{entry['array']} {entry['serial'] or ''}".strip() + ("" if entry["certain"] else "?")] = (
+            f"{told}: {entry['reason']}" if entry["reason"] else told
+        )
+    console.say(rows, as_json=False, title="arrays")
+    if note:
+        console.errors.print(f"[yellow]note:[/] {note}")

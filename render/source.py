@@ -1,0 +1,163 @@
+"""Where a playback's focal points come from, block by block: a contour file, sampled as it is read, or points."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from ..datasets.reader import ContourFile
+from .contours import ContourBatch
+from .errors import PoseError, StrategyError
+from .path import Path as ContourPath
+from .sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy, sample_contours
+
+FRAMES_MOST = 1e12  # a year at 40 kHz
+BLOCK = 1024  # frames; 0.1 s at 10 kHz, 26 ms at 40 kHz: what Python needs a few milliseconds for
+POINTS_A_READ = 1 << 16  # of contours; a few milliseconds to read, whatever the size of the file
+INTERVALS_LOOKED_AT = 4096  # of a motion's poses, for their median
+
+
+class FocusSource(Protocol):
+    """Focal points at the update rate. Blocks that are the same object are the same focal points."""
+
+    frame_count: int
+    """How many it will give, if it is not stopped before."""
+
+    def __iter__(self) -> Iterator[FocalPoints]:
+        """Blocks of consecutive focal points, from the first on."""
+        ...
+
+
+class PointSource:
+    """Focal points that are there already."""
+
+    def __init__(self, focus: FocalPoints) -> None:
+        self.frame_count = len(focus.intensity)
+        self._blocks = [
+            FocalPoints(focus.position[first : first + BLOCK], focus.intensity[first : first + BLOCK])
+            for first in range(0, self.frame_count, BLOCK)
+        ]
+
+    def __iter__(self) -> Iterator[FocalPoints]:
+        """Blocks of focal points."""
+        return iter(self._blocks)
+
+
+class ContourSource:
+    """Focal points of a contour file; only what is about to be played is read, so a file may have any size.
+
+    A static pose is sampled once: whole cycles of it make a block that is given again and again.
+
+    Args:
+        file: the opened file, sealed.
+        sampler: draws its poses; keeps the counts.
+        duration: when to stop [s]; a motion ends by itself, a static pose does not. None is the motion's end: its
+            last pose lasts as long as the median of the intervals before (of the first INTERVALS_LOOKED_AT).
+
+    Raises:
+        StrategyError: a duration that is none, one static pose without one, or not one frame.
+        PoseError: poses without times, or with times that do not increase; found as they are read.
+    """
+
+    def __init__(self, file: ContourFile, sampler: Sampler, duration: float | None = None) -> None:
+        if duration is not None and not (np.isfinite(duration) and duration > 0):
+            raise StrategyError(f"duration must be positive, not {duration} s")
+        self._file, self._sampler = file, sampler
+        self._interval: float | None = None  # [s]; None for one static pose
+        self.duration = self._duration(duration)
+        """When the playing ends [s]."""
+        self.frame_count = frame_count(self.duration, sampler.strategy, file.path)
+
+    def __iter__(self) -> Iterator[FocalPoints]:
+        """Blocks of focal points."""
+        if self._interval is None:
+            yield from self._static()
+            return
+        hold = max(self._sampler.strategy.hold, 2.0 * self._interval)
+        for first, stop in self._file.blocks(point_limit=POINTS_A_READ):
+            # one time more than poses, so that the last of them knows how long it lasts
+            time = self._file.motion(first, min(stop + 1, self._file.pose_count))["time"]
+            _require_increasing(time, self._file.path)
+            end = self.duration if len(time) == stop - first else min(float(time[-1]), self.duration)
+            played = int(np.searchsorted(time[: stop - first], self.duration))
+            if played == 0:
+                return
+            batch, pose = self._read(first, first + played)
+            yield from sample_contours([batch], pose, time[:played], end, self._sampler, block=BLOCK, hold=hold)
+
+    def _read(self, first: int, stop: int) -> tuple[ContourBatch, np.ndarray]:
+        batch = ContourBatch.from_arrays(self._file.contours(first, stop))
+        return batch, self._file.motion(first, stop)["pose"]
+
+    def _static(self) -> Iterator[FocalPoints]:
+        batch, pose = self._read(0, 1)
+        path, sampler = ContourPath.of(batch, 0), self._sampler
+        cycle = None if path is None else sampler.cycle(path, pose[0])
+        if path is None or cycle is None or 2 * len(cycle.intensity) > self.frame_count:
+            yield from sample_contours([batch], pose, np.zeros(1), self.duration, sampler, block=BLOCK, hold=np.inf)
+            return
+        count = len(cycle.intensity)
+        again = -(-BLOCK // count)
+        block = FocalPoints(np.tile(cycle.position, (again,) + (1,) * (cycle.position.ndim - 1)), _again(cycle, again))
+        _count_cycles(sampler, path, pose[0], count, self.frame_count)
+        for first in range(0, self.frame_count, again * count):
+            left = self.frame_count - first
+            yield block if left >= again * count else FocalPoints(block.position[:left], block.intensity[:left])
+
+    def _duration(self, asked: float | None) -> float:
+        path, count = self._file.path, self._file.pose_count
+        head = self._file.motion(0, INTERVALS_LOOKED_AT + 1)
+        if "time" not in head or count == 1:
+            if count > 1:
+                raise PoseError(f"{path}: has {count} poses without times, which cannot be played")
+            if asked is None:
+                raise StrategyError(f"{path}: holds one static pose: say how long to play it with --duration")
+            return asked
+        _require_increasing(head["time"], path)
+        self._interval = float(np.median(np.diff(head["time"])))
+        end = float(self._file.motion(count - 1, count)["time"][0]) + self._interval
+        if not np.isfinite(end):
+            raise PoseError(f"{path}: the last of /motion/time is not finite; palpate check tells where")
+        return end if asked is None else min(end, asked)
+
+
+def _again(cycle: FocalPoints, times: int) -> np.ndarray:
+    return np.tile(cycle.intensity, (times,) + (1,) * (cycle.intensity.ndim - 1))
+
+
+def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: int, frame_count: int) -> None:
+    """Let a sampler count all frames of a static pose, having drawn two cycles: the second is like all later ones."""
+    sampler.draw(path, pose, count)
+    before = SamplingCount(**{f.name: _copied(getattr(sampler.count, f.name)) for f in fields(SamplingCount)})
+    sampler.draw(path, pose, count)
+    whole, rest = divmod(frame_count - 2 * count, count)
+    for f in fields(SamplingCount):
+        then, now = getattr(before, f.name), getattr(sampler.count, f.name)
+        if f.name == "step_longest":
+            continue
+        if isinstance(now, dict):
+            setattr(sampler.count, f.name, {key: now[key] + whole * (now[key] - then[key]) for key in now})
+        else:
+            setattr(sampler.count, f.name, now + whole * (now - then))
+    sampler.draw(path, pose, rest)
+
+
+def _copied(value: object) -> object:
+    return dict(value) if isinstance(value, dict) else value
+
+
+def _require_increasing(time: np.ndarray, path: Path) -> None:
+    if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
+        raise PoseError(f"{path}: /motion/time does not increase all the way; palpate check tells where")
+
+
+def frame_count(duration: float, sampling: SamplingStrategy, path: Path) -> int:
+    """Frames of a playback of that duration [s]; refused where there is none, or more than a count can hold."""
+    if duration * sampling.update_rate > FRAMES_MOST:
+        raise StrategyError(f"{path}: {duration:g} s at {sampling.update_rate:g} Hz is over {FRAMES_MOST:g} frames")
+    count = int(np.ceil(duration * sampling.update_rate - 1e-6))
+    if count < 1:
+        raise StrategyError(f"{path}: {duration:g} s at {sampling.update_rate:g} Hz is not one frame")
+    return count

@@ -1,0 +1,268 @@
+"""Track: one cycle of focal points over a path, laid out in time.
+
+Whatever a strategy asks for comes down to nodes and when each is reached. Between two nodes the focal point runs
+evenly; no time between two places is a jump, no way in some time is a pause.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .path import Path
+from .route import Piece, shortest_route
+from .sampling_strategy import SamplingStrategy
+
+NEAR_CUT = 0.1  # of a section's length
+PASSES_MOST = 199  # through a section; more only on contours far smaller than a focal point
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Track:
+    """Nodes of a cycle."""
+
+    knot: np.ndarray
+    """When each node is reached, in any unit that the strategy's speed makes even, from 0, shape [node]."""
+    points: np.ndarray
+    """[m], shape [node, 3]."""
+    step: np.ndarray
+    """From each node to the next [m], shape [node - 1, 3]."""
+    intensity: np.ndarray | None
+    """Shape [node]; None means 1."""
+    sample_count: int
+    """Samples a cycle."""
+    seconds: float
+    """What a cycle takes at the nominal speeds [s]."""
+    pause: np.ndarray | None = None
+    """Whether the focal point rests from each node to the next, bool, shape [node - 1]; None: nowhere."""
+    section: np.ndarray | None = None
+    """Knots at which sections start, and the period, shape [section + 1]; None: there are none."""
+
+    @property
+    def period(self) -> float:
+        """Of a cycle, in the unit of the knots."""
+        return float(self.knot[-1])
+
+    def at(self, knot: np.ndarray) -> np.ndarray:
+        """Points [m] at knots within 0..period, shape [..., 3]; at a jump the one behind it."""
+        out = np.empty((*knot.shape, 3))
+        for axis in range(3):
+            out[..., axis] = np.interp(knot, self.knot, self.points[:, axis])
+        return out
+
+    def along(self, i: int, part: float) -> float:
+        """Knot on the way from a node to the next, part 0..1."""
+        return float(self.knot[i] + part * (self.knot[i + 1] - self.knot[i]))
+
+    def approach(self, point: np.ndarray, direction: np.ndarray | None, slack: float) -> tuple[np.ndarray, np.ndarray]:
+        """How near each way from node to node comes to a point, and where, 0..1; both of shape [node - 1].
+
+        The distance [m] counts `slack` more for ways that run against the direction; jumps and pauses are at infinity.
+        """
+        square = np.einsum("ij,ij->i", self.step, self.step)
+        off = point - self.points[:-1]
+        part = np.einsum("ij,ij->i", off, self.step) / np.maximum(square, 1e-30)
+        part = np.minimum(np.maximum(part, 0.0), 1.0)
+        off -= part[:, None] * self.step
+        cost = np.sqrt(np.einsum("ij,ij->i", off, off))
+        if direction is not None:
+            cost += slack * (self.step @ direction < -1e-9 * np.sqrt(square))
+        cost[(self.knot[1:] <= self.knot[:-1]) | (square == 0)] = np.inf
+        return cost, part
+
+
+def lay_track(path: Path, strategy: SamplingStrategy) -> Track:
+    """One cycle of a strategy over the polylines of a pose."""
+    alone = len(path.first) == 1 or strategy.order.route == "given"
+    if strategy.plain and alone:
+        seconds = path.length / strategy.speed
+        return Track(path.arc, path.points, path.step, path.intensity, strategy.samples_of(seconds), seconds)
+    pieces = pieces_of(path)
+    if strategy.gap.kind == "close":
+        pieces = [_closed(piece) for piece in pieces]
+    if strategy.order.route == "shortest":
+        back, cyclic = strategy.gap.kind == "pendulum", strategy.order.kind != "pendulum"
+        pieces = shortest_route(pieces, back=back, cyclic=cyclic)
+    course = _course_of(pieces, strategy)
+    if strategy.sections is not None:
+        course = _in_sections(course, strategy)
+    elif strategy.dwell.time > 0 or strategy.dwell.share > 0:
+        course = _with_pauses(course, strategy)
+    knot = np.zeros(len(course.points))
+    np.cumsum(course.duration, out=knot[1:])
+    seconds = float(knot[-1])
+    step = np.diff(course.points, axis=0)
+    section = None if course.section is None else knot[course.section]
+    return Track(
+        knot, course.points, step, course.intensity, strategy.samples_of(seconds), seconds, course.pause, section
+    )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Course:
+    """Nodes and how long each way between two of them takes."""
+
+    points: np.ndarray  # [m], shape [node, 3]
+    duration: np.ndarray  # [s], shape [node - 1]
+    corner: np.ndarray  # bool, shape [node]
+    intensity: np.ndarray | None  # shape [node]
+    pause: np.ndarray | None = None  # bool, shape [node - 1]
+    section: np.ndarray | None = None  # first node of each section, and the last of all
+
+    def picked(self, index: np.ndarray, duration: np.ndarray) -> "Course":
+        """Nodes by number, with other times between them."""
+        intensity = None if self.intensity is None else self.intensity[index]
+        return Course(self.points[index], duration, self.corner[index], intensity)
+
+
+def pieces_of(path: Path) -> list[Piece]:
+    """The polylines of a path that have a length."""
+    stops = [*path.first[1:].tolist(), len(path.points)]
+    pieces = []
+    for first, stop, closed in zip(path.first.tolist(), stops, path.closed.tolist(), strict=True):
+        if path.arc[stop - 1] > path.arc[first]:
+            intensity = None if path.intensity is None else path.intensity[first:stop]
+            pieces.append(Piece(path.points[first:stop], closed, intensity))
+    return pieces
+
+
+def _closed(piece: Piece) -> Piece:
+    """An open piece with its chord."""
+    if piece.closed:
+        return piece
+    intensity = None if piece.intensity is None else np.append(piece.intensity, piece.intensity[0])
+    return Piece(np.vstack([piece.points, piece.points[:1]]), True, intensity)
+
+
+def _course_of(pieces: list[Piece], strategy: SamplingStrategy) -> Course:
+    """The pieces one after the other, with the ways between them, and the way back where the order asks for it."""
+    corners = [_corners_of(piece, strategy) for piece in pieces]
+    if strategy.gap.kind == "pendulum":
+        corners = [c if p.closed else _there_and_back(c, strategy) for p, c in zip(pieces, corners, strict=True)]
+        pieces = [p if p.closed else _returned(p) for p in pieces]
+    points = np.concatenate([p.points for p in pieces])
+    corner = np.concatenate(corners)
+    strengths = [p.intensity for p in pieces if p.intensity is not None]
+    intensity = np.concatenate(strengths) if strengths else None
+    returns, pendulum = strategy.gap.kind == "return", strategy.order.kind == "pendulum"
+    gap = np.cumsum([len(p.points) for p in pieces])[:-1] - 1
+    if returns and not pendulum:  # from the last to the first
+        gap = np.append(gap, len(points) - 1)
+        points = np.vstack([points, points[:1]])
+        corner = np.append(corner, False)
+        intensity = None if intensity is None else np.append(intensity, intensity[0])
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    duration = length / strategy.speed
+    duration[gap] = length[gap] / strategy.gap.speed if returns else 0.0
+    course = Course(points, duration, corner, intensity)
+    if pendulum:
+        index = np.concatenate([np.arange(len(points)), np.arange(len(points) - 2, -1, -1)])
+        back = course.picked(index, np.concatenate([duration, duration[::-1]]))
+        course = replace(back, corner=_there_and_back(corner, strategy))
+    return course
+
+
+def _returned(piece: Piece) -> Piece:
+    """A piece there and back."""
+    intensity = None if piece.intensity is None else np.concatenate([piece.intensity, piece.intensity[-2::-1]])
+    return Piece(np.concatenate([piece.points, piece.points[-2::-1]]), piece.closed, intensity)
+
+
+def _there_and_back(corner: np.ndarray, strategy: SamplingStrategy) -> np.ndarray:
+    out = np.concatenate([corner, corner[-2::-1]])
+    if strategy.sections is None:
+        out[0] = False  # its pause comes when the piece ends there
+    return out
+
+
+def _corners_of(piece: Piece, strategy: SamplingStrategy) -> np.ndarray:
+    """Vertices where a piece turns by more than an angle, and the ends of an open one, bool, shape [point].
+
+    The corner at which a closed piece starts is marked at its end, and, for sections, at its start too. None without
+    pauses.
+    """
+    dwell = strategy.dwell
+    if dwell.time == 0 and dwell.share == 0:
+        return np.zeros(len(piece.points), bool)
+    corner = np.zeros(len(piece.points), bool)
+    step = np.diff(piece.points, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    moving = np.flatnonzero(length > 0)
+    unit = step[moving] / length[moving, None]
+    cosine = np.einsum("ij,ij->i", unit, np.roll(unit, -1, axis=0))  # at the end of each step
+    corner[moving + 1] = cosine < np.cos(dwell.angle)
+    if not piece.closed:
+        corner[[0, -1]] = True
+    elif strategy.sections is not None:
+        corner[0] = corner[-1]
+    return corner
+
+
+def _with_pauses(course: Course, strategy: SamplingStrategy) -> Course:
+    """A pause at every corner."""
+    count = int(np.count_nonzero(course.corner))
+    if count == 0:
+        return course
+    dwell = strategy.dwell
+    pause = dwell.time or dwell.share / (1.0 - dwell.share) * float(course.duration.sum()) / count
+    index = np.repeat(np.arange(len(course.points)), 1 + course.corner)
+    moving = course.duration[np.minimum(index[:-1], len(course.duration) - 1)]
+    rests = np.diff(index) == 0
+    return replace(course.picked(index, np.where(rests, pause, moving)), pause=rests)
+
+
+def _in_sections(course: Course, strategy: SamplingStrategy) -> Course:
+    """Each section there and back an odd number of times; see `Sections`."""
+    sections = strategy.sections
+    if sections is None:
+        return course
+    corner = _sections_with_corner(course, sections.count)
+    course, start, stop = _cut(course, sections.count)
+    time = np.full(sections.count, 1.0 / sections.count)
+    share, marked = strategy.dwell.share, int(np.count_nonzero(corner))
+    if share > 0 and 0 < marked < sections.count:
+        time = np.where(corner, share / marked, (1.0 - share) / (sections.count - marked))
+    time /= strategy.pace.frequency
+    once = np.add.reduceat(course.duration, start)  # ways from section to section take no time
+    wanted = time * sections.speed / (np.maximum(once, 1e-12) * strategy.speed)
+    passes = 1 + 2 * np.clip(np.rint((wanted - 1) / 2), 0, PASSES_MOST // 2).astype(np.int64)
+    ways = stop - start
+    nodes = ways * passes + 1
+    section = np.repeat(np.arange(sections.count), nodes)
+    first = np.cumsum(nodes) - nodes
+    turn = (np.arange(len(section)) - first[section]) % (2 * ways[section])
+    index = start[section] + np.minimum(turn, 2 * ways[section] - turn)
+    scale = time / (np.maximum(once, 1e-12) * passes)
+    duration = course.duration[np.minimum(index[:-1], index[1:])] * scale[section[:-1]]
+    duration[first[1:] - 1] = 0.0
+    return replace(course.picked(index, duration), section=np.append(first, len(index) - 1))
+
+
+def _sections_with_corner(course: Course, count: int) -> np.ndarray:
+    """Which of equal sections hold a corner, bool, shape [section]; one near a cut is in both, lest noise decides."""
+    knot = np.concatenate([[0.0], np.cumsum(course.duration)])
+    at = knot[course.corner] / knot[-1] * count
+    out = np.zeros(count, bool)
+    out[np.clip(np.floor(at - NEAR_CUT).astype(int), 0, count - 1)] = True
+    out[np.clip(np.floor(at + NEAR_CUT).astype(int), 0, count - 1)] = True
+    return out
+
+
+def _cut(course: Course, count: int) -> tuple[Course, np.ndarray, np.ndarray]:
+    """A course with nodes at its cuts into equal parts, and the first and last node of each part."""
+    knot = np.concatenate([[0.0], np.cumsum(course.duration)])
+    cut = knot[-1] * np.arange(1, count) / count
+    near = np.searchsorted(knot, cut)
+    below, above = np.abs(cut - knot[near - 1]), np.abs(knot[np.minimum(near, len(knot) - 1)] - cut)
+    cut = np.where(below < 1e-12, knot[near - 1], np.where(above < 1e-12, knot[near], cut))
+    new = cut[~np.isin(cut, knot)]
+    place = np.searchsorted(knot, new)
+    points = np.stack([np.interp(new, knot, course.points[:, axis]) for axis in range(3)], axis=1)
+    intensity = course.intensity
+    if intensity is not None:
+        intensity = np.insert(intensity, place, np.interp(new, knot, intensity))
+    knots = np.insert(knot, place, new)
+    corner = np.insert(course.corner, place, False)
+    out = Course(np.insert(course.points, place, points, axis=0), np.diff(knots), corner, intensity)
+    start = np.concatenate([[0], np.searchsorted(knots, cut, side="right") - 1])
+    stop = np.concatenate([np.searchsorted(knots, cut, side="left"), [len(knots) - 1]])
+    return out, start, stop

@@ -1,0 +1,251 @@
+"""From a file to the bytes that an array takes: sources, repeats, several arrays, point lists."""
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.datasets import HandMotion, exploration
+from palpate.datasets.ptlist import write_ptlist
+from palpate.datasets.reader import ContourFile
+from palpate.device.array import array_model
+from palpate.device.bus import emulated_backend
+from palpate.device.clock import VirtualClock
+from palpate.device.codec import encode_frames
+from palpate.device.emulator import Fault, FaultKind
+from palpate.device.errors import DeviceLostError, UpdateRateError
+from palpate.render import MeshObject, Palm, closed_contour, record, render
+from palpate.render import source as source_module
+from palpate.render.drive import Driver, DriveStrategy
+from palpate.render.errors import PoseError, StrategyError
+from palpate.render.frames import FrameSource
+from palpate.render.playback import Connection, play_file
+from palpate.render.rig import PlacedArray, load_rig
+from palpate.render.sampling import (
+    AmplitudeModulation,
+    FocalPoints,
+    LateralModulation,
+    Sampler,
+    SamplingStrategy,
+    joined,
+    preset,
+    sample_contours,
+)
+from palpate.render.source import ContourSource, PointSource
+
+VIRTUAL = Connection(clock="virtual")
+
+
+@pytest.fixture(scope="module")
+def tube():
+    return MeshObject.load("tube")
+
+
+@pytest.fixture(scope="module")
+def motion(tube):
+    whole = exploration(tube.bounds, duration=6.0, rate=90.0, seed=3)
+    return HandMotion(whole.time[:200] - whole.time[0], whole.pose[:200])
+
+
+@pytest.fixture(scope="module")
+def moving(tube, motion, tmp_path_factory):
+    path = tmp_path_factory.mktemp("moving") / "tube.h5"
+    record(path, tube, Palm(), motion, closed_contour())
+    return path
+
+
+@pytest.fixture(scope="module")
+def static(tube, motion, tmp_path_factory):
+    path = tmp_path_factory.mktemp("static") / "still.h5"
+    length = render(tube, Palm(), motion, closed_contour()).length()
+    record(path, tube, Palm(), HandMotion(None, motion.pose[[int(np.argmax(length))]]), closed_contour())
+    return path
+
+
+def focus_of(path, sampling, duration=None):
+    sampler = Sampler(sampling)
+    with ContourFile(path) as file:
+        return joined(list(ContourSource(file, sampler, duration))), sampler
+
+
+@pytest.mark.parametrize("name", ["stm", "pendulum", "multi-focus", "am-multi-focus"])
+@pytest.mark.parametrize("points_a_read", [50, 1 << 16])
+def test_a_file_read_in_pieces_is_sampled_as_one(name, points_a_read, moving, motion, tube, monkeypatch):
+    monkeypatch.setattr(source_module, "POINTS_A_READ", points_a_read)
+    focus, sampler = focus_of(moving, preset(name))
+    whole = Sampler(preset(name))
+    batch = render(tube, Palm(), motion, closed_contour())
+    end = motion.time[-1] + np.median(np.diff(motion.time))
+    expected = joined(list(sample_contours([batch], motion.pose, motion.time, end, whole)))
+    np.testing.assert_array_equal(focus.position, expected.position)
+    np.testing.assert_array_equal(focus.intensity, expected.intensity)
+    assert sampler.count == whole.count
+
+
+@pytest.mark.parametrize(
+    "sampling",
+    [
+        SamplingStrategy(),
+        SamplingStrategy(update_rate=40_000.0),
+        SamplingStrategy(am=AmplitudeModulation(frequency=200.0)),
+        SamplingStrategy(lm=LateralModulation(frequency=100.0), foci=2),
+        preset("stp"),
+    ],
+)
+def test_a_static_pose_is_sampled_once_and_counted_as_if_always(sampling, static):
+    focus, sampler = focus_of(static, sampling, duration=5.0)
+    whole = Sampler(sampling)
+    with ContourFile(static) as file:
+        pose = file.motion()["pose"]
+        batch = source_module.ContourBatch.from_arrays(file.contours())
+    expected = joined(list(sample_contours([batch], pose, np.zeros(1), 5.0, whole)))
+    assert len(focus.intensity) == round(5.0 * sampling.update_rate)
+    np.testing.assert_allclose(focus.position, expected.position, atol=2e-6)
+    np.testing.assert_allclose(focus.intensity, expected.intensity, atol=1e-5)
+    assert sampler.count.samples == whole.count.samples
+    assert sampler.count.jumps == whole.count.jumps
+    assert sampler.count.jump_length == pytest.approx(whole.count.jump_length, abs=1e-6)
+    assert sampler.count.cycles == pytest.approx(whole.count.cycles)
+
+
+def test_blocks_of_a_static_pose_are_encoded_once(static):
+    with ContourFile(static) as file:
+        source = ContourSource(file, Sampler(SamplingStrategy()), duration=3.0)
+        blocks = list(FrameSource(source, Driver(array_model("emulator"))))
+    assert len({id(block[0]) for block in blocks}) <= 2
+    assert sum(len(block[0]) for block in blocks) == 30_000 * 512
+
+
+def test_repeats_play_the_same_frames_again_without_the_file(moving):
+    sampling = SamplingStrategy(update_rate=2000.0)
+    bus = emulated_backend("emulator", clock=VirtualClock(), record=20_000)
+    playback = play_file(moving, sampling=sampling, repeats=3, connection=Connection(backend=bus))
+    played = bus.board().played[: playback.played.frames]
+    once = len(played) // 3
+    assert len(played) == 3 * once > 3000
+    np.testing.assert_array_equal(played[:once], played[once : 2 * once])
+    np.testing.assert_array_equal(played[:once], played[2 * once :])
+    assert playback.sampler.count.samples == once
+    assert playback.as_dict()["repeats"] == 3
+
+
+def test_repeats_of_what_does_not_fit_are_read_again(moving, monkeypatch):
+    monkeypatch.setattr("palpate.render.frames.KEPT_BYTES_MOST", 1000)
+    sampler = Sampler(SamplingStrategy(update_rate=1000.0))
+    with ContourFile(moving) as file:
+        frames = FrameSource(ContourSource(file, sampler), Driver(array_model("emulator")), repeats=2)
+        count = sum(len(block[0]) for block in frames) // 512
+    assert count == frames.frame_count == sampler.count.samples
+
+
+def test_a_slew_limit_reaches_across_blocks_and_repeats():
+    far = FocalPoints(np.array([[-0.05, 0, 0.2], [0.05, 0, 0.2]] * 3000, np.float32), np.ones(6000, np.float32))
+    driver = Driver(array_model("emulator"), DriveStrategy(slew=1e-3), update_rate=10_000.0)
+    blocks = list(FrameSource(PointSource(far), driver, repeats=2))
+    wire = np.concatenate([np.frombuffer(block[0], np.uint8).reshape(-1, 512) for block in blocks])
+    step = np.abs((np.diff(wire[:, 0::2].astype(int), axis=0) + 128) % 256 - 128)
+    assert len(wire) == 12_000
+    assert 1 <= step.max() <= 2  # 4 periods of 1e-3 turns are 1.02 of 256
+
+
+def test_a_point_list_is_played_at_its_own_rate(tmp_path):
+    rng = np.random.default_rng(1)
+    position = np.column_stack([rng.uniform(-0.05, 0.05, (700, 2)), rng.uniform(0.15, 0.25, 700)]).astype(np.float32)
+    intensity = rng.uniform(0, 1, 700).astype(np.float32)
+    path = tmp_path / "points.PTLIST"
+    write_ptlist(path, position, intensity, 5000.0)
+    bus = emulated_backend("emulator", clock=VirtualClock(), record=2000)
+    playback = play_file(path, connection=Connection(backend=bus))
+    drives = Driver(array_model("emulator")).drive(FocalPoints(position, intensity))
+    expected = encode_frames(drives.delay, drives.amplitude, array="emulator")
+    np.testing.assert_array_equal(bus.board().played[: playback.played.frames], expected)
+    assert playback.played.update_rate == 5000.0
+    assert "jumps" not in playback.as_dict()
+    with pytest.raises(StrategyError, match="holds focal points"):
+        play_file(path, sampling=SamplingStrategy(), connection=VIRTUAL)
+
+
+def test_times_that_do_not_increase_far_into_the_file_end_with_the_array_off(moving, monkeypatch):
+    real = ContourFile.motion
+
+    def broken(self, first=0, stop=None):
+        arrays = real(self, first, stop)
+        if "time" in arrays and first > 0 and len(arrays["time"]) > 2:
+            arrays["time"][1] = arrays["time"][0]
+        return arrays
+
+    monkeypatch.setattr(ContourFile, "motion", broken)
+    monkeypatch.setattr(source_module, "POINTS_A_READ", 2000)
+    bus = emulated_backend("emulator", clock=VirtualClock())
+    with pytest.raises(PoseError, match="does not increase"):
+        play_file(moving, connection=Connection(backend=bus))
+    assert not bus.board().playing[1::2].any()
+
+
+def pair(tmp_path):
+    turned = [0.3, 0.0, 0.1, 0.0, -0.3826834, 0.0, 0.9238795]
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps([{"array": "emulator"}, {"array": "emulator", "pose": turned}]))
+    return load_rig(str(path))
+
+
+def test_several_arrays_focus_at_the_same_point_each_from_where_it_stands(tmp_path, moving):
+    arrays = pair(tmp_path)
+    driver = Driver([placed.model for placed in arrays])
+    focus = FocalPoints(np.array([[0.03, -0.02, 0.2]], np.float32), np.ones(1, np.float32))
+    for placed, part in zip(arrays, driver.split(driver.drive(focus)), strict=True):
+        distance = np.linalg.norm(placed.model.position.astype(float) - focus.position[0], axis=1)
+        phase = 2 * np.pi * (part.delay[0] + distance * 40e3 / 343.0)
+        assert abs(np.exp(1j * phase).mean()) > 0.9999
+    assert abs(arrays[1].model.position.mean(axis=0) - [0.3, 0, 0.1]).max() < 1e-6
+    playback = play_file(moving, array=arrays, sampling=SamplingStrategy(update_rate=1000.0), connection=VIRTUAL)
+    assert [report.frames for report in playback.reports] == [playback.played.frames] * 2
+    assert all(report.off_confirmed for report in playback.reports)
+    assert len(playback.as_dict()["arrays"]) == 2
+
+
+def test_when_one_of_several_arrays_is_lost_the_others_are_switched_off(tmp_path, moving, monkeypatch):
+    buses = [emulated_backend("emulator", clock=VirtualClock()) for _ in range(2)]
+    buses[1].inject(Fault(FaultKind.UNPLUG, byte=200_000))
+    waiting = list(buses)
+    monkeypatch.setattr("palpate.render.playback.emulated_backend", lambda name, clock: waiting.pop(0))
+    with pytest.raises(DeviceLostError) as caught:
+        play_file(moving, array=pair(tmp_path), connection=VIRTUAL)
+    assert caught.value.report.stopped_by == "device"
+    assert not buses[0].board().playing[1::2].any()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[]", "list of at least one"),
+        ("{", "cannot be read"),
+        ('[{"serial": "a"}]', "array must be a str"),
+        ('[{"array": "emulator", "place": 1}]', "unknown field 'place'"),
+        ('[{"array": "emulator", "pose": [0, 0]}]', "shape"),
+        ('[{"array": "emulator", "pose": [0, 0, 0, 0, 0, 0, 2]}]', "norm"),
+        ('[{"array": "emulator", "baud": "fast"}]', "baud must be a int"),
+    ],
+)
+def test_a_rig_that_is_none_is_refused_by_field(text, message, tmp_path):
+    path = tmp_path / "rig.json"
+    path.write_text(text)
+    with pytest.raises(StrategyError, match=message):
+        load_rig(str(path))
+
+
+def test_rates_that_one_of_the_arrays_lacks_are_refused_before_anything_is_sent(moving):
+    arrays = (PlacedArray(array_model("emulator")), PlacedArray(array_model("sonicsurface")))
+    with pytest.raises(UpdateRateError, match=r"89\.4"):
+        play_file(moving, array=arrays, connection=Connection(clock="virtual", emulate=True))
+    sampling = SamplingStrategy(update_rate=20_000.0)
+    with pytest.raises(UpdateRateError, match="28 frames"):
+        play_file(moving, array="pat16", sampling=sampling, connection=Connection(clock="virtual", emulate=True))
+
+
+@pytest.mark.parametrize("array", ["pat16", "sonicsurface"])
+def test_models_of_real_boards_take_a_file_at_their_own_rate(array, moving):
+    playback = play_file(moving, array=array, connection=Connection(clock="virtual", emulate=True))
+    assert playback.played.frames > 190
+    assert (playback.played.off_sent, playback.played.off_confirmed) == (True, None)
+    assert playback.played.underruns == 0

@@ -2,14 +2,15 @@
 
 ```python
 model = array_model("emulator")
-with UsbLink.open(model) as link:
-    report = Player(link).play([encode_frames(delay, amplitude)], update_rate=10e3)
+with open_link(model) as link:
+    report = Player(link).play([encode_frames(delay, amplitude, array=model)], update_rate=10e3)
 ```
 """
 
 from .array import ArrayModel, FocalZone, UsbIdentity, array_model, array_names
 from .clock import Clock, MonotonicClock, VirtualClock
 from .codec import encode_frames, off_frame
+from .discovery import ArrayInfo, find_arrays, open_link, udev_rule
 from .emulator import EmulatorBackend, Fault, FaultKind
 from .errors import (
     DeviceBusyError,
@@ -20,16 +21,20 @@ from .errors import (
     DeviceStallError,
     DeviceTimeoutError,
     FrameError,
+    LimitsError,
     LinkError,
     NoBackendError,
     PlayInterrupted,
+    SafetyLimitError,
     UnknownArrayError,
     UpdateRateError,
+    WatchdogError,
 )
+from .limits import Limits
 from .link import BoardStatus, Link
 from .player import Player
-from .report import PlayReport, Underrun
-from .usb import ArrayInfo, UsbLink, find_arrays
+from .report import Lateness, LiveStatistics, PlayReport, QueueDepth, Underrun
+from .usb import UsbLink
 
 __all__ = [
     "ArrayInfo",
@@ -48,22 +53,31 @@ __all__ = [
     "FaultKind",
     "FocalZone",
     "FrameError",
+    "Lateness",
+    "Limits",
+    "LimitsError",
     "Link",
     "LinkError",
+    "LiveStatistics",
     "MonotonicClock",
     "NoBackendError",
     "PlayInterrupted",
     "PlayReport",
     "Player",
+    "QueueDepth",
+    "SafetyLimitError",
     "Underrun",
     "UnknownArrayError",
     "UpdateRateError",
     "UsbIdentity",
     "UsbLink",
     "VirtualClock",
+    "WatchdogError",
     "array_model",
     "array_names",
     "encode_frames",
     "find_arrays",
     "off_frame",
+    "open_link",
+    "udev_rule",
 ]

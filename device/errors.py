@@ -3,8 +3,11 @@
 ```
 DeviceError
 ├── UnknownArrayError      (ValueError)       no array model of that name
-├── UpdateRateError        (ValueError)       not a whole division of the carrier
+├── UpdateRateError        (ValueError)       a rate that the board lacks, or can't keep up
 ├── FrameError             (ValueError)       drives or blocks that no frame can be made of
+├── LimitsError            (ValueError)       limits of a playback that are none
+├── SafetyLimitError                          a playback was ended by its limits; `report` of it
+├── WatchdogError                             no watchdog can be kept for that array
 ├── NoBackendError                            libusb is not installed
 └── LinkError              (OSError)          the device or the bus; `report` if it ended a playback
     ├── DeviceNotFoundError
@@ -19,8 +22,10 @@ PlayInterrupted            (KeyboardInterrupt) a signal ended a playback; outsid
 
 from __future__ import annotations
 
+import errno
 import signal
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from .report import PlayReport
@@ -35,11 +40,26 @@ class UnknownArrayError(DeviceError, ValueError):
 
 
 class UpdateRateError(DeviceError, ValueError):
-    """The update rate is not carrier / n for a divider n that the array has."""
+    """The update rate is not one that the array has, or it cannot keep it up for that many frames."""
 
 
 class FrameError(DeviceError, ValueError):
     """Drives of a wrong shape or range, or bytes that are no whole number of frames."""
+
+
+class LimitsError(DeviceError, ValueError):
+    """A limit of a playback is no time, or no duty."""
+
+
+class SafetyLimitError(DeviceError):
+    """A playback went beyond its limits; the array was switched off before this was raised."""
+
+    report: PlayReport | None = None
+    """What was played until then."""
+
+
+class WatchdogError(DeviceError):
+    """No watchdog can be kept: another process could not reach that array."""
 
 
 class NoBackendError(DeviceError):
@@ -89,3 +109,28 @@ class PlayInterrupted(KeyboardInterrupt):
         """Number of the signal; a command line exits with 128 + signum."""
         self.report = report
         """What was played until then."""
+
+
+def link_error(who: str, code: int | None, error: object = None) -> LinkError:
+    """The error for what the bus said.
+
+    Args:
+        who: name and serial number of the array, for the message.
+        code: errno; an unknown one, or None, makes a plain `LinkError`.
+        error: the bus's own words, for that case.
+    """
+    kind, advice = _MEANING.get(code or 0, (LinkError, f"failed: {error or code}"))
+    return kind(f"array {who} {advice}")
+
+
+# errno: (error, what to do about it)
+_MEANING: Final[Mapping[int, tuple[type[LinkError], str]]] = {
+    errno.EACCES: (DevicePermissionError, "may not be opened by this user: add a udev rule for it, or use its group"),
+    errno.EPERM: (DevicePermissionError, "may not be opened by this user: add a udev rule for it, or use its group"),
+    errno.EBUSY: (DeviceBusyError, "is in use: stop the other player, or choose another serial number"),
+    errno.ENODEV: (DeviceLostError, "is gone: it was unplugged or lost its power"),
+    errno.ENOENT: (DeviceLostError, "is gone: it was unplugged, lost its power or was reconfigured"),
+    errno.EPIPE: (DeviceStallError, "refused (stall): its firmware may not be the one this array model is for"),
+    errno.ETIMEDOUT: (DeviceTimeoutError, "did not answer in time: check its cable, or switch it off and on"),
+    errno.ENOMEM: (LinkError, "got no memory for a transfer: raise usbfs_memory_mb of the kernel module usbcore"),
+}

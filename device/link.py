@@ -1,14 +1,20 @@
-"""What a player needs of the way to an array."""
+"""What a player needs of the way to an array, whatever the board."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from types import TracebackType
+from typing import Protocol, Self
 
 from .array import ArrayModel
 from .clock import Clock
+
+
+def never() -> bool:
+    """An `abandon` that never holds."""
+    return False
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,11 @@ class BoardStatus:
 
 
 class Link(Protocol):
-    """A way to one array. Errors are `LinkError`s; every call ends within a bounded time."""
+    """A way to one array. Errors are `LinkError`s; every call ends within a bounded time.
+
+    Not for several threads at once; a player uses it from one. `abandon` is asked at least every 50 ms while a call
+    waits; once it holds, the call returns without having done all.
+    """
 
     @property
     def array(self) -> ArrayModel:
@@ -47,31 +57,67 @@ class Link(Protocol):
         ...
 
     @property
+    def transport(self) -> str:
+        """Name of the transport, for reports: "sync", "queued", or a board's own."""
+        ...
+
+    @property
     def bytes_sent(self) -> int:
-        """Bytes that the array is known to have taken since the link was opened."""
+        """Bytes that the array is known to have taken since the link was opened, those that resynchronise it too."""
+        ...
+
+    @property
+    def bytes_under_way(self) -> int:
+        """Bytes handed over by `write` whose fate is not known yet; looks for what has arrived in the meantime."""
         ...
 
     @property
     def short_writes(self) -> int:
-        """Transfers since then that took less than was offered."""
+        """Transfers since the link was opened that took less than was offered, or nothing, and were continued."""
         ...
 
-    def set_divider(self, divider: int) -> None:
-        """Set the update rate to carrier / divider."""
+    def __enter__(self) -> Self:
+        """The link itself; leaving its context closes it."""
         ...
 
-    def write(self, data: array[int], *, abandon: Callable[[], bool]) -> int:
-        """Send all bytes, or stop in between once `abandon()` holds; returns how many were taken."""
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None: ...
+
+    def start(self, divider: int) -> None:
+        """Resynchronise, silence what a killed player left, set the update rate.
+
+        Afterwards no frame is torn, and the array is silent. Raises `UpdateRateError` for a divider that it lacks.
+        """
         ...
 
-    def status(self) -> BoardStatus:
-        """Ask the board."""
+    def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
+        """Send whole frames: return once they are under way, or taken; wait while there is no room for them."""
         ...
 
-    def clear(self) -> None:
-        """Drop the whole frames that are queued."""
+    def drain(self, *, abandon: Callable[[], bool] = never) -> bool:
+        """Wait until nothing is under way; False if abandoned."""
+        ...
+
+    def cancel(self) -> None:
+        """End what is under way; then `bytes_sent` is exact, and the last frame may be torn."""
+        ...
+
+    def status(self) -> BoardStatus | None:
+        """Ask the board; None from a board that never answers."""
+        ...
+
+    def clear(self) -> bool:
+        """Drop the whole frames that are queued in the board; False if it cannot."""
         ...
 
     def send_off(self) -> None:
-        """Complete a torn frame, its missing part silent, then queue the off frame."""
+        """Off now: cancel what is under way, complete a torn frame, its missing part silent, then the off frame.
+
+        Returns when the array has taken all of it; what its FIFO holds before the off frame still plays.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the array; nothing happens if it is gone. What it plays, it goes on playing."""
         ...

@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
-import signal
 import threading
+import time
 from array import array
 from collections.abc import Callable, Iterable, Iterator
-from types import FrameType, TracebackType
-from typing import Final, Self, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import DeviceBusyError, DeviceTimeoutError, FrameError, LinkError, PlayInterrupted
+from .errors import (
+    DeviceBusyError,
+    DeviceTimeoutError,
+    FrameError,
+    LinkError,
+    PlayInterrupted,
+    SafetyLimitError,
+    UpdateRateError,
+)
+from .limits import Guard, Limits
 from .link import Link
-from .report import PlayReport
-from .writer import Writer, wait_silent
+from .report import LiveStatistics, PlayReport
+from .signals import StopSignals
+from .switching import PROMPT_THREADS
+from .writer import Writer
 
 Block: TypeAlias = "array[int] | bytes | bytearray | memoryview | NDArray[np.uint8]"
 """Wire bytes of whole frames. An array("B") is sent without a copy, so it must not be changed once handed over."""
 
 QUEUE_BLOCKS = 8
+WATCH_PERIOD = 0.1  # [s] between calls of `watch`
 
 
 class Player:
@@ -28,33 +39,50 @@ class Player:
 
     Args:
         link: the opened array. The player uses it, but does not close it.
-        queue_blocks: how many blocks wait for their turn; as many are made before the first is played.
+        limits: bounds of on-time and duty; None takes the defaults of `Limits`. They hold across playbacks.
+        queue_blocks: how many blocks wait for their turn. The first is sent when 80 ms of frames are ready, or as many
+            blocks as that.
         handle_signals: switch the array off and raise `PlayInterrupted` on SIGINT, SIGTERM and SIGHUP, while playing.
             Python lets only the main thread do so; elsewhere it is the application's to call `stop`.
     """
 
-    def __init__(self, link: Link, *, queue_blocks: int = QUEUE_BLOCKS, handle_signals: bool = True) -> None:
+    def __init__(
+        self,
+        link: Link,
+        *,
+        limits: Limits | None = None,
+        queue_blocks: int = QUEUE_BLOCKS,
+        handle_signals: bool = True,
+    ) -> None:
         if queue_blocks < 1:
             raise ValueError(f"queue_blocks is {queue_blocks}, but at least 1 block must fit the queue")
         self.report: PlayReport | None = None
         """Statistics of the last playback, however it ended."""
         self._link = link
+        self._guard = Guard(limits or Limits(), link.array)
         self._queue_blocks = queue_blocks
         self._handle_signals = handle_signals
         self._playing = threading.Lock()
         self._writer: Writer | None = None
 
     def play(
-        self, blocks: Iterable[Block], *, update_rate: float, progress: Callable[[int], object] | None = None
+        self,
+        blocks: Iterable[Block],
+        *,
+        update_rate: float,
+        progress: Callable[[int], object] | None = None,
+        watch: Callable[[LiveStatistics], object] | None = None,
     ) -> PlayReport:
         """Play blocks until they end, and return when the array is off.
 
-        The blocks are taken on the calling thread (where they are made), and sent on another one.
+        The blocks are taken on the calling thread (where they are made), and sent on another one. A block that is the
+        same array("B") as one of the last few costs neither a copy nor a look at its bytes: a short contour's loop.
 
         Args:
             blocks: wire bytes, each block a whole number of frames.
-            update_rate: frames a second [Hz], carrier / n.
+            update_rate: frames a second [Hz], one that the array has.
             progress: called on the calling thread, now and then, with the count of frames that the array has taken.
+            watch: called on the calling thread, at most 10 times a second, with the statistics so far.
 
         Returns:
             The statistics.
@@ -62,51 +90,61 @@ class Player:
         Raises:
             PlayInterrupted: a signal came; it carries the statistics.
             LinkError: the array failed; `report` holds the statistics. `DeviceLostError` if it is gone.
-            UpdateRateError, FrameError: the rate is no carrier / n; a block is no whole number of frames.
+            SafetyLimitError: a limit was reached; `report` holds the statistics.
+            UpdateRateError, FrameError: the array lacks the rate, or keeps it up for a burst only, and the blocks are
+                longer; a block is no whole number of frames.
             DeviceBusyError: this player is playing already.
 
-        Whatever else `blocks` or `progress` raises passes through, after the array is off.
+        Whatever else `blocks`, `progress` or `watch` raises passes through, after the array is off.
         """
         if not self._playing.acquire(blocking=False):
             raise DeviceBusyError(f"array {self._link.array.name} is in use: this player is playing already")
         try:
+            self.report = None
             divider = self._link.array.divider(update_rate)
-            self._link.set_divider(divider)
-            self._settle(divider)
-            self._writer = writer = Writer(self._link, divider, queue_blocks=self._queue_blocks)
-            with _StopSignals(writer, enabled=self._handle_signals) as signals:
-                self._feed(blocks, writer, signals, progress or _ignore)
+            self._link.start(divider)
+            self._writer = writer = Writer(self._link, divider, self._guard, queue_blocks=self._queue_blocks)
+            if divider < self._link.array.divider_sustained:
+                blocks = self._burst(blocks, divider)
+            with StopSignals(writer, enabled=self._handle_signals) as signals, PROMPT_THREADS:
+                self._feed(blocks, writer, signals, _Ticker(writer, progress, watch))
             return self._conclude(writer, signals)
         finally:
             self._writer = None
             self._playing.release()
 
-    def stop(self) -> None:
+    def stop(self, reason: str = "stop") -> None:
         """End the playback under way, from any thread: what is queued is dropped, and `play` returns. Else nothing."""
         if writer := self._writer:
-            writer.request_stop("stop")
+            writer.request_stop(reason)
 
-    def _settle(self, divider: int) -> None:
-        """Silence what a killed player left behind, and complete the frame it left torn."""
-        status = self._link.status()
-        if status.fifo_frames or status.torn_bytes or status.level:
-            self._link.clear()
-            self._link.send_off()
-            if not wait_silent(self._link, round(divider / self._link.array.carrier * 1e9)):
-                raise DeviceTimeoutError(f"array {self._link.array.name} does not fall silent: switch it off and on")
+    def _burst(self, blocks: Iterable[Block], divider: int) -> Iterator[Block]:
+        """All blocks, gathered before the first is given, or `UpdateRateError` if they are too long for a burst."""
+        model = self._link.array
+        gathered: list[Block] = []
+        frames = 0
+        for block in blocks:
+            frames += len(whole_frames(block, model.frame_bytes)) // model.frame_bytes
+            if frames > model.burst_frames:
+                raise UpdateRateError(
+                    f"array {model.name} cannot keep up {model.update_rate(divider):g} Hz (divider {divider}): beyond "
+                    f"{model.burst_frames} frames it needs divider {model.divider_sustained} or more, which is "
+                    f"{model.update_rate(model.divider_sustained):.6g} Hz at most"
+                )
+            gathered.append(block)
+        yield from gathered
 
-    def _feed(
-        self, blocks: Iterable[Block], writer: Writer, signals: _StopSignals, progress: Callable[[int], object]
-    ) -> None:
+    def _feed(self, blocks: Iterable[Block], writer: Writer, signals: StopSignals, ticker: _Ticker) -> None:
         """Hand over all blocks and see the writer to its end, whatever happens here."""
         try:
             for block in signals.iterate(blocks):
-                if not writer.put(whole_frames(block, self._link.array.frame_bytes)):
+                if not writer.put(whole_frames(block, self._link.array.frame_bytes), tick=ticker.tick):
                     break
-                progress(writer.frames)
+                ticker.tick()
             else:
-                writer.put(None)
-            writer.join(tick=lambda: progress(writer.frames))
+                writer.put(None, tick=ticker.tick)
+            writer.join(tick=ticker.tick)
+            ticker.tick(last=True)
         except BaseException:
             writer.request_stop("exception")
             raise
@@ -114,16 +152,16 @@ class Player:
             writer.join()
             self.report = writer.report()
 
-    def _conclude(self, writer: Writer, signals: _StopSignals) -> PlayReport:
-        report = writer.report()
+    def _conclude(self, writer: Writer, signals: StopSignals) -> PlayReport:
+        report = self.report or writer.report()
         error = writer.error
-        if isinstance(error, LinkError):
+        if isinstance(error, (LinkError, SafetyLimitError)):
             error.report = report
         if signals.signum is not None:
             raise PlayInterrupted(signals.signum, report) from error
         if error is not None:
             raise error
-        if not report.off_confirmed:
+        if report.off_confirmed is False:
             lost = DeviceTimeoutError(
                 f"array {report.array} did not say that it is off: it may still be emitting, switch it off"
             )
@@ -150,66 +188,23 @@ def whole_frames(block: Block, frame_bytes: int) -> array[int]:
     return block
 
 
-class _Interrupted(BaseException):
-    """Breaks off the making of blocks; never leaves this module."""
+class _Ticker:
+    """Calls whom the caller wants called while it waits."""
 
-
-class _StopSignals:
-    """While active: the signals that end a process stop the writer instead, and break off the making of blocks.
-
-    The handler only sets attributes: a lock it took could be held by the very code it interrupts. It raises only
-    where code of the caller's runs, which may take arbitrarily long; this package's own loops look at the writer.
-    """
-
-    def __init__(self, writer: Writer, *, enabled: bool) -> None:
-        self.signum: int | None = None
-        self._writer = writer
-        self._enabled = enabled and threading.current_thread() is threading.main_thread()
-        self._breakable = False
-        self._previous: dict[int, object] = {}
-
-    def __enter__(self) -> Self:
-        for signum in _STOP_SIGNALS if self._enabled else ():
-            if signum == signal.SIGHUP and signal.getsignal(signum) == signal.SIG_IGN:
-                continue  # nohup
-            self._previous[signum] = signal.signal(signum, self._handle)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    def __init__(
+        self,
+        writer: Writer,
+        progress: Callable[[int], object] | None,
+        watch: Callable[[LiveStatistics], object] | None,
     ) -> None:
-        for signum, handler in self._previous.items():
-            # None: it was not installed from Python, and cannot be put back
-            signal.signal(signum, signal.SIG_DFL if handler is None else handler)  # pyright: ignore[reportArgumentType]  # what signal.signal gave
+        self._writer = writer
+        self._progress = progress
+        self._watch = watch
+        self._watch_at = time.monotonic()
 
-    def iterate(self, blocks: Iterable[Block]) -> Iterator[Block]:
-        """The blocks, until a signal comes."""
-        try:
-            self._breakable = True
-            source = iter(blocks)
-            self._breakable = False
-            while self.signum is None:
-                self._breakable = True
-                block = next(source)
-                self._breakable = False
-                yield block
-        except (StopIteration, _Interrupted):
-            return
-        finally:
-            self._breakable = False
-
-    def _handle(self, signum: int, frame: FrameType | None) -> None:
-        if self.signum is not None:
-            return
-        self.signum = signum
-        self._writer.request_stop(signal.Signals(signum).name)
-        if self._breakable:
-            self._breakable = False
-            raise _Interrupted
-
-
-def _ignore(frames: int) -> None:
-    pass
-
-
-_STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    def tick(self, *, last: bool = False) -> None:
+        if self._progress is not None:
+            self._progress(self._writer.frames)
+        if self._watch is not None and (last or time.monotonic() >= self._watch_at):
+            self._watch_at = time.monotonic() + WATCH_PERIOD
+            self._watch(self._writer.live())

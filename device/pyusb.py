@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from typing import TYPE_CHECKING, Protocol, cast
 
+import usb.backend.libusb1  # pyright: ignore[reportMissingTypeStubs]  # pyusb ships no types
 import usb.core  # pyright: ignore[reportMissingTypeStubs]  # pyusb ships no types
 import usb.util  # pyright: ignore[reportMissingTypeStubs]  # the same
 
@@ -28,7 +29,9 @@ else:
     from usb.core import USBError as UsbError
     from usb.core import USBTimeoutError as UsbTimeoutError
 
-__all__ = ["Backend", "UsbDevice", "UsbError", "UsbTimeoutError", "claim", "devices", "dispose"]
+__all__ = ["Backend", "UsbDevice", "UsbError", "UsbTimeoutError", "claim", "devices", "dispose", "libusb_backend"]
+
+_NO_LIBUSB = "libusb is not installed, so no array can be looked for: install libusb-1.0 (Debian: libusb-1.0-0)"
 
 
 class UsbDevice(Protocol):
@@ -90,9 +93,15 @@ def devices(*, vendor: int, product: int, backend: Backend | None) -> list[UsbDe
         found = usb.core.find(find_all=True, backend=backend, idVendor=vendor, idProduct=product)  # pyright: ignore[reportUnknownMemberType]  # untyped parameters
         return cast("list[UsbDevice]", list(found))  # pyright: ignore[reportArgumentType]  # find_all=True gives an iterator
     except usb.core.NoBackendError as error:
-        raise NoBackendError(
-            "libusb is not installed, so no array can be looked for: install libusb-1.0 (Debian: libusb-1.0-0)"
-        ) from error
+        raise NoBackendError(_NO_LIBUSB) from error
+
+
+def libusb_backend() -> Backend:
+    """pyusb's backend of libusb: real USB. Raises `NoBackendError` where libusb is missing."""
+    backend = usb.backend.libusb1.get_backend()  # pyright: ignore[reportUnknownMemberType]  # untyped parameters
+    if backend is None:
+        raise NoBackendError(_NO_LIBUSB)
+    return cast("Backend", backend)
 
 
 def claim(device: UsbDevice, interface: int) -> None:

@@ -1,4 +1,4 @@
-"""What a playback was."""
+"""What a playback was, and what it is while it lasts."""
 
 from __future__ import annotations
 
@@ -18,6 +18,49 @@ class Underrun:
     """Number of that frame, from 0."""
     duration: float
     """How long the array had been without a new frame by then [s]."""
+    submitted_ns: int
+    """When it was submitted, on `PlayReport.clock` [ns]."""
+    taken_ns: int | None
+    """When the player saw that the array had taken it [ns]; None if it never did."""
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """How late frames were, by the player's estimate: a frame is due one period after the frame before it.
+
+    Percentiles over all frames submitted [s]; a frame in time has 0.
+    """
+
+    p50: float
+    p99: float
+    p999: float
+    max: float
+
+
+@dataclass(frozen=True)
+class QueueDepth:
+    """Bytes under way on the host's side at submits, once the array made the host wait; 0 if "sync"."""
+
+    min: int
+    mean: float
+
+
+@dataclass(frozen=True)
+class LiveStatistics:
+    """A playback under way, for a line in a terminal."""
+
+    frames: int
+    """Whole frames of content that the array is known to have taken."""
+    elapsed: float
+    """Time since the first submit [s]."""
+    queue_bytes: int
+    """Bytes under way on the host's side at the last submit."""
+    underruns: int
+    """The player's estimate, as in `PlayReport`."""
+    starved: float
+    """The player's estimate of the time without a new frame [s]."""
+    lateness_max: float
+    """Most that a frame was late [s]."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +73,11 @@ class PlayReport:
     """Its serial number."""
     clock: str
     """Clock of the times here: "monotonic" is real time."""
+    transport: str
+    """How the bytes went: "sync" (blocking writes), "queued" (several transfers under way), or a board's own way."""
     stopped_by: str
-    """"end", "stop", "exception" (in the blocks), "device" (its failure), or the name of a signal."""
+    """"end", "stop", "limit" (of `Limits`), "exception" (in the blocks), "device" (its failure), "exit" (of the
+    interpreter), or the name of a signal."""
     frames: int
     """Whole frames of content that the array took, without the off frames."""
     frames_cleared: int | None
@@ -50,14 +96,24 @@ class PlayReport:
     """The player's estimate of the time without a new frame [s]."""
     underrun_events: tuple[Underrun, ...]
     """The first of them, at most UNDERRUN_EVENTS_MAX."""
+    lateness: Lateness
+    """The player's estimate of how late frames were."""
+    queue_depth: QueueDepth | None
+    """What was under way; None if the array never made the host wait, so the queue never filled."""
+    on_time: float
+    """Longest time of emission without a pause of `Limits.pause_min` [s], also from playbacks before this one."""
+    duty: float
+    """Mean duty of the frames submitted: 1 is every transducer at full drive."""
     board_underruns: int | None
     """The board's own count of times at which it ran dry."""
     board_starved: float | None
     """The board's own time without a new frame [s]."""
     short_writes: int
     """Transfers that took less than was offered, or nothing, and were continued."""
-    off_confirmed: bool
-    """The board said that it is silent. If not, it may still be emitting."""
+    off_sent: bool
+    """The array took the off frame."""
+    off_confirmed: bool | None
+    """The board said that it is silent; None from a board that never answers. If False, it may still be emitting."""
 
     def as_dict(self) -> dict[str, object]:
         """Everything, as JSON takes it."""

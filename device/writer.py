@@ -2,103 +2,148 @@
 
 from __future__ import annotations
 
+import atexit
+import weakref
 from array import array
+from collections import deque
 from collections.abc import Callable
 from queue import Empty, Full, Queue
 from threading import Thread
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
-from .errors import DeviceLostError, DeviceTimeoutError, LinkError
+from .codec import off_frame
+from .errors import DeviceLostError, DeviceTimeoutError, LinkError, SafetyLimitError
+from .limits import Dose, Guard
 from .link import BoardStatus, Link
-from .report import UNDERRUN_EVENTS_MAX, PlayReport, Underrun
+from .report import LiveStatistics, PlayReport
+from .silence import DRAIN_MARGIN_NS, wait_silent
+from .timeline import Timeline
 
 T = TypeVar("T")
 
-TRANSFER_BYTES = 1 << 16  # measured: the cost of a write no longer shows at 20 MB/s
-TRANSFER_DURATION = 0.02  # [s]; a stop waits for the transfer under way
+CHUNK_BYTES = 1 << 16  # measured: the cost of a write no longer shows at 20 MB/s
+CHUNK_DURATION = {"sync": 0.02}  # [s]; a blocking write is alone under way, so it is longer
+CHUNK_DURATION_QUEUED = 0.0125  # [s]; 4 of them are under way at 10 kHz, more and shorter ones above 10 kHz
+PREFILL_DURATION = 0.08  # [s] of frames that are ready before the first is sent
 POLL = 0.02  # [s] between looks at the stop request, which a signal handler may set and so cannot notify
-DRAIN_MARGIN_NS = 500_000_000  # beyond the playing time of what is queued, before the array counts as hung
+CHUNKED_BLOCKS = 4  # blocks whose chunks are kept: a short contour's loop comes again and again
+EXIT_TIMEOUT = 3.0  # [s] that the end of the interpreter waits for arrays to be off
+
+
+class Chunk(NamedTuple):
+    """What is submitted at a time."""
+
+    data: array[int]
+    dose: Dose
 
 
 class Writer:
     """Sends blocks from a bounded queue, then sees to it that the array is off, whatever ended the playback.
 
     Args:
-        link: the array, its divider set, silent, and no byte of a frame in it.
+        link: the array, started at `divider`: silent, and no byte of a frame in it.
         divider: that divider.
-        queue_blocks: how many blocks wait at most; playing starts when as many do.
+        guard: watches the limits.
+        queue_blocks: how many blocks wait at most.
     """
 
-    def __init__(self, link: Link, divider: int, *, queue_blocks: int) -> None:
+    def __init__(self, link: Link, divider: int, guard: Guard, *, queue_blocks: int) -> None:
         self.error: BaseException | None = None
         self.stopped_by: str | None = None  # plain attribute: a signal handler may not take a lock
         self._link = link
-        self._queue: Queue[array[int] | None] = Queue(queue_blocks)
-        self._thread = Thread(target=self._run, name="palpate-writer")
+        self._divider = divider
+        self._guard = guard
+        self._queue: Queue[list[Chunk] | None] = Queue(queue_blocks)
+        self._prefilled = 0  # frames
+        self._thread = Thread(target=self._run, name="palpate-writer", daemon=True)  # the end of Python ends it: below
         self._frame_bytes = link.array.frame_bytes
-        self._period_ns = round(divider / link.array.carrier * 1e9)
-        per_transfer = int(TRANSFER_DURATION * 1e9) // self._period_ns
-        self._transfer_bytes = max(1, min(per_transfer, TRANSFER_BYTES // self._frame_bytes)) * self._frame_bytes
+        self._update_rate = link.array.update_rate(divider)
+        self._period_ns = round(1e9 / self._update_rate)
+        duration = CHUNK_DURATION.get(link.transport, CHUNK_DURATION_QUEUED)
+        frames = min(int(duration * self._update_rate), CHUNK_BYTES // self._frame_bytes)
+        self._chunk_bytes = max(1, frames) * self._frame_bytes
+        self._chunked: deque[tuple[array[int], list[Chunk]]] = deque(maxlen=CHUNKED_BLOCKS)
+        self._timeline = Timeline(self._period_ns, link.array.fifo_frames)
         self._base = link.status()
         self._bytes_base, self._short_base = link.bytes_sent, link.short_writes
-        self._bytes = 0
-        self._start_ns: int | None = None
-        self._dry_ns = 0  # when the array will have played all that was submitted
-        self._starved_ns = 0
-        self._underruns = 0
-        self._underrun_events: list[Underrun] = []
+        self._content_bytes = 0  # handed to the link
+        self._bytes = 0  # taken
+        self._duty_sum = 0.0
         self._elapsed_ns = 0
         self._stop_status: BoardStatus | None = None  # at the end of the content
         self._cleared: int | None = None
-        self._finishing = False
-        self._off = False
-        self._update_rate = link.array.update_rate(divider)
+        self._finishing = self._off_sent = False
+        self._off: bool | None = False
 
     @property
     def frames(self) -> int:
         """Whole frames taken by the array so far."""
         return self._bytes // self._frame_bytes
 
-    @property
-    def finished(self) -> bool:
-        """The thread has ended, and the array is off if that could be done."""
-        return self._thread.ident is not None and not self._thread.is_alive()
+    def live(self) -> LiveStatistics:
+        """Statistics so far."""
+        timeline = self._timeline
+        elapsed_ns = 0 if timeline.start_ns is None else self._link.clock.now_ns() - timeline.start_ns
+        return LiveStatistics(
+            frames=self.frames,
+            elapsed=elapsed_ns * 1e-9,
+            queue_bytes=timeline.queue_bytes,
+            underruns=timeline.underruns,
+            starved=timeline.starved_ns * 1e-9,
+            lateness_max=timeline.lateness_max_ns * 1e-9,
+        )
 
     def request_stop(self, reason: str) -> None:
         """Stop as soon as possible, dropping what is queued; the first reason counts. Safe in a signal handler."""
         if self.stopped_by is None:
             self.stopped_by = reason
 
-    def put(self, block: array[int] | None) -> bool:
-        """Queue a block, or None for the end; False if playing stopped instead."""
+    def put(self, block: array[int] | None, *, tick: Callable[[], object] = lambda: None) -> bool:
+        """Queue a block, or None for the end, calling `tick` while there is no room; False if playing stopped instead.
+
+        Playing starts when 80 ms of frames are queued, or the queue is full, or at the end.
+        """
+        chunks = None if block is None else self._chunks(block)
         while self.stopped_by is None:
             try:
-                self._queue.put(block, timeout=POLL if self._thread.ident else 0)
-                return True
+                self._queue.put(chunks, timeout=POLL if self._started else 0)
             except Full:
-                if self._thread.ident is None:
-                    self._thread.start()
+                self._start()
+                tick()
+                continue
+            self._prefilled += 0 if block is None else len(block) // self._frame_bytes
+            if block is None or self._prefilled >= PREFILL_DURATION * self._update_rate:
+                self._start()
+            return True
         return False
 
     def join(self, *, tick: Callable[[], object] = lambda: None) -> None:
         """Wait for the end of the thread, calling `tick` meanwhile; starts it if nothing did, so the array is off."""
-        if self._thread.ident is None:
-            self._thread.start()
+        self._start()
         while self._thread.is_alive():
             self._thread.join(POLL)
             tick()
 
+    def wait(self, timeout: float) -> None:
+        """Wait for the end of the thread, if it was started, for `timeout` [s] at most."""
+        if self._started:
+            self._thread.join(timeout)
+
     def report(self) -> PlayReport:
         """Statistics, once the thread has ended."""
-        now, base = self._stop_status, self._base
+        now, base, timeline = self._stop_status, self._base, self._timeline
         frames = self.frames
-        played = frames - (self._cleared or 0)
-        duration = played / self._update_rate
-        period = self._period_ns * 1e-9
+        duration = (frames - (self._cleared or 0)) / self._update_rate
+        board = (
+            None
+            if now is None or base is None
+            else (now.underruns - base.underruns, now.starved_periods - base.starved_periods)
+        )
         return PlayReport(
             array=self._link.array.name,
             serial=self._link.serial,
             clock=self._link.clock.name,
+            transport=self._link.transport,
             stopped_by=self.stopped_by or "end",
             frames=frames,
             frames_cleared=self._cleared,
@@ -106,14 +151,29 @@ class Writer:
             update_rate=self._update_rate,
             duration=duration if self._cleared is not None else min(duration, self._elapsed_ns * 1e-9),
             elapsed=self._elapsed_ns * 1e-9,
-            underruns=self._underruns,
-            starved=self._starved_ns * 1e-9,
-            underrun_events=tuple(self._underrun_events),
-            board_underruns=None if now is None else now.underruns - base.underruns,
-            board_starved=None if now is None else (now.starved_periods - base.starved_periods) * period,
+            underruns=timeline.underruns,
+            starved=timeline.starved_ns * 1e-9,
+            underrun_events=timeline.underrun_events(),
+            lateness=timeline.lateness(),
+            queue_depth=timeline.queue_depth(),
+            on_time=self._guard.on_time_ns * 1e-9,
+            duty=self._duty_sum / max(self._content_bytes // self._frame_bytes, 1),
+            board_underruns=board and board[0],
+            board_starved=board and board[1] / self._update_rate,
             short_writes=self._link.short_writes - self._short_base,
+            off_sent=self._off_sent,
             off_confirmed=self._off,
         )
+
+    @property
+    def _started(self) -> bool:
+        return self._thread.ident is not None
+
+    def _start(self) -> None:
+        if not self._started:
+            self._guard.start()
+            _running.add(self)
+            self._thread.start()
 
     def _run(self) -> None:
         try:
@@ -122,94 +182,148 @@ class Writer:
                 self._finish()
         except BaseException as error:  # whatever it is, the array is switched off, and the caller's thread raises it
             self.error = error
-            self.request_stop("device")
+            self.request_stop("limit" if isinstance(error, SafetyLimitError) else "device")
         try:
-            if not self._off:
+            if not self._off_sent:
                 self._stop()
         except BaseException as error:  # as above
             self.error = self.error or error
-        if self._start_ns is not None:
-            self._elapsed_ns = self._link.clock.now_ns() - self._start_ns
+        now_ns = self._link.clock.now_ns()
+        self._guard.silence(now_ns)
+        if self._timeline.start_ns is not None:
+            self._elapsed_ns = now_ns - self._timeline.start_ns
+
+    def _is_stopped(self) -> bool:
+        return self.stopped_by is not None
 
     def _stream(self) -> None:
-        while (block := self._next()) is not None:
-            for start in range(0, len(block), self._transfer_bytes):
-                if self.stopped_by is not None:
+        while (chunks := self._next()) is not None:
+            for chunk in chunks:
+                if self._is_stopped():
                     return
-                self._submit(block[start : start + self._transfer_bytes])
+                self._submit(chunk)
 
-    def _next(self) -> array[int] | None:
-        while self.stopped_by is None:
+    def _next(self) -> list[Chunk] | None:
+        while not self._is_stopped():
             try:
                 return self._queue.get(timeout=POLL)
             except Empty:
-                continue
+                self._look()
+                self._guard.hold(self._link.clock.now_ns())
         return None
 
-    def _submit(self, data: array[int]) -> None:
-        self._meet_deadline(len(data) // self._frame_bytes)
-        try:
-            self._link.write(data, abandon=lambda: self.stopped_by is not None)
-        finally:
-            self._bytes = self._link.bytes_sent - self._bytes_base
+    def _chunks(self, block: array[int]) -> list[Chunk]:
+        """A block in chunks, which are kept for when the same array comes again.
 
-    def _meet_deadline(self, frames: int) -> None:
-        """Submit in time? The array runs dry when all that was submitted is played; after that it starts anew."""
+        On the caller's thread: NumPy gives up the interpreter's lock, and whoever wants it back while others compute
+        waits, which the writer must not.
+        """
+        for known, chunks in self._chunked:
+            if known is block:
+                return chunks
+        size = self._chunk_bytes
+        doses = self._guard.measure(block, size // self._frame_bytes)
+        whole = len(block) <= size
+        chunks = [
+            Chunk(block if whole else block[number * size : (number + 1) * size], dose)
+            for number, dose in enumerate(doses)
+        ]
+        self._chunked.append((block, chunks))
+        return chunks
+
+    def _submit(self, chunk: Chunk) -> None:
+        before_ns = self._meet_deadline(chunk.dose.frames)
+        self._guard.admit(chunk.dose, self._timeline.dry_ns - chunk.dose.frames * self._period_ns, self._period_ns)
+        self._duty_sum += chunk.dose.duty_sum
+        self._content_bytes += len(chunk.data)
+        try:
+            self._link.write(chunk.data, abandon=self._is_stopped)
+        finally:
+            self._look()
         now_ns = self._link.clock.now_ns()
-        if self._start_ns is None:
-            self._start_ns = self._dry_ns = now_ns
-        late_ns = now_ns - self._dry_ns
-        if late_ns > 0:
-            self._underruns += 1
-            self._starved_ns += late_ns
-            self._dry_ns = now_ns
-            if len(self._underrun_events) < UNDERRUN_EVENTS_MAX:
-                time = (now_ns - self._start_ns) * 1e-9
-                self._underrun_events.append(Underrun(time, self.frames, late_ns * 1e-9))
-        self._dry_ns += frames * self._period_ns
+        if now_ns - before_ns > chunk.dose.frames * self._period_ns // 2:
+            self._timeline.waited(now_ns)
+
+    def _meet_deadline(self, frames: int) -> int:
+        """Submit in time? Returns the time [ns]."""
+        under_way = self._look()
+        now_ns = self._link.clock.now_ns()
+        self._timeline.submit(now_ns, frames, queue_bytes=under_way, queue_frames=under_way // self._frame_bytes)
+        return now_ns
+
+    def _look(self) -> int:
+        """Learn what has arrived; returns what is under way still [bytes]."""
+        under_way = self._link.bytes_under_way
+        self._bytes = min(self._link.bytes_sent - self._bytes_base, self._content_bytes)
+        self._timeline.taken(self._link.clock.now_ns(), self.frames)
+        return under_way
 
     def _finish(self) -> None:
         """The end of the content: the off frame behind it, then wait until that plays."""
-        if self._start_ns is not None:
+        if self._timeline.start_ns is not None:
             self._meet_deadline(1)
         self._finishing = True
-        self._link.send_off()
-        target = self._base.frames_played + self.frames + 1
-        status = self._link.status()
-        deadline_ns = self._link.clock.now_ns() + status.fifo_frames * self._period_ns + DRAIN_MARGIN_NS
-        while status.frames_played < target or status.level:
-            now_ns = self._link.clock.now_ns()
-            if self.stopped_by is not None:
-                return
-            if now_ns > deadline_ns:
+        self._link.write(array("B", off_frame(array=self._link.array).tobytes()), abandon=self._is_stopped)
+        drained = self._link.drain(abandon=self._is_stopped)
+        self._look()
+        if drained and not self._is_stopped() and self._await_off():
+            self._off_sent = True
+            self._cleared = 0
+
+    def _await_off(self) -> bool:
+        """Wait until the off frame plays; False if stopped meanwhile, so that what is queued is still to be cleared."""
+        clock, status = self._link.clock, self._link.status()
+        wait_frames = self._link.array.fifo_frames + 1 if status is None else status.fifo_frames
+        deadline_ns = clock.now_ns() + wait_frames * self._period_ns
+        target = self.frames + 1 + (self._base.frames_played if self._base else 0)
+        while status is None or status.frames_played < target or status.level:
+            now_ns = clock.now_ns()
+            if self._is_stopped():
+                return False
+            if status is None and now_ns >= deadline_ns:
+                self._off = None
+                return True
+            if now_ns > deadline_ns + DRAIN_MARGIN_NS:
                 raise DeviceTimeoutError(
-                    f"array {self._link.array.name} played {status.frames_played - self._base.frames_played} frames of "
-                    f"{self.frames} and its off frame in the time for all: it may still be emitting, switch it off"
+                    f"array {self._link.array.name} did not play {self.frames} frames and its off frame in the time "
+                    "for all: it may still be emitting, switch it off"
                 )
-            wait_ns = max(target - status.frames_played, 1) * self._period_ns
-            self._link.clock.sleep_until_ns(now_ns + min(wait_ns, int(POLL * 1e9)))
+            clock.sleep_until_ns(now_ns + min(self._wait_ns(status, target, deadline_ns - now_ns), int(POLL * 1e9)))
             status = self._link.status()
-        self._stop_status, self._cleared, self._off = status, 0, True
+        self._stop_status, self._off = status, True
+        return True
+
+    def _wait_ns(self, status: BoardStatus | None, target: int, left_ns: int) -> int:
+        return left_ns if status is None else max(target - status.frames_played, 1) * self._period_ns
 
     def _stop(self) -> None:
         """Off now: drop what is queued, complete a torn frame, send the off frame. Each step tried, whatever failed."""
+        self._attempt(self._link.cancel)
+        self._look()
         before = self._attempt(self._link.status)
-        self._attempt(self._link.clear)
+        is_clear = self._attempt(self._link.clear)
         after = self._attempt(self._link.status)
         if before is not None:
             self._stop_status = before
-            if not self._finishing:
-                self._bytes = self._taken_bytes(before)
-        if after is not None and after.fifo_frames == 0:
-            self._cleared = max(self.frames - (after.frames_played - self._base.frames_played), 0)
-        self._attempt(self._link.send_off)
-        self._off = bool(self._attempt(lambda: wait_silent(self._link, self._period_ns)))
-        if self._off and self._cleared is None:  # nothing could be cleared, so all of it was played
+            if not self._finishing and self._base is not None:
+                self._bytes = self._taken_bytes(before, self._base)
+            if after is not None and after.fifo_frames == 0 and self._base is not None:
+                self._cleared = max(self.frames - (after.frames_played - self._base.frames_played), 0)
+        self._attempt(self._send_off)
+        self._attempt(self._confirm_off)
+        if self._cleared is None and self._off is not False and not is_clear:  # so all of it was played
             self._cleared = 0
 
-    def _taken_bytes(self, status: BoardStatus) -> int:
-        """Bytes of content the board has taken by its own count: after a failed write the host does not know."""
-        frames = status.frames_played - self._base.frames_played + status.fifo_frames
+    def _send_off(self) -> None:
+        self._link.send_off()
+        self._off_sent = True
+
+    def _confirm_off(self) -> None:
+        self._off = wait_silent(self._link, self._divider)
+
+    def _taken_bytes(self, status: BoardStatus, base: BoardStatus) -> int:
+        """Bytes of content the board has taken by its own count: after a failed write the host may not know."""
+        frames = status.frames_played - base.frames_played + status.fifo_frames
         return frames * self._frame_bytes + status.torn_bytes
 
     def _attempt(self, step: Callable[[], T]) -> T | None:
@@ -223,14 +337,15 @@ class Writer:
             return None
 
 
-def wait_silent(link: Link, period_ns: int) -> bool:
-    """Wait until the board has played all that is queued and says it is silent; False if it does not come to that."""
-    status = link.status()
-    deadline_ns = link.clock.now_ns() + (status.fifo_frames + 1) * period_ns + DRAIN_MARGIN_NS
-    while status.level or status.fifo_frames:
-        now_ns = link.clock.now_ns()
-        if now_ns > deadline_ns:
-            return False
-        link.clock.sleep_until_ns(now_ns + period_ns)
-        status = link.status()
-    return True
+_running: weakref.WeakSet[Writer] = weakref.WeakSet()
+
+
+def _switch_off_at_exit() -> None:
+    """The interpreter ends while something plays, in a thread that does not keep it alive: off, within bounds."""
+    for writer in list(_running):
+        writer.request_stop("exit")
+    for writer in list(_running):
+        writer.wait(EXIT_TIMEOUT)
+
+
+atexit.register(_switch_off_at_exit)

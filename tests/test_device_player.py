@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 import threading
 import time
 from array import array
@@ -24,12 +25,14 @@ from palpate.device import (
     Fault,
     FaultKind,
     FrameError,
+    LiveStatistics,
     Player,
     UpdateRateError,
     UsbLink,
     VirtualClock,
     array_model,
 )
+from palpate.device.limits import Guard
 
 FRAME = 512
 MODEL = array_model("emulator")
@@ -474,3 +477,74 @@ def test_real_time_plays_the_same() -> None:
     assert report.clock == "monotonic"
     assert np.array_equal(bus.board().played[:-1], wire)
     assert not bus.board().playing.any()
+
+
+def test_a_block_that_comes_again_is_neither_copied_nor_looked_at_again(
+    bus: EmulatorBackend, link: UsbLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured: list[int] = []
+    written: list[array] = []
+    measure, write = Guard.measure, link.write
+    monkeypatch.setattr(
+        Guard, "measure", lambda self, data, size: measured.append(id(data)) or measure(self, data, size)
+    )
+    monkeypatch.setattr(link, "write", lambda data, **rest: written.append(data) or write(data, **rest))
+    small, large = array("B", content(100).tobytes()), array("B", content(300, seed=1).tobytes())
+    Player(link).play([small, large] * 20, update_rate=RATE)
+    assert measured == [id(small), id(large)]
+    assert sum(data is small for data in written) == 20
+    assert len({id(data) for data in written}) == 1 + 3 + 1  # the large one in two transfers of 20 ms, and off
+    expected = np.frombuffer((small + large) * 20, np.uint8).reshape(-1, FRAME)
+    assert np.array_equal(bus.board().played[:-1], expected)
+
+
+def test_watch_is_told_live_statistics_ten_times_a_second_at_most_and_at_the_end(link: UsbLink) -> None:
+    seen: list[LiveStatistics] = []
+    threads: set[int] = set()
+
+    def watch(live: LiveStatistics) -> None:
+        seen.append(live)
+        threads.add(threading.get_ident())
+
+    began = time.monotonic()
+    report = Player(link).play(in_blocks(content(20_000), 10), update_rate=RATE, watch=watch)
+    assert len(seen) <= 2 + (time.monotonic() - began) * 10
+    assert threads == {threading.get_ident()}
+    assert seen[-1].frames == report.frames == 20_000
+    assert (seen[-1].underruns, seen[-1].starved) == (report.underruns, report.starved)
+    assert [live.frames for live in seen] == sorted(live.frames for live in seen)
+
+
+def test_threads_take_turns_faster_while_playing_only() -> None:
+    before = sys.getswitchinterval()
+    seen: list[float] = []
+
+    def blocks() -> Iterator[bytes]:
+        seen.append(sys.getswitchinterval())
+        yield bytes(FRAME)
+        raise Broken
+
+    with UsbLink.open(MODEL, backend=EmulatorBackend(clock=VirtualClock())) as link, pytest.raises(Broken):
+        Player(link).play(blocks(), update_rate=RATE)
+    assert seen[0] < before == sys.getswitchinterval()
+
+
+def test_whatever_ends_the_writing_thread_the_array_is_off_and_the_caller_learns_of_it(
+    bus: EmulatorBackend, link: UsbLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = link.write
+
+    def fails_once(data: array, **rest: object) -> None:
+        if bus.board().bytes_received > 1000 * FRAME:
+            monkeypatch.undo()
+            raise MemoryError
+        write(data, **rest)
+
+    monkeypatch.setattr(link, "write", fails_once)
+    player = Player(link)
+    with pytest.raises(MemoryError):
+        player.play(in_blocks(content(3000), 100), update_rate=RATE)
+    assert player.report is not None
+    assert (player.report.stopped_by, player.report.off_confirmed) == ("device", True)
+    assert_off(bus)
+    assert_plays_again(bus, link)

@@ -118,3 +118,44 @@ def test_handlers_are_restored_after_a_playback_that_ends() -> None:
     with UsbLink.open(array_model("emulator"), backend=EmulatorBackend(clock=VirtualClock())) as link:
         Player(link).play([bytes(512)], update_rate=10e3)
     assert before == [signal.getsignal(signum) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+
+
+ENDS_WHILE_A_DAEMON_PLAYS = """
+import atexit, json, threading
+import numpy as np
+outcome = {}
+
+@atexit.register  # before palpate's own, so after it
+def tell():
+    outcome["last"] = bus.board().played.max(axis=1).tolist()
+    outcome["stopped_by"] = player.report.stopped_by if player.report else None
+    print(json.dumps(outcome))
+
+from palpate.device import EmulatorBackend, Player, UsbLink, array_model
+
+bus = EmulatorBackend(record=10)
+wire = np.full((100, 512), 200, np.uint8)
+playing = threading.Event()
+
+def blocks():
+    while True:
+        yield wire.tobytes()
+        if bus.board().bytes_received:
+            playing.set()
+
+link = UsbLink.open(array_model("emulator"), backend=bus)
+player = Player(link)
+threading.Thread(target=lambda: player.play(blocks(), update_rate=10e3), daemon=True).start()
+playing.wait(30)
+"""
+
+
+def test_the_end_of_the_interpreter_switches_off_what_a_daemon_thread_plays() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", ENDS_WHILE_A_DAEMON_PLAYS], capture_output=True, text=True, timeout=60, check=True
+    )
+    outcome = json.loads(done.stdout)
+    assert outcome["last"][-1] == 0
+    assert set(outcome["last"][:-1]) == {200}
+    assert outcome["stopped_by"] in (None, "exit")
+    assert done.stderr == "" or "Traceback" not in done.stderr

@@ -66,10 +66,9 @@ def test_an_array_that_may_not_be_opened_is_listed_as_such(bus: EmulatorBackend)
         UsbLink.open(MODEL, serial="one", backend=bus)
 
 
-def test_a_strangers_device_with_the_shared_test_ids_is_no_array(
-    bus: EmulatorBackend, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_strangers_device_with_the_shared_test_ids_is_no_array(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.device.emulator.PRODUCT_STRING", "a keyboard")
+    bus = EmulatorBackend(clock=VirtualClock())
     assert find_arrays(backend=bus) == ()
     with pytest.raises(DeviceNotFoundError, match="plug it in"):
         UsbLink.open(MODEL, backend=bus)
@@ -121,7 +120,7 @@ def test_a_short_write_is_completed_and_counted(bus: EmulatorBackend, kind: Faul
     bus.inject(Fault(kind, byte=offset))
     sent = frames(3)
     with UsbLink.open(MODEL, backend=bus) as link:
-        assert link.write(sent) == len(sent)
+        link.write(sent)
         assert (link.short_writes, link.bytes_sent) == (1, len(sent))
         bus.clock.advance(1)
     assert bus.board().played.tobytes() == sent.tobytes()
@@ -132,7 +131,8 @@ def test_an_abandoned_write_says_how_much_was_taken_and_off_completes_the_frame(
     sent = frames(3)
     with UsbLink.open(MODEL, backend=bus) as link:
         link.status()
-        assert link.write(sent, abandon=lambda: True) == 700
+        link.write(sent, abandon=lambda: True)
+        assert link.bytes_sent == 700
         link.send_off()
         bus.clock.advance(1)
     expected = sent[:700].tobytes() + bytes(2 * FRAME - 700) + bytes(FRAME)
@@ -170,7 +170,7 @@ def test_a_board_that_takes_nothing_ends_the_write_in_bounded_time(bus: Emulator
 )
 @pytest.mark.parametrize(
     ("request_number", "call"),
-    [(1, lambda link: link.set_divider(4)), (2, lambda link: link.status()), (3, lambda link: link.clear())],
+    [(1, lambda link: link.start(4)), (2, lambda link: link.status()), (3, lambda link: link.clear())],
 )
 def test_a_failed_request_is_an_error_of_our_own(
     bus: EmulatorBackend,
@@ -195,6 +195,37 @@ def test_an_unplugged_array_closes_without_an_error(bus: EmulatorBackend) -> Non
 def test_a_divider_that_the_board_does_not_have_never_reaches_it(bus: EmulatorBackend) -> None:
     with UsbLink.open(MODEL, backend=bus) as link:
         with pytest.raises(UpdateRateError, match=r"divider 256 is outside 1\.\.255"):
-            link.set_divider(256)
-        link.set_divider(255)
+            link.start(256)
+        link.start(255)
         assert link.status().divider == 255
+
+
+def test_a_write_never_blocks_for_more_than_50_ms(bus: EmulatorBackend, monkeypatch: pytest.MonkeyPatch) -> None:
+    timeouts: list[int] = []
+    original = EmulatorBackend.bulk_write
+
+    def noted(self: EmulatorBackend, handle, ep, intf, data, timeout) -> int:
+        timeouts.append(timeout)
+        return original(self, handle, ep, intf, data, timeout)
+
+    monkeypatch.setattr(EmulatorBackend, "bulk_write", noted)
+    with UsbLink.open(MODEL, backend=bus) as link:
+        link.start(255)  # 157 Hz
+        link.write(frames(2100))  # more than the FIFO holds
+        asked: list[int] = []
+        link.write(frames(100), abandon=lambda: asked.append(bus.clock.now_ns()) or len(asked) >= 5)
+    assert set(timeouts) == {50}
+    assert max(np.diff(asked)) <= 50e6
+    assert 5 <= len(asked) <= 6  # the stream asks again between pieces
+
+
+def test_after_a_stall_the_next_start_ends_the_halt(bus: EmulatorBackend) -> None:
+    bus.inject(Fault(FaultKind.STALL, byte=700))
+    with UsbLink.open(MODEL, backend=bus) as link:
+        link.start(4)
+        with pytest.raises(DeviceStallError):
+            link.write(frames(3))
+        link.start(4)
+        link.write(frames(2))
+        bus.clock.advance(1)
+        assert np.array_equal(bus.board().played[-2:].ravel(), np.frombuffer(frames(2), np.uint8))

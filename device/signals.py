@@ -1,0 +1,80 @@
+"""Signals that end a process: while something plays, they switch the array off first."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterable, Iterator
+from types import FrameType, TracebackType
+from typing import Final, Protocol, Self, TypeVar
+
+T = TypeVar("T")
+
+
+class Stoppable(Protocol):
+    """What plays."""
+
+    def request_stop(self, reason: str) -> None:
+        """Stop as soon as possible; called in a signal handler."""
+        ...
+
+
+class _Interrupted(BaseException):
+    """Breaks off the making of blocks; never leaves this module."""
+
+
+class StopSignals:
+    """While active: the signals that end a process stop what plays instead, and break off the making of blocks.
+
+    The handler only sets attributes: a lock it took could be held by the very code it interrupts. It raises only
+    where code of the caller's runs, which may take arbitrarily long; this package's own loops look at what plays.
+    """
+
+    def __init__(self, target: Stoppable, *, enabled: bool) -> None:
+        self.signum: int | None = None
+        self._target = target
+        self._enabled = enabled and threading.current_thread() is threading.main_thread()
+        self._breakable = False
+        self._previous: dict[int, object] = {}
+
+    def __enter__(self) -> Self:
+        for signum in _STOP_SIGNALS if self._enabled else ():
+            if signum == signal.SIGHUP and signal.getsignal(signum) == signal.SIG_IGN:
+                continue  # nohup
+            self._previous[signum] = signal.signal(signum, self._handle)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for signum, handler in self._previous.items():
+            # None: it was not installed from Python, and cannot be put back
+            signal.signal(signum, signal.SIG_DFL if handler is None else handler)  # pyright: ignore[reportArgumentType]  # what signal.signal gave
+
+    def iterate(self, blocks: Iterable[T]) -> Iterator[T]:
+        """The blocks, until a signal comes."""
+        try:
+            self._breakable = True
+            source = iter(blocks)
+            self._breakable = False
+            while self.signum is None:
+                self._breakable = True
+                block = next(source)
+                self._breakable = False
+                yield block
+        except (StopIteration, _Interrupted):
+            return
+        finally:
+            self._breakable = False
+
+    def _handle(self, signum: int, frame: FrameType | None) -> None:
+        if self.signum is not None:
+            return
+        self.signum = signum
+        self._target.request_stop(signal.Signals(signum).name)
+        if self._breakable:
+            self._breakable = False
+            raise _Interrupted
+
+
+_STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

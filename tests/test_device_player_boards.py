@@ -1,0 +1,250 @@
+"""Playback to the models of real boards, whose links never answer: content, bursts, faults, and off after each."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.device import (
+    ArrayModel,
+    DeviceLostError,
+    DeviceStallError,
+    DeviceTimeoutError,
+    EmulatorBackend,
+    Fault,
+    FaultKind,
+    Link,
+    Player,
+    UpdateRateError,
+    VirtualClock,
+    array_model,
+    encode_frames,
+    open_link,
+)
+from palpate.device.bus import EmulatedBus, emulated_backend
+
+BOARDS = ("emulator", "pat16", "sonicsurface")
+SILENT = ("pat16", "sonicsurface")
+
+
+def rate_of(model: ArrayModel) -> float:
+    return model.update_rate(model.divider_default)
+
+
+def content(model: ArrayModel, count: int, *, seed: int = 0) -> np.ndarray:
+    """Frames that all differ, and all emit."""
+    rng = np.random.default_rng(seed)
+    shape = (count, model.transducer_count)
+    return encode_frames(rng.random(shape), rng.uniform(0.6, 1, shape), array=model)
+
+
+def in_blocks(wire: np.ndarray, size: int = 64) -> Iterator[np.ndarray]:
+    for start in range(0, len(wire), size):
+        yield wire[start : start + size]
+
+
+def as_played(model: ArrayModel, wire: np.ndarray) -> np.ndarray:
+    """What a board records of wire frames: a SonicSurface drops its two marks."""
+    return wire[:, 1:-1] if model.name == "sonicsurface" else wire
+
+
+class Setup:
+    def __init__(self, name: str) -> None:
+        self.model = array_model(name)
+        self.bus: EmulatedBus[Any] = emulated_backend(name, clock=VirtualClock(), record=100_000)
+        self.link: Link = open_link(self.model, backend=self.bus)
+        self.player = Player(self.link)
+
+    @property
+    def board(self) -> Any:
+        return self.bus.board()
+
+    def play(self, wire: np.ndarray) -> Any:
+        return self.player.play(in_blocks(wire), update_rate=rate_of(self.model))
+
+    def assert_off(self) -> None:
+        assert not self.board.emitting
+        self.bus.clock.advance(2)
+        assert not self.board.emitting
+
+    def assert_plays_again(self) -> None:
+        wire = content(self.model, 20, seed=7)
+        assert self.play(wire).frames == 20
+        assert np.array_equal(self.board.played[-21:-1], as_played(self.model, wire))
+        self.assert_off()
+
+
+@pytest.fixture
+def setup(request: pytest.FixtureRequest) -> Iterator[Setup]:
+    threads = threading.active_count()
+    setup = Setup(request.param)
+    yield setup
+    setup.link.close()
+    assert threading.active_count() == threads
+
+
+@pytest.mark.parametrize("setup", BOARDS, indirect=True)
+def test_content_played_is_content_sent_then_off(setup: Setup) -> None:
+    wire = content(setup.model, 300)
+    report = setup.play(wire)
+    assert np.array_equal(setup.board.played[-301:-1], as_played(setup.model, wire))
+    setup.assert_off()
+    assert (report.frames, report.frames_cleared, report.underruns) == (300, 0, 0)
+    assert report.off_sent
+    assert report.transport == "sync"
+    setup.assert_plays_again()
+
+
+@pytest.mark.parametrize("setup", SILENT, indirect=True)
+def test_a_board_that_never_answers_confirms_nothing_and_that_is_no_error(setup: Setup) -> None:
+    report = setup.play(content(setup.model, 50))
+    assert report.off_confirmed is None
+    assert (report.board_underruns, report.board_starved) == (None, None)
+    # the player has waited for as long as the board can have played
+    assert report.elapsed >= report.duration
+
+
+@pytest.mark.parametrize("setup", BOARDS, indirect=True)
+def test_a_stop_ends_off_within_what_the_board_holds(setup: Setup) -> None:
+    wire = content(setup.model, 64)
+
+    def endless() -> Iterator[np.ndarray]:
+        for number in range(1000):
+            if number == 30:
+                setup.player.stop()
+            yield wire
+
+    report = setup.player.play(endless(), update_rate=rate_of(setup.model))
+    assert report.stopped_by == "stop"
+    assert report.off_sent
+    setup.assert_off()
+    played = setup.board.played
+    whole = report.frames - report.frames_cleared
+    end = len(played) - (report.bytes % setup.model.frame_bytes > 0)  # before a torn frame
+    while end and np.array_equal(played[end - 1], played[-1]):  # and the off frame, of which a SonicSurface gets two
+        end -= 1
+    assert np.array_equal(
+        played[end - whole : end], np.resize(as_played(setup.model, wire), (whole, *played.shape[1:]))
+    )
+    setup.assert_plays_again()
+
+
+@pytest.mark.parametrize("setup", BOARDS, indirect=True)
+@pytest.mark.parametrize("byte", [0, 1, 300, 11 * 512, 11 * 512 + 77])
+@pytest.mark.parametrize(("kind", "error"), [(FaultKind.STALL, DeviceStallError), (FaultKind.UNPLUG, DeviceLostError)])
+def test_a_fault_ends_it_with_the_array_off(setup: Setup, kind: FaultKind, error: type[Exception], byte: int) -> None:
+    wire = content(setup.model, 200)
+    setup.play(wire[:5])  # so that the fault hits content, not what comes before it
+    setup.bus.inject(Fault(kind, byte=content_byte(setup, byte)))
+    played = len(setup.board.played)
+    with pytest.raises(error) as raised:
+        setup.play(wire)
+    report = raised.value.report
+    assert report is setup.player.report
+    assert report.stopped_by == "device"
+    assert report.off_sent == (kind is FaultKind.STALL)
+    setup.assert_off()
+    if kind is FaultKind.UNPLUG:
+        setup.bus.replug()
+        setup.link.close()
+        setup.bus.clock.advance(3)  # a pat16 is deaf at first
+        setup.link = open_link(setup.model, backend=setup.bus)
+        setup.player = Player(setup.link)
+    else:
+        content_played = setup.board.played[played:]
+        assert len(content_played) >= byte // setup.model.frame_bytes - (report.frames_cleared or 0)
+    setup.assert_plays_again()
+
+
+def content_byte(setup: Setup, byte: int) -> int:
+    """Where on the bus a byte of the next playback's content will be, behind what its start sends."""
+    before = setup.board.bytes_received
+    setup.link.start(setup.model.divider_default)
+    return 2 * setup.board.bytes_received - before + byte
+
+
+@pytest.mark.parametrize("setup", BOARDS, indirect=True)
+@pytest.mark.parametrize("kind", [FaultKind.SHORT, FaultKind.TIMEOUT])
+def test_short_writes_change_nothing_that_is_played(setup: Setup, kind: FaultKind) -> None:
+    at = content_byte(setup, 0)
+    for byte in (1, 700, 3000, 3001):
+        setup.bus.inject(Fault(kind, byte=at + byte))
+    wire = content(setup.model, 60)
+    report = setup.play(wire)
+    assert report.short_writes >= 4
+    assert np.array_equal(np.unique(as_played(setup.model, wire), axis=0), distinct(setup.board.played[-100:], wire))
+    assert np.array_equal(setup.board.played[-61:-1], as_played(setup.model, wire))
+    setup.assert_off()
+
+
+def distinct(played: np.ndarray, wire: np.ndarray) -> np.ndarray:
+    """The frames played that are content, each once: no torn one is among them."""
+    silent = {0, 32, 128}
+    return np.unique([frame for frame in played if len(set(frame.tolist()) - silent) > 2], axis=0)
+
+
+@pytest.mark.parametrize("setup", BOARDS, indirect=True)
+def test_a_board_that_hangs_is_said_to_be_possibly_emitting(setup: Setup) -> None:
+    setup.play(content(setup.model, 5))
+    setup.bus.inject(Fault(FaultKind.TIMEOUT, byte=setup.board.bytes_received + 20 * 512, count=None))
+    with pytest.raises(DeviceTimeoutError, match="did not answer in time"):
+        setup.play(content(setup.model, 200))
+    report = setup.player.report
+    assert report is not None
+    assert not report.off_sent
+    assert report.off_confirmed is not True
+    assert setup.board.emitting  # held, as documented
+
+
+@pytest.mark.parametrize("setup", ["pat16"], indirect=True)
+@pytest.mark.parametrize("divider", [1, 2])
+def test_a_burst_plays_and_more_than_it_is_refused_before_anything_is_sent(setup: Setup, divider: int) -> None:
+    wire = content(setup.model, 29)
+    rate = 40e3 / divider
+    report = setup.player.play(in_blocks(wire[:28], 5), update_rate=rate)
+    played = setup.board.played[-29:-1].copy()
+    played[0, 26:35] &= 0x7F  # the first one sets the rate
+    assert np.array_equal(played, wire[:28])
+    assert report.frames == 28
+    assert not setup.board.lateness_ns[-29:].any()  # all of it was in the FIFO when it began
+    assert np.allclose(np.diff(setup.board.played_ns[-29:]), divider * 25_000)
+    frames = len(setup.board.played)
+    with pytest.raises(UpdateRateError, match=r"beyond 28 frames it needs divider 3 or more, which is 13333\.3 Hz"):
+        setup.player.play(in_blocks(wire, 5), update_rate=rate)
+    assert not setup.board.played[frames:].any() or not (setup.board.played[frames:, 256:] & 0x7F).any()
+    setup.assert_off()
+    setup.assert_plays_again()
+
+
+def test_playing_begins_when_80_ms_are_ready_however_many_blocks_fit() -> None:
+    bus = EmulatorBackend(clock=VirtualClock())
+    model = array_model("emulator")
+    wire = content(model, 100)
+    begun = threading.Event()
+    seen: list[bool] = []
+
+    class Watching:
+        def __init__(self, link: Link) -> None:
+            self._link = link
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._link, name)
+
+        def write(self, data: Any, **options: Any) -> None:
+            begun.set()
+            self._link.write(data, **options)
+
+    def blocks() -> Iterator[np.ndarray]:
+        for _ in range(8):
+            seen.append(begun.is_set())
+            yield wire
+        seen.append(begun.wait(20))
+        yield wire
+
+    with open_link(model, backend=bus) as link:
+        Player(Watching(link), queue_blocks=1000).play(blocks(), update_rate=10e3)
+    assert seen == [False] * 8 + [True]

@@ -1,0 +1,183 @@
+"""The watchdog: what it does when the player says goodbye, dies, or falls silent; real deaths: umockdev tier."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from array import array
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import umockdev_session
+
+from palpate.device import DeviceBusyError, UsbLink, VirtualClock, WatchdogError, array_model, encode_frames, open_link
+from palpate.device.bus import emulated_backend
+from palpate.device.watchdog import EXIT_FAILED, EXIT_GOODBYE, EXIT_OFF, Watchdog, keep_watch, switch_off
+
+
+class Watched:
+    """A pipe to a watchdog in a thread, and what it did."""
+
+    def __init__(self, *, silence_max: float = 30.0, reason: str | None = None) -> None:
+        self.reason = reason
+        self.offs: list[float] = []
+        self.said: list[str] = []
+        self.code: int | None = None
+        self._read, self.write = os.pipe()
+        self._thread = threading.Thread(target=self._watch, args=(silence_max,))
+        self._thread.start()
+
+    def _watch(self, silence_max: float) -> None:
+        def off(patience: float) -> str | None:
+            self.offs.append(patience)
+            return self.reason
+
+        self.code = keep_watch(self._read, silence_max, off, self.said.append)
+
+    def send(self, data: bytes) -> None:
+        os.write(self.write, data)
+
+    def wait_until(self, condition) -> None:
+        end = time.monotonic() + 20
+        while not condition() and time.monotonic() < end:
+            time.sleep(0.005)
+        assert condition()
+
+    def end(self) -> int | None:
+        os.close(self.write)
+        self._thread.join(20)
+        os.close(self._read)
+        return self.code
+
+
+def test_after_goodbye_it_does_nothing() -> None:
+    watched = Watched()
+    watched.send(b"..")
+    watched.send(b"G")
+    assert watched.end() == EXIT_GOODBYE
+    assert (watched.offs, watched.said) == ([], [])
+
+
+def test_a_pipe_that_closes_without_goodbye_switches_off_with_patience_for_the_system() -> None:
+    watched = Watched()
+    watched.send(b".")
+    assert watched.end() == EXIT_OFF
+    assert len(watched.offs) == 1
+    assert watched.offs[0] > 1
+    assert watched.said == ["the player ended without goodbye; the array was switched off"]
+
+
+def test_if_it_cannot_it_says_why_and_its_exit_code_says_so() -> None:
+    watched = Watched(reason="array x is gone")
+    assert watched.end() == EXIT_FAILED
+    assert watched.said == ["the player ended without goodbye; the array may still be emitting: array x is gone"]
+
+
+def test_silence_is_met_once_and_heartbeats_make_it_good() -> None:
+    watched = Watched(silence_max=0.05, reason="array x is in use")
+    watched.wait_until(lambda: watched.said)
+    time.sleep(0.15)
+    assert watched.offs == [0.0]
+    assert watched.said == [
+        "the player has given no sign of life for 0.05 s; the array may be emitting: array x is in use"
+    ]
+    watched.send(b".")
+    watched.wait_until(lambda: len(watched.said) >= 2)
+    assert watched.said[1] == "the player is back"
+    watched.send(b"G")
+    watched.end()
+    assert watched.code == EXIT_GOODBYE
+
+
+@pytest.mark.parametrize("name", ["emulator", "pat16", "sonicsurface"])
+@pytest.mark.parametrize("torn", [0, 1, 200])
+def test_it_silences_what_a_dead_player_left(name: str, torn: int) -> None:
+    model = array_model(name)
+    bus = emulated_backend(name, clock=VirtualClock())
+    wire = encode_frames(np.zeros((9, 256)), np.ones(9), array=model)
+    with open_link(model, backend=bus) as dead:
+        dead.start(model.divider_default)
+        dead.write(array("B", wire.tobytes()[: 8 * model.frame_bytes + torn]))
+    bus.clock.advance(20 / model.frame_clock * model.divider_default)
+    assert bus.board().emitting
+    switch_off(model, None, backend=bus)
+    bus.clock.advance(1)
+    assert not bus.board().emitting
+
+
+def test_it_waits_for_the_system_to_take_the_array_from_the_dead() -> None:
+    model = array_model("emulator")
+    bus = emulated_backend("emulator")
+    holder = UsbLink.open(model, backend=bus)
+    threading.Timer(0.2, holder.close).start()
+    switch_off(model, None, backend=bus, patience=20)
+    with UsbLink.open(model, backend=bus), pytest.raises(DeviceBusyError):
+        switch_off(model, None, backend=bus, patience=0)
+
+
+@pytest.fixture
+def unreachable() -> Iterator[UsbLink]:
+    with UsbLink.open(array_model("emulator"), backend=emulated_backend("emulator")) as link:
+        yield link
+
+
+def test_an_array_that_another_process_cannot_reach_is_refused(unreachable: UsbLink) -> None:
+    with (
+        pytest.raises(WatchdogError, match="cannot reach array emulator EMU0001 from its own process: "),
+        Watchdog(unreachable),
+    ):
+        pytest.fail("it was entered")
+
+
+def test_an_array_that_is_not_on_usb_is_refused() -> None:
+    class Networked:
+        array = array_model("autd3")
+        serial = None
+
+    with pytest.raises(WatchdogError, match="arrays on USB, which autd3 is not"):
+        Watchdog(Networked())
+
+
+def test_a_time_of_nothing_is_refused(unreachable: UsbLink) -> None:
+    with pytest.raises(WatchdogError, match="silence_max is 0"):
+        Watchdog(unreachable, silence_max=0)
+
+
+IS_SUSPENDED = """
+import os, signal, subprocess, sys
+from pathlib import Path
+from palpate.device import Player, array_model, open_link
+from palpate.device.pyusb import libusb_backend
+from palpate.device.watchdog import Watchdog
+
+log = Path(sys.argv[1])
+waker = "import os, signal, sys, time; time.sleep(1.0); os.kill(int(sys.argv[1]), signal.SIGCONT); time.sleep(0.2)"
+
+def blocks():
+    yield bytes(512)
+    subprocess.Popen([sys.executable, "-c", waker, str(os.getpid())])
+    os.kill(os.getpid(), signal.SIGSTOP)
+    yield bytes(512)
+
+with open_link(array_model("emulator"), serial="U1", backend=libusb_backend()) as link:
+    with Watchdog(link, silence_max=0.3, log=log) as watchdog:
+        assert watchdog.process_id
+        print(Player(link).play(blocks(), update_rate=10e3).frames)
+        while "is back" not in log.read_text():
+            pass
+"""
+
+
+@pytest.mark.skipif(umockdev_session.missing() is not None, reason=umockdev_session.missing() or "")
+def test_a_player_that_is_suspended_keeps_the_array_and_the_watchdog_says_so(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    outcome = umockdev_session.run_code(IS_SUSPENDED, tmp_path, str(log))
+    assert outcome.returncode == 0, outcome.err
+    assert outcome.out.strip() == "2"
+    silent, back = log.read_text().splitlines()
+    assert "palpate watchdog of array emulator U1: the player has given no sign of life for 0.3 s" in silent
+    assert "the array may be emitting: array emulator U1 is in use" in silent
+    assert back.endswith("the player is back")

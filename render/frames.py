@@ -4,13 +4,23 @@ from __future__ import annotations  # array("B") takes no index at run time
 
 from array import array
 from collections.abc import Iterator
+from typing import NamedTuple
 
-from ..device.codec import encode_frames
+from ..device.codec import encode_frames, switched_count
 from .drive import Driver
 from .sampling import FocalPoints
 from .source import FocusSource
 
 KEPT_BYTES_MOST = 1 << 26  # of frames that are kept for the next time round
+
+
+class Encoded(NamedTuple):
+    """Frames of a block of focal points."""
+
+    block: tuple[array[int], ...]
+    """For each array."""
+    refused: int
+    switched: int
 
 
 class FrameSource:
@@ -24,41 +34,48 @@ class FrameSource:
         self.frame_count = source.frame_count * repeats
         self.refused = 0
         """Focal points so far that no array could reach, or that were none: silenced."""
+        self.switched = 0
+        """Frames so far whose amplitude an array that can only switch played as 0 or 1."""
         self._source, self._driver, self._repeats = source, driver, repeats
-        self._last: tuple[FocalPoints, tuple[array[int], ...], int] | None = None
-        self._kept: list[tuple[tuple[array[int], ...], int]] | None = None
+        self._last: tuple[FocalPoints, Encoded] | None = None
+        self._kept: list[Encoded] | None = None
 
     def __iter__(self) -> Iterator[tuple[array[int], ...]]:
         """Blocks of frames, one array("B") for each array."""
         frame_bytes = sum(model.frame_bytes for model in self._driver.arrays)
         fits = self._source.frame_count * frame_bytes <= KEPT_BYTES_MOST
         keeping = self._repeats > 1 and fits
-        blocks: list[tuple[tuple[array[int], ...], int]] = []
+        blocks: list[Encoded] = []
         for _ in range(self._repeats):
             if self._kept is not None:
-                for block, refused in self._kept:
-                    self.refused += refused
-                    yield block
+                for encoded in self._kept:
+                    yield self._counted(encoded)
                 continue
             for focus in self._source:
-                block, refused = self._encoded(focus)
-                self.refused += refused
+                encoded = self._encoded(focus)
                 keeping = keeping and self._is_memoryless(focus)
                 if keeping:
-                    blocks.append((block, refused))
-                yield block
+                    blocks.append(encoded)
+                yield self._counted(encoded)
             self._kept = blocks if keeping else None
 
-    def _encoded(self, focus: FocalPoints) -> tuple[tuple[array[int], ...], int]:
+    def _counted(self, encoded: Encoded) -> tuple[array[int], ...]:
+        self.refused += encoded.refused
+        self.switched += encoded.switched
+        return encoded.block
+
+    def _encoded(self, focus: FocalPoints) -> Encoded:
         if self._last is not None and self._last[0] is focus and self._is_memoryless(focus):
-            return self._last[1], self._last[2]
+            return self._last[1]
         drives = self._driver.drive(focus)
         block = tuple(
             array("B", encode_frames(part.delay, part.amplitude, array=model).tobytes())
             for model, part in zip(self._driver.arrays, self._driver.split(drives), strict=True)
         )
-        self._last = focus, block, drives.refused
-        return block, drives.refused
+        switched = sum(switched_count(drives.amplitude, array=model) for model in self._driver.arrays)
+        encoded = Encoded(block, drives.refused, switched)
+        self._last = focus, encoded
+        return encoded
 
     def _is_memoryless(self, focus: FocalPoints) -> bool:
         """Whether frames depend on their focal points alone: no slew limit, no gauge."""

@@ -12,7 +12,7 @@ from ..device.limits import Limits
 from . import console
 from .drive import DriveStrategy
 from .errors import StrategyError
-from .playback import Connection, play_file
+from .playback import Connection, Playback, play_file
 from .rig import PlacedArray, load_rig
 from .sampling import Sampler, SamplingStrategy, joined, load_sampling
 from .source import ContourSource
@@ -21,8 +21,8 @@ POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
 TOLD_OF_PLAYING = (
     "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "board_underruns", "lateness",
     "queue_depth", "jumps", "jumps_by_cause", "jump_length", "step_longest", "draw_frequency_nominal", "revisit_rate",
-    "samples", "silent", "held", "refused", "duty", "on_time", "array", "serial", "clock", "transport", "short_writes",
-    "stopped_by", "off_sent", "off_confirmed",
+    "samples", "silent", "held", "refused", "switched", "duty", "on_time", "array", "serial", "clock", "transport",
+    "short_writes", "stopped_by", "off_sent", "off_confirmed",
 )  # fmt: skip
 
 
@@ -46,7 +46,23 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> None:
             device=options["device"],
             watch=line,
         )
+    warn_of(playback, arrays)
     console.say(playback.as_dict(), as_json=as_json, title=str(file), told=TOLD_OF_PLAYING)
+
+
+def warn_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> None:
+    """Say what a hand would miss."""
+    zone = arrays[0].model.focal_zone
+    if playback.refused:
+        console.errors.print(
+            f"[yellow]warning:[/] {playback.refused} focal points were silenced: they lie where no array can focus "
+            f"({arrays[0].model.name}: |x| and |y| up to {zone.lateral:g} m, z {zone.z_min:g} to {zone.z_max:g} m)"
+        )
+    if playback.switched:
+        console.errors.print(
+            f"[yellow]warning:[/] {playback.switched} frames had intensities between 0 and 1, but the array can only "
+            "switch: they were played as 0 or 1"
+        )
 
 
 def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json: bool) -> None:

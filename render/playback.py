@@ -41,6 +41,8 @@ class Playback:
     """None for focal points that were read from a file."""
     refused: int
     """Focal points that no array can reach, or that were none: silenced."""
+    switched: int
+    """Frames whose amplitude an array that can only switch played as 0 or 1."""
     drive: DriveStrategy
     repeats: int = 1
     """How often the file was played; the sampler counted one time."""
@@ -52,7 +54,7 @@ class Playback:
 
     def as_dict(self) -> dict:
         """Everything, for JSON: the player's report, the sampler's counts, the strategies."""
-        values = {**self.played.as_dict(), "repeats": self.repeats, "refused": self.refused}
+        values = {**self.played.as_dict(), "repeats": self.repeats, "refused": self.refused, "switched": self.switched}
         if len(self.reports) > 1:
             values["arrays"] = [report.as_dict() for report in self.reports]
         if self.sampler is not None:
@@ -172,7 +174,7 @@ def play_file(
             limits=limits,
             watch=None if watch is None else lambda live: watch(live, frames.frame_count),
         )
-        return Playback(tuple(reports), sampler, frames.refused, driver.strategy, repeats)
+        return Playback(tuple(reports), sampler, frames.refused, frames.switched, driver.strategy, repeats)
 
 
 @contextmanager

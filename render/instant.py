@@ -1,25 +1,17 @@
 """One pose to focal points, again and again, on the CPU: contours and focal points of a hand that moves now.
 
-The kernels are those of `render`, and so are the bits; what is saved is everything around them. For one pose of the
-tube the kernels take 5 us, but launching them, taking memory for them and asking how much is needed take 0.6 ms.
-Here launches are recorded once, memory stays, and what kernels leave behind is read where it lies.
+The kernels are those of `render`, and so are the bits; what is saved is everything around them (`kernels.single`).
 """
 
 import math
-from typing import Any, NamedTuple, cast
 
 import numpy as np
 import warp as wp
 
 from ..datasets.errors import MotionError
 from ..datasets.motion import PALM_DOWN
-from ..kernels.close import _join_pieces, _join_single_pieces, room_to_join
-from ..kernels.draw import Lines, _draw_contours
-from ..kernels.events import _clip_loops, room_for_events
 from ..kernels.find import method_for
-from ..kernels.piece import Pieces, with_slots
-from ..kernels.seek import _seek_pieces
-from ..kernels.trace import _walk_first_loops, _walk_other_loops
+from ..kernels.single import CPU, Room, RoomSize
 from .batch import check_poses
 from .contours import ContourBatch
 from .errors import PoseError, StrategyError
@@ -28,172 +20,12 @@ from .objects import MeshObject
 from .sampling import FocalPoints, Path, Sampler, SamplingStrategy, joined, paths_of
 from .strategy import IntersectionStrategy, intersect
 
-CPU = "cpu"  # a GPU takes 1.2 ms for its launches alone
 POSE_INTERVAL = 1 / 90  # [s]; a headset's hand tracking
 INTERVAL_RANGE = (1e-4, 5.0)  # [s]
 FAR = 1e30  # [m]; float32 ends beyond
 DRAWN_MOST = 10.0  # [s] in one go: 400,000 samples at 40 kHz
 DRAWN_AT_ONCE = 16 * 1024  # samples, as `sample_contours` does
 NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_poses`, however it rounds
-SEVERAL, LISTED, EXCESS = range(3)  # counters: patches with more loops, with more pieces to join, without room
-
-Launches = list[tuple[wp.Launch, int | None]]  # each with the counter that must not be 0 for it to do anything
-
-
-class RoomSize(NamedTuple):
-    """How much of everything a room has."""
-
-    pieces: int = 32
-    """Of a patch."""
-    events: int = 128
-    """Of a patch; a room has never fewer than pieces, since `_clip_loops` calls too many events too many pieces."""
-    points: int = 4096
-
-    def doubled_for(self, needed: "RoomSize") -> "RoomSize":
-        """Twice what is needed, of what there is not enough."""
-        return RoomSize(*(own if own >= need else 2 * need for own, need in zip(self, needed, strict=True)))
-
-
-class Room:
-    """Memory for the contours of one pose, and the launches that fill it."""
-
-    def __init__(
-        self, surface: Any, patch: wp.array, strategy: IntersectionStrategy, method: str, size: RoomSize
-    ) -> None:
-        self.size = size._replace(events=max(size.events, size.pieces))
-        self._surface, self._patch, self._row_count = surface, patch, patch.shape[0]
-        self._stages = [int("outside" in strategy.prune), int("close" in strategy.transform)]
-        self._pose, self._pose_rows = shared(1, wp.transform)
-        self._counters, self._count = shared(3, wp.int32)
-        self._rest, _ = shared(self._row_count, wp.int32)
-        self._polylines, self._points = Offsets(self._row_count), Offsets(self._row_count)
-        self._pieces = self._room_for_pieces()
-        self._events = room_for_events(self._row_count, self.size.events, wp.get_device(CPU))
-        self._events.count.zero_()  # seeking leaves them so
-        self._lines, self._contours = self._room_for_lines()
-        self._find = self._tracing() if method == "trace" else self._seeking()
-        self._join, self._draw = self._joining_and_drawing()
-
-    def fill(self, pose: np.ndarray) -> RoomSize | None:
-        """Draw the contours of a pose, shape [7]; returns None, or the size that they need if there is no room."""
-        self._pose_rows[0] = pose
-        self._count.fill(0)
-        self._launch(self._find)
-        if self._count.item(EXCESS):
-            pieces, events = int(self._pieces.count.numpy().max()), int(self._events.count.numpy().max())
-            return self.size._replace(pieces=pieces, events=events)
-        self._launch(self._join)
-        self._polylines.scan()
-        self._points.scan()
-        count = self._points.total
-        if count > self.size.points:
-            return self.size._replace(points=count)
-        if count:
-            self._contours.kind[:count] = 0
-            self._draw.launch()
-        return None
-
-    def contours(self) -> ContourBatch:
-        """What it was filled with, where it lies."""
-        line_count, point_count, all_of = self._polylines.total, self._points.total, self._contours
-        return ContourBatch(
-            points=all_of.points[:point_count],
-            kind=all_of.kind[:point_count],
-            polyline_start=all_of.polyline_start[: line_count + 1],
-            polyline_patch=all_of.polyline_patch[:line_count],
-            polyline_closed=all_of.polyline_closed[:line_count],
-            pose_start=all_of.pose_start,
-        )
-
-    def warm(self) -> None:
-        """Launch everything once: a kernel's first launch takes longer."""
-        self._count.fill(0)
-        for launch, _ in (*self._find, *self._join, (self._draw, None)):
-            launch.launch()
-
-    def _launch(self, launches: Launches) -> None:
-        for launch, counter in launches:
-            if counter is None or self._count.item(counter):
-                launch.launch()
-
-    def _room_for_pieces(self) -> Any:
-        room = self.size.pieces
-        pieces = Pieces()
-        pieces.section, _ = shared(0, wp.int32)
-        pieces.start = wp.array(np.arange(self._row_count) * room, dtype=wp.int64, device=CPU)
-        pieces.room = wp.full(self._row_count, room, dtype=wp.int32, device=CPU)
-        pieces.stride = 1
-        with_slots(pieces, self._row_count, self._row_count * room, CPU)
-        pieces.excess = self._counters[EXCESS:]
-        return pieces
-
-    def _room_for_lines(self) -> tuple[Any, ContourBatch]:
-        """Where contours are drawn, for the kernel and for NumPy."""
-        line_most = self._row_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
-        lines, host = Lines(), {}
-        for field, size, dtype in (
-            ("points", self.size.points, wp.vec3),
-            ("kind", self.size.points, wp.uint8),
-            ("polyline_start", line_most + 1, wp.int64),  # starts with a 0, which nothing writes over but a 0
-            ("polyline_patch", line_most, wp.int32),
-            ("polyline_closed", line_most, wp.uint8),
-        ):
-            array, host[field] = shared(size, dtype)
-            setattr(lines, field, array)
-        return lines, ContourBatch(**host, pose_start=self._polylines.host[:: self._row_count])
-
-    def _tracing(self) -> Launches:
-        section = [self._surface, self._pose, self._patch, self._stages[0], self._pieces.section]
-        rest = [self._rest, self._counters[SEVERAL:]]
-        return [
-            (self._recorded(_walk_first_loops, section, [self._events, *rest]), None),
-            (self._recorded(_walk_other_loops, [*section, *rest], [self._events]), SEVERAL),
-            (self._recorded(_clip_loops, [*section[:3], self._events], [self._pieces]), None),
-        ]
-
-    def _seeking(self) -> Launches:
-        inputs = [self._surface, self._pose, self._patch, *self._stages]
-        return [(self._recorded(_seek_pieces, inputs, [self._pieces]), None)]
-
-    def _joining_and_drawing(self) -> tuple[Launches, wp.Launch]:
-        ends, entries = room_to_join(self._pieces, CPU)
-        entries.polylines, entries.points = self._polylines.count, self._points.count
-        rest = [self._rest, self._counters[LISTED:]]
-        single = [self._pieces, self._stages[1]]
-        several = [self._surface, self._pieces, self._pose, self._patch, self._stages[1], *rest]
-        drawn = [self._surface, self._pose, self._patch, self._pieces, entries, *self._stages]
-        return [
-            (self._recorded(_join_single_pieces, single, [entries, *rest]), None),
-            (self._recorded(_join_pieces, several, [ends, entries]), LISTED),
-        ], self._recorded(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
-
-    def _recorded(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
-        launch = wp.launch(kernel, self._row_count, inputs=inputs, outputs=outputs, device=CPU, record_cmd=True)
-        return cast(wp.Launch, launch)
-
-
-class Offsets:
-    """Counts of sections, which kernels write, and their offsets, which they read."""
-
-    def __init__(self, section_count: int) -> None:
-        self.count, count = shared(section_count + 1, wp.int64)
-        self.start, self.host = shared(section_count + 1, wp.int64)
-        self._scanned = count[:-1], self.host[1:]
-
-    def scan(self) -> None:
-        """Counts to offsets."""
-        np.cumsum(self._scanned[0], out=self._scanned[1])
-
-    @property
-    def total(self) -> int:
-        """All of them."""
-        return self.host.item(-1)
-
-
-def shared(size: int, dtype: Any) -> tuple[wp.array, np.ndarray]:
-    """An array of zeros, for kernels and for NumPy."""
-    array = wp.zeros(size, dtype=dtype, device=CPU)
-    return array, array.numpy()
 
 
 class PoseContours:
@@ -218,8 +50,13 @@ class PoseContours:
         pose = wp.array(middle[None], dtype=wp.transform, device=CPU)
         intersect(thing, hand, pose, strategy, method=method)  # refuses what cannot be done
         surface, patch = thing.on(CPU), hand.on(CPU)
-        self._made_of = surface, patch, strategy, method or method_for(surface, wp.get_device(CPU))
-        self._room = Room(*self._made_of, size or RoomSize())
+        self._made_of = surface, patch
+        self._stages = {
+            "outside": "outside" in strategy.prune,
+            "close": "close" in strategy.transform,
+            "method": method or method_for(surface, wp.get_device(CPU)),
+        }
+        self._room = Room(*self._made_of, **self._stages, size=size or RoomSize())
         self.grown = 0
         """How often memory was taken anew."""
         self.at(middle)
@@ -231,9 +68,9 @@ class PoseContours:
         pose: x y z [m] and unit quaternion xyzw, float32, shape [7], as `check_poses` leaves it.
         """
         while (needed := self._room.fill(pose)) is not None:
-            self._room = Room(*self._made_of, self._room.size.doubled_for(needed))
+            self._room = Room(*self._made_of, **self._stages, size=self._room.size.doubled_for(needed))
             self.grown += 1
-        return self._room.contours()
+        return ContourBatch(**self._room.contours())
 
 
 class Instant:

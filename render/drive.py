@@ -1,7 +1,7 @@
 """Focal points -> drives of arrays: a delay for each transducer, an amplitude for each frame."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from ..kernels.slew import limit_slew, lock_gauge
 from ..kernels.solve import POINTS_MOST, SIZES, solve_points
 from ..kernels.wave import transducers_on
 from .errors import StrategyError
+from .fields import read_fields, require_choice, require_number
 from .sampling import FocalPoints
 
 SOUND_SPEED = 343.0  # [m/s] at 20 degrees C; 331.3 + 0.606 T
@@ -76,19 +77,18 @@ class DriveStrategy:
 
     def __post_init__(self) -> None:
         """Refuse what is not a drive."""
-        _require_one_of("amplitude", self.amplitude, AMPLITUDES)
-        _require_one_of("solver", self.solver, tuple(SOLVERS))
-        _require_within("sound_speed", self.sound_speed, 300.0, 400.0, "m/s (air)", text="speed of sound")
-        _require_within("level_max", self.level_max, 1e-3, 1.0, "of full amplitude")
-        _require_within("piston_radius", self.piston_radius, 0.0, 5.5e-3, "m")
+        require_choice("amplitude", self.amplitude, AMPLITUDES)
+        require_choice("solver", self.solver, tuple(SOLVERS))
+        require_number("sound_speed", self.sound_speed, 300.0, 400.0, unit="m/s (speed of sound in air)")
+        require_number("level_max", self.level_max, 1e-3, 1.0, unit="of full amplitude")
+        require_number("piston_radius", self.piston_radius, 0.0, 5.5e-3, unit="m")
         if self.slew is not None:
-            _require_within("slew", self.slew, 1e-6, 0.5, "turns a period")
+            require_number("slew", self.slew, 1e-6, 0.5, unit="turns a period")
         for field, default in zip(("gs_pat_iterations", "wgs_iterations"), SOLVERS[self.solver], strict=True):
             value = getattr(self, field)
             if value is None:
                 continue
-            if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 1000:
-                raise StrategyError(f"{field} must be a whole number in 1..1000, not {value!r}")
+            require_number(field, value, 1, 1000, whole=True)
             if default == 0:
                 raise StrategyError(f"{field} is {value}, but solver {self.solver!r} has no such iterations")
 
@@ -109,29 +109,8 @@ class DriveStrategy:
     @classmethod
     def from_json(cls, text: str) -> "DriveStrategy":
         """Read back what `to_json` wrote; missing fields take their defaults."""
-        try:
-            values = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise StrategyError(f"drive strategy: not JSON ({error})") from error
-        if not isinstance(values, Mapping):
-            raise StrategyError(f"drive strategy: must be a JSON object, not {type(values).__name__}")
-        known = [field.name for field in fields(cls)]
-        unknown = sorted(set(values) - set(known))
-        if unknown:
-            raise StrategyError(f"drive strategy: unknown field {unknown[0]!r}; known: {', '.join(known)}")
+        values = read_fields(text, [field.name for field in fields(cls)], "drive strategy")
         return cls(**values)
-
-
-def _require_one_of(field: str, value: object, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise StrategyError(f"{field} must be one of {', '.join(known)}, not {value!r}")
-
-
-def _require_within(field: str, value: Any, low: float, high: float, unit: str, *, text: str | None = None) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not (number and low <= value <= high):
-        what = f"{field} ({text})" if text else field
-        raise StrategyError(f"{what} must lie in {low:g}..{high:g} {unit}, not {value!r}")
 
 
 class Driver:

@@ -19,9 +19,9 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 from .errors import StrategyError
+from .fields import load_by_name
 from .sampling_strategy import (
     AmplitudeModulation,
     Dwell,
@@ -70,12 +70,4 @@ def preset(name: str, **changes: object) -> SamplingStrategy:
 
 def load_sampling(source: str) -> SamplingStrategy:
     """A sampling strategy by preset name or from a JSON file."""
-    if source.lower() in PRESETS:
-        return preset(source.lower())
-    path = Path(source)
-    if not path.is_file():
-        raise StrategyError(f"unknown sampling {source!r}: neither a preset ({', '.join(PRESETS)}) nor a JSON file")
-    try:
-        return SamplingStrategy.from_json(path.read_text(encoding="utf-8"))
-    except (StrategyError, UnicodeDecodeError) as error:
-        raise StrategyError(f"{path}: {error}") from error
+    return load_by_name(source, PRESETS, SamplingStrategy.from_json, "sampling")

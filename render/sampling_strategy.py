@@ -18,31 +18,16 @@ The words are those of Mulot et al. 2021 (DOLPHIN) and Frier et al. 2019; each g
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from .errors import StrategyError
+from .fields import known_fields, read_fields, require_choice, require_number
 
 JUMP_LENGTH = 5e-3  # [m] a step this long is a jump at any speed
 SEAM = 1e-3  # of a sample: by so much a cycle may be longer than its samples, which is float32's noise in contours
-
-
-def require_choice(name: str, value: object, known: tuple[str, ...]) -> None:
-    """Refuse what is none of the known names."""
-    if value not in known:
-        raise StrategyError(f"{name} must be one of {', '.join(known)}, not {value!r}")
-
-
-def require_number(name: str, value: object, low: float, high: float, *, whole: bool = False) -> None:
-    """Refuse what is no number, not finite, or outside low..high."""
-    kind = "a whole number" if whole else "a number"
-    if isinstance(value, bool) or not isinstance(value, int if whole else int | float | np.integer | np.floating):
-        raise StrategyError(f"{name} must be {kind} in {low:g}..{high:g}, not {value!r}")
-    if not (math.isfinite(value) and low <= value <= high):
-        raise StrategyError(f"{name} must lie in {low:g}..{high:g}, not {value}")
 
 
 @dataclass(frozen=True)
@@ -347,26 +332,11 @@ class SamplingStrategy:
 
         Raises StrategyError for what is not JSON, for unknown fields and for values out of range.
         """
-        try:
-            values = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise StrategyError(f"sampling: not JSON ({error})") from error
-        values = _known_fields(cls, values, "sampling")
+        values = read_fields(text, [f.name for f in fields(cls)], "sampling")
         for name, kind in GROUPS.items():
             if values.get(name) is not None:
-                values[name] = kind(**_known_fields(kind, values[name], name))
+                values[name] = kind(**known_fields(values[name], [f.name for f in fields(kind)], name))
         return cls(**values)
-
-
-def _known_fields(kind: type, values: object, name: str) -> dict[str, Any]:
-    """The fields of a JSON object, if it has no others."""
-    if not isinstance(values, Mapping):
-        raise StrategyError(f"{name}: must be a JSON object, not {type(values).__name__}")
-    known = [f.name for f in fields(kind)]
-    for key in values:
-        if key not in known:
-            raise StrategyError(f"{name}: unknown field {key!r}; known: {', '.join(known)}")
-    return dict(values)
 
 
 GROUPS: dict[str, Any] = {

@@ -1,9 +1,7 @@
 """Intersection strategies: raw intersection -> pruning -> transformation, as data (Mulot et al. 2024, section 3)."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import warp as wp
 
@@ -12,6 +10,7 @@ from ..kernels.draw import draw_contours
 from ..kernels.find import find_pieces
 from .contours import ContourBatch
 from .errors import StrategyError
+from .fields import load_by_name, read_fields
 from .hands import Palm
 from .objects import MeshObject
 
@@ -65,15 +64,7 @@ class IntersectionStrategy:
     @classmethod
     def from_json(cls, text: str) -> "IntersectionStrategy":
         """Read back what `to_json` wrote; missing fields take their defaults."""
-        try:
-            values = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise StrategyError(f"strategy: not JSON ({error})") from error
-        if not isinstance(values, Mapping):
-            raise StrategyError(f"strategy: must be a JSON object, not {type(values).__name__}")
-        unknown = set(values) - {"raw", "prune", "transform"}
-        if unknown:
-            raise StrategyError(f"strategy: unknown field {sorted(unknown)[0]!r}; known: raw, prune, transform")
+        values = read_fields(text, ("raw", "prune", "transform"), "strategy")
         for field in ("prune", "transform"):
             stages = values.get(field, [])
             if not isinstance(stages, list) or not all(isinstance(stage, str) for stage in stages):
@@ -96,15 +87,7 @@ PRESETS = {"oc": open_contour, "cc": closed_contour}
 
 def load_strategy(source: str) -> IntersectionStrategy:
     """A strategy by preset name (oc, cc) or from a JSON file."""
-    if source.lower() in PRESETS:
-        return PRESETS[source.lower()]()
-    path = Path(source)
-    if not path.is_file():
-        raise StrategyError(f"unknown strategy {source!r}: neither a preset ({', '.join(PRESETS)}) nor a JSON file")
-    try:
-        return IntersectionStrategy.from_json(path.read_text(encoding="utf-8"))
-    except (StrategyError, UnicodeDecodeError) as error:
-        raise StrategyError(f"{path}: {error}") from error
+    return load_by_name(source, PRESETS, IntersectionStrategy.from_json, "strategy")
 
 
 def intersect(

@@ -163,7 +163,8 @@ class ArrayModel:
         """Which points [m] of the common frame, shape [point, 3], lie in this array's focal zone; NaN does not."""
         if self.unplaced is None:
             return self.focal_zone.contains(point)
-        return self.focal_zone.contains((np.asarray(point, np.float64) - self.pose[:3]) @ _rotation(self.pose[3:]))
+        own = (np.asarray(point, np.float64) - self.pose[:3]) @ _rotation(self.pose[3:])
+        return self.focal_zone.contains(own.astype(np.float32))  # as points are: 0.15 m is in reach of 0.15 m
 
     def update_rate(self, divider: int) -> float:
         """Frames a second [Hz] at a divider; raises `UpdateRateError` outside divider_min..divider_max."""
@@ -373,7 +374,7 @@ def _autd3() -> ArrayModel:
         "autd3",
         _flat_grid(18, 14, 10.16e-3)[~screw],
         np.arange(249),
-        divider_max=65535,
+        divider_max=20000,  # 2 Hz; the board has 65535, but a bank of one frame and an off pattern would take too long
         divider_sustained=4,  # 100 Mbit/s carry no more of frames that change; a bank takes 1023
         burst_frames=1023,
         fifo_frames=0,

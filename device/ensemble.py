@@ -30,8 +30,8 @@ def play_together(
 ) -> list[PlayReport]:
     """Play to one array or to several, and return when all are off.
 
-    Each array runs by its own clock and starts within milliseconds of the others: what several emit adds up at a focal
-    point only where their boards share a carrier, which is a matter of wiring, not of this.
+    Each array runs by its own clock and starts when it is ready: what several emit adds up at a focal point only where
+    their boards share a carrier, which is a matter of wiring, not of this.
 
     Args:
         links: the opened arrays.
@@ -44,8 +44,9 @@ def play_together(
         The statistics of each.
 
     Raises:
-        PlayInterrupted, LinkError, SafetyLimitError, UpdateRateError, FrameError: as `Player.play`, of the array that
-            failed first; the others are off then, too.
+        PlayInterrupted, LinkError, SafetyLimitError, UpdateRateError, FrameError: as `Player.play`, of an array that
+            failed; the others are off then, too. A `PlayInterrupted` carries the report of an array that may still be
+            on, if there is one, and has its failure as its cause.
     """
     if len(links) == 1:
         return [Player(links[0], limits=limits).play((b[0] for b in blocks), update_rate=update_rate, watch=watch)]
@@ -58,8 +59,7 @@ def play_together(
             for block in signals.iterate(blocks):
                 if not group.put(block):
                     break
-            else:
-                group.put(tuple(None for _ in links))
+            group.end()
             group.join()
         except BaseException:
             group.request_stop("exception")
@@ -68,7 +68,8 @@ def play_together(
             group.join()
     reports = [seat.player.report for seat in group.seats if seat.player.report is not None]
     if signals.signum is not None and reports:
-        raise PlayInterrupted(signals.signum, reports[0])
+        perhaps_on = [report for report in reports if not report.off_sent or report.off_confirmed is False]
+        raise PlayInterrupted(signals.signum, (perhaps_on or reports)[0]) from group.error
     if (error := group.error) is not None:
         raise error
     return reports
@@ -84,7 +85,7 @@ class _Seat:
         self.live: LiveStatistics | None = None
         self.thread = Thread(target=self._run, name=f"palpate-player-{link.array.name}")
         self._update_rate = update_rate
-        self._stopped = False
+        self._stopped = self._ended = False
 
     def stop(self, reason: str) -> None:
         """End its playback; safe in a signal handler."""
@@ -92,12 +93,18 @@ class _Seat:
         self.player.stop(reason)
 
     def put(self, block: array[int] | None) -> bool:
-        """Queue a block, or None for the end; False if it plays no more, or there was no room for a moment."""
+        """Queue a block, or None for the end; False if there was no room for a moment."""
         try:
             self.queue.put(block, timeout=POLL)
         except Full:
             return False
+        self._ended = self._ended or block is None
         return True
+
+    @property
+    def has_failed(self) -> bool:
+        """It plays no more, though its content has not ended."""
+        return not self.thread.is_alive() and not self._ended
 
     def _run(self) -> None:
         try:
@@ -137,14 +144,22 @@ class _Group:
         for seat in self.seats:
             seat.thread.start()
 
-    def put(self, block: tuple[array[int] | None, ...]) -> bool:
-        """Queue a block for each; False if one has ended: then none is to go on."""
+    def put(self, block: tuple[array[int], ...]) -> bool:
+        """Queue a block for each; False if one has failed: then none is to go on."""
         for seat, part in zip(self.seats, block, strict=True):
             while not seat.put(part):
-                if self._has_ended():
+                self._tell()
+                if any(other.has_failed for other in self.seats):
                     return False
         self._tell()
-        return not self._has_ended()
+        return not any(seat.has_failed for seat in self.seats)
+
+    def end(self) -> None:
+        """Tell each that its content has ended; one that starts late plays all of its own, whoever is done by then."""
+        for seat in self.seats:
+            while seat.thread.is_alive() and not seat.put(None):
+                if self.error is not None:
+                    self.request_stop("device")
 
     def request_stop(self, reason: str) -> None:
         """Stop all."""
@@ -160,9 +175,6 @@ class _Group:
                 if seat.thread.is_alive():
                     seat.thread.join(POLL)
             self._tell()
-
-    def _has_ended(self) -> bool:
-        return any(not seat.thread.is_alive() for seat in self.seats)
 
     def _tell(self) -> None:
         live = self.seats[0].live

@@ -111,9 +111,10 @@ class BulkQueue:
         buffer = ctypes.c_char.from_buffer(data)
         transfer = self._transfers[slot].contents
         transfer.buffer, transfer.length = ctypes.addressof(buffer), len(data)
+        self._buffers[slot] = buffer  # before it can end, on whatever thread
         code = self._lib.libusb_submit_transfer(self._transfers[slot])
-        if code == 0:
-            self._buffers[slot] = buffer
+        if code:
+            self._buffers[slot] = None
         return _errno(code)
 
     def cancel(self, slot: int) -> int:

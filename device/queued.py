@@ -101,6 +101,7 @@ class QueuedTransport:
         self._behind_short = 0  # bytes taken of what was submitted behind it
         self._error: LinkError | None = None
         self._hung_at_ns = 0
+        self._closed = False
 
     @property
     def bytes_under_way(self) -> int:
@@ -110,6 +111,8 @@ class QueuedTransport:
 
     def submit(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         """Queue bytes, which must not change until they are taken; waits while there is no room."""
+        if self._closed:
+            raise LinkError(f"array {self._who} is closed")
         if self.is_halted and not self._error:
             self.clear_halt()
         for start in range(0, len(data), CHUNK_BYTES):
@@ -150,6 +153,7 @@ class QueuedTransport:
 
     def close(self) -> None:
         """Cancel, and free the transfers."""
+        self._closed = True
         try:
             self.cancel()
         except LinkError:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 from .clock import Clock
+from .errors import LinkError
 from .libusb import is_queueable
 from .link import never
 from .pyusb import UsbDevice
@@ -108,8 +109,11 @@ def open_transport(
         depth: how many transfers are under way at most, if queued.
 
     Raises:
-        LinkError: queued was asked for, and the backend is not libusb's, or this pyusb hides what is needed.
+        LinkError: there is no such kind; or queued was asked for, and the backend is not libusb's, or this pyusb
+            hides what is needed.
     """
+    if kind not in get_args(TransportKind):
+        raise LinkError(f"unknown transport {kind!r}; known: {', '.join(get_args(TransportKind))}")
     if kind == "queued" or (kind == "auto" and is_queueable(device)):
         return QueuedTransport(device, endpoint, depth=depth, who=who)
     return SyncTransport(device, endpoint, who=who, clock=clock)

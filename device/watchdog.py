@@ -12,6 +12,7 @@ group). A child that the player forked without exec keeps the pipe open: then on
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import select
@@ -239,9 +240,11 @@ def main() -> int:
     # a pipe of our own, from the process that started this one
     charge = _Charge(*pickle.loads(_read(pipe, _LENGTH.unpack(_read(pipe, _LENGTH.size))[0])))
     try:
+        if charge.log is not None:
+            open(charge.log, "a", encoding="utf-8").close()
         backend = libusb_backend()
         find_device(charge.model, charge.serial, backend)
-    except DeviceError as error:
+    except (DeviceError, OSError) as error:
         _tell(str(error).encode())
         return EXIT_FAILED
     _tell(_READY)
@@ -271,6 +274,12 @@ def _tell(line: bytes) -> None:
 
 
 def _log(charge: _Charge, sentence: str) -> None:
+    """Append a sentence; a log that cannot be written is no reason not to watch on."""
+    with contextlib.suppress(OSError):
+        _append(charge, sentence)
+
+
+def _append(charge: _Charge, sentence: str) -> None:
     line = f"{time.strftime('%Y-%m-%dT%H:%M:%S%z')} palpate watchdog of array {charge.who}: {sentence}\n"
     if charge.log is None:
         sys.stderr.write(line)

@@ -229,6 +229,16 @@ def export(
 
 
 @app.command()
+def sampling(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset, or a JSON file.")] = None,
+    json: Json = False,
+) -> None:
+    """List sampling presets, or print one as the JSON that --sampling takes: a start for one of your own."""
+
+    _run("play_job", "run_sampling", name, as_json=json)
+
+
+@app.command()
 def devices(
     calibration: Annotated[
         list[Path] | None, typer.Option(metavar="BOARD.pat", help="Board files: they tell a pat16 by its serial.")
@@ -247,13 +257,14 @@ def selftest(
     calibration: Calibration = None,
     emulate: Emulate = False,
     height: Annotated[float, typer.Option(help="Of the hand above the array [m].")] = 0.2,
-    seconds: Annotated[float, typer.Option(help="Of each of the two stimuli [s].")] = 3.0,
+    seconds: Annotated[float, typer.Option(help="Of each of the three stimuli [s].")] = 3.0,
     watchdog: Watchdog = False,
     uncalibrated: Uncalibrated = False,
+    baud: Annotated[int | None, typer.Option(help="Of a sonicsurface with unusual firmware [Bd].")] = None,
     clock: Annotated[str, typer.Option(help="Of the emulated array: monotonic or virtual.")] = "monotonic",
     json: Json = False,
 ) -> None:
-    """Play a focal point (200 Hz amplitude modulation) and then a circle, for a hand held above the array."""
+    """Play a modulated point, a circle and a slow turn, for a hand held above the array."""
     options = {name: value for name, value in locals().items() if name != "json"}
     _run("selftest", "run_selftest", options, as_json=json)
 

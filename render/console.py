@@ -188,8 +188,17 @@ def fail(message: str, code: int, as_json: bool, report: dict | None = None) -> 
     if as_json:
         sys.stdout.write(json_line({"error": message, **({"report": report} if report else {})}))
     elif report:
-        errors.print(f"played until then: {report['frames']} frames, array off: {report['off_confirmed']}")
+        errors.print(f"played until then: {report['frames']} frames; {told_of_off(report)}")
     return code
+
+
+def told_of_off(report: dict) -> str:
+    """Whether an array is off, in words."""
+    if report["off_confirmed"]:
+        return "the array says that it is off"
+    if report["off_sent"] and report["off_confirmed"] is None:
+        return "the array has taken the off frame (it cannot say more)"
+    return "the array MAY STILL BE EMITTING: switch it off"
 
 
 def _report_of(error: BaseException) -> dict | None:

@@ -18,6 +18,7 @@ from .summary import summarise
 def run_demo(folder: Path, clock: str, *, as_json: bool) -> None:
     """Explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
     started = perf_counter()
+    connection = Connection(clock=clock)
     console.start_warp()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -35,7 +36,7 @@ def run_demo(folder: Path, clock: str, *, as_json: bool) -> None:
     picture = folder / "tube.png"
     draw_figure(files, picture)
     with console.playback_line("playing CC; Ctrl-C stops it", quiet=as_json) as line:
-        playback = play_file(files["CC"], connection=Connection(clock=clock), watch=line).as_dict()
+        playback = play_file(files["CC"], connection=connection, watch=line).as_dict()
     summary = summarise(files["CC"])
     told = ("frames", "update_rate", "duration", "bytes", "underruns", "board_underruns", "jumps", "array", "clock")
     values = {

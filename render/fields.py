@@ -1,7 +1,6 @@
 """Strategies as people write them: their fields read from JSON, checked, and refused by name, value and bound."""
 
 import json
-import math
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,8 +23,14 @@ def require_number(name: str, value: object, low: float, high: float, *, unit: s
     span = f"{low:g}..{high:g} {unit}".rstrip()
     if isinstance(value, bool) or not isinstance(value, int if whole else int | float | np.integer | np.floating):
         raise StrategyError(f"{name} must be {'a whole number' if whole else 'a number'} in {span}, not {value!r}")
-    if not (math.isfinite(value) and low <= value <= high):
-        raise StrategyError(f"{name} must lie in {span}, not {value}")
+    if not low <= value <= high:  # a NaN compares false; an int may be too large for a float
+        raise StrategyError(f"{name} must lie in {span}, not {shown(value)}")
+
+
+def shown(value: object) -> str:
+    """A refused value, in a sentence."""
+    huge = isinstance(value, int) and abs(value) >= 10**15  # Python refuses to print the largest
+    return "a number that large" if huge else str(value)
 
 
 def read_fields(text: str, known: Collection[str], name: str) -> dict[str, Any]:

@@ -4,11 +4,12 @@ from __future__ import annotations  # array("B") takes no index at run time
 
 from array import array
 from collections.abc import Iterator
+from copy import deepcopy
 from typing import NamedTuple
 
 from ..device.codec import encode_frames, switched_count
 from .drive import Driver
-from .sampling import FocalPoints
+from .sampling import FocalPoints, Sampler, SamplingCount
 from .source import FocusSource
 
 KEPT_BYTES_MOST = 1 << 26  # of frames that are kept for the next time round
@@ -30,12 +31,17 @@ class FrameSource:
     array("B"), as long as frames do not depend on those before them and all of it is not more than KEPT_BYTES_MOST.
     """
 
-    def __init__(self, source: FocusSource, driver: Driver, *, repeats: int = 1) -> None:
+    def __init__(
+        self, source: FocusSource, driver: Driver, *, repeats: int = 1, sampler: Sampler | None = None
+    ) -> None:
         self.frame_count = source.frame_count * repeats
         self.refused = 0
-        """Focal points so far that no array could reach, or that were none: silenced."""
+        """Focal points, the first time round, that no array could reach, or that were none: silenced."""
         self.switched = 0
-        """Frames so far whose amplitude an array that can only switch played as 0 or 1."""
+        """Frames, the first time round, whose amplitude an array that can only switch played as 0 or 1."""
+        self.counted: SamplingCount | None = None
+        """What `sampler` had counted after the first time round; None before."""
+        self._sampler = sampler
         self._source, self._driver, self._repeats = source, driver, repeats
         self._last: tuple[FocalPoints, Encoded] | None = None
         self._kept: list[Encoded] | None = None
@@ -46,23 +52,23 @@ class FrameSource:
         fits = self._source.frame_count * frame_bytes <= KEPT_BYTES_MOST
         keeping = self._repeats > 1 and fits
         blocks: list[Encoded] = []
-        for _ in range(self._repeats):
+        for time in range(self._repeats):
             if self._kept is not None:
                 for encoded in self._kept:
-                    yield self._counted(encoded)
+                    yield encoded.block
                 continue
             for focus in self._source:
                 encoded = self._encoded(focus)
                 keeping = keeping and self._is_memoryless(focus)
                 if keeping:
                     blocks.append(encoded)
-                yield self._counted(encoded)
+                if time == 0:
+                    self.refused += encoded.refused
+                    self.switched += encoded.switched
+                yield encoded.block
             self._kept = blocks if keeping else None
-
-    def _counted(self, encoded: Encoded) -> tuple[array[int], ...]:
-        self.refused += encoded.refused
-        self.switched += encoded.switched
-        return encoded.block
+            if time == 0 and self._sampler is not None:
+                self.counted = deepcopy(self._sampler.count)
 
     def _encoded(self, focus: FocalPoints) -> Encoded:
         if self._last is not None and self._last[0] is focus and self._is_memoryless(focus):

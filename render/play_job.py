@@ -1,7 +1,11 @@
-"""What `play`, `devices` and `export` do."""
+"""What `play`, `export`, `sampling` and `devices` do."""
 
+import json
+import sys
 from dataclasses import replace
 from pathlib import Path
+
+import warp as wp
 
 from ..datasets.ptlist import write_ptlist
 from ..datasets.reader import ContourFile
@@ -14,7 +18,8 @@ from .drive import DriveStrategy
 from .errors import StrategyError
 from .playback import Connection, Playback, play_file
 from .rig import PlacedArray, load_rig
-from .sampling import Sampler, SamplingStrategy, joined, load_sampling
+from .sampling import PRESETS, Sampler, SamplingStrategy, joined, load_sampling, says_rate
+from .sampling_strategy import JUMP_LENGTH
 from .source import ContourSource
 
 POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
@@ -22,7 +27,7 @@ TOLD_OF_PLAYING = (
     "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "board_underruns", "lateness",
     "queue_depth", "jumps", "jumps_by_cause", "jump_length", "step_longest", "draw_frequency_nominal", "revisit_rate",
     "samples", "silent", "held", "refused", "switched", "duty", "on_time", "array", "serial", "clock", "transport",
-    "short_writes", "stopped_by", "off_sent", "off_confirmed",
+    "short_writes", "stopped_by", "off_sent", "off_confirmed", "arrays",
 )  # fmt: skip
 
 
@@ -31,7 +36,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> None:
     arrays = load_rig(
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
-    console.start_warp()
+    require_device(options["device"])
     names = ", ".join(f"{placed.model.name} {placed.serial or ''}".strip() for placed in arrays)
     with console.playback_line(f"playing {file} to {names}; Ctrl-C stops it", quiet=as_json) as line:
         playback = play_file(
@@ -47,7 +52,14 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> None:
             watch=line,
         )
     warn_of(playback, arrays)
-    console.say(playback.as_dict(), as_json=as_json, title=str(file), told=TOLD_OF_PLAYING)
+    values = playback.as_dict()
+    if len(arrays) > 1 and not as_json:
+        values["arrays"] = [
+            f"{report.array} {report.serial}: {report.frames} frames, {report.underruns} underruns, "
+            f"{console.told_of_off(report.as_dict())};"
+            for report in playback.reports
+        ]
+    console.say(values, as_json=as_json, title=str(file), told=TOLD_OF_PLAYING)
 
 
 def warn_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> None:
@@ -57,6 +69,12 @@ def warn_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> None:
         console.errors.print(
             f"[yellow]warning:[/] {playback.refused} focal points were silenced: they lie where no array can focus "
             f"({arrays[0].model.name}: |x| and |y| up to {zone.lateral:g} m, z {zone.z_min:g} to {zone.z_max:g} m)"
+        )
+    strategy = playback.sampling
+    if strategy is not None and strategy.pace.kind != "still" and strategy.step > JUMP_LENGTH:
+        console.errors.print(
+            f"[yellow]warning:[/] the focal point moves by {strategy.step * 1e3:.0f} mm from frame to frame, which "
+            f"draws no contour: --speed {JUMP_LENGTH * strategy.update_rate:.2g} or less would"
         )
     if playback.switched:
         console.errors.print(
@@ -73,6 +91,8 @@ def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json
     if out.exists() and not overwrite:
         raise StrategyError(f"{out}: exists; --overwrite replaces it")
     sampler = Sampler(replace(load_sampling(options["sampling"]), **changes))
+    if sampler.strategy.foci > 1:
+        raise StrategyError(f"a point list holds one focal point at a time, not foci {sampler.strategy.foci}")
     with ContourFile(file) as contours:
         if not contours.sealed:
             raise StrategyError(f"{file}: is not finished; palpate render --resume finishes it")
@@ -87,6 +107,16 @@ def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json
     console.say(values, as_json=as_json, title=str(out))
 
 
+def require_device(device: str) -> None:
+    """Start Warp, and refuse a device that it does not have."""
+    console.start_warp()
+    try:
+        wp.get_device(device)
+    except (ValueError, RuntimeError) as error:
+        known = ", ".join(str(one) for one in wp.get_devices())
+        raise StrategyError(f"unknown device {device!r}; known: {known}") from error
+
+
 def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> SamplingStrategy | None:
     """The sampling strategy asked for: a preset or a file, with other fields where options say so."""
     changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
@@ -95,11 +125,13 @@ def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> S
             asked = ", ".join(sorted(changes)) or "sampling"
             raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")
         return None
-    sampling = load_sampling(options["sampling"] or "stm")
-    is_file = options["sampling"] is not None and options["sampling"].endswith(".json")
-    if "update_rate" not in changes and not is_file:
+    source = "stm" if options["sampling"] is None else options["sampling"]
+    sampling = load_sampling(source)
+    if "update_rate" not in changes and not says_rate(source):
         model = arrays[0].model
         changes["update_rate"] = model.update_rate(model.divider_default)
+    if "speed" in changes and sampling.pace.kind in ("frequency", "still"):
+        raise StrategyError(f"speed changes nothing in sampling {source!r}: its pace.kind is {sampling.pace.kind!r}")
     return replace(sampling, **changes)
 
 
@@ -166,5 +198,16 @@ def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
             f"{told}: {entry['reason']}" if entry["reason"] else told
         )
     console.say(rows, as_json=False, title="arrays")
-    if note:
-        console.errors.print(f"[yellow]note:[/] {note}")
+    if note is None and len(found) == len(array_names()):
+        note = "nothing on USB has the ids of an array's chip"
+    autd3 = "an autd3 cannot be listed: --serial names the network interface that it hangs on"
+    console.errors.print(f"[yellow]note:[/] {'; '.join(filter(None, (note, autd3)))}")
+
+
+def run_sampling(name: str | None, *, as_json: bool) -> None:
+    """Show presets, or one strategy as the JSON that --sampling takes."""
+    if name is None:
+        rows = {name: strategy().to_json() for name, strategy in PRESETS.items()}
+        console.say({"presets": list(PRESETS)} if as_json else rows, as_json=as_json, title="sampling presets")
+        return
+    sys.stdout.write(json.dumps(load_sampling(name).described(), indent=None if as_json else 1) + "\n")

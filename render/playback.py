@@ -4,12 +4,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from ..datasets.ptlist import read_ptlist
 from ..datasets.reader import ContourFile
-from ..device.array import array_model
+from ..device.array import SONICSURFACE_BAUD, array_model
 from ..device.autd3 import open_autd3
 from ..device.bus import emulated_backend
 from ..device.clock import Clock, MonotonicClock, VirtualClock
@@ -17,16 +18,19 @@ from ..device.discovery import open_link
 from ..device.ensemble import play_together
 from ..device.limits import Limits
 from ..device.link import Link
+from ..device.pat_file import CalibrationError
 from ..device.pyusb import Backend
 from ..device.report import LiveStatistics, PlayReport
 from ..device.transport import TransportKind
 from ..device.watchdog import Watchdog
+from ..kernels.solve import POINTS_MOST
 from .drive import Driver, DriveStrategy
 from .errors import StrategyError
+from .fields import require_choice
 from .frames import FrameSource
 from .rig import PlacedArray
-from .sampling import FocalPoints, Sampler, SamplingStrategy
-from .source import ContourSource, FocusSource, PointSource
+from .sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy
+from .source import ContourSource, FocusSource, PointSource, frame_count, require_duration
 
 CLOCKS: dict[str, Callable[[], Clock]] = {"monotonic": MonotonicClock, "virtual": VirtualClock}
 
@@ -37,15 +41,17 @@ class Playback:
 
     reports: tuple[PlayReport, ...]
     """The player's report on each array."""
-    sampler: Sampler | None
+    sampling: SamplingStrategy | None
     """None for focal points that were read from a file."""
+    count: SamplingCount | None
+    """Of the first time, if it was played several times."""
     refused: int
-    """Focal points that no array can reach, or that were none: silenced."""
+    """Focal points of the first time that no array can reach, or that were none: silenced."""
     switched: int
-    """Frames whose amplitude an array that can only switch played as 0 or 1."""
+    """Frames of the first time whose amplitude an array that can only switch played as 0 or 1."""
     drive: DriveStrategy
     repeats: int = 1
-    """How often the file was played; the sampler counted one time."""
+    """How often the file was to be played."""
 
     @property
     def played(self) -> PlayReport:
@@ -57,8 +63,8 @@ class Playback:
         values = {**self.played.as_dict(), "repeats": self.repeats, "refused": self.refused, "switched": self.switched}
         if len(self.reports) > 1:
             values["arrays"] = [report.as_dict() for report in self.reports]
-        if self.sampler is not None:
-            count, strategy = self.sampler.count, self.sampler.strategy
+        if self.sampling is not None and self.count is not None:
+            count, strategy = self.count, self.sampling
             values |= {
                 "jumps": sum(count.jumps.values()),
                 "jumps_by_cause": count.jumps,
@@ -93,24 +99,29 @@ class Connection:
     """A process beside this one switches the array off if this one is killed."""
 
     def __post_init__(self) -> None:
-        """Refuse a clock that there is not."""
-        if self.clock not in CLOCKS:
-            raise StrategyError(f"unknown clock {self.clock!r}; known: {', '.join(CLOCKS)}")
+        """Refuse a clock or a transport that there is not."""
+        require_choice("clock", self.clock, tuple(CLOCKS))
+        require_choice("transport", self.transport, get_args(TransportKind))
 
     def open(self, placed: PlacedArray) -> Link:
         """The link to one array."""
         model = placed.model
         emulated = self.backend is None and (model.embedded or self.emulate)
+        if self.watchdog and (emulated or model.usb is None):
+            raise StrategyError(f"a watchdog is for real arrays on USB, not for {model.name} here")
         if emulated and model.name == "autd3":
             return open_autd3(model, emulated=True)
-        backend = emulated_backend(model.name, clock=CLOCKS[self.clock]()) if emulated else self.backend
-        return open_link(
-            model,
-            serial=None if emulated else placed.serial,
-            backend=backend,
-            transport=self.transport,
-            uncalibrated=self.uncalibrated or emulated,
-        )
+        backend = emulated_bus(placed, CLOCKS[self.clock]()) if emulated else self.backend
+        try:
+            return open_link(
+                model,
+                serial=placed.serial,
+                backend=backend,
+                transport=self.transport,
+                uncalibrated=self.uncalibrated or emulated,
+            )
+        except CalibrationError as error:
+            raise StrategyError(f"{error} (--calibration BOARD.pat, --emulate or --uncalibrated)") from error
 
     @contextmanager
     def all_of(self, arrays: Sequence[PlacedArray]) -> Iterator[list[Link]]:
@@ -124,6 +135,16 @@ class Connection:
                     stack.enter_context(Watchdog(link))
                 links.append(link)
             yield links
+
+
+def emulated_bus(placed: PlacedArray, clock: Clock) -> Backend:
+    """A bus with a model of one board, of the serial number and the UART's rate that are asked for."""
+    model = placed.model
+    serial = placed.serial or model.serial
+    serials = None if serial is None else (serial,)
+    if model.name == "sonicsurface" and model.baud not in (None, SONICSURFACE_BAUD):
+        return emulated_backend("sonicsurface", clock=clock, serials=serials, baud=model.baud)
+    return emulated_backend(model.name, clock=clock, serials=serials)
 
 
 def play_file(
@@ -165,7 +186,7 @@ def play_file(
         for placed in arrays:
             placed.model.divider(update_rate)
         driver = Driver([placed.model for placed in arrays], drive, update_rate=update_rate, device=device)
-        frames = FrameSource(source, driver, repeats=repeats)
+        frames = FrameSource(source, driver, repeats=repeats, sampler=sampler)
         links = stack.enter_context((connection or Connection()).all_of(arrays))
         reports = play_together(
             links,
@@ -174,7 +195,15 @@ def play_file(
             limits=limits,
             watch=None if watch is None else lambda live: watch(live, frames.frame_count),
         )
-        return Playback(tuple(reports), sampler, frames.refused, frames.switched, driver.strategy, repeats)
+        return Playback(
+            tuple(reports),
+            None if sampler is None else sampler.strategy,
+            frames.counted if sampler is None or frames.counted is not None else sampler.count,
+            frames.refused,
+            frames.switched,
+            driver.strategy,
+            repeats,
+        )
 
 
 @contextmanager
@@ -187,12 +216,15 @@ def opened(
             raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
         points = read_ptlist(path)
         focus = FocalPoints(points.position, points.intensity * np.float32(points.intensity_peak))
-        stop = None if duration is None else round(duration * points.update_rate)
+        require_duration(duration)
+        stop = None if duration is None else frame_count(duration, points.update_rate, path)
         yield PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop])), None, points.update_rate
         return
     model = arrays[0].model
     if sampling is None:
         sampling = SamplingStrategy(update_rate=model.update_rate(model.divider_default))
+    if sampling.foci > POINTS_MOST:
+        raise StrategyError(f"foci must be at most {POINTS_MOST} to be solved for an array, not {sampling.foci}")
     sampler = Sampler(sampling)
     with ContourFile(path) as file:
         if not file.sealed:

@@ -34,10 +34,14 @@ def load_rig(
     path = Path(source)
     try:
         entries = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise StrategyError(f"{path}: cannot be read as JSON ({error})") from error
+    except OSError as error:
+        raise StrategyError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except (ValueError, RecursionError) as error:
+        raise StrategyError(f"{path}: not JSON ({error})") from error
     if not isinstance(entries, list) or not entries:
-        raise StrategyError(f"{path}: must be a list of at least one array, not {type(entries).__name__}")
+        raise StrategyError(
+            f"{path}: must be a list of at least one array, not {'empty' if entries == [] else entries!r}"
+        )
     if serial or calibration or baud:
         raise StrategyError(f"{path}: names its arrays' serial numbers, board files and baud rates itself")
     return tuple(_placed(entry, path, index) for index, entry in enumerate(entries))
@@ -60,6 +64,6 @@ def _placed(entry: object, path: Path, index: int) -> PlacedArray:
     if entry.get("pose") is not None:
         try:
             model = model.placed(entry["pose"])
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise StrategyError(f"{where}: {error}") from error
     return PlacedArray(model, entry.get("serial"))

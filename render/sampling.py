@@ -13,7 +13,7 @@ from .errors import StrategyError
 from .path import Path, paths_of
 from .sampler import Sampler
 from .sampling_metrics import CAUSES, DwellMap, FocalPoints, SamplingCount, dwell_map
-from .sampling_presets import PRESETS, load_sampling, preset
+from .sampling_presets import PRESETS, load_sampling, preset, says_rate
 from .sampling_strategy import (
     AmplitudeModulation,
     Dwell,
@@ -49,6 +49,7 @@ __all__ = [
     "preset",
     "sample_bounds",
     "sample_contours",
+    "says_rate",
 ]
 
 

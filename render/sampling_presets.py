@@ -17,6 +17,7 @@
 | step, random | 40 points, every third next, or in a random order | DOLPHIN (Mulot et al. 2021); the numbers are ours |
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -71,3 +72,10 @@ def preset(name: str, **changes: object) -> SamplingStrategy:
 def load_sampling(source: str) -> SamplingStrategy:
     """A sampling strategy by preset name or from a JSON file."""
     return load_by_name(source, PRESETS, SamplingStrategy.from_json, "sampling")
+
+
+def says_rate(source: str) -> bool:
+    """Whether a strategy that `load_sampling` takes has an update rate of its own: a file that names one."""
+    if source.lower() in PRESETS:
+        return False
+    return load_by_name(source, {}, lambda text: "update_rate" in json.loads(text), "sampling")

@@ -260,6 +260,12 @@ class SamplingStrategy:
             raise StrategyError(
                 f"dwell.time must be 0 for pace.kind 'frequency' (use share), not {self.dwell.time:g} s"
             )
+        for name, overlay in (("am", self.am), ("lm", self.lm)):
+            if overlay is not None and overlay.frequency > self.update_rate / 2:
+                raise StrategyError(
+                    f"{name}.frequency must be at most half of update_rate {self.update_rate:g} Hz, not "
+                    f"{overlay.frequency:g} Hz"
+                )
         if self.sections is not None and (pace.kind != "frequency" or order.kind != "loop" or pace.points is not None):
             raise StrategyError(
                 "sections need pace.kind 'frequency', order.kind 'loop' and no pace.points, not "

@@ -1,6 +1,7 @@
 """Where a playback's focal points come from, block by block: a contour file, sampled as it is read, or points."""
 
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import fields
 from pathlib import Path
 from typing import Protocol
@@ -11,7 +12,7 @@ from ..datasets.reader import ContourFile
 from .contours import ContourBatch
 from .errors import PoseError, StrategyError
 from .path import Path as ContourPath
-from .sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy, sample_contours
+from .sampling import FocalPoints, Sampler, SamplingCount, sample_contours
 
 FRAMES_MOST = 1e12  # a year at 40 kHz
 BLOCK = 1024  # frames; 0.1 s at 10 kHz, 26 ms at 40 kHz: what Python needs a few milliseconds for
@@ -62,13 +63,12 @@ class ContourSource:
     """
 
     def __init__(self, file: ContourFile, sampler: Sampler, duration: float | None = None) -> None:
-        if duration is not None and not (np.isfinite(duration) and duration > 0):
-            raise StrategyError(f"duration must be positive, not {duration} s")
+        require_duration(duration)
         self._file, self._sampler = file, sampler
         self._interval: float | None = None  # [s]; None for one static pose
         self.duration = self._duration(duration)
         """When the playing ends [s]."""
-        self.frame_count = frame_count(self.duration, sampler.strategy, file.path)
+        self.frame_count = frame_count(self.duration, sampler.strategy.update_rate, file.path)
 
     def __iter__(self) -> Iterator[FocalPoints]:
         """Blocks of focal points."""
@@ -130,7 +130,7 @@ def _again(cycle: FocalPoints, times: int) -> np.ndarray:
 def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: int, frame_count: int) -> None:
     """Let a sampler count all frames of a static pose, having drawn two cycles: the second is like all later ones."""
     sampler.draw(path, pose, count)
-    before = SamplingCount(**{f.name: _copied(getattr(sampler.count, f.name)) for f in fields(SamplingCount)})
+    before = deepcopy(sampler.count)
     sampler.draw(path, pose, count)
     whole, rest = divmod(frame_count - 2 * count, count)
     for f in fields(SamplingCount):
@@ -144,8 +144,10 @@ def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: 
     sampler.draw(path, pose, rest)
 
 
-def _copied(value: object) -> object:
-    return dict(value) if isinstance(value, dict) else value
+def require_duration(duration: float | None) -> None:
+    """Refuse a duration [s] that is none."""
+    if duration is not None and not (np.isfinite(duration) and duration > 0):
+        raise StrategyError(f"duration must be positive, not {duration} s")
 
 
 def _require_increasing(time: np.ndarray, path: Path) -> None:
@@ -153,11 +155,11 @@ def _require_increasing(time: np.ndarray, path: Path) -> None:
         raise PoseError(f"{path}: /motion/time does not increase all the way; palpate check tells where")
 
 
-def frame_count(duration: float, sampling: SamplingStrategy, path: Path) -> int:
+def frame_count(duration: float, update_rate: float, path: Path) -> int:
     """Frames of a playback of that duration [s]; refused where there is none, or more than a count can hold."""
-    if duration * sampling.update_rate > FRAMES_MOST:
-        raise StrategyError(f"{path}: {duration:g} s at {sampling.update_rate:g} Hz is over {FRAMES_MOST:g} frames")
-    count = int(np.ceil(duration * sampling.update_rate - 1e-6))
+    if duration * update_rate > FRAMES_MOST:
+        raise StrategyError(f"{path}: {duration:g} s at {update_rate:g} Hz is over {FRAMES_MOST:g} frames")
+    count = int(np.ceil(duration * update_rate - 1e-6))
     if count < 1:
-        raise StrategyError(f"{path}: {duration:g} s at {sampling.update_rate:g} Hz is not one frame")
+        raise StrategyError(f"{path}: {duration:g} s at {update_rate:g} Hz is not one frame")
     return count

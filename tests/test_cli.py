@@ -305,7 +305,13 @@ def test_unknown_arrays_rates_and_clocks_are_misuse(rendered):
     refused(MISUSED, "unknown array 'nope'; known: emulator", "play", rendered, "--array", "nope")
     refused(MISUSED, "7000 Hz", "play", rendered, "--update-rate", "7000")
     refused(MISUSED, "speed must lie", "play", rendered, "--speed", "0")
-    refused(MISUSED, "unknown clock", "play", rendered, "--clock", "sundial")
+    refused(MISUSED, "clock must be one of", "play", rendered, "--clock", "sundial")
+    refused(MISUSED, "transport must be one of", "play", rendered, "--transport", "junk")
+    refused(MISUSED, "unknown device", "play", rendered, "--device", "abacus")
+    refused(MISUSED, "speed changes nothing", "play", rendered, "--sampling", "stp", "--speed", "3")
+    refused(MISUSED, "am.frequency must be at most half", "play", rendered, "--sampling", "am", "--update-rate", "200")
+    refused(MISUSED, "watchdog is for real arrays", "play", rendered, "--watchdog")
+    refused(MISUSED, "--calibration BOARD.pat", "play", rendered, "--array", "pat16")
     refused(MISUSED, "speed of sound", "play", rendered, "--sound-speed", "0", "--clock", "virtual")
     refused(MISUSED, "height must lie", "selftest", "--height", "3", "--clock", "virtual")
     assert run("play").exit_code == MISUSED
@@ -315,7 +321,7 @@ def test_unknown_arrays_rates_and_clocks_are_misuse(rendered):
 def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monkeypatch):
     bus = EmulatorBackend(clock=VirtualClock())
     bus.inject(Fault(FaultKind.UNPLUG, byte=1_000_000))
-    monkeypatch.setattr(playback, "emulated_backend", lambda name, clock: bus)
+    monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)
     before = rendered.read_bytes()
     result = run("play", rendered, "--clock", "virtual", "--json")
     assert result.exit_code == FAILED
@@ -333,7 +339,7 @@ def test_second_player_on_the_same_array_is_refused(rendered, monkeypatch):
     from palpate.device.usb import UsbLink
 
     bus = EmulatorBackend(clock=VirtualClock())
-    monkeypatch.setattr(playback, "emulated_backend", lambda name, clock: bus)
+    monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)
     with UsbLink.open(array_model("emulator"), backend=bus):
         refused(FAILED, "in use", "play", rendered, "--clock", "virtual")
 

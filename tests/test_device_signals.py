@@ -15,6 +15,7 @@ from palpate.device import EmulatorBackend, Player, UsbLink, VirtualClock, array
 PLAYS_FOREVER = """
 import json, signal, sys, threading, time
 import numpy as np
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whatever runs the tests, such as nohup, may ignore it
 from palpate.device import EmulatorBackend, Player, PlayInterrupted, UsbLink, array_model
 
 maker = sys.argv[1]

@@ -125,7 +125,7 @@ def test_repeats_play_the_same_frames_again_without_the_file(moving):
     assert len(played) == 3 * once > 3000
     np.testing.assert_array_equal(played[:once], played[once : 2 * once])
     np.testing.assert_array_equal(played[:once], played[2 * once :])
-    assert playback.sampler.count.samples == once
+    assert playback.count.samples == once
     assert playback.as_dict()["repeats"] == 3
 
 
@@ -133,9 +133,12 @@ def test_repeats_of_what_does_not_fit_are_read_again(moving, monkeypatch):
     monkeypatch.setattr("palpate.render.frames.KEPT_BYTES_MOST", 1000)
     sampler = Sampler(SamplingStrategy(update_rate=1000.0))
     with ContourFile(moving) as file:
-        frames = FrameSource(ContourSource(file, sampler), Driver(array_model("emulator")), repeats=2)
+        frames = FrameSource(ContourSource(file, sampler), Driver(array_model("emulator")), repeats=2, sampler=sampler)
         count = sum(len(block[0]) for block in frames) // 512
-    assert count == frames.frame_count == sampler.count.samples
+    assert count == frames.frame_count == sampler.count.samples == 2 * frames.counted.samples
+    playback = play_file(moving, sampling=sampler.strategy, repeats=2, connection=VIRTUAL)
+    assert playback.count == frames.counted  # what is told is of one time
+    assert playback.played.frames == 2 * playback.count.samples
 
 
 def test_a_slew_limit_reaches_across_blocks_and_repeats():
@@ -208,7 +211,7 @@ def test_when_one_of_several_arrays_is_lost_the_others_are_switched_off(tmp_path
     buses = [emulated_backend("emulator", clock=VirtualClock()) for _ in range(2)]
     buses[1].inject(Fault(FaultKind.UNPLUG, byte=200_000))
     waiting = list(buses)
-    monkeypatch.setattr("palpate.render.playback.emulated_backend", lambda name, clock: waiting.pop(0))
+    monkeypatch.setattr("palpate.render.playback.emulated_backend", lambda name, **options: waiting.pop(0))
     with pytest.raises(DeviceLostError) as caught:
         play_file(moving, array=pair(tmp_path), connection=VIRTUAL)
     assert caught.value.report.stopped_by == "device"
@@ -219,7 +222,7 @@ def test_when_one_of_several_arrays_is_lost_the_others_are_switched_off(tmp_path
     ("text", "message"),
     [
         ("[]", "list of at least one"),
-        ("{", "cannot be read"),
+        ("{", "not JSON"),
         ('[{"serial": "a"}]', "array must be a str"),
         ('[{"array": "emulator", "place": 1}]', "unknown field 'place'"),
         ('[{"array": "emulator", "pose": [0, 0]}]', "shape"),

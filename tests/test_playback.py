@@ -252,3 +252,51 @@ def test_models_of_real_boards_take_a_file_at_their_own_rate(array, moving):
     assert playback.played.frames > 190
     assert (playback.played.off_sent, playback.played.off_confirmed) == (True, None)
     assert playback.played.underruns == 0
+
+
+def points_file(tmp_path, *, count=700, rate=5000.0, intensity=1.0):
+    path = tmp_path / "points.ptlist"
+    write_ptlist(path, np.tile([0.01, 0.0, 0.2], (count, 1)), np.full(count, intensity), rate)
+    return path
+
+
+@pytest.mark.parametrize("duration", [-0.1, -1.0, 0.0, np.nan, np.inf])
+def test_durations_that_are_none_are_refused_for_point_lists_too(duration, tmp_path):
+    with pytest.raises(StrategyError, match="duration must be positive"):
+        play_file(points_file(tmp_path), duration=duration, connection=VIRTUAL)
+
+
+def test_a_point_list_can_be_cut_short(tmp_path):
+    assert play_file(points_file(tmp_path), duration=0.0101, connection=VIRTUAL).played.frames == 51
+
+
+@pytest.mark.parametrize(("intensity", "switched"), [(1.0, 0), (0.7, 20)])
+def test_frames_that_can_only_be_switched_are_counted(intensity, switched, tmp_path):
+    rate = array_model("sonicsurface").update_rate(1)
+    path = points_file(tmp_path, count=20, rate=rate, intensity=intensity)
+    playback = play_file(path, array="sonicsurface", connection=Connection(clock="virtual", emulate=True), repeats=2)
+    assert playback.switched == playback.as_dict()["switched"] == switched
+
+
+def test_poses_far_apart_are_held_until_the_next_one(static, tube, tmp_path):
+    with ContourFile(static) as file:
+        pose = file.motion()["pose"]
+    path = tmp_path / "slow.h5"
+    record(path, tube, Palm(), HandMotion(np.arange(4) * 0.3, np.repeat(pose, 4, axis=0)), closed_contour())
+    focus, sampler = focus_of(path, SamplingStrategy(hold=0.1, update_rate=1000.0))
+    assert sampler.count.held == 0
+    assert (focus.intensity == 1).all()
+
+
+def test_emulated_boards_have_the_serial_numbers_and_rates_that_are_asked_for(moving, tmp_path):
+    emulated = Connection(clock="virtual", emulate=True)
+    arrays = load_rig("pat16", serial="FT1234")
+    assert play_file(moving, array=arrays, duration=0.1, connection=emulated).played.serial == "FT1234"
+    fast = load_rig("sonicsurface", baud=1_462_857)
+    playback = play_file(moving, array=fast, connection=emulated)
+    assert playback.played.update_rate == pytest.approx(567, rel=0.03)
+
+
+def test_more_foci_than_can_be_solved_are_refused(moving):
+    with pytest.raises(StrategyError, match="foci must be at most 8 to be solved for an array, not 16"):
+        play_file(moving, sampling=SamplingStrategy(foci=16), connection=VIRTUAL)

@@ -55,6 +55,9 @@ class Autd3Link:
     """
 
     transport = "udp"
+    off_frames = 1
+    hold_ns = 0
+    is_exact = True  # by the array's clock
     short_writes = 0  # UDP takes a datagram or loses it; a lost one is sent again by the vendor's package
 
     def __init__(self, model: ArrayModel, controller: Controller, *, serial: str | None = None) -> None:

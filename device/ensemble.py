@@ -10,7 +10,7 @@ from threading import Thread
 from .errors import PlayInterrupted
 from .limits import Limits
 from .link import Link
-from .player import Player
+from .player import Player, tell_emission
 from .report import LiveStatistics, PlayReport
 from .signals import StopSignals
 
@@ -68,8 +68,10 @@ def play_together(
             group.join()
     reports = [seat.player.report for seat in group.seats if seat.player.report is not None]
     if signals.signum is not None and reports:
-        perhaps_on = [report for report in reports if not report.off_sent or report.off_confirmed is False]
-        raise PlayInterrupted(signals.signum, (perhaps_on or reports)[0]) from group.error
+        report = next((report for report in reports if report.may_emit), reports[0])
+        interruption = PlayInterrupted(signals.signum, report)
+        tell_emission(interruption, report)
+        raise interruption from group.error
     if (error := group.error) is not None:
         raise error
     return reports

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
+import reprlib
+import sys
 from array import array
 from collections import deque
 from collections.abc import Mapping
@@ -43,9 +44,9 @@ class Limits:
         for name in ("on_time_max", "pause_min", "duty_window"):
             value = getattr(self, name)
             if not (value is None and name == "on_time_max") and not _is_number(value, above=0.0):
-                raise LimitsError(f"{name} is {value!r}, but it must be a time above 0 s")
+                raise LimitsError(f"{name} is {_shown(value)}, but it must be a time above 0 s")
         if self.duty_max is not None and not (_is_number(self.duty_max, above=0.0) and self.duty_max <= 1):
-            raise LimitsError(f"duty_max is {self.duty_max!r}, but it must be above 0, at most 1, or None")
+            raise LimitsError(f"duty_max is {_shown(self.duty_max)}, but it must be above 0, at most 1, or None")
 
     def to_json(self) -> str:
         """One line of JSON that `from_json` reads back."""
@@ -56,8 +57,10 @@ class Limits:
         """Read back what `to_json` wrote; missing fields take their defaults. Raises `LimitsError`, as `Limits`."""
         try:
             values: object = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise LimitsError(f"limits: not JSON ({error})") from error
+        except RecursionError:
+            raise LimitsError("limits: not JSON that can be read (nested too deeply)") from None
+        except ValueError as error:  # JSONDecodeError, and Python's own bound on the digits of an integer
+            raise LimitsError(f"limits: not JSON that can be read ({error})") from error
         if not isinstance(values, Mapping):
             raise LimitsError(f"limits: must be a JSON object, not {type(values).__name__}")
         known = {field.name for field in fields(cls)}
@@ -68,7 +71,16 @@ class Limits:
 
 
 def _is_number(value: object, *, above: float) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > above
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return above < value <= sys.float_info.max
+
+
+def _shown(value: object) -> str:
+    """For a message, whatever it is: also an integer of more digits than Python writes."""
+    if isinstance(value, int) and value.bit_length() > 64:
+        return f"an integer of {value.bit_length()} bits"
+    return reprlib.repr(value)
 
 
 class Dose(NamedTuple):
@@ -149,6 +161,7 @@ class Guard:
         """Nothing new yet: the last frame plays on. Raises `SafetyLimitError` beyond a limit."""
         if self._silent_since_ns is None and self._on_since_ns is not None:
             self._check_on_time(now_ns)
+        self._hold_until(now_ns)
 
     def silence(self, now_ns: int) -> None:
         """The array is off from now on."""
@@ -156,9 +169,12 @@ class Guard:
             self._silent_since_ns = now_ns
         self._duty_last = 0.0
 
-    def _hold_until(self, start_ns: int) -> None:
-        if self._duty_last and start_ns > self._end_ns:
-            self._drive(self._end_ns, self._duty_last * (start_ns - self._end_ns))
+    def _hold_until(self, now_ns: int) -> None:
+        """The last frame has played on until now; what is older than the window no longer counts."""
+        if self._duty_last and now_ns > self._end_ns:
+            held_ns = int(min(now_ns - self._end_ns, self.limits.duty_window * 1e9))
+            self._end_ns = now_ns
+            self._drive(now_ns - held_ns, self._duty_last * held_ns)
 
     def _paused(self, first_ns: int) -> bool:
         return self._silent_since_ns is not None and first_ns - self._silent_since_ns >= self.limits.pause_min * 1e9
@@ -168,8 +184,8 @@ class Guard:
         limit = self.limits.on_time_max
         if limit is not None and on_time_ns > limit * 1e9:
             raise SafetyLimitError(
-                f"array {self._model.name} was switched off: it was about to emit for more than {limit:g} s without a "
-                f"pause of {self.limits.pause_min:g} s (on_time_max)"
+                f"array {self._model.name} was stopped at a limit: it was about to emit for more than {limit:g} s "
+                f"without a pause of {self.limits.pause_min:g} s (on_time_max)"
             )
         self.on_time_ns = max(self.on_time_ns, on_time_ns)
 
@@ -187,6 +203,6 @@ class Guard:
         limit = self.limits.duty_max
         if limit is not None and self._driven_ns > limit * window_ns:
             raise SafetyLimitError(
-                f"array {self._model.name} was switched off: it was about to be driven at a mean duty above {limit:g} "
-                f"over {self.limits.duty_window:g} s (duty_max)"
+                f"array {self._model.name} was stopped at a limit: it was about to be driven at a mean duty "
+                f"above {limit:g} over {self.limits.duty_window:g} s (duty_max)"
             )

@@ -76,6 +76,21 @@ class Link(Protocol):
         """Transfers since the link was opened that took less than was offered, or nothing, and were continued."""
         ...
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether `bytes_sent` is exact once nothing is under way; else it is a lower bound: a write failed."""
+        ...
+
+    @property
+    def off_frames(self) -> int:
+        """How many off frames end a content: 1, or 2 where the board has two buffers."""
+        ...
+
+    @property
+    def hold_ns(self) -> int:
+        """How long what is written first after `start` waits in the board until it plays [ns]; 0 for most."""
+        ...
+
     def __enter__(self) -> Self:
         """The link itself; leaving its context closes it."""
         ...
@@ -112,9 +127,10 @@ class Link(Protocol):
         ...
 
     def send_off(self) -> None:
-        """Off now: cancel what is under way, complete a torn frame, its missing part silent, then the off frame.
+        """Off now: cancel what is under way, complete a torn frame, its missing part silent, then `off_frames`.
 
-        Returns when the array has taken all of it; what its FIFO holds before the off frame still plays.
+        A stall that an earlier call met is ended first, so that it may be tried again. Returns when the array has taken
+        all of it; what its FIFO holds before the off frame still plays.
         """
         ...
 

@@ -89,7 +89,8 @@ def find_device(model: ArrayModel, serial: str | None, backend: Backend | None) 
         backend: pyusb's; None is libusb's.
 
     Raises:
-        DeviceNotFoundError: there is none, or it is not on USB; or several have its chip, and none was named.
+        DeviceNotFoundError: there is none, or it is not on USB; or several have its chip, one that this user may not
+            ask among them perhaps, and none was named.
         DevicePermissionError: there may be one, but this user may not ask.
         NoBackendError: libusb is missing.
     """
@@ -97,27 +98,30 @@ def find_device(model: ArrayModel, serial: str | None, backend: Backend | None) 
         raise DeviceNotFoundError(f"array {model.name} is not on USB, so it cannot be looked for there")
     wanted = serial if serial is not None else model.serial
     found: list[tuple[UsbDevice, str | None]] = []
-    refusal: UsbError | None = None
+    refusals: list[UsbError] = []
     for device in candidates(model, backend):
         try:
             strings = strings_of(device)
         except UsbError as error:
-            refusal = refusal or error
+            refusals.append(error)
         else:
             if matches(model, strings):
                 found.append((device, strings.serial))
         dispose(device)
     chosen = [one for one in found if wanted in (None, one[1])]
     serials = ", ".join(one[1] or "(no serial number)" for one in found)
-    if len(chosen) > 1 and model.usb.generic:
+    hidden = sum(error.errno in (errno.EACCES, errno.EPERM) for error in refusals) if wanted is None else 0
+    if chosen and len(chosen) + hidden > 1 and model.usb.generic:
+        unread = f", and {hidden} that this user may not ask" if hidden else ""
         raise DeviceNotFoundError(
-            f"array {model.name} must be named by its serial number, for other things have its chip; found: {serials}"
+            f"array {model.name} must be named by its serial number, for other things have its chip; found: "
+            f"{serials}{unread}"
         )
     if chosen:
         return chosen[0]
     who = f"{model.name} {wanted}" if wanted else model.name
-    if refusal is not None:
-        raise link_error(who, refusal.errno, refusal) from refusal
+    if refusals:
+        raise link_error(who, refusals[0].errno, refusals[0]) from refusals[0]
     there = f"found instead: {serials}" if found else "plug it in and switch it on"
     raise DeviceNotFoundError(f"array {who} was not found: {there}")
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .errors import (
     DeviceBusyError,
+    DeviceError,
     DeviceTimeoutError,
     FrameError,
     LinkError,
@@ -64,6 +65,7 @@ class Player:
         self._handle_signals = handle_signals
         self._playing = threading.Lock()
         self._writer: Writer | None = None
+        self._stop_reason: str | None = None
 
     def play(
         self,
@@ -100,10 +102,12 @@ class Player:
         if not self._playing.acquire(blocking=False):
             raise DeviceBusyError(f"array {self._link.array.name} is in use: this player is playing already")
         try:
-            self.report = None
+            self.report = self._stop_reason = None
             divider = self._link.array.divider(update_rate)
             self._link.start(divider)
             self._writer = writer = Writer(self._link, divider, self._guard, queue_blocks=self._queue_blocks)
+            if self._stop_reason is not None:  # while the link was started
+                writer.request_stop(self._stop_reason)
             if divider < self._link.array.divider_sustained:
                 blocks = self._burst(blocks, divider)
             with StopSignals(writer, enabled=self._handle_signals) as signals, PROMPT_THREADS:
@@ -115,24 +119,25 @@ class Player:
 
     def stop(self, reason: str = "stop") -> None:
         """End the playback under way, from any thread: what is queued is dropped, and `play` returns. Else nothing."""
+        self._stop_reason = reason  # before the look at the writer, which `play` makes before it looks at this
         if writer := self._writer:
             writer.request_stop(reason)
 
     def _burst(self, blocks: Iterable[Block], divider: int) -> Iterator[Block]:
-        """All blocks, gathered before the first is given, or `UpdateRateError` if they are too long for a burst."""
+        """All blocks as one, which is sent in one piece; `UpdateRateError` if they are too long for a burst."""
         model = self._link.array
-        gathered: list[Block] = []
-        frames = 0
+        gathered = array("B")
         for block in blocks:
-            frames += len(whole_frames(block, model.frame_bytes)) // model.frame_bytes
+            gathered += whole_frames(block, model.frame_bytes)
+            frames = len(gathered) // model.frame_bytes
             if frames > model.burst_frames:
                 raise UpdateRateError(
                     f"array {model.name} cannot keep up {model.update_rate(divider):g} Hz (divider {divider}): beyond "
                     f"{model.burst_frames} frames it needs divider {model.divider_sustained} or more, which is "
                     f"{model.update_rate(model.divider_sustained):.6g} Hz at most"
                 )
-            gathered.append(block)
-        yield from gathered
+        if gathered:
+            yield gathered
 
     def _feed(self, blocks: Iterable[Block], writer: Writer, signals: StopSignals, ticker: _Ticker) -> None:
         """Hand over all blocks and see the writer to its end, whatever happens here."""
@@ -145,8 +150,10 @@ class Player:
                 writer.put(None, tick=ticker.tick)
             writer.join(tick=ticker.tick)
             ticker.tick(last=True)
-        except BaseException:
+        except BaseException as error:
             writer.request_stop("exception")
+            writer.join()
+            tell_emission(error, writer.report())
             raise
         finally:
             writer.join()
@@ -155,19 +162,29 @@ class Player:
     def _conclude(self, writer: Writer, signals: StopSignals) -> PlayReport:
         report = self.report or writer.report()
         error = writer.error
+        if error is None and report.may_emit:
+            error = DeviceTimeoutError(f"array {report.array} did not say that it is off")
         if isinstance(error, (LinkError, SafetyLimitError)):
             error.report = report
         if signals.signum is not None:
-            raise PlayInterrupted(signals.signum, report) from error
+            interruption = PlayInterrupted(signals.signum, report)
+            tell_emission(interruption, report)
+            raise interruption from error
         if error is not None:
+            tell_emission(error, report)
             raise error
-        if report.off_confirmed is False:
-            lost = DeviceTimeoutError(
-                f"array {report.array} did not say that it is off: it may still be emitting, switch it off"
-            )
-            lost.report = report
-            raise lost
         return report
+
+
+def tell_emission(error: BaseException, report: PlayReport) -> None:
+    """Have an error say that the array may still be emitting, where it may: in its sentence, or, of others', a note."""
+    if not report.may_emit:
+        return
+    advice = f"array {report.array} may still be emitting, switch it off"
+    if isinstance(error, (DeviceError, PlayInterrupted)):
+        error.args = (f"{error}; {advice}",)
+    else:
+        error.add_note(advice)
 
 
 def whole_frames(block: Block, frame_bytes: int) -> array[int]:

@@ -26,9 +26,9 @@ class Underrun:
 
 @dataclass(frozen=True)
 class Lateness:
-    """How late frames were, by the player's estimate: a frame is due one period after the frame before it.
+    """How far behind its timetable the array played, by the player's estimate: frame k is due k periods after frame 0.
 
-    Percentiles over all frames submitted [s]; a frame in time has 0.
+    Percentiles over all frames submitted [s]. Each time without a new frame puts off all frames after it.
     """
 
     p50: float
@@ -59,8 +59,8 @@ class LiveStatistics:
     """The player's estimate, as in `PlayReport`."""
     starved: float
     """The player's estimate of the time without a new frame [s]."""
-    lateness_max: float
-    """Most that a frame was late [s]."""
+    lateness: float
+    """How far behind its timetable the array is [s]."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,11 @@ class PlayReport:
     interpreter), or the name of a signal."""
     frames: int
     """Whole frames of content that the array took, without the off frames."""
+    frames_exact: bool
+    """Whether `frames` and `bytes` are all that it took; else more may be: a blocking write failed, and the board never
+    answers, or is gone."""
     frames_cleared: int | None
-    """How many of these a stop cleared before they were played."""
+    """How many of these a stop cleared before they were played; None: it is not known."""
     bytes: int
     """Bytes of content that the array took; a stop may tear the last frame."""
     update_rate: float
@@ -111,9 +114,14 @@ class PlayReport:
     short_writes: int
     """Transfers that took less than was offered, or nothing, and were continued."""
     off_sent: bool
-    """The array took the off frame."""
+    """The array took all off frames."""
     off_confirmed: bool | None
     """The board said that it is silent; None from a board that never answers. If False, it may still be emitting."""
+
+    @property
+    def may_emit(self) -> bool:
+        """The array may still be emitting: it has not taken the off frame, or did not say that it is silent."""
+        return self.off_confirmed is False or (self.off_confirmed is None and not self.off_sent)
 
     def as_dict(self) -> dict[str, object]:
         """Everything, as JSON takes it."""

@@ -8,7 +8,7 @@ DRAIN_MARGIN_NS = 500_000_000  # beyond the playing time of what is queued, befo
 
 
 def wait_silent(link: Link, divider: int) -> bool | None:
-    """Wait until the board has played what is queued, the off frame at its end, and says that it is silent.
+    """Wait until the board has played what is queued, the off frames at its end, and says that it is silent.
 
     Returns False if it does not come to that in time; None if the board never answers: then this has waited for as
     long as its FIFO can take.
@@ -16,9 +16,9 @@ def wait_silent(link: Link, divider: int) -> bool | None:
     clock, period_ns = link.clock, round(1e9 / link.array.update_rate(divider))
     status = link.status()
     if status is None:
-        clock.sleep_until_ns(clock.now_ns() + (link.array.fifo_frames + 1) * period_ns)
+        clock.sleep_until_ns(clock.now_ns() + (link.array.fifo_frames + link.off_frames) * period_ns)
         return None
-    deadline_ns = clock.now_ns() + (status.fifo_frames + 1) * period_ns + DRAIN_MARGIN_NS
+    deadline_ns = clock.now_ns() + (status.fifo_frames + link.off_frames) * period_ns + DRAIN_MARGIN_NS
     while status is not None and (status.level or status.fifo_frames):
         now_ns = clock.now_ns()
         if now_ns > deadline_ns:

@@ -21,8 +21,11 @@ _PRIMARY_BOARD, _CLOCKS_ON = 0xC0, 0x97
 class SonicLink(StreamLink):
     """An opened SonicSurface; a context manager that closes it. Made by `SonicLink.open`.
 
-    Its UART is the clock: frames are played as they arrive, one after the other, at one rate only.
+    Its UART is the clock: frames are played as they arrive, one after the other, at one rate only. The board has two
+    buffers, and a swap that it reads out of noise on the line shows the other one: a content ends with two off frames.
     """
+
+    off_frames = 2
 
     def __init__(self, model: ArrayModel, transport: Transport, port: FtdiPort, *, clock: Clock | None = None) -> None:
         super().__init__(model, transport, off_frame(array=model).tobytes(), serial=port.serial, clock=clock)
@@ -76,16 +79,7 @@ class SonicLink(StreamLink):
         self.note_boundary()
         self.send_off()
         period_ns = round(1e9 / self.array.update_rate(divider))
-        self.clock.sleep_until_ns(self.clock.now_ns() + (self.array.fifo_frames + 1) * period_ns)
-
-    def send_off(self) -> None:
-        """Off now: complete a torn frame, its missing part silent, then the off frame, twice.
-
-        The board has two buffers, and a swap that it reads out of noise on the line shows the other one: both are off.
-        """
-        super().send_off()
-        self._transport.submit(array("B", self._off))
-        self._transport.drain()
+        self.clock.sleep_until_ns(self.clock.now_ns() + (self.array.fifo_frames + self.off_frames) * period_ns)
 
     def rest_unknown(self) -> bytes:
         """Nothing: the first byte of a frame makes the board start anew, wherever it was."""

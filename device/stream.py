@@ -33,6 +33,9 @@ class StreamLink:
         device: pyusb's device, which `close` disposes of.
     """
 
+    off_frames: int = 1
+    """How many off frames end a content."""
+
     def __init__(
         self,
         model: ArrayModel,
@@ -81,6 +84,16 @@ class StreamLink:
     def short_writes(self) -> int:
         """Transfers since then that took less than was offered, or nothing, and were continued."""
         return self._transport.short_writes
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether `bytes_sent` is exact once nothing is under way; else a lower bound: a blocking write failed."""
+        return self._transport.is_exact
+
+    @property
+    def hold_ns(self) -> int:
+        """How long what is written first after `start` waits in the board until it plays [ns]: 0, it does not."""
+        return 0
 
     @property
     def torn_bytes(self) -> int | None:
@@ -138,11 +151,11 @@ class StreamLink:
         return False
 
     def send_off(self) -> None:
-        """Off now: cancel what is under way, complete a torn frame, its missing part silent, then the off frame."""
+        """Off now: cancel what is under way, complete a torn frame, its missing part silent, then `off_frames`."""
         self._transport.cancel()
         torn = self.torn_bytes
         rest = self.rest_unknown() if torn is None else self._rest(torn)
-        self._transport.submit(array("B", rest + self._off))
+        self._transport.submit(array("B", rest + self._off * self.off_frames))
         self._transport.drain()
         self.note_boundary()
 

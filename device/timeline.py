@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from bisect import bisect_right
 
 from .report import UNDERRUN_EVENTS_MAX, Lateness, QueueDepth, Underrun
 
@@ -13,17 +14,18 @@ CLOCK_TOLERANCE = 200e-6  # crystals differ by at most 100 ppm or so each
 class Timeline:
     """Keeps account of submits. Times are those of the link's clock [ns].
 
-    An array plays a frame a period from the first submit on; when it has played all that was submitted it is dry, and
-    a submit after that is an underrun. Two facts keep the estimate from drifting away from the array's own clock, which
-    is another crystal: an array that makes the host wait is not dry, believed as far as crystals differ (a slow bus
-    makes the host wait, too); and an array holds no more than fits it.
+    An array plays a frame a period from the first submit on, or from the end of its hold; when it has played all that
+    was submitted it is dry, and a submit after that is an underrun. Two facts keep the estimate from drifting away from
+    the array's own clock, which is another crystal: an array that makes the host wait is not dry, believed as far as
+    crystals differ (a slow bus makes the host wait, too); and an array holds no more than fits it.
 
     Args:
         period_ns: of a frame.
         fifo_frames: most that the array may hold beyond what is under way; 0: unknown.
+        hold_ns: how long the first frame waits in the array until it plays.
     """
 
-    def __init__(self, period_ns: int, fifo_frames: int) -> None:
+    def __init__(self, period_ns: int, fifo_frames: int, *, hold_ns: int = 0) -> None:
         self.start_ns: int | None = None
         self.dry_ns = 0
         """When the array will have played all that was submitted."""
@@ -33,11 +35,13 @@ class Timeline:
         """Frames submitted."""
         self.queue_bytes = 0
         """Bytes under way at the last submit."""
-        self.lateness_max_ns = 0
         self._period_ns = period_ns
         self._fifo_frames = fifo_frames
+        self._hold_ns = hold_ns
+        self._begin_ns = 0  # when the first frame plays
         self._drift_ns = 0
         self._filled = False
+        self._late_frame = array("q")  # first frame of each that was late, and by how much all are from there on
         self._late_ns = array("q")
         self._events: list[Underrun] = []
         self._taken_ns: list[int | None] = []
@@ -48,7 +52,8 @@ class Timeline:
     def submit(self, now_ns: int, frames: int, *, queue_bytes: int, queue_frames: int) -> None:
         """Frames are about to be submitted, behind what is under way: that many bytes, and frames."""
         if self.start_ns is None:
-            self.start_ns = self.dry_ns = now_ns
+            self.start_ns = now_ns
+            self._begin_ns = self.dry_ns = now_ns + self._hold_ns
         self._bound(now_ns, queue_frames)
         self._sample(queue_bytes)
         late_ns = now_ns - self.dry_ns
@@ -82,19 +87,18 @@ class Timeline:
         return QueueDepth(self._depth_min, self._depth_sum / self._depth_count)
 
     def lateness(self) -> Lateness:
-        """Percentiles (nearest rank) over all frames; of those submitted together only the first can be late."""
-        late_ns = sorted(self._late_ns)
-        in_time = self.frames - len(late_ns)
+        """Percentiles (nearest rank) over all frames, which are late in ascending order."""
 
         def at(fraction: float) -> float:
-            rank = math.ceil(fraction * self.frames) - in_time
-            return late_ns[rank - 1] * 1e-9 if rank > 0 else 0.0
+            late = bisect_right(self._late_frame, math.ceil(fraction * self.frames) - 1)
+            return self._late_ns[late - 1] * 1e-9 if late else 0.0
 
         return Lateness(at(0.5), at(0.99), at(0.999), at(1.0))
 
     def _bound(self, now_ns: int, queue_frames: int) -> None:
         if self._fifo_frames:
-            self.dry_ns = min(self.dry_ns, now_ns + (self._fifo_frames + queue_frames) * self._period_ns)
+            playing_ns = max(now_ns, self._begin_ns)
+            self.dry_ns = min(self.dry_ns, playing_ns + (self._fifo_frames + queue_frames) * self._period_ns)
         if queue_frames:
             self._correct(now_ns, now_ns + queue_frames * self._period_ns)
 
@@ -117,9 +121,9 @@ class Timeline:
     def _starve(self, now_ns: int, late_ns: int) -> None:
         self.underruns += 1
         self.starved_ns += late_ns
-        self.lateness_max_ns = max(self.lateness_max_ns, late_ns)
         self.dry_ns = now_ns
-        self._late_ns.append(late_ns)
+        self._late_frame.append(self.frames)
+        self._late_ns.append(self.starved_ns)
         if len(self._events) < UNDERRUN_EVENTS_MAX and self.start_ns is not None:
             time = (now_ns - self.start_ns) * 1e-9
             self._events.append(Underrun(time, self.frames, late_ns * 1e-9, now_ns, None))

@@ -27,6 +27,7 @@ CHUNK_DURATION_QUEUED = 0.0125  # [s]; 4 of them are under way at 10 kHz, more a
 PREFILL_DURATION = 0.08  # [s] of frames that are ready before the first is sent
 POLL = 0.02  # [s] between looks at the stop request, which a signal handler may set and so cannot notify
 CHUNKED_BLOCKS = 4  # blocks whose chunks are kept: a short contour's loop comes again and again
+OFF_ATTEMPTS = 3  # a stall on the off frame is passing, or it is not
 EXIT_TIMEOUT = 3.0  # [s] that the end of the interpreter waits for arrays to be off
 
 
@@ -63,7 +64,7 @@ class Writer:
         frames = min(int(duration * self._update_rate), CHUNK_BYTES // self._frame_bytes)
         self._chunk_bytes = max(1, frames) * self._frame_bytes
         self._chunked: deque[tuple[array[int], list[Chunk]]] = deque(maxlen=CHUNKED_BLOCKS)
-        self._timeline = Timeline(self._period_ns, link.array.fifo_frames)
+        self._timeline = Timeline(self._period_ns, link.array.fifo_frames, hold_ns=link.hold_ns)
         self._base = link.status()
         self._bytes_base, self._short_base = link.bytes_sent, link.short_writes
         self._content_bytes = 0  # handed to the link
@@ -73,6 +74,7 @@ class Writer:
         self._stop_status: BoardStatus | None = None  # at the end of the content
         self._cleared: int | None = None
         self._finishing = self._off_sent = False
+        self._exact = True
         self._off: bool | None = False
 
     @property
@@ -90,7 +92,7 @@ class Writer:
             queue_bytes=timeline.queue_bytes,
             underruns=timeline.underruns,
             starved=timeline.starved_ns * 1e-9,
-            lateness_max=timeline.lateness_max_ns * 1e-9,
+            lateness=timeline.starved_ns * 1e-9,
         )
 
     def request_stop(self, reason: str) -> None:
@@ -146,6 +148,7 @@ class Writer:
             transport=self._link.transport,
             stopped_by=self.stopped_by or "end",
             frames=frames,
+            frames_exact=self._exact,
             frames_cleared=self._cleared,
             bytes=self._bytes,
             update_rate=self._update_rate,
@@ -259,11 +262,12 @@ class Writer:
         return under_way
 
     def _finish(self) -> None:
-        """The end of the content: the off frame behind it, then wait until that plays."""
+        """The end of the content: the off frames behind it, then wait until they play."""
         if self._timeline.start_ns is not None:
             self._meet_deadline(1)
         self._finishing = True
-        self._link.write(array("B", off_frame(array=self._link.array).tobytes()), abandon=self._is_stopped)
+        off = array("B", off_frame(array=self._link.array).tobytes()) * self._link.off_frames
+        self._link.write(off, abandon=self._is_stopped)
         drained = self._link.drain(abandon=self._is_stopped)
         self._look()
         if drained and not self._is_stopped() and self._await_off():
@@ -271,11 +275,11 @@ class Writer:
             self._cleared = 0
 
     def _await_off(self) -> bool:
-        """Wait until the off frame plays; False if stopped meanwhile, so that what is queued is still to be cleared."""
-        clock, status = self._link.clock, self._link.status()
-        wait_frames = self._link.array.fifo_frames + 1 if status is None else status.fifo_frames
+        """Wait until the off frames play; False if stopped meanwhile, so that what is queued is still to be cleared."""
+        clock, status, off_frames = self._link.clock, self._link.status(), self._link.off_frames
+        wait_frames = self._link.array.fifo_frames + off_frames if status is None else status.fifo_frames
         deadline_ns = clock.now_ns() + wait_frames * self._period_ns
-        target = self.frames + 1 + (self._base.frames_played if self._base else 0)
+        target = self.frames + off_frames + (self._base.frames_played if self._base else 0)
         while status is None or status.frames_played < target or status.level:
             now_ns = clock.now_ns()
             if self._is_stopped():
@@ -286,7 +290,7 @@ class Writer:
             if now_ns > deadline_ns + DRAIN_MARGIN_NS:
                 raise DeviceTimeoutError(
                     f"array {self._link.array.name} did not play {self.frames} frames and its off frame in the time "
-                    "for all: it may still be emitting, switch it off"
+                    "for all"
                 )
             clock.sleep_until_ns(now_ns + min(self._wait_ns(status, target, deadline_ns - now_ns), int(POLL * 1e9)))
             status = self._link.status()
@@ -299,19 +303,22 @@ class Writer:
     def _stop(self) -> None:
         """Off now: drop what is queued, complete a torn frame, send the off frame. Each step tried, whatever failed."""
         self._attempt(self._link.cancel)
-        self._look()
+        self._exact = not self._look() and (self._link.is_exact or self._bytes == self._content_bytes)
         before = self._attempt(self._link.status)
         is_clear = self._attempt(self._link.clear)
         after = self._attempt(self._link.status)
         if before is not None:
             self._stop_status = before
             if not self._finishing and self._base is not None:
-                self._bytes = self._taken_bytes(before, self._base)
+                self._bytes, self._exact = self._taken_bytes(before, self._base), True
             if after is not None and after.fifo_frames == 0 and self._base is not None:
                 self._cleared = max(self.frames - (after.frames_played - self._base.frames_played), 0)
-        self._attempt(self._send_off)
+        for _ in range(OFF_ATTEMPTS):
+            self._attempt(self._send_off)
+            if self._off_sent:
+                break
         self._attempt(self._confirm_off)
-        if self._cleared is None and self._off is not False and not is_clear:  # so all of it was played
+        if self._cleared is None and self._exact and self._off is not False and not is_clear:  # all of it was played
             self._cleared = 0
 
     def _send_off(self) -> None:

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from ..datasets.errors import DatasetError
 from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
-from ..device.report import LiveStatistics
+from ..device.report import LiveStatistics, PlayReport
 from .errors import PalpateWarning, PlacementError, RenderError, StrategyError
 
 DONE, FAILED, MISUSED = 0, 1, 2
@@ -154,7 +154,7 @@ def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatisti
             begin()
             told = (
                 f"{live.queue_bytes >> 10} KiB under way, {live.underruns} underruns, "
-                f"late by {live.lateness_max * 1e3:.1f} ms at most"
+                f"{live.lateness * 1e3:.1f} ms behind"
             )
             progress.update(task, completed=live.frames, total=total, told=told)
 
@@ -182,28 +182,27 @@ def run(command: Callable[[], object], *, as_json: bool) -> int:
     return code if isinstance(code, int) else DONE
 
 
-def fail(message: str, code: int, as_json: bool, report: dict | None = None) -> int:
+def fail(message: str, code: int, as_json: bool, report: PlayReport | None = None) -> int:
     """Say what went wrong."""
     errors.print(f"[bold red]error:[/] {escape(message)}")
     if as_json:
-        sys.stdout.write(json_line({"error": message, **({"report": report} if report else {})}))
+        sys.stdout.write(json_line({"error": message, **({"report": report.as_dict()} if report else {})}))
     elif report:
-        errors.print(f"played until then: {report['frames']} frames; {told_of_off(report)}")
+        errors.print(f"played until then: {report.frames} frames; {told_of_off(report)}")
     return code
 
 
-def told_of_off(report: dict) -> str:
+def told_of_off(report: PlayReport) -> str:
     """Whether an array is off, in words."""
-    if report["off_confirmed"]:
+    if report.off_confirmed:
         return "the array says that it is off"
-    if report["off_sent"] and report["off_confirmed"] is None:
-        return "the array has taken the off frame (it cannot say more)"
-    return "the array MAY STILL BE EMITTING: switch it off"
+    if report.may_emit:
+        return "the array MAY STILL BE EMITTING: switch it off"
+    return "the array has taken the off frame (it cannot say more)"
 
 
-def _report_of(error: BaseException) -> dict | None:
-    report = getattr(error, "report", None)
-    return None if report is None else report.as_dict()
+def _report_of(error: BaseException) -> PlayReport | None:
+    return getattr(error, "report", None)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *rest: object) -> None:

@@ -102,6 +102,26 @@ def test_whatever_a_killed_player_left_the_next_one_starts_silent_and_whole(name
     link.close()
 
 
+@pytest.mark.parametrize("divider", [4, 255])
+def test_a_pat_board_is_silent_at_once_after_start_however_slow_the_last_player_was(divider: int) -> None:
+    bus = bus_of("pat16")
+    dead = open_link(array_model("pat16"), backend=bus)
+    dead.start(divider)
+    write(dead, wire("pat16", 28))
+    dead.close()
+    bus.clock.advance(0.01)
+    assert bus.board().emitting
+    link = open_link(array_model("pat16"), backend=bus)
+    assert not bus.board().emitting
+    for slower in (4, divider, 4):  # from then on it knows the rate: no wait is longer than what was queued
+        before_ns = bus.clock.now_ns()
+        link.start(slower)
+        assert not bus.board().emitting
+        assert slower == 4 or bus.clock.now_ns() - before_ns < 10_000_000
+        write(link, wire("pat16", 28))
+    link.close()
+
+
 @pytest.mark.parametrize("divider", [3, 4, 100])
 def test_the_pat_board_plays_at_the_rate_that_the_link_was_started_with(divider: int) -> None:
     bus = bus_of("pat16")

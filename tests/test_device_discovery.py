@@ -10,6 +10,7 @@ import pytest
 import usb.core
 from test_device_array import board_lines, write
 
+from palpate.device import lookup
 from palpate.device.array import array_model, array_names
 from palpate.device.bus import emulated_backend
 from palpate.device.clock import VirtualClock
@@ -151,6 +152,25 @@ def test_one_of_several_ftdi_chips_must_be_named(name: str) -> None:
     bus.unplug()
     with open_link(array_model(name), backend=bus) as link:
         assert link.serial == "two"
+
+
+@pytest.mark.parametrize("name", ["pat16", "sonicsurface"])
+def test_a_chip_that_may_not_be_asked_counts_among_several(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = lookup.strings_of
+
+    def refused(device: lookup.UsbDevice) -> DeviceStrings:
+        strings = read(device)
+        if strings.serial == "one":
+            raise usb.core.USBError("Access denied", None, errno.EACCES)
+        return strings
+
+    monkeypatch.setattr(lookup, "strings_of", refused)
+    bus = emulated_backend(name, clock=VirtualClock(), serials=["one", "two"])
+    with pytest.raises(DeviceNotFoundError, match=r"must be named .* found: two, and 1 that this user may not ask"):
+        open_link(array_model(name), backend=bus)
+    open_link(array_model(name), serial="two", backend=bus).close()
+    with pytest.raises(DevicePermissionError):
+        open_link(array_model(name), backend=emulated_backend(name, clock=VirtualClock(), serials=["one"]))
 
 
 def test_a_rule_names_each_chip_and_an_array_on_the_network_has_none() -> None:

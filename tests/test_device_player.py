@@ -469,6 +469,26 @@ def test_a_player_plays_one_thing_at_a_time(link: UsbLink) -> None:
     assert player.play(blocks(), update_rate=RATE).frames == 1
 
 
+def test_a_stop_while_the_link_is_started_counts_and_one_before_does_not(
+    bus: EmulatorBackend, link: UsbLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    player = Player(link)
+    start = link.start
+
+    def stopped_start(divider: int) -> None:
+        start(divider)
+        player.stop("bored")
+
+    monkeypatch.setattr(link, "start", stopped_start)
+    report = player.play(in_blocks(content(500), 100), update_rate=RATE)
+    assert (report.stopped_by, report.frames, report.off_confirmed) == ("bored", 0, True)
+    assert_off(bus)
+    monkeypatch.undo()
+    player.stop()  # nothing is played
+    assert_plays_again(bus, link)
+    assert player.play(in_blocks(content(5), 5), update_rate=RATE).stopped_by == "end"
+
+
 def test_real_time_plays_the_same() -> None:
     bus = EmulatorBackend(record=10_000)
     wire = content(6000)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,8 +19,12 @@ from palpate.device import (
     EmulatorBackend,
     Fault,
     FaultKind,
+    FrameError,
+    Limits,
     Link,
     Player,
+    PlayInterrupted,
+    SafetyLimitError,
     UpdateRateError,
     VirtualClock,
     array_model,
@@ -29,6 +35,10 @@ from palpate.device.bus import EmulatedBus, emulated_backend
 
 BOARDS = ("emulator", "pat16", "sonicsurface")
 SILENT = ("pat16", "sonicsurface")
+
+
+class Broken(Exception):
+    """What a maker of blocks may raise."""
 
 
 def rate_of(model: ArrayModel) -> float:
@@ -66,6 +76,11 @@ class Setup:
     def play(self, wire: np.ndarray) -> Any:
         return self.player.play(in_blocks(wire), update_rate=rate_of(self.model))
 
+    def last_played(self, count: int) -> np.ndarray:
+        """The last frames before the off frames."""
+        end = len(self.board.played) - self.link.off_frames
+        return self.board.played[end - count : end]
+
     def assert_off(self) -> None:
         assert not self.board.emitting
         self.bus.clock.advance(2)
@@ -74,7 +89,7 @@ class Setup:
     def assert_plays_again(self) -> None:
         wire = content(self.model, 20, seed=7)
         assert self.play(wire).frames == 20
-        assert np.array_equal(self.board.played[-21:-1], as_played(self.model, wire))
+        assert np.array_equal(self.last_played(20), as_played(self.model, wire))
         self.assert_off()
 
 
@@ -91,10 +106,11 @@ def setup(request: pytest.FixtureRequest) -> Iterator[Setup]:
 def test_content_played_is_content_sent_then_off(setup: Setup) -> None:
     wire = content(setup.model, 300)
     report = setup.play(wire)
-    assert np.array_equal(setup.board.played[-301:-1], as_played(setup.model, wire))
+    assert np.array_equal(setup.last_played(300), as_played(setup.model, wire))
     setup.assert_off()
     assert (report.frames, report.frames_cleared, report.underruns) == (300, 0, 0)
     assert report.off_sent
+    assert report.frames_exact
     assert report.transport == "sync"
     setup.assert_plays_again()
 
@@ -147,6 +163,10 @@ def test_a_fault_ends_it_with_the_array_off(setup: Setup, kind: FaultKind, error
     assert report is setup.player.report
     assert report.stopped_by == "device"
     assert report.off_sent == (kind is FaultKind.STALL)
+    assert ("may still be emitting" in str(raised.value)) == (kind is FaultKind.UNPLUG)
+    # pyusb does not say how much of a write that failed was taken; only this board does, while it is there
+    assert report.frames_exact == (setup.model.name == "emulator" and kind is FaultKind.STALL)
+    assert (report.frames_cleared is not None) == report.frames_exact
     setup.assert_off()
     if kind is FaultKind.UNPLUG:
         setup.bus.replug()
@@ -177,7 +197,7 @@ def test_short_writes_change_nothing_that_is_played(setup: Setup, kind: FaultKin
     report = setup.play(wire)
     assert report.short_writes >= 4
     assert np.array_equal(np.unique(as_played(setup.model, wire), axis=0), distinct(setup.board.played[-100:], wire))
-    assert np.array_equal(setup.board.played[-61:-1], as_played(setup.model, wire))
+    assert np.array_equal(setup.last_played(60), as_played(setup.model, wire))
     setup.assert_off()
 
 
@@ -206,10 +226,10 @@ def test_a_burst_plays_and_more_than_it_is_refused_before_anything_is_sent(setup
     wire = content(setup.model, 29)
     rate = 40e3 / divider
     report = setup.player.play(in_blocks(wire[:28], 5), update_rate=rate)
-    played = setup.board.played[-29:-1].copy()
+    played = setup.last_played(28).copy()
     played[0, 26:35] &= 0x7F  # the first one sets the rate
     assert np.array_equal(played, wire[:28])
-    assert report.frames == 28
+    assert (report.frames, report.underruns, report.lateness.max) == (28, 0, 0.0)
     assert not setup.board.lateness_ns[-29:].any()  # all of it was in the FIFO when it began
     assert np.allclose(np.diff(setup.board.played_ns[-29:]), divider * 25_000)
     frames = len(setup.board.played)
@@ -218,6 +238,116 @@ def test_a_burst_plays_and_more_than_it_is_refused_before_anything_is_sent(setup
     assert not setup.board.played[frames:].any() or not (setup.board.played[frames:, 256:] & 0x7F).any()
     setup.assert_off()
     setup.assert_plays_again()
+
+
+@pytest.mark.parametrize("setup", ["pat16"], indirect=True)
+def test_a_burst_that_is_stopped_while_it_is_held_has_sounded_when_play_returns(
+    setup: Setup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = setup.link.write
+
+    def stop_behind(data: Any, **options: Any) -> None:
+        write(data, **options)
+        setup.player.stop()
+
+    monkeypatch.setattr(setup.link, "write", stop_behind)
+    report = setup.player.play([content(setup.model, 28)], update_rate=40e3)
+    assert (report.stopped_by, report.frames, report.frames_cleared) == ("stop", 28, 0)
+    played = setup.board.frames_played
+    setup.assert_off()
+    assert setup.board.frames_played == played
+    monkeypatch.undo()
+    setup.assert_plays_again()
+
+
+@pytest.mark.parametrize("setup", ["pat16"], indirect=True)
+@pytest.mark.parametrize("byte", [-100, 0, 3 * 512 + 100])
+def test_the_hold_of_a_burst_is_no_content(setup: Setup, byte: int) -> None:
+    at = content_byte(setup, 512 + byte)
+    setup.bus.inject(Fault(FaultKind.TIMEOUT, byte=at, count=None))
+    with pytest.raises(DeviceTimeoutError) as raised:
+        setup.player.play([content(setup.model, 20)], update_rate=40e3)
+    report = raised.value.report
+    assert report is not None
+    assert (report.bytes, report.frames, report.frames_exact) == (max(byte, 0), max(byte, 0) // 512, True)
+
+
+@pytest.mark.parametrize("setup", BOARDS, indirect=True)
+@pytest.mark.parametrize("at", ["end", "stop"])
+def test_a_stall_on_the_off_frame_is_tried_again(setup: Setup, at: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = content(setup.model, 200)
+    if at == "end":
+        setup.bus.inject(Fault(FaultKind.STALL, byte=content_byte(setup, wire.size), count=2))
+    send_off = setup.link.send_off
+
+    def stall_first() -> None:
+        monkeypatch.undo()
+        setup.bus.inject(Fault(FaultKind.STALL, byte=setup.board.bytes_received, count=2))
+        send_off()
+
+    def blocks() -> Iterator[np.ndarray]:
+        yield from in_blocks(wire)
+        if at == "stop":
+            monkeypatch.setattr(setup.link, "send_off", stall_first)
+            setup.player.stop()
+
+    with pytest.raises(DeviceStallError) as raised:
+        setup.player.play(blocks(), update_rate=rate_of(setup.model))
+    assert "emitting" not in str(raised.value)
+    assert raised.value.report is not None
+    assert raised.value.report.off_sent
+    setup.assert_off()
+    setup.assert_plays_again()
+
+
+@pytest.mark.parametrize("setup", BOARDS, indirect=True)
+@pytest.mark.parametrize("error", [DeviceStallError, SafetyLimitError, PlayInterrupted, FrameError, Broken])
+def test_whatever_it_raises_says_that_the_array_may_still_be_emitting(
+    setup: Setup, error: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire, rate = content(setup.model, 600), rate_of(setup.model)
+    cancel = setup.link.cancel
+
+    def cancel_late() -> None:
+        cancel()
+        setup.bus.clock.advance(10 / rate)  # so that some of it is played
+
+    def refuse() -> None:
+        raise DeviceStallError("array refused (stall)")
+
+    def blocks() -> Iterator[np.ndarray]:
+        monkeypatch.setattr(setup.link, "cancel", cancel_late)
+        monkeypatch.setattr(setup.link, "send_off", refuse)
+        yield from in_blocks(wire)
+        end = time.monotonic() + 5  # keeps a broken test from hanging
+        while setup.board.bytes_received < 100 * setup.model.frame_bytes and time.monotonic() < end:
+            time.sleep(0.001)
+        if error is DeviceStallError:
+            player.stop()
+        elif error is PlayInterrupted:
+            signal.raise_signal(signal.SIGINT)
+        elif error is FrameError:
+            yield np.zeros(3, np.uint8)
+        elif error is Broken:
+            raise Broken
+
+    limits = Limits(on_time_max=len(wire) / 2 / rate if error is SafetyLimitError else None)
+    player = Player(setup.link, limits=limits, queue_blocks=2)
+    with pytest.raises(error) as raised:
+        player.play(blocks(), update_rate=rate)
+    said = raised.value.__notes__[0] if error is Broken else str(raised.value)
+    assert said.endswith(f"array {setup.model.name} may still be emitting, switch it off")
+    assert said.count("emitting") == 1
+    assert player.report is not None
+    assert player.report.may_emit
+
+
+@pytest.mark.parametrize("setup", ["sonicsurface"], indirect=True)
+def test_a_swap_read_out_of_noise_brings_nothing_back(setup: Setup) -> None:
+    for _ in range(3):  # after the start, and after a content
+        assert setup.board.accept(memoryview(b"\xfd")) == 1
+        setup.assert_off()
+        setup.play(content(setup.model, 9))
 
 
 def test_playing_begins_when_80_ms_are_ready_however_many_blocks_fit() -> None:

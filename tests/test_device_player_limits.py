@@ -70,6 +70,11 @@ def test_limits_survive_json() -> None:
         ('{"duty_max": 1.5}', "duty_max is 1.5"),
         ('{"duty_window": "long"}', "duty_window is 'long'"),
         ('{"duty_max": true}', "duty_max is True"),
+        ('{"on_time_max": 1' + "0" * 400 + "}", "on_time_max is an integer of 1329 bits"),
+        ('{"on_time_max": 1' + "0" * 5000 + "}", "not JSON that can be read"),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"duty_window": 1e999}', "duty_window is inf"),
+        ('{"pause_min": ' + "[" * 500 + "]" * 500 + "}", r"pause_min is \[+\.\.\."),
     ],
 )
 def test_limits_that_are_none_are_refused_by_name(text: str, message: str) -> None:
@@ -105,7 +110,9 @@ def test_on_time_and_duty_are_those_of_the_frames_one_by_one(runs: list[tuple[ar
 
 def test_emission_without_a_pause_ends_at_the_limit_with_the_array_off(bus: EmulatorBackend, link: Link) -> None:
     player = Player(link)
-    with pytest.raises(SafetyLimitError, match=r"array emulator was switched off.*120 s without a pause of 1 s") as end:
+    with pytest.raises(
+        SafetyLimitError, match=r"array emulator was stopped at a limit.*120 s without a pause of 1 s"
+    ) as end:
         player.play(seconds(LOUD, 200), update_rate=RATE)
     report = end.value.report
     assert report is player.report
@@ -186,6 +193,45 @@ def test_the_window_slides(link: Link) -> None:
             yield from seconds(SILENT, 6)
 
     assert player.play(blocks(), update_rate=RATE).duty == pytest.approx(0.4, rel=0.01)
+
+
+def test_a_frame_that_is_held_for_ever_is_bound_by_the_duty_alone(bus: EmulatorBackend, link: Link) -> None:
+    player = Player(link, limits=Limits(on_time_max=None, duty_max=0.5, duty_window=20.0))
+
+    def blocks() -> Iterator[array]:
+        yield LOUD * 200
+        end = time.monotonic() + 20
+        while (bus.board().playing.any() or not bus.board().frames_played) and time.monotonic() < end:
+            bus.clock.advance(1.0)
+            time.sleep(0.03)
+
+    with pytest.raises(SafetyLimitError, match=r"mean duty above 0\.5 over 20 s"):
+        player.play(blocks(), update_rate=RATE)
+    assert not bus.board().playing.any()
+
+
+@pytest.mark.parametrize("window", [20.0, 1e300])
+def test_silence_ends_the_hold_and_each_moment_of_it_counts_once(window: float) -> None:
+    guard = Guard(Limits(on_time_max=None, duty_max=None, duty_window=window), MODEL)
+    second = 1_000_000_000
+    (loud,) = guard.measure(LOUD, 1)
+    guard.admit(loud, 0, second)
+    for now in (0, 2, 3, 3, 5):
+        guard.hold(now * second)
+    guard.admit(loud, 6 * second, second)
+    assert guard._driven_ns == pytest.approx(7 * second)
+    guard.silence(7 * second)
+    guard.hold(100 * second)
+    assert guard._driven_ns == pytest.approx(7 * second)
+
+
+def test_a_hold_longer_than_the_window_fills_it_and_no_more() -> None:
+    guard = Guard(Limits(on_time_max=None, duty_max=0.6, duty_window=20.0), MODEL)
+    second = 1_000_000_000
+    (half,) = guard.measure(HALF, 1)
+    guard.admit(half, 0, second)
+    guard.hold(10_000 * second)  # the host was asleep
+    assert guard._driven_ns / (20 * second) == pytest.approx(half.duty_last)
 
 
 def test_a_frame_that_is_held_is_driven_at_its_duty() -> None:

@@ -21,6 +21,7 @@ PISTON_RADIUS = 4.5e-3  # [m] of a transducer of 10 mm
 REST = (0.0, 0.0, 0.2)  # [m] where silent frames aim before there was a focal point
 CHUNK = 512  # frames; at 256 transducers their distances stay in the cache
 OVER = 1e-6  # by which rounding may lift an intensity above 1
+TARGET_STEPS = 1 << 16  # to which ratios of pressures are rounded, lest modulation make new problems of the same ratios
 
 # Amplitudes: rms error of 4 foci, median of random frames. Change: of a transducer's delay from frame to frame while 4
 # foci go 7 m/s at 40 kHz, mean over transducers, 90 % of frames below it | largest. WGS hops between solutions that
@@ -66,8 +67,9 @@ class DriveStrategy:
     wgs_iterations: int | None = None
     """Of a solver that has WGS; by default 20 alone, 6 after GS-PAT."""
     slew: float | None = None
-    """Most that a transducer's delay changes [turns] in a period of the carrier; 4/256 quietens jumps and follows a
-    focal point at 7 m/s. None: no limit."""
+    """Most that a transducer's delay changes [turns] in a period of the carrier, hence carrier / update_rate times as
+    much in a frame, which must be less than half a turn. The phase that all transducers share is locked first, so that
+    4/256 quietens jumps and follows a focal point at 7 m/s whichever way it goes. None: no limit."""
     sound_speed: float = SOUND_SPEED
     """[m/s]"""
     level_max: float = 1.0
@@ -117,7 +119,8 @@ class Driver:
     """Makes the drives of one array, or of several side by side, block after block.
 
     What a frame gets depends on the frames before it (held positions, phase gauge, slew), not on how they are cut into
-    blocks. Raises StrategyError for no array, arrays of different carriers, or a slew limit without update rate.
+    blocks. Raises StrategyError for no array, arrays of different carriers, or a slew limit without update rate or at
+    one so low that it would limit nothing.
     """
 
     def __init__(
@@ -144,7 +147,8 @@ class Driver:
     def reset(self) -> None:
         """Forget the frames so far: the next one starts from rest."""
         self._held: np.ndarray | None = None  # [m], shape [focus, 3]
-        self._solved: np.ndarray | None = None  # last frame as the solver gave it [turns], shape [transducer]
+        self._target: np.ndarray | None = None  # of the last frame that was not silent, shape [focus]
+        self._unlocked: np.ndarray | None = None  # last frame before its gauge was locked [turns], shape [transducer]
         self._turned = 0.0  # by how much it was turned as a whole [turns]
         self._now: np.ndarray | None = None  # last frame as it was driven [turns], shape [transducer]
 
@@ -155,7 +159,12 @@ class Driver:
         if update_rate is None or not 0 < update_rate <= carrier:
             raise StrategyError(f"slew {slew:g} needs an update_rate in 0..{carrier:g} Hz, not {update_rate}")
         step = slew * carrier / update_rate
-        return step if step < 0.5 else None  # half a turn is the longest way
+        if step >= 0.5:
+            raise StrategyError(
+                f"slew must be below {0.5 * update_rate / carrier:g} turns a period at {update_rate:g} Hz, not "
+                f"{slew:g}: from half a turn a frame on it limits nothing"
+            )
+        return step
 
     def drive(self, focus: FocalPoints) -> Drives:
         """Drives of the next frames.
@@ -178,12 +187,8 @@ class Driver:
         refused = int(np.count_nonzero(~usable & (intensity != 0)))
         level = self.strategy.pressure(np.minimum(np.where(usable, intensity, np.float32(0)), np.float32(1)))
         position = self._hold(position, usable)
-        if point_count == 1:
-            delay = focus_delays(position[:, 0], self._position, self._wavelength)
-        else:
-            delay = self._solve(position, level)
         amplitude = (level.max(axis=1) * self.strategy.level_max).astype(np.float32)
-        return Drives(self._slew(delay), amplitude, refused)
+        return Drives(self._delays(position, level), amplitude, refused)
 
     def split(self, drives: Drives) -> list[Drives]:
         """The drives of each array, in the order of `arrays`; `refused` is that of all."""
@@ -202,10 +207,45 @@ class Driver:
             self._held = held[-1].copy()
         return held
 
-    def _solve(self, position: np.ndarray, level: np.ndarray) -> np.ndarray:
-        """Delays for several points a frame, their gauge locked."""
+    def _targets(self, level: np.ndarray) -> np.ndarray:
+        """Pressures relative to the greatest of their frame; a silent frame has those of the last that was not."""
+        before = self._target
+        if before is None or len(before) != level.shape[1]:
+            before = np.ones(level.shape[1], np.float32)
+        most = level.max(axis=1, keepdims=True)
+        ratio = np.rint(level / np.where(most > 0, most, 1) * TARGET_STEPS) / np.float32(TARGET_STEPS)
+        rows = np.concatenate([before[None], ratio])
+        last = np.where(most[:, 0] > 0, np.arange(1, len(rows)), 0)
+        held = rows[np.maximum.accumulate(last)]
+        self._target = held[-1].copy()
+        return held
+
+    def _delays(self, position: np.ndarray, level: np.ndarray) -> np.ndarray:
+        """Delays of frames, of which points and level are usable."""
         if len(position) == 0:
             return np.empty((0, len(self._position)), np.float32)
+        if position.shape[1] == 1:
+            delay = focus_delays(position[:, 0], self._position, self._wavelength)
+            if self._step is None:
+                return delay
+            return self._slew(self._locked(wp.array(delay, device=self._device)))
+        target = self._targets(level)
+        # frames that ask for the same as the one before are solved once: still points, whatever their modulation
+        new = np.ones(len(position), bool)
+        new[1:] = (position[1:] != position[:-1]).any(axis=(1, 2)) | (target[1:] != target[:-1]).any(axis=1)
+        delay = self._locked(self._solve(position[new], target[new]))
+        return self._slew(delay if new.all() else delay[np.cumsum(new) - 1])
+
+    def _locked(self, delay: wp.array) -> np.ndarray:
+        """Delays, each frame turned as a whole to be in phase with the one before."""
+        last = delay[-1:].numpy()[0].copy()  # before it is turned in place
+        before = wp.array(delay[:1].numpy()[0] if self._unlocked is None else self._unlocked, device=self._device)
+        self._turned = lock_gauge(delay, before=before, turned=self._turned)
+        self._unlocked = last
+        return delay.numpy()
+
+    def _solve(self, position: np.ndarray, target: np.ndarray) -> wp.array:
+        """Delays for several points a frame."""
         if self._transducers is None:
             self._transducers = transducers_on(
                 self._position,
@@ -215,27 +255,20 @@ class Driver:
                 device=self._device,
             )
         size = next(size for size in SIZES if size >= position.shape[1])
-        most = level.max(axis=1, keepdims=True)
-        target = np.where(most > 0, level / np.where(most > 0, most, 1), 1)  # a silent frame is solved for equal points
         spare = size - position.shape[1]
         points = np.concatenate([position, np.repeat(position[:, :1], spare, axis=1)], axis=1)
         gs_pat, wgs = self.strategy.iterations
-        delay = solve_points(
+        return solve_points(
             wp.array(points, dtype=wp.vec3, device=self._device),
             wp.array(np.pad(target, ((0, 0), (0, spare))), dtype=wp.float32, device=self._device),
             self._transducers,
             gs_pat=gs_pat,
             wgs=wgs,
         )
-        last = delay[-1:].numpy()[0].copy()  # before it is turned in place
-        before = wp.array(delay[:1].numpy()[0] if self._solved is None else self._solved, device=self._device)
-        self._turned = lock_gauge(delay, before=before, turned=self._turned)
-        self._solved = last
-        return delay.numpy()
 
     def _slew(self, delay: np.ndarray) -> np.ndarray:
         """Delays, their changes limited where the strategy says so."""
-        if self._step is None or len(delay) == 0:
+        if self._step is None:
             return delay
         before = wp.array(delay[0] if self._now is None else self._now, device=self._device)
         limited = limit_slew(wp.array(delay, device=self._device), before=before, step=self._step).numpy()

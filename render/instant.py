@@ -24,7 +24,7 @@ POSE_INTERVAL = 1 / 90  # [s]; a headset's hand tracking
 INTERVAL_RANGE = (1e-4, 5.0)  # [s]
 FAR = 1e30  # [m]; float32 ends beyond
 DRAWN_MOST = 10.0  # [s] in one go: 400,000 samples at 40 kHz
-DRAWN_AT_ONCE = 16 * 1024  # samples, as `sample_contours` does
+DRAWN_AT_ONCE = 1024  # samples, as `sample_contours` does
 NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_poses`, however it rounds
 
 

@@ -5,8 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-PIECES_MOST = 128  # more are drawn in the batch's order: the search is quadratic
-DOORS = 64  # starts looked at, over all polylines: 32 on each of two loops
+# A pose lasts 11 ms, and laying its track must leave time to play it: none takes 5 ms of a core.
+SEARCHED_MOST = 32  # pieces; the route through more is not searched for: that grows with their square and beyond
+PIECES_MOST = 128  # more are drawn in the batch's order
+DOORS = 64  # starts looked at, over all polylines: 32 on each of two loops, 2 on each of 32, else the given one
 
 # All orders of a cycle of so many; the other way round, every piece turned, one is as long.
 CYCLES = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1, 3]]}
@@ -51,19 +53,25 @@ def shortest_route(pieces: list[Piece], *, back: bool = False, cyclic: bool = Tr
     """The pieces in an order that makes `jump_total` small: loops start anywhere, open pieces run either way.
 
     Exact for up to four pieces, three where it is no cycle, but for the choice of starts on loops: 32 on each of two,
-    16 on each of four. Beyond: nearest neighbour and the given order, each mended by 2-opt, then the best doors for
-    that order; never longer than the given one. More than 128 pieces stay as they are.
+    16 on each of four. Up to SEARCHED_MOST: nearest neighbour and the given order, each mended by 2-opt, then the best
+    doors for that order. Beyond: nearest neighbour, loops from where they are given. Never longer than the given route;
+    more than PIECES_MOST pieces stay as they are.
     """
     if not 1 < len(pieces) <= PIECES_MOST:
         return pieces
-    share = max(2, DOORS // len(pieces))
+    searched = len(pieces) <= SEARCHED_MOST
+    share = max(1, DOORS // len(pieces))
     doors = _doors_of(pieces, share, back=back, outside=not cyclic)
     place_count = len(doors.of)
     if place_count <= 4:
         chosen = min((_best_doors(order, doors) for order in CYCLES[place_count]), key=lambda found: found[0])[1]
     else:
-        starts = [_nearest_first(doors), np.array([of[0] for of in doors.of])]
-        chosen = min((_improved(start, doors) for start in starts), key=lambda found: found[0])[1]
+        given, nearest = np.array([of[0] for of in doors.of]), _nearest_first(doors)
+        if searched:
+            routes = [_improved(nearest, doors), _improved(given, doors)]
+        else:
+            routes = [_best_of_order(nearest, doors), (float(doors.jump[given, np.roll(given, -1)].sum()), given)]
+        chosen = min(routes, key=lambda found: found[0])[1]
     if not cyclic:  # the outside comes last
         chosen = np.roll(chosen, -1 - int(np.argmax(doors.piece[chosen])))
     picked = [(int(doors.piece[door]), int(door)) for door in chosen]
@@ -76,8 +84,7 @@ def _doors_of(pieces: list[Piece], share: int, *, back: bool, outside: bool) -> 
     count = 0
     for piece in pieces:
         if piece.closed:
-            arc = _arc_of(piece.points)
-            here = _between(piece.points, arc, arc[-1] * np.arange(share) / share)
+            here = _starts_of(piece.points, share)
             there, other = here, np.arange(share)
         else:
             here = piece.points[[0, -1]]
@@ -106,8 +113,16 @@ def _improved(chosen: np.ndarray, doors: Doors) -> tuple[float, np.ndarray]:
     """A route after 2-opt and the best doors, twice, and its length [m]."""
     length = np.inf
     for _ in range(2):
-        length, chosen = _best_doors(doors.piece[_uncrossed(chosen, doors)].tolist(), doors)
+        better = _uncrossed(chosen, doors)
+        if better is chosen and length < np.inf:  # a second look at the same
+            break
+        length, chosen = _best_of_order(better, doors)
     return length, chosen
+
+
+def _best_of_order(chosen: np.ndarray, doors: Doors) -> tuple[float, np.ndarray]:
+    """A route through the best doors in its order, and its length [m]."""
+    return _best_doors(doors.piece[chosen].tolist(), doors)
 
 
 def _nearest_first(doors: Doors) -> np.ndarray:
@@ -183,6 +198,14 @@ def _entered(piece: Piece, door: int, share: int) -> Piece:
     return replace(
         piece, points=turned(piece.points, _between(piece.points, arc, np.array([start]))), intensity=intensity
     )
+
+
+def _starts_of(points: np.ndarray, share: int) -> np.ndarray:
+    """Points on a loop from its first on, equally far along it, shape [share, 3]."""
+    if share == 1:
+        return points[:1]
+    arc = _arc_of(points)
+    return _between(points, arc, arc[-1] * np.arange(share) / share)
 
 
 def _arc_of(points: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from .sampling_strategy import Order, SamplingStrategy
 from .track import Track, lay_track
 
 REST = (0.0, 0.0, 0.2)  # [m] where a focal point of intensity 0 is before there was any
-CYCLE_LIMIT = 200_000  # samples: 20 s at 10 kHz
+CYCLE_LIMIT = 16_384  # samples, 1.6 s at 10 kHz: longer cycles are made as they are played
 
 
 @lru_cache(maxsize=8)

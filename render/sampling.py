@@ -88,7 +88,7 @@ def sample_contours(
         for path in paths_of(batch):
             first, stop = bounds[index], bounds[index + 1]
             while first < stop:  # a pose that lasts long is no reason for a long block
-                count = min(stop - first, 16 * block)
+                count = min(stop - first, block)
                 waiting.append(sampler.draw(path, pose[index], count, age=first / rate - time[index], hold=hold))
                 first += count
                 ready += count

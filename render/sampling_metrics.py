@@ -1,5 +1,6 @@
 """What sampling came to: jumps by cause, draw frequency nominal and in fact, and how evenly the skin is dwelt on."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -11,6 +12,7 @@ from .hands import rotated
 
 REVISIT_RADIUS = 5e-3  # [m] on the skin: half a focal point's width 0.2 m above an array of 0.16 m
 REVISIT_LIMIT = 1.0  # [s] a place not drawn again by then counts as such
+LOOK = 512  # samples whose distances from a place are computed at once: those behind its revisit are for nothing
 CAUSES = ("polyline", "order", "pose", "re-entry")
 """Why the focal point jumps: from one polyline to the next; because the order or the number of points a cycle asks for
 it; because a new pose has its contours elsewhere; because contours come back elsewhere after a silence."""
@@ -72,14 +74,13 @@ class Probe:
 
     def __init__(self, place: np.ndarray) -> None:
         self.place = place  # hand frame [m]
-        self.age = 0.0  # [s]
-        self.passed_at = 0.0  # age at the smallest distance of the pass [s]
-        self.passed = False
-        self.over = False
+        self.age = 0  # samples looked at
+        self.passed_at = 0  # age at the smallest distance of the pass
+        self.over = False  # left and passed
         self._left = False
         self._nearest = np.inf  # smallest distance of the pass under way [m]
 
-    def watch(self, distance: np.ndarray, period: float) -> int:
+    def watch(self, distance: np.ndarray) -> int:
         """Look at the next distances [m], shape [sample]; returns at how many, fewer than all once it is over."""
         near = distance < REVISIT_RADIUS
         i = 0 if self._left else first_true(~near)
@@ -90,12 +91,11 @@ class Probe:
             stop = i + first_true(~near[i:])
             best = i + int(np.argmin(np.append(distance[i:stop], np.inf)))
             if stop > i and distance[best] < self._nearest:
-                self._nearest, self.passed_at = float(distance[best]), self.age + best * period
-            self.passed = self.over = stop < len(near)
+                self._nearest, self.passed_at = float(distance[best]), self.age + best
+            self.over = stop < len(near)
             i = stop
-        self.age += i * period
-        self.over = self.over or self.age > REVISIT_LIMIT
-        return max(i, 1)
+        self.age += i
+        return i
 
 
 def first_true(flags: np.ndarray) -> int:
@@ -121,6 +121,7 @@ class RevisitWatch:
 
     def __init__(self, count: SamplingCount, update_rate: float) -> None:
         self._count, self._period = count, 1.0 / update_rate
+        self._age_most = math.floor(REVISIT_LIMIT * update_rate) + 1
         self._probe: Probe | None = None
 
     def lose(self) -> None:
@@ -133,13 +134,15 @@ class RevisitWatch:
         while first < len(position):
             if self._probe is None:
                 self._probe = Probe((position[first, 0] - pose[:3]) @ turn)
-            off = position[first:] - (turn @ self._probe.place + pose[:3])
+            part = position[first : first + min(LOOK, self._age_most - self._probe.age)]
+            off = part - (turn @ self._probe.place + pose[:3])
             distance = np.sqrt(np.einsum("ijk,ijk->ij", off, off))
             distance = distance[:, 0] if distance.shape[1] == 1 else distance.min(axis=1)
-            first += self._probe.watch(distance, self._period)
-            if self._probe.over:
-                self._count.revisits += int(self._probe.passed)
-                self._count.revisit_time += self._probe.passed_at if self._probe.passed else self._probe.age
+            first += self._probe.watch(distance)  # a new probe looks at one at least: it is near its own place
+            if self._probe.over or self._probe.age >= self._age_most:
+                self._count.revisits += int(self._probe.over)
+                waited = self._probe.passed_at if self._probe.over else self._probe.age
+                self._count.revisit_time += waited * self._period
                 self._probe = None
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .path import Path
-from .route import Piece, shortest_route
+from .route import PIECES_MOST, Piece, shortest_route
 from .sampling_strategy import SamplingStrategy
 
 NEAR_CUT = 0.1  # of a section's length
@@ -72,8 +72,8 @@ class Track:
 
 def lay_track(path: Path, strategy: SamplingStrategy) -> Track:
     """One cycle of a strategy over the polylines of a pose."""
-    alone = len(path.first) == 1 or strategy.order.route == "given"
-    if strategy.plain and alone:
+    in_order = not 1 < len(path.first) <= PIECES_MOST or strategy.order.route == "given"
+    if strategy.plain and in_order:
         seconds = path.length / strategy.speed
         return Track(path.arc, path.points, path.step, path.intensity, strategy.samples_of(seconds), seconds)
     pieces = pieces_of(path)

@@ -9,15 +9,18 @@ from hypothesis import strategies as st
 from palpate.render.errors import StrategyError
 from palpate.render.sampling import (
     FocalPoints,
+    Gap,
     Order,
     Path,
     Sampler,
+    SamplingCount,
     SamplingStrategy,
     dwell_map,
     preset,
     sample_bounds,
     sample_contours,
 )
+from palpate.render.sampling_metrics import Probe, RevisitWatch
 
 POSE = np.array([0.01, 0.02, 0.2, np.sqrt(0.5), 0, 0, np.sqrt(0.5)])  # palm down: u = x, v = -Z = y of the array
 
@@ -51,6 +54,33 @@ def test_no_time_is_lost(seed, foci):
     found = dwell_map(blocks, POSE[None], np.array([0, 400]), 1000.0)
     assert found.time.sum() + found.outside + found.silent == pytest.approx(0.4)
     assert found.silent == pytest.approx(0.4 * np.mean(focus.intensity == 0))
+
+
+@pytest.mark.parametrize("reach", [0.02, 0.0])  # passes again and again, or stays until it counts as not drawn again
+@pytest.mark.parametrize("cut", [1, 7, 700, 5000])
+def test_revisits_do_not_depend_on_how_samples_are_cut(cut, reach):
+    angle = np.cumsum(np.random.default_rng(5).uniform(0.001, 0.03, 5000))  # no two rounds alike
+    position = POSE[:3] + reach * np.stack([np.cos(angle), np.sin(angle), np.zeros(5000)], axis=1)
+    counts = [SamplingCount(), SamplingCount()]
+    RevisitWatch(counts[0], 1000.0).watch(position[:, None], POSE)
+    watch = RevisitWatch(counts[1], 1000.0)
+    for first in range(0, 5000, cut):
+        watch.watch(position[first : first + cut, None], POSE)
+    assert counts[1] == counts[0]
+    if reach:
+        assert counts[0].revisits == pytest.approx(angle[-1] / (2 * np.pi + 0.25), abs=1.5)  # 0.25: to leave it again
+    else:
+        assert (counts[0].revisits, counts[0].revisit_time) == (0, pytest.approx(4 * 1.001))
+
+
+def test_distances_are_computed_about_once_a_sample(monkeypatch):
+    looked = []
+    watch = Probe.watch
+    monkeypatch.setattr(Probe, "watch", lambda self, distance: looked.append(len(distance)) or watch(self, distance))
+    angle = 2 * np.pi * np.arange(50_000) / 400
+    position = POSE[:3] + 0.02 * np.stack([np.cos(angle), np.sin(angle), np.zeros(50_000)], axis=1)
+    RevisitWatch(SamplingCount(), 10_000.0).watch(position[:, None], POSE)
+    assert sum(looked) < 3 * 50_000
 
 
 def test_skin_moves_with_the_hand():
@@ -99,6 +129,18 @@ def test_lengths_of_jumps_are_summed_by_cause():
     assert count.jump_length == pytest.approx(steps[steps > 5e-3].sum(), abs=1e-5)
     assert sum(count.jumps.values()) == np.count_nonzero(steps > 5e-3)
     assert count.step_longest == pytest.approx(np.delete(steps, 2999).max(), abs=1e-6)
+
+
+def test_a_fast_return_is_no_jump_though_its_steps_are_longer_than_those_of_the_contour():
+    lines = [([[-0.04, 0, 0.2], [0.04, 0, 0.2]], False)]
+    counts = {}
+    for kind in ("return", "jump"):
+        sampler = Sampler(SamplingStrategy(gap=Gap(kind=kind, speed=60.0)))  # 6 mm a sample
+        sampler.draw(Path.of(batch_of([lines]), 0), still(1)[0], 1000)
+        counts[kind] = sampler.count.jumps["polyline"]
+        assert sampler.strategy.jump_threshold == pytest.approx(0.012 if kind == "return" else 5e-3)
+    assert counts["return"] == 0
+    assert counts["jump"] > 0
 
 
 def test_a_step_out_of_silence_is_no_jump():

@@ -300,7 +300,7 @@ def test_still_points_stay_where_they_are():
 def test_cycle_repeated_is_the_pose_that_stays(name):
     sampler = Sampler(preset(name))
     path = Path.of(batch_of([[SQUARE, L_SHAPE]]), 0)
-    cycle = sampler.cycle(path, still(1)[0])
+    cycle = sampler.cycle(path, still(1)[0], limit=20_000)
     assert sampler.count.samples == 0
     period = len(cycle.intensity)
     parts = [sampler.draw(path, still(1)[0], count) for count in (3, period, 2 * period + 7)]
@@ -317,3 +317,6 @@ def test_cycle_that_is_too_long_is_none():
     assert Sampler(SamplingStrategy(am=odd)).cycle(path) is None
     both = Sampler(SamplingStrategy(am=AmplitudeModulation(frequency=200.0))).cycle(path)
     assert len(both.intensity) == 229 * 50
+    slow, longest = (Pace(kind="frequency", frequency=10_000.0 / count) for count in (16_385, 16_384))
+    assert Sampler(SamplingStrategy(pace=slow)).cycle(path) is None  # it is made as it is played
+    assert len(Sampler(SamplingStrategy(pace=longest)).cycle(path).intensity) == 16_384

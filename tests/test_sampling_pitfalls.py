@@ -8,6 +8,7 @@ from contour_shapes import batch_of, circle, square, still
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.render.continuity import Place, entered, interval_of
 from palpate.render.sampling import (
     Dwell,
     Gap,
@@ -250,6 +251,20 @@ def test_corner_that_moves_over_the_focal_point_is_paused_at_once_and_only_once(
     after = sampler.draw(Path.of(batch, 1), still(1)[0], 700).position
     rested = np.count_nonzero(np.linalg.norm(np.diff(after, axis=0), axis=1) == 0)
     assert rested == pytest.approx(500 if rests else 0, abs=2)
+
+
+@pytest.mark.parametrize(("x", "rests"), [(0.036, True), (0.03, False), (0.0, False)])
+def test_rest_at_a_corner_that_is_gone_ends_unless_another_is_hardly_farther_than_the_contour(x, rests):
+    line = [([[-0.04, 0, 0.2], [0.04, 0, 0.2]], False)]
+    strategy = SamplingStrategy(dwell=Dwell(time=0.05), gap=Gap(kind="pendulum"))
+    track = lay_track(Path.of(batch_of([line]), 0), strategy)
+    here = np.array([x, 1e-3, 0.2])
+    knot = entered(track, Place(here, np.array([1.0, 0, 0]), rested=0.5), slack=5e-3)
+    assert track.at(np.array(knot)) == pytest.approx([0.04 if rests else x, 0, 0.2], abs=1e-6)
+    i = interval_of(track, knot)
+    assert track.pause[i] == rests
+    if rests:  # for what is left
+        assert (knot - track.knot[i]) / (track.knot[i + 1] - track.knot[i]) == pytest.approx(0.5)
 
 
 def test_12_a_finish_that_silence_ends_is_not_taken_up_again():

@@ -9,9 +9,11 @@ from contour_shapes import batch_of, circle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.render import route as routing
 from palpate.render.path import Path
-from palpate.render.route import PIECES_MOST, jump_total, shortest_route
-from palpate.render.track import pieces_of
+from palpate.render.route import PIECES_MOST, SEARCHED_MOST, jump_total, shortest_route
+from palpate.render.sampling import SamplingStrategy
+from palpate.render.track import lay_track, pieces_of
 
 place = st.tuples(*[st.integers(-50, 50)] * 3).map(lambda p: np.array(p) * 1e-3)
 opens = st.tuples(place, place).filter(lambda p: np.linalg.norm(p[0] - p[1]) > 1e-3).map(lambda p: (np.array(p), False))
@@ -113,8 +115,56 @@ def test_intensity_goes_with_the_points_when_pieces_are_turned():
     assert turned[0].points[0, 0] != turned[1].points[0, 0]  # one of them runs back
 
 
+def rungs(count):
+    return [(np.array([[0.0, 0, 1e-3 * i], [0.01, 0, 1e-3 * i]]), False) for i in range(count)]
+
+
 def test_very_many_pieces_stay_in_the_order_given():
-    lines = [(np.array([[0.0, 0, 1e-3 * i], [0.01, 0, 1e-3 * i]]), False) for i in range(PIECES_MOST + 1)]
-    pieces = pieces_from(lines)
+    pieces = pieces_from(rungs(PIECES_MOST + 1))
     assert shortest_route(pieces) is pieces
     assert jump_total(shortest_route(pieces[:-1])) < 0.3 * jump_total(pieces[:-1])
+    path = Path.of(batch_of([rungs(PIECES_MOST + 1)]), 0)
+    track = lay_track(path, SamplingStrategy())
+    assert track.points is path.points  # nothing is taken apart, however many they are
+    assert track.seconds == pytest.approx(0.01 * (PIECES_MOST + 1) / 7.0)
+
+
+def small_loops(rng, count):
+    return [(circle(0.003, centre=rng.uniform(-0.05, 0.05, 3), count=12), True) for _ in range(count)]
+
+
+def test_a_route_is_searched_for_few_pieces_only(monkeypatch, rng):
+    pieces = pieces_from(small_loops(rng, PIECES_MOST))
+    searched = []
+    monkeypatch.setattr(routing, "_uncrossed", lambda chosen, doors: searched.append(len(doors.piece)) or chosen)
+    shortest_route(pieces[:SEARCHED_MOST])
+    assert max(searched) == 2 * SEARCHED_MOST
+    searched.clear()
+    for many in (pieces, pieces[: SEARCHED_MOST + 1]):
+        route = shortest_route(many)
+        assert not searched
+        assert sorted(map(id, route)) == sorted(map(id, many))  # loops start where they are given
+        assert jump_total(route) < 0.5 * jump_total(many)
+
+
+def test_a_good_order_of_many_pieces_is_not_made_worse(monkeypatch, rng):
+    pieces = pieces_from(small_loops(rng, 60))
+    with monkeypatch.context() as patch:
+        patch.setattr(routing, "SEARCHED_MOST", 60)
+        good = shortest_route(pieces)
+    assert jump_total(shortest_route(pieces)) > 1.02 * jump_total(good)
+    assert jump_total(shortest_route(good)) <= jump_total(good) + 1e-9
+
+
+def test_2_opt_is_tried_again_with_the_doors_it_led_to():
+    random = np.random.default_rng(7)
+    gains = []
+    for _ in range(20):
+        lines = [(circle(random.uniform(0.01, 0.03), random.uniform(-0.05, 0.05, 3), count=12), True) for _ in range(8)]
+        pieces = pieces_from(lines)
+        doors = routing._doors_of(pieces, 8, back=False, outside=False)
+        start = np.array([of[0] for of in doors.of])
+        once, _ = routing._best_of_order(routing._uncrossed(start, doors), doors)
+        gains.append(once - routing._improved(start, doors)[0])
+    assert min(gains) >= -1e-12
+    assert max(gains) > 1e-3

@@ -36,7 +36,7 @@ dwells = st.builds(Dwell, share=st.floats(0, 0.99), angle=st.floats(0, 3.1))
 strategies = st.builds(
     SamplingStrategy,
     speed=positive,
-    update_rate=st.floats(1.0, 40_000.0),
+    update_rate=st.floats(200.0, 40_000.0),  # twice the modulations' frequencies
     pace=paces,
     order=st.builds(Order, kind=st.sampled_from(["loop", "pendulum"]), route=st.sampled_from(["given", "shortest"])),
     gap=st.builds(Gap, kind=st.sampled_from(["jump", "return", "pendulum", "close"]), speed=positive),

@@ -16,6 +16,7 @@ from .contours import ContourBatch, join_batches
 from .download import Downloader
 from .errors import PoseError, StrategyError
 from .hands import Palm
+from .interrupt import interrupt_between
 from .objects import MeshObject
 from .strategy import IntersectionStrategy, intersect
 from .workers import Crew, PoseSpans, Work, warp_device
@@ -205,8 +206,10 @@ def render(
     """
     batches = []
     chunks = rendered_chunks(thing, hand, check_poses(motion), strategy, device=device, devices=devices, memory=memory)
-    for chunk in chunks:
-        batches.append(chunk.contours)
-        if progress is not None:
-            progress(chunk.stop)
+    with interrupt_between() as raise_if_interrupted:
+        for chunk in chunks:
+            batches.append(chunk.contours)
+            if progress is not None:
+                progress(chunk.stop)
+            raise_if_interrupted()
     return join_batches(batches)

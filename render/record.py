@@ -16,6 +16,7 @@ from .batch import MEMORY_SMALLEST, Chunk, memory_for, rendered_chunks
 from .contours import KINDS
 from .errors import StrategyError
 from .hands import Palm
+from .interrupt import interrupt_between
 from .objects import MeshObject
 from .strategy import IntersectionStrategy
 from .workers import warp_device
@@ -103,11 +104,13 @@ def record(
         if progress is not None:
             progress(done, len(motion))
         chunks = rendered_chunks(thing, hand, motion.pose, strategy, devices=names, memory=memory, ranges=missing)
-        with closing(chunks):  # what ends this loop also ends the workers, before the file is let go
+        # what ends this loop also ends the workers, before the file is let go
+        with interrupt_between() as raise_if_interrupted, closing(chunks):
             for chunk in chunks:
                 writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
                 done += chunk.stop - chunk.first
                 if progress is not None:
                     progress(done, len(motion))
+                raise_if_interrupted()
         writer.seal(gzip=gzip)
         return Recording(Path(path), len(motion), rendered, writer.repairs)

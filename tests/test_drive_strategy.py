@@ -258,7 +258,9 @@ def test_frames_that_are_not_solved_anew_are_the_same_as_if_they_were(device, so
     assert solved_count == [20 + 1]
     driver = Driver(EMULATOR, device=device)
     single = [driver.drive(FocalPoints(focus.position[i : i + 1], focus.intensity[i : i + 1])) for i in range(60)]
-    np.testing.assert_array_equal(whole.delay, np.concatenate([drives.delay for drives in single]))
+    apart = np.abs(whole.delay - np.concatenate([drives.delay for drives in single]))
+    # to the bit on the CPU; CUDA sums a frame's phases in another order where there are many frames
+    assert np.minimum(apart, 1 - apart).max() <= (0 if device == "cpu" else 1e-4)  # [turns]
 
 
 def facing():

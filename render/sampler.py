@@ -106,7 +106,7 @@ class Sampler:
         gain = self._gain(sample_count, age, hold)
         if path is None or sample_count == 0:
             return self._rest(sample_count)
-        position, intensity, new = self._run(path, sample_count)
+        position, intensity, new = self._run(path, sample_count, gain)
         if self.strategy.lm is not None:
             position += circle_offsets(self.strategy, pose, first, sample_count)[:, None]
         if gain is not None:
@@ -141,14 +141,16 @@ class Sampler:
         self.count.held += int(np.count_nonzero(ages > hold))
         return np.clip(1.0 - (ages - hold) / max(self.strategy.fade, 1e-9), 0.0, 1.0)
 
-    def _run(self, path: Path, sample_count: int) -> tuple[np.ndarray, np.ndarray | None, int | None]:
+    def _run(
+        self, path: Path, sample_count: int, gain: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray | None, int | None]:
         """The next samples on tracks, and which is the first of a new pose's contours (None: none is)."""
         new = None
         if path is not self._path:
             self._plan_finish(path)
             self._path = path
             if self._finishing == 0:
-                self._cursor, new = self._enter(path), 0
+                self._cursor, new = self._enter(path, self._silent), 0
         parts, left = [], sample_count
         while left > 0:
             count = min(left, self._finishing or left)
@@ -157,7 +159,9 @@ class Sampler:
             if self._finishing:
                 self._finishing -= count
                 if self._finishing == 0 and left > 0:
-                    self._cursor, new = self._enter(path), sample_count - left
+                    last, shown = sample_count - left - 1, parts[-1][1]
+                    silent = (gain is not None and gain[last] <= 0) or (shown is not None and not shown[-1].any())
+                    self._cursor, new = self._enter(path, silent), sample_count - left
                 elif self._finishing == 0:
                     self._path = None  # the next samples, of whatever pose, enter its contours
         if len(parts) == 1:
@@ -189,11 +193,11 @@ class Sampler:
         if self._cursor is not None and other_contours(self._path, path):
             self._finishing = self._cursor.samples_to_end()
 
-    def _enter(self, path: Path) -> Cursor:
-        """Where drawing goes on along the contours of a new pose."""
+    def _enter(self, path: Path, silent: bool) -> Cursor:
+        """Where drawing goes on along the contours of a new pose; `silent`: the sample before is."""
         strategy, track = self.strategy, lay_track(path, self.strategy)
         before, self._before = self._before if self._drawn else None, path
-        index = 0 if self._silent else 1  # after a silence at the nearest point, else one sample on
+        index = 0 if silent else 1  # after a silence at the nearest point, else one sample on
         if not self._drawn:
             return Cursor(track, 0.0, 0, strategy)
         if strategy.continuity == "jump" and before is not None and other_contours(before, path):

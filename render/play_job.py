@@ -71,7 +71,7 @@ def warn_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> None:
             f"({arrays[0].model.name}: |x| and |y| up to {zone.lateral:g} m, z {zone.z_min:g} to {zone.z_max:g} m)"
         )
     strategy = playback.sampling
-    if strategy is not None and strategy.pace.kind != "still" and strategy.step > JUMP_LENGTH:
+    if strategy is not None and strategy.pace.kind in ("speed", "capped") and strategy.step > JUMP_LENGTH:
         console.errors.print(
             f"[yellow]warning:[/] the focal point moves by {strategy.step * 1e3:.0f} mm from frame to frame, which "
             f"draws no contour: --speed {JUMP_LENGTH * strategy.update_rate:.2g} or less would"

@@ -121,7 +121,8 @@ class Connection:
                 uncalibrated=self.uncalibrated or emulated,
             )
         except CalibrationError as error:
-            raise StrategyError(f"{error} (--calibration BOARD.pat, --emulate or --uncalibrated)") from error
+            ways = "" if model.calibrated else " (--calibration BOARD.pat, --emulate or --uncalibrated)"
+            raise StrategyError(f"{error}{ways}") from error
 
     @contextmanager
     def all_of(self, arrays: Sequence[PlacedArray]) -> Iterator[list[Link]]:

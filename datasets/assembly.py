@@ -23,8 +23,8 @@ from .index import ChunkTable, index_nodes, with_end
 from .rows import CHECKSUM_BYTES, Rows, encoded
 from .schema import CHUNK_ROWS, Field
 
-ROOM = 1 << 16
-"""Bytes kept free before chunks; the metadata of a contour file take 45 kB and its JSON."""
+ROOM = 1 << 17
+"""Bytes kept free before chunks; the metadata of a contour file take up to 90 kB and its JSON."""
 _SUPERBLOCK_BYTES = 48
 
 

@@ -16,7 +16,19 @@ from .hdf5 import Hdf5Reader
 from .header import get_header, get_json, recipe_differences
 from .part_reader import PartReader
 from .reader import ContourFile
-from .schema import CONTOURS, KIND_NAMES, METRICS, MOTION, OBJECT, TIMING, Arrays, Field, count_problems, shape_problem
+from .schema import (
+    CONTOURS,
+    HAND,
+    KIND_NAMES,
+    METRICS,
+    MOTION,
+    OBJECT,
+    TIMING,
+    Arrays,
+    Field,
+    count_problems,
+    shape_problem,
+)
 
 LENGTH_TOLERANCE = (1e-6, 1e-7)
 """Stored and recomputed lengths agree within this, relative and absolute [m]."""
@@ -71,7 +83,9 @@ def _check_open(file: ContourFile) -> list[str]:
         findings.tell(problem)
     header, parts = file.parts()
     check = _PartCheck(header, findings, "" if file.sealed else f"{header.path.name}: ")
-    check.fields((*MOTION, *OBJECT))
+    check.fields(MOTION)
+    check.fields(OBJECT)
+    check.fields(HAND)
     check.header(header)
     try:
         for part, pose_count in parts:
@@ -189,6 +203,9 @@ def _value_flags(spec: Field, rows: NDArray[Any]) -> list[tuple[str, Flags]]:
 _RANGE: dict[str, tuple[float, float]] = {
     "kind": (0, len(KIND_NAMES) - 1),
     "intensity": (0, 1),
+    "dwell": (0, np.inf),
+    "skin_faces": (0, np.inf),
+    "skin_glabrous": (0, 1),
     "polyline_closed": (0, 1),
     "polyline_patch": (0, np.inf),
     "faces": (0, np.inf),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .errors import ContourFileError
 from .hdf5 import Attribute, Hdf5Reader
-from .schema import FORMAT_NAME, FORMAT_VERSION, MOTION, OBJECT, Arrays, validate_fields
+from .schema import FORMAT_NAME, FORMAT_VERSION, HAND, MOTION, OBJECT, Arrays, validate_fields
 
 
 class TextSource(Protocol):
@@ -62,6 +62,12 @@ class FileHeader:
     """The Warp device that renders, as `cuda:0`."""
     placement: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """JSON of how the mesh was brought to where it is."""
+    representation: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    """JSON of what was rendered if not the mesh itself (voxels, a function), hash included; the mesh is its outline."""
+    moved: NDArray[np.float32] | None = None
+    """Where the middle of the object is at each pose, and how it is turned, as `pose`; None: as placed."""
+    hand_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
+    """Arrays of /hand by name; `hand` must tell their hash."""
     object_attributes: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """JSON, anything else worth keeping of the object (source file, what loading mended)."""
     time_offset: float = 0.0
@@ -92,7 +98,7 @@ class FileHeader:
 
         Left out: the device, dates, other software's versions, free attributes.
         """
-        return {
+        recipe = {
             "format": ".".join(map(str, FORMAT_VERSION)),
             "palpate": self.versions["palpate"],
             "object": f"{self.object_name} sha256:{self.object_hash}",
@@ -101,6 +107,11 @@ class FileHeader:
             "hand": json_text(self.hand, "hand"),
             "strategy": json_text(self.strategy, "strategy"),
         }
+        if self.representation:
+            recipe["representation"] = json_text(self.representation, "representation")
+        if self.moved is not None:
+            recipe["object motion"] = f"sha256:{_digest(self.moved)}"
+        return recipe
 
     def validate(self) -> None:
         """Refuse what a file cannot hold.
@@ -109,7 +120,12 @@ class FileHeader:
             ContourFileError: An array of another dtype or shape, no pose, a motion that is not finite or not sorted,
                 a face beyond the vertices, a text with NUL, something that is not JSON, `versions` without palpate.
         """
-        validate_fields(self.arrays(), (*MOTION, *OBJECT))
+        arrays = self.arrays()
+        if unknown := sorted(set(self.hand_arrays) - {spec.name for spec in HAND}):
+            raise ContourFileError(f"/hand has no field {unknown[0]!r}")
+        for group in (MOTION, OBJECT, HAND):
+            names = {spec.name for spec in group}
+            validate_fields({name: array for name, array in arrays.items() if name in names}, group)
         if self.pose_count == 0:
             raise ContourFileError("/motion/pose has no rows, at least 1 pose is needed")
         if not np.isfinite(self.pose).all():
@@ -121,19 +137,22 @@ class FileHeader:
             raise ContourFileError(
                 f"/object/faces points at vertices {self.faces.min()} to {self.faces.max()} of {len(self.vertices)}"
             )
+        if self.moved is not None and (len(self.moved) != self.pose_count or not np.isfinite(self.moved).all()):
+            raise ContourFileError(f"/object/moved must be {self.pose_count} finite poses, as many as /motion/pose")
         if not math.isfinite(self.time_offset):
             raise ContourFileError(f"time_offset must be finite, got {self.time_offset!r} s")
         if "palpate" not in self.versions:
             raise ContourFileError(f"versions must name palpate, but only has {sorted(self.versions)}")
         for name in ("object_name", "device", "created"):
             _check_text(getattr(self, name), name)
-        for name in ("hand", "strategy", "versions", "placement", "object_attributes"):
+        for name in ("hand", "strategy", "versions", "placement", "representation", "object_attributes"):
             json_text(getattr(self, name), name)
 
     def arrays(self) -> Arrays:
-        """The arrays of /motion and /object by their names: `pose`, `vertices`, `faces`, `time` if any."""
-        arrays: Arrays = {"pose": self.pose, "vertices": self.vertices, "faces": self.faces}
-        return arrays if self.time is None else {"time": self.time, **arrays}
+        """The arrays of /motion, /object and /hand by their names, those that are there."""
+        arrays: Arrays = {"pose": self.pose, "vertices": self.vertices, "faces": self.faces, **self.hand_arrays}
+        optional = {"time": self.time, "moved": self.moved}
+        return arrays | {name: array for name, array in optional.items() if array is not None}
 
 
 def recipe_differences(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
@@ -179,6 +198,8 @@ def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
         "placement": json_text(header.placement, "placement"),
         "attributes": json_text(header.object_attributes, "object_attributes"),
     }
+    if header.representation:
+        placed["representation"] = json_text(header.representation, "representation")
     hand = json_text(header.hand, "hand")
     return {"/": root, "/motion": {"offset": header.time_offset}, "/hand": {"description": hand}, "/object": placed}
 
@@ -197,6 +218,9 @@ def get_header(file: Hdf5Reader) -> FileHeader:
         versions=get_json(file, "/", "versions"),
         device=file.text("/", "device"),
         placement=get_json(file, "/object", "placement"),
+        representation=get_representation(file),
+        moved=file.read("/object/moved") if "/object/moved" in file else None,
+        hand_arrays={spec.name: file.read(spec.path) for spec in HAND if spec.path in file},
         object_attributes=get_json(file, "/object", "attributes"),
         time_offset=float(offset) if isinstance(offset, int | float) else 0.0,
         seed=seed if isinstance(seed, int) else None,
@@ -213,6 +237,12 @@ def get_json(file: TextSource, name: str, key: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ContourFileError(f"{file.path}: attribute {key} of {name} is not a JSON object")
     return cast(dict[str, Any], value)
+
+
+def get_representation(file: Hdf5Reader) -> dict[str, Any]:
+    """JSON of what was rendered if not the mesh itself; empty for a mesh."""
+    known = file.attribute("/object", "representation") is not None
+    return get_json(file, "/object", "representation") if known else {}
 
 
 def refuse_foreign(file: Hdf5Reader) -> None:

@@ -81,9 +81,9 @@ class Part:
         return self.commits[-1].stop if self.commits else self.first
 
     @property
-    def has_intensity(self) -> bool:
-        """Whether points have an intensity."""
-        return any(spec.optional for spec in self.rows.fields)
+    def optional(self) -> tuple[str, ...]:
+        """The optional fields that it has."""
+        return tuple(spec.name for spec in self.rows.fields if spec.optional)
 
     def append(
         self,
@@ -136,12 +136,12 @@ def part_logs(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if _PATTERN.fullmatch(path.name))
 
 
-def begin_part(folder: Path, first: int, recipe: str, begin: int, *, intensity: bool) -> Part:
+def begin_part(folder: Path, first: int, recipe: str, begin: int, *, optional: tuple[str, ...]) -> Part:
     """A part without poses, on the disk, whose rows begin at `begin` bytes; raises OSError."""
     log = folder / f"poses-{first:012d}{LOG_SUFFIX}"
-    head = {"recipe": recipe, "first": first, "begin": begin, "intensity": intensity, "chunk_rows": CHUNK_ROWS}
+    head = {"recipe": recipe, "first": first, "begin": begin, "optional": list(optional), "chunk_rows": CHUNK_ROWS}
     record = _record(head)
-    part = Part(log, first, recipe, Rows(row_fields(intensity=intensity), begin), len(record), len(record))
+    part = Part(log, first, recipe, Rows(row_fields(optional), begin), len(record), len(record))
     append_at(part.path, begin, [])
     write_file(log, memoryview(record))  # its folder's fsync keeps both names
     return part
@@ -225,7 +225,7 @@ def _first_damaged(part: Part) -> int | None:
 def _begun(log: Path, head: Mapping[str, Any], end: int) -> Part:
     if head["chunk_rows"] != CHUNK_ROWS:
         raise ValueError(f"chunks of {head['chunk_rows']} rows")
-    rows = Rows(row_fields(intensity=bool(head["intensity"])), int(head["begin"]))
+    rows = Rows(row_fields([str(name) for name in head["optional"]]), int(head["begin"]))
     return Part(log, int(head["first"]), str(head["recipe"]), rows, end, end)
 
 

@@ -17,8 +17,7 @@ from .hdf5 import Hdf5Reader
 from .header import FileHeader, get_header, get_json, recipe_hash, refuse_foreign
 from .part_reader import PartReader
 from .parts import HEADER_NAME, readable_parts, work_folder
-from .rows import INTENSITY_ABSENT
-from .schema import CONTOURS, METRICS, Arrays
+from .schema import CONTOURS, METRICS, Arrays, Field
 
 _BLOCK_POSES = 1 << 16
 
@@ -110,9 +109,10 @@ class ContourFile:
         return sum(self._row_count(piece, "/contours/points") for piece in self._pieces)
 
     @property
-    def has_intensity(self) -> bool:
-        """Whether any of the poses done has intensities."""
-        return any("/contours/intensity" in piece.rows for piece in self._pieces)
+    def optional(self) -> tuple[str, ...]:
+        """The optional fields of /contours and /metrics that any of the poses done has."""
+        fields = [spec for spec in (*CONTOURS, *METRICS) if spec.optional]
+        return tuple(spec.name for spec in fields if any(spec.path in piece.rows for piece in self._pieces))
 
     @cached_property
     def strategy(self) -> dict[str, Any]:
@@ -171,8 +171,8 @@ class ContourFile:
     def contours(self, first: int = 0, stop: int | None = None) -> Arrays:
         """Contours of poses `first` to `stop` (all), as one batch by itself.
 
-        Gives the arrays of `/contours` by name (docs/file-format.md), offsets from 0; `intensity` only where the
-        file has it. Raises ContourFileError where a pose of the range is not done.
+        Gives the arrays of `/contours` by name (docs/file-format.md), offsets from 0; optional ones only where the
+        file has them. Raises ContourFileError where a pose of the range is not done.
         """
         pieces = [self._contours_of(piece, *poses) for piece, *poses in self._parts(first, stop)]
         return join_contours(pieces)
@@ -195,14 +195,22 @@ class ContourFile:
                     row = end
 
     def metrics(self, first: int = 0, stop: int | None = None) -> Arrays:
-        """Metrics of poses `first` to `stop` (all) by name, each of shape [pose]: lengths [m], number of polylines."""
-        parts = self._parts(first, stop)
+        """Metrics of poses `first` to `stop` (all) by name, each of shape [pose]: lengths [m], number of polylines.
+
+        What prune stages removed [m] only where the file has it.
+        """
+        parts, optional = self._parts(first, stop), self.optional
+        wanted = [spec for spec in METRICS if not spec.optional or spec.name in optional]
         return {
-            spec.name: np.concatenate(
-                [np.zeros(0, spec.dtype), *(self._checked(piece).read(spec.path, a, b) for piece, a, b in parts)]
-            )
-            for spec in METRICS
+            spec.name: np.concatenate([np.zeros(0, spec.dtype), *(self._metric(spec, *part) for part in parts)])
+            for spec in wanted
         }
+
+    def _metric(self, spec: Field, piece: _Piece, first: int, stop: int) -> NDArray[Any]:
+        rows = self._checked(piece)
+        if spec.optional and spec.path not in rows:
+            return np.full(stop - first, spec.absent, spec.dtype)
+        return rows.read(spec.path, first, stop)
 
     def timing(self) -> Timing:
         """How long each chunk took by stage; chunks in the order of their poses."""
@@ -271,14 +279,14 @@ class _Piece(NamedTuple):
 
 
 def join_contours(pieces: list[Arrays]) -> Arrays:
-    """Batches one after another as one; `intensity` is 1 for those without, where any has it."""
+    """Batches one after another as one; those without an optional field have what its absence means."""
     joined: Arrays = {}
     for spec in CONTOURS:
         if spec.is_offset:
             joined[spec.name] = _join_offsets([piece[spec.name] for piece in pieces])
         elif not spec.optional or any(spec.name in piece for piece in pieces):
             empty = np.zeros((0, *(size for size in spec.dims[1:] if isinstance(size, int))), spec.dtype)
-            joined[spec.name] = np.concatenate([empty, *(_column(piece, spec.name) for piece in pieces)])
+            joined[spec.name] = np.concatenate([empty, *(_column(piece, spec) for piece in pieces)])
     return joined
 
 
@@ -339,7 +347,5 @@ def _join_offsets(pieces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     return np.concatenate(joined)
 
 
-def _column(piece: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
-    if name in piece:
-        return piece[name]
-    return np.full(len(piece["points"]), INTENSITY_ABSENT, dtype=np.float32)
+def _column(piece: Mapping[str, NDArray[Any]], spec: Field) -> NDArray[Any]:
+    return piece[spec.name] if spec.name in piece else np.full(len(piece["points"]), spec.absent, spec.dtype)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import zlib
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,13 +21,17 @@ from .durable import Buffer
 from .schema import CHUNK_ROWS, CONTOURS, METRICS, Field
 
 CHECKSUM_BYTES = 4
-INTENSITY_ABSENT = np.float32(1.0)
-"""What a point's intensity is where a part of a file has none."""
 
 
-def row_fields(*, intensity: bool) -> tuple[Field, ...]:
-    """The fields that grow with the poses."""
-    return tuple(spec for spec in (*CONTOURS, *METRICS) if not spec.optional or intensity)
+def row_fields(optional: Collection[str] = ()) -> tuple[Field, ...]:
+    """The fields that grow with the poses, of the optional ones those named."""
+    return tuple(spec for spec in (*CONTOURS, *METRICS) if not spec.optional or spec.name in optional)
+
+
+def optional_fields(names: Iterable[str]) -> tuple[str, ...]:
+    """Which of the names are optional fields, in the order of the tables."""
+    names = set(names)
+    return tuple(spec.name for spec in (*CONTOURS, *METRICS) if spec.optional and spec.name in names)
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,8 @@ class Rows:
         """New rows of a field; offsets go on where those that there are end."""
         arrays = contours if spec.group == "contours" else metrics
         if spec.name not in arrays:
-            return np.full(len(contours["points"]), INTENSITY_ABSENT, spec.dtype)
+            count = len(contours["points"]) if spec.group == "contours" else len(contours["pose_start"]) - 1
+            return np.full(count, spec.absent, spec.dtype)
         rows = arrays[spec.name]
         if spec.is_offset:
             started = self.count(str(spec.dims[0])) > 0

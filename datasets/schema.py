@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .errors import ContourFileError
 
 FORMAT_NAME = "palpate contours"
-FORMAT_VERSION = (1, 0)
+FORMAT_VERSION = (1, 1)
 """Major: readers of an older major refuse the file. Minor: something was added that older readers may ignore."""
 
 CHUNK_ROWS = 8192
@@ -23,6 +23,9 @@ CHUNK_ROWS = 8192
 
 KIND_NAMES = ("object", "hand", "made")
 """What a segment is, by its `kind`: of the object, of the hand's boundary, made by a transformation."""
+
+PRUNED_NAMES = ("off_skin", "close_together", "small", "turned_away", "hidden", "joined", "other")
+"""By which prune stage contours were removed; "other" is everyone's own."""
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -41,6 +44,8 @@ class Field:
     unit: str = "1"
     frame: str = "none"
     optional: bool = False
+    absent: float = 0.0
+    """What a row of an optional field is where a part of a file has none."""
 
     @property
     def path(self) -> str:
@@ -58,7 +63,8 @@ _F4, _F8, _I4, _I8, _U1 = (np.dtype(code) for code in ("<f4", "<f8", "<i4", "<i8
 CONTOURS = (
     Field("contours", "points", _F4, ("point", 3), "m", "array"),
     Field("contours", "kind", _U1, ("point",)),
-    Field("contours", "intensity", _F4, ("point",), optional=True),
+    Field("contours", "intensity", _F4, ("point",), optional=True, absent=1.0),
+    Field("contours", "dwell", _F4, ("point",), "s", optional=True),
     Field("contours", "polyline_start", _I8, ("polyline + 1",)),
     Field("contours", "polyline_patch", _I4, ("polyline",)),
     Field("contours", "polyline_closed", _U1, ("polyline",)),
@@ -68,6 +74,7 @@ METRICS = (
     Field("metrics", "length", _F4, ("pose",), "m"),
     *(Field("metrics", f"length_{kind}", _F4, ("pose",), "m") for kind in KIND_NAMES),
     Field("metrics", "polylines", _I4, ("pose",)),
+    *(Field("metrics", f"removed_{stage}", _F4, ("pose",), "m", optional=True) for stage in PRUNED_NAMES),
 )
 MOTION = (
     Field("motion", "time", _F8, ("pose",), "s", optional=True),
@@ -76,13 +83,21 @@ MOTION = (
 OBJECT = (
     Field("object", "vertices", _F4, ("vertex", 3), "m", "array"),
     Field("object", "faces", _I4, ("face", 3)),
+    Field("object", "moved", _F4, ("pose", 7), "m (x y z), 1 (qx qy qz qw)", "array", optional=True),
 )
+HAND = (
+    Field("hand", "patch_pose", _F4, ("patch pose", 7), "m (x y z), 1 (qx qy qz qw)", "hand", optional=True),
+    Field("hand", "skin_vertices", _F4, ("skin vertex", 3), "m", "hand", optional=True),
+    Field("hand", "skin_faces", _I4, ("skin face", 3), optional=True),
+    Field("hand", "skin_glabrous", _U1, ("skin face",), optional=True),
+)
+HEADER = (*MOTION, *OBJECT, *HAND)
 TIMING = (
     Field("timing", "first", _I8, ("chunk",)),
     Field("timing", "stop", _I8, ("chunk",)),
     Field("timing", "seconds", _F8, ("chunk", "stage"), "s"),
 )
-FIELDS = (*CONTOURS, *METRICS, *MOTION, *OBJECT, *TIMING)
+FIELDS = (*CONTOURS, *METRICS, *HEADER, *TIMING)
 
 
 def validate_fields(arrays: Mapping[str, NDArray[Any]], fields: tuple[Field, ...]) -> dict[str, int]:

@@ -17,7 +17,7 @@ from .durable import append_at, copy_range
 from .header import FileHeader, header_attributes, json_text
 from .reader import ContourFile, Timing
 from .rows import Rows, row_fields
-from .schema import MOTION, OBJECT, TIMING, Field
+from .schema import HEADER, TIMING, Field
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def copy_rows(path: Path, source: ContourFile, header_path: Path, frame: Frame, 
     Raises OSError, ContourFileError.
     """
     copy_range(header_path, path, frame.room, frame.begin)
-    rows = Rows(row_fields(intensity=source.has_intensity), frame.begin, gzip)
+    rows = Rows(row_fields(source.optional), frame.begin, gzip)
     for first, stop in source.blocks():
         growth, chunks = rows.grown(source.contours(first, stop), source.metrics(first, stop))
         append_at(path, rows.end, chunks, durable=False)  # sealing makes it so
@@ -90,4 +90,4 @@ def _add_arrays(assembly: Assembly, header: FileHeader, address: int) -> int:
 
 def _arrays(header: FileHeader) -> list[tuple[Field, NDArray[Any]]]:
     arrays = header.arrays()
-    return [(spec, arrays[spec.name]) for spec in (*MOTION, *OBJECT) if spec.name in arrays]
+    return [(spec, arrays[spec.name]) for spec in HEADER if spec.name in arrays]

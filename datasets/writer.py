@@ -30,6 +30,7 @@ from .header import FileHeader, recipe_differences, recipe_hash
 from .parts import HEADER_NAME, Part, begin_part, part_logs, work_folder
 from .reader import ContourFile
 from .recovery import part_files, take_over_parts
+from .rows import optional_fields
 from .schema import CONTOURS, METRICS, validate_fields
 from .seal import Frame, copy_rows, frame_of, seal_rows, write_header
 
@@ -118,7 +119,7 @@ class ContourWriter:
         Args:
             first: First pose of the range.
             stop: The pose after the last.
-            contours: Arrays of /contours by name, offsets from 0, points [m]; `intensity` may be left out.
+            contours: Arrays of /contours by name, offsets from 0, points [m]; what is optional may be left out.
             metrics: Arrays of /metrics by name, shape [pose], lengths [m].
             timing: Time spent by stage [s].
 
@@ -129,17 +130,17 @@ class ContourWriter:
         self._refuse_closed()
         self._validate(first, stop, contours, metrics)
         with self._machine_failures(f"write poses {first} to {stop}"):
-            part = self._part_for(first, intensity="intensity" in contours)
+            part = self._part_for(first, optional_fields((*contours, *metrics)))
             part.append(stop, contours, metrics, timing or {})
         if part not in self._parts:
             self._parts = sorted([*self._parts, part], key=lambda done: done.first)
 
-    def _part_for(self, first: int, *, intensity: bool) -> Part:
+    def _part_for(self, first: int, optional: tuple[str, ...]) -> Part:
         """The part that ends where poses begin, or a new one."""
         for part in self._parts:
-            if part.stop == first and part.has_intensity == intensity:
+            if part.stop == first and part.optional == optional:
                 return part
-        part = begin_part(self._folder, first, self._recipe_hash, self._frame.begin, intensity=intensity)
+        part = begin_part(self._folder, first, self._recipe_hash, self._frame.begin, optional=optional)
         self._give_arrays(part)
         return part
 

@@ -12,6 +12,7 @@ import pytest
 from palpate.datasets import assembly, hdf5, part_reader, parts
 from palpate.datasets import rows as rows_module
 from palpate.datasets.header import FileHeader
+from palpate.datasets.schema import PRUNED_NAMES
 from palpate.datasets.writer import ContourWriter
 
 Batch = dict[str, np.ndarray]
@@ -38,7 +39,22 @@ def make_header(pose_count: int, **changes: Any) -> FileHeader:
     return FileHeader(**(fields | changes))
 
 
-def make_contours(pose_count: int, *, seed: int = 0, intensity: bool = False, point_count_max: int = 12) -> Batch:
+def everything(pose_count: int) -> dict[str, Any]:
+    """What a header may have besides: a moving object, a hand with poses of patches, a skin."""
+    rng = np.random.default_rng(1)
+    pose = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (pose_count, 1))
+    hand_arrays = {
+        "patch_pose": np.tile(pose, (3, 1)),
+        "skin_vertices": rng.normal(size=(5, 3)).astype(np.float32),
+        "skin_faces": np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        "skin_glabrous": np.array([1, 0], np.uint8),
+    }
+    return {"moved": pose, "hand_arrays": hand_arrays, "representation": {"kind": "voxels", "hash": "0"}}
+
+
+def make_contours(
+    pose_count: int, *, seed: int = 0, intensity: bool = False, dwell: bool = False, point_count_max: int = 12
+) -> Batch:
     """Poses of 0 to 2 polylines of 1 to `point_count_max` points, about half of them closed."""
     rng = np.random.default_rng(seed)
     pose_start = _offsets(rng.integers(0, 3, pose_count))
@@ -59,11 +75,13 @@ def make_contours(pose_count: int, *, seed: int = 0, intensity: bool = False, po
         "polyline_closed": closed,
         "pose_start": pose_start,
     }
-    return contours | ({"intensity": rng.random(len(points), dtype=np.float32)} if intensity else {})
+    for name, wanted in (("intensity", intensity), ("dwell", dwell)):
+        contours |= {name: rng.random(len(points), dtype=np.float32)} if wanted else {}
+    return contours
 
 
 def make_metrics(contours: Batch) -> Batch:
-    """Metrics by a plain loop over polylines and segments."""
+    """Metrics by a plain loop over polylines and segments; what stages removed where points have a dwell."""
     pose_count = len(contours["pose_start"]) - 1
     length = np.zeros((pose_count, 3))
     for pose in range(pose_count):
@@ -76,14 +94,15 @@ def make_metrics(contours: Batch) -> Batch:
     metrics = {name: length[:, column].astype(np.float32) for column, name in enumerate(names)}
     metrics["length"] = length.sum(axis=1).astype(np.float32)
     metrics["polylines"] = np.diff(contours["pose_start"]).astype(np.int32)
-    return metrics
+    removed = PRUNED_NAMES if "dwell" in contours else ()
+    return metrics | {f"removed_{stage}": metrics["polylines"].astype(np.float32) for stage in removed}
 
 
 def cut_contours(contours: Batch, first: int, stop: int) -> Batch:
     """Poses `first` to `stop` of a batch as a batch."""
     low, high = contours["pose_start"][[first, stop]]
     begin, end = contours["polyline_start"][[low, high]]
-    cut = {name: contours[name][begin:end] for name in ("points", "kind", "intensity") if name in contours}
+    cut = {name: contours[name][begin:end] for name in ("points", "kind", "intensity", "dwell") if name in contours}
     cut |= {name: contours[name][low:high] for name in ("polyline_patch", "polyline_closed")}
     cut["polyline_start"] = contours["polyline_start"][low : high + 1] - begin
     cut["pose_start"] = contours["pose_start"][first : stop + 1] - low

@@ -35,7 +35,7 @@ def fill(folder: str) -> None:
     """Run into the full disk twice, in a log and in sealing, making room after each."""
     path, ballast = Path(folder) / "out.h5", Path(folder) / "ballast"
     contours = make_contours(400)
-    occupy(ballast, keep=115_000)
+    occupy(ballast, keep=180_000)
     with ContourWriter(path, make_header(400)) as writer:
         try:
             write_ranges(writer, contours, ((first, first + 20) for first in range(0, 400, 20)))

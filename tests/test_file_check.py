@@ -8,7 +8,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from contour_cases import make_contours, make_header, small_chunks, write_file, write_ranges
+from contour_cases import everything, make_contours, make_header, small_chunks, write_file, write_ranges
 
 from palpate.datasets.check import check_file
 from palpate.datasets.errors import ContourFileError
@@ -25,7 +25,7 @@ def path(tmp_path):
 
 @pytest.fixture
 def sealed(path):
-    write_file(path, make_contours(30, intensity=True), chunk=11)
+    write_file(path, make_contours(30, intensity=True, dwell=True), chunk=11, **everything(30))
     return path
 
 

@@ -11,6 +11,7 @@ import pytest
 from contour_cases import (
     assert_same,
     cut_contours,
+    everything,
     make_contours,
     make_header,
     make_metrics,
@@ -70,7 +71,7 @@ def renderings(draw):
     """Contours, and the pose ranges of their shards in some order."""
     count = draw(st.integers(1, 30))
     intensity = draw(st.booleans())
-    contours = make_contours(count, seed=draw(st.integers(0, 1000)), intensity=intensity)
+    contours = make_contours(count, seed=draw(st.integers(0, 1000)), intensity=intensity, dwell=draw(st.booleans()))
     cuts = [0, *sorted(draw(st.sets(st.integers(1, count - 1), max_size=6)) if count > 1 else []), count]
     return contours, draw(st.permutations(list(itertools.pairwise(cuts))))
 
@@ -114,12 +115,38 @@ def test_the_header_is_read_back_as_it_was_given(folder):
         assert (got.object_attributes, got.placement) == ({"mended": [1]}, {"scale": 1.0})
         assert file.object()["hash"] == header.object_hash
         assert list(file.motion()) == ["pose"]
-        assert file.attributes["version"] == [1, 0]
+        assert file.attributes["version"] == [1, 1]
         assert (file.strategy, file.hand) == (header.strategy, header.hand)
 
 
+def test_a_moving_object_and_a_hand_of_arrays_are_read_back_and_belong_to_the_recipe(folder):
+    plain = write_file(folder / "a.h5", make_contours(3))
+    header = write_file(folder / "b.h5", make_contours(3), **everything(3))
+    with ContourFile(folder / "b.h5") as file:
+        assert_same(file.header().arrays(), header.arrays())
+        assert file.recipe == header.recipe
+        assert file.header().representation == {"kind": "voxels", "hash": "0"}
+    assert set(header.recipe) - set(plain.recipe) == {"representation", "object motion"}
+    assert check_file(folder / "b.h5") == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"moved": np.zeros((2, 7), np.float32)}, "moved must be 3 finite poses"),
+        ({"moved": np.full((3, 7), np.nan, np.float32)}, "moved must be 3 finite poses"),
+        ({"moved": np.zeros((3, 6), np.float32)}, r"/object/moved has shape \[3, 6\]"),
+        ({"hand_arrays": {"bones": np.zeros(3)}}, "/hand has no field 'bones'"),
+        ({"hand_arrays": {"skin_faces": np.zeros((2, 3))}}, "/hand/skin_faces is float64, expected int32"),
+    ],
+)
+def test_a_header_that_a_file_cannot_hold_is_refused(folder, changes, told):
+    with pytest.raises(ContourFileError, match=told):
+        ContourWriter(folder / "a.h5", make_header(3, **changes))
+
+
 def test_the_order_of_shards_changes_no_byte(folder):
-    contours, ranges = make_contours(20, intensity=True), [(0, 3), (3, 4), (4, 12), (12, 20)]
+    contours, ranges = make_contours(20, intensity=True, dwell=True), [(0, 3), (3, 4), (4, 12), (12, 20)]
     for name, order in (("a.h5", ranges), ("b.h5", ranges[::-1])):
         with ContourWriter(folder / name, make_header(20)) as writer:
             write_ranges(writer, contours, order)
@@ -143,8 +170,8 @@ def test_the_sizes_of_shards_change_no_byte_but_in_timing(folder):
                 )
 
 
-def test_points_without_intensity_have_1_where_other_shards_have_some(folder):
-    plain, some = make_contours(4, seed=1), make_contours(3, seed=2, intensity=True)
+def test_shards_without_optional_fields_have_what_their_absence_means_where_others_have_them(folder):
+    plain, some = make_contours(4, seed=1), make_contours(3, seed=2, intensity=True, dwell=True)
     with ContourWriter(folder / "a.h5", make_header(7)) as writer:
         writer.write(0, 4, plain, make_metrics(plain))
         writer.write(4, 7, some, make_metrics(some))
@@ -154,6 +181,9 @@ def test_points_without_intensity_have_1_where_other_shards_have_some(folder):
     with ContourFile(folder / "a.h5") as file:
         want = np.concatenate([np.ones(len(plain["points"]), np.float32), some["intensity"]])
         np.testing.assert_array_equal(file.contours()["intensity"], want)
+        want = np.concatenate([np.zeros(len(plain["points"]), np.float32), some["dwell"]])
+        np.testing.assert_array_equal(file.contours()["dwell"], want)
+        np.testing.assert_array_equal(file.metrics()["removed_small"], [0, 0, 0, 0, *np.diff(some["pose_start"])])
         assert_same(before, file.contours())
 
 
@@ -203,11 +233,11 @@ def test_poses_not_done_are_refused_and_the_rest_is_read(folder):
 
 
 def test_compression_changes_the_size_and_nothing_else(folder):
-    contours = make_contours(300)
+    contours = make_contours(1000)
     contours["points"] = np.round(contours["points"], 1)
     for name, gzip in (("a.h5", 0), ("b.h5", 1)):
-        with ContourWriter(folder / name, make_header(300)) as writer:
-            write_ranges(writer, contours, [(0, 300)])
+        with ContourWriter(folder / name, make_header(1000)) as writer:
+            write_ranges(writer, contours, [(0, 1000)])
             writer.seal(gzip=gzip)
     with ContourFile(folder / "a.h5") as a, ContourFile(folder / "b.h5") as b:
         assert_same(a.contours(), b.contours())
@@ -254,7 +284,7 @@ def test_the_file_is_laid_out_as_it_always_was(folder):
         describe("", file)
         file.visititems(describe)
         assert file.attrs["format"] == b"palpate contours"
-        assert file.attrs["version"].tolist() == [1, 0]
+        assert file.attrs["version"].tolist() == [1, 1]
     assert "\n".join(lines) + "\n" == STRUCTURE
 
 

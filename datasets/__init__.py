@@ -1,9 +1,13 @@
 """Files on disk and things to render: contour files, hand motions, built-in objects."""
 
 from .check import check_file
+from .hand_recording import HandRecording
+from .hand_shape import HandShape, hand_shape
+from .hand_skinning import posed_vertices
 from .motion import HandMotion, exploration, static_pose
 from .ptlist import read_ptlist, write_ptlist
 from .reader import ContourFile
+from .recording_file import load_recording
 from .shapes import shape, shape_names
 from .writer import ContourWriter
 
@@ -11,8 +15,13 @@ __all__ = [
     "ContourFile",
     "ContourWriter",
     "HandMotion",
+    "HandRecording",
+    "HandShape",
     "check_file",
     "exploration",
+    "hand_shape",
+    "load_recording",
+    "posed_vertices",
     "read_ptlist",
     "shape",
     "shape_names",

@@ -186,7 +186,7 @@ class _PartCheck:
 def _value_flags(spec: Field, rows: NDArray[Any]) -> list[tuple[str, Flags]]:
     """Rules of a field by itself: what is wrong with the rows flagged."""
     flags: list[tuple[str, Flags]] = []
-    if rows.dtype.kind == "f" and spec.name != "seconds":  # a stage that a chunk had not is NaN
+    if rows.dtype.kind == "f" and spec.name not in _MAY_LACK:
         flags.append(("not finite", _any_of_row(~np.isfinite(rows))))
     if spec.name in _RANGE:
         low, high = _RANGE[spec.name]
@@ -200,6 +200,7 @@ def _value_flags(spec: Field, rows: NDArray[Any]) -> list[tuple[str, Flags]]:
     return flags
 
 
+_MAY_LACK = ("seconds", "patch_pose")  # a stage that a chunk had not, a patch that a pose has not: NaN
 _RANGE: dict[str, tuple[float, float]] = {
     "kind": (0, len(KIND_NAMES) - 1),
     "intensity": (0, 1),

@@ -15,3 +15,11 @@ class MotionError(DatasetError, ValueError):
 
 class ShapeError(DatasetError, ValueError):
     """A built-in shape is asked for that does not exist, or with impossible sizes."""
+
+
+class RecordingError(DatasetError, ValueError):
+    """A recording of a hand cannot be read or used; the message names the file, the frame and the joint."""
+
+
+class RecordingWarning(UserWarning):
+    """A recording of a hand looks wrong, but can be used."""

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from .errors import ContourFileError
 from .hdf5 import Hdf5Reader
-from .header import FileHeader, get_header, get_json, recipe_hash, refuse_foreign
+from .header import FileHeader, get_header, get_json, get_representation, recipe_hash, refuse_foreign
 from .part_reader import PartReader
 from .parts import HEADER_NAME, readable_parts, work_folder
-from .schema import CONTOURS, METRICS, Arrays, Field
+from .schema import CONTOURS, HAND, METRICS, Arrays, Field
 
 _BLOCK_POSES = 1 << 16
 
@@ -157,16 +157,25 @@ class ContourFile:
         return {name: self._header_file.read(f"/motion/{name}", first, stop) for name in names}
 
     def object(self) -> dict[str, Any]:
-        """The mesh rendered: `vertices` [m], float32 [vertex, 3], array frame; `faces`; `name`, `hash`, JSON."""
+        """The mesh rendered, or the outline of what was: `vertices` [m], float32 [vertex, 3], array frame; `faces`.
+
+        With `name`, `hash`, JSON, and `moved`, float32 [pose, 7], where the object moves.
+        """
         file = self._header_file
         return {
             "name": file.text("/object", "name"),
             "hash": file.text("/object", "hash"),
             "placement": get_json(file, "/object", "placement"),
             "attributes": get_json(file, "/object", "attributes"),
+            "representation": get_representation(file),
             "vertices": file.read("/object/vertices"),
             "faces": file.read("/object/faces"),
+            **({"moved": file.read("/object/moved")} if "/object/moved" in file else {}),
         }
+
+    def hand_arrays(self) -> Arrays:
+        """Arrays of the hand by name, those that its description is not enough without."""
+        return {spec.name: self._header_file.read(spec.path) for spec in HAND if spec.path in self._header_file}
 
     def contours(self, first: int = 0, stop: int | None = None) -> Arrays:
         """Contours of poses `first` to `stop` (all), as one batch by itself.

@@ -6,15 +6,29 @@ interface: it checks, launches and returns arrays on the device of its inputs.
 
 from importlib import import_module
 
-RENDER_STAGES = ("trace", "events", "seek", "close", "draw", "measure")  # poses to contours
+RENDER_STAGES = ("trace", "events", "seek", "close", "draw", "measure")  # poses to contours of a mesh on patches
+FIELD_STAGES = (
+    "march_sample",
+    "march_grid",
+    "march_lines",
+    "march_walk",
+    "skin",
+    "skin_walk",
+    "solid",
+    "move",
+)  # of others
+POINT_STAGES = ("contact", "overlap", "tour")  # to paths through points
+FOLLOWING_STAGES = ("cut", "joint", "prune", "prune_close", "prune_hidden", "simplify", "depth", "nearest")
+OBJECT_STAGES = ("voxelise",)  # what is made of objects before
 DRIVE_STAGES = ("focus", "solve", "slew")  # focal points to phases
-STAGES = RENDER_STAGES + DRIVE_STAGES
+STAGES = RENDER_STAGES + FIELD_STAGES + POINT_STAGES + FOLLOWING_STAGES + OBJECT_STAGES + DRIVE_STAGES
 
 
 def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> None:
     """Compile the kernels of some stages for a device into Warp's cache: seconds once, nothing after.
 
-    Each stage is otherwise compiled when it is first used, so rendering does not wait for what drives an array.
+    Each stage is otherwise compiled when it is first used, so rendering does not wait for what drives an array. Kernels
+    that are made for a field's function (`field.MODULE`) are always compiled then, once for each kind of field.
     """
     import warp as wp
 

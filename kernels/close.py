@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from .clip import side_point, side_position
-from .patch import EXACT, Frame, Patch, corner, frame_at, lifted, outcode
+from .patch import EXACT, Frame, Patch, corner, lifted, outcode, section_frame
 from .piece import CLOSED, Pieces, room_of, section_of, start_of
 from .ragged import BLOCK, PointLimitError, last_of, offsets_of
 from .surface import Surface
@@ -267,7 +267,7 @@ def _join_pieces(
     # In:
     surface: Surface,
     pieces: Pieces,
-    pose: wp.array[wp.transform],
+    pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     closes: int,  # 1: CC, 0: OC
     rest: wp.array[wp.int32],
@@ -287,7 +287,7 @@ def _join_pieces(
     points = int(0)
     entry = int(0)
     if count <= room_of(pieces, row):  # else it has a row with more room elsewhere
-        f = frame_at(pose[section // patch.shape[0]], patch[section % patch.shape[0]])
+        f = section_frame(pose, patch, section)
         half = patch[section % patch.shape[0]].half
         for slot in range(count):
             own = base + wp.int64(slot) * pieces.stride

@@ -6,7 +6,7 @@ import warp as wp
 
 from .clip import corners_left, segment_of, side_point
 from .close import BEGIN, BOUNDARY, CORNERS, SLOT, Entries, Joined
-from .patch import EXACT, Frame, Patch, corner, frame_at, half_of, lifted, outcode
+from .patch import EXACT, Frame, Patch, corner, half_of, lifted, outcode, section_frame
 from .piece import CLOSED, Pieces, section_of, start_of
 from .ragged import BLOCK
 from .surface import OPEN, Surface
@@ -141,7 +141,7 @@ def draw_boundary(lines: Lines, f: Frame, half: wp.vec2d, i: wp.int64):
 def _draw_contours(
     # In:
     surface: Surface,
-    pose: wp.array[wp.transform],
+    pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     pieces: Pieces,
     entries: Entries,
@@ -156,7 +156,7 @@ def _draw_contours(
     row = wp.tid()
     section = section_of(pieces, row)
     own = section % patch.shape[0]
-    f = frame_at(pose[section // patch.shape[0]], patch[own])
+    f = section_frame(pose, patch, section)
     side = half_of(patch[own], bounded)
     base = start_of(pieces, row)
     line = section_start[section]

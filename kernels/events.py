@@ -5,7 +5,7 @@ from typing import Any
 import warp as wp
 
 from .clip import NONE, Segment, needs_left, segment_of
-from .patch import BOTTOM, EXACT, Patch, frame_at
+from .patch import BOTTOM, EXACT, Patch, section_frame
 from .piece import CLOSED, Pieces, count_row, section_of, store_piece
 from .surface import OPEN, Surface
 from .walk import left_from, link_of, loaded
@@ -119,7 +119,7 @@ def advanced(tour: Tour, what: int, steps: int, e: Segment, clear: int, pieces: 
 def _clip_loops(
     # In:
     surface: Surface,
-    pose: wp.array[wp.transform],
+    pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     events: Events,
     # Out:
@@ -145,7 +145,7 @@ def _clip_loops(
             left = int(0)
             clear = wp.where((what & CLEAR) != 0, 1, 0)
             if needs_left((what >> FROM) & TO, what & TO):
-                f = frame_at(pose[section // patch.shape[0]], own)
+                f = section_frame(pose, patch, section)
                 left = left_from(surface, f, what >> HALF, own.half)
                 clear = 0
             tour = advanced(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)

@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from .patch import require_section_poses
 from .piece import room_for_excess, room_for_sections
 from .seek import seek_pieces
 from .trace import trace_pieces
@@ -23,13 +24,15 @@ def find_pieces(
 ) -> list:
     """Find what of a surface's contours lies in every patch at every pose; the same pieces by either method.
 
-    surface: Surface; pose: wp.transform, shape [pose]; patch: Patch, shape [patch]; all on one device.
+    surface: Surface; pose: wp.transform, of the hand or of each patch, shape [pose, 1 or patch]; patch: Patch, shape
+    [patch]; all on one device.
     bounded: whether patches cut contours off; closes: whether winding numbers are wanted.
     method: "trace" for surfaces with a trail, "seek" for any, None for the faster one.
-    Raises ValueError for a method that does not exist, or not for this surface.
+    Raises ValueError for a method that does not exist, or not for this surface, and for poses of another shape.
     Returns Pieces, and more Pieces for sections that had no room in the first.
     """
     device = pose.device
+    require_section_poses(pose, patch)
     method = method or method_for(surface, device)
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method!r}")

@@ -89,6 +89,14 @@ def frame_at(pose: wp.transform, patch: Patch):
 
 
 @wp.func
+def section_frame(pose: wp.array2d[wp.transform], patch: wp.array[Patch], section: int):
+    """Frame of a section's patch; pose: shape [pose, 1] if patches lie in the hand's frame, else [pose, patch]."""
+    row = section // patch.shape[0]
+    own = section % patch.shape[0]
+    return frame_at(pose[row, wp.min(own, pose.shape[1] - 1)], patch[own])
+
+
+@wp.func
 def placed(f: Frame, x: wp.vec3):
     """Coordinates of a vertex along u, v and n [m]; the last is exactly 0 where it counts as on the plane."""
     d = widened(x) - f.origin
@@ -175,3 +183,9 @@ def corner(k: int, half: wp.vec2d):
     if k == 0 or k == 1:
         y = -y
     return wp.vec2d(x, y)
+
+
+def require_section_poses(pose: wp.array, patch: wp.array) -> None:
+    """Raise ValueError unless poses are of the hand or of each of its patches, shape [pose, 1 or patch]."""
+    if pose.ndim != 2 or pose.shape[1] not in (1, patch.shape[0]):
+        raise ValueError(f"poses must have shape [pose, 1] or [pose, {patch.shape[0]}], not {list(pose.shape)}")

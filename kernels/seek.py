@@ -12,11 +12,11 @@ from .patch import (
     Frame,
     Patch,
     coarse_of,
-    frame_at,
     half_of,
     is_above,
     lifted,
     outcode,
+    section_frame,
 )
 from .piece import CLOSED, Pieces, count_row, section_of, store_piece
 from .ragged import BLOCK
@@ -252,7 +252,7 @@ def wound(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.arra
 def _seek_pieces(
     # In:
     surface: Surface,
-    pose: wp.array[wp.transform],  # hand frame -> array frame, shape [pose]
+    pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
     patch: wp.array[Patch],
     bounded: int,  # 0: the whole plane
     closes: int,  # 1: the winding number is asked for
@@ -262,7 +262,7 @@ def _seek_pieces(
     """Find the pieces of each row's section: first those that enter, then loops that nothing has passed."""
     row = wp.tid()
     section = section_of(pieces, row)
-    f = frame_at(pose[section // patch.shape[0]], patch[section % patch.shape[0]])
+    f = section_frame(pose, patch, section)
     side = half_of(patch[section % patch.shape[0]], bounded)
     g = coarse_of(f, side, surface.reach)
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)

@@ -49,7 +49,7 @@ class Room:
         self.size = size._replace(events=max(size.events, size.pieces))
         self._surface, self._patch, self._row_count = surface, patch, patch.shape[0]
         self._stages = [int(outside), int(close)]
-        self._pose, self._pose_rows = shared(1, wp.transform)
+        self._pose, self._pose_rows = shared((1, 1), wp.transform)
         self._counters, self._count = shared(3, wp.int32)
         self._rest, _ = shared(self._row_count, wp.int32)
         self._polylines, self._points = Offsets(self._row_count), Offsets(self._row_count)
@@ -176,7 +176,7 @@ class Offsets:
         return self.host.item(-1)
 
 
-def shared(size: int, dtype: Any) -> tuple[wp.array, np.ndarray]:
+def shared(size: int | tuple[int, ...], dtype: Any) -> tuple[wp.array, np.ndarray]:
     """An array of zeros, for kernels and for NumPy."""
     array = wp.zeros(size, dtype=dtype, device=CPU)
     return array, array.numpy()

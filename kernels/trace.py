@@ -21,11 +21,11 @@ from .patch import (
     Frame,
     Patch,
     coarse_of,
-    frame_at,
     half_of,
     is_above,
     lifted,
     outcode,
+    section_frame,
 )
 from .piece import section_at
 from .ragged import BLOCK
@@ -206,7 +206,7 @@ def passed(surface: Surface, f: Frame, half: int, mask: wp.array[wp.uint32]):
 def _walk_first_loops(
     # In:
     surface: Surface,
-    pose: wp.array[wp.transform],  # hand frame -> array frame, shape [pose]
+    pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
     patch: wp.array[Patch],
     bounded: int,  # 0: the whole plane
     section: wp.array[wp.int32],  # of each row; empty if rows are sections
@@ -218,7 +218,7 @@ def _walk_first_loops(
     """Walk around the first loop of each row's plane, which most often is the only one."""
     row = wp.tid()
     own = section_at(section, row)
-    f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
+    f = section_frame(pose, patch, own)
     side = half_of(patch[own % patch.shape[0]], bounded)
     g = coarse_of(f, side, surface.reach)
     nothing = wp.zeros(shape=1, dtype=wp.int32)
@@ -266,7 +266,7 @@ def walked_others(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events:
 def _walk_other_loops(
     # In:
     surface: Surface,
-    pose: wp.array[wp.transform],
+    pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     bounded: int,
     section: wp.array[wp.int32],
@@ -279,7 +279,7 @@ def _walk_other_loops(
     if wp.tid() < rest_count[0]:
         row = rest[wp.tid()]
         own = section_at(section, row)
-        f = frame_at(pose[own // patch.shape[0]], patch[own % patch.shape[0]])
+        f = section_frame(pose, patch, own)
         side = half_of(patch[own % patch.shape[0]], bounded)
         g = coarse_of(f, side, surface.reach)
         events.count[row] = walked_others(surface, f, g, side, events, row)

@@ -15,10 +15,12 @@ from ..kernels.ragged import PointLimitError
 from .contours import ContourBatch, join_batches
 from .download import Downloader
 from .errors import PoseError, StrategyError
-from .hands import Palm
+from .hands import Hand
 from .interrupt import interrupt_between
-from .objects import MeshObject
-from .strategy import IntersectionStrategy, intersect
+from .moving import object_poses
+from .scene import Scene
+from .solid import Solid
+from .strategy import IntersectionStrategy
 from .workers import Crew, PoseSpans, Work, warp_device
 
 MEMORY_DEFAULT = 512 * 10**6  # [byte]; or more for many workers:
@@ -26,7 +28,6 @@ MEMORY_WORKER = {"cpu": 200 * 10**6, "cuda": 10**9}  # [byte] by kind of device;
 MEMORY_SMALLEST = 2**20  # [byte]; room for one pose of any mesh that fits itself
 POINT_BYTES = 28  # of a contour's point and its share of the polylines: 13 and up to 13
 CPU_SPAN_BYTES = 96 * 2**20  # working arrays of a span on CPUs at most: larger ones are no faster, and end less evenly
-SECTION_BYTES = 1024  # of a pose and patch: slots of pieces (SLOTS x 88), events (24 x 8), counts and offsets
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class Chunk:
     contours: ContourBatch
     lengths: np.ndarray
     """[m], float32, shape [pose, 3]: object, hand, made."""
+    removed: dict[str, np.ndarray] = field(default_factory=dict)
+    """Length that each prune stage removed [m], float32, shape [pose], by name."""
     timing: dict[str, float] = field(default_factory=dict)
     """Seconds by stage; on a GPU in all only, since stages would have to be waited for."""
 
@@ -66,17 +69,15 @@ def memory_for(devices: Sequence[str]) -> int:
 
 
 def rendered_chunks(
-    thing: MeshObject,
-    hand: Palm,
+    scene: Scene,
     pose: np.ndarray,
-    strategy: IntersectionStrategy,
     *,
     device: str = "cpu",
     devices: Sequence[str] | None = None,
     memory: int | None = None,
     ranges: Sequence[tuple[int, int]] | None = None,
 ) -> Generator[Chunk, None, None]:
-    """Render poses chunk by chunk, in pose order.
+    """Render poses of a scene chunk by chunk, in pose order.
 
     pose: float32, shape [pose, 7]; ranges: which poses, as (first, stop), by default all.
     devices: one worker on each of these Warp devices, a name as often as it has workers; by default one on `device`.
@@ -91,18 +92,15 @@ def rendered_chunks(
     memory = memory_for(names) if memory is None else memory
     if memory < MEMORY_SMALLEST:
         raise StrategyError(f"memory must be at least {MEMORY_SMALLEST} bytes, not {memory}")
-    if strategy.needs_closed:
-        thing.require_closed()
+    scene.require_poses(len(pose))
     wanted = 2 * len(names) + 1
     names = names[: max(1, (memory // MEMORY_SMALLEST - 1) // 2)]  # a worker needs room to be of any use
-    rendering = _Rendering(
-        thing, hand, pose, strategy, memory, share_count=2 * len(names) + 1, share_count_wanted=wanted
-    )
+    rendering = _Rendering(scene, pose, memory, share_count=2 * len(names) + 1, share_count_wanted=wanted)
     on_cpus = all(wp.get_device(name).is_cpu for name in names)
     spans = PoseSpans(
         [(0, len(pose))] if ranges is None else ranges,
         budget=min(rendering.share, CPU_SPAN_BYTES) if on_cpus else rendering.share,
-        pose_bytes=SECTION_BYTES * hand.patch_count,
+        pose_bytes=scene.pose_bytes,
         point_bytes=POINT_BYTES,
         worker_count=len(names),
     )
@@ -119,10 +117,8 @@ def rendered_chunks(
 class _Rendering:
     """What all workers share."""
 
-    thing: MeshObject
-    hand: Palm
+    scene: Scene
     pose: np.ndarray
-    strategy: IntersectionStrategy
     memory: int
     share_count: int
     """Chunks that the memory is for: two of each worker, and the one that the caller has."""
@@ -136,8 +132,7 @@ class _Rendering:
 
     def prepare(self, device: str) -> None:
         """Upload the object and load Warp's modules, once and by one thread: one pose takes all that chunks take."""
-        first = wp.array(self.pose[:1], dtype=wp.transform, device=device)
-        intersect(self.thing, self.hand, first, self.strategy)[0].lengths()
+        self.scene.contours(self.pose[:1], 0, device)[0].lengths()
 
     def work_on(self, device: str, turn: threading.Lock) -> Work:
         """What a worker on that device does; those of one GPU take turns in computing, not in bringing down."""
@@ -159,38 +154,43 @@ class _Rendering:
                     ) from error
                 stop = first + (stop - first) // 2
 
-    def _intersected(self, device: str, first: int, stop: int, timing: dict[str, float] | None) -> ContourBatch:
-        poses = wp.array(self.pose[first:stop], dtype=wp.transform, device=device)
+    def _intersected(
+        self, device: str, first: int, stop: int, timing: dict[str, float] | None
+    ) -> tuple[ContourBatch, dict[str, np.ndarray]]:
         limit = self.share // POINT_BYTES
-        return intersect(self.thing, self.hand, poses, self.strategy, point_limit=limit, timing=timing)[0]
+        return self.scene.contours(self.pose[first:stop], first, device, point_limit=limit, timing=timing)
 
     def _on_cpu(self, device: str, first: int, stop: int) -> Chunk:
         timing: dict[str, float] = {}
         started = time.perf_counter()
-        batch = self._intersected(device, first, stop, timing)
+        batch, removed = self._intersected(device, first, stop, timing)
         lengths = batch.lengths()
         timing["total"] = time.perf_counter() - started
-        return Chunk(first, stop, batch.numpy(), lengths, timing)
+        return Chunk(first, stop, batch.numpy(), lengths, removed, timing)
 
     def _on_gpu(self, device: str, turn: threading.Lock, down: Downloader, first: int, stop: int) -> Chunk:
         started = time.perf_counter()
         with turn:
-            batch = self._intersected(device, first, stop, None)
+            batch, removed = self._intersected(device, first, stop, None)
+            if not batch.on_device:
+                timing = {"total": time.perf_counter() - started}
+                return Chunk(first, stop, batch, batch.lengths(), removed, timing)
             lengths = measure_contours(batch.points, batch.kind, batch.polyline_start, batch.pose_start)
             down.start({**batch.by_name(), "lengths": lengths})
         del batch, lengths  # the downloader keeps them as long as they are needed
         host: dict[str, Any] = down.finish()
         lengths = host.pop("lengths")
         timing = {"total": time.perf_counter() - started}
-        return Chunk(first, stop, ContourBatch.from_arrays(host), lengths, timing)
+        return Chunk(first, stop, ContourBatch.from_arrays(host), lengths, removed, timing)
 
 
 def render(
-    thing: MeshObject,
-    hand: Palm,
+    thing: Solid,
+    hand: Hand,
     motion: HandMotion | np.ndarray,
     strategy: IntersectionStrategy,
     *,
+    moved: HandMotion | np.ndarray | None = None,
     device: str = "cpu",
     devices: Sequence[str] | None = None,
     memory: int | None = None,
@@ -198,14 +198,17 @@ def render(
 ) -> ContourBatch:
     """Contours of all poses, in memory on the host.
 
-    motion: a HandMotion, or poses alone, shape [pose, 7]. devices: one worker on each of these Warp devices, by default
+    motion: a HandMotion, or poses alone, shape [pose, 7]. moved: poses of an object that moves, see `object_poses`.
+    devices: one worker on each of these Warp devices, by default
     one on `device`; the contours are the same. memory: budget of what is being computed [byte], results apart, by
     default `memory_for` the workers. progress: called with the number of poses done.
     Raises MeshError where the strategy needs a closed surface and the object has none; MotionError with the row of a
     bad pose; StrategyError for an unknown device or too small a budget.
     """
     batches = []
-    chunks = rendered_chunks(thing, hand, check_poses(motion), strategy, device=device, devices=devices, memory=memory)
+    pose = check_poses(motion)
+    scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion))
+    chunks = rendered_chunks(scene, pose, device=device, devices=devices, memory=memory)
     with interrupt_between() as raise_if_interrupted:
         for chunk in chunks:
             batches.append(chunk.contours)

@@ -11,8 +11,9 @@ import warp as wp
 
 from .contours import ContourBatch
 from .hands import Palm
+from .intersect import intersect
 from .objects import MeshObject
-from .strategy import IntersectionStrategy, intersect
+from .strategy import IntersectionStrategy
 
 CHUNK_POINTS = {True: 200_000_000, False: 10_000_000}  # of one launch, by whether it is on CUDA: 2.6 GB and 130 MB
 CHUNK_POSES = {True: 4_000_000, False: 20_000}  # 4 GB of working arrays; 20 MB, which caches like

@@ -22,7 +22,16 @@ app = typer.Typer(
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 Three = tuple[float, float, float]
-OBJECT_HELP = "Mesh file (STL, OBJ, PLY, GLB), or built in: cube, sphere, tube, dog, dog-detailed, rock."
+Six = tuple[float, float, float, float, float, float]
+OBJECT_HELP = (
+    "Mesh (STL, OBJ, PLY, GLB), volume (.npy .npz .nrrd .nii .nvdb), expression (.json), function (module:name), "
+    "or built in: cube, sphere, tube, dog, dog-detailed, rock."
+)
+MOTION_HELP = (
+    "CSV or HDF5 of poses, a recording of a hand (Leap, OpenXR, WebXR, MediaPipe), or the word exploration for a "
+    "synthetic one."
+)
+HAND_HELP = "palm: one rectangle; planes: palm and phalanges; skin: palpate's own hand; or a file of a hand's mesh."
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
 MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
@@ -42,6 +51,12 @@ Watchdog = Annotated[
 Uncalibrated = Annotated[
     bool, typer.Option("--uncalibrated", help="Play on a real pat16 without its board file: wired as published ones.")
 ]
+Kind = Annotated[str | None, typer.Option(help="Of a volume: occupancy, distance, intensity, label.")]
+Level = Annotated[float | None, typer.Option(help="Of an intensity volume: its value on the surface.")]
+Label = Annotated[list[int] | None, typer.Option(help="Of a segmented volume: labels that are solid; may be repeated.")]
+Inside = Annotated[str | None, typer.Option(help="Of a volume: above or below, where values are solid.")]
+Spacing = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Of a volume, instead of the file's [m].")]
+Unit = Annotated[str | None, typer.Option(help="Of a volume file's lengths: m, cm, mm, um.")]
 DURATION_HELP = "Stop after this time [s] if the motion has not ended; a static pose needs it."
 
 
@@ -94,11 +109,14 @@ def render(
             help=OBJECT_HELP,
         ),
     ],
-    motion: Annotated[
-        str, typer.Argument(metavar="MOTION", help="CSV or HDF5 of poses, or the word exploration for a synthetic one.")
-    ],
+    motion: Annotated[str, typer.Argument(metavar="MOTION", help=MOTION_HELP)],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.h5", help="Contour file to write.")],
-    strategy: Annotated[str, typer.Option(help="oc, cc, or a JSON file.")] = "cc",
+    strategy: Annotated[str, typer.Option(help="By name (palpate strategies lists them), or a JSON file.")] = "cc",
+    step: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", help="Of the grid on the skin, if one is needed; by default a quarter focus."),
+    ] = None,
+    hand: Annotated[str, typer.Option(metavar="KIND|FILE", help=HAND_HELP)] = "palm",
     palm: Annotated[tuple[float, float], typer.Option(metavar="WIDTH LENGTH", help="Size of the palm [m].")] = (
         0.085,
         0.085,
@@ -110,6 +128,26 @@ def render(
         Three, typer.Option(metavar="X Y Z", help="Turn about the array's axes x, y, z in turn [degree].")
     ] = (0.0, 0.0, 0.0),
     at: Annotated[Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")] = None,
+    kind: Kind = None,
+    level: Level = None,
+    label: Label = None,
+    inside: Inside = None,
+    spacing: Spacing = None,
+    unit: Unit = None,
+    bounds: Annotated[
+        Six | None, typer.Option(metavar="X Y Z X Y Z", help="Of a function: lowest and highest coordinates [m].")
+    ] = None,
+    simplify: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", help="Simplify a mesh within this distance; 0: a quarter of the focal width."),
+    ] = None,
+    object_motion: Annotated[
+        str | None, typer.Option(metavar="FILE", help="CSV or HDF5 of poses: where the object's middle is, when.")
+    ] = None,
+    side: Annotated[str | None, typer.Option(help="Which hand of a recording: left, right, or its id.")] = None,
+    alignment: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="Of a recording: from the tracker's frame to the array's.")
+    ] = None,
     duration: Annotated[float | None, typer.Option(help="Of a synthetic exploration [s], by default 30.")] = None,
     rate: Annotated[float | None, typer.Option(help="Poses a second of an exploration [Hz], by default 90.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of an exploration, by default 1.")] = None,
@@ -127,7 +165,15 @@ def render(
         "motion": motion,
         "out": out,
         "strategy": strategy,
+        "step": step,
+        "hand": hand,
         "palm": palm,
+        "volume": {"kind": kind, "level": level, "label": label, "inside": inside, "spacing": spacing, "unit": unit},
+        "bounds": bounds,
+        "simplify": simplify,
+        "object_motion": object_motion,
+        "side": side,
+        "alignment": alignment,
         "placement": {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at},
         "exploration": {"duration": duration, "rate": rate, "seed": seed},
         "device": device,
@@ -138,6 +184,39 @@ def render(
         "overwrite": overwrite,
     }
     _run("job", "run_render", options, as_json=json)
+
+
+@app.command()
+def voxelise(
+    mesh: Annotated[str, typer.Argument(metavar="MESH", help="Mesh file, or built in; open ones too.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.npz", help="To write: .npz, .npy, .nrrd, .nvdb.")],
+    spacing: Annotated[float, typer.Option(metavar="METRES", help="Between voxels.")],
+    kind: Annotated[str, typer.Option(help="distance (signed), or occupancy.")] = "distance",
+    sign: Annotated[str, typer.Option(help="What is inside: parity, winding, auto (winding if open).")] = "auto",
+    scale: Annotated[float, typer.Option(help="Factor on the mesh's coordinates (0.001 for millimetres).")] = 1.0,
+    up: Annotated[str, typer.Option(help="Axis of the file that points up: x, y, z, -x, -y, -z.")] = "z",
+    fit: Annotated[float | None, typer.Option(metavar="SIZE", help="Longest side [m], whatever the scale.")] = None,
+    rotate: Annotated[
+        Three, typer.Option(metavar="X Y Z", help="Turn about the array's axes x, y, z in turn [degree].")
+    ] = (0.0, 0.0, 0.0),
+    at: Annotated[Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")] = None,
+    device: Annotated[str, typer.Option(help="cpu, cuda:0, or auto: the first GPU if there is one.")] = "auto",
+    json: Json = False,
+) -> None:
+    """Turn a mesh into voxels: the way out for open meshes."""
+    placement = {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at}
+    _run("volume_job", "run_voxelise", mesh, out, spacing, kind, sign, placement, device, as_json=json)
+
+
+@app.command()
+def strategies(
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="PICTURE", help="Draw them side by side: PNG, SVG or PDF.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List intersection strategies and the stages that they are made of."""
+    _run("strategy_job", "run_strategies", out, as_json=json)
 
 
 @app.command()

@@ -15,10 +15,12 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ..datasets.errors import DatasetError
+from ..datasets.errors import DatasetError, RecordingWarning
 from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
 from ..device.report import LiveStatistics, PlayReport
 from .errors import PalpateWarning, PlacementError, RenderError, StrategyError
+
+TOLD_WARNINGS = (PalpateWarning, RecordingWarning)
 
 DONE, FAILED, MISUSED = 0, 1, 2
 
@@ -164,7 +166,8 @@ def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatisti
 def run(command: Callable[[], object], *, as_json: bool) -> int:
     """Run a command and turn what goes wrong into one sentence and an exit code; no traceback for a user's mistake."""
     with warnings.catch_warnings():
-        warnings.simplefilter("always", PalpateWarning)
+        for kind in TOLD_WARNINGS:
+            warnings.simplefilter("always", kind)
         warnings.showwarning = _show_warning
         try:
             code = command()

@@ -36,6 +36,8 @@ class ContourBatch:
     """Offsets into polylines, int64, shape [pose + 1]."""
     intensity: Array | None = None
     """0..1 at each point, linear in between; None means 1; float32, shape [point]."""
+    dwell: Array | None = None
+    """Pause of the focal point at each point [s]; None means none; float32, shape [point]."""
 
     @property
     def pose_count(self) -> int:
@@ -91,6 +93,15 @@ class ContourBatch:
         host = {name: None if value is None else value.numpy() for name, value in values.items()}
         return ContourBatch(**{**host, "points": self.points.numpy().reshape(-1, 3)})
 
+    def to(self, device: str) -> "ContourBatch":
+        """The same batch on a Warp device."""
+        if self.on_device and str(self.points.device) == device:
+            return self
+        host = self.numpy()
+        values = {name: wp.array(value, device=device) for name, value in host.by_name().items() if name != "points"}
+        points = wp.array(np.ascontiguousarray(host.points, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
+        return ContourBatch(points=points, **values)
+
     def lengths(self) -> np.ndarray:
         """Length of the segments of each kind [m], float32, shape [pose, 3]."""
         if self.on_device:
@@ -124,6 +135,7 @@ class ContourBatch:
             polyline_closed=self.polyline_closed[line:end],
             pose_start=self.pose_start[first : stop + 1] - line,
             intensity=None if self.intensity is None else self.intensity[point:last],
+            dwell=None if self.dwell is None else self.dwell[point:last],
         )
 
 
@@ -147,6 +159,7 @@ def join_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
         polyline_closed=joined("polyline_closed"),
         pose_start=offsets("pose_start"),
         intensity=None if batches[0].intensity is None else joined("intensity"),
+        dwell=None if batches[0].dwell is None else joined("dwell"),
     )
 
 
@@ -187,4 +200,5 @@ def object_part(batch: ContourBatch) -> ContourBatch:
         polyline_closed=np.array(closed, np.uint8),
         pose_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         intensity=None if batch.intensity is None else batch.intensity[index],
+        dwell=None if batch.dwell is None else batch.dwell[index],
     )

@@ -2,6 +2,8 @@
 
 RenderError
 ├── MeshError (ValueError)       an object that cannot be used, or not for this strategy
+│   ├── VoxelError               a volume that cannot be read or used
+│   └── ImplicitError            an expression or function that is no solid
 ├── StrategyError (ValueError)   a strategy or sampling that is not one
 ├── PoseError (ValueError)       poses that cannot be used
 └── PlacementError (ValueError)  a placement that cannot be applied
@@ -14,6 +16,14 @@ class RenderError(Exception):
 
 class MeshError(RenderError, ValueError):
     """A mesh that cannot be used, or not for what was asked."""
+
+
+class VoxelError(MeshError):
+    """A volume that cannot be read, or has no surface."""
+
+
+class ImplicitError(MeshError):
+    """An expression or a function that cannot be read, or is no solid."""
 
 
 class StrategyError(RenderError, ValueError):

@@ -6,12 +6,14 @@ import numpy as np
 
 from ..datasets.errors import ContourFileError
 from ..datasets.reader import ContourFile
-from .contours import HAND, ContourBatch
+from ..datasets.schema import KIND_NAMES
+from .contours import ContourBatch
 from .errors import StrategyError
-from .hands import hand_from, rotated
+from .hands import Hand, hand_from, rotated
+from .mesh_hand import MeshHand
 from .sampling import SamplingStrategy
 
-COLOURS = {"object": "#c1121f", "hand": "#1d6fa5", "mesh": "#8d99ae", "palm": "#f4a261"}
+COLOURS = {"object": "#c1121f", "hand": "#1d6fa5", "made": "#2a9d8f", "mesh": "#8d99ae", "palm": "#f4a261"}
 LINES = ("#2b2d42", "#2a9d8f", "#9b5de5", "#bc6c25")  # of lengths and frequencies: not those of the contours
 POSES_SHOWN = 3
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -103,15 +105,15 @@ def _lengths(file: ContourFile) -> np.ndarray:
 def _draw_scenes(figure, file: ContourFile, length: np.ndarray, across: np.ndarray, title: str) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    thing, hand, pose = file.object(), hand_from(file.hand), file.motion()["pose"]
-    triangles = 1e3 * thing["vertices"][thing["faces"]]
-    normal = rotated(pose[:, 3:], np.array([0.0, 1.0, 0.0]))
-    poses = shown_poses(np.nan_to_num(length), normal)
-    corners = 1e3 * hand.corners(pose[poses])
+    thing, hand, pose = file.object(), hand_from(file.hand, file.hand_arrays()), file.motion()["pose"]
+    poses = shown_poses(np.nan_to_num(length), rotated(pose[:, 3:], np.array([0.0, 1.0, 0.0])))
     drawn = np.nan_to_num(length)[poses] > 0
-    extent = np.concatenate([triangles.reshape(-1, 3), corners[drawn].reshape(-1, 3)])
+    meshes = [1e3 * object_at(thing, int(i)) for i in poses]
+    skins = [1e3 * skin_at(hand, pose[i : i + 1], int(i)) for i in poses]
+    shown = [*meshes, *(skin for skin, is_drawn in zip(skins, drawn, strict=True) if is_drawn)]
+    extent = np.concatenate([polygons.reshape(-1, 3) for polygons in shown])
     middle, reach = (extent.min(axis=0) + extent.max(axis=0)) / 2, 0.5 * np.ptp(extent, axis=0).max()
-    for k, (i, palm) in enumerate(zip(poses, corners, strict=True)):
+    for k, (i, triangles, palm) in enumerate(zip(poses, meshes, skins, strict=True)):
         axes = figure.add_subplot(1, len(poses), k + 1, projection="3d")
         axes.computed_zorder = False  # contours over the palm over the object: sorting by depth hides them in turn
         axes.add_collection3d(Poly3DCollection(triangles, facecolors=COLOURS["mesh"], alpha=0.1, shade=True, zorder=1))
@@ -120,8 +122,8 @@ def _draw_scenes(figure, file: ContourFile, length: np.ndarray, across: np.ndarr
             last = batch.polyline_start[1:] - 1
             segment = np.setdiff1d(np.arange(batch.point_count), last)
             ends = 1e3 * np.stack([batch.points[segment], batch.points[segment + 1]], axis=1)
-            colours = [COLOURS["hand"] if kind == HAND else COLOURS["object"] for kind in batch.kind[segment]]
-            skin = Poly3DCollection([palm], facecolor=COLOURS["palm"], edgecolor="none", alpha=0.4, zorder=2)
+            colours = [COLOURS[KIND_NAMES[kind]] for kind in batch.kind[segment]]
+            skin = Poly3DCollection(list(palm), facecolor=COLOURS["palm"], edgecolor="none", alpha=0.4, zorder=2)
             axes.add_collection3d(skin)
             axes.add_collection3d(Line3DCollection(list(ends), colors=colours, lw=2.2, capstyle="round", zorder=3))
         for name, m in zip("xyz", middle, strict=True):
@@ -133,6 +135,25 @@ def _draw_scenes(figure, file: ContourFile, length: np.ndarray, across: np.ndarr
     if drawn.any():
         from matplotlib.lines import Line2D
 
-        lines = [Line2D([], [], color=COLOURS[name], lw=2.2) for name in ("object", "hand")]
-        names = ["object's contour", "palm's boundary inside it"]
-        figure.legend(lines, names, loc="outside lower center", ncols=2, frameon=False)
+        made = any(file.metrics(int(i), int(i) + 1)["length_made"][0] > 0 for i in poses[drawn])
+        names = ("object's contour", "hand's boundary inside it", "made of them")[: 3 if made else 2]
+        lines = [Line2D([], [], color=COLOURS[kind], lw=2.2) for kind in KIND_NAMES[: len(names)]]
+        figure.legend(lines, names, loc="outside lower center", ncols=len(names), frameon=False)
+
+
+def object_at(thing: dict, pose: int) -> np.ndarray:
+    """Triangles of a file's object at a pose [m], shape [face, 3, 3]."""
+    vertices = thing["vertices"]
+    if "moved" in thing:
+        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        place = thing["moved"][pose].astype(np.float64)
+        vertices = place[:3] + rotated(place[3:], vertices - middle)
+    return vertices[thing["faces"]]
+
+
+def skin_at(hand: Hand, pose: np.ndarray, row: int) -> np.ndarray:
+    """Polygons of the skin at a pose [m], shape [polygon, corner, 3]: patches that are there, or triangles."""
+    if isinstance(hand, MeshHand):
+        return hand.triangles(pose, row)[0]
+    patches = hand.corners(pose, row)[0]
+    return patches[np.isfinite(patches).all(axis=(1, 2))]

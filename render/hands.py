@@ -1,14 +1,86 @@
 """Hands: the patches of skin on which contours are drawn."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import warp as wp
 
 from ..kernels.patch import ON, Patch
-from .errors import StrategyError
+from .errors import PoseError, StrategyError
 
 SMALLEST, LARGEST = 1e-4, 1.0  # side of a palm [m]
+CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+"""A patch's corners along u and v in half extents, counter-clockwise seen from +n; side k starts at corner k."""
+
+
+class PatchFrames(NamedTuple):
+    """Where a hand's patches are, in the array frame."""
+
+    origin: np.ndarray
+    """Middle of each patch [m], float64, shape [pose, patch, 3]."""
+    u: np.ndarray
+    """Across (width), unit vector, shape [pose, patch, 3]."""
+    v: np.ndarray
+    """Along (length, to the finger tips), shape [pose, patch, 3]."""
+    n: np.ndarray
+    """u x v, into the hand: the skin faces -n; shape [pose, patch, 3]."""
+    half: np.ndarray
+    """Half extents along u and v [m], shape [patch, 2]."""
+
+    def corners(self) -> np.ndarray:
+        """Corners of the patches [m], shape [pose, patch, 4, 3], counter-clockwise seen from +n."""
+        local = CORNERS[None] * self.half[:, None]
+        along = local[..., :1] * self.u[:, :, None] + local[..., 1:] * self.v[:, :, None]
+        return self.origin[:, :, None] + along
+
+
+@runtime_checkable
+class Hand(Protocol):
+    """What every hand offers: Palm, PlaneHand, MeshHand. Poses are hand frame -> array frame."""
+
+    @property
+    def patch_count(self) -> int:
+        """Number of patches; 1 for a hand mesh."""
+        ...
+
+    @property
+    def pose_count(self) -> int | None:
+        """Rows of an articulated hand, one for each pose of its motion; None for a rigid hand, which suits any."""
+        ...
+
+    def described(self) -> dict[str, Any]:
+        """What a file says about the hand, for JSON: kind, sizes, SHA-256 of its arrays."""
+        ...
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a file stores of the hand beside that, by name; empty for most."""
+        ...
+
+    def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """Poses of the hand, float32 [n, 1, 7], or of each patch, [n, patch, 7]: what kernels take.
+
+        pose: float32, shape [n, 7], rows `first`.. of the motion.
+        """
+        ...
+
+    def frames(self, pose: np.ndarray, first: int = 0) -> PatchFrames:
+        """Where the patches are; arguments as for `section_poses`."""
+        ...
+
+    def corners(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """Outlines for pictures [m], shape [n, patch, 4, 3]; NaN for a patch that is not there."""
+        ...
+
+
+@runtime_checkable
+class PatchHand(Hand, Protocol):
+    """A hand of planes: Palm, PlaneHand."""
+
+    def on(self, device: str) -> wp.array:
+        """Patches on a Warp device, dtype Patch, shape [patch]."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -22,36 +94,81 @@ class Palm:
 
     def __post_init__(self) -> None:
         """Refuse a palm that is no size for skin: float32 could not tell its corners apart."""
-        for field in ("width", "length"):
-            value = getattr(self, field)
-            if not (np.isfinite(value) and SMALLEST <= value <= LARGEST):
-                raise StrategyError(f"palm {field} must lie between {SMALLEST:g} and {LARGEST:g} m, not {value}")
+        require_sides("palm", self.width, self.length)
 
     @property
     def patch_count(self) -> int:
         """Number of patches."""
         return 1
 
+    @property
+    def pose_count(self) -> None:
+        """None: a palm is rigid."""
+        return
+
     def on(self, device: str) -> wp.array:
         """Patches on a Warp device, dtype Patch, shape [patch]."""
-        patch = Patch()
-        patch.u, patch.v, patch.n = wp.vec3d(1.0, 0.0, 0.0), wp.vec3d(0.0, 0.0, -1.0), wp.vec3d(0.0, 1.0, 0.0)
-        patch.half = wp.vec2d(self.width / 2 - float(ON), self.length / 2 - float(ON))
-        return wp.array([patch], dtype=Patch, device=device)
+        return wp.array([palm_patch(self.width, self.length)], dtype=Patch, device=device)
 
-    def corners(self, pose: np.ndarray) -> np.ndarray:
-        """The palm's four corners at poses [m], array frame, shape [pose, 4, 3], counter-clockwise seen from +n.
+    def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """The hand's poses, float32, shape [pose, 1, 7]."""
+        return rigid_poses(pose)
+
+    def frames(self, pose: np.ndarray, first: int = 0) -> PatchFrames:
+        """Where the palm is at poses, shape [pose, 7]."""
+        return frames_at(rigid_poses(pose), np.array([[self.width, self.length]]) / 2)
+
+    def corners(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """The palm's four corners at poses [m], array frame, shape [pose, 1, 4, 3], counter-clockwise seen from +n.
 
         pose: float, shape [pose, 7].
         """
         pose = np.atleast_2d(np.asarray(pose, np.float64))
         u, v = 0.5 * self.width * np.array([-1, 1, 1, -1]), 0.5 * self.length * np.array([-1, -1, 1, 1])
         local = np.stack([u, np.zeros(4), -v], axis=1)
-        return pose[:, None, :3] + rotated(pose[:, None, 3:], local[None])
+        return (pose[:, None, :3] + rotated(pose[:, None, 3:], local[None]))[:, None]
 
     def described(self) -> dict:
         """What a file says about the hand, for JSON."""
         return {"kind": "palm", **asdict(self)}
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Nothing: the JSON tells all."""
+        return {}
+
+
+def require_sides(name: str, width: float, length: float) -> None:
+    """Raise StrategyError unless both sides of a patch lie in SMALLEST..LARGEST [m]."""
+    for field, value in (("width", width), ("length", length)):
+        if not (np.isfinite(value) and SMALLEST <= value <= LARGEST):
+            raise StrategyError(f"{name} {field} must lie between {SMALLEST:g} and {LARGEST:g} m, not {value}")
+
+
+def require_rows(hand: Hand, pose_count: int) -> None:
+    """Raise PoseError unless an articulated hand has a row for each pose of the motion."""
+    if hand.pose_count is not None and hand.pose_count != pose_count:
+        raise PoseError(f"the hand is articulated for {hand.pose_count} poses, but the motion has {pose_count}")
+
+
+def palm_patch(width: float, length: float) -> Any:
+    """A patch in the middle of its own frame, as kernels take it: u = X, v = -Z, n = Y."""
+    patch = Patch()
+    patch.u, patch.v, patch.n = wp.vec3d(1.0, 0.0, 0.0), wp.vec3d(0.0, 0.0, -1.0), wp.vec3d(0.0, 1.0, 0.0)
+    patch.half = wp.vec2d(width / 2 - float(ON), length / 2 - float(ON))
+    return patch
+
+
+def rigid_poses(pose: np.ndarray) -> np.ndarray:
+    """Poses of a hand that is all in one piece as `Hand.section_poses`: float32, shape [pose, 1, 7]."""
+    return np.atleast_2d(np.asarray(pose, np.float32))[:, None]
+
+
+def frames_at(pose: np.ndarray, half: np.ndarray) -> PatchFrames:
+    """Frames of patches that lie in the middle of their own frames, by their poses, shape [pose, patch, 7]."""
+    pose = np.asarray(pose, np.float64)
+    q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
+    u, back, n = (rotated(q, np.eye(3)[k]) for k in (0, 2, 1))
+    return PatchFrames(pose[..., :3], u, 0.0 - back, n, np.asarray(half, np.float64))  # 0.0: no -0.0
 
 
 def rotated(quaternion: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -61,11 +178,44 @@ def rotated(quaternion: np.ndarray, x: np.ndarray) -> np.ndarray:
     return x + 2.0 * (w * t + np.cross(a, t))
 
 
-def hand_from(described: dict) -> Palm:
-    """The hand that a file describes.
+def composed(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """The pose that is `inner` in the frame of `outer`: x y z [m] and quaternion xyzw, shapes [..., 7] broadcast.
 
-    Raises StrategyError for a kind that this version does not know.
+    Quaternions of any norm; an `inner` of no shift and no turn gives `outer`, to the bit.
     """
-    if described.get("kind") != "palm":
-        raise StrategyError(f"unknown hand {described.get('kind')!r}; known: palm")
-    return Palm(float(described["width"]), float(described["length"]))
+    outer, inner = np.asarray(outer, np.float64), np.asarray(inner, np.float64)
+    q = outer[..., 3:] / np.linalg.norm(outer[..., 3:], axis=-1, keepdims=True)
+    a, w = outer[..., 3:6], outer[..., 6:]
+    b, z = inner[..., 3:6], inner[..., 6:]
+    imaginary = w * b + z * a + np.cross(a, b)
+    real = w * z - np.sum(a * b, axis=-1, keepdims=True)
+    return np.concatenate([outer[..., :3] + rotated(q, inner[..., :3]), imaginary, real], axis=-1)
+
+
+def inverted(pose: np.ndarray) -> np.ndarray:
+    """The pose that undoes each, shape [..., 7]; quaternions of any norm."""
+    pose = np.asarray(pose, np.float64)
+    q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True) * [-1.0, -1.0, -1.0, 1.0]
+    return np.concatenate([-rotated(q, pose[..., :3]), q], axis=-1)
+
+
+def hand_from(described: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> Hand:
+    """The hand that a file describes; arrays: those of its /hand by name.
+
+    Raises StrategyError for a kind that this version does not know, and for a description that lacks something.
+    """
+    kind, arrays = described.get("kind"), arrays or {}
+    try:
+        if kind == "palm":
+            return Palm(float(described["width"]), float(described["length"]))
+        if kind == "planes":
+            from .plane_hand import PlaneHand  # both need this module
+
+            return PlaneHand.from_file(described, arrays)
+        if kind == "mesh":
+            from .mesh_hand import MeshHand
+
+            return MeshHand.from_file(described, arrays)
+    except KeyError as error:
+        raise StrategyError(f"the description of a hand of kind {kind!r} lacks {error.args[0]!r}") from None
+    raise StrategyError(f"unknown hand {kind!r}; known: palm, planes, mesh")

@@ -15,10 +15,13 @@ from ..kernels.single import CPU, Room, RoomSize
 from .batch import check_poses
 from .contours import ContourBatch
 from .errors import PoseError, StrategyError
-from .hands import Palm
+from .hands import Hand, PatchHand
+from .intersect import intersect
 from .objects import MeshObject
 from .sampling import FocalPoints, Path, Sampler, SamplingStrategy, joined, paths_of
-from .strategy import IntersectionStrategy, intersect
+from .scene import Scene
+from .solid import Solid
+from .strategy import IntersectionStrategy
 
 POSE_INTERVAL = 1 / 90  # [s]; a headset's hand tracking
 INTERVAL_RANGE = (1e-4, 5.0)  # [s]
@@ -31,23 +34,36 @@ NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_p
 class PoseContours:
     """Contours of one pose at a time: those of `render`, bit for bit.
 
-    thing, hand, strategy: as in `render`. method: how contours are looked for, see `find_pieces`.
-    Memory is taken when made, and anew, twice as much, when a pose needs more. Not for two threads at once.
-    Raises MeshError where the strategy needs a closed surface and the object has none, ValueError for a method that
-    does not exist or not for this object.
+    thing, hand, strategy: as in `render`; the hand must be rigid. method: how contours are looked for, see
+    `find_pieces`. Sections of a mesh by planes take well under a millisecond: memory is taken when made, and anew,
+    twice as much, when a pose needs more. Anything else is rendered as `render` does, in milliseconds. Not for two
+    threads at once. Raises MeshError where the strategy needs a closed surface and the object has none, StrategyError
+    for an articulated hand, ValueError for a method that does not exist or not for this object.
     """
 
     def __init__(
         self,
-        thing: MeshObject,
-        hand: Palm,
+        thing: Solid,
+        hand: Hand,
         strategy: IntersectionStrategy,
         *,
         method: str | None = None,
         size: RoomSize | None = None,
     ) -> None:
+        if hand.pose_count is not None:
+            raise StrategyError(
+                f"the hand has {hand.pose_count} poses of its own: one pose at a time takes a rigid one"
+            )
+        scene = Scene.of(thing, hand, strategy)
         middle = np.array([*thing.bounds.mean(axis=0), *PALM_DOWN], np.float32)
-        pose = wp.array(middle[None], dtype=wp.transform, device=CPU)
+        self.grown = 0
+        """How often memory was taken anew."""
+        self._scene: Scene | None = scene
+        if not (isinstance(thing, MeshObject) and isinstance(hand, PatchHand) and scene.is_raw and scene.exact):
+            self.at(middle)
+            return
+        self._scene = None
+        pose = wp.array(hand.section_poses(middle[None]), dtype=wp.transform, device=CPU)
         intersect(thing, hand, pose, strategy, method=method)  # refuses what cannot be done
         surface, patch = thing.on(CPU), hand.on(CPU)
         self._made_of = surface, patch
@@ -57,8 +73,6 @@ class PoseContours:
             "method": method or method_for(surface, wp.get_device(CPU)),
         }
         self._room = Room(*self._made_of, **self._stages, size=size or RoomSize())
-        self.grown = 0
-        """How often memory was taken anew."""
         self.at(middle)
         self._room.warm()
 
@@ -67,6 +81,8 @@ class PoseContours:
 
         pose: x y z [m] and unit quaternion xyzw, float32, shape [7], as `check_poses` leaves it.
         """
+        if self._scene is not None:
+            return self._scene.contours(pose[None], 0, CPU)[0].numpy()
         while (needed := self._room.fill(pose)) is not None:
             self._room = Room(*self._made_of, **self._stages, size=self._room.size.doubled_for(needed))
             self.grown += 1
@@ -88,8 +104,8 @@ class Instant:
 
     def __init__(
         self,
-        thing: MeshObject,
-        hand: Palm,
+        thing: Solid,
+        hand: Hand,
         strategy: IntersectionStrategy,
         sampling: SamplingStrategy | None = None,
         *,

@@ -1,24 +1,22 @@
 """What the commands do: read, render or play, and say what came of it."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
 from ..datasets.check import check_file
-from ..datasets.errors import MotionError
-from ..datasets.motion import HandMotion, exploration
+from ..datasets.motion import HandMotion
 from . import console
 from .errors import StrategyError
 from .figure import draw_figure
-from .hands import Palm
-from .objects import MeshObject, Placement
+from .loading import load_hand_and_motion, load_solid, simplified
+from .objects import Placement
 from .record import record
+from .solid import Solid
 from .strategy import load_strategy
 from .summary import summarise
 from .workers import worker_devices
 
-EXPLORATION = "exploration"
-EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
 SUFFIXES = (".h5", ".hdf5")
 TOLD_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
 
@@ -31,7 +29,15 @@ class RenderJob:
     motion: str
     out: Path
     strategy: str
+    step: float | None
+    hand: str
     palm: tuple[float, float]
+    volume: dict
+    bounds: tuple[float, ...] | None
+    simplify: float | None
+    object_motion: str | None
+    side: str | None
+    alignment: Path | None
     placement: dict
     exploration: dict
     device: str
@@ -51,20 +57,7 @@ def worker_count(text: str) -> int | None:
     return int(text)
 
 
-def load_motion(source: str, thing: MeshObject, options: dict) -> HandMotion:
-    """A motion from a file, or a synthetic exploration of the object; options that are None take their defaults."""
-    given = {name: value for name, value in options.items() if value is not None}
-    if source == EXPLORATION:
-        try:
-            return exploration(thing.bounds, **{**EXPLORATION_DEFAULTS, **given})
-        except MotionError as error:
-            raise StrategyError(f"{EXPLORATION}: {error}") from error
-    if given:
-        raise StrategyError(f"--{next(iter(given))} is for a synthetic exploration, but the motion is {source}")
-    return HandMotion.load(source)
-
-
-def warn_if_apart(thing: MeshObject, motion: HandMotion, drawn: int) -> None:
+def warn_if_apart(thing: Solid, motion: HandMotion, drawn: int) -> None:
     """Warn that no pose met the object, with what is needed to see why."""
     if drawn:
         return
@@ -86,12 +79,22 @@ def run_render(options: dict, *, as_json: bool) -> int:
     console.start_warp()
     devices = worker_devices(job.device, worker_count(job.workers))
     strategy = load_strategy(job.strategy)
-    hand = Palm(*job.palm)
-    placement = Placement(**job.placement)
-    thing = MeshObject.load(job.thing, placement=placement)
+    if job.step is not None:
+        strategy = replace(strategy, step=job.step)
+    whole = load_solid(job.thing, Placement(**job.placement), volume=job.volume, bounds=job.bounds)
+    thing, detail = simplified(whole, job.simplify)
     if strategy.needs_closed:
         thing.require_closed()
-    motion = load_motion(job.motion, thing, job.exploration)
+    hand, motion = load_hand_and_motion(
+        job.hand,
+        job.palm,
+        job.motion,
+        thing,
+        exploration_options=job.exploration,
+        side=job.side,
+        alignment=job.alignment,
+    )
+    moved = None if job.object_motion is None else HandMotion.load(job.object_motion)
     done = len(motion)
     started = perf_counter()
     try:
@@ -108,6 +111,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
                 hand,
                 motion,
                 strategy,
+                moved=moved,
                 mode="resume" if job.resume else "overwrite" if job.overwrite else "create",
                 devices=devices,
                 memory=job.memory,
@@ -121,7 +125,10 @@ def run_render(options: dict, *, as_json: bool) -> int:
     for repair in recording.repairs:
         console.errors.print(f"[yellow]warning:[/] {repair}")
     summary = {**summarise(job.out), "poses_rendered": recording.rendered, "seconds": seconds}
-    warn_if_apart(thing, motion, summary["poses_drawn"])
+    if detail is not None:
+        summary |= {"detail": asdict(detail)}
+    if moved is None:
+        warn_if_apart(thing, motion, summary["poses_drawn"])
     console.say(summary, as_json=as_json, title=str(job.out), told=TOLD_OF_RENDERING)
     return console.DONE
 

@@ -5,6 +5,7 @@ import warnings
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from threading import RLock
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -12,6 +13,8 @@ import numpy as np
 import warp as wp
 
 from ..datasets.shapes import shape, shape_names
+from ..kernels.field import Field
+from ..kernels.solid import mesh_field
 from ..kernels.surface import HalfEdges, upload_surface
 from .errors import MeshError, PalpateWarning, PlacementError
 from .mend import closes_within, mend_mesh, warn_of
@@ -118,6 +121,10 @@ class MeshObject:
         self.faces = faces.astype(np.int32)
         """int32, shape [face, 3]."""
         self._on: dict[str, Any] = {}  # device: Surface, which is no type to a type checker
+        self._fields: dict[str, Field] = {}
+        self.detail: dict[str, Any] | None = None
+        """What simplifying did, if it was simplified."""
+        self._lock = RLock()
         self._judge_size()
         self._judge_rounding(vertices)
 
@@ -196,7 +203,8 @@ class MeshObject:
             fault += f", which merging vertices within {share:g} of its size would close" if share else ""
         raise MeshError(
             f"{self.name}: closed contours (CC) need a closed surface, but {fault}. "
-            "Ways out: --strategy oc accepts any mesh, or close the mesh in a mesh editor"
+            f"Ways out: palpate voxelise {self.name} makes a closed solid of it, --strategy oc accepts any mesh on "
+            "palms, or close the mesh in a mesh editor"
         )
 
     def on(self, device: str) -> Any:
@@ -207,6 +215,17 @@ class MeshObject:
             self._on[device] = upload_surface(self.edges, device)
         return self._on[device]
 
+    def field_on(self, device: str) -> Field:
+        """The inside of a closed mesh as a field on a Warp device, made once."""
+        with self._lock:
+            if device not in self._fields:
+                self._fields[device] = mesh_field(self.on(device), self.bounds)
+            return self._fields[device]
+
+    def outline_mesh(self) -> tuple[np.ndarray, np.ndarray]:
+        """The mesh itself."""
+        return self.vertices, self.faces
+
     def described(self) -> dict:
         """What a file says about the object, for JSON."""
         return {
@@ -215,4 +234,5 @@ class MeshObject:
             "hash": self.identity,
             "placement": asdict(self.placement),
             "report": asdict(self.report),
+            **({} if self.detail is None else {"detail": self.detail}),
         }

@@ -25,6 +25,8 @@ class Path:
     """Whether each polyline is closed, bool, shape [polyline]."""
     intensity: np.ndarray | None
     """0..1 at each vertex, linear in between, shape [point]; None means 1."""
+    dwell: np.ndarray | None = None
+    """Pause at each vertex [s], shape [point]; None means none."""
 
     @property
     def length(self) -> float:
@@ -57,6 +59,7 @@ def paths_of(batch: ContourBatch) -> Iterator[Path | None]:
     length[batch.polyline_start[1:-1] - 1] = 0.0  # between polylines
     closed = batch.polyline_closed.astype(bool)
     intensity = None if batch.intensity is None else batch.intensity.astype(np.float64)
+    dwell = None if batch.dwell is None else batch.dwell.astype(np.float64)
     start, line = batch.polyline_start, batch.pose_start.tolist()
     for a, b in pairwise(line):
         if a == b:
@@ -73,6 +76,7 @@ def paths_of(batch: ContourBatch) -> Iterator[Path | None]:
                 start[a:b] - begin,
                 closed[a:b],
                 None if intensity is None else intensity[begin:end],
+                None if dwell is None else dwell[begin:end],
             )
             if arc[-1] > 0
             else None

@@ -17,8 +17,9 @@ import warp as wp
 from .bench_sections import PalmFrames, Polylines, clipped
 from .errors import StrategyError
 from .hands import Palm
+from .intersect import intersect
 from .objects import MeshObject
-from .strategy import IntersectionStrategy, intersect
+from .strategy import IntersectionStrategy
 
 APART = 1e-4  # of a pose's length; what single precision costs in general position
 SHIFT = 1e-7  # [m]; single precision puts a plane anywhere in this: what that changes is nobody's mistake

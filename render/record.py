@@ -11,13 +11,17 @@ import numpy as np
 
 from ..datasets.header import FileHeader
 from ..datasets.motion import HandMotion
+from ..datasets.schema import PRUNED_NAMES
 from ..datasets.writer import ContourWriter
 from .batch import MEMORY_SMALLEST, Chunk, memory_for, rendered_chunks
 from .contours import KINDS
 from .errors import StrategyError
-from .hands import Palm
+from .hands import Hand
 from .interrupt import interrupt_between
+from .moving import object_poses
 from .objects import MeshObject
+from .scene import Scene
+from .solid import Solid
 from .strategy import IntersectionStrategy
 from .workers import warp_device
 
@@ -36,23 +40,27 @@ class Recording:
     """What resuming found damaged and rendered again."""
 
 
-def file_header(
-    thing: MeshObject, hand: Palm, motion: HandMotion, strategy: IntersectionStrategy, device: str
-) -> FileHeader:
+def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
     """Everything of a contour file that is known before the first pose is rendered."""
+    thing, hand = scene.thing, scene.hand
     described = thing.described()
+    vertices, faces = thing.outline_mesh()
+    meshed = isinstance(thing, MeshObject)
     return FileHeader(
         pose=motion.pose,
         time=motion.time,
         time_offset=motion.offset,
         seed=motion.seed,
         object_name=thing.name,
-        vertices=thing.vertices,
-        faces=thing.faces,
+        vertices=vertices,
+        faces=faces,
         placement=described["placement"],
-        object_attributes={"triangles": described["triangles"], "report": described["report"]},
+        representation={} if meshed else {k: v for k, v in described.items() if k not in ("name", "placement")},
+        moved=scene.moved,
+        object_attributes={k: described[k] for k in ("triangles", "report", "detail") if k in described},
         hand=hand.described(),
-        strategy=strategy.described(),
+        hand_arrays=hand.arrays(),
+        strategy=scene.strategy.described(),
         versions={package: version(package) for package in PACKAGES},
         device=device,
     )
@@ -60,20 +68,26 @@ def file_header(
 
 def metrics_of(chunk: Chunk) -> dict[str, np.ndarray]:
     """Per-pose metrics of a chunk, as the file names them."""
-    return {
+    metrics = {
         "length": chunk.lengths.sum(axis=1, dtype=np.float64).astype(np.float32),
         **{f"length_{kind}": np.ascontiguousarray(chunk.lengths[:, k]) for kind, k in KINDS.items()},
         "polylines": np.diff(chunk.contours.pose_start).astype(np.int32),
     }
+    for stage, length in chunk.removed.items():
+        own = stage.partition("#")[0].replace("-", "_")
+        name = f"removed_{own if own in PRUNED_NAMES else 'other'}"
+        metrics[name] = metrics.get(name, np.float32(0)) + length.astype(np.float32)
+    return metrics
 
 
 def record(
     path: str | Path,
-    thing: MeshObject,
-    hand: Palm,
+    thing: Solid,
+    hand: Hand,
     motion: HandMotion,
     strategy: IntersectionStrategy,
     *,
+    moved: HandMotion | np.ndarray | None = None,
     mode: Literal["create", "resume", "overwrite"] = "create",
     device: str = "cpu",
     devices: Sequence[str] | None = None,
@@ -84,26 +98,26 @@ def record(
     """Render a motion into a contour file; what was reported done survives a kill and a full disk.
 
     mode: "create" refuses an existing file; "resume" goes on with an unfinished one of the same object, hand, motion,
-    strategy and version; "overwrite" replaces it when the new one is whole. devices: one worker on each of these Warp
+    strategy and version; "overwrite" replaces it when the new one is whole. moved: poses of an object that moves, see
+    `object_poses`. devices: one worker on each of these Warp
     devices, by default one on `device`; the file is the same. memory: budget of all chunks, computed or written
     [byte], by default `memory_for` the workers; the motion itself (36 bytes a pose) and the object come on top.
     progress: called with the poses that are done, safe on the disk, and with all.
     Raises MeshError, StrategyError, MotionError as `render` does; ContourFileError for what the file refuses.
     """
-    if strategy.needs_closed:
-        thing.require_closed()
+    scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion))
     names = [warp_device(name) for name in ([device] if devices is None else devices)]
     memory = memory_for(names) if memory is None else memory
     if memory < 4 * MEMORY_SMALLEST:
         raise StrategyError(f"memory must be at least {4 * MEMORY_SMALLEST} bytes to record, not {memory}")
-    header = file_header(thing, hand, motion, strategy, ",".join(dict.fromkeys(names)))
+    header = file_header(scene, motion, ",".join(dict.fromkeys(names)))
     with ContourWriter(path, header, mode=mode) as writer:
         missing = writer.missing()
         rendered = sum(stop - first for first, stop in missing)
         done = len(motion) - rendered
         if progress is not None:
             progress(done, len(motion))
-        chunks = rendered_chunks(thing, hand, motion.pose, strategy, devices=names, memory=memory, ranges=missing)
+        chunks = rendered_chunks(scene, motion.pose, devices=names, memory=memory, ranges=missing)
         # what ends this loop also ends the workers, before the file is let go
         with interrupt_between() as raise_if_interrupted, closing(chunks):
             for chunk in chunks:

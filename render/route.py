@@ -23,6 +23,8 @@ class Piece:
     closed: bool
     intensity: np.ndarray | None
     """Shape [point]; None means 1."""
+    dwell: np.ndarray | None = None
+    """Pause at each vertex [s], that at the start of a closed one only at its end, shape [point]; None means none."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -182,8 +184,8 @@ def _entered(piece: Piece, door: int, share: int) -> Piece:
     if door == 0:
         return piece
     if not piece.closed:
-        back = None if piece.intensity is None else piece.intensity[::-1]
-        return replace(piece, points=piece.points[::-1], intensity=back)
+        back, rest = (None if values is None else values[::-1] for values in (piece.intensity, piece.dwell))
+        return replace(piece, points=piece.points[::-1], intensity=back, dwell=rest)
     arc = _arc_of(piece.points)
     start = arc[-1] * door / share
     before = int(np.searchsorted(arc, start - 1e-9))  # vertices before the start; the first is also the last
@@ -195,9 +197,12 @@ def _entered(piece: Piece, door: int, share: int) -> Piece:
     intensity = piece.intensity
     if intensity is not None:
         intensity = turned(intensity, np.interp([start], arc, intensity))
-    return replace(
-        piece, points=turned(piece.points, _between(piece.points, arc, np.array([start]))), intensity=intensity
-    )
+    dwell = piece.dwell
+    if dwell is not None:
+        dwell = turned(dwell, np.zeros(1))
+        dwell[-1] = piece.dwell[before:after].sum() if piece.dwell is not None else 0.0
+    points = turned(piece.points, _between(piece.points, arc, np.array([start])))
+    return replace(piece, points=points, intensity=intensity, dwell=dwell)
 
 
 def _starts_of(points: np.ndarray, share: int) -> np.ndarray:

@@ -73,7 +73,7 @@ class Track:
 def lay_track(path: Path, strategy: SamplingStrategy) -> Track:
     """One cycle of a strategy over the polylines of a pose."""
     in_order = not 1 < len(path.first) <= PIECES_MOST or strategy.order.route == "given"
-    if strategy.plain and in_order:
+    if strategy.plain and in_order and path.dwell is None:
         seconds = path.length / strategy.speed
         return Track(path.arc, path.points, path.step, path.intensity, strategy.samples_of(seconds), seconds)
     pieces = pieces_of(path)
@@ -85,7 +85,7 @@ def lay_track(path: Path, strategy: SamplingStrategy) -> Track:
     course = _course_of(pieces, strategy)
     if strategy.sections is not None:
         course = _in_sections(course, strategy)
-    elif strategy.dwell.time > 0 or strategy.dwell.share > 0:
+    elif strategy.dwell.time > 0 or strategy.dwell.share > 0 or course.dwell is not None:
         course = _with_pauses(course, strategy)
     knot = np.zeros(len(course.points))
     np.cumsum(course.duration, out=knot[1:])
@@ -107,11 +107,12 @@ class Course:
     intensity: np.ndarray | None  # shape [node]
     pause: np.ndarray | None = None  # bool, shape [node - 1]
     section: np.ndarray | None = None  # first node of each section, and the last of all
+    dwell: np.ndarray | None = None  # pause that the contours have there [s], shape [node]
 
     def picked(self, index: np.ndarray, duration: np.ndarray) -> "Course":
         """Nodes by number, with other times between them."""
-        intensity = None if self.intensity is None else self.intensity[index]
-        return Course(self.points[index], duration, self.corner[index], intensity)
+        intensity, dwell = (None if values is None else values[index] for values in (self.intensity, self.dwell))
+        return Course(self.points[index], duration, self.corner[index], intensity, dwell=dwell)
 
 
 def pieces_of(path: Path) -> list[Piece]:
@@ -121,7 +122,10 @@ def pieces_of(path: Path) -> list[Piece]:
     for first, stop, closed in zip(path.first.tolist(), stops, path.closed.tolist(), strict=True):
         if path.arc[stop - 1] > path.arc[first]:
             intensity = None if path.intensity is None else path.intensity[first:stop]
-            pieces.append(Piece(path.points[first:stop], closed, intensity))
+            dwell = None if path.dwell is None else path.dwell[first:stop].copy()
+            if dwell is not None and closed:
+                dwell[0] = 0.0
+            pieces.append(Piece(path.points[first:stop], closed, intensity, dwell))
     return pieces
 
 
@@ -129,8 +133,10 @@ def _closed(piece: Piece) -> Piece:
     """An open piece with its chord."""
     if piece.closed:
         return piece
-    intensity = None if piece.intensity is None else np.append(piece.intensity, piece.intensity[0])
-    return Piece(np.vstack([piece.points, piece.points[:1]]), True, intensity)
+    intensity, dwell = (None if v is None else np.append(v, v[0]) for v in (piece.intensity, piece.dwell))
+    if dwell is not None:
+        dwell[0] = 0.0
+    return Piece(np.vstack([piece.points, piece.points[:1]]), True, intensity, dwell)
 
 
 def _course_of(pieces: list[Piece], strategy: SamplingStrategy) -> Course:
@@ -143,6 +149,8 @@ def _course_of(pieces: list[Piece], strategy: SamplingStrategy) -> Course:
     corner = np.concatenate(corners)
     strengths = [p.intensity for p in pieces if p.intensity is not None]
     intensity = np.concatenate(strengths) if strengths else None
+    pauses = [p.dwell for p in pieces if p.dwell is not None]
+    dwell = np.concatenate(pauses) if pauses else None
     returns, pendulum = strategy.gap.kind == "return", strategy.order.kind == "pendulum"
     gap = np.cumsum([len(p.points) for p in pieces])[:-1] - 1
     if returns and not pendulum:  # from the last to the first
@@ -150,21 +158,30 @@ def _course_of(pieces: list[Piece], strategy: SamplingStrategy) -> Course:
         points = np.vstack([points, points[:1]])
         corner = np.append(corner, False)
         intensity = None if intensity is None else np.append(intensity, intensity[0])
+        dwell = None if dwell is None else np.append(dwell, 0.0)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
     duration = length / strategy.speed
     duration[gap] = length[gap] / strategy.gap.speed if returns else 0.0
-    course = Course(points, duration, corner, intensity)
+    course = Course(points, duration, corner, intensity, dwell=dwell)
     if pendulum:
         index = np.concatenate([np.arange(len(points)), np.arange(len(points) - 2, -1, -1)])
         back = course.picked(index, np.concatenate([duration, duration[::-1]]))
-        course = replace(back, corner=_there_and_back(corner, strategy))
+        course = replace(back, corner=_there_and_back(corner, strategy), dwell=_paused_once(back.dwell))
     return course
 
 
 def _returned(piece: Piece) -> Piece:
     """A piece there and back."""
-    intensity = None if piece.intensity is None else np.concatenate([piece.intensity, piece.intensity[-2::-1]])
-    return Piece(np.concatenate([piece.points, piece.points[-2::-1]]), piece.closed, intensity)
+    points, intensity, dwell = (
+        None if values is None else np.concatenate([values, values[-2::-1]])
+        for values in (piece.points, piece.intensity, piece.dwell)
+    )
+    return Piece(points, piece.closed, intensity, _paused_once(dwell))
+
+
+def _paused_once(dwell: np.ndarray | None) -> np.ndarray | None:
+    """Pauses of a way that ends where it starts: there only at the end."""
+    return None if dwell is None else np.concatenate([[0.0], dwell[1:]])
 
 
 def _there_and_back(corner: np.ndarray, strategy: SamplingStrategy) -> np.ndarray:
@@ -198,16 +215,18 @@ def _corners_of(piece: Piece, strategy: SamplingStrategy) -> np.ndarray:
 
 
 def _with_pauses(course: Course, strategy: SamplingStrategy) -> Course:
-    """A pause at every corner."""
-    count = int(np.count_nonzero(course.corner))
-    if count == 0:
+    """A pause at every corner, and where the contours have one of their own."""
+    dwell, count = strategy.dwell, int(np.count_nonzero(course.corner))
+    pause = np.zeros(len(course.points)) if course.dwell is None else course.dwell.copy()
+    if count > 0:
+        share = dwell.share / (1.0 - dwell.share) * float(course.duration.sum()) / count
+        pause[course.corner] += dwell.time or share
+    if not pause.any():
         return course
-    dwell = strategy.dwell
-    pause = dwell.time or dwell.share / (1.0 - dwell.share) * float(course.duration.sum()) / count
-    index = np.repeat(np.arange(len(course.points)), 1 + course.corner)
+    index = np.repeat(np.arange(len(course.points)), 1 + (pause > 0))
     moving = course.duration[np.minimum(index[:-1], len(course.duration) - 1)]
     rests = np.diff(index) == 0
-    return replace(course.picked(index, np.where(rests, pause, moving)), pause=rests)
+    return replace(course.picked(index, np.where(rests, pause[index[:-1]], moving)), pause=rests)
 
 
 def _in_sections(course: Course, strategy: SamplingStrategy) -> Course:

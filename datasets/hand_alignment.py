@@ -1,0 +1,105 @@
+"""From a tracker's frame to the array's: one rigid transform, given outright or by a JSON file.
+
+```json
+{"position": [0.0, 0.12, 0.0], "orientation": [0.70710678, 0.0, 0.0, 0.70710678]}
+{"matrix": [[1, 0, 0, 0], [0, 0, -1, 0.12], [0, 1, 0, 0], [0, 0, 0, 1]]}
+```
+
+`position` [m] is the tracker's origin in the array's frame, `orientation` xyzw turns the tracker's axes into the
+array's; `matrix` says the same by rows. A scale or a mirror is no alignment and is refused: units are the reader's.
+"""
+
+import json
+import math
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .errors import RecordingError
+from .rigid import Numbers, quaternion_of
+
+Y_UP = (0.0, 0.0, 0.0, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
+"""A tracker at the array's centre whose y is up, x to the right and z towards the user (a Leap lying flat, OpenXR)."""
+
+TOLERANCE = 1e-3  # of a quaternion's norm, and of a matrix's columns
+
+Alignment = str | PathLike[str] | ArrayLike
+
+
+def alignment_pose(alignment: Alignment) -> Numbers:
+    """An alignment as a pose, tracker frame -> array frame, shape [7].
+
+    alignment: x y z [m] qx qy qz qw; a 4 x 4 matrix (by rows); or the path of a JSON file as above. Raises
+    RecordingError for anything that is not a rigid transform, naming the file.
+    """
+    if not isinstance(alignment, (str, PathLike)):
+        return _pose(alignment, "alignment")
+    path = Path(alignment)
+    content = _content(path)
+    name = f"{path}: alignment"
+    if set(content) == {"matrix"}:
+        return _pose(content["matrix"], name, shapes=((4, 4),))
+    if set(content) == {"position", "orientation"}:
+        try:
+            return _pose([*content["position"], *content["orientation"]], name)
+        except TypeError:
+            raise RecordingError(f"{name}: position and orientation must be lists of 3 and 4 numbers") from None
+    raise RecordingError(f"{name}: has {sorted(content)}, must have position and orientation, or matrix")
+
+
+def write_alignment(path: str | PathLike[str], alignment: Alignment) -> None:
+    """Write an alignment as JSON. Raises RecordingError where it is none, or the file cannot be written."""
+    pose = alignment_pose(alignment).tolist()
+    try:
+        Path(path).write_text(json.dumps({"position": pose[:3], "orientation": pose[3:]}) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error}") from error
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read as an alignment: {error.strerror}") from None
+    except ValueError as error:  # no UTF-8 and no JSON alike
+        raise RecordingError(f"{path}: not an alignment in JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise RecordingError(f"{path}: an alignment is a JSON object with position and orientation, or matrix")
+    return content  # pyright: ignore[reportUnknownVariableType]  # JSON
+
+
+def _pose(value: ArrayLike, name: str, shapes: tuple[tuple[int, ...], ...] = ((7,), (4, 4))) -> Numbers:
+    try:
+        numbers = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise RecordingError(f"{name}: must be numbers, got {value!r}") from None
+    if numbers.shape not in shapes:
+        wanted = " or ".join(str(list(shape)) for shape in shapes)
+        raise RecordingError(f"{name}: must have shape {wanted}, got {list(numbers.shape)}")
+    if not np.isfinite(numbers).all():
+        raise RecordingError(f"{name}: {numbers.tolist()} is not finite")
+    return _from_matrix(numbers, name) if numbers.shape == (4, 4) else _from_pose(numbers, name)
+
+
+def _from_pose(pose: Numbers, name: str) -> Numbers:
+    norm = float(np.linalg.norm(pose[3:]))
+    if abs(norm - 1.0) > TOLERANCE:
+        raise RecordingError(f"{name}: quaternion norm {norm:.6g}; it must be 1 within {TOLERANCE:g}")
+    return np.concatenate([pose[:3], pose[3:] / norm])
+
+
+def _from_matrix(matrix: Numbers, name: str) -> Numbers:
+    if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9:
+        raise RecordingError(f"{name}: last row {matrix[3].tolist()} must be 0 0 0 1 (matrices are written by rows)")
+    turn = matrix[:3, :3]
+    scale = np.linalg.norm(turn, axis=0)
+    if np.abs(scale - 1.0).max() > TOLERANCE:
+        raise RecordingError(f"{name}: scales by {scale.round(4).tolist()}; a rigid transform scales by 1")
+    if np.abs(turn.T @ turn - np.eye(3)).max() > 2.0 * TOLERANCE:
+        raise RecordingError(f"{name}: its axes are not at right angles")
+    if np.linalg.det(turn) < 0.0:
+        raise RecordingError(f"{name}: mirrors (determinant -1); a rigid transform does not")
+    return np.concatenate([matrix[:3, 3], quaternion_of(turn)])

@@ -1,0 +1,144 @@
+"""The joints of a hand: OpenXR's 26 (XR_EXT_hand_tracking) by name and number, and where other trackers' go.
+
+Each joint has a frame: -Z along its bone towards the finger tip, +Y out of the back of the finger or hand, +X by the
+right-hand rule: to the little finger on a right hand, to the thumb on a left one. A joint's radius reaches from it to
+the skin. PALM is the middle of the middle finger's metacarpal bone, and the skin of the palm lies at -Y of it.
+
+| source                   | joints here                         | what is missing                                     |
+|--------------------------|-------------------------------------|-----------------------------------------------------|
+| OpenXR, 26               | all                                 | nothing                                             |
+| WebXR, 25                | all but PALM                        | PALM: between MIDDLE_METACARPAL and MIDDLE_PROXIMAL |
+| Leap, 5 digits x 4 bones | starts of bones, end of the last    | PALM as above, WRIST from the arm bone              |
+| leapjs, 5 digits x 4     | PROXIMAL..TIP (thumb METACARPAL..)  | WRIST and the fingers' METACARPAL, by proportion    |
+| MediaPipe, 21 landmarks  | WRIST, PROXIMAL..TIP, thumb as Leap | the same METACARPAL, and all orientations           |
+
+Leap's thumb has a metacarpal bone without length; its proximal bone is the anatomical metacarpal, which is OpenXR's.
+"""
+
+from enum import IntEnum
+from itertools import pairwise
+
+
+class Joint(IntEnum):
+    """OpenXR's joints with OpenXR's numbers."""
+
+    PALM = 0
+    WRIST = 1
+    THUMB_METACARPAL = 2
+    THUMB_PROXIMAL = 3
+    THUMB_DISTAL = 4
+    THUMB_TIP = 5
+    INDEX_METACARPAL = 6
+    INDEX_PROXIMAL = 7
+    INDEX_INTERMEDIATE = 8
+    INDEX_DISTAL = 9
+    INDEX_TIP = 10
+    MIDDLE_METACARPAL = 11
+    MIDDLE_PROXIMAL = 12
+    MIDDLE_INTERMEDIATE = 13
+    MIDDLE_DISTAL = 14
+    MIDDLE_TIP = 15
+    RING_METACARPAL = 16
+    RING_PROXIMAL = 17
+    RING_INTERMEDIATE = 18
+    RING_DISTAL = 19
+    RING_TIP = 20
+    LITTLE_METACARPAL = 21
+    LITTLE_PROXIMAL = 22
+    LITTLE_INTERMEDIATE = 23
+    LITTLE_DISTAL = 24
+    LITTLE_TIP = 25
+
+
+JOINT_COUNT = len(Joint)
+
+JOINT_NAMES: tuple[str, ...] = tuple(joint.name.lower() for joint in Joint)
+"""OpenXR's names without prefix and suffix, in lower case: `palm`, `wrist`, `thumb_metacarpal` ... `little_tip`."""
+
+DIGITS: tuple[tuple[Joint, ...], ...] = tuple(
+    tuple(joint for joint in Joint if joint.name.startswith(name))
+    for name in ("THUMB", "INDEX", "MIDDLE", "RING", "LITTLE")
+)
+"""Joints of thumb, index, middle, ring and little finger, each from metacarpal to tip."""
+
+FINGERS = DIGITS[1:]
+
+TIPS: tuple[Joint, ...] = tuple(digit[-1] for digit in DIGITS)
+
+BONES: tuple[tuple[Joint, Joint], ...] = tuple((start, end) for digit in DIGITS for start, end in pairwise(digit))
+"""Bones as (joint where it starts, joint where it ends); a bone moves with the frame of its start."""
+
+
+def joint_parent(joint: int) -> int:
+    """The joint that a joint hangs from; -1 for the wrist, from which all hang."""
+    if joint == Joint.WRIST:
+        return -1
+    before = {end: start for start, end in BONES}
+    return int(before.get(Joint(joint), Joint.WRIST))
+
+
+_WEBXR_FINGER = {
+    "THUMB": "thumb",
+    "INDEX": "index-finger",
+    "MIDDLE": "middle-finger",
+    "RING": "ring-finger",
+    "LITTLE": "pinky-finger",
+}
+_WEBXR_BONE = {
+    "METACARPAL": "metacarpal",
+    "PROXIMAL": "phalanx-proximal",
+    "INTERMEDIATE": "phalanx-intermediate",
+    "DISTAL": "phalanx-distal",
+    "TIP": "tip",
+}
+
+
+def webxr_name(joint: Joint) -> str:
+    """WebXR's name of a joint (WebXR Hand Input); `palm` for PALM, which WebXR lacks."""
+    finger, _, bone = joint.name.partition("_")
+    return f"{_WEBXR_FINGER[finger]}-{_WEBXR_BONE[bone]}" if bone else finger.lower()
+
+
+WEBXR_NAMES: tuple[str, ...] = tuple(webxr_name(joint) for joint in Joint)
+
+
+def joint_from(name: str) -> Joint | None:
+    """The joint of a name as OpenXR, WebXR or this module write it, whatever its case; None if there is none.
+
+    `XR_HAND_JOINT_INDEX_TIP_EXT`, `index_tip` and `index-finger-tip` are the same joint.
+    """
+    plain = name.strip().lower()
+    if plain in WEBXR_NAMES:
+        return Joint(WEBXR_NAMES.index(plain))
+    plain = plain.removeprefix("xr_hand_joint_").removesuffix("_ext")
+    return Joint(JOINT_NAMES.index(plain)) if plain in JOINT_NAMES else None
+
+
+_MEDIAPIPE_FINGERS = ("INDEX_FINGER", "MIDDLE_FINGER", "RING_FINGER", "PINKY")
+
+MEDIAPIPE_NAMES: tuple[str, ...] = (
+    "WRIST",
+    *(f"THUMB_{part}" for part in ("CMC", "MCP", "IP", "TIP")),
+    *(f"{finger}_{part}" for finger in _MEDIAPIPE_FINGERS for part in ("MCP", "PIP", "DIP", "TIP")),
+)
+"""MediaPipe's names of its 21 landmarks, in its order."""
+
+MEDIAPIPE_JOINTS: tuple[Joint, ...] = (
+    Joint.WRIST,
+    *DIGITS[0],
+    *(joint for finger in FINGERS for joint in finger[1:]),
+)
+"""The joint of each of MediaPipe's 21 landmarks, in MediaPipe's order."""
+
+LEAP_DIGITS = ("thumb", "index", "middle", "ring", "pinky")
+LEAP_BONES = ("metacarpal", "proximal", "intermediate", "distal")
+
+
+def leap_starts(digit: int) -> tuple[tuple[int, Joint], ...]:
+    """Which bone of a Leap digit (0 thumb .. 4 pinky) starts at which joint; the tip is where the last one ends."""
+    joints = DIGITS[digit][:-1]
+    return tuple((len(LEAP_BONES) - len(joints) + place, joint) for place, joint in enumerate(joints))
+
+
+ENDS_JOINTS: tuple[tuple[Joint, ...], ...] = tuple(digit[-4:] for digit in DIGITS)
+"""Joints of leapjs' four positions of a digit (mcp, pip, dip, tip), thumb to little finger."""

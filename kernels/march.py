@@ -1,0 +1,157 @@
+"""Contours of any field on patches: marching squares on a grid over each patch, exact along cut edges.
+
+The nodes of a grid are asked whether they are inside, one bit each; contours run through the cells whose corners
+differ; where they cross an edge between two nodes, the surface is found to ROOT_WIDTH. So a contour's points lie on the
+surface, and between them it is straight. What is thinner than a cell may be missed, what is narrower may be joined or
+parted: at an ambiguous cell (inside and outside at opposite corners) its middle decides.
+
+The contract is the geometry's (docs/architecture.md), with these words: a node on the surface counts as outside; the
+grid's outer nodes lie on the patch's boundary, ON inside of it, and ON below its plane, so a solid that ends at either
+is treated as a mesh is. A cut edge's key is its place along the boundary, counter-clockwise from corner 0, for those
+there; inside the tile, row and column of its lower node. No edge is cut twice, so no point is made twice.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import warp as wp
+
+from .draw import Contours
+from .field import Field
+from .march_grid import Grids, lay_grids, place_grids
+from .march_lines import count_points, write_lines
+from .march_sample import find_roots, resolve_cells, sample_nodes
+from .march_walk import walk_sections
+from .patch import ON
+from .ragged import PointLimitError, last_of
+
+CPU_TILES = 1 << 17  # of a chunk: what is read again is still in the cache
+GPU_TILES = 1 << 23  # 32 MiB of bits
+SLOTS_MOST = 1 << 26  # cut edges of a chunk of several poses, 40 bytes each
+
+
+def march_patches(
+    field: Field,
+    pose: wp.array,
+    patch: wp.array,
+    *,
+    step: float,
+    bounds: np.ndarray,
+    bounded: bool,
+    closes: bool,
+    limit: int | None = None,
+) -> Contours:
+    """Contours of a field on patches, for all poses, on the device of the poses and of the field's data.
+
+    pose: wp.transform, hand frame -> array frame, shape [pose, 1], or each patch's own, [pose, patch].
+    patch: Patch, shape [patch]. step: each side is divided into ceil(side / step) cells [m].
+    bounds: lowest and highest coordinates of the solid [m], shape [2, 3]; nothing beyond is looked at.
+    bounded: on the patches; else in their whole planes, as far as `bounds` reach. closes: along the patches' boundaries
+    (CC), which needs them bounded; else open pieces (OC) begin where they enter a patch.
+
+    The solid must lie within its bounds. Details thinner than a cell may be missed. Points are on the surface as far as
+    float32 goes, each polyline within half a step of it where it is smooth and a step at corners.
+    Raises ValueError for a step that is not positive, too fine (4096 cells along a side) or, unbounded, for infinite
+    bounds; PointLimitError as soon as there are more points than `limit`, with those there were by then.
+    """
+    bounds = np.asarray(bounds, np.float64)
+    if closes and not bounded:
+        raise ValueError("closed contours need bounded patches")
+    half = patch.numpy()["half"].astype(np.float64).reshape(-1, 2)
+    middle = None
+    if not bounded:
+        if not np.isfinite(bounds).all():
+            raise ValueError("contours in the whole plane need a solid of finite bounds")
+        middle = bounds.mean(axis=0)
+        half = np.full_like(half, 0.5 * float(np.linalg.norm(bounds[1] - bounds[0])) + step - float(ON))
+    grids = lay_grids(half, step, pose.device)
+    march = _March(field, pose, patch, grids, bounds, middle, closes, limit)
+    return _joined(list(march.chunks()), pose.device)
+
+
+class _March:
+    """Chunks of poses, one after the other; counts what there is so far."""
+
+    def __init__(
+        self,
+        field: Field,
+        pose: wp.array,
+        patch: wp.array,
+        grids: Grids,
+        bounds: np.ndarray,
+        middle: np.ndarray | None,
+        closes: bool,
+        limit: int | None,
+    ) -> None:
+        self.field, self.pose, self.patch, self.grids = field, pose, patch, grids
+        self.bounds, self.middle, self.closes, self.limit = bounds, middle, closes, limit
+        self.point_count = self.polyline_count = 0
+
+    def chunks(self) -> Iterator[Contours]:
+        """Contours chunk by chunk; chunks with too many cut edges are halved."""
+        tiles = CPU_TILES if self.pose.device.is_cpu else GPU_TILES
+        size = max(1, tiles // max(self.grids.patch_of.shape[0], 1))
+        count = self.pose.shape[0]
+        ranges = [(first, min(first + size, count)) for first in range(0, count, size)][::-1]
+        while ranges:
+            first, stop = ranges.pop()
+            contours = self.chunk(first, stop)
+            if contours is None:
+                middle = (first + stop) // 2
+                ranges += [(middle, stop), (first, middle)]
+            else:
+                yield contours
+
+    def chunk(self, first: int, stop: int) -> Contours | None:
+        """Contours of poses first..stop; None if they are too many for one go."""
+        patch_count = self.patch.shape[0]
+        lattice = place_grids(
+            self.pose, self.patch, self.grids, first * patch_count, (stop - first) * patch_count, middle=self.middle
+        )
+        bits = sample_nodes(self.field, lattice, self.grids, self.bounds)
+        samples = resolve_cells(self.field, lattice, self.grids, bits, spare=4 if self.closes else 0)
+        slot_count = last_of(samples.cut_start)
+        if slot_count > SLOTS_MOST and stop - first > 1:
+            return None
+        trails = walk_sections(samples, self.grids, slot_count, closes=self.closes)
+        point = find_roots(self.field, lattice, self.grids, trails.code, trails.section)
+        kept = count_points(trails, point)
+        point_base, polyline_base = self.point_count, self.polyline_count
+        self.point_count += kept.point_count
+        self.polyline_count += kept.polyline_count
+        if self.limit is not None and self.point_count > self.limit:
+            raise PointLimitError(self.point_count, self.limit)
+        return write_lines(
+            trails,
+            point,
+            kept,
+            samples.cut_start,
+            patch_count=patch_count,
+            point_base=point_base,
+            polyline_base=polyline_base,
+        )
+
+
+def _joined(parts: list[Contours], device: wp.Device) -> Contours:
+    """Contours of consecutive chunks as one: offsets already go on."""
+    if len(parts) == 1:
+        return parts[0]
+    if not parts:
+        return Contours(
+            points=wp.empty(0, dtype=wp.vec3, device=device),
+            kind=wp.empty(0, dtype=wp.uint8, device=device),
+            polyline_start=wp.zeros(1, dtype=wp.int64, device=device),
+            polyline_patch=wp.empty(0, dtype=wp.int32, device=device),
+            polyline_closed=wp.empty(0, dtype=wp.uint8, device=device),
+            section_start=wp.zeros(1, dtype=wp.int64, device=device),
+        )
+    arrays = []
+    for name, pieces in zip(Contours._fields, zip(*parts, strict=True), strict=True):
+        shared = int(name.endswith("_start"))  # an offset that ends one chunk begins the next
+        out = wp.empty(sum(p.shape[0] - shared for p in pieces) + shared, dtype=pieces[0].dtype, device=device)
+        place = 0
+        for piece in pieces:
+            wp.copy(out, piece, dest_offset=place, count=piece.shape[0])
+            place += piece.shape[0] - shared
+        arrays.append(out)
+    return Contours(*arrays)

@@ -1,0 +1,166 @@
+"""Objects, hands and motions as the command line names them.
+
+| OBJECT | becomes |
+|---|---|
+| built-in name, mesh file | MeshObject |
+| .npy .npz .nrrd .nhdr .nii .nii.gz .nvdb | VoxelObject |
+| .json | ImplicitObject of an expression |
+| package.module:function, file.py:function | ImplicitObject of a Warp function |
+
+| --hand | with a motion of poses | with a recording of joints |
+|---|---|---|
+| palm | a rectangle | the same |
+| planes | palm and phalanges of a flat hand | those of the hand recorded, articulated |
+| skin | palpate's own hand, flat | palpate's own hand as the joints pose it |
+| file of a mesh, volume or expression | a MeshHand of it | the same, rigid |
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..datasets.errors import MotionError
+from ..datasets.hand_recording import HandRecording
+from ..datasets.hand_shape import hand_shape
+from ..datasets.hand_skinning import posed_vertices
+from ..datasets.motion import HandMotion, exploration
+from ..datasets.recording_file import load_recording
+from .detail import Detail, simplify
+from .errors import StrategyError
+from .flat_planes import flat_hand
+from .hands import Hand, Palm
+from .implicit import ImplicitObject, is_function_name
+from .mesh_hand import MeshHand
+from .objects import MeshObject, Placement
+from .plane_hand import PlaneHand
+from .solid import Solid
+from .voxel_files import is_volume
+from .voxels import VoxelObject
+
+EXPLORATION = "exploration"
+EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
+SOLID_HAND_STEP = 0.002  # [m]; of the mesh of a hand that is given as a solid: finer than any focus
+POSE_HEADERS = ("time,x,y,z", "x,y,z")  # how a CSV of poses begins, and a recording's does not
+
+
+def load_solid(
+    source: str, placement: Placement, *, volume: dict[str, Any] | None = None, bounds: tuple[float, ...] | None = None
+) -> Solid:
+    """An object of any kind, by the table above.
+
+    volume: options of `VoxelObject.load`; None among them is an option not given. bounds: of a function [m].
+    Raises MeshError for what cannot be loaded, StrategyError for options of another kind of object.
+    """
+    given = {name: value for name, value in (volume or {}).items() if value is not None}
+    if is_volume(source):
+        refuse_options({"bounds": bounds}, "of a function", source)
+        return VoxelObject.load(source, placement=placement, **given)
+    refuse_options(given, "of a volume", source)
+    if is_function_name(source) or Path(source).suffix == ".json":
+        box = None if bounds is None else np.array(bounds).reshape(2, 3)
+        return ImplicitObject.load(source, bounds=box, placement=placement)
+    refuse_options({"bounds": bounds}, "of a function", source)
+    return MeshObject.load(source, placement=placement)
+
+
+def refuse_options(options: dict[str, Any], whose: str, source: str) -> None:
+    """Raise StrategyError for the first option that is given and not of this kind of thing."""
+    for name, value in options.items():
+        if value is not None:
+            raise StrategyError(f"--{name.replace('_', '-')} is {whose}, which {source} is not")
+
+
+def simplified(thing: Solid, tolerance: float | None) -> tuple[Solid, Detail | None]:
+    """The object simplified within a tolerance [m]; 0: a quarter of the focal width; None: as it is."""
+    if tolerance is None:
+        return thing, None
+    if not isinstance(thing, MeshObject):
+        raise StrategyError(f"--simplify is of a mesh, which {thing.name} is not")
+    simple, detail = simplify(thing, tolerance or None)
+    simple.placement, simple.detail = thing.placement, detail.described()
+    return simple, detail
+
+
+def is_recording(source: str) -> bool:
+    """Whether a motion's file holds the joints of a hand, not poses of a palm."""
+    path = Path(source)
+    if path.suffix.lower() in (".json", ".npz"):
+        return True
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return False
+    with path.open(errors="replace") as lines:
+        first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    return not first.replace(" ", "").startswith(POSE_HEADERS)
+
+
+def load_motion(source: str, thing: Solid, options: dict[str, Any]) -> HandMotion:
+    """A motion from a file of poses, or a synthetic exploration of the object; options of None take their defaults."""
+    given = {name: value for name, value in options.items() if value is not None}
+    if source == EXPLORATION:
+        try:
+            return exploration(thing.bounds, **{**EXPLORATION_DEFAULTS, **given})
+        except MotionError as error:
+            raise StrategyError(f"{EXPLORATION}: {error}") from error
+    if given:
+        raise StrategyError(f"--{next(iter(given))} is for a synthetic exploration, but the motion is {source}")
+    return HandMotion.load(source)
+
+
+def load_hand(kind: str, palm: tuple[float, float], recording: HandRecording | None = None) -> Hand:
+    """A hand by the table above; with a recording that is `held`, those that have joints are posed by it."""
+    if kind == "palm":
+        return Palm(*palm)
+    if kind == "planes":
+        if recording is None:
+            return flat_hand()
+        return PlaneHand.from_joints(recording.joints_in_hand(), recording.radii(), is_left=recording.is_left)
+    if kind == "skin":
+        return own_skin(recording)
+    if is_volume(kind) or Path(kind).suffix == ".json":
+        return MeshHand.from_solid(load_hand_solid(kind), SOLID_HAND_STEP)
+    if not Path(kind).is_file():
+        raise StrategyError(f"hand must be palm, planes, skin, or a file, not {kind!r}")
+    return MeshHand.load(kind)
+
+
+def load_hand_solid(source: str) -> Solid:
+    """A hand given as voxels or an expression, in the hand's frame."""
+    return VoxelObject.load(source) if is_volume(source) else ImplicitObject.load(source, hand=True)
+
+
+def own_skin(recording: HandRecording | None = None) -> MeshHand:
+    """palpate's own hand: flat, or of the breadth and in the poses of a recording."""
+    if recording is None:
+        shape = hand_shape()
+        return MeshHand(shape.vertices, shape.faces, glabrous=shape.glabrous, name="skin")
+    shape = hand_shape(breadth=recording.breadth, is_left=recording.is_left)
+    vertices = posed_vertices(shape, recording.joints_in_hand(), recording.radii())
+    return MeshHand(vertices, shape.faces, glabrous=shape.glabrous, name="skin")
+
+
+def load_hand_and_motion(
+    kind: str,
+    palm: tuple[float, float],
+    source: str,
+    thing: Solid,
+    *,
+    exploration_options: dict[str, Any],
+    side: str | None = None,
+    alignment: Path | None = None,
+) -> tuple[Hand, HandMotion]:
+    """A hand and its motion, of poses or of a recording.
+
+    exploration_options: duration, rate, seed; a rate resamples a recording. side, alignment: of a recording.
+    """
+    if not is_recording(source):
+        refuse_options({"side": side, "alignment": alignment}, "of a recording of a hand", source)
+        return load_hand(kind, palm), load_motion(source, thing, exploration_options)
+    rate = exploration_options["rate"]
+    refuse_options({k: v for k, v in exploration_options.items() if k != "rate"}, "of a synthetic exploration", source)
+    recording = load_recording(source, hand=side, alignment=alignment)
+    if kind in ("planes", "skin"):
+        recording = recording.held(whole=kind == "skin")
+    if rate is not None:
+        recording = recording.resampled(rate)
+    return load_hand(kind, palm, recording), recording.motion()

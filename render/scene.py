@@ -1,0 +1,189 @@
+"""One batch of poses in one go: the raw intersection of an object with a hand, then a strategy's stages.
+
+| object | hand | raw intersection |
+|---|---|---|
+| mesh | patches | kernels.find, close, draw: exact, from triangle to triangle |
+| voxels, function | patches | kernels.march: marching squares on a grid over each patch |
+| any | skin | kernels.skin: marching triangles over the skin |
+| any, raw "contact" | any | render.contact: points of skin inside the object, and a path through them |
+| any, raw "overlap" | given as a solid | render.overlap: the surface of what both share, and a path over it |
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+import warp as wp
+
+from ..kernels.draw import Contours
+from ..kernels.march import march_patches
+from ..kernels.move import move_contours
+from ..kernels.skin import skin_contours
+from .contact import contact_contours
+from .contours import ContourBatch
+from .errors import StrategyError
+from .focal_width import focal_width
+from .hands import Hand, PatchHand
+from .intersect import intersect
+from .mesh_hand import MeshHand
+from .moving import seen_from
+from .objects import MeshObject
+from .overlap import overlap_contours
+from .plane_hand import PlaneHand
+from .solid import Solid
+from .stage_clock import StageClock
+from .stages import BY_RAW_KERNELS, Setting, Stage, run_stages
+from .strategy import IntersectionStrategy
+
+SECTION_BYTES = 1024  # of a pose and patch: slots of pieces (SLOTS x 88), events (24 x 8), counts and offsets
+
+SKIN_BYTES = 40  # of a pose and vertex of a hand's skin: its place, sign, marks of its edges
+
+
+def is_exact(thing: Solid, hand: Hand, strategy: IntersectionStrategy) -> bool:
+    """Whether the raw intersection needs no grid: a mesh, planes, and their section."""
+    return isinstance(thing, MeshObject) and isinstance(hand, PatchHand) and strategy.raw_stage.name == "section"
+
+
+def with_joined_sides(strategy: IntersectionStrategy, hand: Hand) -> IntersectionStrategy:
+    """The strategy with the stage "joined" for a hand whose patches touch, where contours follow their sides."""
+    names = [stage.name for stage in strategy.prune_stages]
+    if not (isinstance(hand, PlaneHand) and hand.joints and strategy.closes) or "joined" in names:
+        return strategy
+    after = names.index("outside") + 1
+    return replace(strategy, prune=(*strategy.prune[:after], "joined", *strategy.prune[after:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """An object, a hand and a strategy whose every number is settled: what renders poses.
+
+    Make it with `Scene.of`. It may be used by several threads at once.
+    """
+
+    thing: Solid
+    hand: Hand
+    strategy: IntersectionStrategy
+    """As stored with the result: no option is left to be scaled by the focal width."""
+    moved: np.ndarray | None = None
+    """Where the middle of the object's bounds is at each pose, and how it is turned, float32, shape [pose, 7]."""
+    focal_width: float = 0.0
+    """FWHM of p^2 across the focus at the object's middle [m]; 0 where nothing asks for it."""
+
+    @classmethod
+    def of(cls, thing: Solid, hand: Hand, strategy: IntersectionStrategy, *, moved: np.ndarray | None = None) -> Self:
+        """Settle a strategy for an object and a hand.
+
+        Raises MeshError where inside and outside of the object must be defined and are not; StrategyError for a
+        strategy that this hand cannot have.
+        """
+        strategy = with_joined_sides(strategy, hand)
+        marches = not is_exact(thing, hand, strategy)
+        if strategy.needs_closed or isinstance(hand, MeshHand):
+            thing.require_closed()
+        if isinstance(hand, MeshHand) and not strategy.bounded and strategy.raw_stage.name == "section":
+            raise StrategyError('prune: contours on a hand mesh end where the skin does: "outside" cannot be left out')
+        stages = (*strategy.prune_stages, *strategy.transform_stages)
+        if not marches and all(stage.name in BY_RAW_KERNELS for stage in stages):
+            return cls(thing, hand, strategy, moved)
+        width = focal_width(thing.bounds.mean(axis=0)).width
+        return cls(thing, hand, strategy.resolved(width, marches=marches), moved, width)
+
+    @cached_property
+    def pivot(self) -> np.ndarray:
+        """What of the object `moved` tells the place of: the middle of its outline's bounds [m]."""
+        vertices, _ = self.thing.outline_mesh()
+        return (vertices.min(axis=0) + vertices.max(axis=0)).astype(np.float64) / 2
+
+    @cached_property
+    def exact(self) -> bool:
+        """Whether a mesh is cut by planes, from triangle to triangle."""
+        return is_exact(self.thing, self.hand, self.strategy)
+
+    @property
+    def step(self) -> float:
+        """Grid step of marching [m]."""
+        return self.strategy.step or self.focal_width / 4
+
+    @property
+    def pose_bytes(self) -> int:
+        """Working memory that a pose takes, roughly [byte]; marching over patches keeps to blocks of its own."""
+        if isinstance(self.hand, MeshHand) and self.strategy.raw_stage.name == "section":
+            return SECTION_BYTES + SKIN_BYTES * self.hand.edges_of(self.step).vertex_count
+        return SECTION_BYTES * self.hand.patch_count
+
+    def require_poses(self, pose_count: int) -> None:
+        """Raise StrategyError unless the hand and the object have as many poses as the motion."""
+        for name, count in (
+            ("hand", self.hand.pose_count),
+            ("object", None if self.moved is None else len(self.moved)),
+        ):
+            if count not in (None, pose_count):
+                raise StrategyError(f"the {name} has {count} poses, the motion {pose_count}")
+
+    def contours(
+        self,
+        pose: np.ndarray,
+        first: int,
+        device: str,
+        *,
+        point_limit: int | None = None,
+        timing: dict[str, float] | None = None,
+    ) -> tuple[ContourBatch, dict[str, np.ndarray]]:
+        """Contours of one batch of poses, and the length that each prune stage removed [m], float32 [pose], by name.
+
+        pose: float32, shape [pose, 7], rows `first`.. of the motion. The batch is on the device, or on the host if the
+        last stage left it there. Raises PointLimitError before memory is taken for more points than `point_limit`.
+        """
+        moved = None if self.moved is None else self.moved[first : first + len(pose)]
+        seen = pose if moved is None else seen_from(moved, self.pivot, pose)
+        batch = self._raw(seen, first, device, point_limit, timing)
+        if moved is not None:
+            place = wp.array(moved, dtype=wp.transform, device=device)
+            move_contours(batch.points, batch.polyline_start, batch.pose_start, place, self.pivot)
+        removed: dict[str, np.ndarray] = {}
+        if not self.is_raw:
+            setting = Setting(self.thing, self.hand, pose, first, device, self.focal_width, self.step, moved=moved)
+            with StageClock(timing, "stages", device):
+                batch, removed = run_stages(batch, self.strategy, setting)
+        return batch, removed
+
+    @cached_property
+    def is_raw(self) -> bool:
+        """Whether nothing follows the raw intersection."""
+        return all(s.name in BY_RAW_KERNELS for s in (*self.strategy.prune_stages, *self.strategy.transform_stages))
+
+    def _raw(
+        self, pose: np.ndarray, first: int, device: str, limit: int | None, timing: dict[str, float] | None
+    ) -> ContourBatch:
+        raw, hand = self.strategy.raw_stage, self.hand
+        if isinstance(self.thing, MeshObject) and isinstance(hand, PatchHand) and self.exact:
+            section = wp.array(hand.section_poses(pose, first), dtype=wp.transform, device=device)
+            return intersect(self.thing, hand, section, self.strategy, point_limit=limit, timing=timing)[0]
+        with StageClock(timing, "raw", device):
+            return ContourBatch.from_device(self._marched(raw, pose, first, device, limit), hand.patch_count)
+
+    def _marched(self, raw: Stage, pose: np.ndarray, first: int, device: str, limit: int | None) -> Contours:
+        thing, hand, strategy = self.thing, self.hand, self.strategy
+        if raw.name == "contact":
+            return contact_contours(thing, hand, pose, first, device=device, step=self.step, **raw.options)
+        if raw.name == "overlap":
+            return overlap_contours(thing, hand, pose, first, device=device, step=self.step, **raw.options)
+        section = wp.array(hand.section_poses(pose, first), dtype=wp.transform, device=device)
+        solid, bounds = thing.field_on(device), thing.bounds
+        if isinstance(hand, MeshHand):
+            vertex, skin = hand.vertices_on(device, first, first + len(pose)), hand.skin_on(device, self.step)
+            return skin_contours(solid, section, skin, vertex, closes=strategy.closes, bounds=bounds, limit=limit)
+        if not isinstance(hand, PatchHand):
+            raise StrategyError(f"a hand must be a Palm, a PlaneHand or a MeshHand, not {type(hand).__name__}")
+        return march_patches(
+            solid,
+            section,
+            hand.on(device),
+            step=self.step,
+            bounds=bounds,
+            bounded=strategy.bounded,
+            closes=strategy.closes,
+            limit=limit,
+        )

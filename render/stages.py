@@ -1,0 +1,396 @@
+"""Stages of an intersection strategy: their names and options, who they are, and how they run over a batch of contours.
+
+A stage is registered by name: the package's own by the decorators `prune_stage` and `transform_stage`, a user's by
+`register_prune`, `register_transform` and `register_point_function`. A strategy names stages as data (`Stage`).
+
+| role | called as | gives |
+|---|---|---|
+| prune | f(batch, setting, **options) | the batch with segments removed, and the length removed [m], float32 [pose] |
+| transform | f(batch, setting, **options) | another batch |
+
+A stage on the "host" gets and gives NumPy arrays, one on the "device" Warp arrays on `setting.device`. Stages may be
+called by several threads at once, each with a batch of its own.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from importlib import import_module
+from threading import RLock
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from ..kernels.point_function import map_intensity, map_points
+from .contours import ContourBatch
+from .errors import StrategyError
+from .fields import require_choice, require_number
+from .solid import Solid
+from .stage_check import checked_batch, checked_removal
+
+if TYPE_CHECKING:
+    from .hands import Hand, PatchFrames
+    from .strategy import IntersectionStrategy
+
+Value = float | int | str | bool | None
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+ROLES = ("raw", "prune", "transform")
+BY_RAW_KERNELS = ("outside", "close")  # stages that the raw intersection does as it goes
+BUILT_IN = ("prune", "joined", "transform", "transform_presets")  # modules of this package that register stages
+PACKAGE = __name__.rpartition(".")[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One stage as data: its name and the options that differ from its defaults.
+
+    A stage without options equals its name: `"close" in strategy.transform`.
+    """
+
+    name: str
+    options: Mapping[str, Value] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Keep the options as they are now."""
+        object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
+
+    def __eq__(self, other: object) -> bool:
+        """By name and options."""
+        if isinstance(other, str):
+            return self.name == other and not self.options
+        return isinstance(other, Stage) and self.name == other.name and self.options == other.options
+
+    def __hash__(self) -> int:
+        """As a name alone, since that may be equal."""
+        return hash(self.name)
+
+    def __reduce__(self) -> tuple[type["Stage"], tuple[str, dict[str, Value]]]:
+        """Pickled as a plain dict, which a mapping proxy cannot be."""
+        return Stage, (self.name, dict(self.options))
+
+    def described(self) -> str | dict[str, Value]:
+        """For JSON: the name, or {"stage": name, option: value, ...}."""
+        return {"stage": self.name, **self.options} if self.options else self.name
+
+    @classmethod
+    def read(cls, value: object, role: str) -> "Stage":
+        """A stage of what `described` gives, or of a stage itself; `role` is the field it stands in."""
+        if isinstance(value, Stage):
+            return value
+        if isinstance(value, str):
+            return cls(value)
+        if isinstance(value, Mapping) and isinstance(value.get("stage"), str):
+            return cls(value["stage"], {name: v for name, v in value.items() if name != "stage"})
+        raise StrategyError(f'{role}: a stage is a name or {{"stage": name, option: value, ...}}, not {value!r}')
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of a stage: its default and what else it may be."""
+
+    default: Value = None
+    """None stands for `widths` focal widths."""
+    low: float = -np.inf
+    high: float = np.inf
+    unit: str = ""
+    choices: tuple[str, ...] = ()
+    """Of a text."""
+    widths: float = 1.0
+    """What None is replaced by, in focal widths (FWHM of p^2 across the focus)."""
+
+    def check(self, name: str, value: Value) -> None:
+        """Refuse a value that this option cannot have; `name` is stage and option."""
+        if value is None and self.default is None:
+            return
+        if isinstance(self.default, bool):
+            if not isinstance(value, bool):
+                raise StrategyError(f"{name} must be true or false, not {value!r}")
+        elif isinstance(self.default, str):
+            if self.choices:
+                require_choice(name, value, self.choices)
+            elif not isinstance(value, str):
+                raise StrategyError(f"{name} must be a text, not {value!r}")
+        else:
+            require_number(name, value, self.low, self.high, unit=self.unit, whole=isinstance(self.default, int))
+            if not np.isfinite(float(value or 0.0)):
+                raise StrategyError(f"{name} must be finite, not {value}")
+
+    def resolved(self, value: Value, focal_width: float) -> Value:
+        """The value, or the number that None stands for [m]."""
+        return self.widths * focal_width if value is None else value
+
+
+@dataclass(frozen=True)
+class StageEntry:
+    """A registered stage."""
+
+    name: str
+    role: str
+    line: str
+    """What it does, in one line."""
+    options: Mapping[str, Option]
+    function: Callable[..., Any] | None
+    """None: done by the raw intersection."""
+    on: str = "host"
+    needs_closed: bool = False
+
+    @property
+    def own(self) -> bool:
+        """Whether it is one of the package's, which are tested and not checked each time."""
+        module = getattr(self.function, "__module__", None) or ""  # None in code from a text
+        return self.function is None or module.rpartition(".")[0] == PACKAGE
+
+    def check(self, stage: Stage) -> None:
+        """Refuse options that are unknown or out of range."""
+        for name, value in stage.options.items():
+            if name not in self.options:
+                known = ", ".join(self.options) or "none"
+                raise StrategyError(f"{self.role}: stage {self.name!r} has no option {name!r}; known: {known}")
+            self.options[name].check(f"{self.role}: {self.name}.{name}", value)
+
+    def values(self, stage: Stage, focal_width: float) -> dict[str, Value]:
+        """Every option as the function gets it: given or default, None replaced by its focal widths."""
+        return {
+            name: option.resolved(stage.options.get(name, option.default), focal_width)
+            for name, option in self.options.items()
+        }
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a stage may look at beside the contours of one batch of poses."""
+
+    thing: Solid
+    hand: "Hand"
+    pose: np.ndarray
+    """Hand frame -> array frame, of this batch, float32, shape [pose, 7]."""
+    first: int
+    """Row of the motion that `pose` begins at."""
+    device: str
+    """Where stages "on the device" run."""
+    focal_width: float
+    """FWHM of p^2 across the focus at the object's middle [m]."""
+    step: float
+    """Grid step of marching [m]."""
+    array_position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Middle of the array's face [m], shape [3]."""
+    array_normal: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    """Unit vector out of the array, shape [3]."""
+    moved: np.ndarray | None = None
+    """The object's pose at each pose, float32, shape [pose, 7]; None: it stands still."""
+
+    @cached_property
+    def frames(self) -> "PatchFrames":
+        """Patches at each pose, in the array's frame."""
+        return self.hand.frames(self.pose, self.first)
+
+
+_LOCK = RLock()
+_ENTRIES: dict[str, StageEntry] = {}
+_LOADED: set[str] = set()
+
+
+def load_built_in() -> None:
+    """Import the modules that register the package's own stages; no lock is held while they are imported."""
+    for name in BUILT_IN:
+        if name not in _LOADED:
+            import_module(f"{PACKAGE}.{name}")
+            _LOADED.add(name)
+
+
+def known_stages(role: str) -> dict[str, StageEntry]:
+    """Registered stages of one role ("raw", "prune", "transform") by name, in the order they were registered."""
+    load_built_in()
+    with _LOCK:
+        return {name: entry for name, entry in _ENTRIES.items() if entry.role == role}
+
+
+def find_stage(role: str, name: str) -> StageEntry:
+    """A registered stage; raises StrategyError with the known names for another."""
+    known = known_stages(role)
+    if name not in known:
+        raise StrategyError(f"{role}: unknown stage {name!r}; known: {', '.join(known)}")
+    return known[name]
+
+
+def register_stage(entry: StageEntry) -> None:
+    """Enter a stage; raises StrategyError for a name that is taken.
+
+    A function that is defined again, as in a notebook or by a reload, takes its own place.
+    """
+    if not entry.name or not isinstance(entry.name, str):
+        raise StrategyError(f"a stage's name must be a text of one character at least, not {entry.name!r}")
+    require_choice(f"stage {entry.name!r}: on", entry.on, ("host", "device"))
+    with _LOCK:
+        taken = _ENTRIES.get(entry.name)
+        if taken is not None and (taken.role != entry.role or origin_of(taken.function) != origin_of(entry.function)):
+            raise StrategyError(f"there is a {taken.role} stage {entry.name!r} already: {taken.line}")
+        _ENTRIES[entry.name] = entry
+
+
+def origin_of(function: Any) -> tuple[str, str]:
+    """Module and name of a function, through partials and Warp functions."""
+    while isinstance(function, partial):
+        function = function.args[0] if function.args else function.func
+    function = getattr(function, "func", function)
+    return getattr(function, "__module__", None) or "", getattr(function, "__qualname__", repr(function))
+
+
+def options_of(name: str, defaults: Mapping[str, Value | Option]) -> dict[str, Option]:
+    """Options from defaults: an Option as it is, else a value that later ones are like; None: one focal width."""
+    for option, default in defaults.items():
+        if not isinstance(default, Option | float | int | str | None):
+            raise StrategyError(f"stage {name!r}: option {option!r} cannot default to {default!r}")
+    return {key: value if isinstance(value, Option) else Option(value) for key, value in defaults.items()}
+
+
+def first_line(function: Callable[..., Any]) -> str:
+    """The first line of a docstring, without its full stop."""
+    return (function.__doc__ or "").strip().partition("\n")[0].rstrip(".") or "without description"
+
+
+def register_prune(name: str, function: Callable[..., Any], *, on: str = "host", **defaults: Value | Option) -> None:
+    """Register a prune stage of one's own: f(batch, setting, **options) -> batch, or (batch, removed [pose]).
+
+    on: "host" for NumPy arrays, "device" for Warp arrays. defaults: its options with their defaults; None means one
+    focal width, `Option` says more. Raises StrategyError for a name that is taken.
+    """
+    register_stage(StageEntry(name, "prune", first_line(function), options_of(name, defaults), function, on))
+
+
+def register_transform(
+    name: str,
+    function: Callable[..., Any],
+    *,
+    on: str = "host",
+    needs_closed: bool = False,
+    **defaults: Value | Option,
+) -> None:
+    """Register a transform stage of one's own: f(batch, setting, **options) -> batch; see `register_prune`.
+
+    needs_closed: whether inside and outside of the object must be defined, so that open meshes are refused.
+    """
+    options = options_of(name, defaults)
+    register_stage(StageEntry(name, "transform", first_line(function), options, function, on, needs_closed))
+
+
+def register_point_function(name: str, func: Any, *, gives: str) -> None:
+    """Register a Warp function as a transform stage that is applied to every point on the device.
+
+    func: a wp.func of a module file, x: wp.vec3 [m, array frame] -> wp.vec3 where it `gives` the "point", or -> float,
+    0..1, where it gives the "intensity".
+    """
+    require_choice(f"stage {name!r}: gives", gives, ("point", "intensity"))
+    stage = move_points if gives == "point" else set_intensity
+    line = first_line(getattr(func, "func", func))
+    register_stage(StageEntry(name, "transform", line, {}, partial(stage, func), "device"))
+
+
+def move_points(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
+    """Every point at where a Warp function puts it."""
+    return ContourBatch(**{**batch.by_name(), "points": map_points(func, batch.points)})
+
+
+def set_intensity(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
+    """Intensity at every point as a Warp function says."""
+    return ContourBatch(**{**batch.by_name(), "intensity": map_intensity(func, batch.points)})
+
+
+def prune_stage(name: str, *, on: str = "host", **defaults: Value | Option) -> Callable[[Function], Function]:
+    """Decorator: register a prune stage under a name, see `register_prune`."""
+
+    def registered(function: Function) -> Function:
+        register_prune(name, function, on=on, **defaults)
+        return function
+
+    return registered
+
+
+def transform_stage(
+    name: str, *, on: str = "host", needs_closed: bool = False, **defaults: Value | Option
+) -> Callable[[Function], Function]:
+    """Decorator: register a transform stage under a name, see `register_transform`."""
+
+    def registered(function: Function) -> Function:
+        register_transform(name, function, on=on, needs_closed=needs_closed, **defaults)
+        return function
+
+    return registered
+
+
+def run_stages(
+    batch: ContourBatch, strategy: "IntersectionStrategy", setting: Setting
+) -> tuple[ContourBatch, dict[str, np.ndarray]]:
+    """Run all prune, then all transform stages but those that the raw intersection does.
+
+    Returns the batch, wherever the last stage left it, and the length that each prune stage removed [m], float32,
+    shape [pose], by name; one that is listed again is "name#2". Raises StrategyError, naming the stage, for a stage
+    of a user's own that raises or gives no batch.
+    """
+    removed: dict[str, np.ndarray] = {}
+    for stage in strategy.prune_stages:
+        if stage.name not in BY_RAW_KERNELS:
+            batch, length = _run_stage("prune", stage, batch, setting)
+            count = sum(name.partition("#")[0] == stage.name for name in removed)
+            removed[f"{stage.name}#{count + 1}" if count else stage.name] = length
+    for stage in strategy.transform_stages:
+        if stage.name not in BY_RAW_KERNELS:
+            batch, _ = _run_stage("transform", stage, batch, setting)
+    return batch, removed
+
+
+def _run_stage(role: str, stage: Stage, batch: ContourBatch, setting: Setting) -> tuple[ContourBatch, np.ndarray]:
+    """One stage where it wants its batch; the second is meaningless for a transformation."""
+    entry = find_stage(role, stage.name)
+    function = entry.function
+    if function is None:
+        raise StrategyError(f"{role}: stage {stage.name!r} is done by the raw intersection only")
+    batch = batch.numpy() if entry.on == "host" else batch.to(setting.device)
+    values = entry.values(stage, setting.focal_width)
+    if entry.own:
+        result = function(batch, setting, **values)
+        return result if role == "prune" else (result, np.zeros(0, np.float32))
+    return _run_checked(entry, batch, setting, values)
+
+
+def _run_checked(
+    entry: StageEntry, batch: ContourBatch, setting: Setting, values: Mapping[str, Value]
+) -> tuple[ContourBatch, np.ndarray]:
+    """A stage of a user's own, its errors and its result told by its name."""
+    title = f"{entry.role} stage {entry.name!r}"
+    try:
+        result = entry.function(batch, setting, **values) if entry.function else None
+    except StrategyError:
+        raise
+    except Exception as error:  # whatever a user's function raises
+        raise StrategyError(f"{title} failed: {type(error).__name__}: {error}") from error
+    removed = None
+    if entry.role == "prune" and isinstance(result, tuple) and len(result) == 2:
+        result, removed = result
+    after = checked_batch(result, batch, entry.on, title)
+    if entry.role == "transform":
+        return after, np.zeros(0, np.float32)
+    if removed is None:
+        removed = batch.length() - after.length()
+    return after, checked_removal(removed, batch.pose_count, title)
+
+
+def _register_kernel_stages() -> None:
+    """Enter what the raw intersection does itself, see `intersect`."""
+    point_options = {
+        "separation": Option(None, 1e-4, 1.0, "m", widths=0.8),
+        "closes": Option(True),
+    }
+    for role, name, line, needs_closed, options in (
+        ("raw", "section", "curves in which the object's surface meets the hand's patches or skin", False, {}),
+        ("raw", "contact", "a path through points of skin inside the object (after MAMMOTH)", True, point_options),
+        ("raw", "overlap", "a path over the surface of what hand and object share", True, point_options),
+        ("prune", "outside", "remove what lies outside the patch or on its sides", False, {}),
+        ("transform", "close", "add the patch's own boundary where it lies inside the object", True, {}),
+    ):
+        register_stage(StageEntry(name, role, line, options, None, "device", needs_closed))
+
+
+_register_kernel_stages()

@@ -1,0 +1,300 @@
+"""Volumes from files and into files: NumPy, NRRD, NIfTI, NanoVDB."""
+
+import os
+import struct
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from ..kernels.voxelise import gather_volume
+from .errors import PalpateWarning, VoxelError
+from .voxel_grid import affine_of
+from .voxel_values import VOXELS_MOST
+
+if TYPE_CHECKING:
+    from .voxels import VoxelObject
+
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}  # [m]
+UNIT_SPELLINGS = {
+    "m": ("m", "meter", "metre"),
+    "cm": ("cm", "centimeter", "centimetre"),
+    "mm": ("mm", "millimeter", "millimetre"),
+    "um": ("um", "µm", "micron", "micrometer", "micrometre"),
+}
+UNIT_NAMES = {name: unit for unit, names in UNIT_SPELLINGS.items() for name in names}
+RIGHT_SIGNS = {  # of a NRRD space's axes, to those of NIfTI: right, front, head
+    "right-anterior-superior": (1.0, 1.0, 1.0),
+    "ras": (1.0, 1.0, 1.0),
+    "left-anterior-superior": (-1.0, 1.0, 1.0),
+    "las": (-1.0, 1.0, 1.0),
+    "left-posterior-superior": (-1.0, -1.0, 1.0),
+    "lps": (-1.0, -1.0, 1.0),
+}
+SUFFIXES = (".npy", ".npz", ".nrrd", ".nhdr", ".nii", ".nii.gz", ".nvdb")
+GRID_CLASS = 632  # byte of a NanoVDB grid that says what it holds
+TREE = 672  # byte where its tree starts: offsets of leaves, lower and upper nodes and root, which starts with its box
+LEVEL_SET, FOG = 1, 2
+CLASS_KINDS = {LEVEL_SET: ("distance", 0.0), FOG: ("intensity", 0.5)}
+
+
+class VolumeFile(NamedTuple):
+    """What a file says about a volume."""
+
+    values: np.ndarray
+    """Of any type, shape [i, j, k]."""
+    affine: np.ndarray | None
+    """Indices to coordinates [m], shape [4, 4]; None if the file has none."""
+    kind: str | None = None
+    """What the values mean, if the file says so."""
+    level: float | None = None
+    """Value on the surface, likewise."""
+
+
+def is_volume(path: str | Path) -> bool:
+    """Whether a file's name ends as that of a volume."""
+    return str(path).lower().endswith(SUFFIXES)
+
+
+def check_size(shape: tuple[int, ...]) -> None:
+    """Refuse a volume before its values are read."""
+    count = int(np.prod([int(n) for n in shape], dtype=object))
+    if count > VOXELS_MOST:
+        raise VoxelError(f"a volume may have {VOXELS_MOST} voxels, not {count} ({list(shape)})")
+
+
+def scaled(affine: np.ndarray, unit: str) -> np.ndarray:
+    """An affine map in metres."""
+    out = np.array(affine, np.float64)
+    out[:3] *= UNITS[unit]
+    return out
+
+
+def without_ones(values: np.ndarray) -> np.ndarray:
+    """Without axes of length 1 beyond the third, which some writers add."""
+    while values.ndim > 3 and values.shape[-1] == 1:
+        values = values[..., 0]
+    return values
+
+
+def grid_of(arrays: Any, unit: str) -> np.ndarray | None:
+    """The affine map that an .npz file's arrays give."""
+    given = {name: arrays[name] for name in ("affine", "spacing", "origin", "direction") if name in arrays}
+    if "affine" not in given and "spacing" not in given:
+        return None
+    return scaled(affine_of(**{"spacing": None, "origin": None, "direction": None, "affine": None, **given}), unit)
+
+
+def read_numpy(path: Path, unit: str | None) -> VolumeFile:
+    """An .npy file (values), or an .npz file with values and spacing, origin, direction or affine, and kind, level."""
+    with open(path, "rb") as file:
+        try:
+            loaded = np.load(file, allow_pickle=False)
+        except ValueError as error:
+            if "pickle" not in str(error):
+                raise
+            raise VoxelError("holds Python objects, or is no NumPy file: such are never loaded") from error
+        if isinstance(loaded, np.ndarray):
+            return VolumeFile(loaded, None)
+        if "values" not in loaded:
+            raise VoxelError(f"has no array 'values' (but {', '.join(loaded.files) or 'nothing'})")
+        return VolumeFile(
+            loaded["values"],
+            grid_of(loaded, unit or "m"),
+            str(loaded["kind"]) if "kind" in loaded else None,
+            float(loaded["level"]) if "level" in loaded else None,
+        )
+
+
+def nrrd_affine(header: Any, unit: str | None) -> np.ndarray | None:
+    """The affine map of a NRRD header; the axes of an anatomical space turned to right, front, head, as NIfTI's."""
+    axes = header.get("space directions")
+    if axes is None:
+        spacings = header.get("spacings")
+        return None if spacings is None else scaled(np.diag([*np.asarray(spacings, np.float64)[:3], 1.0]), unit or "mm")
+    rows = [np.asarray(row, np.float64) for row in axes if row is not None and np.isfinite(row).all()]
+    if len(rows) != 3 or any(row.shape != (3,) for row in rows):
+        raise VoxelError(f"space directions must be three vectors of three, not {axes}")
+    out = np.eye(4)
+    out[:3, :3] = np.stack(rows, axis=1)
+    out[:3, 3] = np.asarray(header.get("space origin", np.zeros(3)), np.float64)
+    out[:3] *= np.array(RIGHT_SIGNS.get(str(header.get("space", "")).lower(), (1.0, 1.0, 1.0)))[:, None]
+    said = {str(x).strip('" ').lower() for x in header.get("space units", [])} - {""}
+    if unit is None and (len(said) > 1 or not said <= UNIT_NAMES.keys()):
+        raise VoxelError(f"space units {', '.join(sorted(said))} are not known: give unit, one of {', '.join(UNITS)}")
+    return scaled(out, unit or (UNIT_NAMES[said.pop()] if said else "mm"))
+
+
+def read_nrrd(path: Path, unit: str | None) -> VolumeFile:
+    """A NRRD file, attached or detached header."""
+    nrrd = imported("nrrd", "pynrrd")
+    header = nrrd.read_header(str(path))
+    check_size(tuple(header["sizes"]))
+    values, header = nrrd.read(str(path))
+    return VolumeFile(without_ones(values), nrrd_affine(header, unit))
+
+
+def read_nifti(path: Path, unit: str | None) -> VolumeFile:
+    """A NIfTI file, as its sform or qform says."""
+    nibabel = imported("nibabel", "nibabel")
+    image = nibabel.load(path)
+    check_size(image.shape)
+    said = image.header.get_xyzt_units()[0]
+    affine = scaled(image.affine, unit or UNIT_NAMES.get(said, "mm"))
+    return VolumeFile(without_ones(np.asanyarray(image.dataobj)), affine)
+
+
+def read_nanovdb(path: Path, unit: str | None) -> VolumeFile:
+    """The grid of a NanoVDB file: the box of its active voxels and a layer around it, looked up voxel by voxel."""
+    volume = wp.Volume.load_from_nvdb(path.read_bytes(), device="cpu")
+    info = volume.get_grid_info()
+    if info.grid_count > 1:
+        raise VoxelError(f"has {info.grid_count} grids; a file with one is needed")
+    if volume.is_index or volume.dtype is not wp.float32:
+        raise VoxelError(f"grid {info.name!r} holds {info.type_str}; float is needed")
+    stored = volume.array().numpy()
+    root = struct.unpack_from("<4q", stored, TREE)[3]
+    box = np.array(struct.unpack_from("<6i", stored, TREE + root), np.int64).reshape(2, 3)
+    low, high = box[0] - 1, box[1] + 1
+    if (high - low < 2).any():
+        raise VoxelError(f"grid {info.name!r} has no active voxels")
+    shape = tuple(int(n) for n in high - low + 1)
+    check_size(shape)
+    affine = np.eye(4)
+    affine[:3, :3] = np.array(info.transform_matrix, np.float64).reshape(3, 3)
+    affine[:3, 3] = np.array(info.translation, np.float64) + affine[:3, :3] @ low
+    grid_class = struct.unpack_from("<I", stored, GRID_CLASS)[0]
+    kind, level = CLASS_KINDS.get(grid_class, (None, None))
+    return VolumeFile(gather_volume(volume, low, shape), scaled(affine, unit or "m"), kind, level)
+
+
+def imported(module: str, package: str) -> Any:
+    """A reader that palpate does not bring along."""
+    from importlib import import_module
+
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        raise VoxelError(f"needs the package {package}: pip install {package}") from error
+
+
+READERS: dict[str, Callable[[Path, str | None], VolumeFile]] = {
+    ".npy": read_numpy,
+    ".npz": read_numpy,
+    ".nrrd": read_nrrd,
+    ".nhdr": read_nrrd,
+    ".nii": read_nifti,
+    ".nii.gz": read_nifti,
+    ".nvdb": read_nanovdb,
+}
+
+
+def read_volume(path: str | Path, unit: str | None = None) -> VolumeFile:
+    """A volume as a file has it; raises VoxelError, naming the path, for one that cannot be read.
+
+    unit: of the file's lengths, "m", "cm", "mm" or "um"; None: as the file says, else mm for NRRD and NIfTI, m for the
+    others.
+    """
+    path = Path(path)
+    if unit is not None and unit not in UNITS:
+        raise VoxelError(f"unit must be one of {', '.join(UNITS)}, not {unit!r}")
+    reader = next((read for end, read in READERS.items() if path.name.lower().endswith(end)), None)
+    if reader is None:
+        way = " (OpenVDB's nanovdb_convert makes .nvdb of .vdb)" if path.suffix == ".vdb" else ""
+        raise VoxelError(f"{path}: is no volume by its name, which should end in {', '.join(SUFFIXES)}{way}")
+    if not path.is_file():
+        raise VoxelError(f"{path}: no such file")
+    try:
+        return reader(path, unit)
+    except VoxelError as error:
+        raise VoxelError(f"{path}: {error}") from error
+    except Exception as error:  # readers of many formats, each with errors of its own
+        what = " ".join([f"{type(error).__name__}:", *str(error).split()]).removesuffix(":")
+        raise VoxelError(f"{path}: cannot be read as a volume ({what})") from error
+
+
+def signed_or_occupied(voxels: "VoxelObject") -> tuple[np.ndarray, str]:
+    """Values to store and what they mean: 0 and 1 where nothing is between, else signed."""
+    plain = voxels.rule.kind in ("occupancy", "label") and not voxels.rule.smooth
+    return ((voxels.values < 0).astype(np.uint8), "occupancy") if plain else (np.array(voxels.values), "distance")
+
+
+def write_npz(voxels: "VoxelObject", path: Path) -> None:
+    """Values, affine [m] and kind."""
+    values, kind = signed_or_occupied(voxels)
+    np.savez_compressed(path, values=values, affine=voxels.affine, kind=np.array(kind))
+
+
+def write_npy(voxels: "VoxelObject", path: Path) -> None:
+    """Values alone."""
+    np.save(path, signed_or_occupied(voxels)[0])
+    warnings.warn(f"{path}: an .npy file holds no spacing, origin or kind; .npz does", PalpateWarning, stacklevel=4)
+
+
+def write_nrrd(voxels: "VoxelObject", path: Path) -> None:
+    """Values with directions and origin in millimetres."""
+    header = {
+        "space": "right-anterior-superior",
+        "space directions": voxels.affine[:3, :3].T * 1e3,
+        "space origin": voxels.affine[:3, 3] * 1e3,
+        "space units": ["mm"] * 3,
+        "encoding": "gzip",
+    }
+    imported("nrrd", "pynrrd").write(str(path), signed_or_occupied(voxels)[0], header)
+
+
+def write_nifti(voxels: "VoxelObject", path: Path) -> None:
+    """Values with the affine map in millimetres, which NIfTI holds in float32."""
+    nibabel = imported("nibabel", "nibabel")
+    affine = voxels.affine.copy()
+    affine[:3] *= 1e3
+    image = nibabel.Nifti1Image(signed_or_occupied(voxels)[0], affine)
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, path)
+
+
+def write_nanovdb(voxels: "VoxelObject", path: Path) -> None:
+    """Signed values as a level set of float; Warp writes grids along the axes only."""
+    step = np.diag(voxels.affine)[:3]
+    if not (step > 0).all() or not np.allclose(voxels.affine[:3, :3], np.diag(step), rtol=0, atol=1e-9 * step.max()):
+        raise VoxelError(f"{path}: a turned or mirrored grid cannot be written as .nvdb; .npz, .nrrd and .nii can")
+    values = np.array(voxels.values)
+    volume = wp.Volume.load_from_numpy(
+        values, tuple(voxels.affine[:3, 3]), tuple(step), float(np.abs(values).max()), device="cpu"
+    )
+    grid = volume.array().numpy()  # the volume's own memory
+    grid[GRID_CLASS : GRID_CLASS + 4].view(np.uint32)[0] = LEVEL_SET
+    volume.save_to_nvdb(str(path), codec="zip")
+
+
+WRITERS: dict[str, Callable[["VoxelObject", Path], None]] = {
+    ".npz": write_npz,
+    ".npy": write_npy,
+    ".nrrd": write_nrrd,
+    ".nii": write_nifti,
+    ".nii.gz": write_nifti,
+    ".nvdb": write_nanovdb,
+}
+
+
+def save_voxels(voxels: "VoxelObject", path: str | Path) -> None:
+    """Write voxels, as placed: .npz, .npy (values only), .nrrd, .nii, .nii.gz, or .nvdb (along the axes only).
+
+    Values that are signed are written as they are, occupancy and labels as 0 and 1. Raises VoxelError for another name,
+    and for what the format cannot hold. A file of that name is replaced once the new one is whole.
+    """
+    path = Path(path)
+    end = next((end for end in WRITERS if path.name.lower().endswith(end)), None)
+    if end is None:
+        raise VoxelError(f"{path}: voxels are written to {', '.join(WRITERS)}")
+    new = path.with_name(f".{path.name[: -len(end)]}.{os.getpid()}{end}")
+    try:
+        WRITERS[end](voxels, new)
+        new.replace(path)
+    except OSError as error:
+        raise VoxelError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
+        new.unlink(missing_ok=True)

@@ -1,0 +1,140 @@
+"""What the values of a volume mean: which are inside, and as numbers that are below 0 there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import VoxelError
+
+VOXELS_MOST = 2**30  # 4 GiB in float32
+KINDS = ("occupancy", "distance", "intensity", "label")
+LABELS_NAMED = 20  # labels that an error lists
+
+
+@dataclass(frozen=True)
+class VoxelRule:
+    """Which values are inside.
+
+    kind        inside where the value is          surface lies where it is
+    occupancy   1                                  half-way between voxel centres
+    label       one of `labels`                    half-way between voxel centres
+    distance    below `level` (above, if said so)  `level`, interpolated
+    intensity   above `level` (below, if said so)  `level`, interpolated
+    """
+
+    kind: str
+    level: float = 0.0
+    """Value on the surface, in the volume's own unit; for distance and intensity."""
+    labels: tuple[int, ...] = ()
+    inside: str = "below"
+    """Side of `level` that is inside: below or above."""
+    smooth: float = 0.0
+    """Standard deviation of the Gaussian that occupancy and labels are blurred with [m]; 0 leaves them as they are."""
+
+
+def rule_of(
+    values: np.ndarray,
+    kind: str | None,
+    *,
+    level: float | None,
+    label: int | Sequence[int] | None,
+    inside: str | None,
+    smooth: float,
+) -> VoxelRule:
+    """What was said about the values, completed; raises VoxelError where it does not go together."""
+    if kind is None:
+        kind = "label" if label is not None else "intensity" if level is not None else kind_of(values)
+    if kind not in KINDS:
+        raise VoxelError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
+    by_level = kind in ("distance", "intensity")
+    if (label is not None) != (kind == "label"):
+        raise VoxelError(f"kind {kind!r} and label {label!r} do not go together: labels need label=..., and only they")
+    if not by_level and (level is not None or inside is not None):
+        raise VoxelError(f"level and inside are for kinds distance and intensity, not for {kind!r}")
+    if kind == "intensity" and level is None:
+        raise VoxelError(f"intensities need a level between {values.min():g} and {values.max():g}: level=...")
+    if level is not None and not np.isfinite(level):
+        raise VoxelError(f"level must be finite, not {level}")
+    if inside not in (None, "below", "above"):
+        raise VoxelError(f"inside must be 'below' or 'above' the level, not {inside!r}")
+    if not (np.isfinite(smooth) and smooth >= 0):
+        raise VoxelError(f"smooth must be a length in metres of at least 0, not {smooth}")
+    if smooth and by_level:
+        raise VoxelError(f"smooth is for occupancy and labels, not for kind {kind!r}")
+    labels = () if label is None else tuple(int(x) for x in np.atleast_1d(np.asarray(label)))
+    side = inside or ("above" if kind == "intensity" else "below")
+    return VoxelRule(kind, float(level or 0.0), labels, side, float(smooth))
+
+
+def kind_of(values: np.ndarray) -> str:
+    """Occupancy if all values are 0 or 1; else it must be said."""
+    if values.dtype == bool or (values.dtype.kind in "iu" and values.min() >= 0 and values.max() <= 1):
+        return "occupancy"
+    raise VoxelError(
+        f"values from {values.min():g} to {values.max():g} ({values.dtype}) can mean several things: say "
+        "kind='distance' (negative inside), level=... (an intensity), or label=... (of a segmented volume)"
+    )
+
+
+def check_values(values: np.ndarray) -> None:
+    """Refuse what is not a volume of finite numbers, naming what is wrong."""
+    if values.ndim != 3:
+        ways = {2: ": a single slice is values[:, :, None]", 4: ": of a time series or of channels, choose one"}
+        raise VoxelError(f"values must be [i, j, k], not {list(values.shape)}{ways.get(values.ndim, '')}")
+    if values.size == 0:
+        raise VoxelError(f"values are empty: shape {list(values.shape)}")
+    if values.size > VOXELS_MOST:
+        raise VoxelError(f"a volume may have {VOXELS_MOST} voxels, not {values.size} ({list(values.shape)})")
+    if values.dtype.kind not in "biuf":
+        raise VoxelError(f"values must be bool, integer or float, not {values.dtype}")
+    if values.dtype.kind == "f":
+        count, first = 0, None
+        for i, layer in enumerate(values):
+            bad = ~np.isfinite(layer)
+            if bad.any():
+                first = first or (i, *(int(x) for x in np.argwhere(bad)[0]))
+                count += int(bad.sum())
+        if first:
+            raise VoxelError(f"{count} voxels are not finite, the first is voxel {list(first)}: {values[first]}")
+
+
+def signed_values(values: np.ndarray, rule: VoxelRule, affine: np.ndarray) -> np.ndarray:
+    """Values that are below 0 inside, float32, layer by layer so that large volumes need little more memory."""
+    out = np.empty(values.shape, np.float32)
+    for i, layer in enumerate(values):
+        if rule.kind == "occupancy":
+            if not ((layer == 0) | (layer == 1)).all():
+                odd = layer[(layer != 0) & (layer != 1)][0]
+                raise VoxelError(f"occupancy must be 0 or 1, but layer {i} has {odd}: give label=... or level=...")
+            out[i] = 0.5 - layer.astype(np.float32)
+        elif rule.kind == "label":
+            out[i] = 0.5
+            for label in rule.labels:
+                out[i][layer == label] = -0.5
+        else:
+            with np.errstate(over="ignore"):  # judged below
+                above = (layer.astype(np.float64) - rule.level).astype(np.float32)
+            out[i] = above if rule.inside == "below" else -above
+    if not np.isfinite(out).all():
+        raise VoxelError(f"values from {values.min():g} to {values.max():g} are too large for float32")
+    if rule.smooth:
+        from scipy.ndimage import gaussian_filter  # a tenth of a second that most volumes need not wait for
+
+        sigma = rule.smooth / np.linalg.norm(affine[:3, :3], axis=0)
+        gaussian_filter(out, sigma, output=out, mode="constant", cval=0.5)
+    return out
+
+
+def check_inside(values: np.ndarray, inside: int, rule: VoxelRule) -> None:
+    """Refuse a volume without a surface, naming what was looked for."""
+    if rule.kind == "label":
+        there = np.unique(values)
+        missing = [label for label in rule.labels if label not in there]
+        if missing:
+            names = ", ".join(f"{x:g}" for x in there[:LABELS_NAMED]) + (", ..." if len(there) > LABELS_NAMED else "")
+            raise VoxelError(f"label {missing[0]} is not in the volume, which has {names}")
+    side = f"{rule.inside} level {rule.level:g}" if rule.kind in ("distance", "intensity") else f"by {rule.kind}"
+    if inside == 0 or inside == values.size:
+        many = "no voxel is" if inside == 0 else f"all {inside} voxels are"
+        raise VoxelError(f"{many} inside ({side}; values run from {values.min():g} to {values.max():g})")

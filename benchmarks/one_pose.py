@@ -22,7 +22,8 @@ from palpate.datasets import exploration
 from palpate.render import MeshObject, Palm, SamplingStrategy
 from palpate.render.bench_objects import bench_object
 from palpate.render.instant import POSE_INTERVAL, Instant, PoseContours
-from palpate.render.strategy import PRESETS, intersect
+from palpate.render.intersect import intersect
+from palpate.render.strategy import PRESETS
 
 BAR = 1000.0  # [us] p99
 OBJECTS = ("cube", "tube", "dog", "sphere", "blob-100k")

@@ -30,6 +30,7 @@ from palpate.render.batch import Chunk, rendered_chunks
 from palpate.render.hands import Palm
 from palpate.render.objects import MeshObject
 from palpate.render.record import file_header, metrics_of, record
+from palpate.render.scene import Scene
 from palpate.render.strategy import closed_contour
 from palpate.render.workers import worker_devices
 
@@ -39,7 +40,7 @@ THINGS = ("cube", "tube")
 def render_alone(thing: MeshObject, motion: HandMotion, devices: list[str]) -> float:
     """Seconds until the last chunk is on the host."""
     started = perf_counter()
-    for _ in rendered_chunks(thing, Palm(), motion.pose, closed_contour(), devices=devices):
+    for _ in rendered_chunks(Scene.of(thing, Palm(), closed_contour()), motion.pose, devices=devices):
         pass
     return perf_counter() - started
 
@@ -54,7 +55,7 @@ def record_all(path: Path, thing: MeshObject, motion: HandMotion, devices: list[
 def write_alone(path: Path, thing: MeshObject, motion: HandMotion, chunks: list[Chunk]) -> float:
     """Seconds that a file takes whose contours are there already: what a fast device would have to wait for."""
     started = perf_counter()
-    with ContourWriter(path, file_header(thing, Palm(), motion, closed_contour(), "cpu")) as writer:
+    with ContourWriter(path, file_header(Scene.of(thing, Palm(), closed_contour()), motion, "cpu")) as writer:
         for chunk in chunks:
             writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
         writer.seal()
@@ -105,7 +106,7 @@ def measure(name: str, devices: list[str], pose_count: int, repeats: int, folder
     """Medians of the three, and what a file takes."""
     thing, motion = MeshObject.load(name), HandMotion(None, random_poses(pose_count))
     recorded, written, raw = (folder / f"{side}.h5" for side in ("recorded", "written", "raw"))
-    chunks = list(rendered_chunks(thing, Palm(), motion.pose, closed_contour(), devices=devices))
+    chunks = list(rendered_chunks(Scene.of(thing, Palm(), closed_contour()), motion.pose, devices=devices))
     record_all(recorded, thing, motion, devices)
     rows, commit_count = random_rows(recorded)
     size = recorded.stat().st_size

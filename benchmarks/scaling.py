@@ -23,6 +23,7 @@ from poses import random_poses
 from palpate.render.batch import rendered_chunks
 from palpate.render.hands import Palm
 from palpate.render.objects import MeshObject
+from palpate.render.scene import Scene
 from palpate.render.strategy import closed_contour
 from palpate.render.workers import GPU_WORKERS
 
@@ -35,10 +36,10 @@ def workers_on(devices: list[str]) -> list[str]:
 def render_seconds(thing: str, poses: np.ndarray, devices: list[str]) -> float:
     """Seconds until the last chunk is on the host."""
     loaded = MeshObject.load(thing)
-    for _ in rendered_chunks(loaded, Palm(), poses[:1000], closed_contour(), devices=devices):
+    for _ in rendered_chunks(Scene.of(loaded, Palm(), closed_contour()), poses[:1000], devices=devices):
         pass
     started = perf_counter()
-    for _ in rendered_chunks(loaded, Palm(), poses, closed_contour(), devices=devices):
+    for _ in rendered_chunks(Scene.of(loaded, Palm(), closed_contour()), poses, devices=devices):
         pass
     return perf_counter() - started
 

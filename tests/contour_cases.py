@@ -44,7 +44,7 @@ def everything(pose_count: int) -> dict[str, Any]:
     rng = np.random.default_rng(1)
     pose = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (pose_count, 1))
     hand_arrays = {
-        "patch_pose": np.tile(pose, (3, 1)),
+        "patch_pose": np.concatenate([np.tile(pose, (3, 1)), np.full((1, 7), np.nan, np.float32)]),
         "skin_vertices": rng.normal(size=(5, 3)).astype(np.float32),
         "skin_faces": np.array([[0, 1, 2], [0, 2, 3]], np.int32),
         "skin_glabrous": np.array([1, 0], np.uint8),

@@ -102,10 +102,12 @@ def surface_on(mesh, device):
 
 
 def draw(surface, poses, patch, strategy, method, *, limit=None):
-    """Contours of a surface on a device at poses [pose, 7], of every patch, by a strategy's name."""
+    """Contours of a surface on a device at poses [pose, 7] or [pose, patch, 7], every patch, by a strategy's name."""
     device = surface.corner.device
     bounded, closes = STRATEGIES[strategy]
-    pose = wp.array(np.atleast_2d(np.asarray(poses, np.float32)), dtype=wp.transform, device=device)
+    poses = np.asarray(poses, np.float32)
+    poses = poses if poses.ndim == 3 else np.atleast_2d(poses)[:, None]
+    pose = wp.array(poses, dtype=wp.transform, ndim=2, device=device)
     found = find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method=method)
     joined = join_pieces(surface, found, pose, patch, closes=closes, limit=limit)
     contours = draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes)

@@ -20,6 +20,7 @@ from palpate.render import (
 from palpate.render.batch import POINT_BYTES, rendered_chunks
 from palpate.render.contours import HAND, OBJECT, join_batches, object_part
 from palpate.render.errors import PoseError, StrategyError
+from palpate.render.scene import Scene
 
 OBJECTS = {name: MeshObject.load(name) for name in shape_names()}
 PALM = Palm()
@@ -131,7 +132,7 @@ def test_permuted_poses_permute_the_batch(device, rng):
 def test_chunk_size_does_not_matter_and_memory_is_kept_to(device):
     thing, poses = OBJECTS["dog-detailed"], random_poses(3000, 6)
     whole = render(thing, PALM, poses, closed_contour(), device=device, memory=2**30)
-    chunks = list(rendered_chunks(thing, PALM, poses, closed_contour(), device=device, memory=2**20))
+    chunks = list(rendered_chunks(Scene.of(thing, PALM, closed_contour()), poses, device=device, memory=2**20))
     assert len(chunks) > 5
     assert [c.first for c in chunks[1:]] == [c.stop for c in chunks[:-1]]
     assert_same(whole, join_batches([c.contours for c in chunks]))

@@ -31,8 +31,9 @@ from palpate.render.cli import app
 from palpate.render.contours import ContourBatch
 from palpate.render.errors import RenderError, StrategyError
 from palpate.render.hands import Palm
+from palpate.render.intersect import intersect
 from palpate.render.peers import one_core
-from palpate.render.strategy import closed_contour, intersect
+from palpate.render.strategy import closed_contour
 
 
 @pytest.fixture(autouse=True)

@@ -16,8 +16,9 @@ from palpate.render.bench_sections import PalmFrames, Polylines, clipped, offset
 from palpate.render.bench_turns import BenchOptions, PeerTurn, Trial
 from palpate.render.cli import app
 from palpate.render.hands import Palm
+from palpate.render.intersect import intersect
 from palpate.render.peers import Declined, Peer, check_peer, find_peers, peer_classes
-from palpate.render.strategy import intersect, load_strategy
+from palpate.render.strategy import load_strategy
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from throughput import OBJECTS

@@ -244,7 +244,7 @@ def test_surfaces_without_a_trail_are_sought_and_never_traced(device):
 
 
 def test_the_method_is_the_faster_one_and_can_be_named(device):
-    patch, pose = patch_array(HALF, device), wp.array(generic_poses(3, 1), dtype=wp.transform, device=device)
+    patch, pose = patch_array(HALF, device), wp.array(generic_poses(3, 1)[:, None], dtype=wp.transform, device=device)
     surface, large = surface_on(MESHES["cube"](), device), surface_on(soup(TRAIL_LARGEST + 1), device)
     assert method_for(surface, pose.device) == "trace"
     assert method_for(large, pose.device) == "seek"

@@ -63,13 +63,15 @@ def test_files_and_kernels_stay_small(path):
 @pytest.mark.parametrize("path", [p for p in SOURCES if p.parent.name == "kernels"], ids=lambda p: p.name)
 def test_kernel_modules_are_compiled_exactly(path):
     text = path.read_text()
-    assert ("@wp.kernel" not in text) or ("wp.set_module_options(EXACT)" in text)
+    assert ("@wp.kernel\n" not in text) or ("wp.set_module_options(EXACT)" in text)
+    decorators = {line.strip() for line in text.splitlines() if line.strip().startswith("@wp.kernel")}
+    assert decorators <= {"@wp.kernel", "@wp.kernel(**MODULE)"}
 
 
 def test_precompiling_covers_every_kernel_module():
     from palpate.kernels import STAGES
 
-    assert {p.stem for p in SOURCES if "@wp.kernel" in p.read_text()} == set(STAGES)
+    assert {p.stem for p in SOURCES if "@wp.kernel\n" in p.read_text()} == set(STAGES)
 
 
 def test_the_installed_package_has_every_module():

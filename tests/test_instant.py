@@ -19,6 +19,7 @@ from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contou
 from palpate.render.batch import check_poses
 from palpate.render.errors import MeshError, PoseError, StrategyError
 from palpate.render.instant import DRAWN_MOST, Instant, PoseContours, RoomSize, checked_pose
+from palpate.render.plane_hand import HandPatch, PlaneHand
 from palpate.render.sampling import (
     AmplitudeModulation,
     LateralModulation,
@@ -279,26 +280,16 @@ def test_a_method_that_there_is_not_is_refused_when_made():
         PoseContours(object_of("blob-100k"), PALM, closed_contour(), method="trace")
 
 
-class TwoPalms:
-    """A hand of two patches, side by side and one above the other."""
-
-    patch_count = 2
-
-    def on(self, device):
-        import warp as wp
-
-        patches = [PALM.on(device).numpy()[0], Palm(0.03, 0.1).on(device).numpy()[0]]
-        patches[1]["origin"] = (0.02, 0.015, -0.01)
-        return wp.array(np.array(patches), dtype=PALM.on(device).dtype, device=device)
+TWO_PALMS = PlaneHand((HandPatch("palm", 0.085, 0.085), HandPatch("over", 0.03, 0.1, (0.02, 0.015, -0.01, 0, 0, 0, 1))))
 
 
 @pytest.mark.parametrize("size", [RoomSize(), RoomSize(1, 1, 1)])
 @pytest.mark.parametrize("method", ["trace", "seek"])
 def test_every_patch_of_a_hand_is_drawn(method, size):
     thing, poses = thing_of("dog"), generic_poses(60, 5)
-    expected = render(thing, TwoPalms(), poses, closed_contour())
+    expected = render(thing, TWO_PALMS, poses, closed_contour())
     assert set(expected.polyline_patch) == {0, 1}
-    contours = PoseContours(thing, TwoPalms(), closed_contour(), method=method, size=size)
+    contours = PoseContours(thing, TWO_PALMS, closed_contour(), method=method, size=size)
     for i, pose in enumerate(poses):
         assert_same_bits(contours.at(pose), expected.select(i, i + 1))
 

@@ -18,9 +18,10 @@ from palpate.datasets.motion import HandMotion
 from palpate.datasets.reader import ContourFile
 from palpate.render import MeshObject, Palm, closed_contour, record, render
 from palpate.render import batch as batch_module
-from palpate.render.batch import POINT_BYTES, SECTION_BYTES, memory_for, rendered_chunks
+from palpate.render.batch import POINT_BYTES, memory_for, rendered_chunks
 from palpate.render.contours import join_batches
 from palpate.render.errors import StrategyError
+from palpate.render.scene import SECTION_BYTES, Scene
 from palpate.render.workers import Crew, PoseSpans, worker_devices
 
 PALM = Palm()
@@ -165,8 +166,10 @@ def test_workers_share_the_last_poses():
 @pytest.mark.parametrize("workers", [1, 2, 3])
 @pytest.mark.parametrize("memory", [2**20, 2**22, 2**28])
 def test_workers_and_chunk_sizes_change_no_bit(device, poses, workers, memory):
-    alone = list(rendered_chunks(TUBE, PALM, poses, closed_contour(), device=device, memory=2**24))
-    chunks = list(rendered_chunks(TUBE, PALM, poses, closed_contour(), devices=[device] * workers, memory=memory))
+    alone = list(rendered_chunks(Scene.of(TUBE, PALM, closed_contour()), poses, device=device, memory=2**24))
+    chunks = list(
+        rendered_chunks(Scene.of(TUBE, PALM, closed_contour()), poses, devices=[device] * workers, memory=memory)
+    )
     assert len(chunks) > 1
     assert [chunk.first for chunk in chunks[1:]] == [chunk.stop for chunk in chunks[:-1]]
     assert_same(join_batches([c.contours for c in alone]), join_batches([c.contours for c in chunks]))
@@ -217,7 +220,7 @@ def test_memory_of_chunks_under_way_stays_below_the_budget(workers, poses, monke
 
     for budget in (2**22, 2**24):
         list_of_chunks = rendered_chunks(
-            TUBE, PALM, np.tile(poses, (10, 1)), closed_contour(), devices=["cpu"] * workers, memory=budget
+            Scene.of(TUBE, PALM, closed_contour()), np.tile(poses, (10, 1)), devices=["cpu"] * workers, memory=budget
         )
         with monkeypatch.context() as patch:
             patch.setattr(type(allocator), "allocate", counted_take)
@@ -234,12 +237,13 @@ import numpy as np
 import warp as wp
 from palpate.render import MeshObject, Palm, closed_contour
 from palpate.render.batch import rendered_chunks
+from palpate.render.scene import Scene
 device, budget, poses = sys.argv[1], int(sys.argv[2]), np.load(sys.argv[3])
 thing = MeshObject.load("tube")
 thing.on(device)
 wp.synchronize_device(device)
 before, largest = wp.get_mempool_used_mem_current(device), 0
-for chunk in rendered_chunks(thing, Palm(), poses, closed_contour(), devices=[device] * 2, memory=budget):
+for chunk in rendered_chunks(Scene.of(thing, Palm(), closed_contour()), poses, devices=[device] * 2, memory=budget):
     largest = max(largest, sum(array.nbytes for array in chunk.contours.arrays().values()))
 print(wp.get_mempool_used_mem_high(device) - before, largest)
 """
@@ -269,7 +273,7 @@ def test_a_file_of_several_workers_is_that_of_one(tmp_path, device, poses):
 
 def test_recording_that_fails_keeps_what_was_done_and_leaves_no_thread(tmp_path, poses, monkeypatch):
     motion, path = HandMotion(None, poses), tmp_path / "out.h5"
-    real, calls = batch_module.intersect, []
+    real, calls = Scene.contours, []
 
     def failing(*arguments, **options):
         calls.append(None)
@@ -278,7 +282,7 @@ def test_recording_that_fails_keeps_what_was_done_and_leaves_no_thread(tmp_path,
         return real(*arguments, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(batch_module, "intersect", failing)
+        patch.setattr(Scene, "contours", failing)
         with pytest.raises(KeyboardInterrupt):
             record(path, TUBE, PALM, motion, closed_contour(), devices=["cpu"] * 2, memory=2**22)
     with ContourFile(path) as file:

@@ -1,0 +1,69 @@
+"""Random batches of contours for tests of stages, and what must hold of what stages leave of them."""
+
+import numpy as np
+
+from palpate.render import ContourBatch
+
+
+def random_batch(rng, pose_count, *, line_most=4, point_most=12, spread=0.04, patch_count=3, middle=(0, 0, 0.2)):
+    """Polylines of random vertices, open and closed, kinds and intensity at random; some poses are empty."""
+    points, kinds, counts, closed, lines = [], [], [], [], []
+    for _ in range(pose_count):
+        lines.append(rng.integers(0, line_most + 1))
+        for _ in range(lines[-1]):
+            own = rng.normal(size=(rng.integers(3, point_most), 3)) * spread + middle
+            loops = rng.uniform() < 0.5
+            own = (np.vstack([own, own[:1]]) if loops else own).astype(np.float32)
+            kind = rng.integers(0, 3, len(own)).astype(np.uint8)
+            kind[-1] = kind[-2]
+            points.append(own)
+            kinds.append(kind)
+            counts.append(len(own))
+            closed.append(loops)
+    total = sum(counts)
+    start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    intensity = rng.uniform(size=total).astype(np.float32)
+    loops = np.flatnonzero(closed)
+    intensity[start[loops + 1] - 1] = intensity[start[loops]]
+    return ContourBatch(
+        points=np.concatenate([*points, np.zeros((0, 3), np.float32)]),
+        kind=np.concatenate([*kinds, np.zeros(0, np.uint8)]),
+        polyline_start=start,
+        polyline_patch=rng.integers(0, patch_count, len(counts)).astype(np.int32),
+        polyline_closed=np.array(closed, np.uint8),
+        pose_start=np.concatenate([[0], np.cumsum(lines)]).astype(np.int64),
+        intensity=intensity,
+    )
+
+
+def kinds_agree(part, whole, tolerance=1e-6):
+    """Assert that every segment of `part` lies on one of `whole`: of the same pose, patch, kind and direction."""
+    part, whole = part.numpy(), whole.numpy()
+    for pose in range(whole.pose_count):
+        own = segments_of(whole, pose)
+        for a, b, kind, patch in segments_of(part, pose):
+            assert any(
+                kind == k
+                and patch == p
+                and on_segment(a, c, d, tolerance)
+                and on_segment(b, c, d, tolerance)
+                and np.dot(b - a, d - c) > 0
+                for c, d, k, p in own
+            ), (pose, a, b, kind, patch)
+
+
+def segments_of(batch, pose):
+    """Segments of a pose on the host: start, end, kind, patch."""
+    out = []
+    for line in range(batch.pose_start[pose], batch.pose_start[pose + 1]):
+        for i in range(batch.polyline_start[line], batch.polyline_start[line + 1] - 1):
+            ends = batch.points[i : i + 2].astype(np.float64)
+            out.append((ends[0], ends[1], batch.kind[i], batch.polyline_patch[line]))
+    return out
+
+
+def on_segment(x, a, b, tolerance):
+    """Whether a point lies on a segment."""
+    way = b - a
+    share = np.clip(np.dot(x - a, way) / max(np.dot(way, way), 1e-30), 0, 1)
+    return np.linalg.norm(a + share * way - x) <= tolerance

@@ -1,0 +1,200 @@
+"""Cutting: what is left of contours when segments, or parts of them, are taken out."""
+
+import numpy as np
+import pytest
+import warp as wp
+from contour_random import kinds_agree, random_batch
+
+from palpate.kernels.cut import cut_contours, divide_segments, measure_removed
+from palpate.render import ContourBatch
+from palpate.render.cut import cut_batch
+from palpate.render.errors import StrategyError
+from palpate.render.stage_check import checked_batch
+
+
+def runs_of(kept, closed):
+    """Runs of kept parts of one polyline, as lists of part numbers, in the order in which pieces are written."""
+    count = len(kept)
+    if all(kept):
+        return [list(range(count))]
+    turn = kept.index(False) if closed else 0
+    runs, own = [], []
+    for part in [(turn + j) % count for j in range(count)]:
+        if kept[part]:
+            own.append(part)
+        elif own:
+            runs.append(own)
+            own = []
+    return [*runs, own] if own else runs
+
+
+def slow_cut(batch, start, segment, share, keep):
+    """The rules of `kernels.cut`, one polyline after the other; parts as arrays."""
+    rows = {"points": [], "kind": [], "intensity": []}
+    counts, patches, closed_rows, pose_counts = [], [], [], []
+
+    def write(i, t, kind):
+        mixed = {}
+        for name in ("points", "intensity"):
+            value = getattr(batch, name)
+            a = np.asarray(value[i], np.float64)
+            mixed[name] = a if t == 0 else a + t * (np.asarray(value[i + 1], np.float64) - a)
+        rows["points"].append(mixed["points"])
+        rows["intensity"].append(mixed["intensity"])
+        rows["kind"].append(kind)
+
+    for pose in range(batch.pose_count):
+        pieces = 0
+        for line in range(batch.pose_start[pose], batch.pose_start[pose + 1]):
+            base, last = batch.polyline_start[line], batch.polyline_start[line + 1] - 1
+            first, stop = start[base], start[last]
+            kept = [bool(k) for k in keep[first:stop]]
+            for run in runs_of(kept, batch.polyline_closed[line]):
+                before = len(rows["kind"])
+                for k, part in enumerate(run):
+                    if k == 0 or share[first + part] == 0:
+                        write(segment[first + part], share[first + part], batch.kind[segment[first + part]])
+                end = first + run[-1] + 1
+                own = segment[end - 1]
+                whole = end == start[own + 1]
+                write(own + 1 if whole else own, 0.0 if whole else share[end], batch.kind[own])
+                counts.append(len(rows["kind"]) - before)
+                patches.append(batch.polyline_patch[line])
+                closed_rows.append(batch.polyline_closed[line] and all(kept))
+                pieces += 1
+        pose_counts.append(pieces)
+    return ContourBatch(
+        points=np.array(rows["points"], np.float64).reshape(-1, 3).astype(np.float32),
+        kind=np.array(rows["kind"], np.uint8),
+        polyline_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        polyline_patch=np.array(patches, np.int32),
+        polyline_closed=np.array(closed_rows, np.uint8),
+        pose_start=np.concatenate([[0], np.cumsum(pose_counts)]).astype(np.int64),
+        intensity=np.array(rows["intensity"], np.float64).astype(np.float32),
+    )
+
+
+def assert_same(batch, other):
+    host, wanted = batch.numpy().by_name(), other.numpy().by_name()
+    assert host.keys() == wanted.keys()
+    for name in host:
+        np.testing.assert_array_equal(host[name], wanted[name], err_msg=name)
+
+
+@pytest.mark.parametrize("share_kept", [0.0, 0.3, 0.8, 1.0])
+def test_segments_are_cut_as_the_slow_way_does(device, rng, share_kept):
+    batch = random_batch(rng, 40)
+    keep = (rng.uniform(size=batch.point_count) < share_kept).astype(np.uint8)
+    start = np.zeros(batch.point_count + 1, np.int64)
+    is_segment = np.ones(batch.point_count, np.int64)
+    is_segment[batch.polyline_start[1:] - 1] = 0
+    start[1:] = np.cumsum(is_segment)
+    segment = np.flatnonzero(is_segment)
+    wanted = slow_cut(batch, start, segment, np.zeros(len(segment)), keep[segment])
+    cut, _ = cut_batch(batch.to(device), wp.array(keep, device=device))
+    assert_same(cut, wanted)
+
+
+def test_parts_of_segments_are_cut_as_the_slow_way_does(device, rng):
+    batch = random_batch(rng, 40)
+    on = batch.to(device)
+    parts = divide_segments(on.points, on.polyline_start, 0.004)
+    keep = (rng.uniform(size=parts.segment.shape[0]) < 0.8).astype(np.uint8)
+    wanted = slow_cut(batch, parts.start.numpy(), parts.segment.numpy(), parts.share.numpy(), keep)
+    cut, removed = cut_batch(on, wp.array(keep, device=device), parts=parts)
+    assert_same(cut, wanted)
+    np.testing.assert_allclose(cut.length() + removed, batch.length(), atol=2e-6)
+    assert removed.sum() > 0.1
+
+
+def test_parts_cover_every_segment_and_are_short_enough(device, rng):
+    batch = random_batch(rng, 10)
+    parts = divide_segments(batch.to(device).points, batch.to(device).polyline_start, 0.003)
+    start, segment, share = parts.start.numpy(), parts.segment.numpy(), parts.share.numpy()
+    ends = batch.polyline_start[1:] - 1
+    assert (np.diff(start)[ends] == 0).all()
+    inner = np.setdiff1d(np.arange(batch.point_count), ends)
+    assert (np.diff(start)[inner] >= 1).all()
+    np.testing.assert_array_equal(share[start[inner]], 0.0)
+    np.testing.assert_array_equal(segment, np.repeat(np.arange(batch.point_count), np.diff(start)))
+    length = np.linalg.norm(np.diff(batch.points.astype(np.float64), axis=0), axis=1)
+    assert (length[inner] / np.diff(start)[inner]).max() <= 0.003 * (1 + 1e-12)
+
+
+def test_nothing_removed_gives_the_same_bits_however_segments_are_divided(device, rng):
+    batch = random_batch(rng, 30)
+    on = batch.to(device)
+    parts = divide_segments(on.points, on.polyline_start, 0.002)
+    keep = wp.full(parts.segment.shape[0], 1, dtype=wp.uint8, device=device)
+    cut, removed = cut_batch(on, keep, parts=parts)
+    assert_same(cut, batch)
+    assert not removed.any()
+
+
+def test_a_closed_contour_cut_open_goes_on_across_its_seam():
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]], np.float32)
+    batch = ContourBatch(
+        points=square,
+        kind=np.array([0, 1, 0, 1, 1], np.uint8),
+        polyline_start=np.array([0, 5]),
+        polyline_patch=np.array([3], np.int32),
+        polyline_closed=np.array([1], np.uint8),
+        pose_start=np.array([0, 0, 1, 1]),
+    )
+    cut, removed = cut_batch(batch, [1, 0, 1, 1, 0])
+    np.testing.assert_array_equal(cut.points, square[[2, 3, 0, 1]])
+    np.testing.assert_array_equal(cut.kind, [0, 1, 0, 0])
+    np.testing.assert_array_equal(cut.pose_start, [0, 0, 1, 1])
+    assert cut.polyline_closed.tolist() == [0]
+    assert cut.polyline_patch.tolist() == [3]
+    assert removed.tolist() == [0, 1, 0]
+
+
+def test_an_empty_batch_stays_empty(device):
+    empty = random_batch(np.random.default_rng(0), 4, line_most=0)
+    cut, removed = cut_batch(empty.to(device), wp.empty(0, dtype=wp.uint8, device=device))
+    assert_same(cut, empty)
+    assert removed.tolist() == [0, 0, 0, 0]
+
+
+def test_what_is_left_is_a_valid_batch_of_the_same_kinds_and_directions(rng):
+    batch = random_batch(rng, 60)
+    keep = rng.uniform(size=batch.point_count) < 0.6
+    cut, removed = cut_batch(batch, keep)
+    assert_same(checked_batch(cut, batch, "host", "cut"), cut)
+    kinds_agree(cut, batch)
+    by_kind = batch.lengths() - cut.lengths()
+    np.testing.assert_allclose(by_kind.sum(axis=1), removed, atol=2e-6)
+    again, more = cut_batch(cut, np.ones(cut.point_count))
+    assert_same(again, cut)
+    assert not more.any()
+
+
+def test_pauses_stay_at_the_points_they_were_at(rng):
+    batch = random_batch(rng, 10)
+    dwell = rng.uniform(size=batch.point_count).astype(np.float32)
+    on = ContourBatch(**{**batch.by_name(), "dwell": dwell}).to("cpu")
+    parts = divide_segments(on.points, on.polyline_start, 0.004)
+    keep = (rng.uniform(size=parts.segment.shape[0]) < 0.7).astype(np.uint8)
+    cut, _ = cut_batch(on, wp.array(keep), parts=parts)
+    lines = (on.points, on.kind, on.polyline_start, on.polyline_patch, on.polyline_closed, on.pose_start)
+    raw = cut_contours(*lines, None, wp.array(keep), parts)
+    source, share = raw.source.numpy(), raw.share.numpy()
+    np.testing.assert_array_equal(cut.dwell.numpy(), np.where(share == 0, dwell[source], 0))
+    assert raw.intensity is None
+
+
+def test_a_keep_of_another_length_is_refused(rng):
+    batch = random_batch(rng, 3)
+    with pytest.raises(StrategyError, match=rf"shape \[{batch.point_count}\]"):
+        cut_batch(batch, np.ones(batch.point_count + 1))
+
+
+def test_the_removed_length_does_not_count_what_follows_a_polyline(device):
+    points = np.array([[0, 0, 0], [1, 0, 0], [9, 9, 9], [9, 9, 8]], np.float32)
+    on = {"device": device}
+    start, poses = wp.array([0, 2, 4], dtype=wp.int64, **on), wp.array([0, 2], dtype=wp.int64, **on)
+    xyz = wp.array(points, dtype=wp.vec3, **on)
+    parts = divide_segments(xyz, start)
+    removed = measure_removed(xyz, start, poses, parts, wp.zeros(2, dtype=wp.uint8, **on))
+    assert removed.numpy().tolist() == [2.0]

@@ -1,0 +1,267 @@
+"""Implicit objects: expressions and Warp functions, placed, judged, refused."""
+
+import warnings
+from dataclasses import replace
+from itertools import pairwise
+
+import implicit_functions as functions
+import numpy as np
+import pytest
+from expression_oracle import value
+from scipy.spatial.transform import Rotation
+
+from palpate.kernels.probe import probe_points
+from palpate.render.batch import render
+from palpate.render.errors import ImplicitError, PalpateWarning
+from palpate.render.expression import box, half_space, sphere, torus
+from palpate.render.expression_file import expression_to_json
+from palpate.render.hands import Palm
+from palpate.render.implicit import ImplicitObject
+from palpate.render.objects import MeshObject, Placement
+from palpate.render.solid import Solid
+from palpate.render.strategy import closed_contour
+
+AROUND = [[-0.06] * 3, [0.06] * 3]
+UP = Placement(at=(0, 0, 0.2))
+
+
+def made(source, bounds=None, **options):
+    options.setdefault("placement", UP)
+    return ImplicitObject(source, bounds=bounds, **options)
+
+
+def inside(thing, x, device="cpu"):
+    return probe_points(thing.field_on(device), x, device=device) < 0
+
+
+@pytest.mark.parametrize("source", [sphere(0.04), functions.ball, functions.ball_of_doubles, functions.steep])
+def test_a_ball_is_a_ball_however_it_is_told(source, device, rng):
+    thing = made(source, AROUND, placement=Placement(scale=2, at=(0.01, -0.02, 0.2)))
+    assert isinstance(thing, Solid)
+    thing.require_closed()
+    middle = np.array([0.01, -0.02, 0.2])
+    x = middle + rng.uniform(-0.15, 0.15, (2000, 3))
+    far = np.linalg.norm(x - middle, axis=1) - 0.08
+    sure = np.abs(far) > 1e-6
+    assert (inside(thing, x, device) == (far < 0))[sure].all()
+    vertices, faces = thing.outline_mesh()
+    np.testing.assert_allclose(np.linalg.norm(vertices - middle, axis=1), 0.08, atol=2e-6)
+    assert MeshObject(vertices, faces).report.closed
+    assert (vertices >= thing.bounds[0] - 1e-6).all()
+    assert (vertices <= thing.bounds[1] + 1e-6).all()
+
+
+@pytest.mark.parametrize(
+    "placement",
+    [
+        UP,
+        Placement(scale=0.5, at=(0.1, 0, 0.3)),
+        Placement(up="y", rotate=(10, 20, 30), at=(0, 0, 0.2)),
+        Placement(up="-x", fit=0.13, rotate=(0, 0, 90), at=(0.01, 0.02, 0.2)),
+        Placement(rotate=(90, 0, 0)),
+    ],
+)
+@pytest.mark.parametrize("given", [None, "function"])
+def test_placement_is_that_of_a_mesh(placement, given, rng):
+    """A box of the same bounds as a mesh lands where the mesh does."""
+    size, at = np.array([0.1, 0.06, 0.03]), np.array([0.02, 0.01, 0.25])
+    corners = at + size / 2 * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    bounds = np.stack([corners.min(axis=0), corners.max(axis=0)])
+    if given is None:
+        thing = made(box(*size).moved(*at), placement=placement)
+    else:  # a function that fills its bounds but for a sheet, and so is cut by them
+        with pytest.warns(PalpateWarning, match="reaches its bounds' border"):
+            thing = made(functions.low_but_on_a_sheet, bounds, placement=placement)
+    after = placement.applied_to(corners)
+    np.testing.assert_allclose(thing.bounds, [after.min(axis=0), after.max(axis=0)], atol=1e-12)
+    middle = after.mean(axis=0)
+    assert inside(thing, middle + 0.999 * (after - middle)).all()
+    assert not inside(thing, middle + 1.001 * (after - middle)).any()
+
+
+def test_an_expression_without_bounds_needs_some_and_is_cut_by_them():
+    with pytest.raises(ImplicitError, match="has no end along x, y, z: give bounds, or intersect"):
+        made(half_space((0, 0, 1)))
+    with pytest.raises(ImplicitError, match="has no end along x, y: give bounds"):
+        made(half_space((0, 0, 1)) & half_space((0, 0, -1), 0.01))
+    thing = made(half_space((0, 0, 1)), AROUND, placement=None, hand=True)
+    np.testing.assert_allclose(thing.bounds, [[-0.06] * 3, [0.06, 0.06, 0]])
+    assert inside(thing, np.array([[0.05, 0.05, -0.01], [0.05, 0.05, 0.01], [0.05, 0.07, -0.01]])).tolist() == [1, 0, 0]
+
+
+def test_bounds_that_hold_an_expression_change_nothing():
+    one, other = made(sphere(0.04)), made(sphere(0.04), AROUND)
+    assert one.identity == other.identity
+    assert made(sphere(0.04), [[-0.06] * 3, [0.03] * 3]).identity != one.identity
+
+
+def test_a_function_is_cut_by_its_bounds_with_a_warning():
+    with pytest.warns(PalpateWarning, match=r"ball: reaches its bounds' border, at \(-0.03, .*\) m for one"):
+        thing = made(functions.ball, [[-0.03] * 3, [0.06] * 3], placement=None, hand=True)
+    assert inside(thing, np.array([[-0.029, 0, 0], [-0.031, 0, 0]])).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("jumping", r"not continuous: it jumps from -1 to 1 at \(.*\) m"),
+        ("jumping_a_little", r"not continuous: it jumps from -1\.0.*e-05 to 1\.0.*e-05 at"),
+        ("level", "is 3 at all 274625 points tried within its bounds; it must be below 0 inside"),
+        ("high", r"is never below 0, so nothing is inside \(0.94 to 1.06 at all"),
+        ("low", r"is below 0 at all .* \(-1.06 to -0.94\), so they hold no surface"),
+        ("unknown_below_zero", r"is not a number at 135200 of 274625 points .*, at \(-0.06, -0.06, -0.06\) m for one"),
+        ("of_two", r"must take one position, wp.vec3 or wp.vec3d, and give a number, not \(x: vec3f, y: float\)"),
+        ("of_a_number", "must take one position"),
+        ("a_vector", "cannot be compiled"),
+        ("plain", "must be a function decorated with @wp.func, not function"),
+    ],
+)
+def test_a_function_that_is_no_solid_is_refused(name, message):
+    with pytest.raises(ImplicitError, match=f"^{name}: .*{message}") as caught:
+        made(getattr(functions, name), AROUND, name=name)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        (None, "ball: a function needs bounds"),
+        ([[0, 0, 0], [0, 0, 0]], "bounds must be finite"),
+        ([[1, 1, 1], [0, 0, 0]], "bounds must be finite"),
+        ([0, 1], "bounds must be finite"),
+        ("wide", "bounds must be finite"),
+        ([[0, 0, 0], [1, 1, float("nan")]], "bounds must be finite"),
+    ],
+)
+def test_bounds_that_are_none_are_refused(bounds, message):
+    with pytest.raises(ImplicitError, match=message):
+        made(functions.ball, bounds)
+
+
+@pytest.mark.parametrize(
+    ("e", "message"),
+    [
+        (sphere(0.04) - sphere(0.05), "nothing is inside"),
+        (sphere(0.01) & sphere(0.01).moved(1), "nothing is inside"),
+        (sphere(0.01) & sphere(0.01).moved(0.015, 0.015), "nothing is inside"),
+        (sphere(0.04).grown(-0.05), "nothing is inside"),
+        (box(0.1, 0.1, 0.1) & box(0.1, 0.1, 0.1).moved(0.1), "is it a mere sheet"),
+    ],
+)
+def test_an_expression_with_nothing_inside_is_refused(e, message):
+    with pytest.raises(ImplicitError, match=message):
+        made(e, name="nothing")
+
+
+def test_thin_and_small_insides_are_found():
+    made(box(0.1, 0.1, 1e-4).turned(10, 20, 30))
+    made((sphere(0.05) - sphere(0.0499)) & half_space((1, 1, 1), -0.0499))
+    made(torus(0.1, 0.001) & sphere(0.001).moved(0.1))
+    made(box(0.1, 0.1, 0.1) - half_space((1, 1, 1), 0.149 / 3**0.5))  # 1 mm of a corner
+
+
+def test_files_and_names_are_loaded(tmp_path, monkeypatch):
+    path = tmp_path / "solid.json"
+    path.write_text(expression_to_json(sphere(0.04)))
+    assert ImplicitObject.load(path, placement=UP).identity == made(sphere(0.04)).identity
+    assert ImplicitObject.load(str(path), placement=UP).name == "solid.json"
+    one = ImplicitObject.load("implicit_functions:ball", bounds=AROUND, placement=UP)
+    assert (one.name, one.identity) == ("ball", made(functions.ball, AROUND).identity)
+    module = tmp_path / "blob.py"
+    module.write_text("import warp as wp\n\n@wp.func\ndef blob(x: wp.vec3) -> float:\n    return wp.length(x) - 0.04\n")
+    two = ImplicitObject.load(f"{module}:blob", bounds=AROUND, placement=UP)
+    assert ImplicitObject.load(f"{module}:blob", bounds=AROUND, placement=UP).function is two.function
+    for name, message in [
+        (f"{module}:none", "has no 'none'; its Warp functions are blob"),
+        (f"{tmp_path}/other.py:blob", "cannot be imported .ImportError: no such file"),
+        ("nowhere.at.all:blob", "cannot be imported .ModuleNotFoundError"),
+        (":blob", "must be package.module:function or file.py:function"),
+        (str(tmp_path / "none.json"), "none.json: cannot be read"),
+    ]:
+        with pytest.raises(ImplicitError, match=message):
+            ImplicitObject.load(name, bounds=AROUND)
+    bad = tmp_path / "bad.py"
+    bad.write_text("raise RuntimeError('unfit')\n")
+    with pytest.raises(ImplicitError, match=r"cannot be imported .RuntimeError: unfit"):
+        ImplicitObject.load(f"{bad}:blob", bounds=AROUND)
+
+
+def test_identity_is_of_what_decides_where_the_surface_is():
+    of = {
+        made(sphere(0.04)).identity,
+        made(sphere(0.041)).identity,
+        made(sphere(0.04), placement=Placement(at=(0, 0, 0.21))).identity,
+        made(functions.ball, AROUND).identity,
+        made(functions.ball_of_doubles, AROUND).identity,
+        made(functions.ball, [[-0.07] * 3, [0.06] * 3]).identity,
+    }
+    assert len(of) == 6
+    assert made(sphere(0.04), name="other").identity == made(sphere(0.04)).identity
+
+
+def test_a_constant_that_a_function_reads_counts_to_its_identity(tmp_path):
+    """Its own source is the same, but not where it is below 0."""
+    of = set()
+    for radius in (0.04, 0.042):
+        module = tmp_path / f"ball{radius}.py"
+        module.write_text(
+            f"import warp as wp\n\nR = wp.constant({radius})\n\n@wp.func\ndef f(x: wp.vec3) -> float:\n"
+            "    return wp.length(x) - R\n"
+        )
+        of.add(ImplicitObject.load(f"{module}:f", bounds=AROUND, placement=UP).identity)
+    assert len(of) == 2
+
+
+def test_described_is_json_that_an_expression_comes_back_from():
+    import json
+
+    from palpate.render.expression_file import expression_from
+
+    thing = made(sphere(0.04) | box(0.1, 0.02, 0.02))
+    described = json.loads(json.dumps(thing.described()))
+    assert described["representation"] == "expression"
+    again = ImplicitObject(expression_from(described["expression"]), placement=Placement(**described["placement"]))
+    assert again.identity == described["hash"]
+    described = json.loads(json.dumps(made(functions.ball, AROUND).described()))
+    assert described["function"] == "ball"
+    assert "RADIUS" in described["source"]
+    assert described["bounds"] == AROUND
+
+
+def test_size_and_place_are_warned_of():
+    with pytest.warns(PalpateWarning, match=r"sphere: is 80 x 80 x 80 m; for millimetres use --scale 0.001"):
+        ImplicitObject(sphere(40.0).moved(0, 0, 100))
+    with pytest.warns(PalpateWarning, match="reaches behind the array"):
+        ImplicitObject(sphere(0.04))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ImplicitObject(sphere(0.04), hand=True)
+
+
+def test_contours_of_solids_apart_are_those_of_each(device):
+    """And a cavity's contour is one of its own, turned the other way."""
+    a = (sphere(0.03) - sphere(0.01)).moved(-0.02, 0, 0.2)
+    b = box(0.02, 0.03, 0.04).turned(0, 20).moved(0.03, 0, 0.2)
+    pose = np.array([[0, 0, 0.2, 0, 0, 0, 1], [0.01, 0.004, 0.201, 0.06, 0, 0.08, 0.995]], np.float32)
+    strategy = replace(closed_contour(), step=0.002)
+    lines = []
+    for e in (a | b, a, b):
+        batch = render(ImplicitObject(e), Palm(), pose, strategy, device=device)
+        areas = [
+            area(batch.points[first:stop], pose[k])
+            for k in range(2)
+            for first, stop in pairwise(batch.polyline_start[batch.pose_start[k] : batch.pose_start[k + 1] + 1])
+        ]
+        lines.append(sorted(areas))
+        on = np.abs(value(e, batch.points.astype(np.float64))) < 1e-6
+        assert on[batch.kind == 0].all()
+    assert lines[0] == pytest.approx(sorted(lines[1] + lines[2]), rel=1e-3)
+    assert [x < 0 for x in lines[0]] == [True, True, False, False, False, False]
+    assert lines[1][:2] == pytest.approx([-np.pi * 1e-4, -np.pi * 1e-4], rel=0.05)
+
+
+def area(points, pose):
+    """Signed area of a closed polyline seen from the palm's +n side [m2]."""
+    turn = Rotation.from_quat(pose[3:])
+    x = turn.inv().apply(points - pose[:3])[:, [0, 2]] * [1, -1]
+    return 0.5 * float(np.sum(x[:-1, 0] * x[1:, 1] - x[1:, 0] * x[:-1, 1]))

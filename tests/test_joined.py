@@ -1,0 +1,314 @@
+"""Joined sides: patches that tile a rectangle draw that rectangle, an edge is drawn once, what is apart stays."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy.spatial.transform import Rotation
+
+from palpate.kernels.joint import divide_joints, side_pairs
+from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, open_contour
+from palpate.render.flat_planes import flat_hand
+from palpate.render.intersect import intersect
+from palpate.render.joined import JOINT_GAP, drop_joined_sides
+from palpate.render.plane_hand import HandPatch, PatchJoint, PlaneHand
+from palpate.render.stages import Setting
+
+STRATEGIES = {"oc": open_contour(), "cc": closed_contour()}
+ANGLE = np.radians(10.0)
+
+
+def random_poses(count, seed=0, spread=0.07):
+    rng = np.random.default_rng(seed)
+    quaternion = rng.normal(size=(count, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return np.hstack([rng.uniform(-spread, spread, (count, 3)) + np.array([0, 0, 0.2]), quaternion]).astype(np.float32)
+
+
+def raw_contours(thing, hand, pose, strategy, device):
+    section = wp.array(hand.section_poses(pose, 0), dtype=wp.transform, device=device)
+    return intersect(thing, hand, section, strategy)[0]
+
+
+def joined_contours(thing, hand, pose, strategy, device, *, angle=ANGLE, gap=JOINT_GAP):
+    """Contours before and after, on the host, and the length removed."""
+    raw = raw_contours(thing, hand, pose, strategy, device)
+    setting = Setting(thing, hand, pose, 0, device, 0.0086, 0.002)
+    after, removed = drop_joined_sides(raw, setting, angle=angle, gap=gap)
+    return raw.numpy(), after.numpy(), removed
+
+
+def segments_of(batch):
+    """Ends [segment, 2, 3], kind, patch and pose of all segments."""
+    last = batch.polyline_start[1:] - 1
+    first = np.setdiff1d(np.arange(batch.point_count), last)
+    line = np.searchsorted(batch.polyline_start, first, side="right") - 1
+    pose = np.searchsorted(batch.pose_start, line, side="right") - 1
+    ends = np.stack([batch.points[first], batch.points[first + 1]], axis=1).astype(np.float64)
+    return ends, batch.kind[first], batch.polyline_patch[line], pose
+
+
+def far_from(points, ends):
+    """Distance of each point from the nearest of some segments [m]."""
+    a, d = ends[:, 0], ends[:, 1] - ends[:, 0]
+    share = np.einsum("psk,sk->ps", points[:, None] - a, d) / np.maximum(np.einsum("sk,sk->s", d, d), 1e-300)
+    nearest = a + np.clip(share, 0.0, 1.0)[..., None] * d
+    return np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1)
+
+
+def tiles(axis):
+    """A palm of 60 x 80 mm, and two patches that tile it along v (0) or u (1)."""
+    size, parts = np.array([0.06, 0.08]), (0.3, 0.7)
+    patches, begin = [], -0.5
+    for name, part in zip("ab", parts, strict=True):
+        own, middle = size.copy(), begin + part / 2
+        own[1 - axis] *= part
+        place = (0, 0, -middle * size[1]) if axis == 0 else (middle * size[0], 0, 0)
+        patches.append(HandPatch(name, *own, (*place, 0, 0, 0, 1)))
+        begin += part
+    return Palm(*size), PlaneHand(
+        tuple(patches), (PatchJoint("a", 2, "b", 0) if axis == 0 else PatchJoint("a", 1, "b", 3),)
+    )
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("name", ["tube", "dog", "cube"])
+def test_two_patches_that_tile_a_palm_draw_its_contours(name, axis, strategy, device):
+    thing, (palm, hand), pose = MeshObject.load(name), tiles(axis), random_poses(150, axis)
+    whole = raw_contours(thing, palm, pose, STRATEGIES[strategy], device).numpy()
+    before, after, removed = joined_contours(thing, hand, pose, STRATEGIES[strategy], device)
+    np.testing.assert_allclose(after.lengths(), whole.lengths(), atol=2e-6)
+    np.testing.assert_allclose(before.length() - after.length(), removed, atol=2e-6)
+    assert (after.length() <= before.length() + 1e-7).all()
+    assert (removed > 0.01).sum() > 10 if strategy == "cc" else not removed.any()
+    ends, kind, _, row = segments_of(whole)
+    own_ends, own_kind, _, own_row = segments_of(after)
+    for i in range(len(pose)):
+        for k in (0, 1):
+            mine = own_ends[(own_row == i) & (own_kind == k)]
+            if len(mine):  # with equal lengths, that each lies on the others makes the sets equal
+                theirs = ends[(row == i) & (kind == k)]
+                assert far_from(np.concatenate([*mine.swapaxes(0, 1), mine.mean(axis=1)]), theirs).max() < 1e-6
+
+
+def test_what_is_left_is_a_batch_in_order(device):
+    hand, pose = flat_hand(), random_poses(200, 3, spread=0.04)
+    before, after, _ = joined_contours(MeshObject.load("tube"), hand, pose, closed_contour(), device)
+    start, line_pose = after.polyline_start, np.repeat(np.arange(200), np.diff(after.pose_start))
+    assert start[0] == after.pose_start[0] == 0
+    assert start[-1] == after.point_count
+    assert (np.diff(start) >= 2).all()
+    assert (np.diff(line_pose * 100 + after.polyline_patch) >= 0).all()
+    closed = after.polyline_closed == 1
+    shut = (after.points[start[:-1]] == after.points[start[1:] - 1]).all(axis=1)
+    assert shut[closed].all()
+    assert closed.any()
+    assert not closed.all()
+    assert set(np.unique(after.kind)) == {0, 1}
+    object_length = [b.length("object") for b in (before, after)]
+    np.testing.assert_allclose(*object_length, atol=1e-6)
+
+
+def test_a_flat_hand_draws_the_outline_of_its_union_in_a_convex_solid(device):
+    shapely = pytest.importorskip("shapely")
+    hand, thing = flat_hand(), MeshObject.load("sphere")
+    patches = [k for k, patch in enumerate(hand.patches) if "thumb" not in patch.name]
+    hand = PlaneHand(tuple(hand.patches[k] for k in patches), tuple(j for j in hand.joints if "thumb" not in j.patch))
+    pose = random_poses(60, 4, spread=0.05)
+    frames, here = hand.frames(pose), np.array([[0, 0, 0, 0, 0, 0, 1.0]])
+    union = shapely.union_all([shapely.Polygon(c[:, [0, 2]] * [1, -1]) for c in hand.corners(here)[0]], grid_size=1e-9)
+    assert union.geom_type == "Polygon"
+    whole = raw_contours(thing, Palm(1.0, 1.0), pose, open_contour(), device).numpy()
+    _, after, _ = joined_contours(thing, hand, pose, closed_contour(), device)
+    compared = 0
+    for i in range(len(pose)):
+        lines = whole.polylines_of(i)
+        expected = 0.0
+        if lines:
+            away = lines[0].astype(np.float64) - pose[i, :3]
+            section = shapely.Polygon(np.stack([away @ frames.u[i, 0], away @ frames.v[i, 0]], axis=1))
+            expected = section.intersection(union).length
+        assert after.length()[i] == pytest.approx(expected, abs=1e-5)
+        compared += expected > 0.1
+    assert compared > 20
+
+
+def hinge(bend, apart=0.0, *, width=0.03, aside=0.0):
+    """A palm of 80 x 100 mm and a finger at its side 2, bent by an angle [degree] and so far apart [m]."""
+    turn = Rotation.from_euler("x", -bend, degrees=True)
+    middle = np.array([aside, 0, -0.05 - apart]) + turn.apply([0, 0, -0.02])
+    finger = HandPatch("finger", width, 0.04, (*middle, *turn.as_quat()))
+    return PlaneHand((HandPatch("palm", 0.08, 0.1), finger), (PatchJoint("palm", 2, "finger", 0),))
+
+
+INSIDE = np.array([[0, 0, 1.0, 0, 0, 0, 1]], np.float32)
+
+
+def large_cube():
+    """520 mm wide, around INSIDE."""
+    cube = MeshObject.load("cube")
+    return MeshObject(((cube.vertices - [0, 0, 0.2]) * 4 + [0, 0, 1.0]).astype(np.float32), cube.faces)
+
+
+def removed_inside(hand, device, **options):
+    """Length that each patch loses, of its whole boundary inside a cube [m]."""
+    before, after, removed = joined_contours(large_cube(), hand, INSIDE, closed_contour(), device, **options)
+    lost = np.zeros(2)
+    for batch, sign in ((before, 1), (after, -1)):
+        ends, kind, patch, _ = segments_of(batch)
+        assert (kind == 1).all()
+        np.add.at(lost, patch, sign * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    assert removed[0] == pytest.approx(lost.sum(), abs=1e-6)
+    return lost
+
+
+@pytest.mark.parametrize(
+    ("bend", "apart", "lost"),
+    [
+        (0, 0, (0.03, 0.03)),
+        (9.9, 0, (0.03, 0.03)),
+        (10.1, 0, (0, 0.03)),  # an edge, drawn once: by the larger patch
+        (-60, 0, (0, 0.03)),
+        (90, 0, (0, 0.03)),
+        (0, 0.0049, (0.03, 0.03)),
+        (0, 0.0051, (0, 0)),
+        (45, 0.0051, (0, 0)),
+    ],
+)
+def test_sides_are_dropped_by_angle_and_distance(bend, apart, lost, device):
+    np.testing.assert_allclose(removed_inside(hinge(bend, apart), device), lost, atol=1e-6)
+
+
+def test_only_the_stretch_that_touches_is_dropped(device):
+    np.testing.assert_allclose(removed_inside(hinge(0, aside=0.035), device), [0.02, 0.02], atol=1e-6)
+    np.testing.assert_allclose(removed_inside(hinge(0, width=0.1), device), [0.08, 0.08], atol=1e-6)
+    np.testing.assert_allclose(removed_inside(hinge(0, aside=0.055), device), [0, 0], atol=1e-6)
+    np.testing.assert_allclose(removed_inside(hinge(0), device, gap=0.0), [0.03, 0.03], atol=1e-6)
+    np.testing.assert_allclose(removed_inside(hinge(20), device, angle=np.radians(30.0)), [0.03, 0.03], atol=1e-6)
+
+
+def test_patches_on_top_of_each_other_are_an_edge_and_not_one_plane(device):
+    folded = HandPatch("finger", 0.03, 0.04, (0, 0, -0.05 + 0.02, 0, 0, 0, 1))  # its side 2 under the palm's side 2
+    hand = PlaneHand((HandPatch("palm", 0.08, 0.1), folded), (PatchJoint("palm", 2, "finger", 2),))
+    np.testing.assert_allclose(removed_inside(hand, device), [0, 0.03], atol=1e-6)
+
+
+def test_a_joint_may_be_told_from_either_side(device):
+    pose, thing = random_poses(100, 5, spread=0.03), MeshObject.load("cube")
+    hand = hinge(30)
+    turned = PlaneHand(hand.patches, tuple(PatchJoint(j.other, j.other_side, j.patch, j.side) for j in hand.joints))
+    one, two = (joined_contours(thing, h, pose, closed_contour(), device) for h in (hand, turned))
+    np.testing.assert_allclose(one[2], two[2], atol=1e-6)
+    assert one[2].sum() > 0.1
+
+
+def test_other_hands_and_hands_without_joints_keep_everything(device):
+    pose, thing = random_poses(20, 6, spread=0.02), MeshObject.load("cube")
+    for hand in (Palm(), PlaneHand(hinge(0).patches)):
+        before, after, removed = joined_contours(thing, hand, pose, closed_contour(), device)
+        assert not removed.any()
+        assert removed.dtype == np.float32
+        for name, array in before.arrays().items():
+            assert array.tobytes() == after.arrays()[name].tobytes()
+
+
+def test_intensity_goes_along(device):
+    hand = hinge(0)
+    raw = raw_contours(large_cube(), hand, INSIDE, closed_contour(), device).numpy()
+    along = raw.points @ np.array([3.0, 5.0, 1.0], np.float32)
+    batch = ContourBatch(**{**raw.by_name(), "intensity": along.astype(np.float32)}).to(device)
+    setting = Setting(large_cube(), hand, INSIDE, 0, device, 0.0086, 0.002)
+    after = drop_joined_sides(batch, setting, angle=ANGLE, gap=JOINT_GAP)[0].numpy()
+    np.testing.assert_allclose(after.intensity, after.points @ [3.0, 5.0, 1.0], atol=1e-6)
+    assert raw.point_count == 5 + 5
+    assert after.point_count == 6 + 4  # two ends within the palm's side; the finger's side is gone
+
+
+def test_a_contour_that_runs_the_other_way_loses_as_much(device):
+    hand, pose, thing = flat_hand(), random_poses(40, 11, spread=0.03), MeshObject.load("cube")
+    raw = raw_contours(thing, hand, pose, closed_contour(), device).numpy()
+    index = np.concatenate([np.arange(b - 1, a - 1, -1) for a, b in pairwise(raw.polyline_start)])
+    kind = raw.kind[np.maximum(index - 1, 0)]  # of the segment that now starts here
+    kind[raw.polyline_start[1:] - 1] = kind[raw.polyline_start[1:] - 2]
+    turned = ContourBatch(**{**raw.by_name(), "points": raw.points[index], "kind": kind})
+    setting = Setting(thing, hand, pose, 0, device, 0.0086, 0.002)
+    one, two = (drop_joined_sides(b.to(device), setting, angle=ANGLE, gap=JOINT_GAP) for b in (raw, turned))
+    np.testing.assert_allclose(one[1], two[1], atol=1e-6)
+    np.testing.assert_allclose(one[0].lengths(), two[0].lengths(), atol=1e-6)
+    assert one[1].sum() > 1.0
+
+
+def covered(begin, end, stretches):
+    """How much of begin..end the union of stretches covers."""
+    total, done = 0.0, begin
+    for low, high in sorted(stretches):
+        total += max(0.0, min(high, end) - max(low, done))
+        done = max(done, min(high, end))
+    return total
+
+
+def dropped_slowly(joint, hand, corners, frames, angle, gap):
+    """Oracle: stretches of sides that a joint drops in one pose, by (patch, side), from the side's start."""
+    one, two = (hand.patch_index(joint.patch), joint.side), (hand.patch_index(joint.other), joint.other_side)
+    (a, b), (c, d) = ((corners[k, s], corners[k, (s + 1) % 4]) for k, s in (one, two))
+    along = (b - a) / np.linalg.norm(b - a)
+    s, t = (c - a) @ along, (d - a) @ along
+    low, high = max(0.0, min(s, t)), min(np.linalg.norm(b - a), max(s, t))
+    if high <= low:
+        return {}
+    shares = [(x - s) / (t - s) for x in (low, high)]
+    if max(np.linalg.norm(c + q * (d - c) - a - x * along) for q, x in zip(shares, (low, high), strict=True)) > gap:
+        return {}
+    stretches = {one: (low, high), two: tuple(sorted(q * np.linalg.norm(d - c) for q in shares))}
+    if frames[one[0]] @ frames[two[0]] >= np.cos(angle) and t < s:
+        return stretches
+    sizes = [hand.patches[k].width * hand.patches[k].length for k, _ in (one, two)]
+    loser = one if sizes[0] < sizes[1] else two
+    return {loser: stretches[loser]}
+
+
+def removed_slowly(batch, hand, pose, angle, gap):
+    """Oracle: length of hand segments on joined sides, segment by segment [m], shape [pose]."""
+    corners, frames = hand.corners(pose), hand.frames(pose)
+    found = [
+        [dropped_slowly(joint, hand, corners[i], frames.n[i], angle, gap) for joint in hand.joints]
+        for i in range(len(pose))
+    ]
+    removed = np.zeros(len(pose))
+    for (p, q), kind, patch, row in zip(*segments_of(batch), strict=True):
+        for side in range(4) if kind == 1 else ():
+            a, b = corners[row, patch, side], corners[row, patch, (side + 1) % 4]
+            along = (b - a) / np.linalg.norm(b - a)
+            if max(np.linalg.norm(np.cross(along, x - a)) for x in (p, q)) < 2e-6:
+                begin, end = sorted(((p - a) @ along, (q - a) @ along))
+                removed[row] += covered(begin, end, [d[patch, side] for d in found[row] if (patch, side) in d])
+                break
+    return removed
+
+
+@pytest.mark.parametrize("rigid", [True, False])
+def test_removed_lengths_are_those_of_the_oracle(rigid, device):
+    pose, thing, hand = random_poses(60, 8, spread=0.04), MeshObject.load("tube"), flat_hand()
+    if not rigid:  # every phalanx shaken by up to 3 mm and some 10 degrees
+        rng = np.random.default_rng(9)
+        own = np.tile(np.array([patch.pose for patch in hand.patches]), (len(pose), 1, 1))
+        own[..., :3] += rng.uniform(-0.002, 0.002, own[..., :3].shape)
+        shake = Rotation.from_rotvec(rng.normal(0, 0.06, (own[..., 0].size, 3)))
+        own[..., 3:] = (shake * Rotation.from_quat(own[..., 3:].reshape(-1, 4))).as_quat().reshape(own[..., 3:].shape)
+        hand = PlaneHand(hand.patches, hand.joints, own)
+    before, _, removed = joined_contours(thing, hand, pose, closed_contour(), device)
+    expected = removed_slowly(before, hand, pose, ANGLE, JOINT_GAP)
+    np.testing.assert_allclose(removed, expected, atol=1e-5)
+    assert (expected > 0.001).sum() > 20
+
+
+def test_the_kernels_refuse_poses_of_another_number(device):
+    hand, pose = hinge(0), random_poses(3)
+    raw = raw_contours(MeshObject.load("cube"), hand, pose, closed_contour(), device)
+    pairs = side_pairs([(0, 2, 1, 0)], device)
+    for count, columns, said in ((2, 1, "of 3 poses, not of 2"), (3, 3, r"\[pose, 1\] or \[pose, 2\], not \[3, 3\]")):
+        section = wp.zeros((count, columns), dtype=wp.transform, device=device)
+        with pytest.raises(ValueError, match=said):
+            divide_joints(raw.by_name(), section, hand.on(device), pairs, angle=0.1, gap=0.005)

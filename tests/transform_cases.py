@@ -1,0 +1,123 @@
+"""Random regions in the plane of a palm, as contours and as shapely's polygons, for tests of transformations."""
+
+import numpy as np
+import shapely
+
+from palpate.kernels.draw import HAND, MADE, OBJECT
+from palpate.render import ContourBatch, Palm
+from palpate.render.stages import Setting, Stage, find_stage
+
+FOCAL_WIDTH = 0.01
+
+
+def run_stage(name, batch, setting, **options):
+    """A transform stage by name, wherever it runs, its result on the host."""
+    entry = find_stage("transform", name)
+    stage = Stage(name, options)
+    entry.check(stage)
+    batch = batch if entry.on == "host" else batch.to(setting.device)
+    return entry.function(batch, setting, **entry.values(stage, setting.focal_width)).numpy()
+
+
+def a_setting(pose, *, thing=None, hand=None, device="cpu", moved=None):
+    return Setting(thing, hand or Palm(), np.asarray(pose, np.float32), 0, device, FOCAL_WIDTH, 0.0025, moved=moved)
+
+
+def random_poses(rng, count):
+    pose = rng.normal(size=(count, 7))
+    pose[:, :3] = 0.05 * pose[:, :3] + [0, 0, 0.2]
+    pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+    return pose.astype(np.float32)
+
+
+def star(rng, middle, radius, count=40):
+    """A simple loop around a middle, counter-clockwise."""
+    angle = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    reach = radius * (1 + 0.25 * np.sin(3 * angle + rng.uniform(0, 6)) + rng.uniform(-0.1, 0.1, count))
+    return middle + reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def lifted(flat, frames, pose):
+    return frames.origin[pose, 0] + flat[:, :1] * frames.u[pose, 0] + flat[:, 1:] * frames.v[pose, 0]
+
+
+def flattened(points, frames, pose):
+    off = np.asarray(points, np.float64) - frames.origin[pose, 0]
+    return np.stack([off @ frames.u[pose, 0], off @ frames.v[pose, 0]], axis=1)
+
+
+def batch_of_loops(poses, frames, rng=None, closed=True):
+    """A batch from loops in the palm's plane by pose, the first point not repeated; kinds at random."""
+    points, kinds, counts = [], [], []
+    for k, loops in enumerate(poses):
+        for loop in loops:
+            own = np.vstack([loop, loop[:1]]) if closed else np.asarray(loop)
+            kind = np.zeros(len(own)) if rng is None else rng.integers(0, 2, len(own))
+            kind[-1] = kind[-2]
+            points.append(lifted(own, frames, k))
+            kinds.append(kind)
+            counts.append(len(own))
+    return ContourBatch(
+        points=np.concatenate([*points, np.zeros((0, 3))]).astype(np.float32),
+        kind=np.concatenate([*kinds, []]).astype(np.uint8),
+        polyline_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        polyline_patch=np.zeros(len(counts), np.int32),
+        polyline_closed=np.full(len(counts), closed, np.uint8),
+        pose_start=np.concatenate([[0], np.cumsum([len(loops) for loops in poses])]).astype(np.int64),
+    )
+
+
+def random_regions(rng, count=8):
+    """Poses with none, one or two regions, some with a hole: batch, setting, and polygons by pose."""
+    pose = random_poses(rng, count)
+    setting = a_setting(pose)
+    loops, polygons = [], []
+    for k in range(count):
+        own, shapes = [], []
+        for side in range(k % 3):
+            middle = np.array([0.022 * (2 * side - 1), rng.uniform(-0.01, 0.01)])
+            outer = star(rng, middle, 0.016)
+            own.append(outer)
+            hole = None
+            if rng.random() < 0.5:
+                hole = star(rng, middle, 0.005)[::-1]
+                own.append(hole)
+            shapes.append(shapely.Polygon(outer, [] if hole is None else [hole]))
+        loops.append(own)
+        polygons.append(shapes)
+    return batch_of_loops(loops, setting.frames, rng), setting, polygons
+
+
+def assert_valid(batch, pose_count):
+    """Whatever a stage gives is a batch: offsets, dtypes, seams, kinds, no segment without length."""
+    start, count = batch.polyline_start, batch.point_count
+    assert batch.pose_count == pose_count
+    assert (start[0], start[-1]) == (0, count)
+    assert (batch.pose_start[0], batch.pose_start[-1]) == (0, batch.polyline_count)
+    assert (np.diff(start) >= 2).all()
+    assert (np.diff(batch.pose_start) >= 0).all()
+    for name, dtype in (("points", "f4"), ("kind", "u1"), ("polyline_patch", "i4"), ("polyline_closed", "u1")):
+        assert getattr(batch, name).dtype == dtype, name
+    assert start.dtype == batch.pose_start.dtype == np.int64
+    assert batch.points.shape == (count, 3)
+    assert np.isfinite(batch.points).all()
+    assert np.isin(batch.kind, (OBJECT, HAND, MADE)).all()
+    for a, b, closed in zip(start[:-1], start[1:], batch.polyline_closed, strict=True):
+        assert (np.linalg.norm(np.diff(batch.points[a:b], axis=0), axis=1) > 0).all()
+        assert batch.kind[b - 1] == batch.kind[b - 2]
+        if closed:
+            for values in (batch.points, batch.intensity, batch.dwell):
+                assert values is None or (values[a] == values[b - 1]).all()
+    for values in (batch.intensity, batch.dwell):
+        if values is not None:
+            assert values.shape == (count,)
+            assert values.dtype == np.float32
+            assert (values >= 0).all()
+    if batch.intensity is not None:
+        assert (batch.intensity <= 1).all()
+
+
+def assert_equal(got, want):
+    assert got.by_name().keys() == want.by_name().keys()
+    for name, values in want.by_name().items():
+        np.testing.assert_array_equal(getattr(got, name), values, err_msg=name)

@@ -31,5 +31,5 @@ class Solid(Protocol):
         ...
 
     def described(self) -> dict[str, Any]:
-        """What a file says about the object, for JSON: name, placement, `hash`: all that decides where the surface is."""
+        """What a file says about the object, for JSON: name, placement, `hash` of all that decides its surface, ..."""
         ...

@@ -179,7 +179,8 @@ def floor(poses: np.ndarray, device: str, size: Size) -> Ready:
     written = sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in case.contours[0])
     each = 4 * (size.cells + 1) ** 2 + 28 + written / len(few)
     least = COPIED if wp.get_device(device).is_cuda else 2**24
-    source = wp.zeros(max(least, int(each * len(poses))) // 2, dtype=wp.uint8, device=device)
+    size_copied = min(max(least, int(each * len(poses))), 2**31)  # an array has so many at most; the rate is the same
+    source = wp.zeros(size_copied // 2, dtype=wp.uint8, device=device)
     target = wp.empty_like(source)
 
     def run() -> None:

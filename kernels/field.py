@@ -15,6 +15,7 @@ from .patch import EXACT
 
 ROOT_STEPS = wp.constant(60)  # at worst; every fourth of them halves
 ROOT_WIDTH = wp.constant(wp.float64(1.0e-8))  # [m]; how well a root is known; float32's step at 0.2 m is 1.5e-8 m
+PROOF = wp.constant(wp.float64(0.9))  # of that: how far beyond a root it is proven
 
 _MAKING = RLock()
 
@@ -83,9 +84,9 @@ def inside_of(value: Any) -> Any:
 def share_of(value: Any) -> Any:
     """A wp.func (data, inner, outer, f_inner, f_outer, least) -> share of the way from inner to outer to the root.
 
-    Illinois' false position, halving where that is slow. f_inner is below 0, f_outer not. It ends where the sign
-    changes within `least`, or where the value is that near to 0 by its slopes to both ends of what is left of the way;
-    then the straight line between the ends tells.
+    Illinois' false position, halving where that is slow; it ends where the sign changes within `least`, whatever the
+    value's slope. Once a value is that near to 0 by its slopes to both ends, the next one is taken just beyond the root
+    they tell: that proves it. Where it does not, the value is flat there, and the way is halved from then on.
     """
 
     @wp.func
@@ -96,19 +97,27 @@ def share_of(value: Any) -> Any:
         fb = wp.float64(f_outer)
         low = wp.float64(0.0)  # inside
         high = wp.float64(1.0)  # outside
+        at = wp.float64(0.0)
         weight = wp.float64(1.0)  # of the value at the inner end, against that at the outer one
         kept = int(0)
+        state = int(0)  # 1: the next value is the proof; 2: halve
         step = int(0)
-        while step < ROOT_STEPS and high - low > least and fb > wp.float64(0.0):
-            at = low + (high - low) * (weight * fa / (weight * fa - fb))
-            if step % 4 == 3:
+        while step < ROOT_STEPS and high - low > least:
+            if state == 1:
+                at = wp.where(kept == 1, at + PROOF * least, at - PROOF * least)
+            elif state == 2 or step % 4 == 3:
                 at = half * (low + high)
+            else:
+                at = low + (high - low) * (weight * fa / (weight * fa - fb))
             # never nearer to an end than this: once an end is the root, the other one closes up
             at = wp.clamp(at, low + half * least, high - half * least)
             f = value(data, inner + at * way)
-            near = half * least
-            if wp.abs(f) * (at - low) <= near * (f - fa) and wp.abs(f) * (high - at) <= near * (fb - f):
-                step = ROOT_STEPS
+            if state == 1:
+                state = int(2)  # if this was no proof
+            elif state == 0:
+                near = half * least
+                if wp.abs(f) * (at - low) <= near * (f - fa) and wp.abs(f) * (high - at) <= near * (fb - f):
+                    state = int(1)
             if f < wp.float64(0.0):
                 low = at
                 fa = f
@@ -127,7 +136,8 @@ def share_of(value: Any) -> Any:
 
 @made_once
 def root_of(value: Any) -> Any:
-    """A wp.func as `Field.root` for a value function, to ROOT_WIDTH; an outer end of value 0 is met exactly.
+    """A wp.func as `Field.root` for a value function, to ROOT_WIDTH; an outer end of value 0 is met exactly,
+    unless the value is 0 over a stretch: then the stretch's inner end is met.
 
     The end that is inside comes first whichever it is, so the result does not depend on the order of a and b.
     """

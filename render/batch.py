@@ -68,6 +68,17 @@ def memory_for(devices: Sequence[str]) -> int:
     return max(MEMORY_DEFAULT, sum(MEMORY_WORKER["cpu" if name == "cpu" else "cuda"] for name in devices))
 
 
+def checked_memory(memory: float | None, devices: Sequence[str], *, smallest: int = MEMORY_SMALLEST) -> int:
+    """A budget [byte], by default `memory_for` the devices; raises StrategyError for one that is none or too small."""
+    if memory is None:
+        return memory_for(devices)
+    if isinstance(memory, bool) or not isinstance(memory, int | float | np.integer | np.floating):
+        raise StrategyError(f"memory must be a number of bytes, not {memory!r}")
+    if not smallest <= memory < np.inf:  # a NaN compares false
+        raise StrategyError(f"memory must be at least {smallest} bytes and finite, not {memory}")
+    return int(memory)
+
+
 def rendered_chunks(
     scene: Scene,
     pose: np.ndarray,
@@ -89,9 +100,7 @@ def rendered_chunks(
     names = [warp_device(name) for name in ([device] if devices is None else devices)]
     if not names:
         raise StrategyError("devices must name one device at least")
-    memory = memory_for(names) if memory is None else memory
-    if memory < MEMORY_SMALLEST:
-        raise StrategyError(f"memory must be at least {MEMORY_SMALLEST} bytes, not {memory}")
+    memory = checked_memory(memory, names)
     scene.require_poses(len(pose))
     wanted = 2 * len(names) + 1
     names = names[: max(1, (memory // MEMORY_SMALLEST - 1) // 2)]  # a worker needs room to be of any use

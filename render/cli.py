@@ -189,10 +189,10 @@ def render(
 @app.command()
 def voxelise(
     mesh: Annotated[str, typer.Argument(metavar="MESH", help="Mesh file, or built in; open ones too.")],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.npz", help="To write: .npz, .npy, .nrrd, .nvdb.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.npz", help="Or .npy, .nrrd, .nii, .nvdb.")],
     spacing: Annotated[float, typer.Option(metavar="METRES", help="Between voxels.")],
     kind: Annotated[str, typer.Option(help="distance (signed), or occupancy.")] = "distance",
-    sign: Annotated[str, typer.Option(help="What is inside: parity, winding, auto (winding if open).")] = "auto",
+    sign: Annotated[str, typer.Option(help="Inside by crossings, parity, winding; auto: winding if open.")] = "auto",
     scale: Annotated[float, typer.Option(help="Factor on the mesh's coordinates (0.001 for millimetres).")] = 1.0,
     up: Annotated[str, typer.Option(help="Axis of the file that points up: x, y, z, -x, -y, -z.")] = "z",
     fit: Annotated[float | None, typer.Option(metavar="SIZE", help="Longest side [m], whatever the scale.")] = None,

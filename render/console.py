@@ -96,6 +96,9 @@ def json_line(values: object) -> str:
 
 def finite(value: object) -> object:
     """A value with plain numbers, None where they are not finite."""
+    if isinstance(value, dict) and "stage" in value:
+        options = ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if key != "stage")
+        return f"{value['stage']} ({options})"
     if isinstance(value, dict):
         return {str(key): finite(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):

@@ -89,8 +89,8 @@ def _refuse_unlike(paths: list[Path]) -> None:
         with ContourFile(path) as file:
             recipes.append(file.recipe)
     for path, recipe in zip(paths, recipes, strict=True):
-        for field in ("object", "motion"):
-            if recipe[field] != recipes[0][field]:
+        for field in ("object", "representation", "motion", "object motion"):  # some files have only two of them
+            if recipe.get(field) != recipes[0].get(field):
                 raise StrategyError(f"{path} is of another {field} than {paths[0]}: they do not belong in one picture")
 
 
@@ -145,7 +145,7 @@ def object_at(thing: dict, pose: int) -> np.ndarray:
     """Triangles of a file's object at a pose [m], shape [face, 3, 3]."""
     vertices = thing["vertices"]
     if "moved" in thing:
-        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        middle = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64).mean(axis=0)
         place = thing["moved"][pose].astype(np.float64)
         vertices = place[:3] + rotated(place[3:], vertices - middle)
     return vertices[thing["faces"]]

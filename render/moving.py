@@ -7,6 +7,8 @@ from ..datasets.rigid import slerp
 from .errors import PoseError
 from .hands import composed, inverted, rotated
 
+EDGE_MOST = 0.1  # [s]; a motion's end is held for an interval, but of keyframes no longer than this
+
 
 def seen_from(moved: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Poses as they are to an object that has moved, float32, shape [pose, 7].
@@ -25,11 +27,25 @@ def back_to(moved: np.ndarray, pivot: np.ndarray, points: np.ndarray) -> np.ndar
     return back[:, :3] + rotated(back[:, 3:], points.astype(np.float64)) + pivot
 
 
+def about_outline(moved: np.ndarray, pivot: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """The same motion, told of the middle of an outline's bounds: what a file stores beside the outline.
+
+    moved: of `pivot` [m], shape [pose, 7]; vertices: of the outline where the object was placed [m].
+    """
+    shift = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64).mean(axis=0) - pivot
+    if not shift.any():
+        return moved
+    out = np.array(moved, np.float64)
+    out[:, :3] += rotated(out[:, 3:], shift)
+    return out.astype(np.float32)
+
+
 def object_poses(moved: HandMotion | np.ndarray, motion: HandMotion | np.ndarray) -> np.ndarray:
     """The object's pose at each pose of the hand, float32, shape [pose, 7]; between its own times it moves evenly.
 
     moved: the object's motion (position: where the middle of its placed bounds is), or a pose for each of the hand's.
-    Raises PoseError where numbers differ, times are missing, or the hand is there before or after the object.
+    Raises PoseError where numbers differ, times are missing, or the hand is there before or after the object; its ends
+    are held for an interval of its own, but no longer than 0.1 s.
     """
     time = motion.time if isinstance(motion, HandMotion) else None
     if not isinstance(moved, HandMotion):
@@ -43,7 +59,7 @@ def object_poses(moved: HandMotion | np.ndarray, motion: HandMotion | np.ndarray
             )
         return moved.pose
     own = moved.time + (moved.offset - motion.offset)
-    edge = 1e-6 + float(np.median(np.diff(own)))
+    edge = 1e-6 + min(float(np.median(np.diff(own))), EDGE_MOST)
     if time[0] < own[0] - edge or time[-1] > own[-1] + edge:
         raise PoseError(
             f"the object's motion lasts from {own[0]:g} to {own[-1]:g} s of the hand's time, "

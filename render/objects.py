@@ -202,7 +202,7 @@ class MeshObject:
             share = closes_within(self.vertices.astype(np.float64), self.faces)
             fault += f", which merging vertices within {share:g} of its size would close" if share else ""
         raise MeshError(
-            f"{self.name}: closed contours (CC) need a closed surface, but {fault}. "
+            f"{self.name}: closed contours (CC), hand meshes and contact need a closed surface, but {fault}. "
             f"Ways out: palpate voxelise {self.name} makes a closed solid of it, --strategy oc accepts any mesh on "
             "palms, or close the mesh in a mesh editor"
         )

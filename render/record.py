@@ -13,12 +13,11 @@ from ..datasets.header import FileHeader
 from ..datasets.motion import HandMotion
 from ..datasets.schema import PRUNED_NAMES
 from ..datasets.writer import ContourWriter
-from .batch import MEMORY_SMALLEST, Chunk, memory_for, rendered_chunks
+from .batch import MEMORY_SMALLEST, Chunk, checked_memory, rendered_chunks
 from .contours import KINDS
-from .errors import StrategyError
 from .hands import Hand
 from .interrupt import interrupt_between
-from .moving import object_poses
+from .moving import about_outline, object_poses
 from .objects import MeshObject
 from .scene import Scene
 from .solid import Solid
@@ -56,7 +55,7 @@ def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
         faces=faces,
         placement=described["placement"],
         representation={} if meshed else {k: v for k, v in described.items() if k not in ("name", "placement")},
-        moved=scene.moved,
+        moved=None if scene.moved is None else about_outline(scene.moved, scene.pivot, vertices),
         object_attributes={k: described[k] for k in ("triangles", "report", "detail") if k in described},
         hand=hand.described(),
         hand_arrays=hand.arrays(),
@@ -107,9 +106,7 @@ def record(
     """
     scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion))
     names = [warp_device(name) for name in ([device] if devices is None else devices)]
-    memory = memory_for(names) if memory is None else memory
-    if memory < 4 * MEMORY_SMALLEST:
-        raise StrategyError(f"memory must be at least {4 * MEMORY_SMALLEST} bytes to record, not {memory}")
+    memory = checked_memory(memory, names, smallest=4 * MEMORY_SMALLEST)
     header = file_header(scene, motion, ",".join(dict.fromkeys(names)))
     with ContourWriter(path, header, mode=mode) as writer:
         missing = writer.missing()

@@ -22,9 +22,9 @@ from ..kernels.move import move_contours
 from ..kernels.skin import skin_contours
 from .contact import contact_contours
 from .contours import ContourBatch
-from .errors import StrategyError
+from .errors import MeshError, PoseError, StrategyError
 from .focal_width import focal_width
-from .hands import Hand, PatchHand
+from .hands import Hand, PatchHand, require_rows
 from .intersect import intersect
 from .mesh_hand import MeshHand
 from .moving import seen_from
@@ -33,8 +33,9 @@ from .overlap import overlap_contours
 from .plane_hand import PlaneHand
 from .solid import Solid
 from .stage_clock import StageClock
-from .stages import BY_RAW_KERNELS, Setting, Stage, run_stages
+from .stages import BY_RAW_KERNELS, Setting, Stage, find_stage, run_stages
 from .strategy import IntersectionStrategy
+from .transform_order import FILLS, SHAPES
 
 SECTION_BYTES = 1024  # of a pose and patch: slots of pieces (SLOTS x 88), events (24 x 8), counts and offsets
 
@@ -47,12 +48,35 @@ def is_exact(thing: Solid, hand: Hand, strategy: IntersectionStrategy) -> bool:
 
 
 def with_joined_sides(strategy: IntersectionStrategy, hand: Hand) -> IntersectionStrategy:
-    """The strategy with the stage "joined" for a hand whose patches touch, where contours follow their sides."""
+    """The strategy with the stage "joined" for a hand whose patches touch, where contours follow their sides.
+
+    Not where regions are filled or replaced afterwards: those of each patch are needed whole.
+    """
     names = [stage.name for stage in strategy.prune_stages]
-    if not (isinstance(hand, PlaneHand) and hand.joints and strategy.closes) or "joined" in names:
+    whole = any(stage.name in SHAPES + FILLS for stage in strategy.transform_stages)
+    if not (isinstance(hand, PlaneHand) and hand.joints and strategy.closes) or whole or "joined" in names:
         return strategy
     after = names.index("outside") + 1
     return replace(strategy, prune=(*strategy.prune[:after], "joined", *strategy.prune[after:]))
+
+
+def needs_focal_width(strategy: IntersectionStrategy, *, marches: bool) -> bool:
+    """Whether something is scaled by the focal width: a step or an option not given, or a user's own stage, which may be.
+    """
+    entries = [(find_stage(role, s.name), s) for role, stages in strategy.stages().items() for s in stages]
+    unset = any(value is None for entry, s in entries for value in entry.given(s).values())
+    return unset or (marches and strategy.step is None) or not all(entry.own for entry, _ in entries)
+
+
+def require_parts(thing: object, hand: object, strategy: object) -> None:
+    """Refuse what is no object, hand or strategy, with what makes one."""
+    if not isinstance(thing, Solid):
+        kinds = "a MeshObject, a VoxelObject or an ImplicitObject"
+        raise MeshError(f"the object must be {kinds}, not {thing!r:.60}; MeshObject.load takes names and files")
+    if not isinstance(hand, Hand):
+        raise StrategyError(f"the hand must be a Palm, a PlaneHand or a MeshHand, not {hand!r:.60}")
+    if not isinstance(strategy, IntersectionStrategy):
+        raise StrategyError(f"the strategy must be an IntersectionStrategy (load_strategy gives one), not {strategy!r:.60}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,15 +93,17 @@ class Scene:
     moved: np.ndarray | None = None
     """Where the middle of the object's bounds is at each pose, and how it is turned, float32, shape [pose, 7]."""
     focal_width: float = 0.0
-    """FWHM of p^2 across the focus at the object's middle [m]; 0 where nothing asks for it."""
+    """FWHM of p^2 across the focus at the object's middle, where a moving one is mostly [m]; 0 where nothing asks for it.
+    """
 
     @classmethod
     def of(cls, thing: Solid, hand: Hand, strategy: IntersectionStrategy, *, moved: np.ndarray | None = None) -> Self:
         """Settle a strategy for an object and a hand.
 
         Raises MeshError where inside and outside of the object must be defined and are not; StrategyError for a
-        strategy that this hand cannot have.
+        strategy that this hand cannot have, and where the focal width is needed at a place where there is no focus.
         """
+        require_parts(thing, hand, strategy)
         strategy = with_joined_sides(strategy, hand)
         marches = not is_exact(thing, hand, strategy)
         if strategy.needs_closed or isinstance(hand, MeshHand):
@@ -87,14 +113,16 @@ class Scene:
         stages = (*strategy.prune_stages, *strategy.transform_stages)
         if not marches and all(stage.name in BY_RAW_KERNELS for stage in stages):
             return cls(thing, hand, strategy, moved)
-        width = focal_width(thing.bounds.mean(axis=0)).width
-        return cls(thing, hand, strategy.resolved(width, marches=marches), moved, width)
+        width = 0.0
+        if needs_focal_width(strategy, marches=marches):
+            place = thing.bounds.mean(axis=0) if moved is None else np.median(moved[:, :3], axis=0)
+            width = focal_width(place).width
+        return cls(thing, hand, strategy.resolved(width or 1.0, marches=marches), moved, width)  # 1.0: scales nothing
 
     @cached_property
     def pivot(self) -> np.ndarray:
-        """What of the object `moved` tells the place of: the middle of its outline's bounds [m]."""
-        vertices, _ = self.thing.outline_mesh()
-        return (vertices.min(axis=0) + vertices.max(axis=0)).astype(np.float64) / 2
+        """What of the object `moved` tells the place of: the middle of its bounds [m]."""
+        return np.asarray(self.thing.bounds, np.float64).mean(axis=0)
 
     @cached_property
     def exact(self) -> bool:
@@ -114,13 +142,10 @@ class Scene:
         return SECTION_BYTES * self.hand.patch_count
 
     def require_poses(self, pose_count: int) -> None:
-        """Raise StrategyError unless the hand and the object have as many poses as the motion."""
-        for name, count in (
-            ("hand", self.hand.pose_count),
-            ("object", None if self.moved is None else len(self.moved)),
-        ):
-            if count not in (None, pose_count):
-                raise StrategyError(f"the {name} has {count} poses, the motion {pose_count}")
+        """Raise PoseError unless the hand and the object have as many poses as the motion."""
+        require_rows(self.hand, pose_count)
+        if self.moved is not None and len(self.moved) != pose_count:
+            raise PoseError(f"the object has {len(self.moved)} poses, the motion {pose_count}")
 
     def contours(
         self,

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..datasets.reader import ContourFile
+from ..datasets.schema import PRUNED_NAMES
 from .sampling import SamplingStrategy
 
 POSES_AT_ONCE = 1 << 20
@@ -22,7 +23,7 @@ def summarise(path: str | Path) -> dict:
     """
     with ContourFile(path) as file:
         done = sum(stop - first for first, stop in file.done)
-        totals = np.zeros(4)
+        totals, removed = np.zeros(4), dict.fromkeys(PRUNED_NAMES, 0.0)
         drawn = 0
         longest = 0.0
         for first, stop in file.done:
@@ -30,6 +31,9 @@ def summarise(path: str | Path) -> dict:
                 metrics = file.metrics(a, min(stop, a + POSES_AT_ONCE))
                 names = ("length", "length_object", "length_hand", "length_made")
                 totals += [metrics[name].sum(dtype=np.float64) for name in names]
+                for stage in PRUNED_NAMES:
+                    if f"removed_{stage}" in metrics:
+                        removed[stage] += metrics[f"removed_{stage}"].sum(dtype=np.float64)
                 drawn += int(np.count_nonzero(metrics["length"]))
                 longest = max(longest, float(metrics["length"].max(initial=0.0)))
         mean = totals / max(done, 1)
@@ -59,9 +63,14 @@ def summarise(path: str | Path) -> dict:
                 "triangles": len(thing["faces"]),
                 "hash": thing["hash"],
                 "placement": thing["placement"],
+                **thing["representation"],
             },
             **file.attributes,
         }
+        if any(f"removed_{stage}" in file.optional for stage in PRUNED_NAMES):
+            out["removed_mean"] = {
+                stage: total / max(done, 1) for stage, total in removed.items() if f"removed_{stage}" in file.optional
+            }
         if "close" in file.strategy.get("transform", []):
             out["r"] = length_ratio(totals[0], totals[1])
         if file.sealed:

@@ -26,6 +26,7 @@ WORKERS_MOST = 256  # on one device; more than any machine has cores for is a sl
 GPU_WORKERS = 2  # one computes while the other's results come down
 POSES_FIRST = 2048  # of the first spans, which tell how large the others may be
 POSES_FEWEST = 4096  # that a span is divided for, so that all workers end together
+BEFORE_ALL = -1  # a pose before the first: what waits there comes out next
 GROWTH = 4  # of a span over the last one at most: its poses may be denser
 
 
@@ -191,7 +192,12 @@ class Crew:
             self._changed.wait_for(lambda: self._is_over() or self._may_take())
             if self._is_over():
                 return None
-            span = self._spans.take()
+            try:
+                span = self._spans.take()
+            except BaseException as error:  # or the consumer would wait for ever
+                self._waiting[BEFORE_ALL] = error
+                self._changed.notify_all()
+                return None
             self._at_work.add(span[0])
             return span
 
@@ -200,10 +206,14 @@ class Crew:
         with self._changed:
             self._at_work.remove(first)
             self._waiting[first] = outcome
-            if not isinstance(outcome, BaseException):
-                self._spans.give_back(outcome.stop, stop)
-                self._spans.learn(outcome.stop - first, outcome.point_count)
-            self._changed.notify_all()
+            try:
+                if not isinstance(outcome, BaseException):
+                    self._spans.give_back(outcome.stop, stop)
+                    self._spans.learn(outcome.stop - first, outcome.point_count)
+            except BaseException as error:  # of a chunk that is none: the consumer's, too
+                self._waiting[first] = error
+            finally:
+                self._changed.notify_all()
 
     def _earliest(self) -> int | None:
         left = () if self._spans.first is None else (self._spans.first,)

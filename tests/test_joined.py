@@ -8,7 +8,7 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from palpate.kernels.joint import divide_joints, side_pairs
-from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, open_contour
+from palpate.render import ContourBatch, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.flat_planes import flat_hand
 from palpate.render.intersect import intersect
 from palpate.render.joined import JOINT_GAP, drop_joined_sides
@@ -312,3 +312,15 @@ def test_the_kernels_refuse_poses_of_another_number(device):
         section = wp.zeros((count, columns), dtype=wp.transform, device=device)
         with pytest.raises(ValueError, match=said):
             divide_joints(raw.by_name(), section, hand.on(device), pairs, angle=0.1, gap=0.005)
+
+
+@pytest.mark.parametrize("name", ["hatch", "inset", "ellipse", "circle", "centroid"])
+def test_regions_that_are_filled_or_replaced_stay_whole(name):
+    hand = flat_hand()
+    bare = PlaneHand(hand.patches)
+    thing = MeshObject.load("sphere")
+    strategy = IntersectionStrategy(prune=("outside",), transform=("close", name))
+    pose = np.array([[0, 0.02, 0.2, 0.7071068, 0, 0, 0.7071068]], np.float32)
+    one, other = (render(thing, some, pose, strategy) for some in (hand, bare))
+    assert one.point_count > 10
+    np.testing.assert_array_equal(one.points, other.points)

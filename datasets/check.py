@@ -14,6 +14,7 @@ from .durable import FolderLock
 from .errors import ContourFileError
 from .hdf5 import Hdf5Reader
 from .header import get_header, get_json, recipe_differences
+from .header_hand import NORM_TOLERANCE, hand_problem
 from .part_reader import PartReader
 from .reader import ContourFile
 from .schema import (
@@ -32,8 +33,6 @@ from .schema import (
 
 LENGTH_TOLERANCE = (1e-6, 1e-7)
 """Stored and recomputed lengths agree within this, relative and absolute [m]."""
-NORM_TOLERANCE = 1e-3
-"""A quaternion's norm is 1 within this."""
 _BLOCK_ROWS = 1 << 17
 
 Flags = NDArray[np.bool_]
@@ -125,6 +124,8 @@ class _PartCheck:
                 self._tell(f"/: recipe is not of what the file holds: {'; '.join(changed)}")
             if part.text("/object", "hash") != header.object_hash:
                 self._tell("/object: hash is not of vertices and faces")
+            if problem := hand_problem(header.hand, header.hand_arrays):
+                self._tell(problem)
         except ContourFileError as error:
             self.findings.tell(str(error))
 

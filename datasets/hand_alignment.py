@@ -13,12 +13,13 @@ import json
 import math
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import RecordingError
+from .hand_json import Json, items, number, read_json
 from .rigid import Numbers, quaternion_of
 
 Y_UP = (0.0, 0.0, 0.0, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
@@ -41,12 +42,13 @@ def alignment_pose(alignment: Alignment) -> Numbers:
     content = _content(path)
     name = f"{path}: alignment"
     if set(content) == {"matrix"}:
-        return _pose(content["matrix"], name, shapes=((4, 4),))
+        rows = items(content["matrix"], f"{name}, matrix")
+        return _pose([_numbers(row, f"{name}, matrix") for row in rows], name, shapes=((4, 4),))
     if set(content) == {"position", "orientation"}:
-        try:
-            return _pose([*content["position"], *content["orientation"]], name)
-        except TypeError:
-            raise RecordingError(f"{name}: position and orientation must be lists of 3 and 4 numbers") from None
+        position, orientation = (_numbers(content[key], f"{name}, {key}") for key in ("position", "orientation"))
+        if (len(position), len(orientation)) != (3, 4):
+            raise RecordingError(f"{name}: position and orientation must be lists of 3 and 4 numbers")
+        return _pose([*position, *orientation], name)
     raise RecordingError(f"{name}: has {sorted(content)}, must have position and orientation, or matrix")
 
 
@@ -59,23 +61,30 @@ def write_alignment(path: str | PathLike[str], alignment: Alignment) -> None:
         raise RecordingError(f"{path}: cannot be written: {error}") from error
 
 
-def _content(path: Path) -> dict[str, Any]:
+def _content(path: Path) -> dict[str, Json]:
     try:
-        content: Any = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = read_json(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read as an alignment: {error.strerror}") from None
-    except ValueError as error:  # no UTF-8 and no JSON alike
-        raise RecordingError(f"{path}: not an alignment in JSON: {error}") from None
+    except RecordingError as error:
+        raise RecordingError(f"{path}: not an alignment: {error}") from None
     if not isinstance(content, dict):
         raise RecordingError(f"{path}: an alignment is a JSON object with position and orientation, or matrix")
-    return content  # pyright: ignore[reportUnknownVariableType]  # JSON
+    return cast("dict[str, Json]", content)
+
+
+def _numbers(node: Json, name: str) -> list[float]:
+    return [number(value, name) for value in items(node, name)]
 
 
 def _pose(value: ArrayLike, name: str, shapes: tuple[tuple[int, ...], ...] = ((7,), (4, 4))) -> Numbers:
     try:
-        numbers = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise RecordingError(f"{name}: must be numbers, got {value!r}") from None
+        said = np.asarray(value)
+    except (TypeError, ValueError):  # rows of different lengths
+        said = np.array(None)
+    if said.dtype.kind not in "iuf":
+        raise RecordingError(f"{name}: must be numbers, got {value!r:.60}")
+    numbers = said.astype(np.float64)
     if numbers.shape not in shapes:
         wanted = " or ".join(str(list(shape)) for shape in shapes)
         raise RecordingError(f"{name}: must have shape {wanted}, got {list(numbers.shape)}")
@@ -95,7 +104,8 @@ def _from_matrix(matrix: Numbers, name: str) -> Numbers:
     if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9:
         raise RecordingError(f"{name}: last row {matrix[3].tolist()} must be 0 0 0 1 (matrices are written by rows)")
     turn = matrix[:3, :3]
-    scale = np.linalg.norm(turn, axis=0)
+    with np.errstate(over="ignore"):  # infinite is no 1 either
+        scale = np.linalg.norm(turn, axis=0)
     if np.abs(scale - 1.0).max() > TOLERANCE:
         raise RecordingError(f"{name}: scales by {scale.round(4).tolist()}; a rigid transform scales by 1")
     if np.abs(turn.T @ turn - np.eye(3)).max() > 2.0 * TOLERANCE:

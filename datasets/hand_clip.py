@@ -134,7 +134,7 @@ def _checked_time(clip: Clip) -> Numbers | None:
     bad = np.flatnonzero(~np.isfinite(time) | (np.diff(time, prepend=-np.inf) <= 0.0))
     if bad.size:
         frame = int(bad[0])
-        before = f" {time[frame - 1]!r} s of the frame before" if frame else " a clock's start"
+        before = f" {float(time[frame - 1])!r} s of the frame before" if frame else " a clock's start"
         raise RecordingError(f"{clip.place(frame)}: time {float(time[frame])!r} s is not after{before}")
     return time
 

@@ -3,14 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .hand_joints import JOINT_COUNT, Joint
-from .rigid import Numbers, is_finite, pose_inverse, pose_product, slerp
+from .rigid import Flags, Numbers, is_finite, pose_inverse, pose_product, slerp
 
 _SAME_TIME = 1e-9  # [s]
-
-Flags = NDArray[np.bool_]
 
 
 class Held(NamedTuple):
@@ -22,19 +19,24 @@ class Held(NamedTuple):
     """Joints held, over all frames."""
     dropped: int
     """Frames that lacked a joint for longer and are absent now."""
+    kept: Flags
+    """Which of the valid joints are held, now or before."""
 
 
-def hold_joints(time: Numbers | None, pose: Numbers, valid: Flags, gap_most: float, *, whole: bool) -> Held:
+def hold_joints(
+    time: Numbers | None, pose: Numbers, valid: Flags, before: Flags | None, gap_most: float, *, whole: bool
+) -> Held:
     """Let joints that are missing for at most `gap_most` [s] keep their place in the hand.
 
     After that they are missing; `whole`: so is the frame, all of it. A joint that no frame has is not missed. Frames
-    without a palm stay as they are.
+    without a palm stay as they are. before: valid joints that were held already, so not seen; None: none.
     """
     pose, kept = pose.copy(), valid.copy()
+    known = valid if before is None else valid & ~before
     present = valid[:, Joint.PALM]
     clock = np.full(len(pose), np.nan) if time is None else time
     for joint in np.flatnonzero(valid.any(axis=0) & ~valid[present].all(axis=0)):
-        seen = present & valid[:, joint]
+        seen = present & known[:, joint]
         last = np.maximum.accumulate(np.where(seen, np.arange(len(pose)), -1))
         age = clock - clock[np.maximum(last, 0)]
         frame = np.flatnonzero(present & ~valid[:, joint] & (last >= 0) & (age <= gap_most + _SAME_TIME))
@@ -45,7 +47,7 @@ def hold_joints(time: Numbers | None, pose: Numbers, valid: Flags, gap_most: flo
     held = int(np.count_nonzero(kept[~torn] & ~valid[~torn]))
     kept[torn] = False
     pose[~kept] = np.nan
-    return Held(pose, kept, held, int(np.count_nonzero(torn)))
+    return Held(pose, kept, held, int(np.count_nonzero(torn)), kept & ~known)
 
 
 def resample_joints(time: Numbers, pose: Numbers, valid: Flags, at: Numbers, gap_most: float) -> tuple[Numbers, Flags]:

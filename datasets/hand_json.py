@@ -30,8 +30,10 @@ def read_json(path: Path) -> Json:
         raise RecordingError(f"byte {error.start} is not UTF-8 text") from None
     except json.JSONDecodeError as error:
         raise RecordingError(f"line {error.lineno} column {error.colno}: not JSON: {error.msg}") from None
+    except ValueError:  # an integer of thousands of digits
+        raise RecordingError("not JSON that can be read: a number has too many digits") from None
     except RecursionError:
-        raise RecordingError("not a recording: nested too deeply") from None
+        raise RecordingError("nested too deeply") from None
 
 
 def entry(node: Json, name: str, place: str) -> Json:
@@ -71,6 +73,23 @@ def number(node: Json, place: str) -> float:
     if isinstance(node, bool) or not isinstance(node, (int, float)):
         raise RecordingError(f"{place}: must be a number, got {_shown(node)}")
     return _measure(node)
+
+
+def truth(node: Json, place: str) -> bool | None:
+    """True or false, which 1 and 0 are too; null is None."""
+    if node is None or isinstance(node, bool):
+        return node
+    if isinstance(node, (int, float)) and node in (0, 1):
+        return bool(node)
+    raise RecordingError(f"{place}: must be true or false, got {_shown(node)}")
+
+
+def flags(node: Json, place: str) -> int:
+    """A whole number of 0 or more, whose bits say something."""
+    value = number(node, place)
+    if not (value >= 0.0 and value.is_integer()):
+        raise RecordingError(f"{place}: must be a whole number, got {_shown(node)}")
+    return int(value)
 
 
 def vector(node: Json, size: int, place: str) -> Numbers:
@@ -153,6 +172,9 @@ def read_table(path: Path) -> Table:
                     continue
                 if not columns:
                     columns = [cell.strip() for cell in row]
+                    twice = [name for index, name in enumerate(columns) if name and name in columns[:index]]
+                    if twice:
+                        raise RecordingError(f"line {reader.line_num}: column {twice[0]} is there twice")
                     continue
                 if len(row) != len(columns):
                     said = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"

@@ -1,6 +1,7 @@
 """A recorded hand: OpenXR's 26 joints over time, checked, aligned, its gaps held, and the palm's motion made of it."""
 
 import math
+import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -26,6 +27,7 @@ _FRONT_NEAREST, _FRONT_FARTHEST = 0.03, 1.5  # [m] above the array
 _FRONT_ANGLE = math.tan(math.radians(60.0))
 _FRONT_EDGE = 0.1  # [m] beyond which an array's own extent no longer counts
 _RATE_MOST = 1e5  # [Hz]
+_FRAMES_MOST = 4_000_000  # of a resampled recording: 6 GB
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +57,18 @@ class HandRecording:
     """Joints that the tracker does not give; `hand_frames` says how they were made."""
     counts: Mapping[str, int] = field(default_factory=dict[str, int])
     """What was found and done: absent_frames, missing_joints, held_joints, dropped_frames."""
+    kept: NDArray[np.bool_] | None = None
+    """Which of the joints known were not seen but `held`, shape [frame, 26]; None: none."""
 
     def __post_init__(self) -> None:
         pose, valid = _checked_pose(self.joint_pose, self.valid)
         time, start = _checked_time(self.time, len(pose))
         radius = _checked_radius(self.joint_radius, valid)
-        for array in (pose, valid, radius, time):
+        kept = None if self.kept is None else _checked_flags("kept", self.kept, valid.shape) & valid
+        for array in (pose, valid, radius, time, kept):
             if array is not None:
                 array.setflags(write=False)
-        values = {"time": time, "joint_pose": pose, "joint_radius": radius, "valid": valid}
+        values = {"time": time, "joint_pose": pose, "joint_radius": radius, "valid": valid, "kept": kept}
         values |= {"offset": float(self.offset) + start, "counts": dict(self.counts)}
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -147,31 +152,39 @@ class HandRecording:
 
         After that they are missing. whole: then all of the frame is, a gap of time in `motion`, as a hand's skin needs
         all joints; a joint that no frame has is not missed. Counted: held_joints, dropped_frames. Frames without a palm
-        are gaps of time as they were: sampling holds and fades there.
+        are gaps of time as they were: sampling holds and fades there. Held again, a joint's time goes on from where it
+        was last seen.
         """
         _check_gap(gap_most)
-        found = hold_joints(self.time, self.joint_pose, self.known, gap_most, whole=whole)
+        found = hold_joints(self.time, self.joint_pose, self.known, self.kept, gap_most, whole=whole)
         if not found.valid[:, Joint.PALM].any():
             raise RecordingError(f"no frame has all joints, even held for {gap_most:g} s")
         counts = _added(self.counts, held_joints=found.held, dropped_frames=found.dropped)
-        return self._changed(joint_pose=found.pose, valid=found.valid, counts=counts)
+        return self._changed(joint_pose=found.pose, valid=found.valid, counts=counts, kept=found.kept)
 
     def resampled(self, rate: float, gap_most: float = GAP_MOST) -> "HandRecording":
         """Frames at k / rate [Hz] from the first to the last: positions linear, rotations by slerp.
 
-        Gaps longer than `gap_most` [s] stay gaps. Raises RecordingError without time or for an unusable rate.
+        Gaps longer than `gap_most` [s] stay gaps. Raises RecordingError without time, for an unusable rate, and for
+        more than 4 million frames.
         """
         _check_gap(gap_most)
-        if not (math.isfinite(rate) and 0.0 < rate <= _RATE_MOST):
-            raise RecordingError(f"rate must be greater than 0 and at most {_RATE_MOST:g} Hz, got {rate!r}")
+        if not (_is_number(rate) and 0.0 < rate <= _RATE_MOST):
+            raise RecordingError(f"rate must be greater than 0 and at most {_RATE_MOST:g} Hz, got {rate!r:.60}")
         if self.time is None:
             raise RecordingError("poses without time cannot be resampled")
-        at = np.arange(math.floor(float(self.time[-1]) * rate + 1e-9) + 1) / rate
+        count = float(self.time[-1]) * rate + 1e-9
+        if count >= _FRAMES_MOST:
+            raise RecordingError(
+                f"{float(self.time[-1]):g} s at {rate:g} Hz are {count:.3g} frames, {_FRAMES_MOST:g} can be"
+            )
+        at = np.arange(math.floor(count) + 1) / rate
         pose, valid = resample_joints(self.time, self.joint_pose, self.known, at, gap_most)
+        kept = None if self.kept is None else _between_kept(at, self.time, self.kept)
         radius = self.joint_radius
         if radius.ndim == 2:
             radius = np.stack([_interpolated(at, self.time, column) for column in radius.T], axis=1)
-        return self._changed(time=at, joint_pose=pose, joint_radius=radius, valid=valid)
+        return self._changed(time=at, joint_pose=pose, joint_radius=radius, valid=valid, kept=kept)
 
     def _changed(self, **fields: object) -> "HandRecording":
         return replace(self, **fields)  # pyright: ignore[reportArgumentType]  # the fields' own types, checked again
@@ -180,14 +193,12 @@ class HandRecording:
 def _checked_pose(pose: Numbers, valid: NDArray[np.bool_] | None) -> tuple[Numbers, NDArray[np.bool_]]:
     try:
         rows = np.array(pose, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise RecordingError(f"joint_pose must be numbers of shape [frame, {JOINT_COUNT}, 7]") from None
     if rows.ndim != 3 or rows.shape[1:] != (JOINT_COUNT, 7):
         raise RecordingError(f"joint_pose must have shape [frame, {JOINT_COUNT}, 7], got {list(rows.shape)}")
     finite = is_finite(rows)
-    flag = finite if valid is None else np.array(valid, dtype=np.bool_)
-    if flag.shape != rows.shape[:2]:
-        raise RecordingError(f"valid must have shape {list(rows.shape[:2])}, got {list(flag.shape)}")
+    flag = finite if valid is None else _checked_flags("valid", valid, finite.shape)
     _refuse(flag & ~finite, rows, "is said to be valid, but is not finite: {}")
     rows[~flag] = np.nan
     norm = np.linalg.norm(rows[..., 3:], axis=2)
@@ -198,6 +209,18 @@ def _checked_pose(pose: Numbers, valid: NDArray[np.bool_] | None) -> tuple[Numbe
     if not flag[:, Joint.PALM].any():
         raise RecordingError(f"the palm is known in none of {len(rows)} frames")
     return rows, flag
+
+
+def _checked_flags(name: str, said: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    try:
+        flags = np.array(said)
+    except (TypeError, ValueError):  # rows of different lengths
+        flags = np.array(None)
+    if flags.dtype.kind not in "biuf" or not np.isin(flags, (0, 1)).all():
+        raise RecordingError(f"{name} must be true or false, shape {list(shape)}")
+    if flags.shape != shape:
+        raise RecordingError(f"{name} must have shape {list(shape)}, got {list(flags.shape)}")
+    return flags.astype(np.bool_)
 
 
 def _refuse(bad: NDArray[np.bool_], values: Numbers, said: str) -> None:
@@ -211,7 +234,7 @@ def _checked_time(time: Numbers | None, frame_count: int) -> tuple[Numbers | Non
         return None, 0.0
     try:
         clock = np.array(time, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise RecordingError(f"time must be numbers of shape [{frame_count}]") from None
     if clock.shape != (frame_count,):
         raise RecordingError(f"time must have shape [{frame_count}], one a frame, got {list(clock.shape)}")
@@ -225,7 +248,10 @@ def _checked_time(time: Numbers | None, frame_count: int) -> tuple[Numbers | Non
 
 
 def _checked_radius(radius: Numbers, valid: NDArray[np.bool_]) -> Numbers:
-    values = np.array(radius, dtype=np.float64)
+    try:
+        values = np.array(radius, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise RecordingError(f"joint_radius must be numbers of shape [{JOINT_COUNT}]") from None
     if values.shape not in ((JOINT_COUNT,), valid.shape):
         raise RecordingError(
             f"joint_radius must have shape [{JOINT_COUNT}] or {list(valid.shape)}, got {list(values.shape)}"
@@ -259,14 +285,25 @@ def _check_side(pose: Numbers, is_left: bool) -> None:
 
 
 def _check_gap(gap_most: float) -> None:
-    if not (math.isfinite(gap_most) and gap_most >= 0.0):
-        raise RecordingError(f"gap_most must be finite and 0 s or more, got {gap_most!r}")
+    if not (_is_number(gap_most) and 0.0 <= gap_most <= sys.float_info.max):
+        raise RecordingError(f"gap_most must be finite and 0 s or more, got {gap_most!r:.60}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def _is_in_front(pose: Numbers) -> NDArray[np.bool_]:
     height, aside = pose[:, 2], np.linalg.norm(pose[:, :2], axis=1)
     near = (height >= _FRONT_NEAREST) & (height <= _FRONT_FARTHEST)
     return near & (aside <= _FRONT_EDGE + _FRONT_ANGLE * height)
+
+
+def _between_kept(at: Numbers, time: Numbers, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which joints are held at other times: those that are in the frame before or the frame after."""
+    after = np.minimum(np.searchsorted(time, at - 1e-9), len(time) - 1)
+    before = np.where(time[after] <= at + 1e-9, after, np.maximum(after - 1, 0))
+    return kept[before] | kept[after]
 
 
 def _interpolated(at: Numbers, time: Numbers, values: Numbers) -> Numbers:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .errors import ContourFileError
 from .hdf5 import Attribute, Hdf5Reader
+from .header_hand import require_hand, require_quaternions
 from .schema import FORMAT_NAME, FORMAT_VERSION, HAND, MOTION, OBJECT, Arrays, validate_fields
 
 
@@ -118,7 +119,8 @@ class FileHeader:
 
         Raises:
             ContourFileError: An array of another dtype or shape, no pose, a motion that is not finite or not sorted,
-                a face beyond the vertices, a text with NUL, something that is not JSON, `versions` without palpate.
+                a face beyond the vertices, poses of the object or of patches without a rotation, arrays of a hand that
+                do not fit its description, a text with NUL, something that is not JSON, `versions` without palpate.
         """
         arrays = self.arrays()
         if unknown := sorted(set(self.hand_arrays) - {spec.name for spec in HAND}):
@@ -137,8 +139,11 @@ class FileHeader:
             raise ContourFileError(
                 f"/object/faces points at vertices {self.faces.min()} to {self.faces.max()} of {len(self.vertices)}"
             )
-        if self.moved is not None and (len(self.moved) != self.pose_count or not np.isfinite(self.moved).all()):
-            raise ContourFileError(f"/object/moved must be {self.pose_count} finite poses, as many as /motion/pose")
+        if self.moved is not None:
+            if len(self.moved) != self.pose_count:
+                raise ContourFileError(f"/object/moved must be {self.pose_count} poses, as many as /motion/pose")
+            require_quaternions("/object/moved", self.moved)
+        require_hand(self.hand, self.hand_arrays, self.pose_count)
         if not math.isfinite(self.time_offset):
             raise ContourFileError(f"time_offset must be finite, got {self.time_offset!r} s")
         if "palpate" not in self.versions:

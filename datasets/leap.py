@@ -6,6 +6,7 @@ reaches from `prev_joint` (nearer to the wrist) to `next_joint`. The palm's axes
 
 import math
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,8 @@ from .hand_joints import DIGITS, ENDS_JOINTS, LEAP_BONES, LEAP_DIGITS, Joint, le
 from .hand_json import LENGTH_UNITS, TIME_UNITS, Json, Table, entry, items, number, optional, unit_factor, vector
 from .rigid import Numbers, quaternion_of, rotated
 
+# what zipfile, zlib and NumPy raise for damaged archives
+_BROKEN = (zipfile.BadZipFile, zlib.error, ValueError, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
 _PALM_VECTORS = ("position", "normal", "direction")
 
 TIP_RADIUS_SHARE = 0.85
@@ -87,11 +90,7 @@ def leap_table(table: Table) -> Clip:
 
 def leap_arrays(path: Path) -> Clip:
     """Hands of a decoded leapjs recording (.npz): one hand a frame, lengths in `length_unit` (m unless it says)."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            found: dict[str, NDArray[Any]] = {name: file[name] for name in file.files}
-    except (zipfile.BadZipFile, ValueError, EOFError) as error:
-        raise RecordingError(f"not a NumPy archive of arrays: {error}") from None
+    found = _read_archive(path)
     count = len(found["t"]) if "t" in found and found["t"].ndim == 1 else 0
     shapes = {"t": (), "hand_id": (), "is_left": (), "joints": (5, 4, 3), "finger_width": (5,)}
     shapes |= {f"palm_{name}": (3,) for name in _PALM_VECTORS}
@@ -103,7 +102,14 @@ def leap_arrays(path: Path) -> Clip:
                 f"array {name!r} must have shape {[max(count, 1), *shape]}, got {list(found[name].shape)}"
             )
     length = unit_factor({"length_unit": str(found.get("length_unit", "m"))}, "length_unit", LENGTH_UNITS, None)
-    values = {name: found[name].astype(np.float64) for name in shapes if name not in ("hand_id", "is_left")}
+    numbers = [name for name in shapes if name not in ("hand_id", "is_left")]
+    for name in numbers:
+        if found[name].dtype.kind not in "iuf":
+            raise RecordingError(f"array {name!r} must be numbers, got {found[name].dtype}")
+    is_left = found["is_left"]
+    if is_left.dtype.kind not in "biuf" or not np.isin(is_left, (0, 1)).all():
+        raise RecordingError(f"array 'is_left' must be true or false, got {is_left.dtype} like {is_left[0]}")
+    values = {name: found[name].astype(np.float64) for name in numbers}
     seen: list[Sighting] = []
     for index in range(count):
         joints = unknown_joints()
@@ -114,21 +120,32 @@ def leap_arrays(path: Path) -> Clip:
                 joints[2][joint] = half * (TIP_RADIUS_SHARE if place == 3 else 1.0)
         position, normal, direction = (values[f"palm_{name}"][index] for name in _PALM_VECTORS)
         _set_palm(joints, position, normal, direction, math.nan, length, boned=True)
-        side = SIDES[0] if found["is_left"][index] else SIDES[1]
+        side = SIDES[0] if is_left[index] else SIDES[1]
         seen.append(Sighting(index, str(found["hand_id"][index]), side, *joints))
     return Clip(values["t"].tolist(), seen, frame_place)
+
+
+def _read_archive(path: Path) -> dict[str, NDArray[Any]]:
+    """Arrays of a .npz by name; OSError where there is no such file."""
+    with path.open("rb") as file:
+        if not zipfile.is_zipfile(file):
+            raise RecordingError("not a NumPy archive of arrays (.npz)")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except _BROKEN as error:
+        raise RecordingError(f"not a NumPy archive of arrays: {error}") from None
 
 
 def _hand(hand: Json, frame: int, length: float) -> Sighting:
     place = f"{frame_place(frame)}, hand {optional(hand, 'id', frame_place(frame))}"
     palm = entry(hand, "palm", place)
     joints = unknown_joints()
-    boned = False
-    for digit, name in enumerate(LEAP_DIGITS):
-        node = _digit(hand, digit, name, place)
+    digits = [_digit(hand, digit, name, place) for digit, name in enumerate(LEAP_DIGITS)]
+    boned = any(node is not None for node in digits)
+    for digit, (name, node) in enumerate(zip(LEAP_DIGITS, digits, strict=True)):
         if node is not None:
             _set_digit(joints, digit, [_bone(node, k, f"{place}, {name}") for k in range(4)], length)
-            boned = True
         elif boned:
             raise RecordingError(f"{place}: digit {name!r} is missing")
     arm = optional(hand, "arm", place)

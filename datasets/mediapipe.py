@@ -12,10 +12,11 @@ import numpy as np
 from .errors import RecordingError
 from .hand_clip import SIDES, Clip, Sighting, frame_place, line_place, unknown_joints
 from .hand_joints import MEDIAPIPE_JOINTS, MEDIAPIPE_NAMES
-from .hand_json import LENGTH_UNITS, TIME_UNITS, Json, Table, entry, items, number, optional, unit_factor, vector
+from .hand_json import LENGTH_UNITS, TIME_UNITS, Json, Table, entry, items, number, optional, truth, unit_factor, vector
 from .rigid import Numbers
 
 _COUNT = len(MEDIAPIPE_NAMES)
+_NUMBERS = [str(index) for index in range(_COUNT)]
 _NO_PLACE = (
     "world landmarks do not say where the hand is (their origin is its own middle): the wrist's position [m], from a"
     " depth camera or another tracker, is needed as `wrist`"
@@ -26,7 +27,7 @@ def landmarks_json(content: Json, image_mirrored: bool | None) -> Clip:
     """All hands of a recording; docs/recordings.md tells its shape. image_mirrored: None takes the file's word."""
     length = unit_factor(content, "length_unit", LENGTH_UNITS, "m")
     second = unit_factor(content, "time_unit", TIME_UNITS, None)
-    said = optional(content, "image_mirrored", "file")
+    said = truth(optional(content, "image_mirrored", "file"), "image_mirrored")
     mirrored = bool(said) if image_mirrored is None else image_mirrored
     time: list[float] = []
     seen: list[Sighting] = []
@@ -63,7 +64,13 @@ def landmarks_table(table: Table, image_mirrored: bool | None) -> Clip:
             time.append(stamp)
             lines.append(table.lines[row])
         key = (len(time) - 1, ids[row])
-        group = groups.setdefault(key, (_side(sides[row], place), {}, wrist[row]))
+        side = _side(sides[row], place)
+        group = groups.setdefault(key, (side, {}, wrist[row]))
+        if side != group[0]:
+            raise RecordingError(f"{place}: hand {ids[row]!r} is said to be left and right at this time")
+        if not np.array_equal(wrist[row], group[2], equal_nan=True):
+            before, now = group[2].tolist(), wrist[row].tolist()
+            raise RecordingError(f"{place}: the wrist is at {now}, and at {before} in a row before of this time")
         index = _landmark(names[row], place)
         if index in group[1]:
             raise RecordingError(f"{place}: landmark {names[row]} is listed twice at this time")
@@ -104,8 +111,8 @@ def _check_count(found: list[int], place: str) -> None:
 def _landmark(name: str, place: str) -> int:
     if name in MEDIAPIPE_NAMES:
         return MEDIAPIPE_NAMES.index(name)
-    if name.isdigit() and int(name) < _COUNT:
-        return int(name)
+    if name in _NUMBERS:
+        return _NUMBERS.index(name)
     raise RecordingError(f"{place}: unknown landmark {name!r}; known: 0 to {_COUNT - 1}, {', '.join(MEDIAPIPE_NAMES)}")
 
 

@@ -10,10 +10,24 @@ import numpy as np
 from .errors import RecordingError
 from .hand_clip import SIDES, Clip, Sighting, frame_place, line_place, name_place, unknown_joints
 from .hand_joints import JOINT_COUNT, JOINT_NAMES, Joint, joint_from, webxr_name
-from .hand_json import LENGTH_UNITS, TIME_UNITS, Json, Table, entry, items, named, number, optional, unit_factor, vector
-from .rigid import Numbers, quaternion_of
+from .hand_json import (
+    LENGTH_UNITS,
+    TIME_UNITS,
+    Json,
+    Table,
+    entry,
+    flags,
+    items,
+    named,
+    number,
+    optional,
+    truth,
+    unit_factor,
+    vector,
+)
+from .rigid import Flags, Numbers, quaternion_of
 
-_POSITION_VALID, _ORIENTATION_VALID = 2, 1  # XrSpaceLocationFlags
+_BOTH_VALID = 2 | 1  # XrSpaceLocationFlags: position and orientation
 _SIDE_OF = {"left": "left", "right": "right", "xr_hand_left_ext": "left", "xr_hand_right_ext": "right"}
 _STATIC_MATRIX, _STATIC_RADIUS = "m", "r"
 
@@ -55,11 +69,16 @@ def joints_table(table: Table) -> Clip:
     clock = table.time().tolist()
     values = table.numbers(["x", "y", "z", "qx", "qy", "qz", "qw", "radius"])
     valid = table.numbers(["valid"])[:, 0] if table.has("valid") else np.ones(len(values))
+    strange = np.flatnonzero(~np.isin(valid, (0.0, 1.0)) & ~np.isnan(valid))
+    if strange.size:
+        row = int(strange[0])
+        raise RecordingError(f"line {table.lines[row]}: valid must be 0 or 1, got {float(valid[row]):g}")
     sides, names = table.texts("hand"), table.texts("joint")
     ids = table.texts("id") if table.has("id") else sides
     time: list[float] = []
     lines: list[int] = []
     groups: dict[tuple[int, str], Sighting] = {}
+    listed: dict[tuple[int, str], Flags] = {}
     for row, stamp in enumerate(clock):
         place = f"line {table.lines[row]}"
         if not time or stamp != time[-1]:
@@ -68,16 +87,18 @@ def joints_table(table: Table) -> Clip:
         key = (len(time) - 1, ids[row])
         if key not in groups:
             groups[key] = Sighting(key[0], ids[row], _side(sides[row], place), *unknown_joints())
-            groups[key].radius[:] = -1.0  # not listed yet
+            listed[key] = np.zeros(JOINT_COUNT, dtype=np.bool_)
         joint, one = _joint(names[row], place), groups[key]
-        if one.radius[joint] != -1.0:
+        if _side(sides[row], place) != one.side:
+            raise RecordingError(f"{place}: hand {ids[row]!r} is said to be left and right at this time")
+        if listed[key][joint]:
             raise RecordingError(f"{place}: {names[row]} is listed twice at this time")
+        listed[key][joint] = True
         one.radius[joint] = values[row, 7]
         if valid[row] > 0.0:
             one.position[joint], one.quaternion[joint] = values[row, :3], values[row, 3:7]
-    for one in groups.values():
-        _check_listed(one.radius != -1.0, f"the frame at line {lines[one.frame]}")
-        one.radius[one.radius == -1.0] = math.nan
+    for key, joints in listed.items():
+        _check_listed(joints, f"the frame at line {lines[key[0]]}")
     return Clip(time, list(groups.values()), line_place(lines))
 
 
@@ -89,12 +110,12 @@ def _joints(node: Json, place: str, length: float) -> tuple[Numbers, Numbers, Nu
         if listed[joint]:
             raise RecordingError(f"{where}: is listed twice")
         listed[joint] = True
-        if values is None or optional(values, "valid", where) is False:
+        if values is None or truth(optional(values, "valid", where), f"{where}, valid") is False:
             continue
         position[joint], quaternion[joint] = _placed(values, where)
         position[joint] *= length
-        flags = optional(values, "locationFlags", where)
-        if flags is not None and int(number(flags, where)) & 3 != _POSITION_VALID | _ORIENTATION_VALID:
+        said = optional(values, "locationFlags", where)
+        if said is not None and flags(said, f"{where}, locationFlags") & _BOTH_VALID != _BOTH_VALID:
             position[joint] = math.nan
         radius[joint] = number(optional(values, "radius", where), f"{where}, radius") * length
     _check_listed(listed, place)
@@ -131,7 +152,7 @@ def _placed(values: Json, where: str) -> tuple[Numbers, Numbers]:
     return columns[3, :3], quaternion_of(turn)
 
 
-def _check_listed(listed: Numbers | np.ndarray[tuple[int, ...], np.dtype[np.bool_]], place: str) -> None:
+def _check_listed(listed: Flags, place: str) -> None:
     missing = [joint for joint in Joint if not listed[joint] and joint != Joint.PALM]
     if missing:
         names = ", ".join(f"{JOINT_NAMES[joint]} ({webxr_name(joint)})" for joint in missing[:4])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Numbers = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 def rotated(quaternion: Numbers, x: Numbers) -> Numbers:

@@ -5,7 +5,7 @@ import warp as wp
 
 from .field import Field
 
-NEAR_ZERO = 1e-6  # of the largest value: what a 0 is replaced by, so that no part of space is at 0
+NEAR_ZERO = 1e-6  # of the smallest other value: what a 0 is replaced by, so that no part of space is at 0
 
 
 @wp.struct
@@ -67,8 +67,9 @@ def pad_outside(values: np.ndarray) -> np.ndarray:
         for end in (0, -1):
             layer = np.moveaxis(out, axis, 0)[end]
             np.abs(layer, out=layer)
-    largest = max(float(values.max()), -float(values.min()))
-    out[out == 0] = max(NEAR_ZERO * largest, float(np.finfo(np.float32).tiny))
+    smallest = min(float(np.abs(x, out=x).min(where=x > 0, initial=np.inf)) for x in map(np.array, values))
+    lift = NEAR_ZERO * smallest if np.isfinite(smallest) else 1.0
+    out[out == 0] = max(lift, float(np.finfo(np.float32).tiny))
     return out
 
 

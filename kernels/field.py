@@ -13,7 +13,8 @@ import warp as wp
 
 from .patch import EXACT
 
-ROOT_STEPS = wp.constant(60)  # at worst; every fourth of them halves
+ROOT_STEPS = wp.constant(60)  # at worst
+SLOPE_STEPS = wp.constant(16)  # of these by slopes, every fourth of them halves; the others all do
 ROOT_WIDTH = wp.constant(wp.float64(1.0e-8))  # [m]; how well a root is known; float32's step at 0.2 m is 1.5e-8 m
 PROOF = wp.constant(wp.float64(0.9))  # of that: how far beyond a root it is proven
 
@@ -105,7 +106,7 @@ def share_of(value: Any) -> Any:
         while step < ROOT_STEPS and high - low > least:
             if state == 1:
                 at = wp.where(kept == 1, at + PROOF * least, at - PROOF * least)
-            elif state == 2 or step % 4 == 3:
+            elif state == 2 or step % 4 == 3 or step >= SLOPE_STEPS:
                 at = half * (low + high)
             else:
                 at = low + (high - low) * (weight * fa / (weight * fa - fb))

@@ -1,12 +1,11 @@
 """A user's own Warp function of position as a field."""
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from .field import Field
+from .field import Field, made_once
 
 NOWHERE = wp.constant(wp.float64(1.0))  # a value that is not a number counts as outside
 HIGHEST = wp.constant(wp.float64(1e30))
@@ -39,7 +38,7 @@ def cut_value(data: Placed, own: wp.vec3d, f: wp.float64):
     return wp.clamp(wp.max(known, beyond), -HIGHEST, HIGHEST)
 
 
-@cache
+@made_once
 def function_value(function: Any, double: bool) -> Any:
     """The `Field.value` of a Warp function of wp.vec3d (double) or of wp.vec3."""
 
@@ -57,7 +56,7 @@ def function_value(function: Any, double: bool) -> Any:
     return value_double if double else value_single
 
 
-@cache
+@made_once
 def raw_value(function: Any, double: bool) -> Any:
     """What a Warp function itself says of a point in its own coordinates, be it a number or not."""
 

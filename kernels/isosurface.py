@@ -4,20 +4,19 @@ Marching cubes see only -1 and +1, so that each of their vertices is the middle 
 the bit, and the edge can be told from it.
 """
 
-from functools import cache
 from typing import Any
 
 import warp as wp
 import warp.geometry
 
-from .field import MODULE, Field, inside_function, root_function
+from .field import MODULE, Field, inside_function, made_once, root_function
 from .patch import EXACT
 from .probe import Lattice, node_at
 
 wp.set_module_options(EXACT)
 
 
-@cache
+@made_once
 def isosurface_kernels(inside: Any, root: Any, data_type: Any) -> tuple[Any, Any]:
     """The kernels that mesh one kind of field: sides of nodes, and places of vertices."""
 

@@ -4,13 +4,12 @@ The lattice's nodes are the multiples of its step in the object's frame, so that
 A cell is named by its lowest node. Nodes of a pose are numbered with z fastest.
 """
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from .field import MODULE, Field, inside_function
+from .field import MODULE, Field, inside_function, made_once
 from .patch import EXACT, narrowed, rotated, widened
 from .ragged import last_of, offsets_of
 
@@ -113,7 +112,7 @@ def _start_poses(
     point_start[pose] = wp.int64(before[start[pose]])
 
 
-@cache
+@made_once
 def overlap_kernels(in_thing: Any, thing_type: Any, in_hand: Any, hand_type: Any) -> tuple[Any, Any]:
     """The kernels for two kinds of fields: which nodes are in both, and a point in each cut cell."""
 

@@ -1,12 +1,11 @@
 """A field asked at points and at the nodes of a lattice."""
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from .field import MODULE, Field
+from .field import MODULE, Field, made_once
 from .patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -34,7 +33,7 @@ def lattice_of(low: np.ndarray, step: np.ndarray | float) -> Lattice:
     return out
 
 
-@cache
+@made_once
 def probing_kernels(value: Any, data_type: Any) -> tuple[Any, Any]:
     """The kernels that ask one kind of field: at points, and at nodes."""
 

@@ -56,15 +56,6 @@ def exit_of(skin: Skin, inside: wp.array2d[wp.uint32], pose: int, half: int):
 
 
 @wp.func
-def back_along_rim(skin: Skin, inside: wp.array2d[wp.uint32], pose: int, half: int):
-    """Where the inside that lies before a half-edge of the rim begins: the half-edge that runs into it."""
-    at = skin.half[half][3]
-    while tail_inside(skin, inside, pose, at):
-        at = skin.half[at][3]
-    return at
-
-
-@wp.func
 def begins_at(skin: Skin, inside: wp.array2d[wp.uint32], pose: int, key: int):
     """The half-edge through which a curve crosses scanned edge `key` into a face; OPEN if none does."""
     scan = skin.scan[key]

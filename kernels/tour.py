@@ -6,8 +6,10 @@ elsewhere, either way round (Or-opt), wherever that shortens it. An open path is
 which is at no distance from any.
 """
 
+from math import ceil, floor, log10
 from typing import NamedTuple
 
+import numpy as np
 import warp as wp
 
 from .draw import MADE, Contours
@@ -18,6 +20,9 @@ wp.set_module_options(EXACT)
 
 SWEEPS = wp.constant(20)  # at most; a few are enough for a hundred points
 RUN_MOST = wp.constant(3)  # points that Or-opt moves at once
+POINTS_MOST = 2000  # of a pose's path: the work grows with their square, to about a second
+NARROWEST = 1e-6  # [m]
+WIDER = 1.2  # from one separation that is tried to the next
 LEAST_GAIN = wp.constant(wp.float64(1.0e-9))  # [m]; what shortens by less is left
 
 
@@ -59,6 +64,7 @@ def _thin_points(
     # In:
     start: wp.array[wp.int64],
     separation: wp.float64,  # [m]
+    most: wp.int64,  # to keep; one more tells that there are more
     # In and out:
     point: wp.array[wp.vec3],  # those kept come first in each pose's range
     # Out:
@@ -71,6 +77,8 @@ def _thin_points(
     far = wp.float64(0.0)
     farthest = wp.vec3()
     for c in range(int(start[pose + 1] - first)):
+        if n > most:
+            break
         x = point[first + wp.int64(c)]
         k = n - wp.int64(1)
         while k >= wp.int64(0):  # the latest first: it is likely near
@@ -104,25 +112,58 @@ def _gather_points(
         kept[kept_start[pose] + wp.int64(k)] = point[start[pose] + wp.int64(k)]
 
 
+class TooManyPointsError(ValueError):
+    """More points are left at a pose than a path is looked for through."""
+
+    def __init__(self, pose: int, point_count: int, separation: float) -> None:
+        super().__init__(f"more than {POINTS_MOST} of {point_count} points are {separation:g} m apart")
+        self.pose = pose
+        """Row of the pose."""
+        self.point_count = point_count
+        """Its points before they are thinned."""
+
+
 def thin_points(point: wp.array, start: wp.array, *, separation: float) -> tuple[wp.array, wp.array]:
     """Thin each pose's points until none is nearer to another than `separation` [m]; they keep their order.
 
     point: vec3 [m], shape [point]; start: offsets of each pose's points, int64, shape [pose + 1].
     Where but one would be left, the point farthest from it is kept too, so that there is something to draw.
-    Returns the points that are left and their offsets. Raises ValueError for a separation that is not positive.
+    Returns the points that are left and their offsets. Raises ValueError for a separation that is not positive,
+    TooManyPointsError for the first pose where more than POINTS_MOST would be left.
     """
     if not 0.0 < separation < float("inf"):
         raise ValueError(f"separation must be a positive length, not {separation} m")
     device, pose_count = point.device, start.shape[0] - 1
     scratch = wp.clone(point)
     count = wp.zeros(pose_count + 1, dtype=wp.int64, device=device)
-    inputs = [start, wp.float64(separation), scratch]
+    inputs = [start, wp.float64(separation), wp.int64(POINTS_MOST), scratch]
     wp.launch(_thin_points, pose_count, inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
+    over = np.flatnonzero(count.numpy() > POINTS_MOST)
+    if len(over):
+        pose = int(over[0])
+        raise TooManyPointsError(pose, int(np.diff(start.numpy()[pose : pose + 2])[0]), separation)
     kept_start = offsets_of(count)
     kept = wp.empty(last_of(kept_start), dtype=wp.vec3, device=device)
     inputs = [scratch, start, kept_start]
     wp.launch(_gather_points, pose_count, inputs=inputs, outputs=[kept], device=device, block_dim=BLOCK)
     return kept, kept_start
+
+
+def separation_that_fits(point: wp.array, start: wp.array, pose: int, separation: float) -> float:
+    """A larger separation, of two digits, at which a pose keeps POINTS_MOST points at most [m]."""
+    first, stop = (int(x) for x in start.numpy()[pose : pose + 2])
+    own = point[first:stop]
+    ends = wp.array([0, stop - first], dtype=wp.int64, device=point.device)
+    separation = max(separation, NARROWEST)
+    while True:
+        separation *= WIDER
+        digit = 10.0 ** (floor(log10(separation)) - 1)
+        separation = round(ceil(separation / digit) * digit, 15)
+        try:
+            thin_points(own, ends, separation=separation)
+        except TooManyPointsError:
+            continue
+        return separation
 
 
 @wp.func
@@ -329,7 +370,7 @@ def tour_points(point: wp.array, start: wp.array, *, separation: float, closes: 
     point: vec3 [m], array frame, shape [point]; start: offsets of each pose's points, int64, shape [pose + 1].
     separation: exclusion radius [m], see `thin_points`. closes: come back to the first point.
     The result depends on the order of a pose's points and on nothing else. Poses of one point stay empty, and are
-    counted. Raises ValueError for a separation that is not positive.
+    counted. Raises as `thin_points`.
     """
     device, pose_count = point.device, start.shape[0] - 1
     kept, kept_start = thin_points(point, start, separation=separation)

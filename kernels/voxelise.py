@@ -6,18 +6,11 @@ import numpy as np
 import warp as wp
 
 from .patch import EXACT
+from .probe import Lattice, lattice_of, node_at
 from .ragged import BLOCK
 from .winding import WindingTree, upload_winding, winding_at
 
 wp.set_module_options(EXACT)
-
-
-@wp.struct
-class Grid:
-    """Nodes in rows along the axes."""
-
-    origin: wp.vec3d  # the first one [m]
-    spacing: wp.vec3d  # [m]
 
 
 class GridNodes(NamedTuple):
@@ -30,18 +23,9 @@ class GridNodes(NamedTuple):
     shape: tuple[int, int, int]
     """Nodes along each axis."""
 
-    def on_device(self) -> Grid:
+    def on_device(self) -> Lattice:
         """For a kernel."""
-        grid = Grid()
-        grid.origin, grid.spacing = wp.vec3d(*self.origin), wp.vec3d(*self.spacing)
-        return grid
-
-
-@wp.func
-def node_at(grid: Grid, i: int, j: int, k: int):
-    """Where a node is [m]."""
-    step = wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
-    return grid.origin + wp.cw_mul(step, grid.spacing)
+        return lattice_of(self.origin, self.spacing)
 
 
 @wp.func
@@ -93,7 +77,7 @@ def node_from(x: wp.float64, last: int):
 
 @wp.kernel
 def _cross_columns(
-    grid: Grid,  # In:
+    grid: Lattice,  # In:
     vertices: wp.array[wp.vec3d],  # In: [m], shape [vertex]
     faces: wp.array[wp.vec3i],  # In:
     step: wp.array3d[wp.int32],  # Out: surfaces entered less those left, going up to a node from the one below it
@@ -103,8 +87,8 @@ def _cross_columns(
     a = vertices[f[0]]
     b = vertices[f[1]]
     c = vertices[f[2]]
-    low = wp.cw_div(wp.min(wp.min(a, b), c) - grid.origin, grid.spacing)
-    high = wp.cw_div(wp.max(wp.max(a, b), c) - grid.origin, grid.spacing)
+    low = wp.cw_div(wp.min(wp.min(a, b), c) - grid.low, grid.step)
+    high = wp.cw_div(wp.max(wp.max(a, b), c) - grid.low, grid.step)
     i_last = node_from(wp.floor(high[0]) + wp.float64(1.0), step.shape[0] - 1)
     j_last = node_from(wp.floor(high[1]) + wp.float64(1.0), step.shape[1] - 1)
     for i in range(node_from(wp.floor(low[0]), step.shape[0]), i_last + 1):
@@ -114,7 +98,7 @@ def _cross_columns(
             turns += edge_step(vertices, f[1], f[2], p[0], p[1])
             turns += edge_step(vertices, f[2], f[0], p[0], p[1])
             if turns != 0:  # above 0: the triangle faces up, and the solid is left
-                h = (height_at(a, b, c, p[0], p[1]) - grid.origin[2]) / grid.spacing[2]
+                h = (height_at(a, b, c, p[0], p[1]) - grid.low[2]) / grid.step[2]
                 k = node_from(wp.floor(h) + wp.float64(1.0), step.shape[2])
                 if turns > 0:
                     k = node_from(wp.ceil(h), step.shape[2])  # a node on the surface is outside
@@ -141,7 +125,7 @@ def _sum_columns(
 
 @wp.kernel
 def _wind_nodes(
-    grid: Grid,  # In:
+    grid: Lattice,  # In:
     tree: WindingTree,  # In:
     winding: wp.array3d[wp.float32],  # Out:
 ):
@@ -152,7 +136,7 @@ def _wind_nodes(
 
 @wp.kernel
 def _measure_distances(
-    grid: Grid,  # In: relative to the mesh's middle
+    grid: Lattice,  # In: relative to the mesh's middle
     mesh: wp.uint64,  # In: vertices in float32
     corner: wp.array[wp.vec3d],  # In: its vertices, shape [3 face]
     band: float,  # In: no distance beyond it [m]

@@ -45,12 +45,16 @@ class Heap(NamedTuple):
 
 @wp.func
 def solid_angle(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d):
-    """Of a triangle seen from the origin, in turns of the sphere, above 0 from behind (Van Oosterom, Strackee 1983)."""
+    """Of a triangle seen from the origin, in turns of the sphere, above 0 from behind (Van Oosterom, Strackee 1983);
+    0 from within its plane, so that a closed surface has 0.5 on it."""
+    top = wp.dot(a, wp.cross(b, c))
+    if top == wp.float64(0.0):
+        return wp.float64(0.0)
     la = wp.length(a)
     lb = wp.length(b)
     lc = wp.length(c)
     bottom = la * lb * lc + wp.dot(a, b) * lc + wp.dot(b, c) * la + wp.dot(c, a) * lb
-    return wp.float64(2.0) * wp.atan2(wp.dot(a, wp.cross(b, c)), bottom) / TURN
+    return wp.float64(2.0) * wp.atan2(top, bottom) / TURN
 
 
 @wp.func

@@ -75,7 +75,7 @@ def checked_memory(memory: float | None, devices: Sequence[str], *, smallest: in
     if isinstance(memory, bool) or not isinstance(memory, int | float | np.integer | np.floating):
         raise StrategyError(f"memory must be a number of bytes, not {memory!r}")
     if not smallest <= memory < np.inf:  # a NaN compares false
-        raise StrategyError(f"memory must be at least {smallest} bytes and finite, not {memory}")
+        raise StrategyError(f"memory must be at least {smallest} bytes, not {memory}")
     return int(memory)
 
 

@@ -117,10 +117,10 @@ def render(
         typer.Option(metavar="METRES", help="Of the grid on the skin, if one is needed; by default a quarter focus."),
     ] = None,
     hand: Annotated[str, typer.Option(metavar="KIND|FILE", help=HAND_HELP)] = "palm",
-    palm: Annotated[tuple[float, float], typer.Option(metavar="WIDTH LENGTH", help="Size of the palm [m].")] = (
-        0.085,
-        0.085,
-    ),
+    palm: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="WIDTH LENGTH", help="Size of the palm [m], by default 0.085 0.085."),
+    ] = None,
     scale: Annotated[float, typer.Option(help="Factor on the object's coordinates (0.001 for millimetres).")] = 1.0,
     up: Annotated[str, typer.Option(help="Axis of the file that points up: x, y, z, -x, -y, -z.")] = "z",
     fit: Annotated[float | None, typer.Option(metavar="SIZE", help="Longest side [m], whatever the scale.")] = None,

@@ -13,11 +13,13 @@ import warp as wp
 from ..kernels.contact import inside_nodes, inside_vertices
 from ..kernels.draw import Contours
 from ..kernels.skin_sign import Posed
-from ..kernels.tour import thin_points, tour_points
-from .errors import PalpateWarning, StrategyError
+from ..kernels.tour import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points, tour_points
+from .errors import MeshError, PalpateWarning, StrategyError
+from .fields import shown
 from .hands import Hand, PatchHand
 from .solid import Solid
 
+LARGEST = float(np.finfo(np.float64).max)
 SEPARATION = 0.008  # [m]; MAMMOTH's
 NODES_MOST = 1 << 22  # points of skin that are looked at in one go: up to 30 bytes each
 
@@ -40,10 +42,12 @@ def contact_contours(
     distance of those that are kept [m]; closes: back to the first.
     Where only one point would be kept, the one farthest from it is, too. A pose with no more than one point inside
     stays empty; these are counted in a PalpateWarning.
-    Raises StrategyError for a step or separation that is not positive or too small, MeshError for an object without an
-    inside.
+    Raises StrategyError for a step or separation that is not positive or too small, and for a pose that keeps more than
+    2,000 points; MeshError for an object without an inside.
     """
-    thing.require_closed()
+    require_length("contact: step", step)
+    require_length("contact: separation", separation)
+    require_inside(thing, "contact")
     pose = np.asarray(pose, np.float32).reshape(-1, 7)
     skin = _Skin(thing, hand, device, step)
     parts = []
@@ -51,11 +55,30 @@ def contact_contours(
     try:
         for begin in range(0, len(pose), size):
             rows = slice(begin, min(begin + size, len(pose)))
-            parts.append(thin_points(*skin.inside(pose[rows], first + begin), separation=separation))
+            found = skin.inside(pose[rows], first + begin)
+            parts.append(thinned(*found, separation=separation, first=first + begin, name="contact"))
         point, start = joined_points(parts, device)
         return toured(point, start, separation=separation, closes=closes, patch_count=hand.patch_count, name="contact")
+    except (MeshError, StrategyError):
+        raise
     except ValueError as error:
         raise StrategyError(f"contact: {error}") from error
+
+
+def require_length(name: str, value: Any, least: float = 0.0) -> None:
+    """Refuse what is no positive, finite length, or one below the least [m]."""
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not number or not 0.0 < value <= LARGEST or value < least:
+        bound = f"at least {least:g} m" if least else "a positive length in metres"
+        raise StrategyError(f"{name} must be {bound}, not {shown(value)}")
+
+
+def require_inside(thing: Solid, name: str) -> None:
+    """Refuse an object without an inside for what needs one, by its name; see `Solid.require_closed`."""
+    try:
+        thing.require_closed()
+    except MeshError as error:
+        raise MeshError(f'raw "{name}" needs an object with an inside: {error}') from error
 
 
 class _Skin:
@@ -64,8 +87,6 @@ class _Skin:
     def __init__(self, thing: Solid, hand: Hand, device: str, step: float) -> None:
         self.thing, self.device, self.step = thing, device, step
         self.hand: Any = hand  # a PatchHand or a MeshHand
-        if not (np.isfinite(step) and step > 0):
-            raise StrategyError(f"contact: step must be a positive length, not {step} m")
         self.field = thing.field_on(device)
         if isinstance(hand, PatchHand):
             self.patch: Any = hand.on(device)
@@ -82,6 +103,21 @@ class _Skin:
             return inside_nodes(self.field, section, self.patch, step=self.step, bounds=self.thing.bounds)
         vertex = self.hand.vertices_on(self.device, first, first + len(pose))
         return inside_vertices(self.field, Posed(section, self.skin, vertex), self.thing.bounds)
+
+
+def thinned(point: wp.array, start: wp.array, *, separation: float, first: int, name: str) -> tuple[wp.array, wp.array]:
+    """Thin each pose's points, see `thin_points`; first: the first one's row of the motion.
+
+    Raises StrategyError, by the name of the raw intersection, where too many points would be left.
+    """
+    try:
+        return thin_points(point, start, separation=separation)
+    except TooManyPointsError as error:
+        fits = separation_that_fits(point, start, error.pose, separation)
+        raise StrategyError(
+            f"{name}: pose {first + error.pose} keeps more than {POINTS_MOST} of its {error.point_count} points at a "
+            f"separation of {separation:g} m; {fits:.3g} m fits"
+        ) from error
 
 
 def joined_points(parts: list[tuple[wp.array, wp.array]], device: str) -> tuple[wp.array, wp.array]:

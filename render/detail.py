@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import MeshError
+from .errors import MeshError, StrategyError
 from .focal_width import focal_width
 from .hausdorff import hausdorff_distance
 from .objects import MeshObject
@@ -44,7 +44,10 @@ def simplify(thing: MeshObject, tolerance: float | None = None, *, device: str =
     Raises MeshError for a mesh that is not closed and for a tolerance that is none.
     """
     if tolerance is None:
-        tolerance = focal_width(thing.bounds.mean(axis=0)).width / 4
+        try:
+            tolerance = focal_width(thing.bounds.mean(axis=0)).width / 4
+        except StrategyError as error:
+            raise StrategyError(f"{thing.name}: {error}; give a tolerance, or move the object") from error
     if not (np.isfinite(tolerance) and tolerance > 0):
         raise MeshError(f"{thing.name}: tolerance must be a positive length in metres, not {tolerance}")
     if not thing.report.closed:

@@ -27,6 +27,7 @@ from .expression import (
     Transform,
     Union,
 )
+from .fields import told
 
 PRIMITIVES = (Sphere, Box, Cylinder, Torus, Capsule, HalfSpace)
 OPERATORS = (Union, Intersection, Difference, SmoothUnion, Offset, Transform)
@@ -41,11 +42,11 @@ def expression_from(described: Any, depth: int = 0) -> Expression:
     if depth > DEEPEST:
         raise ImplicitError(f"expression: more than {DEEPEST} operators above one another")
     if not isinstance(described, Mapping):
-        raise ImplicitError(f'expression: a node must be a JSON object with an "op", not {described!r:.60}')
+        raise ImplicitError(f'expression: a node must be a JSON object with an "op", not {told(described)}')
     op = described.get("op")
     kind = KINDS.get(op) if isinstance(op, str) else None
     if kind is None:
-        raise ImplicitError(f"expression: unknown op {op!r:.60}; known: {', '.join(KINDS)}")
+        raise ImplicitError(f"expression: unknown op {told(op)}; known: {', '.join(KINDS)}")
     known = {field.name: field for field in fields(kind)}
     unknown = sorted(str(name) for name in set(described) - set(known) - {"op"})
     if unknown:
@@ -56,7 +57,7 @@ def expression_from(described: Any, depth: int = 0) -> Expression:
     values = {name: described[name] for name in known if name in described}
     if "of" in values:
         if not isinstance(values["of"], list | tuple):
-            raise ImplicitError(f"{op}: of must be a list of expressions, not {values['of']!r:.60}")
+            raise ImplicitError(f"{op}: of must be a list of expressions, not {told(values['of'])}")
         values["of"] = tuple(expression_from(part, depth + 1) for part in values["of"])
     return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
 
@@ -68,7 +69,7 @@ def expression_from_json(text: str) -> Expression:
     """
     try:
         described = json.loads(text)
-    except json.JSONDecodeError as error:
+    except ValueError as error:  # no JSON, or a number of thousands of digits
         raise ImplicitError(f"expression: not JSON ({error})") from error
     except RecursionError as error:
         raise ImplicitError(f"expression: more than {DEEPEST} operators above one another") from error

@@ -14,8 +14,9 @@ T = TypeVar("T")
 
 def require_choice(name: str, value: object, known: tuple[str, ...]) -> None:
     """Refuse what is none of the known names."""
-    if value not in known:
-        raise StrategyError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+    if not isinstance(value, str) or value not in known:
+        said = shown(value) if isinstance(value, int) else repr(value)
+        raise StrategyError(f"{name} must be one of {', '.join(known)}, not {said}")
 
 
 def require_number(name: str, value: object, low: float, high: float, *, unit: str = "", whole: bool = False) -> None:
@@ -31,6 +32,16 @@ def shown(value: object) -> str:
     """A refused value, in a sentence."""
     huge = isinstance(value, int) and abs(value) >= 10**15  # Python refuses to print the largest
     return "a number that large" if huge else str(value)
+
+
+def told(value: object) -> str:
+    """The same of a value of any kind, on one line and not longer than a few words."""
+    try:
+        text = shown(value) if isinstance(value, int) else repr(value)
+    except ValueError:  # of a number within it that Python refuses to print
+        text = f"a {type(value).__name__} with too large a number"
+    text = " ".join(text.split())
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def read_fields(text: str, known: Collection[str], name: str) -> dict[str, Any]:
@@ -60,6 +71,6 @@ def load_by_name(source: str, presets: Mapping[str, Callable[[], T]], read: Call
     if not path.is_file():
         raise StrategyError(f"unknown {name} {source!r}: neither a preset ({', '.join(presets)}) nor a JSON file")
     try:
-        return read(path.read_text(encoding="utf-8"))
+        return read(path.read_text(encoding="utf-8-sig"))
     except (StrategyError, UnicodeDecodeError, OSError) as error:
         raise StrategyError(f"{path}: {error}") from error

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .hands import require_sides
-from .plane_hand import IDENTITY, HandPatch, PlaneHand, phalanx_joints
+from .hands import IDENTITY, require_sides
+from .plane_hand import HandPatch, PlaneHand, phalanx_joints
 
 BREADTH, HAND_LENGTH = 0.085, 0.187  # [m]; near the means of adults in ANSUR II, which are 78..90 and 181..193 mm
 PALM_SHARE = 0.56  # of the hand's length, from the wrist to the middle finger's crease

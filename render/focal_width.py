@@ -17,6 +17,7 @@ SPEED_OF_SOUND = 343.0  # [m/s]
 ARRAY_DEFAULT = "emulator"  # 16 x 16 transducers at 10.5 mm
 HEIGHT_DEFAULT = 0.2  # [m]
 NEAREST = 0.01  # [m]; of a focal point to a transducer
+FARTHEST = 10.0  # [m]; of a focal point to the nearest: there the focus is wider than a person
 STEPS_A_WAVE = 8  # of a scan along a line: pressure changes over half a wavelength at least
 STEPS_FINER = 16  # of a step, around the peak and the borders
 REACH_FIRST, REACH_LAST = 4, 256  # wavelengths that a scan reaches to each side
@@ -61,15 +62,18 @@ def focal_width(
     point: [m], common frame, shape [3]; or a height over the middle of the array's face. array: by default 16 x 16
     transducers at 10.5 mm. speed_of_sound: [m/s]. piston_radius: [m], 0 for monopoles.
     Reckoned once for a point and array. Neither the skin's echo nor absorption is in it; sizes are those of a weak
-    wave. Raises StrategyError for a point that is not finite, lies within 10 mm of a transducer, or behind
-    the array.
+    wave. Raises StrategyError for a point that is not finite, lies within 10 mm of a transducer, farther than 10 m
+    from all of them, or behind the array.
     """
     array = array or array_model(ARRAY_DEFAULT)
-    place = np.asarray(point, np.float64)
+    try:
+        place = np.asarray(point, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        place = np.full(0, np.nan)  # refused below
     if place.ndim == 0:
         place = array.pose[:3] + rotated(array.pose[3:], np.array([0.0, 0.0, float(place)]))
     if place.shape != (3,) or not np.isfinite(place).all():
-        raise StrategyError(f"focal width: point must be a height or three finite numbers [m], not {point}")
+        raise StrategyError(f"focal width: point must be a height or three finite numbers [m], not {point!r}")
     require_number("focal width: speed of sound", speed_of_sound, 100.0, 2000.0, unit="m/s")
     require_number("focal width: piston radius", piston_radius, 0.0, 0.1, unit="m")
     return _focal_size(array, tuple(place.tolist()), speed_of_sound, piston_radius)
@@ -96,11 +100,17 @@ def focused_power(array: ArrayModel, point: np.ndarray, wave_length: float, pist
     At a transducer's face the pressure is no number that means anything: 0 behind, and nearer than 5 mm.
     """
     position, normal = array.position.astype(np.float64), array.normal.astype(np.float64)
-    distance = np.linalg.norm(point - position, axis=1)
+    with np.errstate(over="ignore"):  # infinitely far away is too far
+        distance = np.linalg.norm(point - position, axis=1)
     if distance.min() < NEAREST:
         raise StrategyError(
             f"focal width: point {np.round(point, 4).tolist()} m is {distance.min():.3g} m from a transducer, must be "
             f"{NEAREST:g} m at least"
+        )
+    if distance.min() > FARTHEST:
+        raise StrategyError(
+            f"focal width: point {np.round(point, 4).tolist()} m is {distance.min():.3g} m from the nearest "
+            f"transducer, must be {FARTHEST:g} m at most"
         )
     if (np.einsum("tk,tk->t", point - position, normal) <= 0).all():
         raise StrategyError(

@@ -8,6 +8,7 @@
 | below 0 on the bounds' border | closed there, with a warning |
 """
 
+import hashlib
 import importlib
 import importlib.util
 import inspect
@@ -41,7 +42,7 @@ def load_function(spec: str) -> Any:
         raise ImplicitError(f"{spec!r}: must be package.module:function or file.py:function")
     try:
         module = module_of(Path(where)) if where.endswith(".py") else importlib.import_module(where)
-    except Exception as error:  # a module's own code can raise anything
+    except (Exception, SystemExit) as error:  # a module's own code can raise anything
         raise ImplicitError(f"{where}: cannot be imported ({type(error).__name__}: {error})") from error
     if not hasattr(module, name):
         known = [key for key, value in vars(module).items() if isinstance(value, wp.Function) and value.func]
@@ -51,7 +52,7 @@ def load_function(spec: str) -> Any:
 
 def module_of(path: Path) -> Any:
     """A file's module, imported once."""
-    name = f"palpate_function_{path.resolve().as_posix().replace('/', '_').replace('.', '_')}"
+    name = f"palpate_function_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)

@@ -8,8 +8,9 @@ import numpy as np
 import warp as wp
 
 from ..kernels.patch import ON, Patch
-from .errors import PoseError, StrategyError
+from .errors import PoseError, RenderError, StrategyError
 
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 SMALLEST, LARGEST = 1e-4, 1.0  # side of a palm [m]
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 """A patch's corners along u and v in half extents, counter-clockwise seen from +n; side k starts at corner k."""
@@ -94,7 +95,9 @@ class Palm:
 
     def __post_init__(self) -> None:
         """Refuse a palm that is no size for skin: float32 could not tell its corners apart."""
-        require_sides("palm", self.width, self.length)
+        width, length = require_sides("palm", self.width, self.length)
+        object.__setattr__(self, "width", width)
+        object.__setattr__(self, "length", length)
 
     @property
     def patch_count(self) -> int:
@@ -108,7 +111,7 @@ class Palm:
 
     def on(self, device: str) -> wp.array:
         """Patches on a Warp device, dtype Patch, shape [patch]."""
-        return wp.array([palm_patch(self.width, self.length)], dtype=Patch, device=device)
+        return patches_on(device, self.frames(np.array(IDENTITY)))
 
     def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
         """The hand's poses, float32, shape [pose, 1, 7]."""
@@ -123,10 +126,7 @@ class Palm:
 
         pose: float, shape [pose, 7].
         """
-        pose = np.atleast_2d(np.asarray(pose, np.float64))
-        u, v = 0.5 * self.width * np.array([-1, 1, 1, -1]), 0.5 * self.length * np.array([-1, -1, 1, 1])
-        local = np.stack([u, np.zeros(4), -v], axis=1)
-        return (pose[:, None, :3] + rotated(pose[:, None, 3:], local[None]))[:, None]
+        return self.frames(pose, first).corners()
 
     def described(self) -> dict:
         """What a file says about the hand, for JSON."""
@@ -137,11 +137,13 @@ class Palm:
         return {}
 
 
-def require_sides(name: str, width: float, length: float) -> None:
-    """Raise StrategyError unless both sides of a patch lie in SMALLEST..LARGEST [m]."""
+def require_sides(name: str, width: float, length: float) -> tuple[float, float]:
+    """Both sides of a patch as plain numbers; raises StrategyError unless they lie in SMALLEST..LARGEST [m]."""
     for field, value in (("width", width), ("length", length)):
-        if not (np.isfinite(value) and SMALLEST <= value <= LARGEST):
-            raise StrategyError(f"{name} {field} must lie between {SMALLEST:g} and {LARGEST:g} m, not {value}")
+        is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+        if not (is_number and SMALLEST <= value <= LARGEST):  # a NaN compares false
+            raise StrategyError(f"{name} {field} must lie between {SMALLEST:g} and {LARGEST:g} m, not {value!r}")
+    return float(width), float(length)
 
 
 def require_rows(hand: Hand, pose_count: int) -> None:
@@ -150,12 +152,16 @@ def require_rows(hand: Hand, pose_count: int) -> None:
         raise PoseError(f"the hand is articulated for {hand.pose_count} poses, but the motion has {pose_count}")
 
 
-def palm_patch(width: float, length: float) -> Any:
-    """A patch in the middle of its own frame, as kernels take it: u = X, v = -Z, n = Y."""
-    patch = Patch()
-    patch.u, patch.v, patch.n = wp.vec3d(1.0, 0.0, 0.0), wp.vec3d(0.0, 0.0, -1.0), wp.vec3d(0.0, 1.0, 0.0)
-    patch.half = wp.vec2d(width / 2 - float(ON), length / 2 - float(ON))
-    return patch
+def patches_on(device: str, frames: PatchFrames) -> wp.array:
+    """Patches as kernels take them, dtype Patch, shape [patch], of frames of one pose."""
+    patches = []
+    for k, half in enumerate(frames.half):
+        patch = Patch()
+        patch.origin, patch.u = wp.vec3d(*frames.origin[0, k]), wp.vec3d(*frames.u[0, k])
+        patch.v, patch.n = wp.vec3d(*frames.v[0, k]), wp.vec3d(*frames.n[0, k])
+        patch.half = wp.vec2d(*(half - float(ON)))
+        patches.append(patch)
+    return wp.array(patches, dtype=Patch, device=device)
 
 
 def rigid_poses(pose: np.ndarray) -> np.ndarray:
@@ -204,6 +210,8 @@ def hand_from(described: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | N
 
     Raises StrategyError for a kind that this version does not know, and for a description that lacks something.
     """
+    if not isinstance(described, Mapping):
+        raise StrategyError(f"the description of a hand must be a mapping, not {described!r:.60}")
     kind, arrays = described.get("kind"), arrays or {}
     try:
         if kind == "palm":
@@ -218,4 +226,8 @@ def hand_from(described: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | N
             return MeshHand.from_file(described, arrays)
     except KeyError as error:
         raise StrategyError(f"the description of a hand of kind {kind!r} lacks {error.args[0]!r}") from None
+    except RenderError:
+        raise
+    except (TypeError, ValueError, AttributeError) as error:  # something of another type, or of another shape
+        raise StrategyError(f"the description of a hand of kind {kind!r} cannot be read: {error}") from error
     raise StrategyError(f"unknown hand {kind!r}; known: palm, planes, mesh")

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import warnings
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
@@ -15,12 +14,12 @@ from ..kernels.field import Field
 from ..kernels.function import function_field
 from ..kernels.probe import probe_points
 from ..kernels.tree import tree_field
-from .errors import ImplicitError, PalpateWarning
+from .errors import ImplicitError
 from .expression import Box, Expression, Transform
 from .expression_file import load_expression
 from .function import load_function, source_of, takes_double, try_function
 from .isosurface import isosurface
-from .objects import SIZE_LARGEST, Placement, axis_rotation, up_rotation
+from .objects import Placement, axis_rotation, up_rotation, warn_of_place
 from .program import WHOLE, Frame, compile_expression, expression_bounds
 
 OUTLINE = 96  # cells along the longest side of the mesh to look at
@@ -91,15 +90,7 @@ class ImplicitObject:
         return cls(source, bounds=bounds, placement=placement, name=name, hand=hand)
 
     def _judge_place(self) -> None:
-        size, low = np.ptp(self.bounds, axis=0), self.bounds[0, 2]
-        if size.max() > SIZE_LARGEST:
-            fault = f"is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; for millimetres use --scale 0.001"
-        elif low < 0:
-            high = self.bounds[1, 2]
-            fault = f"reaches behind the array (z from {low:.4g} to {high:.4g} m): --at 0 0 0.2 places it in front"
-        else:
-            return
-        warnings.warn(f"{self.name}: {fault}", PalpateWarning, stacklevel=3)
+        warn_of_place(self.name, self.bounds, "for millimetres use --scale 0.001")
 
     @cached_property
     def identity(self) -> str:

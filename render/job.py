@@ -9,7 +9,7 @@ from ..datasets.motion import HandMotion
 from . import console
 from .errors import StrategyError
 from .figure import draw_figure
-from .loading import load_hand_and_motion, load_solid, simplified
+from .loading import is_recording, load_hand_and_motion, load_solid, simplified
 from .objects import Placement
 from .record import record
 from .solid import Solid
@@ -31,7 +31,7 @@ class RenderJob:
     strategy: str
     step: float | None
     hand: str
-    palm: tuple[float, float]
+    palm: tuple[float, float] | None
     volume: dict
     bounds: tuple[float, ...] | None
     simplify: float | None
@@ -57,7 +57,7 @@ def worker_count(text: str) -> int | None:
     return int(text)
 
 
-def warn_if_apart(thing: Solid, motion: HandMotion, drawn: int) -> None:
+def warn_if_apart(thing: Solid, motion: HandMotion, drawn: int, *, way: str) -> None:
     """Warn that no pose met the object, with what is needed to see why."""
     if drawn:
         return
@@ -65,7 +65,7 @@ def warn_if_apart(thing: Solid, motion: HandMotion, drawn: int) -> None:
     console.errors.print(
         f"[yellow]warning:[/] no pose meets the object: it reaches from {console.shown(thing.bounds[0].tolist())} to "
         f"{console.shown(thing.bounds[1].tolist())} m, the palms' centres from {console.shown(low.tolist())} to "
-        f"{console.shown(high.tolist())} m; see --at and --scale"
+        f"{console.shown(high.tolist())} m; see {way}"
     )
 
 
@@ -128,7 +128,10 @@ def run_render(options: dict, *, as_json: bool) -> int:
     if detail is not None:
         summary |= {"detail": asdict(detail)}
     if moved is None:
-        warn_if_apart(thing, motion, summary["poses_drawn"])
+        tracked = is_recording(job.motion) and job.alignment is None
+        way = "--alignment: it is a recording in its tracker's frame" if tracked else "--at and --scale"
+        if not any(summary.get("removed_mean", {}).values()):  # else they met, and stages removed it all
+            warn_if_apart(thing, motion, summary["poses_drawn"], way=way)
     console.say(summary, as_json=as_json, title=str(job.out), told=TOLD_OF_RENDERING)
     return console.DONE
 

@@ -28,6 +28,7 @@ from ..datasets.motion import HandMotion, exploration
 from ..datasets.recording_file import load_recording
 from .detail import Detail, simplify
 from .errors import StrategyError
+from .fields import require_choice
 from .flat_planes import flat_hand
 from .hands import Hand, Palm
 from .implicit import ImplicitObject, is_function_name
@@ -35,7 +36,8 @@ from .mesh_hand import MeshHand
 from .objects import MeshObject, Placement
 from .plane_hand import PlaneHand
 from .solid import Solid
-from .voxel_files import is_volume
+from .voxel_files import UNITS, is_volume
+from .voxel_values import KINDS
 from .voxels import VoxelObject
 
 EXPLORATION = "exploration"
@@ -55,6 +57,7 @@ def load_solid(
     given = {name: value for name, value in (volume or {}).items() if value is not None}
     if is_volume(source):
         refuse_options({"bounds": bounds}, "of a function", source)
+        require_volume_options(given)
         return VoxelObject.load(source, placement=placement, **given)
     refuse_options(given, "of a volume", source)
     if is_function_name(source) or Path(source).suffix == ".json":
@@ -62,6 +65,18 @@ def load_solid(
         return ImplicitObject.load(source, bounds=box, placement=placement)
     refuse_options({"bounds": bounds}, "of a function", source)
     return MeshObject.load(source, placement=placement)
+
+
+def require_volume_options(given: dict[str, Any]) -> None:
+    """Raise StrategyError for an option of a volume that no volume can have; others depend on its values."""
+    for name, known in (("kind", KINDS), ("unit", tuple(UNITS)), ("inside", ("below", "above"))):
+        if name in given:
+            require_choice(f"--{name}", given[name], known)
+    spacing = np.asarray(given.get("spacing", 1.0), np.float64)
+    if not ((spacing > 0) & (spacing < np.inf)).all():  # a NaN compares false
+        raise StrategyError(f"--spacing must be positive lengths in metres, not {given['spacing']}")
+    if not np.isfinite(given.get("level", 0.0)):
+        raise StrategyError(f"--level must be finite, not {given['level']}")
 
 
 def refuse_options(options: dict[str, Any], whose: str, source: str) -> None:
@@ -75,6 +90,8 @@ def simplified(thing: Solid, tolerance: float | None) -> tuple[Solid, Detail | N
     """The object simplified within a tolerance [m]; 0: a quarter of the focal width; None: as it is."""
     if tolerance is None:
         return thing, None
+    if not 0 <= tolerance < np.inf:  # a NaN compares false
+        raise StrategyError(f"--simplify must be a length in metres of 0 or more, not {tolerance}")
     if not isinstance(thing, MeshObject):
         raise StrategyError(f"--simplify is of a mesh, which {thing.name} is not")
     simple, detail = simplify(thing, tolerance or None)
@@ -104,13 +121,19 @@ def load_motion(source: str, thing: Solid, options: dict[str, Any]) -> HandMotio
             raise StrategyError(f"{EXPLORATION}: {error}") from error
     if given:
         raise StrategyError(f"--{next(iter(given))} is for a synthetic exploration, but the motion is {source}")
+    if Path(source).is_file() and Path(source).suffix.lower() not in (".csv", ".h5", ".hdf5"):
+        raise StrategyError(
+            f"{source}: a motion is .csv, .h5 or .hdf5, a recording of a hand .json, .csv or .npz, or {EXPLORATION}"
+        )
     return HandMotion.load(source)
 
 
-def load_hand(kind: str, palm: tuple[float, float], recording: HandRecording | None = None) -> Hand:
+def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecording | None = None) -> Hand:
     """A hand by the table above; with a recording that is `held`, those that have joints are posed by it."""
     if kind == "palm":
-        return Palm(*palm)
+        return Palm() if palm is None else Palm(*palm)
+    if palm is not None:
+        raise StrategyError(f"--palm is the size of --hand palm, which {kind} is not")
     if kind == "planes":
         if recording is None:
             return flat_hand()
@@ -120,13 +143,13 @@ def load_hand(kind: str, palm: tuple[float, float], recording: HandRecording | N
     if is_volume(kind) or Path(kind).suffix == ".json":
         return MeshHand.from_solid(load_hand_solid(kind), SOLID_HAND_STEP)
     if not Path(kind).is_file():
-        raise StrategyError(f"hand must be palm, planes, skin, or a file, not {kind!r}")
+        raise StrategyError(f"hand must be palm, planes, skin, or a file, and there is no file {kind!r}")
     return MeshHand.load(kind)
 
 
 def load_hand_solid(source: str) -> Solid:
     """A hand given as voxels or an expression, in the hand's frame."""
-    return VoxelObject.load(source) if is_volume(source) else ImplicitObject.load(source, hand=True)
+    return VoxelObject.load(source, hand=True) if is_volume(source) else ImplicitObject.load(source, hand=True)
 
 
 def own_skin(recording: HandRecording | None = None) -> MeshHand:
@@ -141,7 +164,7 @@ def own_skin(recording: HandRecording | None = None) -> MeshHand:
 
 def load_hand_and_motion(
     kind: str,
-    palm: tuple[float, float],
+    palm: tuple[float, float] | None,
     source: str,
     thing: Solid,
     *,

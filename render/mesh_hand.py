@@ -46,11 +46,12 @@ class MeshHand:
         step: float | None = None,
         name: str = "hand",
     ) -> None:
-        if step is not None and not (np.isfinite(step) and step >= STEP_SMALLEST):
-            raise StrategyError(f"{name}: step must be at least {STEP_SMALLEST:g} m, not {step}")
-        self.name, self.step = name, step
-        self._rigid = np.ndim(vertices) != 3
+        is_number = isinstance(step, int | float | np.integer | np.floating) and not isinstance(step, bool)
+        if step is not None and not (is_number and STEP_SMALLEST <= step < np.inf):  # a NaN compares false
+            raise StrategyError(f"{name}: step must be at least {STEP_SMALLEST:g} m, not {step!r}")
+        self.name, self.step = name, None if step is None else float(step)
         surface = checked_hand(name, vertices, faces, glabrous)
+        self._rigid = np.ndim(vertices) != 3
         self.vertices = surface.vertices
         """[m], float32, shape [row, vertex, 3]; one row for a rigid hand."""
         self.faces = surface.faces
@@ -238,6 +239,7 @@ class MeshHand:
         middle = [(x.max(axis=1) + x.min(axis=1)) / 2 for x in along]
         half = np.stack([np.ptp(x, axis=1) / 2 for x in along], axis=1)
         weight = np.linalg.norm(normal, axis=2)
+        weight = np.where(weight.sum(axis=1, keepdims=True) > 0.0, weight, 1.0)  # a row may be folded flat
         centre = np.einsum("rfk,rf->rk", vertices[:, region].astype(np.float64).mean(axis=2), weight)
         depth = np.einsum("rk,rk->r", centre / weight.sum(axis=1, keepdims=True), n)
         return middle[0][:, None] * u + middle[1][:, None] * v + depth[:, None] * n, u, v, n, half

@@ -68,7 +68,10 @@ def checked_vertices(name: str, vertices: np.ndarray) -> np.ndarray:
 
 def checked_faces(name: str, faces: np.ndarray, vertex_count: int) -> np.ndarray:
     """Faces as int64, shape [face, 3]."""
-    out = np.asarray(faces)
+    try:
+        out = np.asarray(faces)
+    except ValueError:  # rows of several lengths
+        raise MeshError(f"{name}: faces must be integers of shape [face, 3]") from None
     if out.ndim != 2 or out.shape[1] != 3 or out.dtype.kind not in "iu" or not len(out):
         raise MeshError(f"{name}: faces must be integers of shape [face, 3], not {out.dtype} {list(out.shape)}")
     out = out.astype(np.int64)
@@ -82,7 +85,10 @@ def checked_region(name: str, glabrous: np.ndarray | None, face_count: int) -> n
     """The mask of the glabrous region."""
     if glabrous is None:
         return np.ones(face_count, bool)
-    out = np.asarray(glabrous)
+    try:
+        out = np.asarray(glabrous)
+    except ValueError:
+        raise MeshError(f"{name}: glabrous must be a mask of the {face_count} faces") from None
     if out.shape != (face_count,) or out.dtype.kind not in "biu" or not np.isin(out, (0, 1)).all():
         raise MeshError(
             f"{name}: glabrous must be a mask of the {face_count} faces, bool of shape [{face_count}], "
@@ -117,9 +123,13 @@ def living_faces(name: str, vertices: np.ndarray, faces: np.ndarray) -> np.ndarr
         corner = row[faces[flat]].astype(np.float64)
         area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
         flat[flat] = area == 0
-    index = np.flatnonzero(alive)
-    inner = (twins_of(faces[index]) != OPEN).reshape(-1, 3).sum(axis=1)
-    alive[index] &= ~(flat[index] & (inner < 2))  # with more neighbours the surface closes through it
+    while (flat & alive).any():  # one that falls can leave another at the rim
+        index = np.flatnonzero(alive)
+        inner = (twins_of(faces[index]) != OPEN).reshape(-1, 3).sum(axis=1)
+        falls = flat[index] & (inner < 2)  # with more neighbours the surface closes through it
+        if not falls.any():
+            break
+        alive[index[falls]] = False
     if not alive.all():
         count = len(faces) - int(alive.sum())
         warnings.warn(

@@ -99,8 +99,8 @@ def placed_hand(
     read: ReadHand, *, scale: float, back: str | None, fingers: str | None, origin: str | Sequence[float] | None
 ) -> np.ndarray:
     """Vertices in the hand's frame [m], shape [vertex, 3]. See `MeshHand.load`."""
-    if not (np.isfinite(scale) and scale > 0):
-        raise PlacementError(f"scale must be positive, not {scale}")
+    if not isinstance(scale, int | float | np.integer | np.floating) or not 0 < scale < np.inf:
+        raise PlacementError(f"scale must be positive and finite, not {scale!r}")
     turn = axes_of(read, back, fingers)
     turned = scale * read.vertices @ turn.T
     if origin is None and not all(name in read.joints for name in PALM_BETWEEN):

@@ -66,6 +66,24 @@ class Placement:
         return out + (middle if self.at is None else np.asarray(self.at))
 
 
+def warn_of_place(name: str, bounds: np.ndarray, way: str) -> None:
+    """Warn (PalpateWarning) of an object that is too large, with the way out, or that lies behind the array.
+
+    bounds: [m], array frame, shape [2, 3]. For methods that constructors call.
+    """
+    size, low, high = np.ptp(bounds, axis=0), bounds[0, 2], bounds[1, 2]
+    if size.max() > SIZE_LARGEST:
+        fault = f"is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; {way}, or --fit 0.13"
+    elif low < 0:
+        fault = (
+            f"reaches behind the array (z from {low:.4g} to {high:.4g} m): coordinates are taken as they are, "
+            "--at 0 0 0.2 places it in front"
+        )
+    else:
+        return
+    warnings.warn(f"{name}: {fault}", PalpateWarning, stacklevel=4)
+
+
 def axis_rotation(axis: int, angle: float) -> np.ndarray:
     """Rotation matrix about a coordinate axis [rad]; quarter turns are exact."""
     c, s = np.cos(angle), np.sin(angle)
@@ -142,23 +160,9 @@ class MeshObject:
             raise MeshError(f"{path}: {error}") from error
 
     def _judge_size(self) -> None:
-        size = np.ptp(self.vertices.astype(np.float64), axis=0)
         if not np.isfinite(self.vertices).all():
             raise MeshError(f"{self.name}: coordinates overflow after placement (scale {self.placement.scale})")
-        if size.max() > SIZE_LARGEST:
-            warnings.warn(
-                f"{self.name}: is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; a size like this suggests a file in "
-                "millimetres: use --scale 0.001, or --fit 0.13",
-                PalpateWarning,
-                stacklevel=3,
-            )
-        elif self.bounds[0, 2] < 0:
-            warnings.warn(
-                f"{self.name}: reaches behind the array (z from {self.bounds[0, 2]:.4g} to {self.bounds[1, 2]:.4g} m): "
-                "coordinates are taken as they are, --at 0 0 0.2 places it in front",
-                PalpateWarning,
-                stacklevel=3,
-            )
+        warn_of_place(self.name, self.bounds, "a size like this suggests a file in millimetres: use --scale 0.001")
 
     def _judge_rounding(self, vertices: np.ndarray) -> None:
         lost = len(vertices) - len(np.unique(self.vertices + np.float32(0), axis=0))

@@ -8,12 +8,12 @@ import warp as wp
 
 from ..kernels.draw import Contours
 from ..kernels.overlap import find_shared_surface
-from ..kernels.tour import thin_points
-from .contact import SEPARATION, joined_points, toured
+from .contact import SEPARATION, joined_points, require_inside, require_length, thinned, toured
 from .errors import MeshError, StrategyError
 from .hand_solid import hand_solids
 from .hands import Hand, rotated
 from .solid import Solid
+from .voxel_grid import corners_of
 
 NODES_MOST = 2**23  # of one launch: 9 bytes each
 STEP_LEAST = 1e-5  # [m]
@@ -36,16 +36,17 @@ def overlap_contours(
     rows `first`.. of the motion. step: of the lattice that is searched [m], see `overlap_points`; separation: least
     distance of the points that are kept [m]; closes: back to the first.
     Poses where a single point is shared are counted in a PalpateWarning.
-    Raises StrategyError for a hand without an inside, a step or a separation that cannot be used; MeshError for a hand
-    mesh that is not closed and an object without an inside.
+    Raises StrategyError for a hand without an inside, a step or a separation that cannot be used, and for a pose that
+    keeps more than 2,000 points; MeshError for a hand mesh that is not closed and an object without an inside.
     """
+    require_length("overlap: separation", separation)
     pose = np.asarray(pose, np.float32).reshape(-1, 7)
+    parts, own = [], first
     try:
-        parts = [
-            thin_points(*found, separation=separation)
-            for solid, rows in hand_solids(hand, first, len(pose))
-            for found in shared_surfaces(thing, solid, pose[rows], step=step, device=device, limit=NODES_MOST)
-        ]
+        for solid, rows in hand_solids(hand, first, len(pose)):
+            for found in shared_surfaces(thing, solid, pose[rows], step=step, device=device, limit=NODES_MOST):
+                parts.append(thinned(*found, separation=separation, first=own, name="overlap"))
+                own += found[1].shape[0] - 1
         point, start = joined_points(parts, device)
         return toured(point, start, separation=separation, closes=closes, patch_count=hand.patch_count, name="overlap")
     except (MeshError, StrategyError):
@@ -80,9 +81,8 @@ def shared_surfaces(
     thing: Solid, hand: Any, pose: np.ndarray, *, step: float, device: str, limit: int
 ) -> Iterator[tuple[wp.array, wp.array]]:
     """Points of consecutive poses and where each pose's start, on the device: see `overlap_points`."""
-    if not (np.isfinite(step) and step >= STEP_LEAST):
-        raise StrategyError(f"overlap: step must be at least {STEP_LEAST:g} m, not {step}")
-    thing.require_closed()
+    require_length("overlap: step", step, STEP_LEAST)
+    require_inside(thing, "overlap")
     pose = np.asarray(pose, np.float32).reshape(-1, 7)
     first, count = node_blocks(thing.bounds, hand.bounds, pose, step)
     nodes = count.prod(axis=1, dtype=np.int64)
@@ -101,8 +101,7 @@ def node_blocks(thing: np.ndarray, hand: np.ndarray, pose: np.ndarray, step: flo
 
     thing, hand: bounds in their own frames [m], shape [2, 3].
     """
-    side = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(-1, 3)
-    corners = np.where(side == 0, hand[0], hand[1])
+    corners = corners_of(hand)
     wide = pose.astype(np.float64)
     turn = wide[:, None, 3:] / np.linalg.norm(wide[:, None, 3:], axis=2, keepdims=True)
     moved = wide[:, None, :3] + rotated(turn, corners[None])

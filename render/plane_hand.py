@@ -1,7 +1,7 @@
 """A hand of several planes: palm and phalanges, rigid, or with a pose for each patch and each pose of the motion."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..kernels.patch import ON, Patch
 from .errors import PoseError, StrategyError
-from .hands import PatchFrames, composed, frames_at, require_sides, rigid_poses, rotated
+from .hands import IDENTITY, PatchFrames, composed, frames_at, patches_on, require_sides, rigid_poses, rotated
 from .joint_planes import FINGERS, planes_of_joints
 
-IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 NORM_TOLERANCE = 1e-3  # of a quaternion, as of a motion's
 ABSENT = np.array([0.0, 1000.0, 0.0, 0.0, 0.0, 0.0, 1.0], np.float32)
 """Array-frame pose of a patch that is not there: a plane 1 km away, where no contour is."""
@@ -38,7 +36,9 @@ class HandPatch:
         """Check the name, the sides and the pose, whose quaternion is normalised."""
         if not self.name or not isinstance(self.name, str):
             raise StrategyError(f"a patch's name must be a text of one character at least, not {self.name!r}")
-        require_sides(f"patch {self.name!r}:", self.width, self.length)
+        width, length = require_sides(f"patch {self.name!r}:", self.width, self.length)
+        object.__setattr__(self, "width", width)
+        object.__setattr__(self, "length", length)
         pose = checked_poses(np.asarray(self.pose, np.float64), f"patch {self.name!r}: pose", (7,))
         if np.isnan(pose).any():
             raise PoseError(f"patch {self.name!r}: pose {self.pose} is not finite")
@@ -53,6 +53,14 @@ class PatchJoint:
     side: int
     other: str
     other_side: int
+
+    def __post_init__(self) -> None:
+        """Sides as plain numbers; what they name is checked by the hand."""
+        for field in ("side", "other_side"):
+            side = getattr(self, field)
+            if isinstance(side, bool) or not isinstance(side, int | np.integer) or side not in range(4):
+                raise StrategyError(f"{self}: a side must be 0, 1, 2 or 3, not {side!r}")
+            object.__setattr__(self, field, int(side))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,19 +80,21 @@ class PlaneHand:
 
     def __post_init__(self) -> None:
         """Check everything; patch poses are copied and read-only."""
-        object.__setattr__(self, "patches", tuple(self.patches))
-        object.__setattr__(self, "joints", tuple(self.joints))
+        for field, kind in (("patches", HandPatch), ("joints", PatchJoint)):
+            given = getattr(self, field)
+            given = tuple(given) if isinstance(given, Iterable) else (given,)
+            if wrong := [one for one in given if not isinstance(one, kind)]:
+                raise StrategyError(f"a hand's {field} must be of type {kind.__name__}, not {wrong[0]!r:.80}")
+            object.__setattr__(self, field, given)
         if not self.patches:
             raise StrategyError("a hand needs one patch at least")
         names = [patch.name for patch in self.patches]
         if twice := {name for name in names if names.count(name) > 1}:
             raise StrategyError(f"patch {min(twice)!r} is there twice")
         for joint in self.joints:
-            for name, side in ((joint.patch, joint.side), (joint.other, joint.other_side)):
+            for name in (joint.patch, joint.other):
                 if name not in names:
                     raise StrategyError(f"{joint}: there is no patch {name!r}; there are: {', '.join(names)}")
-                if side not in range(4):
-                    raise StrategyError(f"{joint}: a side must be 0, 1, 2 or 3, not {side!r}")
             if joint.patch == joint.other:
                 raise StrategyError(f"{joint}: a patch cannot be joined to itself")
         if self.patch_pose is not None:
@@ -132,14 +142,7 @@ class PlaneHand:
         rest = self._rest
         if self.patch_pose is not None:
             rest = frames_at(np.broadcast_to(np.array(IDENTITY), (1, self.patch_count, 7)), self.half)
-        patches = []
-        for k, half in enumerate(self.half):
-            patch = Patch()
-            patch.origin, patch.u = wp.vec3d(*rest.origin[0, k]), wp.vec3d(*rest.u[0, k])
-            patch.v, patch.n = wp.vec3d(*rest.v[0, k]), wp.vec3d(*rest.n[0, k])
-            patch.half = wp.vec2d(*(half - float(ON)))
-            patches.append(patch)
-        return wp.array(patches, dtype=Patch, device=device)
+        return patches_on(device, rest)
 
     def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
         """Poses of the hand, float32 [n, 1, 7], or of each patch, [n, patch, 7]; ABSENT for one that is not there.

@@ -21,6 +21,7 @@ from .moving import about_outline, object_poses
 from .objects import MeshObject
 from .scene import Scene
 from .solid import Solid
+from .stage_source import stage_sources
 from .strategy import IntersectionStrategy
 from .workers import warp_device
 
@@ -44,7 +45,7 @@ def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
     thing, hand = scene.thing, scene.hand
     described = thing.described()
     vertices, faces = thing.outline_mesh()
-    meshed = isinstance(thing, MeshObject)
+    meshed, sources = isinstance(thing, MeshObject), stage_sources(scene.strategy)
     return FileHeader(
         pose=motion.pose,
         time=motion.time,
@@ -59,7 +60,7 @@ def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
         object_attributes={k: described[k] for k in ("triangles", "report", "detail") if k in described},
         hand=hand.described(),
         hand_arrays=hand.arrays(),
-        strategy=scene.strategy.described(),
+        strategy=scene.strategy.described() | ({"sources": sources} if sources else {}),
         versions={package: version(package) for package in PACKAGES},
         device=device,
     )

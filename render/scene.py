@@ -61,10 +61,9 @@ def with_joined_sides(strategy: IntersectionStrategy, hand: Hand) -> Intersectio
 
 
 def needs_focal_width(strategy: IntersectionStrategy, *, marches: bool) -> bool:
-    """Whether something is scaled by the focal width: a step or an option not given, or a user's own stage, which may be.
-    """
+    """Whether something may be scaled by the focal width: a step or an option not given, or a user's own stage."""
     entries = [(find_stage(role, s.name), s) for role, stages in strategy.stages().items() for s in stages]
-    unset = any(value is None for entry, s in entries for value in entry.given(s).values())
+    unset = any(s.options.get(key, o.default) is None for entry, s in entries for key, o in entry.options.items())
     return unset or (marches and strategy.step is None) or not all(entry.own for entry, _ in entries)
 
 
@@ -76,7 +75,9 @@ def require_parts(thing: object, hand: object, strategy: object) -> None:
     if not isinstance(hand, Hand):
         raise StrategyError(f"the hand must be a Palm, a PlaneHand or a MeshHand, not {hand!r:.60}")
     if not isinstance(strategy, IntersectionStrategy):
-        raise StrategyError(f"the strategy must be an IntersectionStrategy (load_strategy gives one), not {strategy!r:.60}")
+        raise StrategyError(
+            f"the strategy must be an IntersectionStrategy (load_strategy gives one), not {strategy!r:.60}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +94,7 @@ class Scene:
     moved: np.ndarray | None = None
     """Where the middle of the object's bounds is at each pose, and how it is turned, float32, shape [pose, 7]."""
     focal_width: float = 0.0
-    """FWHM of p^2 across the focus at the object's middle, where a moving one is mostly [m]; 0 where nothing asks for it.
-    """
+    """FWHM of p^2 across the focus at the object's middle, or a moving one's median [m]; 0 if nothing asks for it."""
 
     @classmethod
     def of(cls, thing: Solid, hand: Hand, strategy: IntersectionStrategy, *, moved: np.ndarray | None = None) -> Self:
@@ -116,7 +116,11 @@ class Scene:
         width = 0.0
         if needs_focal_width(strategy, marches=marches):
             place = thing.bounds.mean(axis=0) if moved is None else np.median(moved[:, :3], axis=0)
-            width = focal_width(place).width
+            try:
+                width = focal_width(place).width
+            except StrategyError as error:
+                way = "give the strategy a step= and its stages their lengths, or move the object"
+                raise StrategyError(f"{thing.name}: {error}; {way}") from error
         return cls(thing, hand, strategy.resolved(width or 1.0, marches=marches), moved, width)  # 1.0: scales nothing
 
     @cached_property
@@ -169,7 +173,8 @@ class Scene:
             move_contours(batch.points, batch.polyline_start, batch.pose_start, place, self.pivot)
         removed: dict[str, np.ndarray] = {}
         if not self.is_raw:
-            setting = Setting(self.thing, self.hand, pose, first, device, self.focal_width, self.step, moved=moved)
+            at = {} if moved is None else {"moved": moved, "pivot": self.pivot}
+            setting = Setting(self.thing, self.hand, pose, first, device, self.focal_width, self.step, **at)
             with StageClock(timing, "stages", device):
                 batch, removed = run_stages(batch, self.strategy, setting)
         return batch, removed

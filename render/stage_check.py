@@ -4,6 +4,7 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from .contours import ContourBatch
 from .errors import StrategyError
@@ -16,36 +17,61 @@ DTYPES: dict[str, tuple[Any, str, tuple[int, ...]]] = {  # field: dtype, what a 
     "polyline_closed": (np.uint8, "polyline", ()),
     "pose_start": (np.int64, "pose + 1", ()),
 }
+ON_DEVICE: dict[str, Any] = {
+    "points": wp.vec3,
+    "kind": wp.uint8,
+    "polyline_start": wp.int64,
+    "polyline_patch": wp.int32,
+    "polyline_closed": wp.uint8,
+    "pose_start": wp.int64,
+}
 OPTIONAL = (np.float32, "point", ())  # intensity and whatever else a point may have
 KIND_LAST = 2
+LENGTH_OFF, LENGTH_SHARE = 1e-4, 1e-3  # [m], and of what there was: rounding of a length removed
 
 
-def checked_batch(result: object, before: ContourBatch, on: str, title: str) -> ContourBatch:
-    """What a stage gave as a batch of the right types, on the host or the device as `on` says.
+def checked_batch(
+    result: object, title: str, *, pose_count: int, patch_count: int, device: str | None = None
+) -> ContourBatch:
+    """What a stage gave as a batch of the right types, on the device it ran on; None: on the host.
 
-    before: what the stage got: the poses must be as many. title: the stage's name, for errors.
-    Raises StrategyError for what is no batch.
+    title: the stage's name, for errors. patch_count: of the hand. Raises StrategyError for what is no batch.
     """
+    on = "host" if device is None else "device"
     if not isinstance(result, ContourBatch):
         raise StrategyError(f"{title} must give a ContourBatch, not {type(result).__name__}")
-    if result.on_device != (on == "device"):
-        raise StrategyError(f"{title} must give its arrays on the {on}, as it got them")
-    host = result.numpy()
-    arrays = {name: _cast(name, value, title) for name, value in host.by_name().items()}
-    batch = ContourBatch(**arrays)
-    _check_rows(batch, before.pose_count, title)
+    given = result.by_name()
+    for name in DTYPES:
+        if name not in given:
+            raise StrategyError(f"{title}: {name} must be an array, not None")
+    wrong = [name for name, value in given.items() if isinstance(value, wp.array) != (device is not None)]
+    if wrong:
+        raise StrategyError(f"{title} must give its arrays on the {on}, as it got them, but {wrong[0]} is elsewhere")
+    batch = ContourBatch(**{name: _cast(name, value, title) for name, value in given.items()})
+    _check_rows(batch, pose_count, title)
+    _check_values(batch, patch_count, title)
     _check_lines(batch, title)
-    _check_values(batch, title)
-    return result if result.on_device else batch
+    if device is None:
+        return batch
+    fits = all(
+        value.dtype is ON_DEVICE.get(name, wp.float32) and value.device == wp.get_device(device)
+        for name, value in given.items()
+    )
+    return result if fits else batch.to(device)
 
 
 def _cast(name: str, value: Any, title: str) -> np.ndarray:
-    """An array of its field's dtype, of integers from integers; refused if values would be lost."""
+    """An array of its field's dtype on the host, of integers from integers; refused if values would be lost."""
     dtype, row, rest = DTYPES.get(name, OPTIONAL)
-    array = np.asarray(value)
+    try:
+        array = value.numpy() if isinstance(value, wp.array) else np.asarray(value)
+    except (TypeError, ValueError) as error:  # rows of different lengths
+        raise StrategyError(f"{title}: {name} must be an array of {np.dtype(dtype).name}: {error}") from error
     whole = np.issubdtype(dtype, np.integer)
-    if array.dtype == object or (whole and not np.issubdtype(array.dtype, np.integer) and array.dtype != bool):
+    if array.dtype.kind not in ("iub" if whole else "iubf"):
         raise StrategyError(f"{title}: {name} must be {np.dtype(dtype).name}, not {array.dtype}")
+    if array.size == 0 and isinstance(value, wp.array):
+        array = array.reshape(0, *rest)  # whatever Warp makes of no vectors
     if array.ndim != 1 + len(rest) or array.shape[1:] != rest:
         shape = ", ".join([row, *map(str, rest)])
         raise StrategyError(f"{title}: {name} must have shape [{shape}], not {list(array.shape)}")
@@ -88,27 +114,40 @@ def _check_lines(batch: ContourBatch, title: str) -> None:
         raise StrategyError(f"{title}: polyline {apart[0]} is closed, so it must end with its first point again")
 
 
-def _check_values(batch: ContourBatch, title: str) -> None:
+def _check_values(batch: ContourBatch, patch_count: int, title: str) -> None:
     """Refuse what is not finite, or out of its range."""
     bad = np.flatnonzero(~np.isfinite(batch.points).all(axis=1))
     if len(bad):
         raise StrategyError(f"{title}: point {bad[0]} is not finite: {batch.points[bad[0]].tolist()}")
     if len(batch.kind) and batch.kind.max() > KIND_LAST:
         raise StrategyError(f"{title}: kind must lie in 0..{KIND_LAST}, not {batch.kind.max()}")
+    patch = batch.polyline_patch
+    if len(patch) and not 0 <= patch.min() <= patch.max() < patch_count:
+        bad = int(patch[np.flatnonzero((patch < 0) | (patch >= patch_count))[0]])
+        raise StrategyError(f"{title}: polyline_patch must lie in 0..{patch_count - 1}, the hand's patches, not {bad}")
     for name, value in batch.by_name().items():
         high = 1.0 if name == "intensity" else np.inf
         if name not in DTYPES and not ((value >= 0) & (value <= high) & np.isfinite(value)).all():
             raise StrategyError(f"{title}: {name} must be finite and lie in 0..{high:g}")
 
 
-def checked_removal(removed: object, pose_count: int, title: str) -> np.ndarray:
-    """Lengths that a prune stage says it removed [m], float32, shape [pose]; rounding below 0 becomes 0."""
+def checked_removal(removed: object, gone: np.ndarray, before: np.ndarray, title: str) -> np.ndarray:
+    """Lengths that a prune stage says it removed [m], float32, shape [pose]; rounding below 0 becomes 0.
+
+    gone: by how much contours are shorter than before [m]; before: their length [m], both of shape [pose].
+    """
     try:
         out = np.asarray(removed, np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise StrategyError(f"{title}: the removed length must be an array of numbers, not {removed!r}") from error
-    if out.shape != (pose_count,):
-        raise StrategyError(f"{title}: the removed length must have shape [{pose_count}], not {list(out.shape)}")
+    if out.shape != gone.shape:
+        raise StrategyError(f"{title}: the removed length must have shape [{len(gone)}], not {list(out.shape)}")
     if not np.isfinite(out).all() or out.min(initial=0.0) < -1e-4:
         raise StrategyError(f"{title}: the removed length must be finite and not negative, not {out.min()}")
+    bad = np.flatnonzero(np.abs(out - gone) > LENGTH_OFF + LENGTH_SHARE * before)
+    if len(bad):
+        raise StrategyError(
+            f"{title}: said to have removed {out[bad[0]]:.4g} m of pose {bad[0]} of the batch, whose contours are "
+            f"{gone[bad[0]]:.4g} m shorter"
+        )
     return np.maximum(out, 0.0).astype(np.float32)

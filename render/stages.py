@@ -25,15 +25,15 @@ import numpy as np
 from ..kernels.point_function import map_intensity, map_points
 from .contours import ContourBatch
 from .errors import StrategyError
-from .fields import require_choice, require_number
+from .fields import require_choice
 from .solid import Solid
 from .stage_check import checked_batch, checked_removal
+from .stage_option import Option, Value, options_of
 
 if TYPE_CHECKING:
     from .hands import Hand, PatchFrames
     from .strategy import IntersectionStrategy
 
-Value = float | int | str | bool | None
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 ROLES = ("raw", "prune", "transform")
@@ -87,42 +87,6 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class Option:
-    """An option of a stage: its default and what else it may be."""
-
-    default: Value = None
-    """None stands for `widths` focal widths."""
-    low: float = -np.inf
-    high: float = np.inf
-    unit: str = ""
-    choices: tuple[str, ...] = ()
-    """Of a text."""
-    widths: float = 1.0
-    """What None is replaced by, in focal widths (FWHM of p^2 across the focus)."""
-
-    def check(self, name: str, value: Value) -> None:
-        """Refuse a value that this option cannot have; `name` is stage and option."""
-        if value is None and self.default is None:
-            return
-        if isinstance(self.default, bool):
-            if not isinstance(value, bool):
-                raise StrategyError(f"{name} must be true or false, not {value!r}")
-        elif isinstance(self.default, str):
-            if self.choices:
-                require_choice(name, value, self.choices)
-            elif not isinstance(value, str):
-                raise StrategyError(f"{name} must be a text, not {value!r}")
-        else:
-            require_number(name, value, self.low, self.high, unit=self.unit, whole=isinstance(self.default, int))
-            if not np.isfinite(float(value or 0.0)):
-                raise StrategyError(f"{name} must be finite, not {value}")
-
-    def resolved(self, value: Value, focal_width: float) -> Value:
-        """The value, or the number that None stands for [m]."""
-        return self.widths * focal_width if value is None else value
-
-
-@dataclass(frozen=True)
 class StageEntry:
     """A registered stage."""
 
@@ -149,6 +113,10 @@ class StageEntry:
                 known = ", ".join(self.options) or "none"
                 raise StrategyError(f"{self.role}: stage {self.name!r} has no option {name!r}; known: {known}")
             self.options[name].check(f"{self.role}: {self.name}.{name}", value)
+
+    def defaults(self) -> dict[str, Value]:
+        """What every option is if it is not given."""
+        return {name: option.default for name, option in self.options.items()}
 
     def values(self, stage: Stage, focal_width: float) -> dict[str, Value]:
         """Every option as the function gets it: given or default, None replaced by its focal widths."""
@@ -180,6 +148,8 @@ class Setting:
     """Unit vector out of the array, shape [3]."""
     moved: np.ndarray | None = None
     """The object's pose at each pose, float32, shape [pose, 7]; None: it stands still."""
+    pivot: np.ndarray | None = None
+    """What of the object `moved` tells the place of, where it was placed [m], shape [3]; None: its bounds' middle."""
 
     @cached_property
     def frames(self) -> "PatchFrames":
@@ -236,14 +206,6 @@ def origin_of(function: Any) -> tuple[str, str]:
         function = function.args[0] if function.args else function.func
     function = getattr(function, "func", function)
     return getattr(function, "__module__", None) or "", getattr(function, "__qualname__", repr(function))
-
-
-def options_of(name: str, defaults: Mapping[str, Value | Option]) -> dict[str, Option]:
-    """Options from defaults: an Option as it is, else a value that later ones are like; None: one focal width."""
-    for option, default in defaults.items():
-        if not isinstance(default, Option | float | int | str | None):
-            raise StrategyError(f"stage {name!r}: option {option!r} cannot default to {default!r}")
-    return {key: value if isinstance(value, Option) else Option(value) for key, value in defaults.items()}
 
 
 def first_line(function: Callable[..., Any]) -> str:
@@ -360,21 +322,23 @@ def _run_checked(
 ) -> tuple[ContourBatch, np.ndarray]:
     """A stage of a user's own, its errors and its result told by its name."""
     title = f"{entry.role} stage {entry.name!r}"
+    before = batch.length() if entry.role == "prune" else np.zeros(0)  # now: it may write into what it gets
     try:
         result = entry.function(batch, setting, **values) if entry.function else None
     except StrategyError:
         raise
-    except Exception as error:  # whatever a user's function raises
+    except (Exception, SystemExit) as error:  # whatever a user's function raises
         raise StrategyError(f"{title} failed: {type(error).__name__}: {error}") from error
     removed = None
     if entry.role == "prune" and isinstance(result, tuple) and len(result) == 2:
         result, removed = result
-    after = checked_batch(result, batch, entry.on, title)
+    device = setting.device if entry.on == "device" else None
+    counts = {"pose_count": batch.pose_count, "patch_count": setting.hand.patch_count}
+    after = checked_batch(result, title, device=device, **counts)
     if entry.role == "transform":
         return after, np.zeros(0, np.float32)
-    if removed is None:
-        removed = batch.length() - after.length()
-    return after, checked_removal(removed, batch.pose_count, title)
+    gone = before - after.length()
+    return after, checked_removal(gone if removed is None else removed, gone, before, title)
 
 
 def _register_kernel_stages() -> None:

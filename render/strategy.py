@@ -2,15 +2,17 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from dataclasses import dataclass, replace
 from importlib import import_module
+from importlib.machinery import PathFinder
 from pathlib import Path
-from threading import Lock
+from threading import RLock
 from typing import Any
 
 from .errors import StrategyError
 from .fields import load_by_name, read_fields, require_number
+from .stage_option import Value
 from .stages import Stage, find_stage, load_built_in
 from .transform_order import require_order
 
@@ -45,14 +47,22 @@ class IntersectionStrategy:
     def __post_init__(self) -> None:
         """Take names as stages, and check every one."""
         object.__setattr__(self, "raw", Stage.read(self.raw, "raw"))
+        for name in ("prune", "transform", "modules"):
+            require_list(name, getattr(self, name))
+        for module in self.modules:
+            require_module(module)
         for role in ("prune", "transform"):
             object.__setattr__(self, role, tuple(Stage.read(stage, role) for stage in getattr(self, role)))
         object.__setattr__(self, "modules", tuple(self.modules))
         for role, stages in self.stages().items():
-            for k, stage in enumerate(stages):
-                find_stage(role, stage.name).check(stage)
-                if stage in stages[:k]:
+            listed: list[tuple[str, dict[str, Value]]] = []
+            for stage in stages:
+                entry = find_stage(role, stage.name)
+                entry.check(stage)
+                full = (stage.name, entry.defaults() | dict(stage.options))
+                if full in listed:
                     raise StrategyError(f"{role}: stage {stage.described()!r} is listed twice with the same options")
+                listed.append(full)
         if self.step is not None:
             require_number("step", self.step, STEP_LOWEST, STEP_HIGHEST, unit="m")
         self._require_order()
@@ -134,8 +144,7 @@ class IntersectionStrategy:
         """Read back what `to_json` wrote; missing fields take their defaults. Imports the modules that it names."""
         values = read_fields(text, FIELDS, "strategy")
         for field in ("prune", "transform", "modules"):
-            if not isinstance(values.get(field, []), list):
-                raise StrategyError(f"strategy: {field} must be a list, not {values[field]!r}")
+            require_list(f"strategy: {field}", values.get(field, []))
         import_modules(values.get("modules", ()))
         return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
 
@@ -150,32 +159,88 @@ def closed_contour() -> IntersectionStrategy:
     return IntersectionStrategy(prune=("outside",), transform=("close",))
 
 
-PRESETS: dict[str, Callable[[], IntersectionStrategy]] = {"oc": open_contour, "cc": closed_contour}
+class Presets(MutableMapping[str, Callable[[], IntersectionStrategy]]):
+    """Strategies by name, all there at the first look; a loop over them goes on while a module adds its own."""
+
+    def __init__(self, **own: Callable[[], IntersectionStrategy]) -> None:
+        """Those of this module."""
+        self._own = own
+
+    def __getitem__(self, name: str) -> Callable[[], IntersectionStrategy]:
+        """What makes a strategy."""
+        load_built_in()
+        return self._own[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Names as they are now."""
+        load_built_in()
+        return iter(list(self._own))
+
+    def __len__(self) -> int:
+        """How many there are now."""
+        load_built_in()
+        return len(self._own)
+
+    def __setitem__(self, name: str, make: Callable[[], IntersectionStrategy]) -> None:
+        """Add one, as modules of stages do while they are imported."""
+        self._own[name] = make
+
+    def __delitem__(self, name: str) -> None:
+        """Take one out."""
+        del self._own[name]
+
+
+PRESETS = Presets(oc=open_contour, cc=closed_contour)
 """By name; modules of stages may add theirs."""
 
-_PATH_LOCK = Lock()
+_PATH_LOCK = RLock()  # a module may load a strategy while it is imported
+
+
+def require_list(name: str, value: object) -> None:
+    """Refuse what is no list, a text for one."""
+    if not isinstance(value, list | tuple):
+        raise StrategyError(f"{name} must be a list, not {value!r}")
+
+
+def require_module(name: object) -> str:
+    """A module's name, or StrategyError."""
+    if not isinstance(name, str) or not name:
+        raise StrategyError(f"modules: must be names of Python modules, not {name!r}")
+    return name
 
 
 def import_modules(names: Iterable[object], folder: Path | None = None) -> None:
     """Import modules that register stages, looked for in a folder first.
 
-    Raises StrategyError, naming the module, for one that cannot be imported.
+    Raises StrategyError, naming the module, for one that cannot be imported, and for one whose name a module of another
+    file has already.
     """
-    for name in names:
-        if not isinstance(name, str) or not name:
-            raise StrategyError(f"modules: must be names of Python modules, not {name!r}")
+    for name in map(require_module, names):
         with _PATH_LOCK:
             path = [] if folder is None else [str(folder)]
+            _refuse_another(name, path)
             sys.path[:0] = path
             try:
                 import_module(name)
             except StrategyError:
                 raise
-            except Exception as error:  # whatever a user's module raises
+            except (Exception, SystemExit) as error:  # whatever a user's module raises
                 raise StrategyError(f"modules: cannot import {name!r} ({type(error).__name__}: {error})") from error
             finally:
                 for entry in path:
-                    sys.path.remove(entry)
+                    if entry in sys.path:  # the module may have taken it out
+                        sys.path.remove(entry)
+
+
+def _refuse_another(name: str, path: list[str]) -> None:
+    """Raise StrategyError if a module of this name is there already, but not from the file that is meant."""
+    top = name.partition(".")[0]
+    loaded = getattr(sys.modules.get(top), "__file__", None)
+    meant = None if not path else PathFinder.find_spec(top, path)
+    if loaded is None or meant is None or meant.origin is None:
+        return
+    if Path(loaded).resolve() != Path(meant.origin).resolve():
+        raise StrategyError(f"modules: {name!r} is {meant.origin} here, but {loaded} has that name already: rename one")
 
 
 def load_strategy(source: str) -> IntersectionStrategy:

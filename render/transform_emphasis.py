@@ -43,9 +43,9 @@ def emphasise_corners(
     out = batch
     if len(at):
         base = _tent_bases(lines, at, line, reach)
-        out, where = with_points(batch, *base)
+        out, _, part = with_points(batch, *base)
         corner_arc = lines.arc[at]
-        at = np.searchsorted(where, at)
+        at = np.flatnonzero(part == 0)[at]
         lines = Lines.of(out)
         nearest = _arc_to_nearest(lines, corner_arc, line)
         value = level + (1.0 - level) * np.clip(2.0 * (1.0 - nearest / reach), 0.0, 1.0)
@@ -236,7 +236,8 @@ def weigh_by_depth(
 def _depth(setting: Setting, points: np.ndarray, row: np.ndarray) -> np.ndarray:
     """Depth of points in the object, wherever it is at their poses [m], float32, shape [point]."""
     if setting.moved is not None and len(row):
-        points = back_to(setting.moved[row], setting.thing.bounds.mean(axis=0), points)
+        pivot = setting.thing.bounds.mean(axis=0) if setting.pivot is None else setting.pivot
+        points = back_to(setting.moved[row], pivot, points)
     return measure_depth(mesh_of(setting.thing, setting.device), points)
 
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from .contours import MADE, ContourBatch
 
-APART = 1e-3  # [m] between polylines laid end to end, so that a search finds the right one
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Lines:
@@ -63,9 +61,12 @@ class Lines:
         """Segment and part 0..1 of it at arc lengths [m] of polylines: closed ones go round, open ones end."""
         total = self.total[line]
         arc = np.where(self.closed[line], np.mod(arc, np.maximum(total, 1e-30)), np.clip(arc, 0.0, total))
-        base = np.concatenate([[0.0], np.cumsum(self.total + APART)])
-        laid = base[self.line] + self.arc
-        segment = np.searchsorted(laid, base[line] + arc, side="right") - 1
+        count, asked = len(self.arc), np.repeat([0, 1], [len(self.arc), line.size])
+        # points and places in one order, by polyline: what is found does not depend on the rest of the batch
+        order = np.lexsort((asked, np.append(self.arc, arc), np.append(self.line, line)))
+        behind = np.empty(len(order), np.int64)
+        behind[order] = np.cumsum(asked[order] == 0)
+        segment = behind[count:].reshape(line.shape) - 1
         first, last = self.batch.polyline_start[line], self.batch.polyline_start[line + 1] - 2
         segment = np.clip(segment, first, np.maximum(last, first))
         part = (arc - self.arc[segment]) / np.maximum(self.length[segment], 1e-30)
@@ -78,26 +79,30 @@ class Lines:
         return self.points[segment] + part[..., None] * (self.points[following] - self.points[segment])
 
 
-def with_points(batch: ContourBatch, segment: np.ndarray, part: np.ndarray) -> tuple[ContourBatch, np.ndarray]:
-    """A batch with points put into segments, and for each of its points where it was: point + part, shape [point].
+def with_points(
+    batch: ContourBatch, segment: np.ndarray, part: np.ndarray
+) -> tuple[ContourBatch, np.ndarray, np.ndarray]:
+    """A batch with points put into segments; for each of its points the one it was or comes after, and how far: 0..1.
 
     segment: number of the point at which it starts; part: 0..1 of it, the ends themselves left out. Points that
     rounding makes equal to a neighbour are left out. New points have no dwell.
     """
     inner = (part > 0) & (part < 1)
-    place = np.unique(segment[inner] + part[inner])
-    where = np.sort(np.concatenate([np.arange(batch.point_count, dtype=np.float64), place]))
-    base = np.minimum(np.floor(where).astype(np.int64), max(batch.point_count - 1, 0))
-    part, following = where - base, np.minimum(base + 1, max(batch.point_count - 1, 0))
+    base = np.append(np.arange(batch.point_count), segment[inner])
+    part = np.append(np.zeros(batch.point_count), part[inner])
+    order = np.lexsort((part, base))
+    base, part = base[order], part[order]
+    following = np.minimum(base + 1, max(batch.point_count - 1, 0))
     a = batch.points.astype(np.float64)
     new = part > 0
     points = batch.points[base]
     points[new] = a[base[new]] + part[new, None] * (a[following[new]] - a[base[new]])
-    keep = np.ones(len(where), bool)
-    if len(where) > 1:
-        same = (points[1:] == points[:-1]).all(axis=1)
-        keep[1:] &= ~(same & new[1:])
-        keep[:-1] &= ~(same & new[:-1])
+
+    def same(others: np.ndarray) -> np.ndarray:
+        return (points == others).all(axis=1)
+
+    keep = ~(new & (same(batch.points[base]) | same(batch.points[following])))
+    keep[1:] &= ~(new[1:] & new[:-1] & same(np.roll(points, 1, axis=0))[1:])
     base, part, following, new, points = base[keep], part[keep], following[keep], new[keep], points[keep]
     intensity = batch.intensity
     if intensity is not None:
@@ -105,7 +110,7 @@ def with_points(batch: ContourBatch, segment: np.ndarray, part: np.ndarray) -> t
     dwell = None if batch.dwell is None else np.where(new, 0.0, batch.dwell[base]).astype(np.float32)
     start = np.searchsorted(base, batch.polyline_start).astype(np.int64)
     out = replace(batch, points=points, kind=batch.kind[base], polyline_start=start, intensity=intensity, dwell=dwell)
-    return out, where[keep]
+    return out, base, part
 
 
 def without_points(batch: ContourBatch, keep: np.ndarray) -> ContourBatch:
@@ -160,9 +165,8 @@ def levelled(batch: ContourBatch, level: np.ndarray, ramp: float) -> ContourBatc
     part = np.minimum(ramp / np.maximum(lines.length, 1e-30), 0.5)
     rises, falls = here[peak[here + 1] > level[here]], here[peak[here] > level[here]]
     segment = np.concatenate([falls, rises])
-    out, where = with_points(batch, segment, np.concatenate([part[falls], 1.0 - part[rises]]))
-    base = np.floor(where).astype(np.int64)
-    value = np.where(where > base, level[base], peak[base])
+    out, base, part = with_points(batch, segment, np.concatenate([part[falls], 1.0 - part[rises]]))
+    value = np.where(part > 0, level[base], peak[base])
     return times(out, value)
 
 

@@ -1,18 +1,30 @@
 """`palpate voxelise`: a mesh into a volume file."""
 
+import math
 from pathlib import Path
 from time import perf_counter
 
 from . import console
+from .errors import StrategyError
+from .fields import require_choice
 from .objects import Placement
-from .voxelise import voxelise_file
+from .voxel_files import WRITERS
+from .voxelise import SIGNS, voxelise_file
 from .workers import worker_devices
+
+VOXELISED_KINDS = ("distance", "occupancy")
 
 
 def run_voxelise(
     mesh: str, out: Path, spacing: float, kind: str, sign: str, placement: dict, device: str, *, as_json: bool
 ) -> None:
     """Voxelise, write, say what came of it."""
+    require_choice("--kind", kind, VOXELISED_KINDS)
+    require_choice("--sign", sign, SIGNS)
+    if not 0 < spacing < math.inf:  # a NaN compares false
+        raise StrategyError(f"--spacing must be a positive length in metres, not {spacing}")
+    if not out.name.lower().endswith(tuple(WRITERS)):
+        raise StrategyError(f"{out}: voxels are written to {', '.join(WRITERS)}")
     console.start_warp()
     started = perf_counter()
     place, name = Placement(**placement), worker_devices(device, 1)[0]

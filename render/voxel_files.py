@@ -12,6 +12,7 @@ import warp as wp
 
 from ..kernels.voxelise import gather_volume
 from .errors import PalpateWarning, VoxelError
+from .fields import told
 from .voxel_grid import affine_of
 from .voxel_values import VOXELS_MOST
 
@@ -63,7 +64,7 @@ def check_size(shape: tuple[int, ...]) -> None:
     """Refuse a volume before its values are read."""
     count = int(np.prod([int(n) for n in shape], dtype=object))
     if count > VOXELS_MOST:
-        raise VoxelError(f"a volume may have {VOXELS_MOST} voxels, not {count} ({list(shape)})")
+        raise VoxelError(f"a volume may have {VOXELS_MOST} voxels, not {count} ({[int(n) for n in shape]})")
 
 
 def scaled(affine: np.ndarray, unit: str) -> np.ndarray:
@@ -109,12 +110,28 @@ def read_numpy(path: Path, unit: str | None) -> VolumeFile:
         )
 
 
+def nrrd_units(header: Any, field: str, unit: str | None) -> np.ndarray:
+    """Metres in the units that a NRRD header gives for the first three axes, mm where it gives none; shape [3]."""
+    said = [str(x).strip('" ').lower() for x in header.get(field) or []][:3]
+    said = [x for x in said if x not in ("", "none", "nan", "???")] and said
+    if unit is None and not set(said) <= UNIT_NAMES.keys():
+        raise VoxelError(
+            f"{field} {', '.join(dict.fromkeys(said))} are not known: give unit, one of {', '.join(UNITS)}"
+        )
+    names = [unit] * 3 if unit else [UNIT_NAMES[x] for x in said] or ["mm"] * 3
+    if len(names) != 3:
+        raise VoxelError(f"{field} {', '.join(said)} must be three: give unit, one of {', '.join(UNITS)}")
+    return np.array([UNITS[name] for name in names])
+
+
 def nrrd_affine(header: Any, unit: str | None) -> np.ndarray | None:
     """The affine map of a NRRD header; the axes of an anatomical space turned to right, front, head, as NIfTI's."""
     axes = header.get("space directions")
     if axes is None:
         spacings = header.get("spacings")
-        return None if spacings is None else scaled(np.diag([*np.asarray(spacings, np.float64)[:3], 1.0]), unit or "mm")
+        if spacings is None:
+            return None
+        return affine_of(np.asarray(spacings, np.float64)[:3] * nrrd_units(header, "units", unit), None, None, None)
     rows = [np.asarray(row, np.float64) for row in axes if row is not None and np.isfinite(row).all()]
     if len(rows) != 3 or any(row.shape != (3,) for row in rows):
         raise VoxelError(f"space directions must be three vectors of three, not {axes}")
@@ -122,10 +139,8 @@ def nrrd_affine(header: Any, unit: str | None) -> np.ndarray | None:
     out[:3, :3] = np.stack(rows, axis=1)
     out[:3, 3] = np.asarray(header.get("space origin", np.zeros(3)), np.float64)
     out[:3] *= np.array(RIGHT_SIGNS.get(str(header.get("space", "")).lower(), (1.0, 1.0, 1.0)))[:, None]
-    said = {str(x).strip('" ').lower() for x in header.get("space units", [])} - {""}
-    if unit is None and (len(said) > 1 or not said <= UNIT_NAMES.keys()):
-        raise VoxelError(f"space units {', '.join(sorted(said))} are not known: give unit, one of {', '.join(UNITS)}")
-    return scaled(out, unit or (UNIT_NAMES[said.pop()] if said else "mm"))
+    out[:3] *= nrrd_units(header, "space units", unit)[:, None]
+    return out
 
 
 def read_nrrd(path: Path, unit: str | None) -> VolumeFile:
@@ -199,8 +214,8 @@ def read_volume(path: str | Path, unit: str | None = None) -> VolumeFile:
     others.
     """
     path = Path(path)
-    if unit is not None and unit not in UNITS:
-        raise VoxelError(f"unit must be one of {', '.join(UNITS)}, not {unit!r}")
+    if unit is not None and not (isinstance(unit, str) and unit in UNITS):
+        raise VoxelError(f"unit must be one of {', '.join(UNITS)}, not {told(unit)}")
     reader = next((read for end, read in READERS.items() if path.name.lower().endswith(end)), None)
     if reader is None:
         way = " (OpenVDB's nanovdb_convert makes .nvdb of .vdb)" if path.suffix == ".vdb" else ""

@@ -5,9 +5,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from .errors import VoxelError
+from .fields import told
 from .objects import Placement
 
+LENGTHS = "one or three positive lengths in metres"
+COORDINATES = "three finite coordinates in metres"
+DIRECTIONS = "[3, 3] with columns of length 1"
+FINEST, COARSEST = 1e-9, 1e6  # [m]; between voxel centres, before a placement
 SKEW = 1e-3  # how far from 1 the length of a direction, and from 0 the volume of a cell of unit sides, must be
+
+
+def numbers_of(name: str, value: object, wanted: str) -> np.ndarray:
+    """Numbers as float64, of any shape; raises VoxelError for what is none."""
+    try:
+        return np.array(value, np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise VoxelError(f"{name} must be {wanted}, not {told(value)}") from error
 
 
 def affine_of(
@@ -20,41 +33,53 @@ def affine_of(
     if affine is not None:
         if not (spacing is None and origin is None and direction is None):
             raise VoxelError("give affine, or spacing, origin and direction, not both")
-        out = np.array(affine, np.float64)
+        out = numbers_of("affine", affine, "finite, [4, 4] and end in 0 0 0 1")
         if out.shape != (4, 4) or not np.isfinite(out).all() or (out[3] != [0, 0, 0, 1]).any():
-            raise VoxelError(f"affine must be finite, [4, 4] and end in 0 0 0 1, not {np.asarray(affine).tolist()}")
+            raise VoxelError(f"affine must be finite, [4, 4] and end in 0 0 0 1, not {told(out.tolist())}")
     else:
-        step = np.ravel(np.asarray(1.0 if spacing is None else spacing, np.float64))
+        step = np.ravel(numbers_of("spacing", 1.0 if spacing is None else spacing, LENGTHS))
         step = np.repeat(step, 3) if len(step) == 1 else step
         if len(step) != 3 or not (np.isfinite(step) & (step > 0)).all():
-            raise VoxelError(f"spacing must be one or three positive lengths in metres, not {spacing}")
-        start = np.zeros(3) if origin is None else np.asarray(origin, np.float64)
+            raise VoxelError(f"spacing must be {LENGTHS}, not {told(spacing)}")
+        start = np.zeros(3) if origin is None else numbers_of("origin", origin, COORDINATES)
         if start.shape != (3,) or not np.isfinite(start).all():
-            raise VoxelError(f"origin must be three finite coordinates in metres, not {origin}")
-        turn = np.eye(3) if direction is None else np.asarray(direction, np.float64)
+            raise VoxelError(f"origin must be {COORDINATES}, not {told(origin)}")
+        turn = np.eye(3) if direction is None else numbers_of("direction", direction, DIRECTIONS)
         if turn.shape != (3, 3) or not (abs(np.linalg.norm(turn, axis=0) - 1.0) <= SKEW).all():
-            raise VoxelError(f"direction must be [3, 3] with columns of length 1, not {np.asarray(direction).tolist()}")
+            raise VoxelError(f"direction must be {DIRECTIONS}, not {told(turn.tolist())}")
         out = np.eye(4)
         out[:3, :3], out[:3, 3] = turn * step, start
-    length = np.linalg.norm(out[:3, :3], axis=0)
-    if not (length > 0).all() or abs(np.linalg.det(out[:3, :3] / length)) < SKEW:
-        raise VoxelError(f"the axes of the volume must not lie in a plane: {out[:3, :3].T.tolist()} [m/voxel]")
+    axes = out[:3, :3]
+    reach = np.abs(axes).max(axis=0)
+    if reach.all() and not ((reach >= FINEST) & (reach <= COARSEST)).all():
+        raise VoxelError(f"voxels must be {FINEST:g}..{COARSEST:g} m apart, not {told(reach.tolist())}")
+    if not reach.all() or abs(np.linalg.det(axes / np.linalg.norm(axes, axis=0))) < SKEW:
+        raise VoxelError(f"the axes of the volume must not lie in a plane: {told(axes.T.tolist())} [m/voxel]")
     return out
 
 
 def crossing_points(padded: np.ndarray) -> np.ndarray:
-    """Where the surface crosses the lines between neighbouring voxel centres, in indices, float64, shape [point, 3].
+    """Where the surface crosses the lines through voxel centres first and last, in indices, float64, shape [point, 3].
 
-    padded: see `pad_outside`; indices are those of what was padded.
+    padded: see `pad_outside`; indices are those of what was padded. All other crossings lie between these, so a box
+    around them in any direction is the box around all. Works layer by layer: six points a line, whatever the volume.
     """
     out = []
     for axis in range(3):
-        low, high = np.moveaxis(padded, axis, 0)[:-1], np.moveaxis(padded, axis, 0)[1:]
-        change = (low < 0) != (high < 0)
-        a, b = low[change].astype(np.float64), high[change].astype(np.float64)
-        at = np.argwhere(change).astype(np.float64) - 1.0
-        at[:, 0] += a / (a - b)
-        out.append(np.insert(at[:, 1:], axis, at[:, 0], axis=1))
+        other = 0 if axis else 1
+        for number, layer in enumerate(np.moveaxis(padded, (other, axis), (0, 1))):
+            inside = layer < 0
+            change = inside[1:] != inside[:-1]
+            column = np.flatnonzero(change.any(axis=0))
+            if not len(column):
+                continue
+            first, last = change.argmax(axis=0)[column], len(change) - 1 - change[::-1].argmax(axis=0)[column]
+            for row in (first, last):
+                a, b = layer[row, column].astype(np.float64), layer[row + 1, column].astype(np.float64)
+                at = np.empty((len(column), 3))
+                at[:, other], at[:, 3 - other - axis] = number - 1, column - 1
+                at[:, axis] = row - 1 + a / (a - b)
+                out.append(at)
     return np.concatenate(out)
 
 

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .errors import VoxelError
+from .fields import told
 
+LARGEST = float(np.finfo(np.float64).max)
+LABEL_LARGEST = 2**64
 VOXELS_MOST = 2**30  # 4 GiB in float32
 KINDS = ("occupancy", "distance", "intensity", "label")
 LABELS_NAMED = 20  # labels that an error lists
@@ -33,6 +36,23 @@ class VoxelRule:
     """Standard deviation of the Gaussian that occupancy and labels are blurred with [m]; 0 leaves them as they are."""
 
 
+def is_number(value: object) -> bool:
+    """Whether something is one finite number, no text and no truth."""
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return number and abs(value) <= LARGEST
+
+
+def labels_of(label: object) -> tuple[int, ...]:
+    """Labels as whole numbers; raises VoxelError for what is none."""
+    given = list(label) if isinstance(label, Sequence | np.ndarray | set | range) and np.ndim(label) == 1 else [label]
+    for x in given:
+        if not is_number(x) or x != int(x) or abs(x) >= LABEL_LARGEST:
+            raise VoxelError(f"label must be a whole number, or several, not {told(x)}")
+    if not given:
+        raise VoxelError("label must be a whole number, or several, not none at all")
+    return tuple(int(x) for x in given)
+
+
 def rule_of(
     values: np.ndarray,
     kind: str | None,
@@ -45,24 +65,26 @@ def rule_of(
     """What was said about the values, completed; raises VoxelError where it does not go together."""
     if kind is None:
         kind = "label" if label is not None else "intensity" if level is not None else kind_of(values)
-    if kind not in KINDS:
-        raise VoxelError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise VoxelError(f"kind must be one of {', '.join(KINDS)}, not {told(kind)}")
     by_level = kind in ("distance", "intensity")
     if (label is not None) != (kind == "label"):
-        raise VoxelError(f"kind {kind!r} and label {label!r} do not go together: labels need label=..., and only they")
+        raise VoxelError(
+            f"kind {kind!r} and label {told(label)} do not go together: labels need label=..., and only they"
+        )
     if not by_level and (level is not None or inside is not None):
         raise VoxelError(f"level and inside are for kinds distance and intensity, not for {kind!r}")
     if kind == "intensity" and level is None:
         raise VoxelError(f"intensities need a level between {values.min():g} and {values.max():g}: level=...")
-    if level is not None and not np.isfinite(level):
-        raise VoxelError(f"level must be finite, not {level}")
+    if level is not None and not is_number(level):
+        raise VoxelError(f"level must be finite, not {told(level)}")
     if inside not in (None, "below", "above"):
-        raise VoxelError(f"inside must be 'below' or 'above' the level, not {inside!r}")
-    if not (np.isfinite(smooth) and smooth >= 0):
-        raise VoxelError(f"smooth must be a length in metres of at least 0, not {smooth}")
+        raise VoxelError(f"inside must be 'below' or 'above' the level, not {told(inside)}")
+    if not is_number(smooth) or smooth < 0:
+        raise VoxelError(f"smooth must be a length in metres of at least 0, not {told(smooth)}")
     if smooth and by_level:
         raise VoxelError(f"smooth is for occupancy and labels, not for kind {kind!r}")
-    labels = () if label is None else tuple(int(x) for x in np.atleast_1d(np.asarray(label)))
+    labels = () if label is None else labels_of(label)
     side = inside or ("above" if kind == "intensity" else "below")
     return VoxelRule(kind, float(level or 0.0), labels, side, float(smooth))
 
@@ -75,6 +97,19 @@ def kind_of(values: np.ndarray) -> str:
         f"values from {values.min():g} to {values.max():g} ({values.dtype}) can mean several things: say "
         "kind='distance' (negative inside), level=... (an intensity), or label=... (of a segmented volume)"
     )
+
+
+def values_of(values: object) -> np.ndarray:
+    """Values as an array; raises VoxelError for masked ones, whose side nothing tells, and for what is no volume."""
+    masked = int(np.ma.count_masked(values)) if isinstance(values, np.ma.MaskedArray) else 0
+    if masked:
+        raise VoxelError(f"{masked} voxels are masked: give them values, as values.filled(...) does")
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise VoxelError(f"values must be [i, j, k] of numbers, not {told(values)}") from error
+    check_values(array)
+    return array
 
 
 def check_values(values: np.ndarray) -> None:
@@ -122,6 +157,9 @@ def signed_values(values: np.ndarray, rule: VoxelRule, affine: np.ndarray) -> np
         from scipy.ndimage import gaussian_filter  # a tenth of a second that most volumes need not wait for
 
         sigma = rule.smooth / np.linalg.norm(affine[:3, :3], axis=0)
+        if (sigma > values.shape).any():
+            size = " x ".join(f"{x:.3g}" for x in values.shape * np.linalg.norm(affine[:3, :3], axis=0))
+            raise VoxelError(f"smooth of {rule.smooth:g} m is wider than the volume, {size} m")
         gaussian_filter(out, sigma, output=out, mode="constant", cval=0.5)
     return out
 

@@ -12,14 +12,17 @@ import warp as wp
 from ..kernels.surface import twins_of
 from ..kernels.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
 from .errors import MeshError, PalpateWarning, VoxelError
+from .fields import told
 from .mend import bodies_around, body_labels, settle_signs, signed_volumes
 from .objects import MeshObject, Placement
-from .voxel_values import VOXELS_MOST
+from .voxel_grid import LENGTHS, numbers_of
+from .voxel_values import VOXELS_MOST, is_number
 from .voxels import VoxelObject
 
 SIGNS = ("auto", "crossings", "parity", "winding")
 MARGIN = 2.0  # [voxel] around the mesh, unless told
 THRESHOLD = 0.5  # winding number above which a point is inside
+DEEP = 0.9  # and above which it is even if it lies on the mesh: on a single surface it is 0.5
 ROUNDING = 1e-3  # of float32 distances, relative
 FLAT = 1e-6  # volume of a body, of the cube over its longest side, below which it has no inside
 BODIES_MOST = 2000  # beyond, bodies of an open mesh are taken as they face
@@ -55,7 +58,7 @@ def sign_of(thing: MeshObject, sign: str) -> str:
     with edges of one triangle     winding     none: columns would leak through the holes
     """
     if sign not in SIGNS:
-        raise VoxelError(f"sign must be one of {', '.join(SIGNS)}, not {sign!r}")
+        raise VoxelError(f"sign must be one of {', '.join(SIGNS)}, not {told(sign)}")
     rims = rim_count(thing.faces)
     agrees = rims == 0 and thing.report.open_edges == 0
     if sign == "auto":
@@ -74,13 +77,13 @@ def grid_around(
 
     bounds, spacing, margin: [m].
     """
-    step = np.ravel(np.asarray(spacing, np.float64))
+    step = np.ravel(numbers_of("spacing", spacing, LENGTHS))
     step = np.repeat(step, 3) if len(step) == 1 else step
     if len(step) != 3 or not (np.isfinite(step) & (step > 0)).all():
-        raise VoxelError(f"spacing must be one or three positive lengths in metres, not {spacing}")
+        raise VoxelError(f"spacing must be {LENGTHS}, not {told(spacing)}")
+    if margin is not None and not (is_number(margin) and margin >= 0):
+        raise VoxelError(f"margin must be a length in metres of at least 0, not {told(margin)}")
     around = MARGIN * step if margin is None else np.full(3, float(margin))
-    if not (np.isfinite(around) & (around >= 0)).all():
-        raise VoxelError(f"margin must be a length in metres of at least 0, not {margin}")
     count = np.maximum(np.ceil((np.ptp(bounds, axis=0) + 2 * around) / step), 1.0) + 1
     if count.prod() > VOXELS_MOST:
         size = " x ".join(f"{x:.0f}" for x in count)
@@ -145,6 +148,17 @@ def near_holes(distance: np.ndarray, points: np.ndarray, nodes: GridNodes) -> np
     return out
 
 
+def known_device(device: str | None) -> str:
+    """A Warp device's name, the preferred one's for None; raises VoxelError for one that is not there."""
+    if device is None:
+        return str(wp.get_preferred_device())
+    try:
+        return str(wp.get_device(device))
+    except (ValueError, TypeError, RuntimeError, AttributeError) as error:
+        known = ", ".join(str(x) for x in wp.get_devices())
+        raise VoxelError(f"device must be one of {known}, not {told(device)}") from error
+
+
 def voxelise(
     thing: MeshObject,
     *,
@@ -169,13 +183,16 @@ def voxelise(
     to hold anything, or thinner than the spacing; MeshError for a sign that needs a closed surface.
     """
     if kind not in ("distance", "occupancy"):
-        raise VoxelError(f"kind must be 'distance' or 'occupancy', not {kind!r}")
+        raise VoxelError(f"kind must be 'distance' or 'occupancy', not {told(kind)}")
+    if not isinstance(thing, MeshObject):
+        raise VoxelError(f"a MeshObject is voxelised, not {told(thing)}")
     nodes = grid_around(thing.bounds, spacing, margin, thing.name)
-    if band is not None and not (np.isfinite(band) and band >= 2 * nodes.spacing.max()):
-        raise VoxelError(f"band must be at least two voxels, {2 * nodes.spacing.max():g} m, not {band}")
+    if band is not None and not (is_number(band) and band >= 2 * nodes.spacing.max()):
+        raise VoxelError(f"band must be at least two voxels, {2 * nodes.spacing.max():g} m, not {told(band)}")
     sign = sign_of(thing, sign)
-    device = device or str(wp.get_preferred_device())
+    device = known_device(device)
     vertices, faces, turned, points = thing.vertices.astype(np.float64), thing.faces, 0, np.zeros((0, 3))
+    deep = np.zeros(nodes.shape, bool)
     if band is None and kind == "occupancy" and sign != "winding":
         band = 2 * nodes.spacing.max()  # all that matters is which voxels lie on the surface
     reach = float(np.linalg.norm(np.array(nodes.shape) * nodes.spacing)) if band is None else float(band)
@@ -184,11 +201,13 @@ def voxelise(
         faces, turned = turn_bodies(vertices, faces)
         winding = wind_nodes(vertices, faces, nodes, device)
         inside = winding > THRESHOLD
+        deep = (winding > DEEP) & (distance == 0)
         points = hole_points(winding, distance, nodes)
         distance = near_holes(distance, points, nodes)
     else:
         inside = cross_columns(vertices, faces, nodes, odd=sign == "parity", device=device) > 0
-    inside &= distance > 0
+    inside &= (distance > 0) | deep  # what lies on the surface is outside, but not within another body
+    distance[deep] = ROUNDING * nodes.spacing.min()
     if turned:
         warnings.warn(
             f"{thing.name}: {turned} of its bodies faced inwards and were turned over", PalpateWarning, stacklevel=2

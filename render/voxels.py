@@ -16,9 +16,10 @@ from ..kernels.brick import bricked_field
 from ..kernels.dense import pad_outside
 from ..kernels.field import Field
 from .errors import PalpateWarning, VoxelError
-from .objects import POOL_KEPT, SIZE_LARGEST, Placement
+from .fields import told
+from .objects import POOL_KEPT, Placement, warn_of_place
 from .voxel_grid import affine_of, applied, box_around, crossing_points, placed_affine
-from .voxel_values import check_inside, check_values, rule_of, signed_values
+from .voxel_values import check_inside, rule_of, signed_values, values_of
 
 
 class VoxelObject:
@@ -30,6 +31,7 @@ class VoxelObject:
     where i, j and k point; or affine: from indices to coordinates [m], shape [4, 4], mirrored and sheared ones too.
     label: one or several labels of a segmented volume. smooth: blur of occupancy and labels [m].
     placement: as for meshes, about the surface's box; it moves the grid, nothing is resampled.
+    hand: it is one, in the hand frame, so it may lie about the origin.
 
     A solid that reaches the volume's border is closed half a voxel beyond it, with a PalpateWarning.
     Raises VoxelError for what is no volume, and for one with nothing or everything inside.
@@ -51,13 +53,13 @@ class VoxelObject:
         placement: Placement | None = None,
         name: str = "voxels",
         source: Mapping[str, Any] | None = None,
+        hand: bool = False,
     ) -> None:
         self.name = name
         self.source = dict(source or {})
         """What the voxels were made from, for JSON; empty if they were given."""
         self.placement = placement or Placement()
-        values = np.asarray(values)
-        check_values(values)
+        values = values_of(values)
         if spacing is None and affine is None and self.placement.fit is None:
             raise VoxelError("spacing must be given [m], or affine, or a placement with fit")
         self.rule = rule_of(values, kind, level=level, label=label, inside=inside, smooth=smooth)
@@ -76,7 +78,7 @@ class VoxelObject:
         self._fields: dict[str, Field] = {}
         self._lock = Lock()
         self._judge_border()
-        self._judge_place()
+        self._judge_place(hand)
 
     @classmethod
     def load(
@@ -92,18 +94,23 @@ class VoxelObject:
         smooth: float = 0.0,
         placement: Placement | None = None,
         name: str | None = None,
+        hand: bool = False,
     ) -> "VoxelObject":
         """Load .npy, .npz, .nrrd, .nhdr, .nii, .nii.gz or .nvdb; docs/voxels.md says what each holds.
 
         unit: of the file's lengths, "m", "cm", "mm" or "um"; None: as the file says, else mm for NRRD and NIfTI, m for
-        the others. spacing: [m], instead of the file's (its origin and directions are then left out). The others: see
-        VoxelObject; what is not given is taken from the file.
+        the others. spacing: [m], instead of the file's (its origin and directions are then left out, so a unit has no
+        meaning). The others: see VoxelObject; what is not given is taken from the file.
         Raises VoxelError, with the path, for a file that cannot be read and for what VoxelObject refuses.
         """
         from .voxel_files import read_volume  # imports readers of many formats
 
+        if not isinstance(path, str | Path):
+            raise VoxelError(f"a volume's path must be text or a Path, not {told(path)}")
         path = Path(path)
         try:
+            if spacing is not None and unit is not None:
+                raise VoxelError(f"spacing is in metres: give it or unit, not both ({told(spacing)}, {told(unit)})")
             volume = read_volume(path, unit)
             if kind is None and label is None:
                 kind = volume.kind
@@ -120,6 +127,7 @@ class VoxelObject:
                 smooth=smooth,
                 placement=placement,
                 name=name or path.name,
+                hand=hand,
             )
         except VoxelError as error:
             raise VoxelError(str(error) if str(error).startswith(f"{path}:") else f"{path}: {error}") from error
@@ -137,20 +145,12 @@ class VoxelObject:
                 stacklevel=3,
             )
 
-    def _judge_place(self) -> None:
+    def _judge_place(self, hand: bool) -> None:
         size = np.ptp(self.bounds, axis=0)
         if not (np.isfinite(size).all() and np.abs(self.bounds).max() < np.finfo(np.float32).max):
             raise VoxelError(f"coordinates overflow after placement (scale {self.placement.scale})")
-        place = None
-        if size.max() > SIZE_LARGEST:
-            place = f"is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m: give the unit of its lengths, or --fit 0.13"
-        elif self.bounds[0, 2] < 0:
-            place = (
-                f"reaches behind the array (z from {self.bounds[0, 2]:.4g} to {self.bounds[1, 2]:.4g} m): coordinates "
-                "are taken as they are, --at 0 0 0.2 places it in front"
-            )
-        if place:
-            warnings.warn(f"{self.name}: {place}", PalpateWarning, stacklevel=3)
+        if not hand:
+            warn_of_place(self.name, self.bounds, "give the unit of its lengths")
 
     @property
     def values(self) -> np.ndarray:

@@ -49,7 +49,12 @@ def everything(pose_count: int) -> dict[str, Any]:
         "skin_faces": np.array([[0, 1, 2], [0, 2, 3]], np.int32),
         "skin_glabrous": np.array([1, 0], np.uint8),
     }
-    return {"moved": pose, "hand_arrays": hand_arrays, "representation": {"kind": "voxels", "hash": "0"}}
+    return {
+        "moved": pose,
+        "hand": {"kind": "of a later version"},  # no known one has poses of patches and a skin
+        "hand_arrays": hand_arrays,
+        "representation": {"representation": "voxels", "hash": "0"},
+    }
 
 
 def make_contours(

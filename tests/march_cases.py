@@ -1,12 +1,20 @@
-"""Fields to march through, as Warp functions and as NumPy ones, and marching squares cell by cell."""
+"""Fields to march through, as Warp functions and as NumPy ones; marching them, and marching squares cell by cell."""
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import warp as wp
 from oracles import rotation
 
 from palpate.kernels.field import Field, distance_ball
+from palpate.kernels.march import march_patches
+from palpate.render.contours import ContourBatch
+from palpate.render.hands import Palm
+
+CENTER = np.array([0.003, -0.002, 0.2])
+FLAT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+BOUNDS = np.array([[-0.5, -0.5, -0.3], [0.5, 0.5, 0.7]])
 
 
 @wp.struct
@@ -167,3 +175,50 @@ def area_of(points, pose):
     axes = rotation(pose[3:])
     p = (np.asarray(points, np.float64) - np.asarray(pose[:3], np.float64)) @ np.stack([axes[:, 0], -axes[:, 2]]).T
     return 0.5 * float((p[:-1, 0] * p[1:, 1] - p[1:, 0] * p[:-1, 1]).sum())
+
+
+def random_poses(count, seed=3, spread=0.03):
+    rng = np.random.default_rng(seed)
+    turn = rng.normal(size=(count, 4))
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    return np.concatenate([CENTER + rng.uniform(-spread, spread, (count, 3)), turn], axis=1).astype(np.float32)
+
+
+def marched(field, pose, device, *, hand=None, step=0.005, bounded=True, closes=True, bounds=BOUNDS, limit=None):
+    """Contours on the host; pose: [pose, 7] or [pose, patch, 7]."""
+    pose = np.asarray(pose, np.float32)
+    pose = pose[:, None] if pose.ndim == 2 else pose
+    patch = hand if isinstance(hand, wp.array) else (hand or Palm()).on(device)
+    on_device = wp.array(np.ascontiguousarray(pose), dtype=wp.transform, ndim=2, device=device)
+    options = {"bounds": bounds, "bounded": bounded, "closes": closes, "limit": limit}
+    contours = march_patches(field, on_device, patch, step=step, **options)
+    return ContourBatch.from_device(contours, patch.shape[0]).numpy()
+
+
+def lines_of(batch):
+    """(points, kinds, closed, patch) of each polyline, pose by pose."""
+    out = []
+    for pose in range(batch.pose_count):
+        lines = []
+        for line in range(batch.pose_start[pose], batch.pose_start[pose + 1]):
+            part = slice(batch.polyline_start[line], batch.polyline_start[line + 1])
+            row = (batch.points[part], batch.kind[part], batch.polyline_closed[line], batch.polyline_patch[line])
+            lines.append(row)
+        out.append(lines)
+    return out
+
+
+def assert_sound(batch):
+    """What holds for all contours."""
+    assert batch.polyline_start[0] == 0
+    assert batch.polyline_start[-1] == batch.point_count
+    for points, kind, closed, _ in chain.from_iterable(lines_of(batch)):
+        assert len(points) >= 2
+        assert not (points[1:] == points[:-1]).all(axis=1).any()
+        assert kind[-1] == kind[-2]
+        assert (points[0] == points[-1]).all() or not closed
+
+
+def random_waves(seed, count=4, level=0.3):
+    rng = np.random.default_rng(seed)
+    return WavesCase(rng.normal(0, 120, (count, 3)), rng.uniform(0, 6.3, count), level)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.datasets.errors import MotionError
+from palpate.datasets.motion import HandMotion
 from palpate.datasets.shapes import shape_names
 from palpate.render import (
     ContourBatch,
@@ -15,6 +16,7 @@ from palpate.render import (
     Palm,
     closed_contour,
     open_contour,
+    record,
     render,
 )
 from palpate.render.batch import POINT_BYTES, rendered_chunks
@@ -142,6 +144,16 @@ def test_chunk_size_does_not_matter_and_memory_is_kept_to(device):
 def test_pose_too_large_for_the_budget_is_refused_with_the_bytes(device):
     with pytest.raises(StrategyError, match=r"memory must be at least 1048576 bytes, not 1000"):
         render(OBJECTS["cube"], PALM, random_poses(1, 1), open_contour(), device=device, memory=1000)
+
+
+@pytest.mark.parametrize("memory", [np.nan, np.inf, -1, "2 GB", True])
+def test_a_budget_that_is_no_number_of_bytes_is_refused(memory, tmp_path):
+    poses = random_poses(2, 1)
+    with pytest.raises(StrategyError, match="memory must be"):
+        render(OBJECTS["cube"], PALM, poses, open_contour(), memory=memory)
+    with pytest.raises(StrategyError, match="memory must be"):
+        record(tmp_path / "out.h5", OBJECTS["cube"], PALM, HandMotion(None, poses), open_contour(), memory=memory)
+    assert not list(tmp_path.iterdir())
 
 
 def test_same_run_gives_the_same_bits(device):

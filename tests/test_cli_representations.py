@@ -43,6 +43,7 @@ def folder(tmp_path_factory):
     z = np.linspace(0.25, 0.17, 20)
     pose = np.column_stack([0 * z, 0 * z, z, np.tile(DOWN, (20, 1))])
     HandMotion(np.arange(20) / 90.0, pose).save(path / "sink.csv")
+    (path / "cube.npz.glb").write_text("no motion")
     (path / "solid.json").write_text(expression_to_json(SOLID))
     (path / "ball.py").write_text(
         "import warp as wp\n\n\n@wp.func\ndef ball(x: wp.vec3) -> float:\n"
@@ -130,6 +131,10 @@ def test_options_of_another_kind_of_thing_are_refused(folder, tmp_path, monkeypa
     refused("--duration is of a synthetic exploration", "render", "tube", "leap.json", *out, "--duration", 3)
     refused("--simplify is of a mesh", "render", "cube.npz", "sink.csv", *out, "--simplify", 0)
     refused("a function needs bounds", "render", "ball.py:ball", "sink.csv", *out)
+    refused(
+        "--palm is the size of --hand palm", "render", "tube", "sink.csv", *out, "--hand", "skin", "--palm", 0.1, 0.1
+    )
+    refused("a motion is .csv, .h5", "render", "tube", "cube.npz.glb", *out)
     refused("hand must be palm, planes, skin, or a file", "render", "tube", "sink.csv", *out, "--hand", "paw")
     refused("step", "render", "cube.npz", "sink.csv", *out, "--step", -1)
     assert not list(tmp_path.iterdir())

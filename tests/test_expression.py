@@ -208,6 +208,10 @@ BAD = {
     "65536 primitives, of which a solid may have 32768": lambda: (
         [e := sphere(1)] + [e := Difference((e, e)) for _ in range(16)]
     ),
+    r"expression: not JSON .*4300 digits": lambda: expression_from_json(
+        '{"op": "sphere", "radius": ' + "9" * 5000 + "}"
+    ),
+    "sphere: radius must be .* not a number that large": lambda: sphere(10**5000),
     "expression: not JSON": lambda: expression_from_json("{"),
     'a node must be a JSON object with an "op", not 3': lambda: expression_from_json("3"),
     "unknown op 'ball'; known: sphere, box,": lambda: expression_from_json('{"op": "ball"}'),

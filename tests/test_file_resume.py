@@ -81,7 +81,7 @@ def test_resuming_gives_the_bytes_of_an_undisturbed_run(begun, contours, tmp_pat
         ("object", {"faces": np.zeros((1, 3), np.int32)}, "tetrahedron"),
         ("motion", {"pose": OTHER_POSE}, "10 poses"),
         ("motion", {"time": None}, "10 poses"),
-        ("hand", {"hand": {"kind": "mesh"}}, "palm"),
+        ("hand", {"hand": {"kind": "glove"}}, "palm"),
         ("hand", {"hand": {"kind": "palm", "width": 0.085, "length": 0.1, "note": "x" * 99}}, r"0\.1, "),
         ("placement", {"placement": {"scale": 0.001}}, "0.001"),
         ("palpate", {"versions": {"palpate": "9.9"}}, "0.1.0 and is now 9.9"),

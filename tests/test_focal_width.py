@@ -1,5 +1,7 @@
 """Size of a focal point: published simulations, an integral worked out otherwise, and what must hold of any array."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import j1
@@ -72,6 +74,14 @@ def test_a_slower_sound_and_a_larger_array_focus_better():
     assert autd.x < 0.95 * autd.y  # 18 columns, 14 rows
 
 
+def test_transducers_count_by_their_gain():
+    array = array_model("emulator")
+    inner = np.abs(array.position[:, 0]) < 0.5 * np.abs(array.position[:, 0]).max()
+    narrow = focal_width(0.2, array=replace(array, gain=np.where(inner, 1.0, 0.0).astype(array.gain.dtype)))
+    assert narrow.x > 1.5 * focal_width(0.2).x  # half as broad an array along x
+    assert narrow.y == pytest.approx(focal_width(0.2).y, rel=0.05)
+
+
 def test_a_size_is_reckoned_once():
     assert focal_width(0.123) is focal_width(np.array([0, 0, 0.123]))
 
@@ -83,6 +93,10 @@ def test_a_size_is_reckoned_once():
         (-0.1, "behind the array"),
         (np.nan, "finite"),
         (np.zeros(2), "three finite numbers"),
+        ("high", "three finite numbers .* not 'high'"),
+        (10**400, "three finite numbers"),
+        (1e300, "10 m at most"),
+        (10.5, "m from the nearest transducer, must be 10 m at most"),
     ],
 )
 def test_where_there_is_no_focus_is_refused(point, words):

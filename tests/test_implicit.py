@@ -186,6 +186,22 @@ def test_files_and_names_are_loaded(tmp_path, monkeypatch):
         ImplicitObject.load(f"{bad}:blob", bounds=AROUND)
 
 
+def test_files_whose_paths_look_alike_keep_their_own_functions(tmp_path):
+    (tmp_path / "a").mkdir()
+    for path, radius in ((tmp_path / "a_b.py", 0.04), (tmp_path / "a" / "b.py", 0.02)):
+        text = f"import warp as wp\n@wp.func\ndef f(x: wp.vec3) -> float:\n    return wp.length(x) - {radius}\n"
+        path.write_text(text)
+        thing = ImplicitObject(f"{path}:f", bounds=[[-0.05] * 3, [0.05] * 3], hand=True)
+        found = probe_points(thing.field_on("cpu"), np.array([[0.03, 0.0, 0.0]]), device="cpu")
+        np.testing.assert_allclose(found, 0.03 - radius, atol=1e-8)
+
+
+def test_a_file_that_ends_the_program_is_refused(tmp_path):
+    (tmp_path / "ends.py").write_text("raise SystemExit(3)\n")
+    with pytest.raises(ImplicitError, match=r"ends\.py: cannot be imported \(SystemExit: 3\)"):
+        ImplicitObject(f"{tmp_path / 'ends.py'}:f", bounds=[[-1] * 3, [1] * 3])
+
+
 def test_identity_is_of_what_decides_where_the_surface_is():
     of = {
         made(sphere(0.04)).identity,

@@ -1,6 +1,6 @@
 """Marching a field on patches: topology by cells, places by the field, the geometry's contract."""
 
-from itertools import chain, pairwise
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,13 +8,19 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from march_cases import (
+    CENTER,
+    FLAT,
     Shape,
-    WavesCase,
     area_of,
+    assert_sound,
     ball_of,
     ball_value,
     box_of,
     box_value,
+    lines_of,
+    marched,
+    random_poses,
+    random_waves,
     ring_value,
     shape_field,
     sheet_value,
@@ -24,65 +30,12 @@ from march_cases import (
 from oracles import in_palm, rotation
 
 from palpate.kernels import march
-from palpate.kernels.field import root_of
-from palpate.kernels.march import march_patches
 from palpate.kernels.patch import EXACT, Patch
 from palpate.kernels.ragged import PointLimitError
-from palpate.render.contours import ContourBatch, object_part
+from palpate.render.contours import object_part
 from palpate.render.hands import Palm
 
 wp.set_module_options(EXACT)
-
-CENTER = np.array([0.003, -0.002, 0.2])
-FLAT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-BOUNDS = np.array([[-0.5, -0.5, -0.3], [0.5, 0.5, 0.7]])
-
-
-def random_poses(count, seed=3, spread=0.03):
-    rng = np.random.default_rng(seed)
-    turn = rng.normal(size=(count, 4))
-    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    return np.concatenate([CENTER + rng.uniform(-spread, spread, (count, 3)), turn], axis=1).astype(np.float32)
-
-
-def marched(field, pose, device, *, hand=None, step=0.005, bounded=True, closes=True, bounds=BOUNDS, limit=None):
-    """Contours on the host; pose: [pose, 7] or [pose, patch, 7]."""
-    pose = np.asarray(pose, np.float32)
-    pose = pose[:, None] if pose.ndim == 2 else pose
-    patch = hand if isinstance(hand, wp.array) else (hand or Palm()).on(device)
-    on_device = wp.array(np.ascontiguousarray(pose), dtype=wp.transform, ndim=2, device=device)
-    options = {"bounds": bounds, "bounded": bounded, "closes": closes, "limit": limit}
-    contours = march_patches(field, on_device, patch, step=step, **options)
-    return ContourBatch.from_device(contours, patch.shape[0]).numpy()
-
-
-def lines_of(batch):
-    """(points, kinds, closed, patch) of each polyline, pose by pose."""
-    out = []
-    for pose in range(batch.pose_count):
-        lines = []
-        for line in range(batch.pose_start[pose], batch.pose_start[pose + 1]):
-            part = slice(batch.polyline_start[line], batch.polyline_start[line + 1])
-            row = (batch.points[part], batch.kind[part], batch.polyline_closed[line], batch.polyline_patch[line])
-            lines.append(row)
-        out.append(lines)
-    return out
-
-
-def assert_sound(batch):
-    """What holds for all contours."""
-    assert batch.polyline_start[0] == 0
-    assert batch.polyline_start[-1] == batch.point_count
-    for points, kind, closed, _ in chain.from_iterable(lines_of(batch)):
-        assert len(points) >= 2
-        assert not (points[1:] == points[:-1]).all(axis=1).any()
-        assert kind[-1] == kind[-2]
-        assert (points[0] == points[-1]).all() or not closed
-
-
-def random_waves(seed, count=4, level=0.3):
-    rng = np.random.default_rng(seed)
-    return WavesCase(rng.normal(0, 120, (count, 3)), rng.uniform(0, 6.3, count), level)
 
 
 def match_edges(found, points):
@@ -404,56 +357,6 @@ def test_a_union_of_disjoint_solids_has_both_their_contours(seed):
 def pair_value(d: Shape, x: wp.vec3d):
     aside = wp.vec3d(wp.float64(0.03), wp.float64(0.0), wp.float64(0.0))
     return wp.min(wp.length(x - (d.center - aside)), wp.length(x - (d.center + aside))) - d.size[0]
-
-
-@wp.func
-def bent_value(d: Shape, x: wp.vec3d):
-    """Flat on one side of its root at x = size[0], steep on the other."""
-    t = x[0] - d.size[0]
-    if t < wp.float64(0.0):
-        return wp.float64(1e-3) * t
-    return wp.float64(1e3) * t
-
-
-ROOTS = {value: root_of(value) for value in (bent_value, ball_value, step_value)}
-
-
-def make_root_kernel(root):
-    @wp.kernel(module="unique", module_options=EXACT)
-    def _roots(d: Shape, a: wp.array[wp.vec3d], b: wp.array[wp.vec3d], out: wp.array[wp.vec3d]):
-        out[wp.tid()] = root(d, a[wp.tid()], b[wp.tid()])
-
-    return _roots
-
-
-@pytest.mark.parametrize("value", [ball_value, step_value])
-def test_roots_are_the_same_from_either_end(value, device, rng):
-    d = shape_field(value, [0, 0, 0], (0.01, 0.01, 0.01)).data
-    inner, outer = rng.uniform(-0.003, 0.003, (500, 3)), rng.normal(size=(500, 3))
-    outer *= rng.uniform(0.018, 0.03, (500, 1)) / np.linalg.norm(outer, axis=1, keepdims=True)
-    ends = [wp.array(x, dtype=wp.vec3d, device=device) for x in (inner, outer)]
-    results, kernel = [], make_root_kernel(ROOTS[value])
-    for a, b in (ends, ends[::-1]):
-        out = wp.empty(500, dtype=wp.vec3d, device=device)
-        wp.launch(kernel, 500, inputs=[d, a, b], outputs=[out], device=device)
-        results.append(out.numpy())
-    np.testing.assert_array_equal(*results)
-    if value is ball_value:
-        assert np.abs(np.linalg.norm(results[0], axis=1) - 0.01).max() < 2e-8
-    else:
-        assert np.abs(box_of(results[0], np.zeros(3), np.full(3, 0.01))).max() < 2e-8
-
-
-def test_a_root_between_flat_and_steep_is_found(device):
-    roots, got = np.linspace(1e-5, 9.9e-4, 40), []
-    kernel = make_root_kernel(ROOTS[bent_value])
-    for root in roots:
-        d = shape_field(bent_value, [0, 0, 0], (root, 0, 0)).data
-        ends = [wp.array([x], dtype=wp.vec3d, device=device) for x in ((0.0, 0, 0), (1e-3, 0, 0))]
-        out = wp.empty(1, dtype=wp.vec3d, device=device)
-        wp.launch(kernel, 1, inputs=[d, *ends], outputs=[out], device=device)
-        got.append(out.numpy()[0, 0])
-    assert np.abs(got - roots).max() < 1e-6
 
 
 def test_too_many_points_and_wrong_arguments_are_refused(device):

@@ -18,7 +18,7 @@ from palpate.kernels.surface import HalfEdges, upload_surface
 from palpate.render.contours import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError, PoseError, StrategyError
 from palpate.render.expression import box, sphere
-from palpate.render.hands import Hand, Palm
+from palpate.render.hands import Hand, Palm, hand_from
 from palpate.render.implicit import ImplicitObject
 from palpate.render.mesh_hand import MeshHand, facing_palm
 
@@ -117,6 +117,39 @@ BOX = trimesh.creation.box((0.1, 0.02, 0.1))
 def test_bad_hands_are_named(vertices, faces, options, says):
     with pytest.raises(MeshError, match=says):
         MeshHand(vertices, np.asarray(faces), **options)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "options", "error"),
+    [
+        ([[[0, 0, 0], [1, 0, 0]], [[0, 0, 0]]], FACES, {}, MeshError),
+        ("vertices", FACES, {}, MeshError),
+        (VERTICES, [[0, 1, 2], [0, 1]], {}, MeshError),
+        (VERTICES, FACES, {"glabrous": [[1], [1, 0]]}, MeshError),
+        (VERTICES, FACES, {"step": "a"}, StrategyError),
+        (VERTICES, FACES, {"step": np.nan}, StrategyError),
+    ],
+)
+def test_what_is_no_array_or_number_gets_a_sentence(vertices, faces, options, error):
+    with pytest.raises(error, match="hand: "):
+        MeshHand(vertices, faces, **options)
+
+
+def test_a_strip_without_area_at_the_rim_falls_whole_so_that_the_stored_hand_reads_back():
+    strip = [VERTICES[1] + share * (VERTICES[2] - VERTICES[1]) for share in (0.25, 0.5, 0.75)]
+    faces = np.concatenate([FACES, [[2, 1, 4], [2, 4, 5], [2, 5, 6]]])
+    with pytest.warns(PalpateWarning, match="3 of 5 triangles were dropped"):
+        hand = MeshHand(np.vstack([VERTICES, strip]), faces)
+    back = hand_from(hand.described(), hand.arrays())
+    np.testing.assert_array_equal(back.faces, hand.faces)
+    assert back.identity == hand.identity
+
+
+def test_the_palm_of_a_row_that_is_folded_flat_is_still_a_place():
+    flat = np.tile([[0.01, 0.0, 0.0]], (len(VERTICES), 1)) + np.outer(np.arange(len(VERTICES)), [0.0, 0.0, 0.01])
+    frames = MeshHand(np.stack([VERTICES, flat]), FACES).frames(np.tile([0, 0, 0.2, 0, 0, 0, 1.0], (2, 1)))
+    assert all(np.isfinite(part).all() for part in frames)
+    np.testing.assert_allclose(frames.origin[1, 0, 0], 0.01, atol=1e-9)
 
 
 def test_steps_and_rows_that_are_none_are_named():

@@ -9,7 +9,7 @@ from palpate.datasets.check import check_file
 from palpate.datasets.motion import HandMotion
 from palpate.datasets.reader import ContourFile
 from palpate.render import MeshObject, Palm, closed_contour, record, render
-from palpate.render.errors import PoseError, StrategyError
+from palpate.render.errors import PoseError
 from palpate.render.moving import back_to, between, object_poses, seen_from
 from palpate.render.scene import Scene
 
@@ -100,7 +100,12 @@ def test_a_clock_is_shared_and_what_does_not_fit_is_refused():
     with pytest.raises(PoseError, match="the object has 7 poses, the hand 10"):
         object_poses(object_motion(7), hands)
     assert len(object_poses(object_motion(1), hands)) == 10
-    with pytest.raises(StrategyError, match="the object has 3 poses, the motion 10"):
+    keyframes = HandMotion(np.array([0.0, 10.0]), object_motion(2))
+    ends = (object_poses(keyframes, HandMotion(np.array([0.0, end]), generic_poses(2, 1))) for end in (10.1, 10.2))
+    assert len(next(ends)) == 2
+    with pytest.raises(PoseError, match=r"from 0 to 10 s of the hand's time, the hand's from 0 to 10.2 s"):
+        next(ends)  # not held for an interval of 10 s
+    with pytest.raises(PoseError, match="the object has 3 poses, the motion 10"):
         Scene.of(TUBE, PALM, closed_contour(), moved=object_motion(3)).require_poses(10)
 
 

@@ -100,7 +100,7 @@ def test_no_poses_give_no_points(solids):
 
 def test_bad_steps_are_named(solids):
     pose = np.array([[1, 1, 1, 0, 0, 0, 1], [0, 0, 0.2, 0, 0, 0, 1]])
-    for step in (0, -1, float("nan"), 1e-6):
+    for step in (0, -1, float("nan"), 1e-6, "fine", None):
         with pytest.raises(StrategyError, match="overlap: step must be at least 1e-05 m"):
             overlap_points(*solids, pose, step=step)
     with pytest.raises(StrategyError, match=r"takes \d+ nodes at pose 1, of which 10000 are allowed; 0.0\d+ m fits"):
@@ -161,3 +161,7 @@ def test_hands_without_an_inside_are_refused():
     for separation in (0, float("nan")):
         with pytest.raises(StrategyError, match="overlap: separation must be a positive length"):
             overlap_contours(thing, closed_hand(), pose, step=0.004, separation=separation)
+    with pytest.raises(
+        StrategyError, match=r"^overlap: pose 3 keeps more than 2000 of its \d+ points .*; 0.\d+ m fits"
+    ):
+        overlap_contours(thing, closed_hand(), pose, 3, step=0.0005, separation=0.0001)

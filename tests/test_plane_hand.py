@@ -21,7 +21,7 @@ from palpate.render import (
     record,
     render,
 )
-from palpate.render.errors import PoseError, RenderError, StrategyError
+from palpate.render.errors import PoseError, StrategyError
 from palpate.render.figure import draw_figure
 from palpate.render.flat_planes import flat_hand
 from palpate.render.hands import Hand, PatchHand, composed, frames_at, hand_from, inverted, require_rows
@@ -208,6 +208,21 @@ def test_what_is_no_hand_is_refused():
         (lambda: PlaneHand((palm, palm)), StrategyError, "'palm' is there twice"),
         (lambda: HandPatch("palm", 0.0, 0.1), StrategyError, "palm.* width must lie between"),
         (lambda: HandPatch("palm", 0.1, np.nan), StrategyError, "length must lie between"),
+        (lambda: HandPatch("palm", "wide", 0.1), StrategyError, "width must lie between .* not 'wide'"),
+        (lambda: HandPatch("palm", 0.1, None), StrategyError, "length must lie between .* not None"),
+        (lambda: Palm("wide"), StrategyError, "palm width must lie between .* not 'wide'"),
+        (lambda: Palm(0.1, True), StrategyError, "palm length must lie between .* not True"),
+        (lambda: PlaneHand((Palm(),)), StrategyError, "patches must be of type HandPatch, not Palm"),
+        (lambda: PlaneHand(palm, None), StrategyError, "joints must be of type PatchJoint, not None"),
+        (lambda: PatchJoint("palm", 1.5, "other", 0), StrategyError, "must be 0, 1, 2 or 3, not 1.5"),
+        (lambda: hand_from("palm"), StrategyError, "must be a mapping, not 'palm'"),
+        (lambda: hand_from({"kind": "palm", "width": "x", "length": 1}), StrategyError, "'palm' cannot be read"),
+        (lambda: hand_from({"kind": "planes", "patches": "xx", "joints": []}), StrategyError, "cannot be read"),
+        (
+            lambda: hand_from({"kind": "mesh", "vertices": 5}, {"skin_vertices": np.zeros((7, 3))}),
+            StrategyError,
+            "'mesh' cannot be read: .*reshape",
+        ),
         (lambda: HandPatch("", 0.1, 0.1), StrategyError, "name must be a text"),
         (lambda: HandPatch("palm", 0.1, 0.1, (0, 0, 0, 0, 0, 0, 2)), PoseError, "norm 2"),
         (lambda: HandPatch("palm", 0.1, 0.1, (0, 0, np.nan, 0, 0, 0, 1)), PoseError, "not finite"),
@@ -228,10 +243,18 @@ def test_what_is_no_hand_is_refused():
             make()
 
 
+def test_numbers_of_numpy_become_plain_ones_that_a_file_can_say():
+    side = np.float32(0.05)
+    joint = PatchJoint("one", np.int64(2), "two", np.uint8(0))
+    hand = PlaneHand((HandPatch("one", side, side), HandPatch("two", np.float64(0.05), 0.05)), (joint,))
+    assert hand_from(json.loads(json.dumps(hand.described()))).described() == hand.described()
+    assert json.dumps(Palm(side, np.int64(1)).described()) == json.dumps(Palm(float(side), 1.0).described())
+
+
 def test_chunks_of_an_articulated_hand_are_cut_anywhere():
     motion, hand, thing = random_poses(400, 9), articulated(400), MeshObject.load("dog")
     batches = [render(thing, hand, motion, closed_contour(), memory=memory) for memory in (None, 2**21)]
-    with pytest.raises(RenderError, match=r"has 400 poses, the motion 399"):
+    with pytest.raises(PoseError, match=r"articulated for 400 poses, but the motion has 399"):
         render(thing, hand, motion[1:], closed_contour())
     assert_same(*batches)
     assert batches[0].length().max() > 0.2

@@ -2,6 +2,7 @@
 
 import importlib.util
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +45,13 @@ def torn(path):
         return voxelise(thing, spacing=0.002)
 
 
-@pytest.mark.parametrize("make", [rocks, white_matter, "meshes/dog_skull_1200.stl", "hands/left.glb"], ids=str)
+@pytest.mark.parametrize(
+    "make",
+    [rocks, white_matter, "meshes/dog_skull_1200.stl", "hands/left.glb"],
+    ids=lambda m: getattr(m, "__name__", m),
+)
 def test_a_real_object_is_rendered_and_played(make, tmp_path, request):
-    if isinstance(make, str):
-        thing = torn(request.getfixturevalue("outside_data") / make)
-    else:
-        thing = make()
+    thing = torn(request.getfixturevalue("outside_data") / make) if isinstance(make, str) else make()
     motion = exploration(thing.bounds, duration=1.0, rate=90.0, seed=1)
     path = tmp_path / "real.h5"
     record(path, thing, Palm(), motion, closed_contour())
@@ -60,10 +62,13 @@ def test_a_real_object_is_rendered_and_played(make, tmp_path, request):
 
 
 def test_a_torn_dog_made_of_voxels_is_the_dog():
+    """As the whole one in voxels of the same size; what these lose of thin ears and sharp edges is not the tear's."""
     vertices, faces = shape("dog")
-    whole = MeshObject(vertices, faces, name="dog")
-    closed = voxelise(MeshObject(vertices, faces[3:], name="torn dog"), spacing=0.0015)
+    whole, torn_one = MeshObject(vertices, faces, name="dog"), MeshObject(vertices, faces[3:], name="torn dog")
+    things = [whole, *(voxelise(thing, spacing=0.0015) for thing in (whole, torn_one))]
     motion = exploration(whole.bounds, duration=6.0, rate=30.0, seed=1)
-    lengths = [render(thing, Palm(), motion, closed_contour()).length().mean() for thing in (whole, closed)]
-    assert lengths[0] > 0.02
-    assert lengths[1] == pytest.approx(lengths[0], rel=0.05)
+    strategy = replace(closed_contour(), step=0.0005)
+    mesh, solid, closed = (render(thing, Palm(), motion, strategy).length().mean() for thing in things)
+    assert mesh > 0.02
+    assert closed == pytest.approx(solid, rel=0.005)
+    assert closed == pytest.approx(mesh, rel=0.06)

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import sys
 from dataclasses import replace
 from threading import Thread
 
@@ -10,10 +11,11 @@ import pytest
 import warp as wp
 from contour_random import random_batch
 
-from palpate.render import ContourBatch, IntersectionStrategy, Palm
+from palpate.render import ContourBatch, IntersectionStrategy
 from palpate.render import stages as registry
 from palpate.render.cut import cut_batch
 from palpate.render.errors import StrategyError
+from palpate.render.flat_planes import flat_hand
 from palpate.render.stages import (
     Option,
     Setting,
@@ -27,7 +29,8 @@ from palpate.render.stages import (
     run_stages,
 )
 
-SETTING = Setting(None, Palm(), np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (4, 1)), 0, "cpu", 0.01, 0.0025)
+POSE = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (4, 1))
+SETTING = Setting(None, flat_hand(), POSE, 0, "cpu", 0.01, 0.0025)  # random batches have patches 0..2, the hand 15
 
 
 @pytest.fixture(autouse=True)
@@ -77,7 +80,8 @@ def test_a_stage_without_options_is_its_name():
         (Option("point", choices=("point", "patch")), ("patch",), ("else", 1, None), "point, patch"),
         (Option("text"), ("any",), (1, None), "text"),
         (Option(None, 0.0, 1.0, "m"), (None, 0.5), (2.0, "x", True), "0..1 m"),
-        (Option(0.5), (-1e9, 1e9), (np.inf, np.nan), "f.o"),
+        (Option(0.5), (-1e9, 1e9), (np.inf, np.nan, 10**400, 10**5000), "f.o"),
+        (Option("point", choices=("point", "patch")), (), (10**5000, ["point"]), "point, patch"),
     ],
 )
 def test_an_option_takes_what_is_like_its_default_and_within_its_bounds(option, good, bad, words):
@@ -93,6 +97,12 @@ def test_none_stands_for_focal_widths():
     entry = find_stage("transform", "t")
     assert entry.values(Stage("t"), 0.01) == {"by": 0.01, "times": 0.015, "other": 0.3}
     assert entry.values(Stage("t", {"by": 0.2, "times": None}), 0.01) == {"by": 0.2, "times": 0.015, "other": 0.3}
+
+
+def test_what_none_stands_for_stays_within_the_bounds():
+    option = Option(None, 0.005, 0.1, "m", widths=0.5)
+    assert [option.resolved(None, width) for width in (0.001, 0.02, 0.5)] == [0.005, 0.01, 0.1]
+    assert option.resolved(0.007, 0.5) == 0.007
 
 
 def test_a_transform_of_ones_own_is_a_function_and_a_name(batch):
@@ -247,6 +257,14 @@ def at(index, value):
         (lambda batch, setting: None, "must give a ContourBatch, not NoneType"),
         (lambda batch, setting: batch.to("cpu"), "arrays on the host"),
         (lambda batch, setting: 1 / 0, "failed: ZeroDivisionError: division by zero"),
+        (lambda batch, setting: sys.exit(3), "failed: SystemExit: 3"),
+        (changed("kind", lambda x: wp.array(x, device="cpu")), "arrays on the host, as it got them, but kind is"),
+        (changed("kind", lambda x: None), "kind must be an array, not None"),
+        (changed("points", lambda x: [[0.0, 0.0], [0.0]]), "points must be an array of float32"),
+        (changed("points", lambda x: x + 1j), "points must be float32, not complex64"),
+        (changed("points", at((slice(None), 0), np.nan)), "point 0 is not finite"),
+        (changed("polyline_patch", lambda x: x + 15), r"polyline_patch must lie in 0\.\.14, the hand's patches, not 1"),
+        (changed("polyline_patch", at(1, -7)), r"polyline_patch must lie in 0\.\.14, the hand's patches, not -7"),
         (lambda batch, setting: batch.select(0, 2), "pose_start must stand for 4 poses, not 2"),
         (changed("points", at(3, np.nan)), "point 3 is not finite"),
         (changed("points", lambda x: x[:, :2]), r"points must have shape \[point, 3\]"),
@@ -279,6 +297,7 @@ def test_what_a_stage_gives_is_judged_and_told_by_its_name(rng, stage, words):
         (np.full(4, np.nan), "finite and not negative"),
         (np.full(4, -1.0), "finite and not negative"),
         ("much", "array of numbers"),
+        (np.full(4, 0.01), r"said to have removed 0\.01 m of pose 0 .* 0 m shorter"),
     ],
 )
 def test_the_removed_length_is_judged_too(batch, removed, words):
@@ -298,3 +317,53 @@ def test_wider_types_that_lose_nothing_are_taken(batch):
     for name, value in out.by_name().items():
         assert value.dtype == getattr(batch, name).dtype
         np.testing.assert_array_equal(value, getattr(batch, name))
+
+
+def test_the_removed_length_is_what_is_gone_of_what_there_was_before_the_stage(batch):
+    def halved(batch, setting):
+        batch.points[:] *= np.float32(0.5)  # in place: what it got is gone
+        return batch
+
+    before = batch.length()
+    register_prune("mine", halved)
+    _, removed = run(batch, prune=("mine",))
+    np.testing.assert_allclose(removed["mine"], before / 2, atol=1e-5)
+
+
+def as_doubles(array):
+    return wp.array(array.numpy().astype(np.float64).reshape(-1, 3), dtype=wp.vec3d, device=array.device)
+
+
+def as_rows(array):
+    return wp.array(array.numpy().reshape(-1, 3), dtype=wp.float32, device=array.device)
+
+
+def as_ints(array):
+    return wp.array(array.numpy().astype(np.int32), dtype=wp.int32, device=array.device)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [("points", as_doubles), ("points", as_rows), ("polyline_start", as_ints), ("pose_start", as_ints)],
+)
+def test_warp_arrays_of_other_types_are_cast(batch, device, name, change):
+    register_transform("mine", changed(name, change), on="device")
+    wanted, _ = run(batch, transform=("simplify",), device=device)
+    out, _ = run(batch, transform=("mine", "simplify"), device=device)
+    for field, value in wanted.by_name().items():
+        np.testing.assert_array_equal(getattr(out, field).numpy(), value.numpy(), err_msg=field)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("kind", lambda x: x.numpy(), "arrays on the device, as it got them, but kind is elsewhere"),
+        ("points", lambda x: x.numpy().reshape(-1, 3), "but points is elsewhere"),
+        ("points", lambda x: wp.array(x.numpy().ravel(), dtype=wp.float32), r"must have shape \[point, 3\]"),
+        ("polyline_patch", lambda x: wp.array(x.numpy() + 99, dtype=wp.int32), r"polyline_patch must lie in 0\.\.14"),
+    ],
+)
+def test_warp_arrays_are_judged_too(batch, device, name, change, words):
+    register_transform("mine", changed(name, change), on="device")
+    with pytest.raises(StrategyError, match=f"transform stage 'mine'.*{words}"):
+        run(batch, transform=("mine",), device=device)

@@ -1,8 +1,10 @@
 """Intersection strategies as data: JSON, stages with options, order, thresholds in metres, modules of one's own."""
 
 import json
+import subprocess
 import sys
 from dataclasses import replace
+from threading import Thread
 
 import pytest
 
@@ -133,6 +135,74 @@ def test_a_module_that_fails_is_told_by_file_and_name(own_module):
         StrategyError, match=r"strategy\.json: modules: cannot import 'palpate_test_stages'.*on purpose"
     ):
         load_strategy(str(own_module))
+
+
+def test_a_module_that_exits_is_told_too(own_module):
+    own_module.with_name("palpate_test_stages.py").write_text("raise SystemExit(7)\n")
+    with pytest.raises(StrategyError, match=r"cannot import 'palpate_test_stages' \(SystemExit: 7\)"):
+        load_strategy(str(own_module))
+
+
+def test_a_module_of_the_same_name_in_another_folder_is_refused_by_both_files(own_module, tmp_path):
+    load_strategy(str(own_module))
+    load_strategy(str(own_module))  # the same file again
+    other = tmp_path / "other"
+    other.mkdir()
+    for file in (own_module, own_module.with_name("palpate_test_stages.py")):
+        (other / file.name).write_text(file.read_text())
+    with pytest.raises(StrategyError, match=r"other/palpate_test_stages\.py here, but .*/palpate_test_stages\.py has"):
+        load_strategy(str(other / own_module.name))
+
+
+def test_a_module_may_load_a_strategy_while_it_is_imported(own_module):
+    module = own_module.with_name("palpate_test_stages.py")
+    plain = own_module.with_name("plain.json")
+    plain.write_text('{"modules": ["json"]}')
+    loads = f"from palpate.render.strategy import load_strategy\nload_strategy({str(plain)!r})\n"
+    module.write_text(loads + module.read_text())
+    found = []
+    thread = Thread(target=lambda: found.append(load_strategy(str(own_module))), daemon=True)
+    thread.start()
+    thread.join(20)
+    assert found
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
+    path = tmp_path / "s.json"
+    path.write_text(closed_contour().to_json(), encoding="utf-8-sig")
+    assert load_strategy(str(path)) == closed_contour()
+
+
+@pytest.mark.parametrize("field", ["prune", "transform", "modules"])
+def test_a_text_is_no_list(field):
+    with pytest.raises(StrategyError, match=f"{field} must be a list, not 'outside'"):
+        IntersectionStrategy(**{field: "outside"})
+    with pytest.raises(StrategyError, match=f"{field} must be a list, not None"):
+        IntersectionStrategy(**{field: None})
+
+
+@pytest.mark.parametrize("options", [{"length": None}, {"length": None, "perimeter": None}])
+def test_a_stage_with_its_defaults_written_out_is_the_same_stage(options):
+    with pytest.raises(StrategyError, match="listed twice with the same options"):
+        IntersectionStrategy(prune=("small", Stage("small", options)))
+    with pytest.raises(StrategyError, match="listed twice with the same options"):
+        IntersectionStrategy(prune=(Stage("hidden", {"share": 0.5}), "hidden"))
+
+
+def test_far_objects_scale_options_to_their_bounds():
+    for make in PRESETS.values():
+        make().resolved(0.9)
+
+
+def test_presets_are_all_there_at_the_first_look_and_grow_while_looked_through():
+    code = (
+        "from palpate.render.strategy import PRESETS, open_contour\n"
+        "first = [name for name in PRESETS]\n"
+        "for name, make in PRESETS.items():\n"
+        "    PRESETS.setdefault('own', open_contour)\n"
+        "assert 'hatch' in first and list(PRESETS) == [*first, 'own'] and len(PRESETS) == len(first) + 1"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
 def test_an_unknown_strategy_lists_the_presets():

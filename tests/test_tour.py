@@ -8,11 +8,12 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.datasets.shapes import shape
 from palpate.kernels.tour import thin_points, tour_points
 from palpate.render import contact
 from palpate.render.contact import contact_contours
 from palpate.render.contours import ContourBatch
-from palpate.render.errors import PalpateWarning, StrategyError
+from palpate.render.errors import MeshError, PalpateWarning, StrategyError
 from palpate.render.hands import Palm
 from palpate.render.mesh_hand import MeshHand
 from palpate.render.objects import MeshObject
@@ -209,10 +210,31 @@ def test_a_single_point_is_told(device):
 
 
 def test_what_is_not_a_contact_is_refused(sphere):
-    for step in (0.0, np.nan):
+    for step in (0.0, np.nan, "fine", None, True, 10**400):
         with pytest.raises(StrategyError, match="contact: step must be a positive length"):
             batch_of(sphere, Palm(), [FLAT], "cpu", step=step)
-    with pytest.raises(StrategyError, match="contact: separation must be"):
-        batch_of(sphere, Palm(), [FLAT], "cpu", separation=-1.0)
+    for separation in (-1.0, "wide", None):
+        with pytest.raises(StrategyError, match="contact: separation must be"):
+            batch_of(sphere, Palm(), [FLAT], "cpu", separation=separation)
     with pytest.raises(StrategyError, match="contact: step of"):
         batch_of(sphere, Palm(), [FLAT], "cpu", step=1e-6)
+
+
+def test_a_pose_with_too_many_points_is_named_with_a_separation_that_fits(sphere, device):
+    away = np.array([0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 1.0])
+    told = r"^contact: pose 8 keeps more than 2000 of its \d+ points at a separation of 0.0001 m; 0.\d+ m fits"
+    with pytest.raises(StrategyError, match=told) as caught:
+        contact_contours(sphere, Palm(), np.array([away, FLAT]), 7, device=device, step=0.0005, separation=0.0001)
+    fits = float(str(caught.value).split("; ")[1].split(" m ")[0])
+    kept, start = thin_points(
+        *contact._Skin(sphere, Palm(), device, 0.0005).inside(np.array([FLAT], np.float32), 0), separation=fits
+    )
+    assert 500 < kept.shape[0] <= 2000
+    assert start.numpy().tolist() == [0, kept.shape[0]]
+
+
+def test_an_open_object_is_refused_by_the_name_of_what_needs_it_closed():
+    vertices, faces = shape("cube")
+    torn = MeshObject(vertices + np.array([0, 0, 0.2]), faces[1:], name="torn")
+    with pytest.raises(MeshError, match='raw "contact" needs an object with an inside: torn'):
+        contact_contours(torn, Palm(), np.array([FLAT]), step=0.002)

@@ -17,7 +17,16 @@ from transform_cases import (
 
 from palpate.kernels.draw import HAND, MADE, OBJECT
 from palpate.kernels.simplify import simplify_polylines
-from palpate.render import ContourBatch
+from palpate.render import (
+    ContourBatch,
+    HandPatch,
+    IntersectionStrategy,
+    MeshObject,
+    Palm,
+    PlaneHand,
+    Stage,
+    render,
+)
 from palpate.render.transform_lines import Lines, divided, with_points, without_points
 
 SQUARE = 0.02 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -26,8 +35,10 @@ SQUARE = 0.02 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 class Block:
     """A cube of 60 mm around (0, 0, 0.2) as an object."""
 
-    identity = "block of the tests"
     bounds = np.array([[-0.03, -0.03, 0.17], [0.03, 0.03, 0.23]])
+
+    def described(self):
+        return {"hash": "block of the tests"}
 
     def outline_mesh(self):
         corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
@@ -281,15 +292,24 @@ def test_a_patch_is_as_deep_as_its_deepest_point_wherever_the_object_has_moved(a
         assert out.intensity == pytest.approx(want / 0.04, abs=1e-4)
 
 
+def test_depth_turns_about_the_pivot_that_contours_do(device):
+    batch, setting = one_loop(SQUARE)
+    half, pivot = [0.0, 1.0, 0.0, 0.0], np.array([0.0, 0.0, 0.19])
+    moved = np.array([[0.0, 0.0, 0.19, *half]], np.float32)  # upside down about a point 10 mm below the middle
+    placed = replace(a_setting(setting.pose, thing=Block(), device=device, moved=moved), pivot=pivot)
+    out = run_stage("depth", batch, placed, at="patch", deep=0.04, lowest=0.0)
+    assert out.intensity == pytest.approx(0.25, abs=1e-4)  # the block is 20 mm lower then, the palm 10 mm deep in it
+
+
 def test_points_put_in_split_segments_and_leave_the_rest(rng):
     batch = with_weights(random_regions(rng)[0], rng)
     segment = rng.integers(0, batch.point_count, 300)
     segment = segment[Lines.of(batch).is_segment[segment]]
     part = rng.random(len(segment))
     part[:20], part[20:40] = 1e-12, 1 - 1e-12  # as near as none
-    out, where = with_points(batch, segment, part)
+    out, _, way = with_points(batch, segment, part)
     assert_valid(out, batch.pose_count)
-    old = where == np.floor(where)
+    old = way == 0
     for name in ("points", "kind", "intensity", "dwell"):
         np.testing.assert_array_equal(getattr(out, name)[old], getattr(batch, name), err_msg=name)
     assert not out.dwell[~old].any()
@@ -298,6 +318,71 @@ def test_points_put_in_split_segments_and_leave_the_rest(rng):
     longest = divided(batch, 1e-3)
     assert Lines.of(longest).length.max() < 1e-3 + 1e-7
     assert {OBJECT, HAND, MADE} >= set(out.kind.tolist())
+
+
+def test_points_are_put_in_alike_wherever_in_a_batch_a_polyline_is():
+    x = np.linspace(0, 0.1, 5, dtype=np.float32)
+    one = np.stack([x, 0 * x, 0 * x], axis=1)
+    for part in (1 / 3 + 1e-9, 1e-12, 1 - 1e-12):
+        found = []
+        for count in (1, 100_000):
+            start, lines = np.arange(0, 5 * count + 1, 5), np.zeros(count)
+            values = (np.tile(one, (count, 1)), np.zeros(5 * count, np.uint8), start, lines.astype(np.int32))
+            batch = ContourBatch(*values, lines.astype(np.uint8), np.arange(count + 1))
+            out, _, _ = with_points(batch, np.array([5 * count - 4] * 2), np.array([part, part]))
+            found.append(out.points[out.polyline_start[-2] :])
+            there = Lines.of(batch).at(np.array([count - 1]), np.array([0.0333333]))
+            assert (there == Lines.of(batch).at(np.array([0]), np.array([0.0333333]))).all()
+        np.testing.assert_array_equal(*found)
+        assert len(found[0]) == (6 if 1e-9 < part < 0.9 else 5)
+
+
+@pytest.mark.parametrize("options", [{"method": "chaikin", "rounds": 6}, {"method": "laplace", "rounds": 30}])
+def test_smoothing_leaves_no_segment_without_length(options):
+    batch, setting = one_loop(
+        0.05 + 1e-6 * SQUARE
+    )  # 40 nm broad, where coordinates are 4 nm apart: points fall together
+    out = run_stage("smooth", batch, setting, **options)
+    assert_valid(out, out.pose_count)
+    assert 2 < out.point_count < 200 or options["method"] == "laplace"
+
+
+def test_depth_of_an_object_that_is_said_to_stay_is_that_of_one_that_stands_still():
+    cube = MeshObject.load("cube")
+    pose = np.array([[0, 0, 0.19, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
+    moved = np.array([[*cube.bounds.mean(axis=0), 0, 0, 0, 1]], np.float32)
+    for at in ("patch", "point"):
+        strategy = IntersectionStrategy(prune=("outside",), transform=("close", Stage("depth", {"at": at})))
+        still, said = (render(cube, Palm(), pose, strategy, moved=m).intensity for m in (None, moved))
+        assert said == pytest.approx(still, abs=1e-5)
+        assert at == "point" or still.min() > 0.35
+
+
+def test_a_small_loop_has_its_corners_although_the_window_is_longer_than_it():
+    batch, setting = one_loop(0.05 * SQUARE)  # 2 mm square, 8 mm around
+    out = run_stage("corners", batch, setting, window=0.01, dwell=0.01)
+    corners = np.unique(out.points[out.dwell > 0], axis=0)
+    np.testing.assert_array_equal(corners, np.unique(batch.points, axis=0))
+
+
+def test_a_pose_is_as_deep_as_its_deepest_patch():
+    near, far = (HandPatch(name, 0.03, 0.03, (x, 0, 0, 0, 0, 0, 1)) for name, x in (("in", 0.0), ("out", 0.2)))
+    pose = np.array([[0, 0, 0.2, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
+    setting = a_setting(pose, thing=Block(), hand=PlaneHand((near, far)))
+    loop, _ = one_loop(0.4 * SQUARE)
+    both = {name: np.concatenate([getattr(loop, name)] * 2) for name in ("points", "kind", "polyline_closed")}
+    batch = ContourBatch(
+        **both,
+        polyline_start=np.array([0, 5, 10]),
+        polyline_patch=np.array([0, 1], np.int32),
+        pose_start=np.array([0, 2]),
+    )
+    options = {"deep": 0.04, "lowest": 0.0}
+    by_patch = run_stage("depth", batch, setting, at="patch", **options).intensity
+    by_pose = run_stage("depth", batch, setting, at="pose", **options).intensity
+    assert by_patch[:5] == pytest.approx(0.75, abs=1e-4)
+    assert not by_patch[5:].any()
+    assert by_pose == pytest.approx(0.75, abs=1e-4)
 
 
 def test_polylines_of_which_nothing_is_left_go(rng):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from mesh_cases import CLOSED, MIDDLE, OPEN_OR_ODD, bodies, bowl, built_in, flipped, merged, moved, torn, triangle
 from scipy.ndimage import label
 
@@ -204,6 +205,31 @@ def test_bodies_of_an_open_mesh_that_face_inwards_are_turned_and_counted(device)
     assert turned.source["bodies_turned"] == 1
 
 
+@pytest.mark.parametrize("kind", ["distance", "occupancy"])
+def test_bodies_that_overlap_in_an_open_mesh_leave_no_voids_where_nodes_lie_on_them(kind, device):
+    """In binary fractions, so that whole layers of nodes lie on faces of one box that are within the other."""
+    one, two = (
+        trimesh.creation.box((1 / 16,) * 3, transform=trimesh.transformations.translation_matrix((x, 0, 0.25)))
+        for x in (0, 1 / 32)
+    )
+    vertices, faces = merged((one.vertices, one.faces), (two.vertices, two.faces))
+    end = (vertices[faces][:, :, 0] == 1 / 16).all(axis=1)
+    thing = MeshObject(vertices, np.delete(faces, np.flatnonzero(end)[0], axis=0), name="torn")
+    voxels = voxelise(thing, spacing=1 / 256, kind=kind, device=device)
+    assert voxels.source["sign"] == "winding"
+    assert label(voxels.values >= 0)[1] == 1
+    whole = trimesh.Trimesh(*voxels.outline_mesh(), process=False)
+    assert whole.body_count == 1
+    assert whole.volume == pytest.approx((1 / 16) ** 2 * 3 / 32, rel=0.02 if kind == "distance" else 0.2)
+
+
+def test_on_a_closed_surface_the_winding_number_is_a_half(device):
+    vertices, faces = built_in("cube")
+    low, high = vertices.min(axis=0).astype(float), vertices.max(axis=0).astype(float)
+    nodes = GridNodes(np.array([*(low[:2] + 0.3 * (high - low)[:2]), low[2]]), np.array([1e-3, 1e-3, 1.0]), (5, 5, 1))
+    np.testing.assert_allclose(wind_nodes(vertices.astype(float), faces, nodes, device), 0.5, atol=1e-6)
+
+
 def test_parity_serves_a_closed_surface_whose_sides_do_not_agree(device):
     """Four faces of an octahedron and its three middle squares: one side only, but every column crosses it in pairs."""
     vertices = MIDDLE + 0.05 * np.concatenate([np.eye(3), -np.eye(3)])
@@ -236,9 +262,21 @@ def test_a_missing_dimension_and_other_bad_input_are_named(device):
         ({"spacing": 0.01, "kind": "labels"}, VoxelError, "kind"),
         ({"spacing": 0.01, "sign": "normal"}, VoxelError, "sign must be one of auto, crossings, parity, winding"),
     ]
+    cases += [
+        ({"spacing": "fine"}, VoxelError, "spacing must be one or three .* 'fine'"),
+        ({"spacing": 0.01, "margin": "wide"}, VoxelError, "margin must be a length .* 'wide'"),
+        ({"spacing": 0.01, "band": "wide"}, VoxelError, "band must be .* 'wide'"),
+        ({"spacing": 0.01, "kind": None}, VoxelError, "kind must be .* not None"),
+        ({"spacing": 0.01, "sign": ["auto"]}, VoxelError, "sign must be one of"),
+    ]
     for options, error, message in cases:
         with pytest.raises(error, match=message):
             voxelise(cube, device=device, **options)
+    for unknown in ("abacus", "cuda:99", 3.5):
+        with pytest.raises(VoxelError, match=r"device must be one of cpu.*, not "):
+            voxelise(cube, spacing=0.01, device=unknown)
+    with pytest.raises(VoxelError, match="a MeshObject is voxelised, not 'cube'"):
+        voxelise("cube", spacing=0.01, device=device)
     with pytest.raises(MeshError, match="needs a closed surface; it has 44 open edges"):
         voxelise(MeshObject(*bowl()), spacing=0.01, sign="parity", device=device)
     with pytest.raises(VoxelError, match="too open to hold anything"):

@@ -1,39 +1,19 @@
-"""Volumes as objects: what values mean, where they lie, files of every kind, and what is refused in one sentence."""
+"""Volumes as objects: what values mean, where they lie, and what is refused in one sentence."""
 
-import importlib.util
-import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-import warp as wp
 from field_points import values_at
+from scipy.spatial.transform import Rotation
+from voxel_cases import TURNED, ball, balled, coordinates
 
 from palpate.render import MeshObject, Placement
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError, VoxelError
 from palpate.render.solid import Solid
-from palpate.render.voxel_files import is_volume, read_volume, save_voxels
+from palpate.render.voxel_grid import applied, box_of, crossing_points
 from palpate.render.voxels import VoxelObject
-
-TURNED = np.array([[0.0, -0.8, 0.6], [1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
-PLACE = Placement(at=(0.0, 0.0, 0.2))
-
-
-def coordinates(shape):
-    return np.stack(np.meshgrid(*(np.arange(n, dtype=float) for n in shape), indexing="ij"), axis=-1)
-
-
-def ball(shape=(22, 20, 24), spacing=(0.004, 0.005, 0.003), radius=0.03):
-    """Signed distance to a ball in the middle [m], with the spacing."""
-    at = (coordinates(shape) - (np.array(shape) - 1) / 2) * spacing
-    return (np.linalg.norm(at, axis=-1) - radius).astype(np.float32)
-
-
-def balled(values=None, **options):
-    options = {"spacing": (0.004, 0.005, 0.003), "placement": PLACE, "kind": "distance", **options}
-    return VoxelObject(ball() if values is None else values, **options)
 
 
 def surface_distances(thing, radius=0.03):
@@ -65,7 +45,9 @@ def test_every_meaning_of_values_gives_the_same_inside():
         balled(inside.astype(np.uint8), kind=None),
         balled(inside.astype(np.float64), kind="occupancy"),
         balled(labels, kind=None, label=(7, 9)),
-        balled(labels.astype(np.float32), kind="label", label=[9, 7]),
+        balled(labels.astype(np.float32), kind="label", label=[9, 7.0]),
+        balled(labels, kind="label", label=np.array([9, 7])),
+        balled(np.ma.masked_array(distance)),
         balled(-distance, inside="above"),
         balled(100 - 1e3 * distance, kind=None, level=100.0),
         balled(1e3 * distance, kind="intensity", level=0.0, inside="below"),
@@ -82,6 +64,23 @@ def test_a_binary_ball_is_within_a_voxel_and_a_half_and_smoothing_brings_it_clos
     smooth = balled(ball() < 0, kind=None, smooth=0.004)
     assert surface_distances(plain).max() < 1.5 * 0.003
     assert np.std(surface_distances(smooth)) < 0.6 * np.std(surface_distances(plain))
+
+
+def test_smoothing_takes_what_is_beyond_the_border_for_outside():
+    block = np.zeros((14, 13, 12), bool)
+    block[5:, 4:9, :] = True
+    options = {"kind": None, "smooth": 0.006}
+    with pytest.warns(PalpateWarning, match="border"):
+        thing, wide = balled(block, **options), balled(np.pad(block, 9), **options)
+    np.testing.assert_allclose(thing.values, wide.values[9:-9, 9:-9, 9:-9], atol=1e-6)
+
+
+def test_a_stretch_of_zeros_ends_the_solid_at_its_inner_end_whatever_lies_beyond():
+    values = np.full((9, 9, 9), 1e9)
+    values[2:7, 2:7, 2:7] = 0.0
+    values[3:6, 3:6, 3:6] = -1.0
+    thing = balled(values, spacing=1.0, placement=Placement(scale=1e-2, at=(0, 0, 0.2)))
+    np.testing.assert_allclose(np.ptp(thing.bounds, axis=0), 0.04, atol=1e-6)
 
 
 def test_the_same_solid_in_any_order_of_axes_is_the_same_field(rng, device):
@@ -125,6 +124,39 @@ def test_bounds_hold_the_surface_and_are_tight_along_the_axes(rng):
         low, high = vertices.min(axis=0) - thing.bounds[0], thing.bounds[1] - vertices.max(axis=0)
         assert min(low.min(), high.min()) >= -1e-8
         assert max(low.max(), high.max()) <= slack
+
+
+def test_bounds_hold_all_that_is_inside(rng):
+    beyond = 0
+    for turn in Rotation.random(3, random_state=0).as_matrix():
+        affine = np.eye(4)
+        affine[:3, :3], affine[2, 3] = 0.01 * turn, 0.4
+        with pytest.warns(PalpateWarning, match="border"):
+            thing = VoxelObject(rng.normal(size=(10, 10, 10)) + 0.6, affine=affine, kind="distance")
+        points = applied(affine, rng.uniform(-2, 12, (100_000, 3)))
+        inside = points[values_at(thing.field_on("cpu"), points, "cpu") < 0]
+        assert len(inside) > 2000
+        assert ((inside >= thing.bounds[0]) & (inside <= thing.bounds[1])).all()
+        crossings = box_of(applied(affine, crossing_points(np.pad(thing.values, 1, constant_values=1.0))))
+        beyond += int(((inside < crossings[0]) | (inside > crossings[1])).sum())
+    assert beyond  # so the crossings' own box would not do
+
+
+@pytest.mark.parametrize("shape", [(3, 3, 3), (5, 6, 9), (12, 4, 7)])
+def test_boxes_of_first_and_last_crossings_are_those_of_all(shape, rng):
+    padded = np.pad(rng.normal(size=shape).astype(np.float32), 1, constant_values=1.0)
+    found = crossing_points(padded)
+    every = []
+    for axis in range(3):
+        for index in np.argwhere(np.diff((padded < 0).astype(int), axis=axis)):
+            step = np.eye(3, dtype=int)[axis]
+            a, b = (float(padded[tuple(i)]) for i in (index, index + step))
+            every.append(index - 1 + a / (a - b) * step)
+    assert {tuple(x) for x in found} <= {tuple(x) for x in every}
+    for matrix in (np.eye(3), *rng.normal(size=(4, 3, 3))):
+        np.testing.assert_allclose(box_of(found @ matrix), box_of(np.array(every) @ matrix), atol=1e-9)
+    lines = sum(padded.size // n for n in padded.shape)
+    assert len(found) <= 2 * lines
 
 
 def test_placement_moves_voxels_as_it_moves_the_mesh_of_their_surface():
@@ -179,6 +211,10 @@ def test_places_that_look_wrong_are_warned_of():
         balled(spacing=(4.0, 5.0, 3.0), placement=Placement(at=(0, 0, 100.0)))
     with pytest.warns(PalpateWarning, match="behind the array"):
         balled(placement=Placement(at=(0, 0, 0.0)))
+
+
+def test_a_hand_of_voxels_may_lie_about_the_origin():
+    assert balled(placement=None, origin=(-0.04, -0.05, -0.03), hand=True).bounds[0, 2] < 0
 
 
 def test_threads_share_one_upload():
@@ -238,6 +274,25 @@ REFUSED = {
     "constant": (np.ones((4, 4, 4)), {"kind": None, "level": 1.0}, "no voxel is inside .above level 1; .* 1 to 1"),
     "level too high": (None, {"kind": "intensity", "level": 9.0}, "no voxel is inside"),
     "all inside": (np.ones((4, 4, 4), bool), {"kind": None}, "all 64 voxels are inside"),
+    "ragged values": ([[[1.0, 2.0]], [[1.0]]], {}, r"\[i, j, k\] of numbers"),
+    "masked": (np.ma.masked_less(ball(), 0), {}, r"^\d+ voxels are masked: give them values"),
+    "spacing of text": (None, {"spacing": "fine"}, "spacing must be one or three .* 'fine'"),
+    "ragged spacing": (None, {"spacing": [1, [2, 3]]}, "spacing must be one or three"),
+    "spacing 1e-310": (None, {"spacing": 1e-310}, r"must be 1e-09..1e\+06 m apart"),
+    "origin of text": (None, {"origin": "abc"}, "origin must be three finite coordinates in metres, not 'abc'"),
+    "direction of text": (None, {"direction": "x"}, "direction must be"),
+    "affine of text": (None, {"spacing": None, "affine": "x"}, "affine must be finite"),
+    "kind of a list": (None, {"kind": ["distance"]}, "kind must be one of"),
+    "level of text": (None, {"level": "x"}, "level must be finite, not 'x'"),
+    "level of 5,000 digits": (None, {"level": 10**5000}, "level must be finite, not a number that large"),
+    "label of text": (ball() < 0, {"kind": None, "label": "liver"}, "label must be a whole number, .* 'liver'"),
+    "label 1.9": (ball() < 0, {"kind": None, "label": 1.9}, "label must be a whole number, or several, not 1.9"),
+    "labels with None": (ball() < 0, {"kind": None, "label": [1, None]}, "label must be .* not None"),
+    "no labels": (ball() < 0, {"kind": None, "label": []}, "not none at all"),
+    "label of 5,000 digits": (ball() < 0, {"kind": None, "label": 10**5000}, "not a number that large"),
+    "smooth of text": (ball() < 0, {"kind": None, "smooth": "1"}, "smooth must be a length"),
+    "smooth None": (ball() < 0, {"kind": None, "smooth": None}, "smooth must be a length"),
+    "huge smooth": (ball() < 0, {"kind": None, "smooth": 1e9}, "smooth of 1e[+]09 m is wider than the volume"),
     "too large": (np.full((3, 3, 3), 1e300), {"kind": None, "level": 0.0}, "too large for float32"),
 }
 
@@ -256,197 +311,3 @@ def test_placements_are_refused_as_for_meshes():
         balled(placement=Placement(scale=-1.0))
     with pytest.raises(VoxelError, match="overflow"):
         balled(placement=Placement(scale=1e300))
-
-
-def skipped_unless(module):
-    if importlib.util.find_spec(module) is None:
-        pytest.skip(f"{module} is not installed")
-
-
-FORMATS = {".npz": None, ".nrrd": "nrrd", ".nii": "nibabel", ".nii.gz": "nibabel", ".nvdb": None}
-
-
-@pytest.mark.parametrize("end", FORMATS)
-@pytest.mark.parametrize("kind", ["distance", "occupancy"])
-def test_what_is_saved_is_loaded_again(end, kind, tmp_path, rng, device):
-    if FORMATS[end]:
-        skipped_unless(FORMATS[end])
-    placement = PLACE if end == ".nvdb" else Placement(at=(0, 0, 0.2), rotate=(10, 20, 30))
-    thing = balled(ball() if kind == "distance" else ball() < 0, kind=kind, placement=placement)
-    path = tmp_path / f"ball{end}"
-    path.write_bytes(b"what was there before")
-    save_voxels(thing, path)
-    said = None if end in (".npz", ".nvdb") or kind == "occupancy" else kind
-    again = VoxelObject.load(path, kind=said)
-    points = rng.uniform(*thing.bounds, size=(400, 3))
-    one, two = (values_at(x.field_on(device), points, device) for x in (thing, again))
-    np.testing.assert_allclose(two, one, atol=1e-5 if kind == "occupancy" else 1e-7)
-    np.testing.assert_allclose(again.bounds, thing.bounds, atol=2e-8)
-    assert [p.name for p in tmp_path.iterdir()] == [path.name]
-    assert is_volume(path)
-
-
-@pytest.mark.parametrize("end", [*FORMATS, ".npy"])
-def test_a_file_cut_short_is_refused_in_one_sentence(end, tmp_path):
-    if FORMATS.get(end):
-        skipped_unless(FORMATS[end])
-    path = tmp_path / f"cut{end}"
-    if end == ".npy":
-        np.save(path, ball())
-    else:
-        save_voxels(balled(), path)
-    whole = path.read_bytes()
-    for length in (0, 3, 20, 100, len(whole) // 2, len(whole) - 40):
-        path.write_bytes(whole[:length])
-        with pytest.raises(VoxelError, match=r"cut\.\S+: (cannot be read as a volume|holds|has)") as caught:
-            VoxelObject.load(path, kind="distance", spacing=0.01)
-        assert "\n" not in str(caught.value)
-
-
-def test_numpy_files_without_a_grid_or_values_are_named(tmp_path):
-    np.save(tmp_path / "a.npy", ball() < 0)
-    with pytest.raises(VoxelError, match=r"a\.npy: spacing must be given"):
-        VoxelObject.load(tmp_path / "a.npy")
-    thing = VoxelObject.load(tmp_path / "a.npy", spacing=0.004, placement=PLACE)
-    np.testing.assert_allclose(thing.spacing, 0.004)
-    np.savez(tmp_path / "b.npz", value=ball())
-    with pytest.raises(VoxelError, match=r"has no array 'values' \(but value\)"):
-        VoxelObject.load(tmp_path / "b.npz")
-    np.savez(tmp_path / "c.npz", values=ball() < 0, spacing=[4.0, 5.0, 3.0], origin=[0, 0, 100.0], direction=TURNED)
-    thing = VoxelObject.load(tmp_path / "c.npz", unit="mm")
-    np.testing.assert_allclose(thing.affine[:3, :3], TURNED * [0.004, 0.005, 0.003], atol=1e-12)
-    np.testing.assert_allclose(thing.affine[:3, 3], [0, 0, 0.1])
-    np.savez(tmp_path / "f.npz", values=100 - 1e3 * ball(), spacing=0.004, kind="intensity", level=100.0)
-    thing = VoxelObject.load(tmp_path / "f.npz", placement=PLACE)
-    np.testing.assert_array_equal(thing.values < 0, ball() < 0)
-    assert VoxelObject.load(tmp_path / "f.npz", level=98.0, placement=PLACE).inside_count > thing.inside_count
-    np.save(tmp_path / "d.npy", np.full((3, 3, 3), None), allow_pickle=True)
-    with pytest.raises(VoxelError, match="Python objects"):
-        VoxelObject.load(tmp_path / "d.npy", spacing=0.01)
-    np.savez(tmp_path / "e.npz", values=np.full((3, 3, 3), None), spacing=0.01)
-    with pytest.raises(VoxelError, match=r"e\.npz: cannot be read"):
-        VoxelObject.load(tmp_path / "e.npz")
-
-
-def test_names_and_units_that_are_none_are_refused(tmp_path):
-    for name, message in (
-        ("a.vti", "is no volume by its name"),
-        ("a.vdb", "nanovdb_convert"),
-        ("missing.npz", r"missing\.npz: no such file"),
-    ):
-        with pytest.raises(VoxelError, match=message):
-            VoxelObject.load(tmp_path / name)
-    with pytest.raises(VoxelError, match="unit must be one of m, cm, mm, um, not 'inch'"):
-        VoxelObject.load(tmp_path / "a.npz", unit="inch")
-    with pytest.raises(VoxelError, match=r"written to \.npz, "):
-        save_voxels(balled(), tmp_path / "a.stl")
-    with pytest.raises(VoxelError, match=r"b\.npz: cannot be written"):
-        save_voxels(balled(), tmp_path / "nowhere" / "b.npz")
-    with pytest.warns(PalpateWarning, match="no spacing"):
-        save_voxels(balled(), tmp_path / "c.npy")
-    with pytest.raises(VoxelError, match="turned or mirrored"):
-        save_voxels(balled(placement=Placement(rotate=(1, 2, 3), at=(0, 0, 0.2))), tmp_path / "c.nvdb")
-
-
-@pytest.mark.parametrize(("end", "module", "package"), [(".nrrd", "nrrd", "pynrrd"), (".nii", "nibabel", "nibabel")])
-def test_a_missing_reader_is_named_with_the_command_that_brings_it(end, module, package, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, module, None)
-    (tmp_path / f"a{end}").write_bytes(b"anything")
-    with pytest.raises(VoxelError, match=f"pip install {package}"):
-        VoxelObject.load(tmp_path / f"a{end}")
-
-
-def test_nrrd_spaces_and_units_are_those_of_nifti(tmp_path):
-    nrrd = pytest.importorskip("nrrd")
-    values = (ball() < 0).astype(np.uint8)
-    rows = (TURNED * [4.0, 5.0, 3.0]).T  # [mm]
-    flips = {"right-anterior-superior": (1, 1, 1), "left-posterior-superior": (-1, -1, 1), "LAS": (-1, 1, 1)}
-    for space, flip in flips.items():
-        for unit, scale in (("mm", 1.0), ("cm", 0.1), (None, 1.0)):
-            header = {"space": space, "space directions": rows * flip * scale}
-            header["space origin"] = np.array([10.0, 20.0, 200.0]) * flip * scale
-            if unit:
-                header["space units"] = [unit] * 3
-            nrrd.write(str(tmp_path / "a.nrrd"), values, header)
-            volume = read_volume(tmp_path / "a.nrrd")
-            np.testing.assert_allclose(volume.affine[:3, :3], TURNED * [0.004, 0.005, 0.003], atol=1e-12)
-            np.testing.assert_allclose(volume.affine[:3, 3], [0.01, 0.02, 0.2], atol=1e-12)
-    nrrd.write(str(tmp_path / "b.nrrd"), values, {"spacings": [4.0, 5.0, 3.0]})
-    np.testing.assert_allclose(read_volume(tmp_path / "b.nrrd").affine, np.diag([0.004, 0.005, 0.003, 1.0]))
-    nrrd.write(str(tmp_path / "c.nhdr"), values, {"spacings": [4.0, 5.0, 3.0]}, detached_header=True)
-    np.testing.assert_array_equal(read_volume(tmp_path / "c.nhdr").values, values)
-    header = {"space": "right-anterior-superior", "space directions": rows, "space units": ["inch"] * 3}
-    nrrd.write(str(tmp_path / "d.nrrd"), values, header)
-    with pytest.raises(VoxelError, match="space units inch are not known"):
-        read_volume(tmp_path / "d.nrrd")
-    assert read_volume(tmp_path / "d.nrrd", "cm").affine is not None
-
-
-def test_nifti_of_four_axes_or_other_units(tmp_path):
-    nibabel = pytest.importorskip("nibabel")
-    values = (ball() < 0).astype(np.uint8)
-    affine = np.diag([0.4, 0.5, 0.3, 1.0])
-    for shape in ((*values.shape, 1), (*values.shape, 1, 1)):
-        image = nibabel.Nifti1Image(values.reshape(shape), affine)
-        image.header.set_xyzt_units("meter")
-        nibabel.save(image, tmp_path / "a.nii")
-        volume = read_volume(tmp_path / "a.nii")
-        np.testing.assert_array_equal(volume.values, values)
-        np.testing.assert_allclose(volume.affine, affine, atol=1e-7)
-    nibabel.save(nibabel.Nifti1Image(np.stack([values] * 3, axis=-1), affine), tmp_path / "b.nii")
-    with pytest.raises(VoxelError, match=r"not \[22, 20, 24, 3\]: of a time series"):
-        VoxelObject.load(tmp_path / "b.nii")
-
-
-def test_nanovdb_of_another_type_or_too_large_is_refused(tmp_path, monkeypatch):
-    for name, fill in (("int", 1), ("vector", (1.0, 0.0, 0.0))):
-        shape = (9, 9, 9) if name == "int" else (9, 9, 9, 3)
-        volume = wp.Volume.load_from_numpy(np.ones(shape, np.float32), bg_value=fill, device="cpu")
-        volume.save_to_nvdb(str(tmp_path / f"{name}.nvdb"))
-        with pytest.raises(VoxelError, match="float is needed"):
-            VoxelObject.load(tmp_path / f"{name}.nvdb")
-    save_voxels(balled(), tmp_path / "ball.nvdb")
-    monkeypatch.setattr("palpate.render.voxel_files.VOXELS_MOST", 1000)
-    with pytest.raises(VoxelError, match="may have 1000 voxels, not"):
-        VoxelObject.load(tmp_path / "ball.nvdb")
-
-
-def test_a_real_level_set_is_loaded_from_warps_wheel():
-    path = Path(wp.__file__).parent / "examples" / "assets" / "rocks.nvdb"
-    if not path.is_file():
-        pytest.skip("this Warp has no rocks.nvdb")
-    thing = VoxelObject.load(path, placement=Placement(fit=0.13, at=(0, 0, 0.2)))
-    assert thing.rule.kind == "distance"
-    assert np.ptp(thing.bounds, axis=0).max() == pytest.approx(0.13)
-    np.testing.assert_allclose(thing.bounds.mean(axis=0), [0, 0, 0.2], atol=1e-9)
-    volume = wp.Volume.load_from_nvdb(path.read_bytes(), device="cpu")
-    assert thing.values.max() == pytest.approx(0.6)  # background, +- three voxels of 0.2
-    assert thing.values.min() == pytest.approx(-0.6)
-    assert thing.inside_count == 508283
-    assert volume.get_voxel_count() > 0
-    mesh = trimesh.Trimesh(*thing.outline_mesh(), process=False)
-    assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(thing.inside_count * np.prod(thing.spacing), rel=0.01)
-
-
-def test_a_real_medical_volume_is_loaded_from_nibabels_wheel():
-    nibabel = pytest.importorskip("nibabel")
-    path = Path(nibabel.__file__).parent / "tests" / "data" / "anatomical.nii"
-    if not path.is_file():
-        pytest.skip("this nibabel has no test data")
-    with pytest.warns(PalpateWarning, match="reaches the volume's border"):
-        thing = VoxelObject.load(path, level=5000.0, placement=PLACE)
-    assert thing.values.shape == (33, 41, 25)
-    size = abs(np.linalg.det(nibabel.load(path).affine[:3, :3]))  # [mm^3]
-    assert abs(np.linalg.det(thing.affine[:3, :3])) == pytest.approx(size * 1e-9)
-
-
-def test_a_real_segmented_brain_is_loaded_from_nilearns_wheel():
-    skipped_unless("nibabel")
-    spec = importlib.util.find_spec("nilearn")  # its data only: importing it takes seconds
-    if spec is None:
-        pytest.skip("nilearn is not installed")
-    path = Path(spec.origin).parent / "datasets" / "data" / "mni_icbm152_wm_tal_nlin_sym_09a_converted.nii.gz"
-    thing = VoxelObject.load(path, level=128.0, placement=Placement(fit=0.13, at=(0, 0, 0.2)))
-    assert 500_000 < thing.inside_count < 800_000  # [mm^3] of white matter
-    assert trimesh.Trimesh(*thing.outline_mesh(), process=False).is_watertight

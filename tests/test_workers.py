@@ -98,6 +98,30 @@ def test_chunks_cover_every_pose_in_order_within_bounds(ranges, size, workers, f
     assert most <= 2 * workers + 1  # one with the consumer
 
 
+@pytest.mark.parametrize("at", ["learn", "give_back", "take"])
+def test_a_failure_of_the_bookkeeping_comes_out_and_nobody_waits_for_ever(at):
+    def fail(*_):
+        raise OverflowError(at)
+
+    spans = spans_of([(0, 40)])
+    setattr(spans, at, fail)
+    crew = Crew(spans, [Made] * 2)
+    for thread in crew._threads:
+        thread.daemon = True
+    got = []
+
+    def consume():
+        try:
+            list(crew.chunks())
+        except OverflowError as error:
+            got.append(str(error))
+
+    consumer = threading.Thread(target=consume, daemon=True)
+    consumer.start()
+    consumer.join(timeout=20.0)
+    assert got == [at]
+
+
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_a_failure_comes_out_as_itself_after_all_chunks_before_it(workers):
     fault = RuntimeError("pose 57")

@@ -1,0 +1,218 @@
+"""Volumes from files of every kind and into them: what comes back, and what is refused in one sentence."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+from field_points import values_at
+from voxel_cases import PLACE, TURNED, ball, balled, skipped_unless
+
+from palpate.render import Placement
+from palpate.render.errors import PalpateWarning, VoxelError
+from palpate.render.voxel_files import is_volume, read_volume, save_voxels
+from palpate.render.voxels import VoxelObject
+
+FORMATS = {".npz": None, ".nrrd": "nrrd", ".nii": "nibabel", ".nii.gz": "nibabel", ".nvdb": None}
+
+
+@pytest.mark.parametrize("end", FORMATS)
+@pytest.mark.parametrize("kind", ["distance", "occupancy"])
+def test_what_is_saved_is_loaded_again(end, kind, tmp_path, rng, device):
+    if FORMATS[end]:
+        skipped_unless(FORMATS[end])
+    placement = PLACE if end == ".nvdb" else Placement(at=(0, 0, 0.2), rotate=(10, 20, 30))
+    thing = balled(ball() if kind == "distance" else ball() < 0, kind=kind, placement=placement)
+    path = tmp_path / f"ball{end}"
+    path.write_bytes(b"what was there before")
+    save_voxels(thing, path)
+    said = None if end in (".npz", ".nvdb") or kind == "occupancy" else kind
+    again = VoxelObject.load(path, kind=said)
+    points = rng.uniform(*thing.bounds, size=(400, 3))
+    one, two = (values_at(x.field_on(device), points, device) for x in (thing, again))
+    np.testing.assert_allclose(two, one, atol=1e-5 if kind == "occupancy" else 1e-7)
+    np.testing.assert_allclose(again.bounds, thing.bounds, atol=2e-8)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+    assert is_volume(path)
+
+
+@pytest.mark.parametrize("end", [*FORMATS, ".npy"])
+def test_a_file_cut_short_is_refused_in_one_sentence(end, tmp_path):
+    if FORMATS.get(end):
+        skipped_unless(FORMATS[end])
+    path = tmp_path / f"cut{end}"
+    if end == ".npy":
+        np.save(path, ball())
+    else:
+        save_voxels(balled(), path)
+    whole = path.read_bytes()
+    for length in (0, 3, 20, 100, len(whole) // 2, len(whole) - 40):
+        path.write_bytes(whole[:length])
+        with pytest.raises(VoxelError, match=r"cut\.\S+: (cannot be read as a volume|holds|has)") as caught:
+            VoxelObject.load(path, kind="distance", spacing=0.01)
+        assert "\n" not in str(caught.value)
+
+
+def test_numpy_files_without_a_grid_or_values_are_named(tmp_path):
+    np.save(tmp_path / "a.npy", ball() < 0)
+    with pytest.raises(VoxelError, match=r"a\.npy: spacing must be given"):
+        VoxelObject.load(tmp_path / "a.npy")
+    thing = VoxelObject.load(tmp_path / "a.npy", spacing=0.004, placement=PLACE)
+    np.testing.assert_allclose(thing.spacing, 0.004)
+    np.savez(tmp_path / "b.npz", value=ball())
+    with pytest.raises(VoxelError, match=r"has no array 'values' \(but value\)"):
+        VoxelObject.load(tmp_path / "b.npz")
+    np.savez(tmp_path / "c.npz", values=ball() < 0, spacing=[4.0, 5.0, 3.0], origin=[0, 0, 100.0], direction=TURNED)
+    thing = VoxelObject.load(tmp_path / "c.npz", unit="mm")
+    np.testing.assert_allclose(thing.affine[:3, :3], TURNED * [0.004, 0.005, 0.003], atol=1e-12)
+    np.testing.assert_allclose(thing.affine[:3, 3], [0, 0, 0.1])
+    np.savez(tmp_path / "f.npz", values=100 - 1e3 * ball(), spacing=0.004, kind="intensity", level=100.0)
+    thing = VoxelObject.load(tmp_path / "f.npz", placement=PLACE)
+    np.testing.assert_array_equal(thing.values < 0, ball() < 0)
+    assert VoxelObject.load(tmp_path / "f.npz", level=98.0, placement=PLACE).inside_count > thing.inside_count
+    np.save(tmp_path / "d.npy", np.full((3, 3, 3), None), allow_pickle=True)
+    with pytest.raises(VoxelError, match="Python objects"):
+        VoxelObject.load(tmp_path / "d.npy", spacing=0.01)
+    np.savez(tmp_path / "e.npz", values=np.full((3, 3, 3), None), spacing=0.01)
+    with pytest.raises(VoxelError, match=r"e\.npz: cannot be read"):
+        VoxelObject.load(tmp_path / "e.npz")
+
+
+def test_names_and_units_that_are_none_are_refused(tmp_path):
+    for name, message in (
+        ("a.vti", "is no volume by its name"),
+        ("a.vdb", "nanovdb_convert"),
+        ("missing.npz", r"missing\.npz: no such file"),
+    ):
+        with pytest.raises(VoxelError, match=message):
+            VoxelObject.load(tmp_path / name)
+    with pytest.raises(VoxelError, match="unit must be one of m, cm, mm, um, not 'inch'"):
+        VoxelObject.load(tmp_path / "a.npz", unit="inch")
+    with pytest.raises(VoxelError, match=r"unit must be one of .*, not \['mm'\]"):
+        VoxelObject.load(tmp_path / "a.npz", unit=["mm"])
+    with pytest.raises(VoxelError, match="path must be text or a Path, not None"):
+        VoxelObject.load(None)
+    with pytest.raises(VoxelError, match=r"a\.npz: spacing is in metres: give it or unit, not both \(2.0, 'mm'\)"):
+        VoxelObject.load(tmp_path / "a.npz", spacing=2.0, unit="mm")
+    with pytest.raises(VoxelError, match=r"written to \.npz, "):
+        save_voxels(balled(), tmp_path / "a.stl")
+    with pytest.raises(VoxelError, match=r"b\.npz: cannot be written"):
+        save_voxels(balled(), tmp_path / "nowhere" / "b.npz")
+    with pytest.warns(PalpateWarning, match="no spacing"):
+        save_voxels(balled(), tmp_path / "c.npy")
+    with pytest.raises(VoxelError, match="turned or mirrored"):
+        save_voxels(balled(placement=Placement(rotate=(1, 2, 3), at=(0, 0, 0.2))), tmp_path / "c.nvdb")
+
+
+@pytest.mark.parametrize(("end", "module", "package"), [(".nrrd", "nrrd", "pynrrd"), (".nii", "nibabel", "nibabel")])
+def test_a_missing_reader_is_named_with_the_command_that_brings_it(end, module, package, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    (tmp_path / f"a{end}").write_bytes(b"anything")
+    with pytest.raises(VoxelError, match=f"pip install {package}"):
+        VoxelObject.load(tmp_path / f"a{end}")
+
+
+def test_nrrd_spaces_and_units_are_those_of_nifti(tmp_path):
+    nrrd = pytest.importorskip("nrrd")
+    values = (ball() < 0).astype(np.uint8)
+    rows = (TURNED * [4.0, 5.0, 3.0]).T  # [mm]
+    flips = {"right-anterior-superior": (1, 1, 1), "left-posterior-superior": (-1, -1, 1), "LAS": (-1, 1, 1)}
+    for space, flip in flips.items():
+        for unit, scale in (("mm", 1.0), ("cm", 0.1), (None, 1.0)):
+            header = {"space": space, "space directions": rows * flip * scale}
+            header["space origin"] = np.array([10.0, 20.0, 200.0]) * flip * scale
+            if unit:
+                header["space units"] = [unit] * 3
+            nrrd.write(str(tmp_path / "a.nrrd"), values, header)
+            volume = read_volume(tmp_path / "a.nrrd")
+            np.testing.assert_allclose(volume.affine[:3, :3], TURNED * [0.004, 0.005, 0.003], atol=1e-12)
+            np.testing.assert_allclose(volume.affine[:3, 3], [0.01, 0.02, 0.2], atol=1e-12)
+    nrrd.write(str(tmp_path / "b.nrrd"), values, {"spacings": [4.0, 5.0, 3.0]})
+    np.testing.assert_allclose(read_volume(tmp_path / "b.nrrd").affine, np.diag([0.004, 0.005, 0.003, 1.0]))
+    header = {"spacings": [0.4, 5.0, 3000.0], "units": ["cm", "mm", "um"]}
+    nrrd.write(str(tmp_path / "b.nrrd"), values, header)
+    np.testing.assert_allclose(read_volume(tmp_path / "b.nrrd").affine, np.diag([0.004, 0.005, 0.003, 1.0]))
+    for spacings in ([-4.0, 5.0, 3.0], [np.nan, 5.0, 3.0], [0.0, 5.0, 3.0]):
+        nrrd.write(str(tmp_path / "b.nrrd"), values, {"spacings": spacings})
+        with pytest.raises(VoxelError, match=r"b\.nrrd: spacing must be one or three positive lengths"):
+            read_volume(tmp_path / "b.nrrd")
+    nrrd.write(str(tmp_path / "c.nhdr"), values, {"spacings": [4.0, 5.0, 3.0]}, detached_header=True)
+    np.testing.assert_array_equal(read_volume(tmp_path / "c.nhdr").values, values)
+    header = {"space": "right-anterior-superior", "space directions": rows, "space units": ["inch"] * 3}
+    nrrd.write(str(tmp_path / "d.nrrd"), values, header)
+    with pytest.raises(VoxelError, match="space units inch are not known"):
+        read_volume(tmp_path / "d.nrrd")
+    assert read_volume(tmp_path / "d.nrrd", "cm").affine is not None
+
+
+def test_nifti_of_four_axes_or_other_units(tmp_path):
+    nibabel = pytest.importorskip("nibabel")
+    values = (ball() < 0).astype(np.uint8)
+    affine = np.diag([0.4, 0.5, 0.3, 1.0])
+    for shape in ((*values.shape, 1), (*values.shape, 1, 1)):
+        image = nibabel.Nifti1Image(values.reshape(shape), affine)
+        image.header.set_xyzt_units("meter")
+        nibabel.save(image, tmp_path / "a.nii")
+        volume = read_volume(tmp_path / "a.nii")
+        np.testing.assert_array_equal(volume.values, values)
+        np.testing.assert_allclose(volume.affine, affine, atol=1e-7)
+    nibabel.save(nibabel.Nifti1Image(np.stack([values] * 3, axis=-1), affine), tmp_path / "b.nii")
+    with pytest.raises(VoxelError, match=r"not \[22, 20, 24, 3\]: of a time series"):
+        VoxelObject.load(tmp_path / "b.nii")
+
+
+def test_nanovdb_of_another_type_or_too_large_is_refused(tmp_path, monkeypatch):
+    for name, fill in (("int", 1), ("vector", (1.0, 0.0, 0.0))):
+        shape = (9, 9, 9) if name == "int" else (9, 9, 9, 3)
+        volume = wp.Volume.load_from_numpy(np.ones(shape, np.float32), bg_value=fill, device="cpu")
+        volume.save_to_nvdb(str(tmp_path / f"{name}.nvdb"))
+        with pytest.raises(VoxelError, match="float is needed"):
+            VoxelObject.load(tmp_path / f"{name}.nvdb")
+    save_voxels(balled(), tmp_path / "ball.nvdb")
+    monkeypatch.setattr("palpate.render.voxel_files.VOXELS_MOST", 1000)
+    with pytest.raises(VoxelError, match="may have 1000 voxels, not"):
+        VoxelObject.load(tmp_path / "ball.nvdb")
+
+
+def test_a_real_level_set_is_loaded_from_warps_wheel():
+    path = Path(wp.__file__).parent / "examples" / "assets" / "rocks.nvdb"
+    if not path.is_file():
+        pytest.skip("this Warp has no rocks.nvdb")
+    thing = VoxelObject.load(path, placement=Placement(fit=0.13, at=(0, 0, 0.2)))
+    assert thing.rule.kind == "distance"
+    assert np.ptp(thing.bounds, axis=0).max() == pytest.approx(0.13)
+    np.testing.assert_allclose(thing.bounds.mean(axis=0), [0, 0, 0.2], atol=1e-9)
+    volume = wp.Volume.load_from_nvdb(path.read_bytes(), device="cpu")
+    assert thing.values.max() == pytest.approx(0.6)  # background, +- three voxels of 0.2
+    assert thing.values.min() == pytest.approx(-0.6)
+    assert thing.inside_count == 508283
+    assert volume.get_voxel_count() > 0
+    mesh = trimesh.Trimesh(*thing.outline_mesh(), process=False)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(thing.inside_count * np.prod(thing.spacing), rel=0.01)
+
+
+def test_a_real_medical_volume_is_loaded_from_nibabels_wheel():
+    nibabel = pytest.importorskip("nibabel")
+    path = Path(nibabel.__file__).parent / "tests" / "data" / "anatomical.nii"
+    if not path.is_file():
+        pytest.skip("this nibabel has no test data")
+    with pytest.warns(PalpateWarning, match="reaches the volume's border"):
+        thing = VoxelObject.load(path, level=5000.0, placement=PLACE)
+    assert thing.values.shape == (33, 41, 25)
+    size = abs(np.linalg.det(nibabel.load(path).affine[:3, :3]))  # [mm^3]
+    assert abs(np.linalg.det(thing.affine[:3, :3])) == pytest.approx(size * 1e-9)
+
+
+def test_a_real_segmented_brain_is_loaded_from_nilearns_wheel():
+    skipped_unless("nibabel")
+    spec = importlib.util.find_spec("nilearn")  # its data only: importing it takes seconds
+    if spec is None:
+        pytest.skip("nilearn is not installed")
+    path = Path(spec.origin).parent / "datasets" / "data" / "mni_icbm152_wm_tal_nlin_sym_09a_converted.nii.gz"
+    thing = VoxelObject.load(path, level=128.0, placement=Placement(fit=0.13, at=(0, 0, 0.2)))
+    assert 500_000 < thing.inside_count < 800_000  # [mm^3] of white matter
+    assert trimesh.Trimesh(*thing.outline_mesh(), process=False).is_watertight

@@ -17,7 +17,7 @@ from palpate.render import ContourBatch, register_transform
 
 
 def weaken(batch, setting, *, level):
-    """Contours at another intensity."""
+    '''Contours at another intensity.'''
     return ContourBatch(**{**batch.by_name(), "intensity": 0 * batch.points[:, 0] + %s})
 
 

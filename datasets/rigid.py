@@ -14,8 +14,8 @@ Flags = NDArray[np.bool_]
 def rotated(quaternion: Numbers, x: Numbers) -> Numbers:
     """Vectors turned by quaternions; shapes [..., 4] and [..., 3]."""
     axis, w = quaternion[..., :3], quaternion[..., 3:]
-    twice = 2.0 * np.cross(axis, x)
-    return x + w * twice + np.cross(axis, twice)
+    across = np.cross(axis, x)
+    return x + 2.0 * (w * across + np.cross(axis, across))
 
 
 def quaternion_product(a: Numbers, b: Numbers) -> Numbers:

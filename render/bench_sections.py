@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from .hands import Palm, rotated
+from ..datasets.rigid import rotated
+from .hands import Palm
 
 POLYGON, LINE, MULTI_LINE = 3, 1, 5  # GEOS type numbers
 

@@ -6,10 +6,11 @@ import numpy as np
 
 from ..datasets.errors import ContourFileError
 from ..datasets.reader import ContourFile
+from ..datasets.rigid import rotated
 from ..datasets.schema import KIND_NAMES
 from .contours import ContourBatch
 from .errors import StrategyError
-from .hands import Hand, hand_from, rotated
+from .hands import Hand, hand_from
 from .mesh_hand import MeshHand
 from .sampling import SamplingStrategy
 

@@ -7,10 +7,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import j1
 
+from ..datasets.rigid import rotated
 from ..device.array import ArrayModel, array_model
 from .errors import StrategyError
 from .fields import require_number
-from .hands import rotated
 
 PISTON_RADIUS = 4.5e-3  # [m]; of a 40 kHz transducer of 10 mm, as simulators have it
 SPEED_OF_SOUND = 343.0  # [m/s]

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import warp as wp
 
+from ..datasets.rigid import pose_inverse, quaternion_product, rotated, unit
 from ..kernels.patch import ON, Patch
 from .errors import PoseError, RenderError, StrategyError
 
@@ -177,32 +178,21 @@ def frames_at(pose: np.ndarray, half: np.ndarray) -> PatchFrames:
     return PatchFrames(pose[..., :3], u, 0.0 - back, n, np.asarray(half, np.float64))  # 0.0: no -0.0
 
 
-def rotated(quaternion: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Vectors rotated by unit quaternions xyzw; shapes broadcast."""
-    a, w = quaternion[..., :3], quaternion[..., 3:]
-    t = np.cross(a, x)
-    return x + 2.0 * (w * t + np.cross(a, t))
-
-
 def composed(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
     """The pose that is `inner` in the frame of `outer`: x y z [m] and quaternion xyzw, shapes [..., 7] broadcast.
 
     Quaternions of any norm; an `inner` of no shift and no turn gives `outer`, to the bit.
     """
     outer, inner = np.asarray(outer, np.float64), np.asarray(inner, np.float64)
-    q = outer[..., 3:] / np.linalg.norm(outer[..., 3:], axis=-1, keepdims=True)
-    a, w = outer[..., 3:6], outer[..., 6:]
-    b, z = inner[..., 3:6], inner[..., 6:]
-    imaginary = w * b + z * a + np.cross(a, b)
-    real = w * z - np.sum(a * b, axis=-1, keepdims=True)
-    return np.concatenate([outer[..., :3] + rotated(q, inner[..., :3]), imaginary, real], axis=-1)
+    position = outer[..., :3] + rotated(unit(outer[..., 3:]), inner[..., :3])
+    turn = quaternion_product(outer[..., 3:], inner[..., 3:])
+    return np.concatenate([position, turn], axis=-1)
 
 
 def inverted(pose: np.ndarray) -> np.ndarray:
     """The pose that undoes each, shape [..., 7]; quaternions of any norm."""
     pose = np.asarray(pose, np.float64)
-    q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True) * [-1.0, -1.0, -1.0, 1.0]
-    return np.concatenate([-rotated(q, pose[..., :3]), q], axis=-1)
+    return pose_inverse(np.concatenate([pose[..., :3], unit(pose[..., 3:])], axis=-1))
 
 
 def hand_from(described: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> Hand:

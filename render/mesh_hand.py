@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ..datasets.rigid import rotated
 from ..kernels.skin_edges import SkinEdges, upload_skin
 from .errors import PoseError, StrategyError
-from .hands import PatchFrames, rigid_poses, rotated
+from .hands import PatchFrames, rigid_poses
 from .isosurface import isosurface
 from .mesh_hand_check import checked_hand
 from .mesh_hand_file import Glabrous, face_normals, facing_palm, placed_hand, read_hand, region_of

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ..datasets.motion import HandMotion
-from ..datasets.rigid import slerp
+from ..datasets.rigid import rotated, slerp
 from .errors import PoseError
-from .hands import composed, inverted, rotated
+from .hands import composed, inverted
 
 EDGE_MOST = 0.1  # [s]; a motion's end is held for an interval, but of keyframes no longer than this
 

@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ..datasets.rigid import rotated
 from ..kernels.draw import Contours
 from ..kernels.overlap import find_shared_surface
 from .contact import SEPARATION, joined_points, require_inside, require_length, thinned, toured
 from .errors import MeshError, StrategyError
 from .hand_solid import hand_solids
-from .hands import Hand, rotated
+from .hands import Hand
 from .solid import Solid
 from .voxel_grid import corners_of
 

@@ -11,8 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..datasets.rigid import rotated
 from .continuity import Place, entered, place_on
-from .hands import rotated
 from .path import Path
 from .sampling_metrics import FocalPoints, RevisitWatch, SamplingCount
 from .sampling_strategy import Order, SamplingStrategy

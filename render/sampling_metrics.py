@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..datasets.rigid import rotated
 from .errors import StrategyError
-from .hands import rotated
 
 REVISIT_RADIUS = 5e-3  # [m] on the skin: half a focal point's width 0.2 m above an array of 0.16 m
 REVISIT_LIMIT = 1.0  # [s] a place not drawn again by then counts as such

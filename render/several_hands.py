@@ -7,8 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..datasets.motion import HandMotion
+from ..datasets.rigid import rotated
 from .errors import PoseError, StrategyError
-from .hands import Hand, Palm, composed, inverted, rotated
+from .hands import Hand, Palm, composed, inverted
 from .mesh_hand import MeshHand
 from .plane_hand import HandPatch, PatchJoint, PlaneHand
 

@@ -21,5 +21,9 @@ class RecordingError(DatasetError, ValueError):
     """A recording of a hand cannot be read or used; the message names the file, the frame and the joint."""
 
 
+class SweepStoreError(DatasetError):
+    """A store of a sweep, or a table of one, cannot be read or written; the message names the file and why."""
+
+
 class RecordingWarning(UserWarning):
     """A recording of a hand looks wrong, but can be used."""

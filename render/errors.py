@@ -6,6 +6,8 @@ RenderError
 │   └── ImplicitError            an expression or function that is no solid
 ├── StrategyError (ValueError)   a strategy or sampling that is not one
 ├── PoseError (ValueError)       poses that cannot be used
+├── SweepError                   a sweep that cannot be made, or not by this worker
+│   └── PlanError (ValueError)   a plan with a value that cannot be
 └── PlacementError (ValueError)  a placement that cannot be applied
 """
 
@@ -36,6 +38,14 @@ class PlacementError(RenderError, ValueError):
 
 class PoseError(RenderError, ValueError):
     """Poses of the wrong shape, not finite, or without a rotation."""
+
+
+class SweepError(RenderError):
+    """A sweep that cannot be made, goes wrong, or a worker that cannot take part."""
+
+
+class PlanError(SweepError, ValueError):
+    """A plan of a sweep with an unknown key or an impossible value; the message names file, line and key."""
 
 
 class PalpateWarning(UserWarning):

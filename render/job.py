@@ -12,6 +12,7 @@ from .figure import draw_figure
 from .loading import is_recording, load_hand_and_motion, load_solid, simplified
 from .objects import Placement
 from .record import record
+from .scene import is_exact
 from .solid import Solid
 from .strategy import load_strategy
 from .summary import summarise
@@ -69,6 +70,13 @@ def warn_if_apart(thing: Solid, motion: HandMotion, drawn: int, *, way: str) -> 
     )
 
 
+def warn_if_removed(summary: dict) -> None:
+    """Warn that nothing is left to draw, with the stages that removed it."""
+    if not summary["poses_drawn"]:
+        removed = ", ".join(f"{stage} {length:.3g} m" for stage, length in summary["removed_mean"].items() if length)
+        console.errors.print(f"[yellow]warning:[/] the prune stages removed every contour (mean a pose: {removed})")
+
+
 def run_render(options: dict, *, as_json: bool) -> int:
     """Render, write, summarise; the options are those of `RenderJob`."""
     job = RenderJob(**options)
@@ -94,6 +102,8 @@ def run_render(options: dict, *, as_json: bool) -> int:
         side=job.side,
         alignment=job.alignment,
     )
+    if job.step is not None and is_exact(thing, hand, strategy):
+        raise StrategyError(f"--step is of a grid on the skin, but {thing.name} is a mesh, cut exactly by {job.hand}")
     moved = None if job.object_motion is None else HandMotion.load(job.object_motion)
     done = len(motion)
     started = perf_counter()
@@ -130,7 +140,9 @@ def run_render(options: dict, *, as_json: bool) -> int:
     if moved is None:
         tracked = is_recording(job.motion) and job.alignment is None
         way = "--alignment: it is a recording in its tracker's frame" if tracked else "--at and --scale"
-        if not any(summary.get("removed_mean", {}).values()):  # else they met, and stages removed it all
+        if any(summary.get("removed_mean", {}).values()):  # they met
+            warn_if_removed(summary)
+        else:
             warn_if_apart(thing, motion, summary["poses_drawn"], way=way)
     console.say(summary, as_json=as_json, title=str(job.out), told=TOLD_OF_RENDERING)
     return console.DONE

@@ -137,7 +137,18 @@ def test_options_of_another_kind_of_thing_are_refused(folder, tmp_path, monkeypa
     refused("a motion is .csv, .h5", "render", "tube", "cube.npz.glb", *out)
     refused("hand must be palm, planes, skin, or a file", "render", "tube", "sink.csv", *out, "--hand", "paw")
     refused("step", "render", "cube.npz", "sink.csv", *out, "--step", -1)
+    refused("a mesh, cut exactly by palm", "render", "tube", "sink.csv", *out, "--step", 0.001)
     assert not list(tmp_path.iterdir())
+
+
+def test_contours_that_stages_removed_are_told_from_poses_that_meet_nothing(folder, tmp_path):
+    strategy, away = tmp_path / "away.json", tmp_path / "away.csv"
+    strategy.write_text('{"prune": ["outside", {"stage": "small", "perimeter": 1.0}], "transform": ["close"]}')
+    HandMotion(None, np.array([[0, 0, 9.0, *DOWN]])).save(away)
+    for motion, message in ((folder / "sink.csv", "removed every contour"), (away, "no pose meets the object")):
+        result = run("render", "cube", motion, "-o", tmp_path / f"{motion.stem}.h5", "--strategy", strategy)
+        assert result.exit_code == 0, result.stderr
+        assert message in " ".join(result.stderr.split())
 
 
 def test_strategies_are_listed_and_drawn_and_each_can_be_rendered(folder, tmp_path, monkeypatch):

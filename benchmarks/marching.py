@@ -18,12 +18,11 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from importlib.util import find_spec
-from time import perf_counter, thread_time
 
 import numpy as np
 import warp as wp
 from poses import random_poses
+from turns import Case, Curves, copying, installed, measure_curves
 
 from palpate.kernels.brick import bricked_field
 from palpate.kernels.dense import dense_field, pad_outside
@@ -36,7 +35,6 @@ PALM = Palm()
 SIDE = 0.15  # of the volume [m]
 CENTER = np.array([0.0, 0.0, 0.2])
 BOUNDS = np.array([CENTER - 0.066, CENTER + 0.066])
-COPIED = 2**28  # bytes that a rate is measured with on a GPU, 2**24 on a CPU
 OTHERS_POSES = 50  # a run of scikit-image: it takes milliseconds each
 
 
@@ -63,48 +61,6 @@ class Size:
         return out
 
 
-@dataclass(frozen=True)
-class Ready:
-    """A case with its input: what is timed, and what it gives."""
-
-    run: Callable[[], object]
-    lengths: Callable[[], np.ndarray] | None
-    """Length of each section's contours of the last run [m]; None: it makes none."""
-    pose_count: float
-    """Sections of a run; of the floor, how many sections' bytes are copied."""
-    contours: list[Contours] | None = None
-    """Of the last run; None: another library's."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """One way to the contours."""
-
-    name: str
-    prepare: Callable[[np.ndarray, str, Size], Ready]
-    """From poses, float32 [pose, 7], and a device."""
-    needs: tuple[str, ...] = ()
-    """Packages."""
-
-    @property
-    def missing(self) -> list[str]:
-        """Packages that are not installed."""
-        return [name for name in self.needs if find_spec(name) is None]
-
-
-@dataclass(frozen=True)
-class Figure:
-    """What a case came to."""
-
-    case: str
-    poses: float
-    microseconds: float
-    """A section, median."""
-    length: float | None
-    apart: float | None
-    rounds: int
-
-
 def tube_distances(size: Size) -> np.ndarray:
     """Signed distance to a tube of radii 65 and 40 mm, 130 mm long [m], float32, shape [voxels, voxels, voxels]."""
     axis = np.linspace(-SIDE / 2, SIDE / 2, size.voxels)
@@ -115,23 +71,29 @@ def tube_distances(size: Size) -> np.ndarray:
     return (outer + np.minimum(np.maximum(a, b), 0)).astype(np.float32)
 
 
-def ours(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes: bool) -> Ready:
+def marched(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes: bool) -> Callable[[], Contours]:
     """All stages; the volume, the poses and the palm are on the device."""
     field = (bricked_field if bricks else dense_field)(pad_outside(tube_distances(size)), size.affine, device)
     pose = wp.array(poses[:, None], dtype=wp.transform, device=device)
     patch = PALM.on(device)
+    return lambda: march_patches(field, pose, patch, step=size.step, bounds=BOUNDS, bounded=True, closes=closes)
+
+
+def ours(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes: bool) -> Curves:
+    """palpate, until the device is done."""
+    march = marched(poses, device, size, bricks=bricks, closes=closes)
     kept: list[Contours] = []
 
     def run() -> None:
         kept.clear()
-        kept.append(march_patches(field, pose, patch, step=size.step, bounds=BOUNDS, bounded=True, closes=closes))
+        kept.append(march())
         wp.synchronize_device(device)
 
     def lengths() -> np.ndarray:
         got = kept[0]
         return measure_contours(got.points, got.kind, got.polyline_start, got.section_start).numpy().sum(axis=1)
 
-    return Ready(run, lengths, len(poses), kept)
+    return Curves(run, lengths, len(poses))
 
 
 def nodes_of(poses: np.ndarray, size: Size) -> np.ndarray:
@@ -144,7 +106,7 @@ def nodes_of(poses: np.ndarray, size: Size) -> np.ndarray:
     return np.moveaxis((frames.origin[:, :, None] + along) @ inverse[:3, :3].T + inverse[:3, 3], -1, 1)
 
 
-def find_contours(poses: np.ndarray, device: str, size: Size, *, sampled_before: bool) -> Ready:
+def find_contours(poses: np.ndarray, device: str, size: Size, *, sampled_before: bool) -> Curves:
     """scikit-image on the same nodes; what is sampled outside the volume has the value at its border."""
     from scipy.ndimage import map_coordinates
     from skimage import measure as skimage_measure
@@ -167,27 +129,17 @@ def find_contours(poses: np.ndarray, device: str, size: Size, *, sampled_before:
         steps = [[np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines] for lines in kept]
         return np.array([scale * sum(line) for line in steps])
 
-    return Ready(run, lengths, len(nodes))
+    return Curves(run, lengths, len(nodes))
 
 
-def floor(poses: np.ndarray, device: str, size: Size) -> Ready:
+def floor(poses: np.ndarray, device: str, size: Size) -> Curves:
     """As many bytes copied as must be read and written: half of them read, half written."""
     few = poses[:2000]
-    case = ours(few, device, size, bricks=True, closes=False)
-    case.run()
-    assert case.contours is not None
-    written = sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in case.contours[0])
+    contours = marched(few, device, size, bricks=True, closes=False)()
+    written = sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in contours)
     each = 4 * (size.cells + 1) ** 2 + 28 + written / len(few)
-    least = COPIED if wp.get_device(device).is_cuda else 2**24
-    size_copied = min(max(least, int(each * len(poses))), 2**31)  # an array has so many at most; the rate is the same
-    source = wp.zeros(size_copied // 2, dtype=wp.uint8, device=device)
-    target = wp.empty_like(source)
-
-    def run() -> None:
-        wp.copy(target, source)
-        wp.synchronize_device(device)
-
-    return Ready(run, None, 2 * source.size / each)
+    run, times = copying(each * len(poses), device)
+    return Curves(run, None, len(poses) * times)
 
 
 NEEDS = ("skimage", "scipy")
@@ -201,32 +153,6 @@ CASES = (
 )
 
 
-def measure(cases: tuple[Case, ...], poses: np.ndarray, device: str, rounds: int, size: Size) -> list[Figure]:
-    """Figures of the cases whose packages are installed; the first one's contours are what others are compared with."""
-    here = [case for case in cases if not case.missing]
-    ready = [case.prepare(poses, device, size) for case in here]
-    times: list[list[float]] = [[] for _ in here]
-    clock = thread_time if device == "cpu" else perf_counter
-    for one in ready:
-        one.run()  # the first run compiles
-    for _ in range(rounds):
-        for one, taken in zip(ready, times, strict=True):
-            started = clock()
-            one.run()
-            taken.append(clock() - started)
-    assert ready[0].lengths is not None
-    wanted = ready[0].lengths()
-    figures = []
-    for case, one, taken in zip(here, ready, times, strict=True):
-        each = float(np.median(taken)) / one.pose_count * 1e6
-        length = apart = None
-        if one.lengths is not None:
-            got = one.lengths()
-            length, apart = float(got.mean()), float(np.abs(got - wanted[: len(got)]).mean())
-        figures.append(Figure(case.name, one.pose_count, each, length, apart, rounds))
-    return figures
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", default="cpu")
@@ -236,11 +162,8 @@ def main() -> None:
     parser.add_argument("--cells", type=int, default=128)
     options = parser.parse_args()
     wp.config.log_level = wp.LOG_WARNING
-    for case in CASES:
-        if case.missing:
-            print(json.dumps({"case": case.name, "skipped": f"not installed: {', '.join(case.missing)}"}))
-    size = Size(options.voxels, options.cells)
-    for figure in measure(CASES, random_poses(options.poses), options.device, options.rounds, size):
+    inputs = random_poses(options.poses), options.device, Size(options.voxels, options.cells)
+    for figure in measure_curves(installed(CASES), options.device, options.rounds, *inputs):
         print(json.dumps(asdict(figure)))
 
 

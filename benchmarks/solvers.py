@@ -16,11 +16,10 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from importlib.util import find_spec
-from time import perf_counter, thread_time
 
 import numpy as np
 import warp as wp
+from turns import Case, installed, seconds_by_turns
 
 from palpate.kernels.focus import focus_phases, focus_table
 from palpate.kernels.solve import solve_points
@@ -48,21 +47,11 @@ class Ready:
 
 
 @dataclass(frozen=True)
-class Case:
-    """One way to phases."""
+class FewFrames(Case):
+    """A case that solves frames one by one."""
 
-    name: str
-    prepare: Callable[[np.ndarray, str], Ready]
-    """From focal points [m], shape [frame, 3] or [frame, 4, 3], and a device."""
-    needs: tuple[str, ...] = ()
-    """Packages."""
-    frames_most: int = 10_000_000
-    """Frames of a run: those that solve frames one by one need no more for a mean."""
-
-    @property
-    def missing(self) -> list[str]:
-        """Packages that are not installed."""
-        return [name for name in self.needs if find_spec(name) is None]
+    frames_most: int = 1000
+    """Frames of a run: it needs no more for a mean."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +198,7 @@ SINGLE = (
     Case("NumPy, 32-bit turns", single_numpy),
     Case("kernel, bytes", single_kernel),
     Case("floor: bytes set to 0", write_floor),
-    Case("autd3 focus", single_autd3, AUTD3, 2000),
+    FewFrames("autd3 focus", single_autd3, AUTD3, 2000),
 )
 SEVERAL = (
     Case("naive", partial(several_kernel, gs_pat=0, wgs=0)),
@@ -217,11 +206,11 @@ SEVERAL = (
     Case("GS-PAT 100", partial(several_kernel, gs_pat=100, wgs=0)),
     Case("WGS 20", partial(several_kernel, gs_pat=0, wgs=20)),
     Case("GS-PAT 10, WGS 6", partial(several_kernel, gs_pat=10, wgs=6)),
-    Case("autd3 GS-PAT 100", partial(several_autd3, repeat=100, whole=False), AUTD3, 500),
-    Case("autd3 GS-PAT 20", partial(several_autd3, repeat=20, whole=False), AUTD3, 500),
-    Case("autd3 GS-PAT 100, batch", partial(several_autd3, repeat=100, whole=True), AUTD3, 500),
-    Case("AcousTools GS-PAT 20", partial(several_acoustools, solver="gspat", iterations=20), ACOUSTOOLS, 1000),
-    Case("AcousTools WGS 20", partial(several_acoustools, solver="wgs", iterations=20), ACOUSTOOLS, 1000),
+    FewFrames("autd3 GS-PAT 100", partial(several_autd3, repeat=100, whole=False), AUTD3, 500),
+    FewFrames("autd3 GS-PAT 20", partial(several_autd3, repeat=20, whole=False), AUTD3, 500),
+    FewFrames("autd3 GS-PAT 100, batch", partial(several_autd3, repeat=100, whole=True), AUTD3, 500),
+    FewFrames("AcousTools GS-PAT 20", partial(several_acoustools, solver="gspat", iterations=20), ACOUSTOOLS, 1000),
+    FewFrames("AcousTools WGS 20", partial(several_acoustools, solver="wgs", iterations=20), ACOUSTOOLS, 1000),
 )
 
 
@@ -260,21 +249,13 @@ def error_of(ready: Ready, points: np.ndarray, most: int = 200) -> float | None:
 def measure(cases: tuple[Case, ...], points: np.ndarray, device: str, rounds: int) -> list[Figure]:
     """Figures of the cases whose packages are installed."""
     here = [case for case in cases if not case.missing]
-    ready = [case.prepare(points[: case.frames_most], device) for case in here]
-    times: list[list[float]] = [[] for _ in here]
-    clock = thread_time if device == "cpu" else perf_counter
-    for one in ready:
-        one.run()  # the first run compiles
-    for _ in range(rounds):
-        for one, taken in zip(ready, times, strict=True):
-            started = clock()
-            one.run()
-            taken.append(clock() - started)
+    few = [points[: case.frames_most] if isinstance(case, FewFrames) else points for case in here]
+    ready = [case.prepare(part, device) for case, part in zip(here, few, strict=True)]
+    seconds = seconds_by_turns([one.run for one in ready], device, rounds)
     figures = []
-    for case, one, taken in zip(here, ready, times, strict=True):
-        frames = min(len(points), case.frames_most)
-        each = float(np.median(taken)) / frames * 1e6 * 256 / len(one.position)
-        figures.append(Figure(case.name, frames, each, error_of(one, points), rounds))
+    for case, one, part, taken in zip(here, ready, few, seconds, strict=True):
+        each = taken / len(part) * 1e6 * 256 / len(one.position)
+        figures.append(Figure(case.name, len(part), each, error_of(one, part), rounds))
     return figures
 
 
@@ -287,9 +268,7 @@ def main() -> None:
     parser.add_argument("--only", choices=("single", "several"))
     options = parser.parse_args()
     wp.config.log_level = wp.LOG_WARNING
-    for case in (*SINGLE, *SEVERAL):
-        if case.missing:
-            print(json.dumps({"case": case.name, "skipped": f"not installed: {', '.join(case.missing)}"}))
+    installed((*SINGLE, *SEVERAL))
     figures = []
     if options.only != "several":
         figures += measure(SINGLE, focal_points(options.foci, 1)[:, 0], options.device, options.rounds)

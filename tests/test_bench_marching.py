@@ -4,12 +4,16 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
-from marching import CASES, Size, measure
+from marching import CASES, Size
 from poses import random_poses
+from turns import installed, measure_curves
 
 
 def test_marching_cases_measure_the_same_contours(device):
-    figures = {figure.case: figure for figure in measure(CASES, random_poses(20), device, 1, Size(48, 32))}
+    figures = {
+        figure.case: figure
+        for figure in measure_curves(installed(CASES), device, 1, random_poses(20), device, Size(48, 32))
+    }
     ours = {"OC, bricks", "OC, rows", "CC, bricks", "floor"}
     assert ours <= set(figures)
     assert min(figure.microseconds for figure in figures.values()) > 0

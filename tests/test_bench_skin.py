@@ -5,11 +5,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from poses import random_poses
-from skin import CASES, measure
+from skin import CASES
+from turns import installed, measure_curves
 
 
 def test_skin_cases_measure_the_same_curves(device):
-    figures = {figure.case: figure for figure in measure(CASES, random_poses(12), device, 1)}
+    figures = {figure.case: figure for figure in measure_curves(installed(CASES), device, 1, random_poses(12), device)}
     assert {"OC", "CC", "CC, rows", "floor", "floor, rows"} <= set(figures)
     assert min(figure.microseconds for figure in figures.values()) > 0
     assert figures["CC"].length >= figures["OC"].length > 0.3

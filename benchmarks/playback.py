@@ -30,7 +30,7 @@ from umockdev_session import Plug, run, write_pat_file
 
 from palpate.datasets.motion import exploration
 from palpate.render import MeshObject, Palm, closed_contour
-from palpate.render.record import record
+from palpate.render.recorder import record
 
 WORKER = [sys.executable, str(Path(__file__).with_name("playback_worker.py"))]
 POSE_RATE = 90.0  # [Hz]

@@ -29,7 +29,7 @@ from palpate.datasets.writer import ContourWriter
 from palpate.render.batch import Chunk, rendered_chunks
 from palpate.render.hands import Palm
 from palpate.render.objects import MeshObject
-from palpate.render.record import file_header, metrics_of, record
+from palpate.render.recorder import file_header, metrics_of, record
 from palpate.render.scene import Scene
 from palpate.render.strategy import closed_contour
 from palpate.render.workers import worker_devices

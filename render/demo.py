@@ -10,7 +10,7 @@ from .figure import draw_figure
 from .hands import Palm
 from .objects import MeshObject
 from .playback import Connection, play_file
-from .record import record
+from .recorder import record
 from .strategy import closed_contour, open_contour
 from .summary import summarise
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .errors import MeshError, StrategyError
-from .focal_width import focal_width
+from .focal_spot import focal_width
 from .hausdorff import hausdorff_distance
 from .objects import MeshObject
 

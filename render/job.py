@@ -11,7 +11,7 @@ from .errors import StrategyError
 from .figure import draw_figure
 from .loading import is_recording, load_hand_and_motion, load_solid, simplified
 from .objects import Placement
-from .record import record
+from .recorder import record
 from .scene import is_exact
 from .solid import Solid
 from .strategy import load_strategy

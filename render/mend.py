@@ -4,8 +4,6 @@ import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ..kernels.surface import OPEN, twins_of
 from .errors import MeshError, PalpateWarning
@@ -84,8 +82,7 @@ def agree_faces(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     differ = (tail[order[plain]] == tail[order[plain + 1]]).astype(np.int64)
     rows = np.concatenate([one, one + count])
     columns = np.concatenate([two + count * differ, two + count * (1 - differ)])
-    graph = coo_matrix((np.ones(len(rows), bool), (rows, columns)), shape=(2 * count, 2 * count))
-    _, label = connected_components(graph, directed=False)
+    label = _components(rows, columns, 2 * count)
     as_is, over = label[:count], label[count:]
     crossed = as_is == over
     turned = (over < as_is) & ~crossed  # the copy of a body's first triangle as it is has the smaller label
@@ -108,7 +105,15 @@ def body_labels(twin: np.ndarray) -> np.ndarray:
     """Number of the body of each triangle: those joined through an edge's two sides (see `twins_of`)."""
     inner = np.flatnonzero(twin != OPEN)
     one, two = inner // 3, twin[inner] // 3
-    graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(len(twin) // 3,) * 2)
+    return _components(one, two, len(twin) // 3)
+
+
+def _components(one: np.ndarray, two: np.ndarray, count: int) -> np.ndarray:
+    """Number of the component of each of `count` nodes, joined by edges from `one` to `two`."""
+    from scipy.sparse import coo_matrix  # a tenth of a second that only meshes cost
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(count, count))
     return connected_components(graph, directed=False)[1]
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..datasets.motion import HandMotion
 from ..datasets.rigid import rotated
@@ -174,6 +173,8 @@ class Times:
 
     def poses(self, rows: np.ndarray) -> np.ndarray:
         """Poses [row, patch, 7] at these times, turned along the shortest way; NaN where there is none."""
+        from scipy.spatial.transform import Rotation  # a tenth of a second that single hands do without
+
         out = self.blended(rows)
         out[~self.there] = np.nan
         between = self.there & (self.share % 1.0 > 0.0)

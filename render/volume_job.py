@@ -9,7 +9,7 @@ from .errors import StrategyError
 from .fields import require_choice
 from .objects import Placement
 from .voxel_files import WRITERS
-from .voxelise import SIGNS, voxelise_file
+from .voxeliser import SIGNS, voxelise_file
 from .workers import worker_devices
 
 VOXELISED_KINDS = ("distance", "occupancy")

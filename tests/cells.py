@@ -12,7 +12,7 @@ from palpate.render.contours import ContourBatch
 from palpate.render.expression import box, capsule, cylinder, sphere
 from palpate.render.implicit import ImplicitObject
 from palpate.render.isosurface import isosurface
-from palpate.render.voxelise import voxelise
+from palpate.render.voxeliser import voxelise
 
 MIDDLE = (0.0, 0.0, 0.2)
 SOLIDS = ("cube", "sphere", "tube", "dog")

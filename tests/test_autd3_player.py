@@ -23,7 +23,7 @@ from palpate.device.errors import DeviceLostError, DeviceNotFoundError, NoBacken
 from palpate.device.player import Player
 from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, render
 from palpate.render.drive import drive_focus
-from palpate.render.record import record
+from palpate.render.recorder import record
 from palpate.render.sampling import FocalPoints, Sampler, SamplingStrategy, sample_contours
 
 vendor = pytest.importorskip("autd3", reason="the vendor's package autd3 is not installed")

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from palpate.render.detail import Detail, simplify
 from palpate.render.errors import MeshError
-from palpate.render.focal_width import focal_width
+from palpate.render.focal_spot import focal_width
 from palpate.render.hausdorff import farthest_distance, hausdorff_distance
 from palpate.render.objects import MeshObject, Placement
 

@@ -14,7 +14,7 @@ from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, open_
 from palpate.render.drive import drive_focus
 from palpate.render.errors import RenderError
 from palpate.render.playback import Connection, play_file
-from palpate.render.record import record
+from palpate.render.recorder import record
 from palpate.render.sampling import FocalPoints, SamplingStrategy
 
 WAVENUMBER = 2 * np.pi * 40e3 / 343.0

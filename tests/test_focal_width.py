@@ -8,7 +8,7 @@ from scipy.special import j1
 
 from palpate.device.array import array_model
 from palpate.render.errors import StrategyError
-from palpate.render.focal_width import focal_width, peak_widths
+from palpate.render.focal_spot import focal_width, peak_widths
 
 # 16 x 16 transducers at 10.5 mm, exact pistons, phases only: height; -6 dB of p, FWHM of p^2 across and along [m];
 # the same 60 mm off the middle, across and along, where there are figures.

@@ -2,6 +2,7 @@
 
 import ast
 import re
+from importlib import import_module
 from importlib.metadata import files, version
 from pathlib import Path
 
@@ -93,3 +94,15 @@ def test_readme_is_short_and_its_commands_are_those_that_ci_runs():
     assert len(commands) == 2
     ci = (ROOT / ".ci" / "run").read_text()
     assert "README.md" in ci  # it takes the command from there
+
+
+def test_what_scripts_import_is_found_under_its_name_whatever_was_imported_before():
+    import palpate.render as pipeline
+
+    assert sorted(pipeline.__all__) == sorted(pipeline._HOMES)
+    rooms = {path.stem for path in (ROOT / "render").glob("*.py")}
+    assert not rooms & set(pipeline.__all__)  # importing a room of that name would hide it
+    for name in pipeline.__all__:
+        assert getattr(pipeline, name) is getattr(import_module(f"palpate.render.{pipeline._HOMES[name]}"), name)
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = pipeline.nothing

@@ -14,7 +14,7 @@ from palpate.render import ImplicitObject, MeshObject, Palm, Placement, VoxelObj
 from palpate.render.errors import MeshError, PoseError, StrategyError
 from palpate.render.expression import box, sphere
 from palpate.render.figure import draw_figure, object_at
-from palpate.render.focal_width import focal_width
+from palpate.render.focal_spot import focal_width
 from palpate.render.mesh_hand import MeshHand
 from palpate.render.plane_hand import HandPatch, PlaneHand
 from palpate.render.scene import Scene

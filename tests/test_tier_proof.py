@@ -15,7 +15,7 @@ from umockdev_session import Plug, missing, run, write_pat_file
 from palpate.datasets.motion import HandMotion, exploration
 from palpate.datasets.reader import ContourFile
 from palpate.render import MeshObject, Palm, closed_contour
-from palpate.render.record import record
+from palpate.render.recorder import record
 from palpate.render.sampling import Sampler, SamplingStrategy, sample_bounds
 from palpate.render.source import ContourSource
 

@@ -10,7 +10,7 @@ from palpate.kernels.voxelise import GridNodes, cross_columns, measure_distances
 from palpate.render import MeshObject, Placement
 from palpate.render.errors import MeshError, PalpateWarning, VoxelError
 from palpate.render.mend import winding_number
-from palpate.render.voxelise import voxelise, voxelise_file
+from palpate.render.voxeliser import voxelise, voxelise_file
 from palpate.render.voxels import VoxelObject
 
 

@@ -1,0 +1,199 @@
+"""A shard: what one task of a sweep leaves, an HDF5 file with its own checksum behind it.
+
+`/rows` is UTF-8 JSON, a list of [group, key, part, payload]; `/columns/<number of the row>/<name>` are per-pose
+columns. Behind the HDF5 file come 56 bytes: `palpate shard 1` and a newline, the file's length (uint64) and its
+BLAKE2b-256.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from .errors import SweepStoreError
+from .hdf5_columns import (
+    Columns,
+    Values,
+    column_arrays,
+    image_of,
+    new_image,
+    open_columns,
+    put_column,
+    take_column,
+    write_whole,
+)
+
+FORMAT_NAME = "palpate shard"
+FORMAT_VERSION = 1
+
+_MARK = b"palpate shard "
+_TRAILER = struct.Struct("<16sQ32s")
+
+
+@dataclass(frozen=True)
+class ShardRow:
+    """A finished part of a recipe."""
+
+    group: str
+    """Which metrics, or what was kept."""
+    key: str
+    """Hash of all that it depends on."""
+    part: int
+    """Which part of the recipe's poses, from 0."""
+    payload: Mapping[str, Any]
+    """What came of it, as JSON holds it: sums, seconds, or where a file lies."""
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Content of a shard."""
+
+    maker: str | None
+    """Which code made it; None if it does not say."""
+    rows: tuple[ShardRow, ...]
+    columns: tuple[Columns | None, ...]
+    """Per-pose columns of each row; None for a row that has none, or if they were not asked for."""
+    with_columns: tuple[bool, ...]
+    """Which rows have columns."""
+    digest: str
+    """BLAKE2b-256 of the content."""
+
+
+def write_shard(
+    path: str | Path,
+    rows: Sequence[ShardRow],
+    columns: Sequence[Mapping[str, Values] | None] | None = None,
+    *,
+    maker: str | None = None,
+) -> None:
+    """Write a shard such that its name never shows a part of it; written twice, also at once, the last one stays.
+
+    columns: of each row, or None for all; of one row equally long. maker: which code made it; without it a shard that a
+    killed parent has left is not taken over (`SweepStore.recover`).
+
+    Raises:
+        SweepStoreError: Columns are impossible, or do not go with the rows.
+        OSError: As the system says (ENOSPC, EFBIG, ...); nothing is left behind.
+    """
+    path = Path(path)
+    if columns is not None and len(columns) != len(rows):
+        raise SweepStoreError(f"{path}: {len(rows)} rows have columns for {len(columns)}")
+    with new_image() as file:
+        file.attrs["format"], file.attrs["version"] = FORMAT_NAME, FORMAT_VERSION
+        if maker is not None:
+            file.attrs["maker"] = maker
+        text = json_text([[row.group, row.key, row.part, row.payload] for row in rows])
+        file["rows"] = np.frombuffer(text.encode(), np.uint8)
+        for number, own in enumerate(columns or ()):
+            if own is not None:
+                group: Any = file.create_group(f"columns/{number}", track_order=True)
+                for name, array in column_arrays(own).items():
+                    put_column(group, name, array)
+        image = image_of(file)
+    trailer = _TRAILER.pack(_MARK + b"%d\n" % FORMAT_VERSION, len(image), _digest(image))
+    write_whole(path, image, trailer)
+
+
+def json_text(value: Any) -> str:
+    """Compact JSON; NumPy's numbers are numbers."""
+    return json.dumps(value, separators=(",", ":"), default=_plain, ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return cast("Any", value.item())
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise SweepStoreError(f"a payload holds what JSON holds, not {type(value).__name__}")
+
+
+def read_shard(path: str | Path, *, columns: bool = True) -> Shard:
+    """Read a shard, every byte of it checked.
+
+    columns: whether to read the per-pose columns, too.
+
+    Raises:
+        SweepStoreError: It is missing, damaged, no shard, or of a newer version.
+    """
+    path = Path(path)
+    content, digest = _checked(path)
+    with open_columns(path, content) as file:
+        maker: Any = file.attrs.get("maker")
+        rows = tuple(ShardRow(group, key, int(part), payload) for group, key, part, payload in _table(file))
+        names = [f"columns/{number}" in file for number in range(len(rows))]
+        own = [_columns(file, number) if has and columns else None for number, has in enumerate(names)]
+        return Shard(None if maker is None else str(maker), rows, tuple(own), tuple(names), digest)
+
+
+def _checked(path: Path) -> tuple[bytes, str]:
+    """The content of a shard's file, and its digest."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise SweepStoreError(f"{path} does not exist") from None
+    except OSError as error:
+        raise SweepStoreError(f"{path} cannot be read: {error.strerror}") from error
+    if len(content) < _TRAILER.size:
+        raise SweepStoreError(f"{path} is damaged: {len(content)} bytes are no shard")
+    mark, size, digest = _TRAILER.unpack_from(content, len(content) - _TRAILER.size)
+    _refuse_foreign(path, mark)
+    if size != len(content) - _TRAILER.size or _digest(memoryview(content)[:size]) != digest:
+        raise SweepStoreError(f"{path} is damaged: its checksum does not match")
+    return content, digest.hex()
+
+
+def _refuse_foreign(path: Path, mark: bytes) -> None:
+    version = mark.rstrip(b"\0").removeprefix(_MARK).strip()
+    if not mark.startswith(_MARK) or not version.isdigit():
+        raise SweepStoreError(f"{path} is damaged, or no shard: its last bytes are not a shard's")
+    if int(version) > FORMAT_VERSION:
+        raise SweepStoreError(
+            f"{path} has format version {int(version)}, this palpate reads up to {FORMAT_VERSION}: a newer one wrote it"
+        )
+
+
+def _digest(content: memoryview) -> bytes:
+    return hashlib.blake2b(content, digest_size=32).digest()
+
+
+def _table(file: Any) -> list[tuple[str, str, int, dict[str, Any]]]:
+    return cast("list[tuple[str, str, int, dict[str, Any]]]", json.loads(bytes(file["rows"][...])))
+
+
+def _columns(file: Any, number: int) -> Columns:
+    group: Any = file[f"columns/{number}"]
+    return {str(name): take_column(dataset) for name, dataset in group.items()}
+
+
+@contextmanager
+def shard_columns(path: Path) -> Generator[ColumnReader, None, None]:
+    """Columns of a shard, row by row, without reading the others; chunks' checksums are checked.
+
+    Raises:
+        SweepStoreError: It is missing or damaged.
+    """
+    with open_columns(path) as file:
+        yield ColumnReader(path, file)
+
+
+class ColumnReader:
+    """Columns of an open shard."""
+
+    def __init__(self, path: Path, file: Any) -> None:
+        self._path = path
+        self._file = file
+        self._rows = _table(file)
+
+    def columns(self, number: int, group: str, key: str, part: int) -> Columns:
+        """Columns of a row, by its number in the shard and what it must be of."""
+        if number >= len(self._rows) or tuple(self._rows[number][:3]) != (group, key, part):
+            raise SweepStoreError(f"{self._path} is damaged: its row {number} is not part {part} of {group} {key}")
+        return _columns(self._file, number)

@@ -1,4 +1,4 @@
-"""The one place that touches h5py: what comes out is typed, what goes wrong is a ContourFileError naming the dataset.
+"""Where h5py is touched for contour files: what comes out is typed, what goes wrong is an error naming the dataset.
 
 h5py has no type information. It is imported by name, so all of it is `Any`, and stays inside this module.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import secrets
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from os import PathLike, fspath
@@ -158,7 +159,7 @@ class Hdf5Image:
 
     def __init__(self) -> None:
         self._file: Any = h5py.File(
-            "image",
+            f"image-{secrets.token_hex(8)}",  # two of one name cannot be open at once, and writers may be threads
             "w",
             driver="core",
             backing_store=False,

@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 
 from palpate.datasets.check import check_file, contour_lengths
 from palpate.datasets.errors import ContourFileError
+from palpate.datasets.hdf5 import Hdf5Image
 from palpate.datasets.reader import ContourFile
 from palpate.datasets.schema import FIELDS
 from palpate.datasets.writer import ContourWriter
@@ -294,3 +295,8 @@ def test_the_document_names_every_dataset_and_attribute():
     attributes = [word for line in STRUCTURE.splitlines() if "[" not in line for word in line.split()[1:]]
     missing = [name for name in [*names, *attributes] if f"`{name}`" not in text]
     assert not missing
+
+
+def test_two_files_are_written_at_once_in_one_process(tmp_path):
+    with Hdf5Image(), Hdf5Image() as second:
+        assert len(second.image()) > 0

@@ -63,7 +63,7 @@ class Hand(Protocol):
     def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
         """Poses of the hand, float32 [n, 1, 7], or of each patch, [n, patch, 7]: what kernels take.
 
-        pose: float32, shape [n, 7], rows `first`.. of the motion.
+        pose: float32, shape [n, 7], rows `first`.. of the motion. A rigid hand's are `pose` itself (`sections_on`).
         """
         ...
 
@@ -168,6 +168,21 @@ def patches_on(device: str, frames: PatchFrames) -> wp.array:
 def rigid_poses(pose: np.ndarray) -> np.ndarray:
     """Poses of a hand that is all in one piece as `Hand.section_poses`: float32, shape [pose, 1, 7]."""
     return np.atleast_2d(np.asarray(pose, np.float32))[:, None]
+
+
+def poses_on_host(pose: np.ndarray | wp.array) -> np.ndarray:
+    """Poses as NumPy has them, float32, shape [pose, 7], of those or of wp.transform [pose]."""
+    return pose.numpy().reshape(-1, 7) if isinstance(pose, wp.array) else pose
+
+
+def sections_on(hand: Hand, pose: np.ndarray | wp.array, first: int, device: str) -> wp.array:
+    """`Hand.section_poses` on a Warp device, wp.transform, shape [pose, 1 or patch].
+
+    pose: float32, shape [pose, 7], or wp.transform [pose] on that device, where those of a rigid hand stay.
+    """
+    if isinstance(pose, wp.array) and hand.pose_count is None:
+        return pose.reshape((-1, 1))
+    return wp.array(hand.section_poses(poses_on_host(pose), first), dtype=wp.transform, device=device)
 
 
 def frames_at(pose: np.ndarray, half: np.ndarray) -> PatchFrames:

@@ -23,8 +23,8 @@ from ..kernels.skin import skin_contours
 from .contact import contact_contours
 from .contours import ContourBatch
 from .errors import MeshError, PoseError, StrategyError
-from .focal_width import focal_width
-from .hands import Hand, PatchHand, require_rows
+from .focal_spot import focal_width
+from .hands import Hand, PatchHand, poses_on_host, require_rows, sections_on
 from .intersect import intersect
 from .mesh_hand import MeshHand
 from .moving import seen_from
@@ -35,7 +35,7 @@ from .solid import Solid
 from .stage_clock import StageClock
 from .stages import BY_RAW_KERNELS, Setting, Stage, find_stage, run_stages
 from .strategy import IntersectionStrategy
-from .transform_order import FILLS, SHAPES
+from .transform_order import FILLS, SHAPES, TOURS
 
 SECTION_BYTES = 1024  # of a pose and patch: slots of pieces (SLOTS x 88), events (24 x 8), counts and offsets
 
@@ -153,7 +153,7 @@ class Scene:
 
     def contours(
         self,
-        pose: np.ndarray,
+        pose: np.ndarray | wp.array,
         first: int,
         device: str,
         *,
@@ -162,22 +162,54 @@ class Scene:
     ) -> tuple[ContourBatch, dict[str, np.ndarray]]:
         """Contours of one batch of poses, and the length that each prune stage removed [m], float32 [pose], by name.
 
-        pose: float32, shape [pose, 7], rows `first`.. of the motion. The batch is on the device, or on the host if the
-        last stage left it there. Raises PointLimitError before memory is taken for more points than `point_limit`.
+        pose: float32, shape [pose, 7], or wp.transform [pose] on the device: rows `first`.. of the motion. The batch is
+        on the device, or on the host if the last stage left it there. Raises PointLimitError before memory is taken for
+        more points than `point_limit`.
         """
-        moved = None if self.moved is None else self.moved[first : first + len(pose)]
-        seen = pose if moved is None else seen_from(moved, self.pivot, pose)
-        batch = self._raw(seen, first, device, point_limit, timing)
-        if moved is not None:
-            place = wp.array(moved, dtype=wp.transform, device=device)
-            move_contours(batch.points, batch.polyline_start, batch.pose_start, place, self.pivot)
-        removed: dict[str, np.ndarray] = {}
-        if not self.is_raw:
-            at = {} if moved is None else {"moved": moved, "pivot": self.pivot}
-            setting = Setting(self.thing, self.hand, pose, first, device, self.focal_width, self.step, **at)
-            with StageClock(timing, "stages", device):
-                batch, removed = run_stages(batch, self.strategy, setting)
-        return batch, removed
+        batch = self.raw_contours(pose, first, device, point_limit=point_limit, timing=timing)
+        return self.staged(batch, pose, first, device, timing=timing)
+
+    def raw_contours(
+        self,
+        pose: np.ndarray | wp.array,
+        first: int,
+        device: str,
+        *,
+        point_limit: int | None = None,
+        timing: dict[str, float] | None = None,
+    ) -> ContourBatch:
+        """What the raw intersection gives, ended at patches' sides and closed if the strategy says so: no other stage.
+
+        Arguments as for `contours`. Poses on the device stay there for a rigid hand and an object that does.
+        """
+        if self.moved is None:
+            return self._raw(pose, first, device, point_limit, timing)
+        moved = self._moved_at(first, len(pose))
+        batch = self._raw(seen_from(moved, self.pivot, poses_on_host(pose)), first, device, point_limit, timing)
+        place = wp.array(moved, dtype=wp.transform, device=device)
+        move_contours(batch.points, batch.polyline_start, batch.pose_start, place, self.pivot)
+        return batch
+
+    def staged(
+        self,
+        batch: ContourBatch,
+        pose: np.ndarray | wp.array,
+        first: int,
+        device: str,
+        *,
+        timing: dict[str, float] | None = None,
+    ) -> tuple[ContourBatch, dict[str, np.ndarray]]:
+        """What the stages behind the raw intersection make of what that gave; see `contours`."""
+        if self.is_raw:
+            return batch, {}
+        at = {} if self.moved is None else {"moved": self._moved_at(first, len(pose)), "pivot": self.pivot}
+        setting = Setting(self.thing, self.hand, poses_on_host(pose), first, device, self.focal_width, self.step, **at)
+        with StageClock(timing, "stages", device):
+            return run_stages(batch, self.strategy, setting)
+
+    def _moved_at(self, first: int, count: int) -> np.ndarray:
+        """Where the object is at some of the poses."""
+        return np.zeros((0, 7), np.float32) if self.moved is None else self.moved[first : first + count]
 
     @cached_property
     def is_raw(self) -> bool:
@@ -185,22 +217,21 @@ class Scene:
         return all(s.name in BY_RAW_KERNELS for s in (*self.strategy.prune_stages, *self.strategy.transform_stages))
 
     def _raw(
-        self, pose: np.ndarray, first: int, device: str, limit: int | None, timing: dict[str, float] | None
+        self, pose: np.ndarray | wp.array, first: int, device: str, limit: int | None, timing: dict[str, float] | None
     ) -> ContourBatch:
         raw, hand = self.strategy.raw_stage, self.hand
         if isinstance(self.thing, MeshObject) and isinstance(hand, PatchHand) and self.exact:
-            section = wp.array(hand.section_poses(pose, first), dtype=wp.transform, device=device)
+            section = sections_on(hand, pose, first, device)
             return intersect(self.thing, hand, section, self.strategy, point_limit=limit, timing=timing)[0]
         with StageClock(timing, "raw", device):
             return ContourBatch.from_device(self._marched(raw, pose, first, device, limit), hand.patch_count)
 
-    def _marched(self, raw: Stage, pose: np.ndarray, first: int, device: str, limit: int | None) -> Contours:
+    def _marched(self, raw: Stage, pose: np.ndarray | wp.array, first: int, device: str, limit: int | None) -> Contours:
         thing, hand, strategy = self.thing, self.hand, self.strategy
-        if raw.name == "contact":
-            return contact_contours(thing, hand, pose, first, device=device, step=self.step, **raw.options)
-        if raw.name == "overlap":
-            return overlap_contours(thing, hand, pose, first, device=device, step=self.step, **raw.options)
-        section = wp.array(hand.section_poses(pose, first), dtype=wp.transform, device=device)
+        if raw.name in TOURS:
+            contours = contact_contours if raw.name == "contact" else overlap_contours
+            return contours(thing, hand, poses_on_host(pose), first, device=device, step=self.step, **raw.options)
+        section = sections_on(hand, pose, first, device)
         solid, bounds = thing.field_on(device), thing.bounds
         if isinstance(hand, MeshHand):
             vertex, skin = hand.vertices_on(device, first, first + len(pose)), hand.skin_on(device, self.step)

@@ -8,7 +8,6 @@ from typing import Protocol
 
 import numpy as np
 
-from ..datasets.reader import ContourFile
 from .contours import ContourBatch
 from .errors import PoseError, StrategyError
 from .path import Path as ContourPath
@@ -28,6 +27,32 @@ class FocusSource(Protocol):
 
     def __iter__(self) -> Iterator[FocalPoints]:
         """Blocks of consecutive focal points, from the first on."""
+        ...
+
+
+class ContourRows(Protocol):
+    """Contours of a motion, read pose range by pose range: a ContourFile, or what renders them as they are read."""
+
+    @property
+    def path(self) -> Path:
+        """Where they lie, for messages."""
+        ...
+
+    @property
+    def pose_count(self) -> int:
+        """Number of poses."""
+        ...
+
+    def motion(self, first: int = 0, stop: int | None = None) -> dict[str, np.ndarray]:
+        """Poses first..stop: `pose`, shape [pose, 7], and `time` [s], if there is one."""
+        ...
+
+    def blocks(self, *, point_limit: int) -> Iterator[tuple[int, int]]:
+        """Pose ranges (first, stop) in order, of up to about so many points."""
+        ...
+
+    def contours(self, first: int, stop: int) -> dict[str, np.ndarray]:
+        """Contours of a range that `blocks` gave, or of the beginning of one, by the names of ContourBatch."""
         ...
 
 
@@ -52,7 +77,7 @@ class ContourSource:
     A static pose is sampled once: whole cycles of it make a block that is given again and again.
 
     Args:
-        file: the opened file, sealed.
+        file: the opened file, sealed, or another source of contours.
         sampler: draws its poses; keeps the counts.
         duration: when to stop [s]; a motion ends by itself, a static pose does not. None is the motion's end: its
             last pose lasts as long as the median of the intervals before (of the first INTERVALS_LOOKED_AT).
@@ -62,7 +87,7 @@ class ContourSource:
         PoseError: poses without times, or with times that do not increase; found as they are read.
     """
 
-    def __init__(self, file: ContourFile, sampler: Sampler, duration: float | None = None) -> None:
+    def __init__(self, file: ContourRows, sampler: Sampler, duration: float | None = None) -> None:
         require_duration(duration)
         self._file, self._sampler = file, sampler
         self._interval: float | None = None  # [s]; None for one static pose

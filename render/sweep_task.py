@@ -56,6 +56,9 @@ class Outcome:
     """One sentence; None if all went well."""
     is_lost: bool = False
     """Whether the worker died or gave no answer, so that another may do better."""
+    failed: tuple[tuple[int, str], ...] = ()
+    """Pieces, by their place in the task, that could not be made, each with one sentence; the others are in the
+    shard."""
 
 
 class Engine(Protocol):

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from . import console
+from .cli_sweep import sweep
 
 app = typer.Typer(
     name="palpate",
@@ -206,6 +207,9 @@ def voxelise(
     """Turn a mesh into voxels: the way out for open meshes."""
     placement = {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at}
     _run("volume_job", "run_voxelise", mesh, out, spacing, kind, sign, placement, device, as_json=json)
+
+
+app.command()(sweep)
 
 
 @app.command()

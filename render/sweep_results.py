@@ -1,0 +1,169 @@
+"""What a sweep leaves in its store beside results: the table, one row a recipe, rows of poses, and a figure.
+
+They are written anew whenever the plan, the code or what has been made are others than when they were written; which is
+what table.json is there to tell.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+
+from ..datasets.durable import FolderLock
+from ..datasets.schema import PRUNED_NAMES
+from ..datasets.sweep_store import SweepStore
+from . import console
+from .errors import RenderError, SweepError
+from .sweep_recipe import maker
+
+if TYPE_CHECKING:
+    from .sweep_plan import Plan
+
+TABLE, POSES, FIGURE, STAMP = "table.h5", "poses.h5", "summary.png", "table.json"
+LENGTHS = ("length", *(f"length_{kind}" for kind in ("object", "hand", "made")))
+REMOVED = tuple(f"removed_{stage}" for stage in PRUNED_NAMES)
+FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
+POSE_UNITS = dict.fromkeys((*LENGTHS, *REMOVED), "m") | dict.fromkeys(FREQUENCIES, "Hz") | {"area": "m2"}
+LOCK_SECONDS = 60.0  # for another parent that writes the same store's table
+
+
+class Results:
+    """Table and figure of a run, in its store; written unless they are there already."""
+
+    def __init__(self, plan: Plan, folder: Path, *, is_complete: bool, has_news: bool) -> None:
+        """is_complete: whether every recipe could be made; has_news: whether any part was made just now."""
+        self._plan, self._folder, self._is_complete = plan, folder, is_complete
+        self._columns: dict[str, Any] = {}
+        self._stamp = {"plan": plan.described()["digest"], "maker": maker()}
+        is_stamped = _stamped(folder) == self._stamp | {"bytes": _size(folder / TABLE)}
+        self._is_fresh = is_complete and not has_news and is_stamped
+        self.files = {"table": str(folder / TABLE)}
+        """By what they are."""
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """Of the table, read when first asked for."""
+        if not self._columns and self._is_fresh:
+            from ..datasets.table import load_table
+
+            self._columns = dict(load_table(self._folder / TABLE))
+        elif not self._columns:
+            from .sweep_table import tidy_columns
+
+            with SweepStore(self._folder, maker=maker(), mode="read") as store:
+                self._columns = tidy_columns(self._plan.recipes(), store, self._plan.groups)
+        return self._columns
+
+    def write(self, tables: Sequence[Path], *, figure: bool) -> None:
+        """Write what is not there, and the table into `tables` too. figure: draw one, too."""
+        picture = self._folder / FIGURE
+        if not self._is_fresh or (figure and not picture.exists()):
+            with locked(self._folder):
+                if not self._is_fresh:
+                    self._write_store_table()
+                    _discard(picture)  # of other results
+                if figure:
+                    _draw(picture, self.columns, self._plan)
+        for path in tables:
+            _write_table(path, self.columns, self._plan)
+        if "poses" in self._plan.groups:
+            self.files["poses_table"] = str(self._folder / POSES)
+        if picture.exists():
+            self.files["figure"] = str(picture)
+
+    def _write_store_table(self) -> None:
+        _discard(self._folder / STAMP)
+        _write_table(self._folder / TABLE, self.columns, self._plan)
+        if "poses" in self._plan.groups:
+            from ..datasets.table_stream import write_blocks
+            from .sweep_table import pose_blocks
+
+            with SweepStore(self._folder, maker=maker()) as store:
+                blocks = pose_blocks(self._plan.recipes(), store)
+                write_blocks(self._folder / POSES, blocks, _attributes(self._plan), units=POSE_UNITS)
+        if self._is_complete:
+            _write_stamp(self._folder, self._stamp | {"bytes": _size(self._folder / TABLE)})
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Sole right to write a store's table and figure, waited for while another parent has it."""
+    until = time.monotonic() + LOCK_SECONDS
+    while True:
+        try:
+            lock = FolderLock(folder)
+            break
+        except BlockingIOError:
+            if time.monotonic() > until:
+                raise SweepError(f"{folder}: another process has been writing its table for a minute") from None
+            time.sleep(0.05)
+        except OSError as error:
+            raise SweepError(f"{folder}: its table cannot be written ({error.strerror or error})") from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _write_table(path: Path, columns: dict[str, Any], plan: Plan) -> None:
+    from ..datasets.table import write_parquet, write_table
+    from .sweep_table import column_units
+
+    write = write_parquet if path.suffix == ".parquet" else write_table
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SweepError(f"{path.parent} cannot be made: {error.strerror or error}") from error
+    write(path, columns, _attributes(plan), units=column_units(columns))
+
+
+def _attributes(plan: Plan) -> dict[str, Any]:
+    """What a table says of itself."""
+    return {"plan": plan.described(), "name": plan.name, "maker": maker()}
+
+
+def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:
+    """A sweep of which nothing can be drawn has no figure, which is said."""
+    from .sweep_figure import draw_sweep  # matplotlib
+
+    temporary = figure.with_name(f"{figure.stem}.tmp{figure.suffix}")
+    try:
+        draw_sweep(columns, temporary, name=plan.name)
+        os.replace(temporary, figure)
+    except (RenderError, OSError) as error:
+        _discard(temporary)
+        console.errors.print(f"[yellow]warning:[/] no figure: {escape(str(error))}")
+
+
+def _discard(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return -1
+
+
+def _stamped(folder: Path) -> dict[str, Any] | None:
+    """What the store's table was made of."""
+    try:
+        return json.loads((folder / STAMP).read_bytes())
+    except (OSError, ValueError):
+        return None
+
+
+def _write_stamp(folder: Path, content: dict[str, Any]) -> None:
+    temporary = folder / f"{STAMP}.tmp"
+    with contextlib.suppress(OSError):  # without it the table is written again
+        temporary.write_text(json.dumps(content))
+        os.replace(temporary, folder / STAMP)

@@ -1,0 +1,239 @@
+"""What sweeping costs beside rendering: engine overhead, many recipes, two processes, metrics only, several GPUs.
+
+    python benchmarks/sweeps.py overhead                         # one recipe and a plain rendering of its poses
+    python benchmarks/sweeps.py recipes                          # the same poses as a hundred recipes
+    python benchmarks/sweeps.py workers                          # two processes and two independent renderings
+    python benchmarks/sweeps.py metrics --device cuda:0 --poses 100000000    # metrics only and the bare kernels
+    python benchmarks/sweeps.py finished                         # until 10^4 finished recipes are recognised
+    python benchmarks/sweeps.py devices --devices cuda:0 cuda:1  # one GPU, two, ...
+
+Tube, CC, palm 85 x 85 mm, random poses. One line of JSON a case; sides take turns, medians of wall time.
+
+| case | a sweep | beside |
+|---|---|---|
+| overhead | one recipe, metrics, in this process, store included | contours and lengths of the same poses, one worker |
+| recipes | a hundred recipes, as many poses | the same |
+| workers | one recipe, two processes, their start left out | two processes that each render half |
+| metrics | one recipe, metrics, in this process | find, join and draw in batches of 4 M, results left on the device |
+| finished | `palpate sweep` once more | nothing |
+| devices | one recipe, a process a device, start left out and told | one device |
+"""
+
+import argparse
+import json
+import multiprocessing
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import perf_counter, sleep
+
+import numpy as np
+import warp as wp
+from turns import seconds_by_turns
+
+from palpate.kernels.random_pose import random_poses
+from palpate.render.batch import rendered_chunks
+from palpate.render.hands import Palm
+from palpate.render.intersect import intersect
+from palpate.render.objects import MeshObject
+from palpate.render.scene import Scene
+from palpate.render.strategy import closed_contour
+from palpate.render.sweep_engine import InProcess
+from palpate.render.sweep_plan import load_plans
+from palpate.render.sweep_processes import Processes
+from palpate.render.sweep_run import run_sweep
+from palpate.render.sweep_task import Engine
+
+BATCH = 4_000_000  # poses; of the bare kernels
+CUBE = {"size": 0.13, "at": (0.0, 0.0, 0.2)}
+
+
+class Started:
+    """An engine whose workers live on from sweep to sweep, as they do through a long one."""
+
+    def __init__(self, engine: Engine, store: Path) -> None:
+        self._engine = engine
+        started = perf_counter()
+        engine.start(store)
+        self.seconds = perf_counter() - started
+        """Of the start."""
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._engine, name)
+
+    def start(self, store: Path) -> None:
+        """It has."""
+
+    def close(self) -> None:
+        """It goes on."""
+
+
+class Sweeps:
+    """Sweeps of the tube's CC, each into a store of its own."""
+
+    def __init__(self, folder: Path, count: int, recipe_count: int = 1) -> None:
+        self._folder, self._number = folder, 0
+        self.poses = count // recipe_count * recipe_count
+        path = folder / "plan.toml"
+        path.write_text(
+            f'[object]\nsource = "tube"\n[strategy]\nsource = "cc"\n[motion]\nsource = "random"\n'
+            f"count = {count // recipe_count}\nseed = {{ first = 1, count = {recipe_count} }}\n"
+        )
+        self.plan = load_plans([path])
+
+    def run(self, engine: Callable[[], Engine]) -> None:
+        """Sweep from nothing."""
+        self._number += 1
+        report = run_sweep(self.plan, self._folder / f"store{self._number}", engine)
+        if report.failures or report.poses_rendered != self.poses:
+            raise SystemExit(f"the sweep failed: {report}")
+
+
+def tube_scene() -> Scene:
+    return Scene.of(MeshObject.load("tube"), Palm(), closed_contour())
+
+
+def host_poses(first: int, stop: int) -> np.ndarray:
+    return random_poses(first, stop, seed=1, device="cpu", **CUBE).numpy().reshape(-1, 7)
+
+
+def plain(poses: np.ndarray, device: str) -> Callable[[], None]:
+    """Contours and lengths, one worker; a scene of its own, as the sweep has."""
+
+    def run() -> None:
+        for _ in rendered_chunks(tube_scene(), poses, device=device):
+            pass
+
+    return run
+
+
+def overhead(folder: Path, device: str, count: int, rounds: int, recipe_count: int = 1) -> dict:
+    sweeps = Sweeps(folder, count, recipe_count)
+    sides = [lambda: sweeps.run(lambda: InProcess(device)), plain(host_poses(0, sweeps.poses), device)]
+    swept, rendered = seconds_by_turns(sides, "wall", rounds)
+    figures = {"poses": sweeps.poses, "recipes": recipe_count, "sweep_seconds": swept, "render_seconds": rendered}
+    return figures | {"overhead": swept / rendered - 1, "poses_per_second": sweeps.poses / swept}
+
+
+def bare(count: int, device: str) -> Callable[[], None]:
+    """Find, join and draw; poses are there, batch after batch the same."""
+    scene = tube_scene()
+    batch = min(count, BATCH)
+    pose = random_poses(0, batch, seed=1, device=device, **CUBE)
+
+    def run() -> None:
+        for _ in range(-(-count // batch)):
+            intersect(scene.thing, scene.hand, pose, scene.strategy)
+        wp.synchronize_device(device)
+
+    return run
+
+
+def metrics(folder: Path, device: str, count: int, rounds: int) -> dict:
+    count = count if count < BATCH else count // BATCH * BATCH
+    sweeps = Sweeps(folder, count)
+    sides = [lambda: sweeps.run(lambda: InProcess(device)), bare(count, device)]
+    swept, kernels = seconds_by_turns(sides, "wall", rounds)
+    figures = {"poses": count, "sweep_seconds": swept, "kernel_seconds": kernels}
+    return figures | {"share": kernels / swept, "poses_per_second": count / swept}
+
+
+def render_beside(first: int, stop: int, rounds: int, gate: object, out: object) -> None:
+    """What an independent process does: wait for the others, render its share, tell the seconds."""
+    wp.config.log_level = wp.LOG_ERROR
+    run = plain(host_poses(first, stop), "cpu")
+    run()
+    for _ in range(rounds):
+        gate.wait()
+        started = perf_counter()
+        run()
+        out.put(perf_counter() - started)
+
+
+def workers(folder: Path, count: int, rounds: int, worker_count: int = 2) -> dict:
+    context = multiprocessing.get_context("spawn")
+    gate, out = context.Barrier(worker_count + 1), context.SimpleQueue()
+    share = count // worker_count
+    beside = [
+        context.Process(target=render_beside, args=(k * share, (k + 1) * share, rounds, gate, out), daemon=True)
+        for k in range(worker_count)
+    ]
+    for process in beside:
+        process.start()
+    sweeps = Sweeps(folder, share * worker_count)
+    engine = Started(Processes(["cpu"] * worker_count), folder)
+    apart, together = [], []
+    sweeps.run(lambda: engine)
+    for _ in range(rounds):
+        gate.wait()
+        apart.append(max(out.get() for _ in beside))
+        sleep(0.1)  # they have ended
+        started = perf_counter()
+        sweeps.run(lambda: engine)
+        together.append(perf_counter() - started)
+    for process in beside:
+        process.join()
+    engine._engine.close()
+    figures = {"poses": sweeps.poses, "workers": worker_count, "start_seconds": engine.seconds}
+    seconds = {"sweep_seconds": float(np.median(together)), "apart_seconds": float(np.median(apart))}
+    return figures | seconds | {"share": seconds["apart_seconds"] / seconds["sweep_seconds"]}
+
+
+def devices(folder: Path, names: Sequence[str], count: int, rounds: int) -> list[dict]:
+    """One device, then two, four, ..."""
+    out: list[dict] = []
+    sizes = [size for size in (1, 2, 4, 8) if size <= len(names)]
+    for size in sizes:
+        part = folder / str(size)
+        part.mkdir()
+        sweeps, engine = Sweeps(part, count), Started(Processes(list(names[:size])), part)
+        (seconds,) = seconds_by_turns([lambda s=sweeps, e=engine: s.run(lambda: e)], "wall", rounds)
+        engine._engine.close()
+        first = out[0]["seconds"] if out else seconds
+        out.append({"devices": size, "poses": count, "start_seconds": engine.seconds, "seconds": seconds})
+        out[-1] |= {"poses_per_second": count / seconds, "speedup": first / seconds}
+    return out
+
+
+def finished(folder: Path, recipe_count: int, rounds: int) -> dict:
+    """The command once more, wall time of its process; one pose a recipe."""
+    plan = folder / "plan.toml"
+    seeds = f"seed = {{ first = 1, count = {recipe_count} }}"
+    plan.write_text(f'[object]\nsource = "cube"\n[motion]\nsource = "random"\ncount = 1\n{seeds}\n')
+    command = [sys.executable, "-c", "from palpate.render.cli import main; main()", "sweep", str(plan)]
+    seconds = []
+    for _ in range(rounds + 1):
+        started = perf_counter()
+        subprocess.run([*command, "--workers", "1", "--device", "cpu", "--json"], check=True, capture_output=True)
+        seconds.append(perf_counter() - started)
+    return {"recipes": recipe_count, "first_seconds": seconds[0], "again_seconds": float(np.median(seconds[1:]))}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("case", choices=("overhead", "recipes", "workers", "metrics", "finished", "devices"))
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--devices", nargs="+", default=["cpu", "cpu"])
+    parser.add_argument("--poses", type=int, default=1_000_000)
+    parser.add_argument("--recipes", type=int, help="a hundred, or 10,000 finished ones")
+    parser.add_argument("--rounds", type=int, default=5)
+    options = parser.parse_args()
+    wp.config.log_level = wp.LOG_ERROR
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        measured = {
+            "overhead": lambda: overhead(folder, options.device, options.poses, options.rounds),
+            "recipes": lambda: overhead(folder, options.device, options.poses, options.rounds, options.recipes or 100),
+            "workers": lambda: workers(folder, options.poses, options.rounds),
+            "metrics": lambda: metrics(folder, options.device, options.poses, options.rounds),
+            "finished": lambda: finished(folder, options.recipes or 10_000, options.rounds),
+            "devices": lambda: devices(folder, options.devices, options.poses, options.rounds),
+        }[options.case]()
+        for line in measured if isinstance(measured, list) else [measured]:
+            print(json.dumps({"case": options.case, "device": options.device, **line}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -6,6 +6,7 @@
     python benchmarks/sweeps.py metrics --device cuda:0 --poses 100000000    # metrics only and the bare kernels
     python benchmarks/sweeps.py finished                         # until 10^4 finished recipes are recognised
     python benchmarks/sweeps.py devices --devices cuda:0 cuda:1  # one GPU, two, ...
+    python benchmarks/sweeps.py parent --device cuda:0           # what the parent does for a part
 
 Tube, CC, palm 85 x 85 mm, random poses. One line of JSON a case; sides take turns, medians of wall time.
 
@@ -17,6 +18,7 @@ Tube, CC, palm 85 x 85 mm, random poses. One line of JSON a case; sides take tur
 | metrics | one recipe, metrics, in this process | find, join and draw in batches of 4 M, results left on the device |
 | finished | `palpate sweep` once more | nothing |
 | devices | one recipe, a process a device, start left out and told | one device |
+| parent | one recipe, one process beside: processor time of the parent a part | nothing |
 """
 
 import argparse
@@ -27,7 +29,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from time import perf_counter, sleep
+from time import perf_counter, process_time, sleep
 
 import numpy as np
 import warp as wp
@@ -44,7 +46,7 @@ from palpate.render.sweep_engine import InProcess
 from palpate.render.sweep_plan import load_plans
 from palpate.render.sweep_processes import Processes
 from palpate.render.sweep_run import run_sweep
-from palpate.render.sweep_task import Engine
+from palpate.render.sweep_task import PART, Engine
 
 BATCH = 4_000_000  # poses; of the bare kernels
 CUBE = {"size": 0.13, "at": (0.0, 0.0, 0.2)}
@@ -197,6 +199,17 @@ def devices(folder: Path, names: Sequence[str], count: int, rounds: int) -> list
     return out
 
 
+def parent(folder: Path, device: str, count: int, rounds: int) -> dict:
+    sweeps, engine = Sweeps(folder, count), Started(Processes([device]), folder)
+    seconds = []
+    for _ in range(rounds + 1):
+        started = process_time()
+        sweeps.run(lambda: engine)
+        seconds.append(process_time() - started)
+    engine._engine.close()
+    return {"poses": count, "parent_seconds_a_part": float(np.median(seconds[1:])) / -(-count // PART)}
+
+
 def finished(folder: Path, recipe_count: int, rounds: int) -> dict:
     """The command once more, wall time of its process; one pose a recipe."""
     plan = folder / "plan.toml"
@@ -213,7 +226,7 @@ def finished(folder: Path, recipe_count: int, rounds: int) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("case", choices=("overhead", "recipes", "workers", "metrics", "finished", "devices"))
+    parser.add_argument("case", choices=("overhead", "recipes", "workers", "metrics", "finished", "devices", "parent"))
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--devices", nargs="+", default=["cpu", "cpu"])
     parser.add_argument("--poses", type=int, default=1_000_000)
@@ -230,6 +243,7 @@ def main() -> None:
             "metrics": lambda: metrics(folder, options.device, options.poses, options.rounds),
             "finished": lambda: finished(folder, options.recipes or 10_000, options.rounds),
             "devices": lambda: devices(folder, options.devices, options.poses, options.rounds),
+            "parent": lambda: parent(folder, options.device, options.poses, options.rounds),
         }[options.case]()
         for line in measured if isinstance(measured, list) else [measured]:
             print(json.dumps({"case": options.case, "device": options.device, **line}), flush=True)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+import sweep_projection
 import sweeps
 
 
@@ -39,3 +40,17 @@ def test_finished_case_sweeps_by_the_command(tmp_path):
     figures = sweeps.finished(tmp_path, 5, 1)
     assert figures["recipes"] == 5
     assert min(figures["first_seconds"], figures["again_seconds"]) > 0
+
+
+def test_parent_case_measures_processor_time_a_part(device, tmp_path):
+    assert 0 < sweeps.parent(tmp_path, device, 300, 1)["parent_seconds_a_part"] < 60
+
+
+def test_projection_is_bound_by_the_devices_then_by_the_parent(tmp_path):
+    lines = [{"devices": 1, "poses_per_second": 1e8, "start_seconds": 2.0}]
+    rows = sweep_projection.table(1e12, lines, 1e-4)
+    assert rows[0]["seconds"] == pytest.approx(2 + 1e12 / 1e8)
+    assert rows[-1]["seconds"] == pytest.approx(2 + 1e-4 * 1e12 / sweeps.PART, rel=1e-3)
+    assert [row["seconds"] for row in rows] == sorted((row["seconds"] for row in rows), reverse=True)
+    sweep_projection.draw({"GPU": lines}, 1e12, 1e-4, tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000

@@ -25,7 +25,7 @@ from .schema import CHUNK_ROWS, Field
 h5py: Any = importlib.import_module("h5py")
 
 # What h5py raises for damaged or foreign content; nothing else is taken for a bad file.
-_FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, EOFError, UnicodeError)
+FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, EOFError, UnicodeError)
 
 FILL = {"f": np.nan, "i": -1, "u": 255}
 """A chunk that was never written must show: no field has one of these values by right."""
@@ -215,11 +215,11 @@ class Hdf5Image:
 def _failures(what: str, task: str = "read") -> Generator[None, None, None]:
     try:
         yield
-    except _FAILURES as error:
-        raise ContourFileError(f"{what} {_reason(error, task)}") from error
+    except FAILURES as error:
+        raise ContourFileError(f"{what} {reason_of(error, task)}") from error
 
 
-def _reason(error: BaseException, task: str) -> str:
+def reason_of(error: BaseException, task: str) -> str:
     """What h5py's message says, in a user's words."""
     text = str(error)
     known = {

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .durable import TEMPORARY_SUFFIX, Buffer, append_at, discard, publish
 from .errors import SweepStoreError
-from .hdf5 import h5py
+from .hdf5 import FAILURES, h5py, reason_of
 
 Values = Sequence[Any] | NDArray[Any]
 """A column: an array, or a list of str, float, int, bool and None."""
@@ -33,7 +33,6 @@ BOOL = "bool"
 """Attribute `dtype` of a column of 0 and 1 that is true and false, as xarray has it."""
 
 _FORMAT = ("v108", "v108")  # object headers with checksums, and files that every reader of today reads
-_FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, EOFError, UnicodeError)
 _INT_LEAST, _INT_MOST = -(1 << 63), (1 << 63) - 1
 
 
@@ -214,20 +213,5 @@ def failures_named(path: Path) -> Generator[None, None, None]:
         raise
     except FileNotFoundError:
         raise SweepStoreError(f"{path} does not exist") from None
-    except _FAILURES as error:
-        raise SweepStoreError(f"{path} {_reason(error)}") from error
-
-
-def _reason(error: BaseException) -> str:
-    text = str(error)
-    known = {
-        "file signature not found": "is not an HDF5 file",
-        "truncated file": "is truncated",
-        "fletcher32": "is damaged: the checksum of a chunk does not match",
-        "filter returned failure": "is damaged: the checksum of a chunk does not match",
-        "Permission denied": "may not be read: permission denied",
-    }
-    for sign, reason in known.items():
-        if sign in text:
-            return reason
-    return f"cannot be read: {' '.join(text.split()) or type(error).__name__}"
+    except FAILURES as error:
+        raise SweepStoreError(f"{path} {reason_of(error, 'read')}") from error

@@ -315,6 +315,14 @@ def _join_pieces(
     write_row(entries, row, section, entry, lines, points)
 
 
+class Ordered(NamedTuple):
+    """Polylines that are ordered."""
+
+    rows: list[tuple[Any, Any]]  # Pieces and Entries
+    polylines: wp.array  # of each section, int64, shape [section + 1], the last one 0
+    points: wp.array
+
+
 class Joined(NamedTuple):
     """Polylines that are ordered and counted, not yet drawn."""
 
@@ -325,13 +333,10 @@ class Joined(NamedTuple):
     point_count: int
 
 
-def join_pieces(
-    surface: Any, found: list, pose: wp.array, patch: wp.array, *, closes: bool, limit: int | None = None
-) -> Joined:
-    """Order pieces into polylines, closed along the patches' boundaries or not, and count their points.
+def order_pieces(surface: Any, found: list, pose: wp.array, patch: wp.array, *, closes: bool) -> Ordered:
+    """Order pieces into polylines, closed along the patches' boundaries or not.
 
     found: what `find_pieces` returned; closes needs a watertight surface and bounded patches.
-    Raises PointLimitError, before any memory is taken for them, if there are more points than `limit`.
     """
     section_count = pose.shape[0] * patch.shape[0]
     device = pose.device
@@ -349,6 +354,17 @@ def join_pieces(
         inputs = [surface, pieces, pose, patch, int(closes), rest, rest_count]
         launch(_join_pieces, row_count, inputs=inputs, outputs=[ends, entries])
         rows.append((pieces, entries))
+    return Ordered(rows, polylines, points)
+
+
+def join_pieces(
+    surface: Any, found: list, pose: wp.array, patch: wp.array, *, closes: bool, limit: int | None = None
+) -> Joined:
+    """As `order_pieces`, and count polylines and points.
+
+    Raises PointLimitError, before any memory is taken for them, if there are more points than `limit`.
+    """
+    rows, polylines, points = order_pieces(surface, found, pose, patch, closes=closes)
     section_start, point_start = offsets_of(polylines), offsets_of(points)
     polyline_count, point_count = last_of(section_start), last_of(point_start)
     if limit is not None and point_count > limit:

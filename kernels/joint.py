@@ -14,8 +14,8 @@ import warp as wp
 
 from .clip import side_position
 from .cut import Parts, parts_from
-from .draw import HAND
 from .patch import EXACT, Frame, Patch, corner, placed, require_section_poses, section_frame
+from .pen import HAND
 from .ragged import BLOCK, offsets_of
 
 wp.set_module_options(EXACT)

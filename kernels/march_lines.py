@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import warp as wp
 
-from .draw import Contours, Lines
+from .draw import Contours
 from .march_sample import NO_POINT
 from .march_walk import Trails
 from .patch import EXACT
+from .pen import Lines
 from .ragged import BLOCK, last_of, offsets_of
 
 wp.set_module_options(EXACT)

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import warp as wp
 
-from .draw import HAND
 from .march_grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, is_inside, rim_count, rim_node
 from .march_sample import ALONG_U, ALONG_V, AT_NODE, NO_POINT, Samples, parts_of
 from .patch import EXACT
+from .pen import HAND
 from .ragged import BLOCK
 
 wp.set_module_options(EXACT)

@@ -10,8 +10,9 @@ import numpy as np
 import warp as wp
 
 from .close import _join_pieces, _join_single_pieces, room_to_join
-from .draw import Lines, _draw_contours
+from .draw import _draw_contours
 from .events import _clip_loops, room_for_events
+from .pen import Lines
 from .piece import Pieces, with_slots
 from .seek import _seek_pieces
 from .trace import _walk_first_loops, _walk_other_loops

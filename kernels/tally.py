@@ -45,6 +45,20 @@ class Pacing:
     moves: wp.float64  # 0 for a focal point that stays where it is, else 1
 
 
+@wp.func
+def write_lengths(
+    total: wp.vec3d, polylines: wp.int64, pose: int, value: wp.array2d[wp.float32], length: wp.array[wp.float64]
+):
+    """Write a pose's rows of all METRICS but the area; total: by kind [m]."""
+    by_kind = narrowed(total)
+    stored = widened(by_kind)
+    value[0, pose] = wp.float32(stored[0] + stored[1] + stored[2])
+    for k in range(3):
+        value[1 + k, pose] = by_kind[k]
+    value[4, pose] = wp.float32(polylines)
+    length[pose] = total[0] + total[1] + total[2]
+
+
 @wp.kernel
 def _tally_contours(
     # In:
@@ -89,15 +103,8 @@ def _tally_contours(
             swept = swept + own
     if encloses != 0:
         value[5, pose] = wp.float32(wp.float64(0.5) * (area + wp.length(swept)))
-    if measures == 0:
-        return
-    by_kind = narrowed(total)
-    stored = widened(by_kind)
-    value[0, pose] = wp.float32(stored[0] + stored[1] + stored[2])
-    for k in range(3):
-        value[1 + k, pose] = by_kind[k]
-    value[4, pose] = wp.float32(pose_start[pose + 1] - pose_start[pose])
-    length[pose] = total[0] + total[1] + total[2]
+    if measures != 0:
+        write_lengths(total, pose_start[pose + 1] - pose_start[pose], pose, value, length)
 
 
 @wp.kernel
@@ -266,14 +273,18 @@ def measure_gaps(batch: Any) -> tuple[wp.array, wp.array, wp.array]:
     return open_length, chord, piece_count
 
 
-def pace_poses(pacing: Pacing, length: wp.array, gaps: tuple[wp.array, wp.array] | None) -> wp.array:
+def pace_poses(
+    pacing: Pacing, length: wp.array, gaps: tuple[wp.array, wp.array] | None, value: wp.array | None = None
+) -> wp.array:
     """Draw frequency nominal and actual of contours of these lengths [Hz], float32, shape [2, pose]; NaN without any.
 
     length: [m], float64, shape [pose]. gaps: open lengths and chords (`measure_gaps`), where the pacing asks for them.
+    value: takes them, if given.
     """
     device = length.device
     none = wp.empty(0, dtype=wp.float64, device=device)
-    value = wp.empty((2, length.shape[0]), dtype=wp.float32, device=device)
+    if value is None:
+        value = wp.empty((2, length.shape[0]), dtype=wp.float32, device=device)
     inputs = [pacing, length, *(gaps or (none, none))]
     wp.launch(_pace_poses, length.shape[0], inputs=inputs, outputs=[value], device=device, block_dim=BLOCK)
     return value

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from .draw import MADE, Contours
+from .draw import Contours
 from .patch import EXACT, widened
+from .pen import MADE
 from .ragged import BLOCK, last_of, offsets_of
 
 wp.set_module_options(EXACT)

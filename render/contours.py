@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..kernels.draw import HAND, MADE, OBJECT, Contours
+from ..kernels.draw import Contours
 from ..kernels.measure import measure_contours
+from ..kernels.pen import HAND, MADE, OBJECT
 
 KINDS = {"object": OBJECT, "hand": HAND, "made": MADE}
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -112,7 +113,7 @@ class Palm:
 
     def on(self, device: str) -> wp.array:
         """Patches on a Warp device, dtype Patch, shape [patch]."""
-        return patches_on(device, self.frames(np.array(IDENTITY)))
+        return _palm_on(self, device)
 
     def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
         """The hand's poses, float32, shape [pose, 1, 7]."""
@@ -151,6 +152,12 @@ def require_rows(hand: Hand, pose_count: int) -> None:
     """Raise PoseError unless an articulated hand has a row for each pose of the motion."""
     if hand.pose_count is not None and hand.pose_count != pose_count:
         raise PoseError(f"the hand is articulated for {hand.pose_count} poses, but the motion has {pose_count}")
+
+
+@lru_cache(maxsize=16)
+def _palm_on(palm: Palm, device: str) -> wp.array:
+    """Its patch; kept, since making one takes as long as launching ten kernels."""
+    return patches_on(device, palm.frames(np.array(IDENTITY)))
 
 
 def patches_on(device: str, frames: PatchFrames) -> wp.array:

@@ -1,10 +1,13 @@
-"""Raw contours of a mesh on the patches of a hand: one batch of poses in one go."""
+"""Raw contours of a mesh on the patches of a hand, or what they come to: one batch of poses in one go."""
+
+from typing import Any
 
 import warp as wp
 
-from ..kernels.close import join_pieces
+from ..kernels.close import join_pieces, order_pieces
 from ..kernels.draw import draw_contours
 from ..kernels.find import find_pieces
+from ..kernels.tally_pieces import tally_pieces
 from .contours import ContourBatch
 from .hands import PatchHand
 from .objects import MeshObject
@@ -29,16 +32,53 @@ def intersect(
     memory is taken for them. method: how contours are looked for, see `find_pieces`; the result is the same.
     timing: takes the seconds of each stage, which are then waited for one by one.
     """
+    found, (surface, section, patch) = _pieces(thing, hand, pose, strategy, method, timing)
+    device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
+    with StageClock(timing, "join", device):
+        joined = join_pieces(surface, found, section, patch, closes=closes, limit=point_limit)
+    with StageClock(timing, "draw", device):
+        contours = draw_contours(surface, section, patch, joined, bounded=bounded, closes=closes)
+    return ContourBatch.from_device(contours, hand.patch_count), joined.point_count
+
+
+def tally_intersection(
+    thing: MeshObject,
+    hand: PatchHand,
+    pose: wp.array,
+    strategy: IntersectionStrategy,
+    value: wp.array,
+    length: wp.array,
+    *,
+    method: str | None = None,
+    timing: dict[str, float] | None = None,
+) -> None:
+    """What `tally_contours` tells of `intersect`'s contours, to the bit, and no memory is taken for points.
+
+    value: float32, takes rows METRICS, shape [metric.., pose], the area NaN unless the strategy closes contours.
+    length: takes that of all contours in float64 [m], shape [pose]. The others as for `intersect`.
+    """
+    found, (surface, section, patch) = _pieces(thing, hand, pose, strategy, method, timing)
+    device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
+    with StageClock(timing, "join", device):
+        ordered = order_pieces(surface, found, section, patch, closes=closes)
+    with StageClock(timing, "measure", device):
+        tally_pieces(surface, section, patch, ordered, value, length, bounded=bounded, closes=closes)
+
+
+def _pieces(
+    thing: MeshObject,
+    hand: PatchHand,
+    pose: wp.array,
+    strategy: IntersectionStrategy,
+    method: str | None,
+    timing: dict[str, float] | None,
+) -> tuple[list[Any], tuple[Any, wp.array, wp.array]]:
+    """What of the contours lies in each patch; and the surface, poses of sections and patches it was found with."""
     if strategy.needs_closed:
         thing.require_closed()
     device = str(pose.device)
-    pose = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
+    section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
     surface, patch = thing.on(device), hand.on(device)
-    bounded, closes = strategy.bounded, strategy.closes
     with StageClock(timing, "find", device):
-        found = find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method=method)
-    with StageClock(timing, "join", device):
-        joined = join_pieces(surface, found, pose, patch, closes=closes, limit=point_limit)
-    with StageClock(timing, "draw", device):
-        contours = draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes)
-    return ContourBatch.from_device(contours, hand.patch_count), joined.point_count
+        found = find_pieces(surface, section, patch, bounded=strategy.bounded, closes=strategy.closes, method=method)
+    return found, (surface, section, patch)

@@ -25,7 +25,7 @@ from .contours import ContourBatch
 from .errors import MeshError, PoseError, StrategyError
 from .focal_spot import focal_width
 from .hands import Hand, PatchHand, poses_on_host, require_rows, sections_on
-from .intersect import intersect
+from .intersect import intersect, tally_intersection
 from .mesh_hand import MeshHand
 from .moving import seen_from
 from .objects import MeshObject
@@ -189,6 +189,27 @@ class Scene:
         place = wp.array(moved, dtype=wp.transform, device=device)
         move_contours(batch.points, batch.polyline_start, batch.pose_start, place, self.pivot)
         return batch
+
+    @property
+    def is_drawn_to_measure(self) -> bool:
+        """Whether lengths are known of points only; else `tally` tells them."""
+        return not (self.exact and self.is_raw and self.moved is None)
+
+    def tally(
+        self,
+        pose: np.ndarray | wp.array,
+        first: int,
+        device: str,
+        value: wp.array,
+        length: wp.array,
+        *,
+        timing: dict[str, float] | None = None,
+    ) -> None:
+        """Measure a batch of poses and draw nothing, see `tally_intersection`; not where points are needed."""
+        if not (isinstance(self.thing, MeshObject) and isinstance(self.hand, PatchHand)) or self.is_drawn_to_measure:
+            raise StrategyError("only raw contours of a mesh that stands still, on patches, are measured undrawn")
+        section = sections_on(self.hand, pose, first, device)
+        tally_intersection(self.thing, self.hand, section, self.strategy, value, length, timing=timing)
 
     def staged(
         self,

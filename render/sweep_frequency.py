@@ -31,6 +31,16 @@ def is_fixed(strategy: SamplingStrategy) -> bool:
     return strategy.pace.kind in ("frequency", "still")
 
 
+def needs_gaps(strategy: SamplingStrategy) -> bool:
+    """Whether samples depend on where polylines begin and end."""
+    return strategy.gap.kind != "jump" and not is_fixed(strategy)
+
+
+def needs_contours(strategy: SamplingStrategy) -> bool:
+    """Whether draw frequencies need more than the length of contours that have no pauses of their own."""
+    return needs_gaps(strategy) or (not is_fixed(strategy) and (strategy.dwell.time > 0 or strategy.dwell.share > 0))
+
+
 def pacing_of(strategy: SamplingStrategy) -> Any:
     """A strategy as the kernel takes it, `Pacing`."""
     pace, gap, capped = strategy.pace, strategy.gap.kind, strategy.pace.kind == "capped"
@@ -56,21 +66,21 @@ def pacing_of(strategy: SamplingStrategy) -> Any:
 class Pacer:
     """Draw frequencies of one batch, strategy by strategy; what they have in common is made once."""
 
-    batch: ContourBatch
-    """On the device."""
+    batch: ContourBatch | None
+    """On the device; None where no strategy needs it, see `needs_contours`."""
     length: wp.array
     """Of each pose's contours [m], float64, shape [pose]."""
     _gaps: tuple[wp.array, wp.array, wp.array] | None = None
     _host: ContourBatch | None = None
 
-    def frequencies(self, strategy: SamplingStrategy) -> wp.array:
+    def frequencies(self, strategy: SamplingStrategy, value: wp.array | None = None) -> wp.array:
         """Draw frequency nominal and actual [Hz], float32, shape [2, pose]; NaN for poses without contours.
 
-        Nominal is the strategy's own word, pauses left out; actual is update rate / samples of a cycle.
+        Nominal is the strategy's own word, pauses left out; actual is update rate / samples of a cycle. value: takes
+        them, if given.
         """
-        asks = strategy.gap.kind != "jump" and not is_fixed(strategy)
-        gaps = self._gaps_of() if asks else None
-        value = pace_poses(pacing_of(strategy), self.length, None if gaps is None else gaps[:2])
+        gaps = self._gaps_of() if needs_gaps(strategy) else None
+        value = pace_poses(pacing_of(strategy), self.length, None if gaps is None else gaps[:2], value)
         rows = self._rows_of_tracks(strategy)
         if len(rows):
             host = value.numpy()
@@ -81,22 +91,28 @@ class Pacer:
     def _gaps_of(self) -> tuple[wp.array, wp.array, wp.array]:
         """What lies between the ends of polylines."""
         if self._gaps is None:
-            self._gaps = measure_gaps(self.batch)
+            self._gaps = measure_gaps(self._contours())
         return self._gaps
 
     def _rows_of_tracks(self, strategy: SamplingStrategy) -> np.ndarray:
         """Poses whose samples only a track tells."""
         if is_fixed(strategy):
             return np.zeros(0, np.int64)
-        if self.batch.dwell is not None or strategy.dwell.time > 0 or strategy.dwell.share > 0:
+        paused = self.batch is not None and self.batch.dwell is not None
+        if paused or strategy.dwell.time > 0 or strategy.dwell.share > 0:
             return np.flatnonzero(self.length.numpy() > 0)
         return (
             np.flatnonzero(self._gaps_of()[2].numpy() > 1) if strategy.gap.kind == "return" else np.zeros(0, np.int64)
         )
 
+    def _contours(self) -> ContourBatch:
+        if self.batch is None:
+            raise ValueError("contours are needed, and there are none: see needs_contours")
+        return self.batch
+
     def _actual(self, pose: int, strategy: SamplingStrategy) -> float:
         """Of one pose, as the sampler draws it [Hz]."""
         if self._host is None:
-            self._host = self.batch.numpy()
+            self._host = self._contours().numpy()
         path = Path.of(self._host, pose)
         return math.nan if path is None else strategy.update_rate / lay_track(path, strategy).sample_count

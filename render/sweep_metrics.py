@@ -12,7 +12,7 @@
 What does not apply is NaN in columns, and not counted in statistics. These are of the columns' float32, in float64.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any, NamedTuple, Self
@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import warp as wp
 
+from ..datasets.schema import removed_name
 from ..kernels.tally import METRICS, STATISTICS, sum_parts, tally_contours
 from .contours import ContourBatch
 from .errors import SweepError
@@ -28,10 +29,11 @@ from .sampling_strategy import SamplingStrategy
 from .scene import Scene
 from .stage_clock import StageClock, settled, stage_times
 from .stages import BY_RAW_KERNELS
-from .sweep_frequency import Pacer
+from .sweep_frequency import Pacer, needs_contours
 from .sweep_task import PART, SPAN
 
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
+DRAWS_ON_CPU = True  # there it takes 3 to 10 % less than walking undrawn (measured); the bits are the same
 WHOLE_NUMBERS = ("polylines",)  # columns of int32
 
 
@@ -86,31 +88,40 @@ def measure_batch(
     empty where draw frequencies are not asked for. first: row of the motion that `pose` begins at, for what is
     articulated or moves. timing: takes the seconds of each stage. Results do not depend, to the bit, on how parts are
     put into batches, nor on the device.
-    Raises PointLimitError before memory is taken for more points than `point_limit`; SweepError for parts that are not
-    within the batch, and for one that goes on in the middle of a span.
+    Raises PointLimitError before memory is taken for more points than `point_limit`, which none is on a GPU where
+    lengths are enough (`Scene.is_drawn_to_measure`, `needs_contours`); SweepError for parts that are not within the
+    batch, and for one that goes on in the middle of a span.
     """
     _require_parts(parts, len(pose), len(samplings))
     clock = stage_times(device)
-    tallied = _tallied(scene, pose, first, device, point_limit, clock)
-    spans = Spans.of(parts, device)
-    with StageClock(clock, "measure", device):
-        before = [None if part.before is None else part.before.contours for part in parts]
-        sums = spans.sums(tallied.value, tallied.names, before)
+    pieces = dict.fromkeys(part.piece for part in parts)
+    asked = list(dict.fromkeys(chain.from_iterable(samplings[piece] for piece in pieces)))
+    draws = DRAWS_ON_CPU and wp.get_device(device).is_cpu
+    if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)):
+        tallied = _tallied(scene, pose, first, device, point_limit, clock, len(asked))
+    else:
+        tallied = _tallied_undrawn(scene, pose, first, device, clock, len(asked))
     with StageClock(clock, "frequency", device):
-        rates = _rates(tallied, spans, parts, samplings)
+        _pace(tallied, asked)
+    with StageClock(clock, "measure", device):
+        sums = _sums(tallied, parts, asked, samplings, device)
+    found = sums.numpy()  # the one download; waits for all that was asked of the device
     seconds = settled(clock)
     if timing is not None:
         timing |= {stage: timing.get(stage, 0.0) + s for stage, s in seconds.items()}
-    pacing = {"frequency": seconds.pop("frequency") / max(1, len(rates))}
-    contours = _payloads(parts, tallied.names, sums.numpy(), before, seconds, len(pose))
+    pacing = {"frequency": seconds.pop("frequency") / max(1, len(asked))}
+    before = [None if part.before is None else part.before.contours for part in parts]
+    contours = _payloads(parts, tallied.names, found, before, seconds, len(pose))
     drawn = [payload["poses_drawn"] for payload in contours]
-    frequency = {
-        strategy: _payloads(parts, FREQUENCIES, rate.sums.numpy(), rate.before, pacing, len(pose), drawn)
-        for strategy, rate in rates.items()
-    }
-    columns = _columns(tallied, rates, parts, samplings) if per_pose else [()] * len(parts)
-    paced = [tuple(frequency[s][k] for s in samplings[part.piece]) for k, part in enumerate(parts)]
-    ended = [replace(part, before=None) for part in parts]  # what came before is in the payloads
+    frequency = []
+    for k, strategy in enumerate(asked):
+        own = found[:, len(tallied.names) + 2 * k :][:, :2]
+        before = _paced_before(parts, strategy, samplings)
+        frequency.append(_payloads(parts, FREQUENCIES, own, before, pacing, len(pose), drawn))
+    numbers = {piece: [asked.index(strategy) for strategy in samplings[piece]] for piece in pieces}
+    columns = _columns(tallied, parts, numbers) if per_pose else [()] * len(parts)
+    paced = [tuple(frequency[s][k] for s in numbers[part.piece]) for k, part in enumerate(parts)]
+    ended = [part if part.before is None else replace(part, before=None) for part in parts]  # it is in the payloads
     return [Measured(*row) for row in zip(ended, contours, paced, columns, strict=True)]
 
 
@@ -133,21 +144,30 @@ def _require_parts(parts: Sequence[Part], pose_count: int, piece_count: int) -> 
 class Tallied(NamedTuple):
     """A batch and what is known of each of its poses, on the device."""
 
-    batch: ContourBatch
-    names: tuple[str, ...]  # of metrics
-    value: wp.array  # float32, shape [metric, pose]
+    batch: ContourBatch | None  # None: not drawn
+    names: tuple[str, ...]  # of metrics of contours
+    value: wp.array  # those, then FREQUENCIES of each sampling strategy, float32, shape [metric, pose]
     length: wp.array  # of all contours [m], float64, shape [pose]
 
 
 def _tallied(
-    scene: Scene, pose: np.ndarray | wp.array, first: int, device: str, limit: int | None, clock: dict[str, float]
+    scene: Scene,
+    pose: np.ndarray | wp.array,
+    first: int,
+    device: str,
+    limit: int | None,
+    clock: dict[str, float],
+    paced: int,
 ) -> Tallied:
-    """Render and measure; the area is of raw contours, since stages may leave what encloses something else."""
+    """Render and measure, with room for so many sampling strategies.
+
+    The area is of raw contours, since stages may leave what encloses something else.
+    """
     batch = scene.raw_contours(pose, first, device, point_limit=limit, timing=clock)
     encloses = scene.strategy.closes and isinstance(scene.hand, PatchHand)
     stages = [stage.name for stage in scene.strategy.prune_stages if stage.name not in BY_RAW_KERNELS]
-    names = (*METRICS, *dict.fromkeys(map(_removed_name, stages)))
-    value = wp.empty((len(names), batch.pose_count), dtype=wp.float32, device=device)
+    names = (*METRICS, *dict.fromkeys(map(removed_name, stages)))
+    value = wp.empty((len(names) + 2 * paced, batch.pose_count), dtype=wp.float32, device=device)
     length = wp.empty(batch.pose_count, dtype=wp.float64, device=device)
     if not encloses:
         value[METRICS.index("area")].fill_(np.nan)
@@ -160,14 +180,19 @@ def _tallied(
     with StageClock(clock, "measure", device):
         tally_contours(batch, value, length, measures=True, encloses=encloses and scene.is_raw)
         for row, name in enumerate(names[len(METRICS) :], len(METRICS)):
-            total = sum(gone for stage, gone in removed.items() if _removed_name(stage) == name)
+            total = sum(gone for stage, gone in removed.items() if removed_name(stage) == name)
             value[row].assign(np.asarray(total, np.float32))
     return Tallied(batch, names, value, length)
 
 
-def _removed_name(stage: str) -> str:
-    """Metric of what a prune stage removed; one that is listed again, as "name#2", goes with the first."""
-    return f"removed_{stage.partition('#')[0].replace('-', '_')}"
+def _tallied_undrawn(
+    scene: Scene, pose: np.ndarray | wp.array, first: int, device: str, clock: dict[str, float], paced: int
+) -> Tallied:
+    """The same of contours that are raw and exact, and not drawn: a GPU takes longer to write points than to walk."""
+    value = wp.empty((len(METRICS) + 2 * paced, len(pose)), dtype=wp.float32, device=device)
+    length = wp.empty(len(pose), dtype=wp.float64, device=device)
+    scene.tally(pose, first, device, value, length, timing=clock)
+    return Tallied(None, METRICS, value, length)
 
 
 @dataclass(frozen=True)
@@ -193,15 +218,31 @@ class Spans:
         on_device = wp.array(table, dtype=wp.int64, device=device)  # one upload
         return cls(on_device[: start[-1]], on_device[start[-1] : 2 * start[-1]], on_device[2 * start[-1] :])
 
-    def sums(self, value: wp.array, names: Sequence[str], before: Sequence[dict[str, Any] | None]) -> wp.array:
-        """Statistics of each part on the device, float64, shape [part, metric, statistic].
 
-        value: float32, shape [metric, pose]; before: payloads of the spans of each part in earlier batches.
-        """
-        begun = None
-        if any(payload is not None for payload in before):
-            begun = wp.array(_begun(names, before), dtype=wp.float64, device=value.device)
-        return sum_parts(value, self.first, self.count, self.part_start, begun)
+def _pace(tallied: Tallied, asked: Sequence[SamplingStrategy]) -> None:
+    """Draw frequencies of all poses by every strategy, into their rows."""
+    pacer = Pacer(tallied.batch, tallied.length)
+    for row, strategy in enumerate(asked):
+        first = len(tallied.names) + 2 * row
+        pacer.frequencies(strategy, tallied.value[first : first + 2])
+
+
+def _sums(
+    tallied: Tallied,
+    parts: Sequence[Part],
+    asked: Sequence[SamplingStrategy],
+    samplings: Sequence[Sequence[SamplingStrategy]],
+    device: str,
+) -> wp.array:
+    """Statistics of each part on the device, those of earlier batches included, shape [part, metric, statistic]."""
+    begun = None
+    if any(part.before is not None for part in parts):
+        contours = [None if part.before is None else part.before.contours for part in parts]
+        rates = [_begun(FREQUENCIES, _paced_before(parts, strategy, samplings)) for strategy in asked]
+        table = np.concatenate([_begun(tallied.names, contours), *rates], axis=1)
+        begun = wp.array(table, dtype=wp.float64, device=device)
+    spans = Spans.of(parts, device)
+    return sum_parts(tallied.value, spans.first, spans.count, spans.part_start, begun)
 
 
 def _begun(names: Sequence[str], before: Sequence[dict[str, Any] | None]) -> np.ndarray:
@@ -218,28 +259,15 @@ def _begun(names: Sequence[str], before: Sequence[dict[str, Any] | None]) -> np.
     return begun
 
 
-class Rate(NamedTuple):
-    """Draw frequencies by one sampling strategy, on the device."""
-
-    value: wp.array  # float32, shape [2, pose]
-    sums: wp.array
-    before: list[dict[str, Any] | None]  # payloads of earlier batches, a part each
-
-
-def _rates(
-    tallied: Tallied, spans: Spans, parts: Sequence[Part], samplings: Sequence[Sequence[SamplingStrategy]]
-) -> dict[SamplingStrategy, Rate]:
-    """Draw frequencies of all poses by every strategy that a part asks for."""
-    pacer, out = Pacer(tallied.batch, tallied.length), {}
-    for strategy in dict.fromkeys(chain.from_iterable(samplings[part.piece] for part in parts)):
-        value = pacer.frequencies(strategy)
-        before: list[dict[str, Any] | None] = []
-        for part in parts:
-            asked = part.before is not None and strategy in samplings[part.piece]
-            index = list(samplings[part.piece]).index(strategy) if asked else 0
-            before.append(part.before.frequency[index] if asked and part.before else None)
-        out[strategy] = Rate(value, spans.sums(value, FREQUENCIES, before), before)
-    return out
+def _paced_before(
+    parts: Sequence[Part], strategy: SamplingStrategy, samplings: Sequence[Sequence[SamplingStrategy]]
+) -> list[dict[str, Any] | None]:
+    """What earlier batches told of a strategy's draw frequencies, a part each."""
+    place = [list(own).index(strategy) if strategy in own else None for own in samplings]
+    return [
+        None if part.before is None or (at := place[part.piece]) is None else part.before.frequency[at]
+        for part in parts
+    ]
 
 
 def _payloads(
@@ -252,41 +280,36 @@ def _payloads(
     drawn: Sequence[int] | None = None,
 ) -> list[dict[str, Any]]:
     """What is stored of each part; seconds: of the whole batch of so many poses; drawn: None for the first metric's."""
-    out = []
+    out, rows = [], sums.tolist()
     for k, part in enumerate(parts):
         own = before[k] or {"poses": 0, "seconds": {}}
         known = own["seconds"]
         stat = {
             name: [int(row[0]), row[1], row[2], *(row[3:5] if row[0] else (None, None))]
-            for name, row in zip(names, sums[k].tolist(), strict=True)
+            for name, row in zip(names, rows[k], strict=False)  # frequencies follow
         }
-        share = {stage: known.get(stage, 0.0) + s * part.count / pose_count for stage, s in seconds.items()}
-        poses_drawn = int(sums[k, 0, 5]) if drawn is None else drawn[k]
+        share = known | {stage: known.get(stage, 0.0) + s * part.count / pose_count for stage, s in seconds.items()}
+        poses_drawn = int(rows[k][0][5]) if drawn is None else drawn[k]
         out.append({"poses": own["poses"] + part.count, "poses_drawn": poses_drawn, "stat": stat, "seconds": share})
     return out
 
 
 def _columns(
-    tallied: Tallied,
-    rates: dict[SamplingStrategy, Rate],
-    parts: Sequence[Part],
-    samplings: Sequence[Sequence[SamplingStrategy]],
+    tallied: Tallied, parts: Sequence[Part], numbers: Mapping[int, Sequence[int]]
 ) -> list[tuple[dict[str, np.ndarray], ...]]:
-    """A row a pose of each part, for each sampling strategy of its piece."""
-    values = dict(zip(tallied.names, tallied.value.numpy(), strict=True))
+    """A row a pose of each part, for each sampling strategy of its piece; numbers: of those of a piece, in the rows."""
+    count, table = len(tallied.names), tallied.value.numpy()
+    values = dict(zip(tallied.names, table[:count], strict=True))
     values |= {name: values[name].astype(np.int32) for name in WHOLE_NUMBERS}
-    frequencies = {
-        strategy: dict(zip(FREQUENCIES, rate.value.numpy(), strict=True)) for strategy, rate in rates.items()
-    }
     out = []
     for part in parts:
         done = part.part * PART + (0 if part.before is None else part.before.contours["poses"])
         pose = {"pose": np.arange(done, done + part.count)}
         rows = slice(part.first, part.first + part.count)
-        out.append(
-            tuple(
-                pose | {name: value[rows].copy() for name, value in (values | frequencies[strategy]).items()}
-                for strategy in samplings[part.piece]
-            )
-        )
+        own = []
+        for number in numbers[part.piece]:
+            rates = table[count + 2 * number :][:2]
+            columns = values | dict(zip(FREQUENCIES, rates, strict=True))
+            own.append(pose | {name: value[rows].copy() for name, value in columns.items()})
+        out.append(tuple(own))
     return out

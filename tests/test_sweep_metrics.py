@@ -25,9 +25,10 @@ from palpate.render import (
     closed_contour,
     load_strategy,
     open_contour,
+    sweep_metrics,
 )
 from palpate.render.batch import Chunk
-from palpate.render.errors import SweepError
+from palpate.render.errors import StrategyError, SweepError
 from palpate.render.mesh_hand import MeshHand
 from palpate.render.plane_hand import HandPatch, PlaneHand
 from palpate.render.recorder import metrics_of
@@ -41,6 +42,13 @@ STM, RETURN = SamplingStrategy(), PRESETS["fast-return"]()
 KINDS = ("length", "length_object", "length_hand", "length_made")
 PRUNED = IntersectionStrategy(prune=("outside", "turned-away", "small"), transform=("close",))
 CUBE_SCENE = Scene.of(CUBE, Palm(), CC)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def undrawn_everywhere():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sweep_metrics, "DRAWS_ON_CPU", False)
+        yield
 
 
 def random_on(device, count, seed=0):
@@ -135,7 +143,7 @@ def test_statistics_are_those_of_the_columns(device):
         assert (payload["poses"], payload["poses_drawn"]) == (len(pose), drawn)
         assert json.loads(json.dumps(payload)) == payload
     assert stat[FREQUENCIES[0]][0] == stat[FREQUENCIES[1]][0] == drawn
-    assert set(result.contours["seconds"]) == {"find", "join", "draw", "measure"}
+    assert set(result.contours["seconds"]) == {"find", "join", "measure"}
 
 
 def test_columns_are_those_of_a_contour_file(device):
@@ -250,6 +258,33 @@ def test_parts_that_no_batch_has_are_refused():
         )
 
 
+def test_contours_are_drawn_only_where_their_points_are_needed(device):
+    pose = random_on(device, SPAN + 100)
+    for thing, strategy in ((TUBE, CC), (TUBE, open_contour()), (CUBE, CC)):
+        scene = Scene.of(thing, Palm(), strategy)
+        drawn = measured(scene, pose, device, (STM, RETURN), per_pose=True)
+        undrawn = measured(scene, pose, device, (STM,), per_pose=True)
+        assert set(drawn.contours["seconds"]) - set(undrawn.contours["seconds"]) == {"draw"}
+        assert without_seconds(undrawn) == without_seconds(replace(drawn, frequency=drawn.frequency[:1]))
+        for name, column in undrawn.columns[0].items():
+            np.testing.assert_array_equal(drawn.columns[0][name], column)
+    assert "draw" in measured(Scene.of(TUBE, Palm(), PRUNED), pose, device).contours["seconds"]
+    moved = Scene.of(TUBE, Palm(), CC, moved=generic_poses(len(pose), 8))
+    assert "draw" in measured(moved, pose, device).contours["seconds"]
+    with pytest.raises(StrategyError, match="stands still"):
+        moved.tally(pose, 0, device, *(wp.empty(1, device=device),) * 2)
+
+
+def test_time_of_drawing_is_kept_where_a_part_goes_on_undrawn():
+    pose = random_on("cpu", SPAN + 20)
+    begun = measure_batch(CUBE_SCENE, pose[:SPAN], [Part(0, 0, 0, SPAN)], device="cpu", samplings=[(STM, RETURN)])[0]
+    part = Part(0, 0, 0, 20, begun)
+    (ended,) = measure_batch(CUBE_SCENE, random_on("cpu", 20), [part], device="cpu", samplings=[(STM,)])
+    assert ended.contours["seconds"]["draw"] == begun.contours["seconds"]["draw"]
+    assert ended.contours["seconds"]["find"] > begun.contours["seconds"]["find"]
+
+
 def test_too_many_points_are_refused_before_memory_is_taken():
     with pytest.raises(PointLimitError):
-        measured(CUBE_SCENE, random_on("cpu", 100), "cpu", point_limit=10)
+        measured(CUBE_SCENE, random_on("cpu", 100), "cpu", (RETURN,), point_limit=10)
+    measured(CUBE_SCENE, random_on("cpu", 100), "cpu", point_limit=10)  # none are taken

@@ -15,7 +15,7 @@ Tube, CC, palm 85 x 85 mm, random poses. One line of JSON a case; sides take tur
 | overhead | one recipe, metrics, in this process, store included | contours and lengths of the same poses, one worker |
 | recipes | a hundred recipes, as many poses | the same |
 | workers | one recipe, two processes, their start left out | two processes that each render half |
-| metrics | one recipe, metrics, in this process | find, join and draw in batches of 4 M, results left on the device |
+| metrics | one recipe, metrics: here, by one process, by two (start left out) | find, join, draw of 4 M at a time |
 | finished | `palpate sweep` once more | nothing |
 | devices | one recipe, a process a device, start left out and told | one device |
 | parent | one recipe, one process beside: processor time of the parent a part | nothing |
@@ -133,13 +133,20 @@ def bare(count: int, device: str) -> Callable[[], None]:
     return run
 
 
-def metrics(folder: Path, device: str, count: int, rounds: int) -> dict:
+def metrics(folder: Path, device: str, count: int, rounds: int) -> list[dict]:
     count = count if count < BATCH else count // BATCH * BATCH
-    sweeps = Sweeps(folder, count)
-    sides = [lambda: sweeps.run(lambda: InProcess(device)), bare(count, device)]
-    swept, kernels = seconds_by_turns(sides, "wall", rounds)
-    figures = {"poses": count, "sweep_seconds": swept, "kernel_seconds": kernels}
-    return figures | {"share": kernels / swept, "poses_per_second": count / swept}
+    sweeps, kernels = Sweeps(folder, count), bare(count, device)
+    one, two = (Started(Processes([device] * size), folder) for size in (1, 2))
+    engines = {"here": lambda: InProcess(device), "process": lambda: one, "processes": lambda: two}
+    out = []
+    for name, engine in engines.items():
+        sides = [lambda e=engine: sweeps.run(e), kernels]
+        swept, alone = seconds_by_turns(sides, "wall", rounds)
+        figures = {"engine": name, "poses": count, "sweep_seconds": swept, "kernel_seconds": alone}
+        out.append(figures | {"share": alone / swept, "poses_per_second": count / swept})
+    for engine in (one, two):
+        engine._engine.close()
+    return out
 
 
 def render_beside(first: int, stop: int, rounds: int, gate: object, out: object) -> None:
@@ -246,7 +253,8 @@ def main() -> None:
             "parent": lambda: parent(folder, options.device, options.poses, options.rounds),
         }[options.case]()
         for line in measured if isinstance(measured, list) else [measured]:
-            print(json.dumps({"case": options.case, "device": options.device, **line}), flush=True)
+            place = options.devices if options.case == "devices" else options.device
+            print(json.dumps({"case": options.case, "device": place, **line}), flush=True)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from .sweep_recipe import WHOLE_GROUPS, Recipe
 from .sweep_scene import Rendering, sampling_of
 from .sweep_task import PART, SPAN, Piece
 
-GPU_POSES = 32 * PART  # of a batch: 4 M, which keep a GPU busy for tens of milliseconds
+GPU_POSES = 128 * PART  # of a batch: 16 M, if the memory has room; launches and waits cost less than 2 % then
 GPU_SHARE = 8  # of a GPU's memory, a batch's working arrays take one part in so many
 POINTS_A_POSE = 32  # supposed, until a batch tells otherwise by not fitting
 

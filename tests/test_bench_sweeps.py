@@ -19,9 +19,11 @@ def test_overhead_case_sweeps_what_it_renders(recipe_count, device, tmp_path):
 
 
 def test_metrics_case_compares_as_many_poses(device, tmp_path):
-    figures = sweeps.metrics(tmp_path, device, 300, 1)
-    assert figures["poses"] == 300
-    assert figures["share"] == figures["kernel_seconds"] / figures["sweep_seconds"] > 0
+    lines = sweeps.metrics(tmp_path, device, 300, 1)
+    assert [figures["engine"] for figures in lines] == ["here", "process", "processes"]
+    for figures in lines:
+        assert figures["poses"] == 300
+        assert figures["share"] == figures["kernel_seconds"] / figures["sweep_seconds"] > 0
 
 
 def test_workers_case_measures_both_sides(tmp_path):

@@ -120,6 +120,21 @@ def discard(path: Path) -> None:
         path.unlink()
 
 
+def is_locked(path: Path) -> bool:
+    """Whether some process holds a lock on a file at this moment."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(handle)
+    return False
+
+
 class FolderLock:
     """Sole right to write in a folder, held until `release` or the end of the process, however it ends.
 
@@ -151,17 +166,7 @@ class FolderLock:
     @classmethod
     def is_held(cls, folder: Path) -> bool:
         """Whether some process holds the lock of a folder at this moment."""
-        try:
-            handle = os.open(folder / cls.NAME, os.O_RDONLY | os.O_CLOEXEC)
-        except OSError:
-            return False
-        try:
-            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        finally:
-            os.close(handle)
-        return False
+        return is_locked(folder / cls.NAME)
 
     def remove(self) -> None:
         """Remove the lock's file while holding it, when the folder itself is about to go."""

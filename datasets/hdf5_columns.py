@@ -6,10 +6,10 @@ What goes wrong is a SweepStoreError that names the file.
 from __future__ import annotations
 
 import io
+import os
 import secrets
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from os import fspath
 from pathlib import Path
 from typing import Any, cast
 
@@ -169,18 +169,19 @@ def temporary_name(path: Path) -> Path:
     return path.with_name(f"{path.name}.{secrets.token_hex(6)}{TEMPORARY_SUFFIX}")
 
 
-def write_whole(path: Path, *buffers: Buffer) -> None:
-    """Write a file such that its name never shows a part of it; when this returns, it is on the disk.
+def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
+    """Write a file such that its name never shows a part of it; when this returns, it is on the disk, if `durable`.
 
-    Of several processes that write it at once, the last one's stays.
+    Else it outlives this process, but a power cut may leave a part of it. Of several processes that write it at once,
+    the last one's stays.
 
     Raises:
         OSError: As the system says (ENOSPC, EFBIG, ...); nothing is left behind.
     """
     temporary = temporary_name(path)
     try:
-        append_at(temporary, 0, buffers)
-        publish(temporary, path)
+        append_at(temporary, 0, buffers, durable=durable)
+        (publish if durable else os.replace)(temporary, path)
     except OSError:
         discard(temporary)
         raise
@@ -197,11 +198,13 @@ def _opened(path: Path, content: bytes | None) -> Any:
     if content is not None:
         return h5py.File(io.BytesIO(content), "r")
     try:
-        return h5py.File(fspath(path), "r", locking=False)  # files are replaced, never changed: a lock keeps others out
+        return h5py.File(
+            os.fspath(path), "r", locking=False
+        )  # files are replaced, never changed: a lock keeps others out
     except OSError as error:
         if "locking flag" not in str(error):
             raise
-        return h5py.File(fspath(path), "r")  # this process has it open already, by xarray, say, with a lock
+        return h5py.File(os.fspath(path), "r")  # this process has it open already, by xarray, say, with a lock
 
 
 @contextmanager

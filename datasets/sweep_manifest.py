@@ -59,14 +59,17 @@ Mode = Literal["create", "read"]
 
 
 class Manifest:
-    """The connection to a manifest; every method raises SweepStoreError naming the file. Threads may share it."""
+    """The connection to a manifest; every method raises SweepStoreError naming the file. Threads may share it.
 
-    def __init__(self, folder: Path, mode: Mode) -> None:
+    maker: that a new one begins with.
+    """
+
+    def __init__(self, folder: Path, mode: Mode, maker: str | None = None) -> None:
         self.path = folder / NAME
         self._mode: Mode = mode
         self._lock = threading.RLock()
         if mode == "create" and not self.path.exists():
-            self._make()
+            self._make(maker)
         with self._named():
             self._connection = _connected(self.path, mode)
         try:
@@ -124,7 +127,7 @@ class Manifest:
             rows = self.run(f"SELECT id FROM {table} WHERE {column} = ?", (name,))
         return int(rows[0][0])
 
-    def _make(self) -> None:
+    def _make(self, maker: str | None) -> None:
         """Make a manifest under another name, then link it: it is never there without its tables."""
         temporary = temporary_name(self.path)
         try:
@@ -133,8 +136,11 @@ class Manifest:
                 with contextlib.closing(connection):
                     connection.executescript(
                         f"PRAGMA journal_mode=MEMORY; PRAGMA synchronous=FULL; BEGIN; {_SCHEMA}"
-                        f"PRAGMA application_id={APPLICATION_ID}; PRAGMA user_version={FORMAT_VERSION}; COMMIT;"
+                        f"PRAGMA application_id={APPLICATION_ID}; PRAGMA user_version={FORMAT_VERSION};"
                     )
+                    if maker is not None:
+                        connection.execute("INSERT INTO maker (maker) VALUES (?)", (maker,))
+                    connection.execute("COMMIT")
                 _link(temporary, self.path)
                 sync(self.path.parent)
         finally:

@@ -12,15 +12,18 @@ import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from .durable import TEMPORARY_SUFFIX, discard, sync
+from .durable import TEMPORARY_SUFFIX, discard, is_locked, sync
 from .errors import SweepStoreError
 from .sweep_manifest import Manifest
-from .sweep_shard import Shard, json_text, read_shard
+from .sweep_shard import Shard, read_shard
 
 SHARDS = "shards"
 """Folder of a store that workers write into; empty once all is recorded."""
 COLUMNS = "columns"
 """Folder of shards that have per-pose columns, `<digest>.h5`, after they were recorded."""
+
+KEPT = ("contours", "focal-points", "drives")
+"""Folders of files that a plan keeps, by their recipes' keys."""
 
 SHARD_SUFFIX = ".h5"
 DAMAGED_SUFFIX = ".damaged"
@@ -42,21 +45,25 @@ class Recorder:
         self._maker = maker
         self._damaged = damaged
 
-    def record(self, path: Path) -> int:
-        """How many parts of a shard were not there yet; `SweepStore.record`."""
+    def check(self, path: Path) -> Read | None:
+        """A shard that may be recorded; None if it was; `SweepStore.check`."""
         if not path.exists() and self._is_recorded(path.name):
-            return 0
+            return None
         try:
             content = read_shard(path, columns=False)
         except SweepStoreError:
             if not path.exists() and self._is_recorded(path.name):  # by another process, just now
-                return 0
+                return None
             raise
         if content.maker not in (None, self._maker):
             raise SweepStoreError(
                 f"{path} was made by {content.maker}, not by {self._maker}: a worker runs other code than its parent"
             )
-        return self._record_present([(path, content)])
+        return path, content
+
+    def record(self, shards: Sequence[Read]) -> int:
+        """How many parts of shards were not there yet; `SweepStore.record_all`."""
+        return self._record_present(shards)
 
     def recover(self, temporary_age: float) -> int:
         """How many parts killed processes have left; `SweepStore.recover`."""
@@ -92,6 +99,8 @@ class Recorder:
                         kept = self._folder / COLUMNS / (content.digest + SHARD_SUFFIX)
                         os.replace(path, kept)
                         moved.append((path, kept))
+                for _, kept in moved:
+                    sync(kept)  # workers do not wait for that
                 if moved:
                     sync(self._folder / COLUMNS)
         except BaseException:
@@ -116,15 +125,10 @@ class Recorder:
             'INSERT OR IGNORE INTO part (maker, "group", key, part, payload, column_file, column_row) '
             "VALUES (?, ?, ?, ?, ?, ?, ?)",
             [
-                (
-                    maker,
-                    row.group,
-                    row.key,
-                    row.part,
-                    json_text(row.payload),
-                    *((file, number) if has else (None, None)),
+                (maker, *place, payload, *((file, number) if has else (None, None)))
+                for number, (place, payload, has) in enumerate(
+                    zip(content.places, content.payloads, content.with_columns, strict=True)
                 )
-                for number, (row, has) in enumerate(zip(content.rows, content.with_columns, strict=True))
             ],
         )
         if file is None or manifest.run("SELECT 1 FROM part WHERE column_file = ? LIMIT 1", (file,)):
@@ -180,9 +184,10 @@ class Recorder:
         self._damaged.append(sentence)
 
     def _remove_temporary(self, age: float) -> None:
+        """Remove what killed writers have left; files that take long to write are locked meanwhile."""
         now = time.time()
-        for folder in (self._folder, self._folder / SHARDS):
+        for folder in (self._folder, *(self._folder / name for name in (SHARDS, *KEPT))):
             for path in folder.glob(f"*{TEMPORARY_SUFFIX}"):
                 with contextlib.suppress(OSError):
-                    if path.is_file() and now - path.stat().st_mtime >= age:
+                    if path.is_file() and now - path.stat().st_mtime >= age and not is_locked(path):
                         discard(path)

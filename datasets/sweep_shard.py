@@ -1,8 +1,8 @@
 """A shard: what one task of a sweep leaves, an HDF5 file with its own checksum behind it.
 
-`/rows` is UTF-8 JSON, a list of [group, key, part, payload]; `/columns/<number of the row>/<name>` are per-pose
-columns. Behind the HDF5 file come 56 bytes: `palpate shard 1` and a newline, the file's length (uint64) and its
-BLAKE2b-256.
+`/rows` is UTF-8 JSON, a list of [group, key, part]; `/payloads` has the payload of each, one line of JSON after
+another, as the manifest takes them; `/columns/<number of the row>/<name>` are per-pose columns. Behind the HDF5 file
+come 56 bytes: `palpate shard 1` and a newline, the file's length (uint64) and its BLAKE2b-256.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import struct
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -58,13 +59,21 @@ class Shard:
 
     maker: str | None
     """Which code made it; None if it does not say."""
-    rows: tuple[ShardRow, ...]
+    places: tuple[tuple[str, str, int], ...]
+    """Group, key and part of each row."""
+    payloads: tuple[str, ...]
+    """Payload of each row, as JSON."""
     columns: tuple[Columns | None, ...]
     """Per-pose columns of each row; None for a row that has none, or if they were not asked for."""
     with_columns: tuple[bool, ...]
     """Which rows have columns."""
     digest: str
     """BLAKE2b-256 of the content."""
+
+    @cached_property
+    def rows(self) -> tuple[ShardRow, ...]:
+        """The rows with their payloads decoded."""
+        return tuple(ShardRow(*place, json.loads(text)) for place, text in zip(self.places, self.payloads, strict=True))
 
 
 def write_shard(
@@ -75,6 +84,9 @@ def write_shard(
     maker: str | None = None,
 ) -> None:
     """Write a shard such that its name never shows a part of it; written twice, also at once, the last one stays.
+
+    It outlives this process, but a power cut only once it is recorded: waiting for the disk would cost more than
+    making its parts again.
 
     columns: of each row, or None for all; of one row equally long. maker: which code made it; without it a shard that a
     killed parent has left is not taken over (`SweepStore.recover`).
@@ -90,8 +102,10 @@ def write_shard(
         file.attrs["format"], file.attrs["version"] = FORMAT_NAME, FORMAT_VERSION
         if maker is not None:
             file.attrs["maker"] = maker
-        text = json_text([[row.group, row.key, row.part, row.payload] for row in rows])
-        file["rows"] = np.frombuffer(text.encode(), np.uint8)
+        places = json_text([[row.group, row.key, row.part] for row in rows])
+        payloads = "\n".join([json_text(row.payload) for row in rows])  # JSON has no newline of its own
+        file["rows"] = np.frombuffer(places.encode(), np.uint8)
+        file["payloads"] = np.frombuffer(payloads.encode(), np.uint8)
         for number, own in enumerate(columns or ()):
             if own is not None:
                 group: Any = file.create_group(f"columns/{number}", track_order=True)
@@ -99,12 +113,12 @@ def write_shard(
                     put_column(group, name, array)
         image = image_of(file)
     trailer = _TRAILER.pack(_MARK + b"%d\n" % FORMAT_VERSION, len(image), _digest(image))
-    write_whole(path, image, trailer)
+    write_whole(path, image, trailer, durable=False)
 
 
 def json_text(value: Any) -> str:
     """Compact JSON; NumPy's numbers are numbers."""
-    return json.dumps(value, separators=(",", ":"), default=_plain, ensure_ascii=False)
+    return _ENCODER.encode(value)
 
 
 def _plain(value: Any) -> Any:
@@ -113,6 +127,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     raise SweepStoreError(f"a payload holds what JSON holds, not {type(value).__name__}")
+
+
+_ENCODER = json.JSONEncoder(separators=(",", ":"), default=_plain, ensure_ascii=False)
 
 
 def read_shard(path: str | Path, *, columns: bool = True) -> Shard:
@@ -127,10 +144,14 @@ def read_shard(path: str | Path, *, columns: bool = True) -> Shard:
     content, digest = _checked(path)
     with open_columns(path, content) as file:
         maker: Any = file.attrs.get("maker")
-        rows = tuple(ShardRow(group, key, int(part), payload) for group, key, part, payload in _table(file))
-        names = [f"columns/{number}" in file for number in range(len(rows))]
-        own = [_columns(file, number) if has and columns else None for number, has in enumerate(names)]
-        return Shard(None if maker is None else str(maker), rows, tuple(own), tuple(names), digest)
+        places = tuple(_places(file))
+        payloads = tuple(bytes(file["payloads"][...]).decode().split("\n")) if places else ()
+        if len(payloads) != len(places):
+            raise SweepStoreError(f"{path} is damaged: {len(places)} rows have {len(payloads)} payloads")
+        names = {str(name) for name in file["columns"]} if "columns" in file else set[str]()
+        with_columns = tuple([str(number) in names for number in range(len(places))])
+        own = [_columns(file, number) if has and columns else None for number, has in enumerate(with_columns)]
+        return Shard(None if maker is None else str(maker), places, payloads, tuple(own), with_columns, digest)
 
 
 def _checked(path: Path) -> tuple[bytes, str]:
@@ -164,8 +185,8 @@ def _digest(content: memoryview) -> bytes:
     return hashlib.blake2b(content, digest_size=32).digest()
 
 
-def _table(file: Any) -> list[tuple[str, str, int, dict[str, Any]]]:
-    return cast("list[tuple[str, str, int, dict[str, Any]]]", json.loads(bytes(file["rows"][...])))
+def _places(file: Any) -> list[tuple[str, str, int]]:
+    return [(group, key, int(part)) for group, key, part in json.loads(bytes(file["rows"][...]))]
 
 
 def _columns(file: Any, number: int) -> Columns:
@@ -190,10 +211,10 @@ class ColumnReader:
     def __init__(self, path: Path, file: Any) -> None:
         self._path = path
         self._file = file
-        self._rows = _table(file)
+        self._places = _places(file)
 
     def columns(self, number: int, group: str, key: str, part: int) -> Columns:
         """Columns of a row, by its number in the shard and what it must be of."""
-        if number >= len(self._rows) or tuple(self._rows[number][:3]) != (group, key, part):
+        if number >= len(self._places) or self._places[number] != (group, key, part):
             raise SweepStoreError(f"{self._path} is damaged: its row {number} is not part {part} of {group} {key}")
         return _columns(self._file, number)

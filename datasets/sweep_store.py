@@ -8,6 +8,7 @@ docs/sweep-store.md tells the same to readers of other languages.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +18,17 @@ from typing import Any, Self
 import numpy as np
 
 from .durable import discard
-from .errors import SweepStoreError
+from .errors import NotStoreError, SweepStoreError
 from .hdf5_columns import Columns
 from .sweep_manifest import NAME, Manifest, Mode
-from .sweep_record import COLUMNS, SHARDS, Recorder
+from .sweep_record import COLUMNS, SHARDS, Read, Recorder
 from .sweep_shard import shard_columns
 
 TEMPORARY_SECONDS = 900.0
 """Age of a temporary file at which its writer is taken for dead; writing one takes seconds."""
+
+KEPT = "keep-"
+"""Begins the names of groups that leave a file in the store: their payloads tell its `path` in there and `bytes`."""
 
 Key = tuple[str, str]
 """Group and key."""
@@ -47,7 +51,8 @@ class SweepStore:
     mode: "create" makes the folder, or takes it up again; "read" changes nothing.
 
     Raises:
-        SweepStoreError: The folder holds other things, is damaged, of a newer version, or cannot be written.
+        NotStoreError: The folder holds other things.
+        SweepStoreError: It is damaged, of a newer version, or cannot be written.
     """
 
     def __init__(self, folder: str | Path, *, maker: str | None = None, mode: Mode = "create") -> None:
@@ -60,7 +65,7 @@ class SweepStore:
         _refuse_other_folder(self.folder, mode)
         if mode == "create":
             _make_folder(self.folder)
-        self._manifest = Manifest(self.folder, mode)
+        self._manifest = Manifest(self.folder, mode, maker)
         try:
             if mode == "create":
                 for name in (SHARDS, COLUMNS):
@@ -93,14 +98,46 @@ class SweepStore:
         return {str(maker): int(count) for maker, count in rows}
 
     def done(self, keys: Sequence[Key]) -> dict[Key, set[int]]:
-        """Parts that are there of each (group, key), all keys asked for, in their order; an empty set for nothing."""
+        """Parts that are there of each (group, key), all keys asked for, in their order; an empty set for nothing.
+
+        A part that left a file is there as long as that is, with its bytes; else it counts as not done from now on
+        (mode "create").
+        """
         found: dict[Key, set[int]] = {key: set() for key in keys}
         for group, own in _by_group(found):
+            if group.startswith(KEPT):
+                for key, part in self._kept(group, sorted(own)):
+                    found[group, key].add(part)
+                continue
             statement = 'SELECT key, part FROM part INDEXED BY part_of WHERE maker = ? AND "group" = ? AND key IN ({})'
             for rows in self._manifest.among(statement, (self._maker, group), sorted(own)):  # along the index
                 for key, part in rows:
                     found[group, key].add(part)
         return found
+
+    def _kept(self, group: str, keys: Sequence[str]) -> Iterator[tuple[str, int]]:
+        """Key and part of which the file is there; the others are forgotten if this may write."""
+        statement = 'SELECT key, part, payload, id FROM part WHERE maker = ? AND "group" = ? AND key IN ({})'
+        lost: list[tuple[int, str]] = []
+        for rows in self._manifest.among(statement, (self._maker, group), keys):
+            for key, part, payload, number in rows:
+                if self._has_file(json.loads(payload)):
+                    yield key, part
+                else:
+                    lost.append((number, payload))
+        if lost and self.mode == "create":
+            with self._manifest.transaction():  # unless another process has just made it again
+                self._manifest.changed_by("DELETE FROM part WHERE id = ? AND payload = ?", lost)
+
+    def _has_file(self, payload: dict[str, Any]) -> bool:
+        """Whether the file that a payload tells of is there in full; none may have been made."""
+        path = payload.get("path")
+        if path is None:
+            return True
+        try:
+            return os.stat(f"{self.folder}/{path}").st_size == payload.get("bytes")
+        except OSError:
+            return False
 
     def results(self, keys: Sequence[Key]) -> Iterator[tuple[str, str, int, dict[str, Any]]]:
         """Group, key, part and payload of every part that is there, group by group, keys as asked for, parts upwards.
@@ -167,7 +204,23 @@ class SweepStore:
             SweepStoreError: It is missing, damaged, made by other code than `maker`; or the disk is full. A shard that
                 is whole stays where it is.
         """
-        return self._recorder.record(self.folder / shard)
+        checked = self.check(shard)
+        return 0 if checked is None else self.record_all([checked])
+
+    def check(self, shard: str | Path) -> Read | None:
+        """A shard that is whole and may be recorded, for `record_all`; None for one that was recorded.
+
+        Raises:
+            SweepStoreError: It is missing, damaged, or made by other code than `maker`.
+        """
+        return self._recorder.check(self.folder / shard)
+
+    def record_all(self, shards: Sequence[Read]) -> int:
+        """Take shards into the manifest as `record` does, in one transaction: one wait for the disk for all of them.
+
+        shards: from `check`; until then `recover` finds them, if this process is killed.
+        """
+        return self._recorder.record(shards)
 
     def recover(self, *, temporary_age: float = TEMPORARY_SECONDS) -> int:
         """Take over what killed processes have left; how many parts were found that way.
@@ -231,13 +284,15 @@ def _refuse_other_folder(folder: Path, mode: Mode) -> None:
         names = {path.name for path in folder.iterdir()} if mode == "create" else set[str]()
     except FileNotFoundError:
         return
+    except NotADirectoryError as error:
+        raise NotStoreError(f"{folder} cannot be a sweep's store: {error.strerror}") from error
     except OSError as error:
         raise SweepStoreError(f"{folder} cannot be a sweep's store: {error.strerror}") from error
     if mode == "read":
-        raise SweepStoreError(f"{folder} is not a sweep's store: it has no {NAME}")
+        raise NotStoreError(f"{folder} is not a sweep's store: it has no {NAME}")
     if names and SHARDS not in names and not all(name.startswith(NAME) for name in names):
         shown = ", ".join(sorted(names)[:3])
-        raise SweepStoreError(f"{folder} is not a sweep's store, but holds other things ({shown}): name a new folder")
+        raise NotStoreError(f"{folder} is not a sweep's store, but holds other things ({shown}): name a new folder")
 
 
 def _make_folder(folder: Path) -> None:

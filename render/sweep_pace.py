@@ -80,7 +80,11 @@ class Pace:
             known.rate *= min(1.0, factor)
 
     def share(self, left: float, worker_count: int) -> float:
-        """Length of the next task [s] when work of `left` seconds is all there is: so that workers end together."""
+        """Length of the next task [s] when work of `left` seconds is all there is: so that workers end together.
+
+        One worker has nobody to wait for it."""
+        if worker_count == 1:
+            return self.target
         return min(self.target, max(SHORTEST, left / (2 * worker_count)))
 
 

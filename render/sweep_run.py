@@ -5,18 +5,20 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
 from ..datasets.errors import SweepStoreError
+from ..datasets.sweep_manifest import NAME as MANIFEST
+from ..datasets.sweep_record import Read
 from ..datasets.sweep_shard import read_shard
 from ..datasets.sweep_store import SweepStore
 from .errors import SweepError
 from .interrupt import interrupt_between
 from .sweep_log import LOG, SweepLog, SweepProgress
-from .sweep_missing import Counts, Failure, Missing
+from .sweep_missing import Counts, Failure, Key, Missing
 from .sweep_pace import Pace, device_kind
 from .sweep_poses import pose_count
 from .sweep_recipe import Recipe, maker
@@ -25,6 +27,7 @@ from .sweep_task import Engine, Outcome
 
 WAIT = 0.5  # [s] for an outcome, before what takes too long is looked at, and Ctrl-C
 IDLE = 0.02  # [s] between looks when nobody has anything to do
+HOLD = 1.0  # [s] shards lie whole in the store before they are recorded together: each time waits for the disk
 PROBE_BYTES = 1 << 20  # that must fit on the store's disk, or it counts as full
 
 
@@ -145,6 +148,10 @@ class _Run:
         self._progress, self._clock = progress, clock
         self._begun = self._ready = clock()
         self._tally = _Tally()
+        self._held: list[Read] = []
+        """Shards to be recorded."""
+        self._held_since = 0.0
+        self._devices: tuple[str, ...] = ()
 
     def run(
         self,
@@ -155,7 +162,7 @@ class _Run:
         recovered = self._store.recover()
         failed = self._store.failed()
         missing = Missing(
-            self._plan.recipes(), self._plan.groups, done=self._store.done, pose_count=count_poses, failed=failed
+            self._plan.recipes(), self._plan.groups, done=self._done, pose_count=count_poses, failed=failed
         )
         while not missing.is_exhausted and not missing.stretches:
             missing.read()
@@ -166,7 +173,7 @@ class _Run:
             worker = engine if not callable(engine) else engine()
             retries = self._make(missing, worker, recovered)
             recovered += self._store.recover()  # of workers who outlived their parent, or whose task went to another
-            report = replace(report, engine=worker.name, devices=worker.devices, retries=retries, recovered=recovered)
+            report = replace(report, engine=worker.name, devices=self._devices, retries=retries, recovered=recovered)
         self._forget_failures(missing)
         return self._finished(report, missing)
 
@@ -179,7 +186,7 @@ class _Run:
             recipes=counts.recipes,
             poses=counts.poses,
             poses_rendered=tally.poses,
-            poses_reused=max(0, counts.poses - counts.poses_missing),
+            poses_reused=max(0, counts.poses - counts.poses_once),
             seconds=self._clock() - self._begun,
             seconds_starting=self._ready - self._begun,
             tasks=tally.tasks,
@@ -205,6 +212,7 @@ class _Run:
         try:
             engine.start(self._store.folder)
             self._ready = self._clock()
+            self._devices = engine.devices
             self._log.write(
                 "start",
                 plan=self._plan.name,
@@ -223,6 +231,8 @@ class _Run:
                 while not schedule.is_done:
                     self._turn(schedule, engine)
                     raise_if_interrupted()
+            self._record_held()
+            self._devices = engine.devices or self._devices  # with those who came later
             return schedule.retried
         except KeyboardInterrupt:
             self._log.write("stopped", sentence="interrupted")
@@ -232,6 +242,8 @@ class _Run:
             raise
         finally:
             engine.close()
+            with contextlib.suppress(SweepStoreError, SweepError):  # the next run takes them over
+                self._record_held()
 
     def _turn(self, schedule: Schedule, engine: Engine) -> None:
         """Give out what workers have room for, take back what has come, look after the rest."""
@@ -239,8 +251,11 @@ class _Run:
         while (task := schedule.next_task(self._clock())) is not None:
             engine.submit(task)
         outcomes = engine.wait(WAIT)
+        self._refuse_removed()
         for outcome in outcomes:
             self._take(outcome, schedule, engine)
+        if self._held and self._clock() - self._held_since >= HOLD:
+            self._record_held()
         self._record_failures(schedule.missing)
         running = engine.running()
         for number in schedule.late(running):
@@ -255,8 +270,8 @@ class _Run:
             time.sleep(IDLE)
 
     def _take(self, outcome: Outcome, schedule: Schedule, engine: Engine) -> None:
-        """Record what a task left, then let the schedule know."""
-        outcome = self._recorded(outcome)
+        """Have what a task left recorded, then let the schedule know."""
+        outcome = self._checked(outcome)
         self._tally.tasks += 1
         self._tally.poses += outcome.pose_count
         self._tally.parts += outcome.part_count
@@ -290,12 +305,12 @@ class _Run:
         if is_needed and (outcome.is_lost or is_storage):
             self._note(error if outcome.worker in error else f"{outcome.worker}: {error}")
 
-    def _recorded(self, outcome: Outcome) -> Outcome:
-        """Put a task's shard into the manifest; one that is missing or damaged is an error of its task."""
+    def _checked(self, outcome: Outcome) -> Outcome:
+        """Hold a task's shard to be recorded; one that is missing or damaged is an error of its task."""
         if outcome.shard is None:
             return outcome
         try:
-            self._store.record(outcome.shard)
+            shard = self._store.check(outcome.shard)
         except SweepStoreError as error:
             self._refuse_full_disk()
             try:
@@ -304,10 +319,23 @@ class _Run:
                 self._note(str(damage))
                 return Outcome(outcome.number, outcome.worker, seconds=outcome.seconds, error=str(damage))
             raise self._stopped(str(error)) from error
+        if shard is not None:
+            self._held_since = self._held_since if self._held else self._clock()
+            self._held.append(shard)
         return outcome
 
+    def _record_held(self) -> None:
+        """Put shards into the manifest, all in one transaction."""
+        held, self._held = self._held, []
+        try:
+            self._store.record_all(held)
+        except SweepStoreError as error:
+            self._refuse_full_disk()
+            raise self._stopped(str(error)) from error
+
     def _refuse_full_disk(self) -> None:
-        """Raise SweepError if the store's disk takes no more."""
+        """Raise SweepError if the store's disk takes no more, or the store is gone."""
+        self._refuse_removed()
         probe = self._store.folder / f"probe-{self._log.run}.tmp"
         try:
             with probe.open("wb") as file:
@@ -320,12 +348,25 @@ class _Run:
             with contextlib.suppress(OSError):
                 probe.unlink()
 
+    def _refuse_removed(self) -> None:
+        if not (self._store.folder / MANIFEST).exists():
+            raise SweepError(
+                f"{self._store.folder} was removed while the sweep ran, with all that was made: the same command "
+                "begins anew"
+            )
+
     def _stopped(self, sentence: str) -> SweepError:
         """An error that ends the run, and what is safe."""
         return SweepError(
             f"{sentence}; what {self._tally.tasks} tasks of this run made is safe, and the same command "
             "goes on from there"
         )
+
+    def _done(self, keys: Sequence[Key]) -> dict[Key, set[int]]:
+        """Parts that are there, those too that have just come."""
+        if self._held:
+            self._record_held()
+        return self._store.done(keys)
 
     def _record_failures(self, missing: Missing) -> None:
         """Note recipes that were given up, in the store too, so that others see why they are not there."""

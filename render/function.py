@@ -12,9 +12,12 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import linecache
 import sys
 import warnings
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -31,17 +34,22 @@ EDGES_TRIED = 20_000  # crossed edges of these cells that are looked at for jump
 NEAR, NEARER = 1e-6, 1e-9  # [m]; a function that goes on has a far smaller difference over the second
 JUMP = 1e-3  # share of the difference over a cell's edge: less is rounding
 
+_NOTED: dict[str, tuple[Any, str]] = {}  # by a module's name its spec, new with a reload, and its file's SHA-256 then
+
 
 def load_function(spec: str) -> Any:
     """The Warp function that "package.module:function" or "file.py:function" names.
 
-    Raises ImplicitError for what cannot be imported, is not there, or is no Warp function.
+    A file is imported anew once it has changed; a package's module is refused then, since Python keeps the old one.
+    Raises ImplicitError for that, and for what cannot be imported or is not there.
     """
     where, _, name = spec.rpartition(":")
     if not where or not name:
         raise ImplicitError(f"{spec!r}: must be package.module:function or file.py:function")
     try:
-        module = module_of(Path(where)) if where.endswith(".py") else importlib.import_module(where)
+        module = module_of(Path(where)) if where.endswith(".py") else _unchanged(importlib.import_module(where))
+    except ImplicitError:
+        raise
     except (Exception, SystemExit) as error:  # a module's own code can raise anything
         raise ImplicitError(f"{where}: cannot be imported ({type(error).__name__}: {error})") from error
     if not hasattr(module, name):
@@ -51,19 +59,49 @@ def load_function(spec: str) -> Any:
 
 
 def module_of(path: Path) -> Any:
-    """A file's module, imported once."""
-    name = f"palpate_function_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
+    """A file's module, imported once as long as the file stays as it is."""
+    if not path.is_file():
+        raise ImportError("no such file")
+    content = path.read_bytes()
+    told = b"%b\0%b" % (str(path.resolve()).encode(), hashlib.sha256(content).digest())
+    name = f"palpate_function_{path.stem}_{hashlib.sha256(told).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None or not path.is_file():
+    spec = importlib.util.spec_from_file_location(name, path, loader=_Loader(name, str(path), content))
+    if spec is None or spec.loader is None:
         raise ImportError("no such file")
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    linecache.cache.pop(str(path), None)  # Warp compiles what stands there
     try:
         spec.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]
         raise
+    return module
+
+
+class _Loader(SourceFileLoader):
+    """Runs the bytes that a module is named by: Python's own cache tells versions of one second and size not apart."""
+
+    def __init__(self, fullname: str, path: str, content: bytes) -> None:
+        super().__init__(fullname, path)
+        self._content = content
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Compiled from the source."""
+        return self.source_to_code(self._content, self.path)
+
+
+def _unchanged(module: Any) -> Any:
+    """A package's module, refused if its file is not as it was when the module was first asked for."""
+    file = getattr(module, "__file__", None)
+    if file is not None and Path(file).is_file():
+        digest = hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        spec, noted = _NOTED.setdefault(module.__name__, (module.__spec__, digest))
+        if spec is not module.__spec__:
+            _NOTED[module.__name__] = module.__spec__, digest
+        elif noted != digest:
+            raise ImplicitError(f"{module.__name__}: {file} has changed since it was imported: start anew")
     return module
 
 

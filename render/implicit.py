@@ -90,7 +90,7 @@ class ImplicitObject:
         return cls(source, bounds=bounds, placement=placement, name=name, hand=hand)
 
     def _judge_place(self) -> None:
-        warn_of_place(self.name, self.bounds, "for millimetres use --scale 0.001")
+        warn_of_place(self.name, self.bounds, "for millimetres use --scale 0.001 (scale = 0.001)")
 
     @cached_property
     def identity(self) -> str:

@@ -1,32 +1,32 @@
 """What a user's own stages are made of: a rendering is resumed only by the same code."""
 
-import hashlib
-import inspect
-from functools import partial
-from typing import Any
-
-from .stages import find_stage
+from .errors import StrategyError
+from .stage_digest import digest_of, place_of
+from .stages import StageEntry, find_stage
 from .strategy import IntersectionStrategy
 
 
 def stage_sources(strategy: IntersectionStrategy) -> dict[str, str]:
-    """SHA-256 of the source of each stage that is not the package's own, by name; empty for most strategies."""
+    """Digest of each stage that is not the package's own, by name, as it was registered; empty for most strategies.
+
+    It is of the whole file that defines the stage, and what is bound to it: see `digest_of`.
+    """
+    return {entry.name: entry.digest for entry in _own_entries(strategy)}
+
+
+def require_unedited(strategy: IntersectionStrategy) -> None:
+    """Raise StrategyError for a stage whose file is no longer what was imported: results would go by the new one."""
+    for entry in _own_entries(strategy):
+        if digest_of(entry.function) != entry.digest:
+            where = f"{entry.role} stage {entry.name!r}: {place_of(entry.function)}"
+            raise StrategyError(f"{where} has changed since it was imported: start anew")
+
+
+def has_own_stages(strategy: IntersectionStrategy) -> bool:
+    """Whether some stage is a user's own."""
+    return bool(_own_entries(strategy))
+
+
+def _own_entries(strategy: IntersectionStrategy) -> list[StageEntry]:
     entries = [find_stage(role, stage.name) for role, stages in strategy.stages().items() for stage in stages]
-    return {entry.name: digest_of(entry.function) for entry in entries if not entry.own}
-
-
-def digest_of(function: Any) -> str:
-    """SHA-256 of a function's source, through partials and Warp functions; of its byte code where there is none."""
-    parts = [function]
-    while isinstance(function, partial):
-        parts = [function.func, *function.args]
-        function = function.args[0] if function.args else function.func
-    texts = []
-    for part in parts:
-        plain = getattr(part, "func", part)
-        try:
-            texts.append(inspect.getsource(plain))
-        except (OSError, TypeError):
-            code = getattr(plain, "__code__", None)
-            texts.append(repr((code.co_code, code.co_consts)) if code else repr(plain))
-    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
+    return [entry for entry in entries if not entry.own]

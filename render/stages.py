@@ -13,7 +13,7 @@ called by several threads at once, each with a batch of its own.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib import import_module
 from threading import RLock
@@ -28,6 +28,7 @@ from .errors import StrategyError
 from .fields import require_choice
 from .solid import Solid
 from .stage_check import checked_batch, checked_removal
+from .stage_digest import digest_of
 from .stage_option import Option, Value, options_of
 
 if TYPE_CHECKING:
@@ -99,6 +100,8 @@ class StageEntry:
     """None: done by the raw intersection."""
     on: str = "host"
     needs_closed: bool = False
+    digest: str = ""
+    """Of a user's function as it was registered, see `digest_of`."""
 
     @property
     def own(self) -> bool:
@@ -197,7 +200,7 @@ def register_stage(entry: StageEntry) -> None:
         taken = _ENTRIES.get(entry.name)
         if taken is not None and (taken.role != entry.role or origin_of(taken.function) != origin_of(entry.function)):
             raise StrategyError(f"there is a {taken.role} stage {entry.name!r} already: {taken.line}")
-        _ENTRIES[entry.name] = entry
+        _ENTRIES[entry.name] = entry if entry.own else replace(entry, digest=digest_of(entry.function))
 
 
 def origin_of(function: Any) -> tuple[str, str]:

@@ -13,8 +13,9 @@ from typing import Annotated, Any, cast
 from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
 
 from ..datasets.motion import POSES_MOST, SEED_MOST
+from ..kernels.solve import POINTS_MOST
 from .drive import AMPLITUDES, SOLVERS, Driver, DriveStrategy
-from .errors import RenderError
+from .errors import RenderError, StrategyError
 from .hands import LARGEST, SMALLEST, Palm
 from .objects import SIZE_LARGEST, UP_AXES
 from .rig import load_rig
@@ -283,7 +284,10 @@ JUDGES: dict[str, Callable[[Mapping[str, Any]], object]] = {
 
 def require_playable(sampling: RecipePart, array: RecipePart) -> None:
     """Raise RenderError or DeviceError unless drives of these focal points can be made and played by the array."""
-    rate, described = sampling.content["described"]["update_rate"], array.content["described"]
+    asked, described = sampling.content["described"], array.content["described"]
+    rate = asked["update_rate"]
+    if asked["foci"] > POINTS_MOST:
+        raise StrategyError(f"foci must be at most {POINTS_MOST} to be solved for an array, not {asked['foci']}")
     models = [entry.model for entry in load_rig(array.content["source"])]
     for model in models:
         model.divider(rate)

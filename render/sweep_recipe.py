@@ -3,7 +3,8 @@
 Keys are made like this, so that any program can make them again:
 
 1. Canonical JSON of each part: keys sorted, no blanks, non-ASCII as it is (UTF-8), whole numbers without a decimal
-   point; without `name`, and without `source` where `sha256` or `described` says what it is.
+   point; without `name`, and without `source` where `sha256` or `described` says what it is; of a sampling strategy and
+   a drive without the fields that have their default, so that one more such field changes no key.
 2. Its digest: SHA-256, hexadecimal.
 3. The key of a group: the first 32 digits of the SHA-256 of the line "palpate recipe 1" and, for each part that the
    group depends on, a line of the part's name, a blank and its digest; lines end in a line feed.
@@ -12,7 +13,7 @@ Keys are made like this, so that any program can make them again:
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -23,6 +24,7 @@ from .errors import PlanError
 
 FORMAT = "palpate recipe 1"
 PARTS = ("thing", "hand", "motion", "strategy", "sampling", "array")
+_PLACE = {name: place for place, name in enumerate(PARTS)}
 RENDERING, SAMPLED, DRIVEN = PARTS[:4], PARTS[:5], PARTS
 GROUPS: dict[str, tuple[str, ...]] = {
     "contours": RENDERING,
@@ -57,7 +59,7 @@ class RecipePart:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of its canonical JSON: what it is called left out, and where it comes from if more is known."""
-        return hashlib.sha256(canonical(_unnamed(self.content)).encode()).hexdigest()
+        return hashlib.sha256(canonical(_without_defaults(_unnamed(self.content))).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -103,8 +105,9 @@ class Recipe:
 
     def digest(self, names: Iterable[str]) -> str:
         """Key of some parts together, 32 hexadecimal digits: what must be the same for work to be shared."""
-        lines = [FORMAT, *(f"{name} {self._parts[PARTS.index(name)].digest}" for name in names), ""]
-        return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:KEY_DIGITS]
+        parts = self._parts
+        lines = [f"{name} {parts[_PLACE[name]].digest}\n" for name in names]
+        return hashlib.sha256(f"{FORMAT}\n{''.join(lines)}".encode()).hexdigest()[:KEY_DIGITS]
 
     def key(self, group: str) -> str:
         """Key that a group's results are stored under, 32 hexadecimal digits; groups are those of `GROUPS`."""
@@ -173,6 +176,55 @@ def _unnamed(content: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(out.get("alignment"), Mapping):
         out["alignment"] = _unnamed(out["alignment"])
     return out
+
+
+def _without_defaults(content: dict[str, Any]) -> dict[str, Any]:
+    """Without fields of a sampling strategy or a drive that have their default.
+
+    | `described` has | is of | fields |
+    |---|---|---|
+    | `raw` | an intersection strategy, in which they are left out already | |
+    | `drive` | an array | of `drive` |
+    | else | a sampling strategy | of it |
+    """
+    described = content.get("described")
+    if described is None or "raw" in described:
+        return content
+    if "drive" in described:
+        given = {name: value for name, value in described["drive"].items() if value is not None}  # None is a default
+        own = _changed(given, _drive_defaults(given.get("solver")))
+        return content | {"described": described | {"drive": own}}
+    return content | {"described": _changed(described, *_sampling_defaults())}
+
+
+def _changed(
+    values: Mapping[str, Any], defaults: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]] | None = None
+) -> dict[str, Any]:
+    """Fields that do not have their default; of a group that differs, its own fields that do."""
+    out = {name: value for name, value in values.items() if name not in defaults or value != defaults[name]}
+    for name, group in (groups or {}).items():
+        if isinstance(out.get(name), Mapping):
+            out[name] = _changed(out[name], group)
+    return out
+
+
+@cache
+def _sampling_defaults() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Of a sampling strategy, and of each of its groups where it is there."""
+    from .sampling_strategy import GROUPS as KINDS
+    from .sampling_strategy import SamplingStrategy
+
+    return asdict(SamplingStrategy()), {name: asdict(kind()) for name, kind in KINDS.items()}
+
+
+@cache
+def _drive_defaults(solver: str | None) -> dict[str, Any]:
+    """Of a drive, the iterations being those of its solver."""
+    from .drive import SOLVERS, DriveStrategy  # Warp
+
+    defaults = asdict(DriveStrategy())
+    gs_pat, wgs = SOLVERS.get(defaults["solver"] if solver is None else solver, (0, 0))
+    return defaults | {"gs_pat_iterations": gs_pat or None, "wgs_iterations": wgs or None}
 
 
 def canonical(value: Any) -> str:

@@ -22,7 +22,7 @@ from .rig import load_rig
 from .sampling import SamplingStrategy
 from .scene import Scene
 from .solid import Solid
-from .stage_source import stage_sources
+from .stage_source import has_own_stages, stage_sources
 from .strategy import IntersectionStrategy, import_modules
 from .sweep_poses import ARTICULATED, EXPLORATION, RANDOM, HostPoses, Poses, RandomPoses, require_unchanged
 from .sweep_recipe import PARTS, Recipe, RecipePart
@@ -32,6 +32,7 @@ THINGS_KEPT = 8
 HANDS_KEPT = 16
 BYTES_KEPT = 256_000_000  # of motions, posed hands with them; and of the posed hands of scenes
 SCENE_BYTES = BYTES_KEPT // 16  # that a scene counts for, so that there are not too many
+POSES_BYTES = BYTES_KEPT // 65536  # that any motion counts for: numbers of random poses are small, but many
 RANDOM_AT, RANDOM_SIZE = (0.0, 0.0, 0.2), 0.13  # [m] where a plan does not say
 
 
@@ -40,18 +41,21 @@ class Kept(Generic[Thing]):
 
     def __init__(self, limit: int, cost: Callable[[Thing], int] = lambda _: 1) -> None:
         self._limit, self._cost = limit, cost
-        self._values: OrderedDict[str, Thing] = OrderedDict()
+        self._values: OrderedDict[str, tuple[Thing, int]] = OrderedDict()  # with its cost
+        self._cost_sum = 0  # kept, as adding up thousands for each new one takes longer than making them
         self._lock = RLock()
 
     def get(self, key: str, make: Callable[[], Thing]) -> Thing:
         """What was made for this key; made now if it is not there. What `make` raises passes through."""
         with self._lock:  # held while it is made, so that two threads do not make the same
             if key not in self._values:
-                self._values[key] = make()
-                while len(self._values) > 1 and sum(map(self._cost, self._values.values())) > self._limit:
-                    self._values.popitem(last=False)
+                made = make()
+                self._values[key] = made, self._cost(made)
+                self._cost_sum += self._values[key][1]
+                while len(self._values) > 1 and self._cost_sum > self._limit:
+                    self._cost_sum -= self._values.popitem(last=False)[1][1]
             self._values.move_to_end(key)
-            return self._values[key]
+            return self._values[key][0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +70,16 @@ class Rendering:
     family: str
     """Renderings of one family have the same scene."""
     poses: Poses
+    has_own_stages: bool = False
+    """Whether a user's stages see its batches."""
 
     @property
     def is_fusable(self) -> bool:
-        """Whether its poses may be rendered together with those of other motions."""
-        return self.scene.hand.pose_count is None and self.scene.moved is None
+        """Whether its poses may be rendered together with those of other motions.
+
+        Not where a user's stage sees them, which may go by `Setting.first` and by what else is in its batch.
+        """
+        return self.scene.hand.pose_count is None and self.scene.moved is None and not self.has_own_stages
 
 
 class Workshop:
@@ -84,7 +93,7 @@ class Workshop:
         self.device = device
         self._things: Kept[Solid] = Kept(THINGS_KEPT)
         self._hands: Kept[Hand] = Kept(HANDS_KEPT)
-        self._scenes: Kept[Scene] = Kept(BYTES_KEPT, lambda scene: SCENE_BYTES + hand_bytes(scene.hand))
+        self._scenes: Kept[tuple[Scene, bool]] = Kept(BYTES_KEPT, lambda kept: SCENE_BYTES + hand_bytes(kept[0].hand))
         self._placed: Kept[tuple[Hand, Poses]] = Kept(BYTES_KEPT, _pose_bytes)
 
     def rendering(self, recipe: Recipe) -> Rendering:
@@ -93,8 +102,10 @@ class Workshop:
         hand, poses = self._hand_and_poses(recipe, thing)
         posed = () if hand.pose_count is None else ("motion",)  # whose rows a posed hand has
         family = recipe.digest(["thing", "hand", "strategy", *posed])
-        scene = self._scenes.get(family, lambda: Scene.of(thing, hand, strategy_of(recipe.strategy)))
-        return Rendering(recipe.key("contours"), title_of(recipe), scene, family, poses)
+        scene, has_own = self._scenes.get(family, lambda: _scene_of(thing, hand, strategy_of(recipe.strategy)))
+        if has_own:
+            _require_planned(scene.strategy, recipe.strategy)
+        return Rendering(recipe.key("contours"), title_of(recipe), scene, family, poses, has_own)
 
     def _hand_and_poses(self, recipe: Recipe, thing: Solid) -> tuple[Hand, Poses]:
         explored = ("thing",) if recipe.motion["source"] == EXPLORATION else ()  # whose bounds it keeps to
@@ -173,18 +184,25 @@ def random_poses_of(motion: dict[str, Any]) -> RandomPoses:
 @lru_cache(maxsize=64)
 def _strategy_from(text: str, source: str) -> IntersectionStrategy:
     described: dict[str, Any] = json.loads(text)
-    sources = described.pop("sources", None)
+    described.pop("sources", None)
     if described.get("modules"):
         import_modules(described["modules"], Path(source).resolve().parent)
-    strategy = IntersectionStrategy.from_json(json.dumps(described))
-    if sources is not None and stage_sources(strategy) != sources:
-        raise SweepError(f"{source}: stages of one's own have changed since the plan was read")
-    return strategy
+    return IntersectionStrategy.from_json(json.dumps(described))
+
+
+def _require_planned(made: IntersectionStrategy, strategy: dict[str, Any]) -> None:
+    """Refuse stages of a user's own that are not those that the plan saw; they may be registered again at any time."""
+    if stage_sources(made) != strategy["described"].get("sources", {}):
+        raise SweepError(
+            f"{strategy['source']}: stages of one's own are not those of the plan: their files have changed since it "
+            "was read, or this process imported them before they changed (start it anew)"
+        )
 
 
 def strategy_of(strategy: dict[str, Any]) -> IntersectionStrategy:
     """The intersection strategy of a recipe; modules are looked for beside its file."""
     made = _strategy_from(json.dumps(strategy["described"]), strategy["source"])
+    _require_planned(made, strategy)
     step = strategy.get("step")
     return made if step is None else replace(made, step=step)
 
@@ -205,6 +223,11 @@ def arrays_of(array: dict[str, Any]) -> tuple[tuple[ArrayModel, ...], DriveStrat
     if "+".join(model.identity() for model in models) != array["described"]["identity"]:
         raise SweepError(f"{array['source']}: the array has changed since the plan was read")
     return models, DriveStrategy.from_json(json.dumps(array["described"]["drive"]))
+
+
+def _scene_of(thing: Solid, hand: Hand, strategy: IntersectionStrategy) -> tuple[Scene, bool]:
+    """A scene, and whether it has a user's own stages."""
+    return Scene.of(thing, hand, strategy), has_own_stages(strategy)
 
 
 def _load_thing(thing: dict[str, Any]) -> Solid:
@@ -234,6 +257,6 @@ def hand_bytes(hand: Hand) -> int:
 def _pose_bytes(kept: tuple[Hand, Poses]) -> int:
     hand, poses = kept
     if isinstance(poses, RandomPoses):
-        return hand_bytes(hand)
+        return POSES_BYTES + hand_bytes(hand)
     time = poses.motion.time
-    return hand_bytes(hand) + poses.motion.pose.nbytes + (0 if time is None else time.nbytes)
+    return POSES_BYTES + hand_bytes(hand) + poses.motion.pose.nbytes + (0 if time is None else time.nbytes)

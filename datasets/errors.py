@@ -25,5 +25,9 @@ class SweepStoreError(DatasetError):
     """A store of a sweep, or a table of one, cannot be read or written; the message names the file and why."""
 
 
+class NotStoreError(SweepStoreError):
+    """What is named as a sweep's store is something else."""
+
+
 class RecordingWarning(UserWarning):
     """A recording of a hand looks wrong, but can be used."""

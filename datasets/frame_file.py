@@ -166,7 +166,7 @@ def _remove_abandoned(path: Path) -> None:
 
 def _reserve(path: Path, size: int) -> None:
     """Have room for a file of that size; raises OSError."""
-    handle = os.open(path, os.O_WRONLY | os.O_CLOEXEC)
+    handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)  # the C library reads, too, where the file system cannot reserve
     try:
         os.posix_fallocate(handle, 0, size)
     finally:

@@ -250,10 +250,20 @@ def get_representation(file: Hdf5Reader) -> dict[str, Any]:
     return get_json(file, "/object", "representation") if known else {}
 
 
+_OTHER_FILES = {
+    "palpate focal points": "focal points, which palpate play plays, and palpate info tells of",
+    "palpate drives": "drives of arrays, of which palpate info tells; what can be played are contours and focal points",
+    "palpate table": "a table of a sweep, which palpate.datasets.table.load_table reads",
+}
+
+
 def refuse_foreign(file: Hdf5Reader) -> None:
     """Raise ContourFileError unless the file is a contour file of a version that this reader understands."""
     if file.attribute("/", "format") != FORMAT_NAME:
-        raise ContourFileError(f"{file.path} is HDF5, but not a contour file: its root has no format {FORMAT_NAME!r}")
+        found = file.attribute("/", "format")
+        told = _OTHER_FILES.get(found) if isinstance(found, str) else None
+        what = f"it holds {told}" if told else f"its root has no format {FORMAT_NAME!r}"
+        raise ContourFileError(f"{file.path} is HDF5, but not a contour file: {what}")
     version = file.attribute("/", "version")
     if not isinstance(version, np.ndarray) or version.shape != (2,) or version.dtype.kind not in "iu":
         raise ContourFileError(f"{file.path}: attribute version of / is missing or not [major, minor]")

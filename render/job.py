@@ -5,6 +5,7 @@ from pathlib import Path
 from time import perf_counter
 
 from ..datasets.check import check_file
+from ..datasets.frame_reader import check_frames, frame_format
 from ..datasets.motion import HandMotion
 from . import console
 from .errors import StrategyError
@@ -15,7 +16,7 @@ from .recorder import record
 from .scene import is_exact
 from .solid import Solid
 from .strategy import load_strategy
-from .summary import summarise
+from .summary import summarise, summarise_frames
 from .workers import worker_devices
 
 SUFFIXES = (".h5", ".hdf5")
@@ -149,7 +150,10 @@ def run_render(options: dict, *, as_json: bool) -> int:
 
 
 def run_info(file: Path, *, as_json: bool) -> None:
-    """Summarise."""
+    """Summarise: contours, or frames that a sweep keeps."""
+    if frame_format(file) is not None:
+        console.say(summarise_frames(file), as_json=as_json, title=str(file))
+        return
     summary = summarise(file)
     if not summary["sealed"]:
         console.errors.print(
@@ -161,7 +165,7 @@ def run_info(file: Path, *, as_json: bool) -> None:
 
 def run_check(file: Path, *, as_json: bool) -> int:
     """Check; 0 whole, 1 not."""
-    problems = check_file(file)
+    problems = check_file(file) if frame_format(file) is None else check_frames(file)
     if as_json:
         console.say({"path": str(file), "whole": not problems, "problems": problems}, as_json=True, title="")
     elif problems:

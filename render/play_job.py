@@ -7,6 +7,7 @@ from pathlib import Path
 
 import warp as wp
 
+from ..datasets.frame_reader import FOCAL_POINTS, frame_format
 from ..datasets.ptlist import write_ptlist
 from ..datasets.reader import ContourFile
 from ..device.array import array_model, array_names
@@ -120,9 +121,10 @@ def require_device(device: str) -> None:
 def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> SamplingStrategy | None:
     """The sampling strategy asked for: a preset or a file, with other fields where options say so."""
     changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
-    if file.suffix.lower() == ".ptlist":
+    if file.suffix.lower() == ".ptlist" or frame_format(file) == FOCAL_POINTS:
         if changes or options["sampling"] is not None:
-            asked = ", ".join(sorted(changes)) or "sampling"
+            named = [*(["sampling"] if options["sampling"] is not None else []), *sorted(changes)]
+            asked = ", ".join(f"--{name.replace('_', '-')}" for name in named)
             raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")
         return None
     source = "stm" if options["sampling"] is None else options["sampling"]

@@ -1,4 +1,4 @@
-"""Play a contour file: contours -> focal points -> drives -> frames -> the player."""
+"""Play a contour file, or focal points: contours -> focal points -> drives -> frames -> the player."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 
+from ..datasets.frame_reader import FOCAL_POINTS, FrameReader, frame_format
 from ..datasets.ptlist import read_ptlist
 from ..datasets.reader import ContourFile
 from ..device.array import SONICSURFACE_BAUD, array_model
@@ -30,7 +31,7 @@ from .fields import require_choice
 from .frames import FrameSource
 from .rig import PlacedArray
 from .sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy
-from .source import ContourSource, FocusSource, PointSource, frame_count, require_duration
+from .source import ContourSource, FocusSource, KeptSource, PointSource, frame_count, require_duration
 
 CLOCKS: dict[str, Callable[[], Clock]] = {"monotonic": MonotonicClock, "virtual": VirtualClock}
 
@@ -161,12 +162,13 @@ def play_file(
     device: str = "cpu",
     watch: Callable[[LiveStatistics, int], object] | None = None,
 ) -> Playback:
-    """Play a contour file, or a .PTLIST of focal points; the arrays are off when this returns or raises.
+    """Play a contour file, or focal points: a .PTLIST, or what a sweep keeps; the arrays are off in the end.
 
     Args:
         path: the file.
         array: name of an array, or several arrays with where they stand (`load_rig`).
-        sampling: how contours become focal points; its update rate is that of the playback. A .PTLIST has its own.
+        sampling: how contours become focal points; its update rate is that of the playback. Focal points have
+            their own.
         drive: how focal points become drives.
         duration: how long [s]; a motion ends by itself, a static pose does not.
         repeats: how often, one after the other; 64 MB of frames are kept for that, a longer file is read again.
@@ -221,13 +223,24 @@ def opened(
         stop = None if duration is None else frame_count(duration, points.update_rate, path)
         yield PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop])), None, points.update_rate
         return
+    if frame_format(path) == FOCAL_POINTS:
+        if sampling is not None:
+            raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
+        with FrameReader(path) as kept:
+            _require_solvable(kept.foci)
+            yield KeptSource(kept, duration), None, kept.update_rate
+        return
     model = arrays[0].model
     if sampling is None:
         sampling = SamplingStrategy(update_rate=model.update_rate(model.divider_default))
-    if sampling.foci > POINTS_MOST:
-        raise StrategyError(f"foci must be at most {POINTS_MOST} to be solved for an array, not {sampling.foci}")
+    _require_solvable(sampling.foci)
     sampler = Sampler(sampling)
     with ContourFile(path) as file:
         if not file.sealed:
             raise StrategyError(f"{path}: is not finished and cannot be played; palpate render --resume finishes it")
         yield ContourSource(file, sampler, duration), sampler, sampling.update_rate
+
+
+def _require_solvable(foci: int) -> None:
+    if foci > POINTS_MOST:
+        raise StrategyError(f"foci must be at most {POINTS_MOST} to be solved for an array, not {foci}")

@@ -1,4 +1,4 @@
-"""Where a playback's focal points come from, block by block: a contour file, sampled as it is read, or points."""
+"""Where a playback's focal points come from, block by block: contours, sampled as they are read, or points."""
 
 from collections.abc import Iterator
 from copy import deepcopy
@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..datasets.frame_reader import FrameReader
 from .contours import ContourBatch
 from .errors import PoseError, StrategyError
 from .path import Path as ContourPath
@@ -69,6 +70,25 @@ class PointSource:
     def __iter__(self) -> Iterator[FocalPoints]:
         """Blocks of focal points."""
         return iter(self._blocks)
+
+
+class KeptSource:
+    """Focal points of a file that a sweep has kept, read block by block; of any size.
+
+    file: opened, of focal points. duration: when to stop [s], if not at its end.
+    Raises StrategyError for a duration that is none, or not one frame.
+    """
+
+    def __init__(self, file: FrameReader, duration: float | None = None) -> None:
+        require_duration(duration)
+        self._file = file
+        asked = FRAMES_MOST if duration is None else frame_count(duration, file.update_rate, file.path)
+        self.frame_count = int(min(file.frame_count, asked))
+
+    def __iter__(self) -> Iterator[FocalPoints]:
+        """Blocks of focal points."""
+        for first in range(0, self.frame_count, BLOCK):
+            yield FocalPoints(*self._file.focal_points(first, min(first + BLOCK, self.frame_count)))
 
 
 class ContourSource:

@@ -4,9 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..datasets.frame_reader import DRIVES, FrameReader
 from ..datasets.reader import ContourFile
 from ..datasets.schema import PRUNED_NAMES
 from .sampling import SamplingStrategy
+
+PARTS = {"thing": "object", "hand": "hand", "motion": "motion", "strategy": "strategy", "sampling": "sampling"}
+"""What of a sweep's recipe a file of frames is of."""
 
 POSES_AT_ONCE = 1 << 20
 
@@ -77,3 +81,25 @@ def summarise(path: str | Path) -> dict:
             out["bytes"] = Path(path).stat().st_size
             out["bytes_per_pose"] = out["bytes"] / max(file.pose_count, 1)
         return out
+
+
+def summarise_frames(path: str | Path) -> dict:
+    """What a file of focal points or drives that a sweep keeps is: how many, at which rate, and of what.
+
+    Raises ContourFileError for another file.
+    """
+    with FrameReader(path) as file:
+        recipe = file.described("/", "recipe") or {}
+        out = {
+            "path": str(path),
+            "holds": file.format.removeprefix("palpate "),
+            "frames": file.frame_count,
+            "update_rate": file.update_rate,
+            "duration": file.frame_count / file.update_rate,
+        }
+        if file.format == DRIVES:
+            out["arrays"] = file.described("/array", "names")
+        else:
+            out["foci"] = file.foci
+        out |= {name: recipe[part]["name"] for part, name in PARTS.items() if "name" in (recipe.get(part) or {})}
+        return out | {"maker": file.text("/", "maker"), "bytes": Path(path).stat().st_size}

@@ -27,6 +27,13 @@ KIND_NAMES = ("object", "hand", "made")
 PRUNED_NAMES = ("off_skin", "close_together", "small", "turned_away", "hidden", "joined", "other")
 """By which prune stage contours were removed; "other" is everyone's own."""
 
+
+def removed_name(stage: str) -> str:
+    """Metric of what a prune stage removed; one that is listed again, as "name#2", goes with the first."""
+    own = stage.partition("#")[0].replace("-", "_")
+    return f"removed_{own if own in PRUNED_NAMES else 'other'}"
+
+
 Arrays = dict[str, NDArray[Any]]
 
 

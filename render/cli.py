@@ -7,10 +7,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
-import typer
+try:
+    import typer
 
-from . import console
-from .cli_sweep import sweep
+    from . import console
+    from .cli_sweep import sweep
+except KeyboardInterrupt:  # nothing has begun
+    sys.exit("error: interrupted")
 
 app = typer.Typer(
     name="palpate",
@@ -58,6 +61,7 @@ Label = Annotated[list[int] | None, typer.Option(help="Of a segmented volume: la
 Inside = Annotated[str | None, typer.Option(help="Of a volume: above or below, where values are solid.")]
 Spacing = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Of a volume, instead of the file's [m].")]
 Unit = Annotated[str | None, typer.Option(help="Of a volume file's lengths: m, cm, mm, um.")]
+KEPT_HELP = "Contour file, or focal points or drives of a sweep."
 DURATION_HELP = "Stop after this time [s] if the motion has not ended; a static pose needs it."
 
 
@@ -97,7 +101,6 @@ def demo(
     json: Json = False,
 ) -> None:
     """Run the main job: explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
-
     _run("demo", "run_demo", folder, clock, as_json=json)
 
 
@@ -224,16 +227,14 @@ def strategies(
 
 
 @app.command()
-def info(file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")], json: Json = False) -> None:
-    """Tell what is in a contour file."""
-
+def info(file: Annotated[Path, typer.Argument(metavar="FILE", help=KEPT_HELP)], json: Json = False) -> None:
+    """Tell what is in a contour file, or in focal points or drives that a sweep keeps."""
     _run("job", "run_info", file, as_json=json)
 
 
 @app.command()
-def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")], json: Json = False) -> None:
-    """Check that a contour file is whole: exit 0 if it is, 1 if not."""
-
+def check(file: Annotated[Path, typer.Argument(metavar="FILE", help=KEPT_HELP)], json: Json = False) -> None:
+    """Check that a contour file, or what a sweep keeps, is whole: exit 0 if it is, 1 if not."""
     _run("job", "run_check", file, as_json=json)
 
 
@@ -244,13 +245,12 @@ def figure(
     json: Json = False,
 ) -> None:
     """Draw contours on the object, the palm, length and draw frequency over time."""
-
     _run("job", "run_figure", files, out, as_json=json)
 
 
 @app.command()
 def play(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file, or a .PTLIST of focal points.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file, or focal points: .PTLIST, or a sweep's.")],
     array: Array = "emulator",
     serial: Serial = None,
     calibration: Calibration = None,
@@ -317,7 +317,6 @@ def sampling(
     json: Json = False,
 ) -> None:
     """List sampling presets, or print one as the JSON that --sampling takes: a start for one of your own."""
-
     _run("play_job", "run_sampling", name, as_json=json)
 
 
@@ -329,7 +328,6 @@ def devices(
     json: Json = False,
 ) -> None:
     """List the arrays that can be played to, and why one cannot be opened."""
-
     _run("play_job", "run_devices", calibration or [], as_json=json)
 
 
@@ -393,4 +391,7 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.stdout is not None and not sys.stdout.isatty():
         os.environ.setdefault("COLUMNS", "120")  # tables and help in pipes and logs
-    app()
+    try:
+        app()
+    except KeyboardInterrupt:  # before a command runs, or after: it tells of its own
+        sys.exit(console.fail("interrupted", console.FAILED, False))

@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ..datasets.errors import DatasetError, RecordingWarning
+from ..datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
 from ..device.report import LiveStatistics, PlayReport
 from .errors import PalpateWarning, PlacementError, PlanError, RenderError, StrategyError
@@ -24,7 +24,7 @@ TOLD_WARNINGS = (PalpateWarning, RecordingWarning)
 
 DONE, FAILED, MISUSED = 0, 1, 2
 
-MISUSES = (StrategyError, PlacementError, PlanError, UnknownArrayError, UpdateRateError)
+MISUSES = (StrategyError, PlacementError, PlanError, NotStoreError, UnknownArrayError, UpdateRateError)
 """Errors that are about what was asked, not about what happened."""
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)

@@ -73,11 +73,11 @@ def warn_of_place(name: str, bounds: np.ndarray, way: str) -> None:
     """
     size, low, high = np.ptp(bounds, axis=0), bounds[0, 2], bounds[1, 2]
     if size.max() > SIZE_LARGEST:
-        fault = f"is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; {way}, or --fit 0.13"
+        fault = f"is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; {way}, or --fit 0.13 (in a plan fit = 0.13)"
     elif low < 0:
         fault = (
             f"reaches behind the array (z from {low:.4g} to {high:.4g} m): coordinates are taken as they are, "
-            "--at 0 0 0.2 places it in front"
+            "--at 0 0 0.2 (in a plan at = [0, 0, 0.2]) places it in front"
         )
     else:
         return
@@ -162,14 +162,14 @@ class MeshObject:
     def _judge_size(self) -> None:
         if not np.isfinite(self.vertices).all():
             raise MeshError(f"{self.name}: coordinates overflow after placement (scale {self.placement.scale})")
-        warn_of_place(self.name, self.bounds, "a size like this suggests a file in millimetres: use --scale 0.001")
+        warn_of_place(self.name, self.bounds, "like a file in millimetres: use --scale 0.001 (scale = 0.001)")
 
     def _judge_rounding(self, vertices: np.ndarray) -> None:
         lost = len(vertices) - len(np.unique(self.vertices + np.float32(0), axis=0))
         if lost > len(vertices) // 100:
             warnings.warn(
                 f"{self.name}: {lost} of {len(vertices)} vertices fall on others in float32, which steps by "
-                f"{np.spacing(np.abs(self.vertices).max()):.2g} m this far from the array: place it with --at",
+                f"{np.spacing(np.abs(self.vertices).max()):.2g} m this far from the array: place it with --at (at)",
                 PalpateWarning,
                 stacklevel=3,
             )

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..datasets.header import FileHeader
 from ..datasets.motion import HandMotion
-from ..datasets.schema import PRUNED_NAMES
+from ..datasets.schema import removed_name
 from ..datasets.writer import ContourWriter
 from .batch import MEMORY_SMALLEST, Chunk, checked_memory, rendered_chunks
 from .contours import KINDS
@@ -74,8 +74,7 @@ def metrics_of(chunk: Chunk) -> dict[str, np.ndarray]:
         "polylines": np.diff(chunk.contours.pose_start).astype(np.int32),
     }
     for stage, length in chunk.removed.items():
-        own = stage.partition("#")[0].replace("-", "_")
-        name = f"removed_{own if own in PRUNED_NAMES else 'other'}"
+        name = removed_name(stage)
         metrics[name] = metrics.get(name, np.float32(0)) + length.astype(np.float32)
     return metrics
 

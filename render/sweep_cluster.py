@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import logging
 import os
 import re
@@ -22,7 +23,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .errors import PalpateWarning, StrategyError, SweepError
+from .errors import PalpateWarning, PlanError, StrategyError, SweepError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -67,25 +68,45 @@ def connect_cluster(
 ) -> Connection:
     """Start a cluster or find one; see the table above.
 
-    Raises SweepError for a missing extra, an unknown word, a scheduler that does not answer within `patience` [s], jobs
-    that cannot be submitted, a device that this host lacks (local) or several of them (elsewhere), no workers.
+    Raises PlanError, a SweepError, for a missing extra, an unknown word, a device that this host lacks (local) or
+    several of them (elsewhere), no workers; SweepError for a scheduler that does not answer within `patience` [s], and
+    jobs that cannot be submitted.
     """
     try:
         import distributed
     except ImportError as error:
-        raise SweepError(INSTALL) from error
+        raise PlanError(INSTALL) from error
     if workers is not None and workers < 1:
-        raise SweepError(f"workers must be at least 1, not {workers}")
+        raise PlanError(f"workers must be at least 1, not {workers}")
     if scheduler in (None, "local"):
         return _start_here(devices, workers, patience or PATIENCE)
-    if "," in devices:
-        raise SweepError(f"a worker of a cluster has one device, so device {devices!r} cannot be; name one, or 'cuda'")
+    _require_one_device(devices)
     if isinstance(scheduler, distributed.Client):
         address = str(scheduler.scheduler_info()["address"])
         return Connection(scheduler, address, devices, workers or 1, patience or PATIENCE, is_client_ours=False)
-    if "://" in scheduler or ADDRESS.match(scheduler) or scheduler.endswith(".json"):
+    if _is_address(scheduler):
         return _find(scheduler, devices, workers or 1, patience or PATIENCE)
     return _start_jobs(scheduler, devices, workers, patience or PATIENCE_JOBS)
+
+
+def require_scheduler(scheduler: str, *, devices: str = "auto", workers: int | None = None) -> None:
+    """Refuse what can be seen to be wrong of `connect_cluster`'s arguments before anything runs; raises PlanError."""
+    if importlib.util.find_spec("distributed") is None:
+        raise PlanError(INSTALL)
+    if scheduler == "local":
+        return
+    _require_one_device(devices)
+    if not _is_address(scheduler):
+        _job_system(scheduler, workers)
+
+
+def _is_address(scheduler: str) -> bool:
+    return "://" in scheduler or ADDRESS.match(scheduler) is not None or scheduler.endswith(".json")
+
+
+def _require_one_device(devices: str) -> None:
+    if "," in devices:
+        raise PlanError(f"a worker of a cluster has one device, so device {devices!r} cannot be; name one, or 'cuda'")
 
 
 def _start_here(devices: str, workers: int | None, patience: float) -> Connection:
@@ -120,9 +141,9 @@ def _devices_here(devices: str) -> list[str]:
     try:
         names = worker_devices(devices, 1)
     except StrategyError as error:
-        raise SweepError(str(error)) from error
+        raise PlanError(str(error)) from error
     if "cpu" in names and len(names) > 1:
-        raise SweepError(f"workers of a cluster are all of one kind, so device {devices!r} cannot be")
+        raise PlanError(f"workers of a cluster are all of one kind, so device {devices!r} cannot be")
     return names
 
 
@@ -155,19 +176,14 @@ def _start_jobs(word: str, devices: str, workers: int | None, patience: float) -
     """Jobs of a queueing system, each of which is a worker, by the user's jobqueue.yaml."""
     import dask.config
 
-    systems = _job_systems()
-    if word not in systems:
-        known = ", ".join(("local", "tcp://host:port", "FILE.json", *sorted(systems)))
-        raise SweepError(f"unknown scheduler {word!r}; known: {known}")
-    if workers is None:
-        raise SweepError(f"how many jobs {word} is to run must be said: --workers")
+    system = _job_system(word, workers)
     missing = [key for key in NEEDED if dask.config.get(f"jobqueue.{word}.{key}", None) is None]
     if missing:
         raise SweepError(f"{word} needs {', '.join(missing)} of a job: ~/.config/dask/jobqueue.yaml, jobqueue.{word}")
     cluster = None
     try:
         with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
-            cluster = systems[word]()
+            cluster = system()
         cluster.scale(jobs=workers)
         return Connection(_client(patience, address=cluster), word, devices, 1, patience, cluster)
     except (ValueError, TypeError, OSError, RuntimeError) as error:
@@ -176,13 +192,24 @@ def _start_jobs(word: str, devices: str, workers: int | None, patience: float) -
         raise SweepError(f"{word} cannot run workers: {_one_line(error)} (jobqueue.yaml)") from error
 
 
+def _job_system(word: str, workers: int | None) -> Any:
+    """The class of dask-jobqueue for a word; a number of jobs is needed with it."""
+    systems = _job_systems()
+    if word not in systems:
+        known = ", ".join(("local", "tcp://host:port", "FILE.json", *sorted(systems)))
+        raise PlanError(f"unknown scheduler {word!r}; known: {known}")
+    if workers is None:
+        raise PlanError(f"how many jobs {word} is to run must be said: --workers")
+    return systems[word]
+
+
 def _job_systems() -> dict[str, type]:
     """Classes of dask-jobqueue by the words for them."""
     try:
         import dask_jobqueue
         from dask_jobqueue.core import JobQueueCluster
     except ImportError as error:
-        raise SweepError(INSTALL) from error
+        raise PlanError(INSTALL) from error
     kinds = [kind for kind in vars(dask_jobqueue).values() if isinstance(kind, type) and kind is not JobQueueCluster]
     systems = [kind for kind in kinds if issubclass(kind, JobQueueCluster)]
     return {kind.__name__.removesuffix("Cluster").lower(): kind for kind in systems}

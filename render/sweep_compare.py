@@ -12,9 +12,10 @@ import numpy as np
 
 from ..datasets.errors import SweepStoreError
 from ..datasets.table import load_table
-from .errors import SweepError
+from .errors import RenderError, SweepError
 from .sweep_layout import Axis, is_missing, telling_axes
-from .sweep_table import is_metric
+from .sweep_recipe import PARTS, Recipe
+from .sweep_table import UNITS, is_axis, is_metric
 
 TABLE = "table.h5"
 """Of a store: what stands for it as a baseline."""
@@ -23,8 +24,13 @@ DEFAULT = 1e-6
 """Relative. One machine gives the same bits again; other processors and compilers round the last bits of float32
 contours (6e-8) otherwise, of which means keep about as much. What a change of a strategy does is far above."""
 
+FLOORS = {"m": 1e-9, "m2": 1e-12, "Hz": 1e-6, "1": 1e-9}
+"""By unit, changes that a relative tolerance other than 0 always lets pass: far below what can be felt or drawn, and
+what is left of rounding where a metric is 0 otherwise."""
+
 ROWS_SHOWN = 20
 ABSOLUTE = "abs"
+AXIS_OF = {"thing": "object"}  # parts of recipes that plans call otherwise
 
 
 @dataclass(frozen=True)
@@ -56,11 +62,16 @@ class Tolerance:
             )
         return cls(amount, is_absolute, columns or "*")
 
-    def is_kept(self, old: np.ndarray, new: np.ndarray) -> np.ndarray:
-        """Whether values are near enough; NaN is near NaN only."""
-        scale = 1.0 if self.is_absolute else np.maximum(np.abs(old), np.abs(new))
+    def is_kept(self, old: np.ndarray, new: np.ndarray, unit: str = "") -> np.ndarray:
+        """Whether values of a unit are near enough; what is not finite is near its like only.
+
+        See FLOORS: without a unit, and for a tolerance that is absolute or 0, there is none.
+        """
+        floor = FLOORS.get(unit, 0.0) if self.amount and not self.is_absolute else 0.0
         with np.errstate(invalid="ignore"):  # inf - inf
-            near = np.abs(new - old) <= self.amount * scale
+            scale = 1.0 if self.is_absolute else np.maximum(np.abs(old), np.abs(new))
+            near = np.abs(new - old) <= np.maximum(self.amount * scale, floor)
+        near &= np.isfinite(old) & np.isfinite(new)
         return near | (new == old) | (np.isnan(old) & np.isnan(new))
 
     def __str__(self) -> str:
@@ -78,7 +89,7 @@ class Moved:
     old: float | None
     new: float | None
     change: float | None
-    """Relative to the greater of the two magnitudes; None where one of them is missing."""
+    """Relative to the greater of the two magnitudes; None where one of them is missing or infinite."""
     tolerance: str
 
     @property
@@ -115,7 +126,7 @@ class Comparison:
 
     baseline: str
     recipe_count: int
-    """Recipes on both sides."""
+    """Recipes on both sides, those of `changed` included."""
     value_count: int
     """Values compared."""
     moved: tuple[Moved, ...] = ()
@@ -130,6 +141,10 @@ class Comparison:
     """Metrics of the baseline that the sweep does not have."""
     columns_added: tuple[str, ...] = ()
     """Metrics that the baseline does not have: told, not wrong."""
+    changed: tuple[str, ...] = ()
+    """Recipes that have another hash and are the baseline's by name, and compared with it: told, not wrong."""
+    sources: tuple[str, ...] = ()
+    """What has changed behind its name in those: "strategy mine.json"."""
     makers: tuple[str, str] = field(default=("", ""))
     """Who made the baseline, and who the sweep."""
 
@@ -144,6 +159,10 @@ class Comparison:
         out = [f"{kept} in {self.recipe_count} recipes compared with {self.baseline}"]
         if not self.recipe_count:
             out = [f"no recipe in common with {self.baseline}: it is of another plan"]
+        if self.changed:
+            what = _few(self.sources or self.changed)
+            said = "1 recipe is" if len(self.changed) == 1 else f"{len(self.changed)} recipes are"
+            out.append(f"{said} compared by name: the file behind this name has changed: {what}")
         for names, one, several in self._told():
             if names:
                 out.append(f"{len(names)} {one if len(names) == 1 else several}: {_few(names)}")
@@ -220,7 +239,9 @@ def compare_tables(
 ) -> Comparison:
     """Compare a sweep's table (`tidy_columns`) with an earlier one, recipe by recipe.
 
-    Metrics only: never time, maker, or where files are. tolerances: for each column the last that names it counts.
+    Recipes are matched by hash, and those that are left by name (`_renewed`), so that a file that was edited is
+    compared with what it was. Metrics only: never time, maker, or where files are. tolerances: for each column the last
+    that names it counts.
     Raises SweepError for a tolerance that names no metric of either.
     """
     old, tolerances = baseline.columns, (Tolerance(), *tolerances)
@@ -229,29 +250,72 @@ def compare_tables(
     old_row = {str(key): i for i, key in enumerate(old["recipe_hash"]) if _is_complete(old, i)}
     new_row = {str(key): i for i, key in enumerate(columns["recipe_hash"])}
     names, old_names = _Names(columns), _Names(old)
-    shared = [key for key in new_row if key in old_row]
-    whole = [key for key in shared if _is_complete(columns, new_row[key])]
-    before, now = np.array([old_row[key] for key in whole], int), np.array([new_row[key] for key in whole], int)
+    pairs = {row: old_row[key] for key, row in new_row.items() if key in old_row}
+    gone = [row for key, row in old_row.items() if key not in new_row]
+    renewed = _renewed(old, gone, columns, [row for row in new_row.values() if row not in pairs])
+    pairs |= renewed
+    found = set(pairs.values())
+    whole = [row for row in sorted(pairs) if _is_complete(columns, row)]
+    before, now = np.array([pairs[row] for row in whole], int), np.array(whole, int)
     moved: list[Moved] = []
     compared = [name for name in olds if name in news]
     for metric in compared:
         tolerance = next(t for t in reversed(tolerances) if fnmatchcase(metric, t.columns))
         was, here = _floats(old[metric])[before], _floats(columns[metric])[now]
-        for i in np.flatnonzero(~tolerance.is_kept(was, here)).tolist():
-            moved.append(_moved(whole[i], names[now[i]], metric, was[i], here[i], tolerance))
-    gone = [key for key in old_row if key not in new_row]
+        for i in np.flatnonzero(~tolerance.is_kept(was, here, UNITS[metric])).tolist():
+            key = str(columns["recipe_hash"][whole[i]])
+            moved.append(_moved(key, names[whole[i]], metric, was[i], here[i], tolerance))
     return Comparison(
         baseline.path,
-        len(shared),
+        len(pairs),
         len(whole) * len(compared),
         tuple(sorted(moved, key=lambda m: -m.rank)),
-        missing=tuple(old_names[old_row[key]] for key in gone),
-        incomplete=tuple(names[new_row[key]] for key in shared if not _is_complete(columns, new_row[key])),
-        added=tuple(names[row] for key, row in new_row.items() if key not in old_row),
+        missing=tuple(old_names[row] for row in gone if row not in found),
+        incomplete=tuple(names[row] for row in sorted(pairs) if not _is_complete(columns, row)),
+        added=tuple(names[row] for row in new_row.values() if row not in pairs),
         columns_missing=tuple(name for name in olds if name not in news),
         columns_added=tuple(name for name in news if name not in olds),
+        changed=tuple(names[row] for row in sorted(renewed)),
+        sources=_sources(old, columns, renewed),
         makers=(_maker(old), _maker(columns)),
     )
+
+
+def _renewed(
+    old: Mapping[str, np.ndarray], gone: Sequence[int], new: Mapping[str, Any], added: Sequence[int]
+) -> dict[int, int]:
+    """Rows of a baseline by rows of a sweep that agree in all columns of the recipe: only hashes differ.
+
+    gone, added: the rows that are looked at; those that several others agree with are left out.
+    """
+    axes = [name for name in new if is_axis(name) and name in old]
+    rows: list[dict[tuple[Any, ...], list[int]]] = []
+    for table, own in ((old, gone), (new, added)):
+        alike: dict[tuple[Any, ...], list[int]] = {}
+        for row in own:
+            alike.setdefault(tuple(_cell(table[name][row]) for name in axes), []).append(row)
+        rows.append(alike)
+    before, now = rows
+    return {now[key][0]: own[0] for key, own in before.items() if len(own) == 1 == len(now.get(key, ()))}
+
+
+def _cell(value: Any) -> Any:
+    """A value, alike from a file and fresh."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    return None if is_missing(plain) else plain
+
+
+def _sources(old: Mapping[str, np.ndarray], new: Mapping[str, Any], pairs: Mapping[int, int]) -> tuple[str, ...]:
+    """Parts of recipes that are others under the same name, as recipes' JSON tells them."""
+    found: dict[str, None] = {}
+    for row, was in pairs.items():
+        try:
+            one, other = (Recipe.from_json(str(table["recipe"][k])) for table, k in ((new, row), (old, was)))
+            parts = [part for part in PARTS if one.digest([part]) != other.digest([part])]
+        except (RenderError, KeyError, TypeError, AttributeError):  # of another version
+            continue
+        found |= {f"{AXIS_OF.get(part, part)} {getattr(one, part).get('name', '')}": None for part in parts}
+    return tuple(found)
 
 
 def row_names(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> list[str]:
@@ -287,7 +351,8 @@ def _floats(values: Sequence[Any] | np.ndarray) -> np.ndarray:
 
 def _moved(key: str, name: str, metric: str, old: float, new: float, tolerance: Tolerance) -> Moved:
     was, here = (None if math.isnan(value) else float(value) for value in (old, new))
-    change = None if was is None or here is None else (here - was) / max(abs(was), abs(here))
+    is_measured = math.isfinite(old) and math.isfinite(new)
+    change = float((new - old) / max(abs(old), abs(new))) if is_measured else None
     return Moved(key, name, metric, was, here, change, str(tolerance))
 
 

@@ -12,6 +12,7 @@
 | `"object.fit" = { at_least = 0.1 }` | numbers from this on; also `at_most`, or both |
 """
 
+import glob
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -53,7 +54,10 @@ class Entry:
     def _names(self, content: Mapping[str, Any], text: str) -> bool:
         """Whether a source is called so: its name, or its path from the plan's folder on."""
         known = (content["name"], content["source"])
-        return any(fnmatchcase(name, pattern) for name in known for pattern in (text, str(self.folder / text)))
+        if text in known or str(self.folder / text) in known:  # names may have brackets
+            return True
+        patterns = (text, str(Path(glob.escape(str(self.folder))) / text))
+        return any(fnmatchcase(name, pattern) for name in known for pattern in patterns)
 
 
 @dataclass(frozen=True)

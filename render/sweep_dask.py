@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .errors import SweepError
+from .errors import PlanError, SweepError
 from .sweep_cluster import INSTALL, Connection, connect_cluster, hushed_logs
 from .sweep_crew import Crew, new_run
 from .sweep_dask_work import Fitness, Work, pack_task, travelling
@@ -106,7 +106,7 @@ class DaskEngine:
         try:
             import distributed
         except ImportError as error:
-            raise SweepError(INSTALL) from error
+            raise PlanError(INSTALL) from error
         self._make, _ = travelling()
         try:
             if not isinstance(self._scheduler, distributed.Client):  # whose log is its owner's

@@ -34,7 +34,10 @@ FAMILIES_SAMPLED = 20
 SECONDS_SAMPLED = 5.0
 SAMPLE_POSES = {"cpu": 1024, "cuda": 1 << 20}
 SAMPLE_FIRST = {"cpu": 64, "cuda": 1024}  # of what is loaded and compiled before the clock runs
+ALL_THE_SAME = "; --yes makes it all the same"
 ROW_BYTES = 1200  # of a part in the manifest
+TABLE_BYTES = 9000  # of memory, of a recipe while the table is written
+TABLE_BYTES_TOLD = 10**8  # from this on people are told
 POSE_BYTES = 48  # of a row of per-pose columns
 CONTOUR_BYTES = 600  # of a pose in a contour file, some 35 points: nothing is rendered to know it
 FOCUS_BYTES, TRANSDUCER_BYTES = 16, 4  # of a frame: position and intensity; a transducer's delay
@@ -47,6 +50,8 @@ class Estimate:
     recipes: int
     is_exact: bool
     """Whether all recipes were read; otherwise all other numbers grow with those that were."""
+    is_bound: bool
+    """Whether there may be fewer recipes."""
     recipes_done: int
     """Of which everything is there."""
     renderings: int
@@ -58,12 +63,16 @@ class Estimate:
     """That the store will take."""
     bytes_free: int
     """On its disk."""
+    bytes_table: int
+    """Of memory that writing the table takes."""
     seconds: float | None = None
     """With `workers` of them; None where no family could be sampled."""
     workers: int = 1
     families: int = 0
     """Objects, hands and strategies in their combinations, to be made."""
     families_sampled: int = 0
+    refusal: str | None = None
+    """Why the sweep is made only with `--yes`; None if it is made without."""
     problems: tuple[str, ...] = ()
     """Why families could not be sampled: they will fail."""
 
@@ -74,15 +83,20 @@ class Estimate:
     def sentences(self) -> list[str]:
         """For people."""
         about = "" if self.is_exact else "about "
+        recipes = "at most " if self.is_bound else ""
         out = [
-            f"{about}{self.recipes:,} recipes, {about}{self.poses:,} poses; {self.recipes_done:,} recipes are done",
+            f"{recipes}{self.recipes:,} recipes, {about}{self.poses:,} poses; {self.recipes_done:,} recipes are done",
             f"to make: {about}{self.renderings:,} renderings of {about}{self.poses_to_render:,} poses",
             f"on the disk: about {byte_size(self.bytes)} of {byte_size(self.bytes_free)} free",
         ]
+        if self.bytes_table >= TABLE_BYTES_TOLD:
+            out.append(f"memory: about {byte_size(self.bytes_table)} while the table is written")
         if self.seconds is not None:
             of = f"{self.families_sampled} of {self.families} combinations of object, hand and strategy"
             workers = f"{self.workers} worker{'s' if self.workers > 1 else ''}"
             out.append(f"time: about {clock_time(self.seconds)} with {workers}, an estimate from samples of {of}")
+        if self.refusal is not None:
+            out.append(f"refused without --yes: {self.refusal}")
         return out
 
 
@@ -129,9 +143,19 @@ def refuse_too_large(plan: Plan, folder: Path, *, share: float = 1.0) -> None:
     ]
     if any(reasons):
         raise PlanError(
-            f"the plan has {recipes:,} recipes, about {poses:,} poses to make, and they would take about "
-            f"{byte_size(size)}: {' and '.join(filter(None, reasons))}; --yes makes it all the same"
+            f"the plan has {'' if plan.is_exact else 'at most '}{recipes:,} recipes, about {poses:,} poses to make, "
+            f"and they would take about {byte_size(size)}: {' and '.join(filter(None, reasons))}{ALL_THE_SAME}"
         )
+
+
+def _refusal(plan: Plan, folder: Path, counts: Counts) -> str | None:
+    """Why a run would be refused without `--yes`."""
+    share = counts.poses_incomplete / max(1, counts.poses) if plan.recipe_count <= RECIPES_MOST else 1.0
+    try:
+        refuse_too_large(plan, folder, share=share)
+    except PlanError as error:
+        return str(error).removesuffix(ALL_THE_SAME)
+    return None
 
 
 def mean_size(plan: Plan) -> tuple[float, float]:
@@ -177,16 +201,19 @@ def estimate(plan: Plan, missing: Missing, folder: Path, *, devices: Sequence[st
     return Estimate(
         recipes=counts.recipes if missing.is_exhausted else plan.recipe_count,
         is_exact=missing.is_exhausted,
+        is_bound=not (missing.is_exhausted or plan.is_exact),
         recipes_done=round(counts.done * scale),
         renderings=round(len(renderings) * scale),
         poses=round(counts.poses * pose_scale),
         poses_to_render=round(counts.poses_missing * pose_scale),
         bytes=round(known * pose_scale),
         bytes_free=bytes_free(folder),
+        bytes_table=TABLE_BYTES * (missing.counts.recipes if missing.is_exhausted else plan.recipe_count),
         seconds=samples.seconds(stretches, counts, pose_scale, len(devices)),
         workers=len(devices),
         families=len(stretches),
         families_sampled=len(samples.rates),
+        refusal=_refusal(plan, folder, counts),
         problems=tuple(dict.fromkeys((*(failure.sentence for failure in missing.failures), *samples.problems))),
     )
 

@@ -35,6 +35,7 @@ LOG_FROM = 40.0  # greatest over least from which an axis is logarithmic
 SINGLE_MOST = 40  # results of a point that are drawn one by one
 BANDS_CLEAR = 4  # series of which spreads can be told apart
 MARKED_MOST = 25  # points of a line that have markers
+NAME_MOST, TITLE_MOST = 32, 100  # characters of a name: of a value, of the sweep
 WIDE = 9  # characters of a tick label from which labels stand on end
 COMMA = ", "
 
@@ -136,7 +137,7 @@ def _draw_panels(axes: np.ndarray, layout: Layout, metrics: Mapping[str, np.ndar
             rows = np.flatnonzero(column.code == k) if column else np.arange(len(values))
             _draw_panel(panel, layout, values, rows)
             if i == 0 and column:
-                title = f"{_words(column.name)} {column.word(k)}" if column.is_numeric else column.word(k)
+                title = f"{_words(column.name)} {column.word(k)}" if column.is_numeric else _value(column, k)
                 panel.set_title(title, fontsize=9, fontweight="bold")
         title, unit = TITLES[metric]
         shown = SHOWN_UNITS[unit][0]
@@ -161,7 +162,7 @@ def _scale(set_scale: Callable[..., None], values: np.ndarray) -> None:
 
 
 def _name_rows(panel: Any, x: Axis) -> None:
-    labels = [x.word(k) for k in range(len(x.values))]
+    labels = [_value(x, k) for k in range(len(x.values))]
     panel.set_yticks(range(len(labels)), labels)
     panel.set_ylim(len(labels) - 0.4, -0.6)  # the first on top
     panel.set_ylabel(_words(x.name))
@@ -171,7 +172,7 @@ def _label_x(panel: Any, x: Axis) -> None:
     panel.tick_params(labelbottom=True)
     panel.set_xlabel(_with_unit(x.name))
     if not x.is_numeric:
-        labels = [x.word(k) for k in range(len(x.values))]
+        labels = [_value(x, k) for k in range(len(x.values))]
         on_end = max(map(len, labels)) * len(labels) > 24 or max(map(len, labels)) > WIDE
         panel.set_xticks(range(len(labels)), labels, rotation=45 if on_end else 0, ha="right" if on_end else "center")
         if on_end:
@@ -268,7 +269,7 @@ def _label(figure: Any, layout: Layout, table: Mapping[str, Sequence[Any]], name
     poses = np.nansum(_numbers(table["poses"])) if "poses" in table else None
     parts = [f"{total:,} recipe{'s' * (total != 1)}", *([f"{poses:,.0f} poses"] if poses else [])]
     parts += sorted({str(maker) for maker in table.get("maker", ())})[:2]
-    figure.suptitle(name, x=0.01, ha="left", fontsize=11, fontweight="bold")
+    figure.suptitle(shown_name(name, TITLE_MOST), x=0.01, ha="left", fontsize=11, fontweight="bold")
     told = caption(layout, total - len(table["recipe_hash"]), int(18 * figure.get_figwidth()))
     figure.supxlabel("\n".join([COMMA.join(parts), *told]), x=0.01, ha="left", fontsize=7, color="#555555")
     handles = [
@@ -293,7 +294,7 @@ def _legend(axis: Axis, layout: Layout, title: str) -> list[Any]:
         colour, marker = (_colour(axis, k), MARKERS[k % len(MARKERS)]) if is_hue else (COLOURS[0], "o")
         line = ("-" if is_hue else DASHES[k]) if layout.x.is_numeric else ""
         look = {"color": colour, "marker": marker, "mfc": colour if is_hue or not k else "white", "ls": line}
-        handles.append(Line2D([], [], ms=4, lw=1.1, label=f"  {axis.word(k)}", **look))
+        handles.append(Line2D([], [], ms=4, lw=1.1, label=f"  {_value(axis, k)}", **look))
     return handles
 
 
@@ -303,6 +304,21 @@ def caption(layout: Layout, left_out: int, width: int) -> list[str]:
     words = [f"Means over {COMMA.join(over)}; spread: one standard deviation."] if over else []
     words += [f"{left_out:,} recipe{'s' * (left_out != 1)} without whole results left out."] if left_out else []
     return textwrap.wrap(" ".join(words), width)
+
+
+def shown_name(name: str, most: int = NAME_MOST) -> str:
+    """A user's name as matplotlib may have it: on one line, no longer than `most`, `$` not the begin of a formula.
+
+    A long one keeps its begin and its end. Formulas are not turned off for all: ticks of logarithmic axes are some.
+    """
+    line = " ".join(name.split())
+    if len(line) > most:
+        line = f"{line[: most // 2]}…{line[len(line) - (most - 1) // 2 :]}"
+    return line.replace("$", r"\$")
+
+
+def _value(axis: Axis, k: int) -> str:
+    return shown_name(axis.word(k))
 
 
 def _words(name: str) -> str:

@@ -21,15 +21,16 @@ from .sweep_missing import Counts, Failure, Key, Missing
 from .sweep_plan import Plan, load_plans
 from .sweep_poses import pose_count
 from .sweep_recipe import maker
+from .sweep_refusals import refuse_baseline, refuse_tables
 from .sweep_results import Results
 from .sweep_run import SweepReport, run_sweep
 from .sweep_task import Engine
+from .workers import WORKERS_MOST
 
 if TYPE_CHECKING:
     from .sweep_compare import Baseline, Comparison, Tolerance
 
 STORE_SUFFIX = ".sweep"
-TABLE_SUFFIXES = (".h5", ".hdf5", ".parquet")
 SHOWN = 20  # failures, and values that moved; JSON has all
 TOLD = (
     "recipes",
@@ -73,9 +74,24 @@ class SweepJob:
         """None for "auto"."""
         if self.workers == "auto":
             return None
-        if not self.workers.isdecimal():
-            raise PlanError(f"--workers must be a number or auto, not {self.workers!r}")
+        if not self.workers.isdecimal() or not 1 <= int(self.workers) <= WORKERS_MOST:
+            raise PlanError(f"--workers must be a number in 1..{WORKERS_MOST} or auto, not {self.workers!r}")
         return int(self.workers)
+
+    def require_sense(self) -> None:
+        """Raise PlanError or StrategyError for options that cannot be, whether or not there is anything to make."""
+        self.worker_count()
+        refuse_tables(self.tables)
+        if self.dry_run:
+            given = {"--baseline": self.baseline, "--table": self.tables, "--scheduler": self.scheduler}
+            for option, value in given.items():
+                if value:
+                    raise PlanError(f"{option} does not go with --dry-run: it makes nothing, on this machine")
+        if self.device not in (None, "auto", "cpu") and self.scheduler is None:
+            from .workers import worker_devices
+
+            console.start_warp()
+            worker_devices(self.device)
 
     def device_of(self, plan: Plan) -> str:
         """The device that is asked for, by the command line or else by the plan."""
@@ -106,12 +122,15 @@ class Check:
 def run_sweep_command(options: dict, *, as_json: bool) -> int:
     """Make a sweep, or tell what it would cost; the options are those of `SweepJob`."""
     job = SweepJob(**options)
-    job.worker_count()
-    for table in job.tables:
-        if table.suffix not in TABLE_SUFFIXES:
-            raise PlanError(f"--table {table}: a table must end in {', '.join(TABLE_SUFFIXES)}")
+    job.require_sense()
     check = _check_of(job)
     plan = load_plans(job.plans, job.overrides)
+    if check is not None:
+        refuse_baseline(check.baseline, check.tolerances, plan)
+    if job.scheduler is not None:
+        from .sweep_cluster import require_scheduler
+
+        require_scheduler(job.scheduler, devices=job.device_of(plan), workers=job.workers_of(plan))
     if job.dry_run:
         return _say_estimate(_estimated(job, plan), as_json=as_json)
     report = _made(job, plan, as_json=as_json)
@@ -150,7 +169,7 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
 
     def approve(counts: Counts) -> None:
         if not job.yes:
-            refuse_too_large(plan, job.folder, share=counts.poses_missing / max(1, counts.poses))
+            refuse_too_large(plan, job.folder, share=counts.poses_incomplete / max(1, counts.poses))
 
     try:
         with sweep_bar(quiet=as_json) as bar:
@@ -162,8 +181,10 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
 
             return run_sweep(plan, job.folder, lambda: job.engine(plan), progress=progress, approve=approve)
     except KeyboardInterrupt:
-        done = f"{last.recipes:,} of {last.recipe_count:,} recipes"
-        message = f"interrupted: {done} are done and kept in {job.folder}, the same command goes on"
+        message = (
+            f"interrupted: {last.recipes:,} of {last.recipe_count:,} recipes are done; {last.poses:,} poses rendered "
+            f"in this run, of unfinished recipes too, are kept in {job.folder}; the same command goes on"
+        )
         console.fail(message, console.FAILED, as_json)
         return None
 
@@ -244,7 +265,7 @@ def _estimated(job: SweepJob, plan: Plan) -> Estimate:
     devices = choose_engine(job.device_of(plan), job.workers_of(plan), None).devices
     with contextlib.ExitStack() as stack:
         done = _nothing
-        if job.folder.exists():
+        if job.folder.is_file() or (job.folder.is_dir() and any(job.folder.iterdir())):
             done = stack.enter_context(SweepStore(job.folder, maker=maker(), mode="read")).done
         missing = Missing(plan.recipes(), plan.groups, done=done, pose_count=pose_count)
         return estimate(plan, missing, job.folder, devices=devices)

@@ -8,7 +8,9 @@
 """
 
 import json
+import os
 import shutil
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -18,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from ..datasets.check import check_file
 from ..datasets.durable import FolderLock, discard, write_file
 from ..datasets.errors import ContourFileError
 from ..datasets.frame_file import FrameField, FrameFile
@@ -25,9 +28,10 @@ from ..datasets.hdf5 import Attribute
 from ..datasets.motion import HandMotion
 from ..datasets.parts import work_folder
 from ..datasets.reader import ContourFile
+from ..datasets.sweep_record import DAMAGED_SUFFIX
 from ..kernels.solve import POINTS_MOST
 from .drive import Driver
-from .errors import StrategyError
+from .errors import PalpateWarning, StrategyError
 from .recorder import record
 from .sampling import FocalPoints, SamplingStrategy
 from .scene import Scene
@@ -47,7 +51,7 @@ def contours_at(store: Path, key: str) -> Path:
 
 
 def is_kept(path: Path) -> bool:
-    """Whether a whole contour file is there, made by this code."""
+    """Whether a contour file is there, made by this code; what has damaged it since is seen where it is read."""
     return path.is_file() and _told_maker(path) == maker()
 
 
@@ -56,15 +60,18 @@ def keep_contours(
 ) -> dict[str, Any]:
     """Have a rendering's contour file in the store; one that another process writes is waited for.
 
-    An unfinished one of the same code is gone on with; what other code has made is made anew. Returns `path` within the
-    store, `bytes`, `seconds`. Raises what `record` raises.
+    An unfinished one of the same code is gone on with; what other code has made is made anew, and so is what is
+    damaged, which is set aside. Returns `path` within the store, `bytes`, `seconds`. Raises what `record` raises.
     """
     path, started = contours_at(store, key), perf_counter()
     path.parent.mkdir(exist_ok=True)
     for left in reversed(range(TRIES)):
         _wait_for_others(path)
         if is_kept(path):
-            break
+            problems = check_file(path)
+            if not problems:
+                break
+            set_aside(path, problems[0])
         try:
             _claim(path, recipe)
             record(path, scene.thing, scene.hand, motion, scene.strategy, mode="resume", device=device)
@@ -74,6 +81,18 @@ def keep_contours(
                 raise
     seconds = perf_counter() - started
     return {"path": f"{CONTOURS}/{path.name}", "bytes": path.stat().st_size, "seconds": {"keep-contours": seconds}}
+
+
+def set_aside(path: Path, problem: str) -> bool:
+    """Rename a contour file that is damaged, with a warning (PalpateWarning); False if there is none any more."""
+    aside = path.with_name(path.name + DAMAGED_SUFFIX)
+    try:
+        os.replace(path, aside)
+    except OSError:
+        return False
+    why = problem.removeprefix(f"{path} ")
+    warnings.warn(f"{path} is damaged ({why}): kept as {aside.name}, and rendered again", PalpateWarning, 2)
+    return True
 
 
 def _wait_for_others(path: Path) -> None:

@@ -12,7 +12,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, islice
 
@@ -54,10 +54,14 @@ class Want:
     keys: tuple[Key, ...]
     left: int
     """Parts to come."""
-    waiting: list[Wanted]
-    """Recipes that have no more to wait for than this and `Wanted.left` others."""
+    waiting: list[tuple[Wanted, tuple[Key, ...]]]
+    """Recipes that wait for this, and which of its keys each needs."""
+    parts: range
+    """All that it was of, in the beginning."""
     sentence: str | None = None
     """Why it was given up."""
+    absent: frozenset[Key] = frozenset()
+    """Its keys of which parts are missing since it was given up."""
 
 
 @dataclass(eq=False)
@@ -101,6 +105,10 @@ class Counts:
     """Of all recipes read."""
     poses_missing: int = 0
     """To be rendered; a rendering that several recipes share counts once."""
+    poses_incomplete: int = 0
+    """Of all recipes read, those of which something is missing."""
+    poses_once: int = 0
+    """Of which something is missing, each once however many recipes and groups want it."""
 
 
 class Missing:
@@ -157,20 +165,22 @@ class Missing:
                 self._settle(wanted)
                 continue
             self.counts.poses += count
-            for place, want in self._wants(recipe, own, there, max(1, -(-count // PART))):
+            for place, want in self._wants(recipe, own, there, count):
                 found.setdefault(place, []).append(want)
                 counts[place] = count
         return self._add(found, counts)
 
     def _wants(
-        self, recipe: Recipe, own: dict[str, str], there: dict[Key, set[int]], part_count: int
+        self, recipe: Recipe, own: dict[str, str], there: dict[Key, set[int]], pose_count: int
     ) -> list[tuple[Place, Want]]:
         """What nobody makes yet of a recipe, each with its family, rendering and parts."""
+        part_count = max(1, -(-pose_count // PART))
         absent = {group: self._absent(group, own[group], there, part_count) for group in own}
         if not any(absent.values()):
             self.counts.done += 1
             self.counts.reused += 1
             return []
+        self.counts.poses_incomplete += self._poses(absent, pose_count)
         wanted = Wanted(recipe.hash, recipe.title)
         for group, parts in absent.items():
             if parts and self._is_made_elsewhere((group, own[group]), wanted):
@@ -182,7 +192,8 @@ class Missing:
         text, family, rendering = recipe.to_json() if runs else "", recipe.digest(FAMILY), recipe.key("contours")
         out = []
         for first, stop, groups in runs:
-            want = Want(text, groups, tuple((group, own[group]) for group in groups), stop - first, [wanted])
+            made = tuple((group, own[group]) for group in groups)
+            want = Want(text, groups, made, stop - first, [(wanted, made)], range(first, stop))
             wanted.left += 1
             for key in want.keys:
                 self._open.setdefault(key, []).append(want)
@@ -199,15 +210,23 @@ class Missing:
             return frozenset(range(count))
         return frozenset() if len(have) >= count else frozenset(range(count)) - have
 
+    def _poses(self, absent: dict[str, frozenset[int]], pose_count: int) -> int:
+        """How many poses lack something."""
+        whole = any(absent[group] for group in self._whole)
+        if whole or any(len(absent[group]) * PART >= pose_count for group in self._cut):
+            return pose_count
+        parts = frozenset[int]().union(*(absent[group] for group in self._cut))
+        return _poses_of(parts, pose_count)
+
     def _is_made_elsewhere(self, key: Key, wanted: Wanted) -> bool:
         """Whether another want makes this, or could not; the recipe then waits, or fails."""
         if key in self._given_up:
             self._fail(wanted, self._given_up[key])
             return True
         for want in self._open.get(key, ()):
-            want.waiting.append(wanted)
+            want.waiting.append((wanted, (key,)))
             wanted.left += 1
-            if want.sentence is not None:
+            if want.sentence is not None and key in want.absent:
                 self._fail(wanted, want.sentence)
         return key in self._open
 
@@ -223,6 +242,7 @@ class Missing:
         for stretch in stretches:
             self.stretches.setdefault(stretch.family, deque()).append(stretch)
             self.counts.poses_missing += stretch.poses(stretch.first, stretch.stop)
+        self.counts.poses_once += _poses_once(found, counts)
         return stretches
 
     def settle(self, want: Want, part_count: int) -> None:
@@ -233,21 +253,24 @@ class Missing:
         for key in want.keys:
             others = self._open[key]
             others.remove(want)
-            if want.sentence is not None:
+            if want.sentence is not None and key in want.absent:
                 self._given_up[key] = want.sentence
             if not others:
                 del self._open[key]
-        for wanted in want.waiting:
+        for wanted, _ in want.waiting:
             wanted.left -= 1
             if wanted.left == 0:
                 self._settle(wanted)
 
     def give_up(self, want: Want, sentence: str) -> None:
-        """A want cannot be made: every recipe that waits for it has failed."""
+        """A want cannot be made: recipes that wait for what is not there of it have failed."""
         if want.sentence is None:
             want.sentence = sentence
-            for wanted in want.waiting:
-                self._fail(wanted, sentence)
+            there = self._done(want.keys)
+            want.absent = frozenset(key for key in want.keys if not there.get(key, set()).issuperset(want.parts))
+            for wanted, keys in want.waiting:
+                if not want.absent.isdisjoint(keys):
+                    self._fail(wanted, sentence)
 
     def _fail(self, wanted: Wanted, sentence: str) -> None:
         if wanted.sentence is None:
@@ -259,6 +282,27 @@ class Missing:
             self.counts.done += 1
         else:
             self.counts.failed += 1
+
+
+def _poses_once(places: Iterable[Place], counts: Mapping[Place, int]) -> int:
+    """Poses of renderings' parts, each once."""
+    parts: dict[str, set[int]] = {}
+    sizes: dict[str, int] = {}
+    complete: set[str] = set()
+    for place in places:
+        family, rendering, first, stop = place
+        sizes[rendering] = counts[place]
+        if family.endswith("/whole") or (stop - first) * PART >= counts[place]:
+            complete.add(rendering)
+        else:
+            parts.setdefault(rendering, set()).update(range(first, stop))
+    return sum(sizes[name] if name in complete else _poses_of(parts[name], sizes[name]) for name in sizes)
+
+
+def _poses_of(parts: Collection[int], pose_count: int) -> int:
+    """How many poses some parts of a motion have; the last one may be short."""
+    part_count = -(-pose_count // PART)
+    return len(parts) * PART - (part_count * PART - pose_count if part_count - 1 in parts else 0)
 
 
 def runs_of(absent: dict[str, frozenset[int]], part_count: int) -> list[tuple[int, int, tuple[str, ...]]]:

@@ -22,7 +22,7 @@ from .fields import told
 from .sweep_axes import DEFAULT_SOURCES, KEYS, MODELS, AxisTable, require_agreement, require_playable
 from .sweep_constraint import Constraint, constraint_of
 from .sweep_lines import Place, key_lines, line_of
-from .sweep_product import Axis, Product
+from .sweep_product import Axis, Product, tell_apart
 from .sweep_recipe import KEPT, METRICS, Recipe, groups_of
 from .sweep_sources import Shelf, with_own_names
 from .sweep_values import Choice, Fault, near, refuse
@@ -185,7 +185,7 @@ class Plan:
     def described(self) -> dict[str, Any]:
         """For JSON: the plans' texts, what `--set` changed, how many parts each axis has, and a digest of it all.
 
-        The digest is another whenever the recipes or the groups are.
+        The digest is another whenever the recipes, what they are called, or the groups are.
         """
         out = {
             "name": self.name,
@@ -218,9 +218,11 @@ def load_plans(paths: Sequence[str | Path], overrides: Sequence[str] = ()) -> Pl
     tables = [pair[0] for pair in read if pair is not None]
     products = [pair[1] for pair in read if pair is not None]
     if not faults:
-        faults = [_no_recipe(d) for d, product in zip(documents, products, strict=True) if not product.recipe_count]
+        faults = [_no_recipe(d) for d, product in zip(documents, products, strict=True) if product.is_empty]
     if faults:
         raise PlanError("\n".join(dict.fromkeys(faults)))
+    if len(products) > 1:
+        tell_apart(products)
     groups = {group for t in tables for group in groups_of(t.metrics, t.per_pose, t.keep)}
     return Plan(
         name="+".join(document.path.stem for document in documents),
@@ -251,7 +253,8 @@ def _read(path: Path, overrides: Sequence[str]) -> _Document:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise PlanError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+        why = getattr(error, "strerror", None) or error
+        raise PlanError(f"{path}: cannot be read ({why}){_hint_of_quotes(path)}") from error
     try:
         tables = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
@@ -263,6 +266,14 @@ def _read(path: Path, overrides: Sequence[str]) -> _Document:
     for override in overrides:
         _override(document, override)
     return document
+
+
+def _hint_of_quotes(path: Path) -> str:
+    """What to say of a plan that is not there, where its name is a piece of a `--set` that the shell took apart."""
+    key = str(path).partition("=")[0]
+    if path.exists() or "=" not in str(path) or key.split(".")[0] not in (*PlanTable.model_fields, *KEYS, *CONSTRAINTS):
+        return ""
+    return f"; of --set it needs quotes, or the shell takes braces and blanks apart: --set '{key}={{...}}'"
 
 
 def _override(document: _Document, override: str) -> None:
@@ -325,17 +336,18 @@ def _judged(document: _Document, shelf: Shelf) -> tuple[PlanTable, Product] | No
 
 
 def _judge_drives(document: _Document, product: Product) -> None:
-    """Note update rates that an array cannot be driven at, where the constraints let them come together."""
+    """Note update rates and foci that an array cannot be driven at, where the constraints let them come together."""
     samplings, arrays = (axis for axis in product.axes if axis.name in ("sampling", "array"))
     if samplings.is_lazy or arrays.is_lazy:
         return
-    told: set[tuple[float, str]] = set()
+    told: set[tuple[float, int, str]] = set()
     for sampling in samplings.parts():
-        rate = sampling.content["described"]["update_rate"]
+        described = sampling.content["described"]
         for array in arrays.parts():
-            if (rate, array.digest) in told or not product.has({"sampling": sampling, "array": array}):
+            case = described["update_rate"], described["foci"], array.digest
+            if case in told or not product.has({"sampling": sampling, "array": array}):
                 continue
-            told.add((rate, array.digest))
+            told.add(case)
             try:
                 require_playable(sampling, array)
             except (RenderError, DeviceError) as error:

@@ -6,10 +6,12 @@ are a class, so that recipes are counted by classes, and combinations that can l
 """
 
 import hashlib
+import json
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 
 from .errors import PalpateWarning
 from .sweep_axes import AxisTable, variants
@@ -60,8 +62,8 @@ class Axis:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what its parts are; of a lazy axis, of what they are made of."""
-        told = [str(table.given()) for table in self.tables] if self.is_lazy else [p.digest for p in self.parts()]
+        """SHA-256 of what its parts are and are called; of a lazy axis, of what they are made of."""
+        told = [str(table.given()) for table in self.tables] if self.is_lazy else [_told(p) for p in self.parts()]
         return hashlib.sha256("\n".join(told).encode()).hexdigest()
 
     def parts(self) -> Iterator[RecipePart]:
@@ -70,9 +72,10 @@ class Axis:
 
     def _made(self) -> Iterator[RecipePart]:
         seen: set[str] = set()
+        is_distinct = self._is_distinct
         for table in self.tables:
             for part in variants(self.name, table):
-                if self._is_distinct:
+                if is_distinct:
                     yield part
                 elif part.digest not in seen:
                     seen.add(part.digest)
@@ -94,6 +97,36 @@ class Axis:
         )
 
 
+def tell_apart(products: Sequence["Product"]) -> None:
+    """Have what is called alike in several plans, but is not the same, shown with the path that tells it apart."""
+    for place in range(len(products[0].axes)):
+        sources = [s for product in products for table in product.axes[place].tables for s in table.source]
+        alike: dict[str, set[str]] = {}
+        for source in sources:
+            alike.setdefault(source.name, set()).add(source.source)
+        for name, paths in alike.items():
+            if len(paths) > 1:
+                ends = _ends_apart(sorted(paths))
+                for product in products:
+                    product.shown |= {(path, name): end for path, end in ends.items()}
+
+
+def _ends_apart(paths: Sequence[str]) -> dict[str, str]:
+    """The shortest ends of paths, of as many names each, that are all different."""
+    parts = [Path(path).parts for path in paths]
+    for count in range(2, max(map(len, parts)) + 1):
+        ends = [str(Path(*own[-count:])) for own in parts]
+        if len(set(ends)) == len(ends):
+            return dict(zip(paths, ends, strict=True))
+    return {path: path for path in paths}
+
+
+def _told(part: RecipePart) -> str:
+    """A part with the names that its digest leaves out: constraints and tables have them."""
+    content = part.content
+    return f"{part.digest} {json.dumps([content['name'], content['source'], content.get('alignment')])}"
+
+
 class Product:
     """The recipes of one plan."""
 
@@ -105,6 +138,9 @@ class Product:
         self._all = (1 << len(self.constraints)) - 1
         self._only = self._all & ~self._excluding
         self._counts: dict[tuple[int, int], int] = {}
+        self.shown: dict[tuple[str, str], str] = {}
+        """Names by source and name in its own plan, see `tell_apart`."""
+        self._renamed: dict[str, RecipePart] = {}
 
     @cached_property
     def recipe_count(self) -> int:
@@ -118,7 +154,23 @@ class Product:
 
     def recipes(self) -> Iterator[Recipe]:
         """Every recipe once, made when it is asked for."""
-        return (Recipe.of(parts) for parts in self._combined(0, self._all))
+        for parts in self._combined(0, self._all):
+            yield Recipe.of([self._shown(part) for part in parts] if self.shown else parts)
+
+    def _shown(self, part: RecipePart) -> RecipePart:
+        """A part under the name that it has among several plans; constraints know that of its own plan."""
+        name = self.shown.get((part.content["source"], part.content["name"]))
+        if name is None:
+            return part
+        known = self._renamed.get(part.digest)
+        if known is None:
+            known = self._renamed[part.digest] = RecipePart(part.content | {"name": name})
+        return known
+
+    @cached_property
+    def is_empty(self) -> bool:
+        """Whether no recipe is left; where that cannot be counted, one is looked for, as far as that takes."""
+        return not self.recipe_count or (not self.is_exact and next(self.recipes(), None) is None)
 
     def unmatched(self) -> list[int]:
         """Constraints that no part of some axis matches: of all of them, those of `only` last."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 
 from ..datasets.durable import FolderLock
-from ..datasets.schema import PRUNED_NAMES
+from ..datasets.schema import PRUNED_NAMES, removed_name
 from ..datasets.sweep_store import SweepStore
 from . import console
 from .errors import RenderError, SweepError
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 TABLE, POSES, FIGURE, STAMP = "table.h5", "poses.h5", "summary.png", "table.json"
 LENGTHS = ("length", *(f"length_{kind}" for kind in ("object", "hand", "made")))
-REMOVED = tuple(f"removed_{stage}" for stage in PRUNED_NAMES)
+REMOVED = tuple(map(removed_name, PRUNED_NAMES))
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 POSE_UNITS = dict.fromkeys((*LENGTHS, *REMOVED), "m") | dict.fromkeys(FREQUENCIES, "Hz") | {"area": "m2"}
 LOCK_SECONDS = 60.0  # for another parent that writes the same store's table
@@ -42,8 +42,8 @@ class Results:
         self._plan, self._folder, self._is_complete = plan, folder, is_complete
         self._columns: dict[str, Any] = {}
         self._stamp = {"plan": plan.described()["digest"], "maker": maker()}
-        is_stamped = _stamped(folder) == self._stamp | {"bytes": _size(folder / TABLE)}
-        self._is_fresh = is_complete and not has_news and is_stamped
+        self._tables = (TABLE, *([POSES] if "poses" in plan.groups else []))
+        self._is_fresh = is_complete and not has_news and _stamped(folder) == self._stamp | self._sizes()
         self.files = {"table": str(folder / TABLE)}
         """By what they are."""
 
@@ -64,7 +64,7 @@ class Results:
     def write(self, tables: Sequence[Path], *, figure: bool) -> None:
         """Write what is not there, and the table into `tables` too. figure: draw one, too."""
         picture = self._folder / FIGURE
-        if not self._is_fresh or (figure and not picture.exists()):
+        if not self._is_fresh or (figure and _size(picture) <= 0):
             with locked(self._folder):
                 if not self._is_fresh:
                     self._write_store_table()
@@ -89,7 +89,11 @@ class Results:
                 blocks = pose_blocks(self._plan.recipes(), store)
                 write_blocks(self._folder / POSES, blocks, _attributes(self._plan), units=POSE_UNITS)
         if self._is_complete:
-            _write_stamp(self._folder, self._stamp | {"bytes": _size(self._folder / TABLE)})
+            _write_stamp(self._folder, self._stamp | self._sizes())
+
+    def _sizes(self) -> dict[str, Any]:
+        """Of its tables [byte], -1 for one that is not there: one that was deleted or cut is written again."""
+        return {"bytes": {name: _size(self._folder / name) for name in self._tables}}
 
 
 @contextlib.contextmanager
@@ -130,7 +134,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
 
 
 def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:
-    """A sweep of which nothing can be drawn has no figure, which is said."""
+    """A sweep of which nothing can be drawn has no figure, which is said; whatever it is, results are worth more."""
     from .sweep_figure import draw_sweep  # matplotlib
 
     temporary = figure.with_name(f"{figure.stem}.tmp{figure.suffix}")
@@ -139,7 +143,14 @@ def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:
         os.replace(temporary, figure)
     except (RenderError, OSError) as error:
         _discard(temporary)
-        console.errors.print(f"[yellow]warning:[/] no figure: {escape(str(error))}")
+        _warn_no_figure(str(error))
+    except Exception as error:  # matplotlib's, of names or numbers that nobody thought of
+        _discard(temporary)
+        _warn_no_figure(f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}")
+
+
+def _warn_no_figure(why: str) -> None:
+    console.errors.print(f"[yellow]warning:[/] no figure: {escape(why)}")
 
 
 def _discard(path: Path) -> None:

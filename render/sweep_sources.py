@@ -13,6 +13,7 @@ What only some sources need is imported where they are read: the parts of a fini
 
 import difflib
 import glob
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -31,7 +32,7 @@ from .rig import load_rig
 from .sampling_presets import PRESETS as SAMPLING_PRESETS
 from .sampling_presets import load_sampling
 from .sampling_strategy import GROUPS, SamplingStrategy
-from .stage_source import stage_sources
+from .stage_source import require_unedited, stage_sources
 from .stages import Stage, find_stage
 from .strategy import PRESETS, IntersectionStrategy, load_strategy
 from .sweep_recipe import digest_source
@@ -127,6 +128,7 @@ def alignments(value: object, info: ValidationInfo) -> Values:
         if not isinstance(item, str):
             refuse(f"must be the path of a JSON file, not {told(item)}", place)
         path = shelf.file(item)
+        _refuse_bytes(str(path), place)
         try:
             alignment_pose(path)
             out[str(path)] = {"source": str(path), "name": path.name, "sha256": shelf.digest(str(path))}
@@ -145,12 +147,23 @@ def _found(axis: str, item: object, shelf: Shelf, place: tuple[int, ...]) -> lis
         texts = [text for text in texts if shelf.file(text).is_file()]
         if not texts:
             refuse(f"no file matches {item!r} in {shelf.folder}", place)
+    for text in texts:
+        _refuse_bytes(str(shelf.file(text)), place)
     try:
         return [FINDERS[axis](text, shelf) for text in texts]
     except Fault as fault:
         refuse(fault.sentence, place)
     except (RenderError, DatasetError, DeviceError) as error:
         refuse(str(error), place)
+
+
+def _refuse_bytes(path: str, place: tuple[int, ...]) -> None:
+    """Refuse a path that is no text: it could not be told in results."""
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        shown = os.fsencode(path).decode("utf-8", "backslashreplace")
+        refuse(f"must be UTF-8, which the path {shown} is not: rename it", place)
 
 
 def _file(text: str, shelf: Shelf, known: Sequence[str], what: str, kind: str) -> Source:
@@ -238,8 +251,9 @@ FINDERS: dict[str, Callable[[str, Shelf], Source]] = {
 def described_strategy(strategy: IntersectionStrategy) -> dict[str, Any]:
     """JSON of a strategy of which there is one for each meaning: options that are the default are left out.
 
-    A user's own stages are told by digests of their source.
+    A user's own stages are told by digests of their source; StrategyError if that has changed since it was imported.
     """
+    require_unedited(strategy)
     stages = {role: tuple(_shortest(role, stage) for stage in listed) for role, listed in strategy.stages().items()}
     shortest = replace(strategy, raw=stages["raw"][0], prune=stages["prune"], transform=stages["transform"])
     sources = stage_sources(strategy)

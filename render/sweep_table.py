@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..datasets.schema import PRUNED_NAMES
+from ..datasets.schema import PRUNED_NAMES, removed_name
 from ..datasets.sweep_store import SweepStore
 from .summary import length_ratio
 from .sweep_poses import part_count
@@ -106,11 +106,11 @@ class Results(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Statistic:
+class Statistic(NamedTuple):
     """Of one metric over all poses to which it applies."""
 
-    count: int
+    number: int
+    """Of poses."""
     total: float
     squares: float
     greatest: float
@@ -119,30 +119,35 @@ class Statistic:
     def merged(cls, parts: Iterable[Sequence[float]]) -> "Statistic":
         """From parts' [count, sum, sum of squares, least, greatest]: the same whatever their order."""
         used = [part for part in parts if part[0]]
+        if len(used) < 2:  # most recipes have one part, and not every metric
+            return cls(int(used[0][0]), used[0][1], used[0][2], used[0][4]) if used else NOTHING
         return cls(
             sum(int(part[0]) for part in used),
             math.fsum(part[1] for part in used),
             math.fsum(part[2] for part in used),
-            max((part[4] for part in used), default=math.nan),
+            max(part[4] for part in used),
         )
 
     @property
     def mean(self) -> float | None:
         """None without a pose."""
-        return self.total / self.count if self.count else None
+        return self.total / self.number if self.number else None
 
     @property
     def std(self) -> float | None:
         """Of the population; see NOISE for what counts as 0."""
-        if not self.count:
+        if not self.number:
             return None
-        variance = math.fsum((self.squares, -self.total * (self.total / self.count))) / self.count
-        return math.sqrt(variance) if variance > NOISE**2 * self.squares / self.count else 0.0
+        variance = math.fsum((self.squares, -self.total * (self.total / self.number))) / self.number
+        return math.sqrt(variance) if variance > NOISE**2 * self.squares / self.number else 0.0
 
     @property
     def most(self) -> float | None:
         """None without a pose."""
-        return self.greatest if self.count else None
+        return self.greatest if self.number else None
+
+
+NOTHING = Statistic(0, 0.0, 0.0, math.nan)
 
 
 def is_metric(column: str) -> bool:
@@ -165,26 +170,25 @@ def tidy_columns(recipes: Iterable[Recipe], store: Results, groups: Sequence[str
     groups: to look up, and to be complete.
     """
     table: Columns = {}
-    seconds: Columns = {}
-    count, left = 0, iter(recipes)
+    seconds: list[dict[str, float]] = []
+    left = iter(recipes)
     while chunk := list(islice(left, CHUNK)):
         keys = [[(group, recipe.key(group)) for group in groups] for recipe in chunk]
         made = _made(chunk, keys, store)
+        rows: list[dict[str, Any]] = []
         for recipe, own in zip(chunk, keys, strict=True):
             parts = [made[key] for key in own]
-            row = dict(recipe.columns())
+            row: dict[str, Any] = recipe.columns()
             for part in parts:
                 row |= part.columns
             row["complete"] = all(part.is_whole for part in parts)
             row |= {"recipe": recipe.to_json(), "recipe_hash": recipe.hash, "maker": store.maker}
-            for name, value in row.items():
-                table.setdefault(name, []).append(value)
-            for name, value in _took([part.seconds for part in parts]).items():
-                seconds.setdefault(name, [None] * count).append(value)
-            count += 1
-            for values in seconds.values():
-                values.extend([None] * (count - len(values)))
-    return table | {name: seconds[name] for name in sorted(seconds)}
+            rows.append(row)
+            seconds.append(_took([part.seconds for part in parts]))
+        for name in rows[0]:  # every recipe has the same
+            table.setdefault(name, []).extend([row[name] for row in rows])
+    stages = sorted({name for took in seconds for name in took})
+    return table | {name: [took.get(name) for took in seconds] for name in stages}
 
 
 def column_units(columns: Iterable[str]) -> dict[str, str]:
@@ -295,9 +299,12 @@ def _took(groups: Sequence[Mapping[str, float]]) -> dict[str, float]:
 def pose_blocks(recipes: Iterable[Recipe], store: SweepStore) -> Iterator[dict[str, np.ndarray]]:
     """The per-pose table, part by part: "recipe" (row of the sweep's table), then the store's columns.
 
-    Recipes of which nothing is there give no rows. Raises SweepStoreError for a damaged file.
+    All blocks have the same columns: what a recipe's strategy does not remove is NaN. Recipes of which nothing is there
+    give no rows. Raises SweepStoreError for a damaged file.
     """
     for number, recipe in enumerate(recipes):
         for _, columns in store.column_parts(recipe.key("poses")):
             count = len(next(iter(columns.values()), ()))
-            yield {"recipe": np.full(count, number, np.int64), **columns}
+            absent = [name for name in map(removed_name, PRUNED_NAMES) if name not in columns]
+            removed = {name: np.full(count, np.nan, np.float32) for name in absent}
+            yield {"recipe": np.full(count, number, np.int64), **columns, **removed}

@@ -265,7 +265,10 @@ def _stepped(value: object, first: float, last: float, check: Number) -> Sequenc
     step = fraction(_at_key("step", Number(0, 1e300, check.unit), value))
     if step == 0:
         refuse(f"must be above 0, not {told(value)}", ("step",))
-    return _spaced(first, step, int(span / step) + 1, check)
+    count = span // step + 1  # a whole number of any size
+    if count > COUNT_MOST:
+        refuse(f"must be larger: more than {COUNT_MOST:g} numbers are {told(value)} apart", ("step",))
+    return _spaced(first, step, count, check)
 
 
 def _spaced(first: float, step: Fraction, count: int, check: Number) -> Sequence[float]:

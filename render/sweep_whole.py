@@ -8,11 +8,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from ..datasets.errors import ContourFileError
 from ..datasets.motion import HandMotion
 from .sampling import Sampler, SamplingStrategy
 from .scene import Scene
 from .source import ContourRows, ContourSource
-from .sweep_keep import DriveKeeper, FocusKeeper, contours_of, keep_contours
+from .sweep_keep import DriveKeeper, FocusKeeper, contours_at, contours_of, keep_contours, set_aside
 from .sweep_poses import HostPoses
 from .sweep_recipe import Recipe
 from .sweep_sampling import NUMBERS, sample_recipe, why_not_sampled
@@ -46,9 +47,19 @@ def make_whole(rendering: Rendering, wanted: Wanted, store: Path, device: str) -
     reason = why_not_sampled(motion)
     if reason is not None or motion is None:
         return made | {place: _nothing(place, reason or "") for place in sampled}
+    results = _sampled(rendering, motion, sampled, store, device)
+    damage = next((error for error in results.values() if isinstance(error, ContourFileError)), None)
+    if damage is not None and set_aside(contours_at(store, rendering.key), str(damage)):
+        results = _sampled(rendering, motion, sampled, store, device)
+    return made | results
+
+
+def _sampled(rendering: Rendering, motion: HandMotion, sampled: Wanted, store: Path, device: str) -> Made:
+    """Groups that are made of focal points, by one walk through the contours for each sampling strategy."""
     by_sampling: dict[SamplingStrategy, dict[Place, Recipe]] = {}
     for place, recipe in sampled.items():
         by_sampling.setdefault(sampling_of(recipe.sampling), {})[place] = recipe
+    made: Made = {}
     try:
         with contours_of(rendering.scene, motion, rendering.key, store, device) as contours:
             for strategy, asked in by_sampling.items():

@@ -50,5 +50,16 @@ def test_python_in_documents_runs(document, folder):
     assert done.returncode == 0, done.stderr
 
 
+def test_what_a_shell_would_take_apart_is_quoted():
+    for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "render").glob("*.py")]:
+        assert not re.findall(r"--set [\w.]+=[^\s`'\"]*[{\[].*", path.read_text()), path.name
+
+
+def test_what_needs_a_board_is_not_in_a_block_to_copy():
+    copied = [line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("    palpate")]
+    assert copied
+    assert not [line for line in copied if "--calibration" in line]
+
+
 def test_documents_that_are_not_run_are_there():
     assert set(NOT_RUN) <= {path.name for path in WITH_PYTHON}

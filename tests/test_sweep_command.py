@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import sqlite3
 import subprocess
@@ -18,6 +19,7 @@ from hypothesis import strategies as st
 from test_cli import FAILED, MISUSED, answer, refused, run
 
 from palpate.datasets.table import load_table
+from palpate.render import cli, sweep_estimate
 
 PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli import main; main()"]
 SMALL = """
@@ -156,6 +158,10 @@ def test_a_dry_run_tells_what_to_expect_and_makes_nothing(tmp_path):
     path = plan(tmp_path / "a.toml", objects=("cube", "tube"), speeds=(5.0, 7.0))
     told = answer("sweep", path, "--dry-run", "--device", "cpu", "--set", "motion.seed={first=1,count=5}")
     assert (told["recipes"], told["is_exact"], told["renderings"], told["poses"]) == (40, True, 20, 40 * 180)
+    assert (told["is_bound"], told["bytes_table"]) == (False, 40 * sweep_estimate.TABLE_BYTES)
+    large = sweep_estimate.Estimate(10**5, False, True, 0, 1, 1, 1, 1, 1, 900_000_000).sentences()
+    assert large[0].startswith("at most 100,000 recipes, about 1 poses")
+    assert "memory: about 900 MB while the table is written" in large
     assert told["poses_to_render"] == 20 * 180
     assert (told["families"], told["problems"]) == (4, [])
     assert 0 < told["families_sampled"] <= 4
@@ -189,15 +195,20 @@ def test_a_plan_of_a_billion_recipes_asks(tmp_path):
 def test_mistakes_get_one_sentence(tmp_path):
     path = plan(tmp_path / "a.toml")
     refused(MISUSED, "a.toml:2: objekt", "sweep", _with(tmp_path, "\nobjekt.source = 'cube'\n"))
-    refused(MISUSED, "--workers must be a number", "sweep", path, "--workers", "many")
+    for count in ("many", "0", "257"):
+        refused(MISUSED, "--workers must be a number in 1..256 or auto", "sweep", path, "--workers", count)
+    for option in ("--baseline", "--table", "--scheduler"):
+        refused(MISUSED, f"{option} does not go with --dry-run", "sweep", path, "--dry-run", option, tmp_path / "t.h5")
     refused(MISUSED, "does not exist", "sweep", path, "--baseline", tmp_path / "none.h5")
     refused(MISUSED, "--tolerance", "sweep", path, "--tolerance", "1e-6")
     refused(MISUSED, "a table must end in", "sweep", path, "--table", tmp_path / "t.csv")
     refused(MISUSED, "no device", "sweep", path, "--device", "cuda:7")
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").write_text("")
-    refused(FAILED, "not a sweep's store", "sweep", path, "--store", tmp_path / "other")
+    refused(MISUSED, "not a sweep's store", "sweep", path, "--store", tmp_path / "other")
     sweep(path)
+    refused(MISUSED, "no device", "sweep", path, "--device", "cuda:7")  # though nothing is missing
+    refused(MISUSED, "--workers must be", "sweep", path, "--workers", "0")
     with sqlite3.connect(tmp_path / "a.sweep" / "store.sqlite") as manifest:
         manifest.execute("PRAGMA user_version = 99")
     manifest.close()
@@ -292,8 +303,27 @@ def test_ctrl_c_tells_what_is_kept(tmp_path):
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == FAILED
-    assert "are done and kept" in json.loads(out)["error"]
+    told = json.loads(out)["error"]
+    poses = re.search(r"of 20 recipes are done; ([\d,]+) poses rendered in this run", told)
+    assert poses, told
+    assert int(poses[1].replace(",", "")) > 0
     assert "Traceback" not in err
+
+
+def test_ctrl_c_before_the_command_runs_is_told_without_a_traceback(tmp_path, monkeypatch, capsys):
+    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt")
+    paths = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
+    done = subprocess.run(PALPATE, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (FAILED, "error: interrupted")
+    assert "Traceback" not in done.stderr
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "app", interrupted)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert (end.value.code, "interrupted" in capsys.readouterr().err) == (FAILED, True)
 
 
 def test_a_finished_sweep_imports_no_more_than_it_needs(tmp_path):

@@ -2,17 +2,19 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sweep_rows import table
+from sweep_rows import recipe, table
 
 from palpate.datasets.table import write_parquet, write_table
 from palpate.render.errors import SweepError
 from palpate.render.sweep_compare import (
     DEFAULT,
+    FLOORS,
     Baseline,
     Tolerance,
     compare_tables,
@@ -43,10 +45,11 @@ def test_a_relative_change_over_the_tolerance_is_found_and_below_never(value, si
     new = value * (1 + sign * amount * (1.01 if far else 0.98))
     change = abs(new - value) / max(abs(new), abs(value))
     found = against(table({"length_mean": value}), table({"length_mean": new}), f"{amount!r}")
-    assert found.is_kept == (change <= amount)
+    is_tiny = abs(new - value) <= FLOORS["m"]
+    assert found.is_kept == (change <= amount or is_tiny)
     if not far:
         assert found.is_kept
-    if far and sign < 0:  # the old one is the greater
+    if far and sign < 0 and not is_tiny:  # the old one is the greater
         assert not found.is_kept
         assert found.moved[0].change == pytest.approx(-1.01 * amount)
 
@@ -88,11 +91,32 @@ def test_the_default_takes_rounding_and_nothing_else():
     assert not against(table({"length_mean": 0.1}), table({"length_mean": 0.1 * (1 + 1.1 * DEFAULT)})).is_kept
 
 
-@pytest.mark.parametrize(("old", "new"), [(math.nan, 1.0), (1.0, math.nan), (1.0, None), (0.0, 1e-300)])
+@pytest.mark.parametrize(("old", "new"), [(math.nan, 1.0), (1.0, math.nan), (1.0, None), (0.0, 1e-3)])
 def test_what_appears_or_vanishes_has_moved_and_stands_first(old, new):
     found = against(table({"r": old}, {"r": 1.0}), table({"r": new}, {"r": 9.0}))
     assert [m.recipe_hash[-1] for m in found.moved] == ["0", "1"]
-    assert "none" in "".join(found.rows()[0]) or new == 1e-300
+    assert "none" in "".join(found.rows()[0]) or new == 1e-3
+
+
+@pytest.mark.parametrize(("metric", "floor"), [("length_mean", 1e-9), ("area_mean", 1e-12), ("dwell_spread", 1e-9),
+                                                ("draw_frequency_actual", 1e-6)])  # fmt: skip
+def test_rounding_about_zero_is_no_move_unless_the_tolerance_is_0(metric, floor):
+    was, here, far = (table({metric: value}) for value in (0.0, 0.9 * floor, 1.1 * floor))
+    assert against(was, here).is_kept
+    assert against(was, here, "1e-3").is_kept
+    assert [m.metric for m in against(was, far).moved] == [metric]
+    assert [m.metric for m in against(was, here, "0").moved] == [metric]
+    assert [m.metric for m in against(was, here, f"{metric}={0.5 * floor}abs").moved] == [metric]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [(math.inf, 1.0), (1.0, math.inf), (math.inf, -math.inf), (math.nan, math.inf)]
+)
+def test_infinity_is_near_itself_only(old, new):
+    for words in ((), ("1e9",), ("length_max=1e300abs",)):
+        found = against(table({"length_max": old}), table({"length_max": new}), *words)
+        assert [(m.metric, m.change) for m in found.moved] == [("length_max", None)]
+    assert against(table({"length_max": old}), table({"length_max": old})).is_kept
 
 
 def test_nothing_is_as_nothing_was():
@@ -117,8 +141,56 @@ def test_recipes_that_are_gone_fail_and_new_ones_do_not():
     assert "1 recipe of the baseline is not in this plan: seed=2" in gone.sentences()
 
 
+def edited(*rows):
+    """Tables before and after an edit of a file: recipes with other hashes, what is said of them the same."""
+    return table(*rows), table(*(row | {"recipe_hash": f"new {k}"} for k, row in enumerate(rows)))
+
+
+def test_recipes_of_an_edited_file_are_compared_by_name():
+    old, new = edited(*SEEDS)
+    found = against(old, new)
+    assert found.is_kept
+    assert (found.recipe_count, found.missing, found.added, len(found.changed)) == (4, (), (), 4)
+    assert "4 recipes are compared by name: the file behind this name has changed: seed=0" in found.sentences()[1]
+    new["length_mean"][2] *= 1.01
+    found = against(old, new)
+    assert not found.is_kept
+    assert [(m.recipe_hash, m.recipe, m.metric) for m in found.moved] == [("new 2", "seed=2", "length_mean")]
+    new["complete"][2] = False
+    assert against(old, new).incomplete == ("seed=2",)
+
+
+def test_what_has_changed_behind_its_name_is_named():
+    one, other = (recipe(strategy="hatch", seed=seed) for seed in (1, 2))
+    edits = [replace(r, strategy=r.strategy | {"described": {"raw": "section"}}) for r in (one, other)]
+    old, new = (
+        table(*({"seed": r.motion["seed"], "recipe": r.to_json(), "recipe_hash": r.hash} for r in recipes))
+        for recipes in ((one, other), edits)
+    )
+    found = against(old, new)
+    assert found.sources == ("strategy hatch",)
+    assert found.sentences()[1].endswith("2 recipes are compared by name: the file behind this name has changed: "
+                                         "strategy hatch")  # fmt: skip
+
+
+def test_recipes_are_compared_by_name_only_if_one_is_gone_and_one_is_new():
+    old, new = edited({"seed": 1}, {"seed": 1}, {"seed": 2})
+    found = against(old, new)
+    assert (found.recipe_count, len(found.missing), len(found.added)) == (1, 2, 2)
+    assert found.changed == ("seed=2",)
+    same, _ = edited({"seed": 1}, {"seed": 2})
+    grown = table({"seed": 1}, {"seed": 2}, {"seed": 2, "recipe_hash": "new"})  # what it was is still there
+    assert (against(same, grown).changed, len(against(same, grown).added)) == ((), 1)
+
+
+def test_columns_of_the_recipe_that_one_side_lacks_do_not_hinder():
+    old, new = edited({"seed": 1, "object_fit": math.nan}, {"seed": 2, "object_fit": math.nan})
+    new = {**new, "object_fit": [None, None], "size": [None, 0.13]}
+    assert against(old, new).recipe_count == 2
+
+
 def test_a_baseline_of_another_plan_says_so():
-    found = against(table(*SEEDS), table({"recipe_hash": "another"}))
+    found = against(table(*SEEDS), table({"recipe_hash": "another", "seed": 77}))
     assert not found.is_kept
     assert found.sentences()[0] == "no recipe in common with old: it is of another plan"
     assert not against(table({"complete": False}), table({})).is_kept

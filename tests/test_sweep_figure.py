@@ -134,6 +134,23 @@ def test_a_long_caption_is_wrapped():
     assert caption(layout, 0, 30) == ["Means over seed (2), object", "(40); spread: one standard", "deviation."]
 
 
+ODD = ["a$^$b", "$", r"\$x$", "two\nlines", "$" * 7, "long " * 30]
+
+
+@pytest.mark.parametrize("axis", ["strategy", "object"])
+def test_names_are_shown_as_they_are_and_long_ones_cut(tmp_path, axis):
+    rows = swept(**{axis: ODD, "speed": [5.0, 7.0]})
+    rows["length_mean"] = [0.1**k for k in range(len(rows["speed"]))]  # a logarithmic axis, whose ticks are formulas
+    draw_sweep(rows, tmp_path / "sweep.svg", name="a$^$b")
+    figure = sweep_figure(rows, name="a$^$b " * 50)
+    figure.draw_without_rendering()
+    shown = [text.replace(r"\$", "$").strip() for text in texts(figure)]
+    assert {"a$^$b", "$", r"\$x$", "two lines", "$" * 7} <= set(shown)
+    assert len(figure.get_suptitle().replace(r"\$", "$")) == 100
+    assert not any("long " * 9 in text for text in shown)
+    assert any(text.startswith(r"$\mathdefault") for text in texts(figure))
+
+
 @pytest.mark.parametrize(("suffix", "begin"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_pictures_are_written(tmp_path, suffix, begin):
     path = tmp_path / f"sweep{suffix}"

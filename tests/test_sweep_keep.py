@@ -1,5 +1,6 @@
 """What a sweep keeps: contour files as `palpate render` writes them, counts as `palpate play` has them, frames."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from palpate.datasets.writer import ContourWriter
 from palpate.device.array import array_model
 from palpate.render import MeshObject, Palm, record, sweep_keep, sweep_sampling
 from palpate.render.drive import Driver
+from palpate.render.errors import PalpateWarning
 from palpate.render.playback import Connection, play_file
 from palpate.render.sampling import Sampler, dwell_map, joined, sample_bounds
 from palpate.render.source import ContourSource
@@ -123,6 +125,25 @@ def test_contours_that_are_kept_are_read_and_not_rendered_again(tmp_path, render
     monkeypatch.setattr(sweep_keep, "maker", lambda: "other code")
     with pytest.raises(AssertionError, match="NoneType"):
         payload(tmp_path, recipe, "sampling")
+
+
+@pytest.mark.parametrize("damage", ["cut", "emptied", "overwritten"])
+@pytest.mark.parametrize("group", ["sampling", "keep-contours"])
+def test_damaged_contours_are_set_aside_and_rendered_again(tmp_path, rendered, group, damage):
+    recipe, _ = rendered
+    (tmp_path / "other").mkdir()
+    expected = payload(tmp_path / "other", recipe, group)
+    kept = tmp_path / payload(tmp_path, recipe, "keep-contours")["path"]
+    content = kept.read_bytes()
+    spoilt = {"cut": content[: len(content) // 2], "emptied": b"", "overwritten": content[:3000] + bytes(len(content))}
+    kept.write_bytes(spoilt[damage])
+    with pytest.warns(PalpateWarning, match="is damaged .* rendered again"):
+        got = payload(tmp_path, recipe, group, name="b")
+    assert got | {"seconds": 0} == expected | {"seconds": 0}
+    assert kept.with_name(f"{kept.name}.damaged").read_bytes() == spoilt[damage]
+    assert kept.exists() == (group == "keep-contours")
+    if kept.exists():
+        assert check_file(kept) == []
 
 
 @pytest.mark.parametrize("name", ["stm", "multi-focus"])
@@ -294,6 +315,22 @@ def test_what_a_killed_writer_left_goes_and_what_is_being_written_stays(tmp_path
             file.append({"/a/position": np.zeros((3, 3)), "/a/level": np.zeros(3)})
             file.publish()
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_room_is_reserved_where_the_file_system_leaves_that_to_the_c_library(tmp_path, monkeypatch):
+    def touch_blocks(handle, offset, length):
+        """As glibc does: a byte of each block is read and written back."""
+        for at in range(offset, offset + length, 4096):
+            byte = os.pread(handle, 1, at)
+            os.pwrite(handle, byte or b"\0", at)
+        os.pwrite(handle, os.pread(handle, 1, offset + length - 1) or b"\0", offset + length - 1)
+
+    monkeypatch.setattr(os, "posix_fallocate", touch_blocks)
+    with frame_file(tmp_path / "a.h5", 100) as file:
+        file.append({"/a/position": np.ones((100, 3)), "/a/level": np.ones(100)})
+        file.publish()
+    with h5py.File(tmp_path / "a.h5") as read:
+        assert (read["a/position"][...] == 1.0).all()
 
 
 def test_frames_that_are_missing_leave_nothing(tmp_path):

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import os
 import re
 import tracemalloc
 import warnings
@@ -12,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palpate.render import loading, sweep_axes
+from palpate.render import loading, sweep_axes, sweep_estimate
 from palpate.render.errors import PalpateWarning, PlanError
 from palpate.render.sweep_axes import KEYS
 from palpate.render.sweep_plan import load_plans
@@ -97,6 +98,21 @@ def test_files_that_are_called_alike_are_shown_with_their_folders(folder):
     assert column(load(folder, '[object]\nsource = "**/*.stl"'), "object") == ["meshes/a.stl", "b.stl", "other/a.stl"]
 
 
+def test_files_of_two_plans_that_are_called_alike_are_shown_with_their_folders(folder):
+    paths = []
+    for name in "xy":
+        (folder / name).mkdir()
+        (folder / name / "a.stl").write_text(f"solid {name}")
+        paths.append(folder / name / "p.toml")
+        only = '[[only]]\n"object.source" = "a.stl"\n'  # the name that it has in its plan
+        paths[-1].write_text(f'{only}[object]\nsource = ["a.stl", "../meshes/b.stl"]\n')
+    together = load_plans(paths)
+    assert column(together, "object") == ["x/a.stl", "y/a.stl"]
+    alone = [recipe for path in paths for recipe in load_plans([path]).recipes()]
+    assert [recipe.thing["name"] for recipe in alone] == ["a.stl", "a.stl"]
+    assert [recipe.hash for recipe in alone] == [recipe.hash for recipe in together.recipes()]
+
+
 @pytest.mark.parametrize(
     ("value", "numbers"),
     [
@@ -179,6 +195,47 @@ def test_constraints_leave_out_what_they_say(folder, constraint, kept):
     assert plan.recipe_count == len(rows)
 
 
+@pytest.mark.parametrize("name", ["b[2].stl", "b*.stl"])
+def test_names_with_jokers_are_matched_as_they_are(folder, name):
+    inner = folder / "run[1]"
+    inner.mkdir()
+    for file in ("b[2].stl", "c.stl"):
+        (inner / file).write_text(f"solid {file}")
+    plan = load(inner, f'[object]\nsource = ["b[2].stl", "c.stl"]\n[[exclude]]\n"object.source" = "{name}"')
+    assert column(plan, "object") == ["c.stl"]
+    (inner / "m").mkdir()
+    (inner / "m" / "d.stl").write_text("solid d")
+    plan = load(inner, '[object]\nsource = ["m/d.stl", "c.stl"]\n[[exclude]]\n"object.source" = "m/*"')
+    assert column(plan, "object") == ["c.stl"]
+
+
+def test_paths_that_are_no_text_are_refused_by_name(folder):
+    try:
+        Path(os.fsdecode(os.fsencode(folder) + b"/meshes/z\xff.stl")).write_text("solid z")
+    except OSError:
+        pytest.skip("this file system takes UTF-8 only")
+    assert "must be UTF-8" in refusal(folder, '[object]\nsource = "meshes/*"')
+    assert "z\\xff.stl" in refusal(folder, '[object]\nsource = "meshes/z*"')
+
+
+@pytest.mark.parametrize("kept", ["at_most = 0.5", "at_least = 0.1, at_most = 0.100000001"])
+def test_a_long_axis_of_which_nothing_is_left_is_refused(folder, kept, monkeypatch):
+    text = '[object]\nsource = "cube"\nfit = {from = 0.05, to = 1.0, count = 30_000}\n[[exclude]]\n"object.fit" = '
+    assert "leave no recipe" in refusal(folder, text + "{at_least = 0.01}")
+    plan = load(folder, text + f"{{{kept}}}")
+    assert next(plan.recipes())
+    monkeypatch.setattr(sweep_estimate, "RECIPES_MOST", 1)
+    with pytest.raises(PlanError, match="the plan has at most 30,000 recipes"):
+        sweep_estimate.refuse_too_large(plan, folder)
+
+
+def test_drives_of_too_many_foci_are_refused_with_the_plan(folder):
+    (folder / "many.json").write_text('{"foci": 9}')
+    text = SHORT + '[sampling]\nsource = ["many.json", "stm"]\n'
+    assert load(folder, text)
+    assert "foci must be at most 8 to be solved for an array, not 9" in refusal(folder, 'keep = ["drives"]\n' + text)
+
+
 def test_constraints_on_what_does_not_apply_match_nothing_and_are_told(folder):
     with pytest.warns(PalpateWarning, match=r"plan\.toml:6: exclude: matches nothing"):
         assert load(folder, CROSS + '[[exclude]]\n"strategy.step" = {at_least = 0}').recipe_count == 36
@@ -230,6 +287,7 @@ FAULTS = [
     ),
     (f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, count = 1}}", "count must be 2 or more from 5 to 9, not 1"),
     (f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, step = 0}}", "sampling.speed.step: must be above 0, not 0"),
+    (f"{SHORT}fit = {{from = 0.1, to = 1.0, step = 1e-300}}", "object.fit.step: must be larger: more than 9.22337e+18"),
     (f"{SHORT}[sampling]\nspeed = {{from = 0, to = 9, count = 3}}", "sampling.speed.from: must lie in 0.001..100 m/s"),
     (
         f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, cout = 3}}",
@@ -450,7 +508,10 @@ def test_plans_are_told_apart(folder):
     (folder / "meshes" / "b.stl").unlink()
     before = load(folder, '[object]\nsource = "meshes/*"').described()["digest"]
     (folder / "meshes" / "a.stl").write_text("solid changed")
-    assert load(folder, '[object]\nsource = "meshes/*"').described()["digest"] != before
+    changed = load(folder, '[object]\nsource = "meshes/*"').described()["digest"]
+    assert changed != before
+    (folder / "meshes" / "a.stl").rename(folder / "meshes" / "x.stl")  # tables and constraints have names
+    assert load(folder, '[object]\nsource = "meshes/*"').described()["digest"] != changed
 
 
 # The document

@@ -2,11 +2,15 @@
 
 import hashlib
 import json
+from dataclasses import asdict, field, make_dataclass
 
 import numpy as np
 import pytest
 
+from palpate.render import sweep_recipe
+from palpate.render.drive import DriveStrategy
 from palpate.render.errors import PlanError
+from palpate.render.sampling_strategy import SamplingStrategy
 from palpate.render.stages import find_stage
 from palpate.render.sweep_axes import KEYS
 from palpate.render.sweep_plan import load_plans
@@ -42,7 +46,8 @@ def test_keys_are_made_as_the_document_says(folder):
 
     A field that is added later must be left out of keys where it has the value that means what was before.
     """
-    recipe = one(folder, '[object]\nsource = "tube"\nfit = 0.13\n[hand]\nsource = "planes"\n[strategy]\nstep = 0.002')
+    recipe = one(folder, '[object]\nsource = "tube"\nfit = 0.13\n[hand]\nsource = "planes"\n[strategy]\nstep = 0.002\n'
+                 "[sampling]\nspeed = 5.0")  # fmt: skip
     content = json.loads(recipe.to_json())
     for name in PARTS:
         del content[name]["name"]
@@ -59,6 +64,10 @@ def test_keys_are_made_as_the_document_says(folder):
         "step": 0.002,
     }
     assert (list(content["sampling"]), list(content["array"])) == (["described"], ["described"])
+    assert content["sampling"]["described"].pop("speed") == 5.0
+    assert content["sampling"]["described"] == {k: v for k, v in asdict(SamplingStrategy()).items() if k != "speed"}
+    assert content["array"]["described"].pop("drive") == asdict(DriveStrategy(gs_pat_iterations=10, wgs_iterations=6))
+    content["sampling"]["described"], content["array"]["described"]["drive"] = {"speed": 5.0}, {}
     whole = json.loads(
         json.dumps(content), parse_float=lambda text: int(float(text)) if text.endswith(".0") else float(text)
     )
@@ -70,7 +79,7 @@ def test_keys_are_made_as_the_document_says(folder):
         lines = "palpate recipe 1\n" + "".join(f"{name} {digests[name]}\n" for name in names)
         assert recipe.key(group) == hashlib.sha256(lines.encode()).hexdigest()[:32]
     assert recipe.key("contours") == "d2d500c0905094e359640b99fa097f83"
-    assert recipe.hash == recipe.key("keep-drives") == "efab2f1dfbea9dc2d081ab733deaae95"
+    assert recipe.hash == recipe.key("keep-drives") == "1cdcd61010cda04a0eef0cdac290b02e"
 
 
 SAME = [
@@ -116,6 +125,62 @@ def test_options_of_stages_that_are_the_default_do_not_count(folder):
     short, long = (one(folder, f'{PLAIN}[strategy]\nsource = "{name}.json"') for name in ("short", "long"))
     assert defaults
     assert short.hash == long.hash
+
+
+def changed(recipe, part, name, value):
+    """A recipe with one field of a sampling strategy or a drive set."""
+    content = json.loads(recipe.to_json())
+    described = content[part]["described"]
+    (described if part == "sampling" else described["drive"])[name] = value
+    return Recipe.from_json(json.dumps(content))
+
+
+NEW_FIELDS = [("sampling", "option", SamplingStrategy), ("array", "option", DriveStrategy)]
+
+
+@pytest.mark.parametrize(("part", "name", "kind"), NEW_FIELDS, ids=lambda given: str(given))
+def test_a_field_that_is_new_changes_no_key_where_it_has_its_default(folder, monkeypatch, part, name, kind):
+    recipe = one(folder, PLAIN)
+    before = recipe.hash
+    newer = make_dataclass(kind.__name__, [(name, float, field(default=0.5))], bases=(kind,), frozen=True)
+    module = "sampling_strategy" if part == "sampling" else "drive"
+    monkeypatch.setattr(f"palpate.render.{module}.{kind.__name__}", newer)
+    for cached in (sweep_recipe._sampling_defaults, sweep_recipe._drive_defaults):
+        cached.cache_clear()
+    try:
+        assert changed(recipe, part, name, 0.5).hash == before
+        assert changed(recipe, part, name, 0.6).hash != before
+    finally:
+        for cached in (sweep_recipe._sampling_defaults, sweep_recipe._drive_defaults):
+            cached.cache_clear()
+
+
+SETTINGS = [  # part, field, default as well spelt, another value
+    ("sampling", "speed", 7, 7.5),
+    ("sampling", "pace", asdict(SamplingStrategy())["pace"], {"kind": "capped"}),
+    ("sampling", "am", None, {}),
+    ("sampling", "foci", 1, 2),
+    ("array", "slew", None, 0.1),
+    ("array", "wgs_iterations", None, 7),
+    ("array", "wgs_iterations", 6, 7),
+]
+
+
+@pytest.mark.parametrize(("part", "name", "default", "other"), SETTINGS)
+def test_fields_count_where_they_differ_from_their_default(folder, part, name, default, other):
+    recipe = one(folder, PLAIN)
+    assert changed(recipe, part, name, default).hash == recipe.hash
+    assert changed(recipe, part, name, other).hash != recipe.hash
+
+
+def test_a_group_of_a_sampling_strategy_counts_by_what_it_says(folder):
+    recipe = one(folder, PLAIN)
+    short, long, other = (
+        changed(recipe, "sampling", "am", group)
+        for group in ({"depth": 0.5}, {"depth": 0.5, "frequency": 200.0, "wave": "sine"}, {"depth": 0.6})
+    )
+    assert short.hash == long.hash
+    assert len({recipe.hash, short.hash, other.hash}) == 3
 
 
 VOXELS = 'source = "voxels.npy"'

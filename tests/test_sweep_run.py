@@ -2,7 +2,8 @@
 
 import json
 import resource
-from dataclasses import dataclass
+import shutil
+from dataclasses import dataclass, replace
 
 import pytest
 from sweep_stand_ins import StandIn, count_poses, parts_of, rows_of
@@ -10,6 +11,7 @@ from sweep_stand_ins import StandIn, count_poses, parts_of, rows_of
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.sweep_shard import ShardRow, write_shard
 from palpate.datasets.sweep_store import SweepStore
+from palpate.render import sweep_run
 from palpate.render.errors import SweepError
 from palpate.render.sweep_run import run_sweep
 from palpate.render.sweep_task import PART, Outcome
@@ -119,6 +121,20 @@ def test_a_finished_sweep_needs_no_engine(tmp_path):
     assert (report.recipes, report.poses_rendered, report.poses_reused, report.engine) == (40, 0, 40_000, None)
 
 
+@pytest.mark.parametrize(("hold", "most"), [(-1.0, 100), (1e9, 1)])
+def test_tasks_that_come_within_a_time_are_recorded_together(tmp_path, monkeypatch, hold, most):
+    counts, record_all = [], SweepStore.record_all
+    monkeypatch.setattr(sweep_run, "HOLD", hold)
+    monkeypatch.setattr(
+        SweepStore, "record_all", lambda store, shards: counts.append(len(shards)) or record_all(store, shards)
+    )
+    report = go(tmp_path / "s", RECIPES, StandInEngine())
+    assert is_whole(tmp_path / "s", RECIPES)
+    recordings = [count for count in counts if count]
+    assert len(recordings) == min(most, report.tasks)
+    assert sum(recordings) == report.tasks > 1
+
+
 def test_a_plan_that_grows_makes_what_is_new(tmp_path):
     go(tmp_path / "s", RECIPES[:30], StandInEngine())
     assert go(tmp_path / "s", RECIPES, StandInEngine()).poses_rendered == 10_000
@@ -209,6 +225,58 @@ def test_a_full_disk_of_the_store_stops_the_sweep_and_tells_what_is_safe(tmp_pat
     rest = go(tmp_path / "s", RECIPES, StandInEngine())
     assert 0 < rest.poses_rendered < 40_000
     assert is_whole(tmp_path / "s", RECIPES)
+
+
+@pytest.mark.parametrize("is_told", [False, True])
+def test_a_store_that_is_removed_meanwhile_is_told(tmp_path, is_told):
+    def remove(task):
+        if task.number != 3:
+            return None
+        outcome = made(task, tmp_path / "s")
+        shutil.rmtree(tmp_path / "s")
+        return replace(outcome, shard=None, error="shards: No such file or directory") if is_told else outcome
+
+    with pytest.raises(SweepError, match=r"s was removed while the sweep ran.* begins anew"):
+        go(tmp_path / "s", RECIPES, StandInEngine(remove))
+
+
+def test_devices_are_told_that_an_engine_forgets_when_it_is_closed(tmp_path):
+    class Cluster(StandInEngine):
+        @property
+        def devices(self):
+            return () if self.is_closed else ("cuda:0", "cpu") if self.tasks else ("cpu",)
+
+    assert go(tmp_path / "s", RECIPES[:3], Cluster()).devices == ("cuda:0", "cpu")
+
+
+@pytest.mark.parametrize("count", [40, 5])
+def test_what_was_made_of_a_failed_piece_and_not_recorded_yet_serves_others(tmp_path, count):
+    """Of two groups of a piece one fails: whoever needs the other only is made, the moment of recording regardless."""
+    wanted = [StandIn(array="bad"), StandIn(array="good"), *RECIPES[:count]]
+
+    def spoil(task):
+        rows, failed = [], []
+        for k, piece in enumerate(task.pieces):
+            bad = StandIn.of(piece).array == "bad" and "keep-drives" in piece.groups
+            failed += [(k, "too many foci")] if bad else []
+            rows += [row for row in rows_of(piece) if not (bad and row[0] == "keep-drives")]
+        if not failed:
+            return None
+        name = f"shards/{task.name}.h5"
+        write_shard(tmp_path / "s" / name, [ShardRow(*row, {"poses": 1}) for row in rows], maker=MAKER)
+        return Outcome(task.number, "worker 0", name, error="too many foci", failed=tuple(failed), seconds=0.5)
+
+    plan = StandInPlan(wanted, ("contours", "sampling", "keep-drives"))
+    report = run_sweep(plan, tmp_path / "s", StandInEngine(spoil), made_by=MAKER, count_poses=count_poses)
+    assert [failure.name for failure in report.failures] == [wanted[0].title]
+
+
+def test_poses_that_two_groups_lack_are_not_reused_and_count_once(tmp_path):
+    wanted = [StandIn(motion=str(k)) for k in range(5)]
+    for recipes, reused in ((wanted[:4], 0), (wanted, 4000)):
+        plan = StandInPlan(recipes, ("contours", "keep-contours"))
+        report = run_sweep(plan, tmp_path / "s", StandInEngine(), made_by=MAKER, count_poses=count_poses)
+        assert report.poses_reused == reused
 
 
 def test_a_worker_with_a_full_disk_costs_time_only(tmp_path):

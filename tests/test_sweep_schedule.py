@@ -191,6 +191,43 @@ def test_recipes_that_wait_for_what_fails_fail_under_their_own_names():
     assert {failure.name for failure in schedule.missing.failures} == {wanted[0].title, wanted[1].title}
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_what_is_made_of_a_failed_piece_serves_those_who_need_no_more(order):
+    groups = ("contours", "keep-contours", "keep-drives")
+    wanted = [StandIn(array="bad"), StandIn(array="good"), StandIn(array="late")][::order]
+    memory = Memory()
+    schedule = schedule_of(wanted, memory, groups)
+
+    def outcome_of(task):
+        failed = []
+        for k, piece in enumerate(task.pieces):
+            rows = rows_of(piece)
+            if StandIn.of(piece).array == "bad" and "keep-drives" in piece.groups:
+                failed.append((k, "too many foci"))
+                rows = [row for row in rows if row[0] != "keep-drives"]
+            memory.record(rows)
+        return good(task, error="too many foci", failed=tuple(failed)) if failed else good(task)
+
+    while not schedule.is_done:
+        for task in given_out(schedule):
+            schedule.settle(outcome_of(task), 0.0)
+    assert [failure.name for failure in schedule.missing.failures] == [StandIn(array="bad").title]
+    assert (schedule.missing.counts.done, schedule.missing.counts.failed) == (2, 1)
+
+
+def test_poses_are_counted_once_however_many_groups_want_them():
+    wanted = [StandIn(poses=PART + 5), StandIn(poses=PART + 5, array="x"), StandIn(motion="2")]
+    memory = Memory(dict.fromkeys(parts_of(wanted[2], "contours"), 1))
+    memory.record(parts_of(wanted[0], "contours")[:1])
+    cut = schedule_of(wanted, memory, ("contours",)).missing
+    both = schedule_of(wanted, memory, ("contours", "keep-contours")).missing
+    for missing in (cut, both):
+        missing.read()
+    assert (cut.counts.poses_incomplete, cut.counts.poses_once) == (10, 5)
+    assert both.counts.poses == both.counts.poses_incomplete == 2 * (PART + 5) + 1000
+    assert both.counts.poses_once == PART + 5 + 1000
+
+
 def test_a_motion_that_cannot_be_read_fails_alone():
     def counted(recipe):
         if recipe.motion == "bad":
@@ -229,6 +266,12 @@ def test_tasks_grow_to_the_target_and_no_faster_than_fourfold():
     assert all(after <= GROWTH * max(sizes[:k]) for k, after in enumerate(sizes) if k)
     assert sizes[-1] / rate == pytest.approx(3.0, rel=0.05)
     assert memory.rows == {}
+
+
+def test_one_worker_shares_the_end_with_nobody():
+    pace = Pace("cpu")
+    assert pace.share(1e-3, 1) == pace.share(1e3, 1) == pace.target
+    assert pace.share(1.0, 2) < pace.target
 
 
 def test_the_end_is_shared_among_workers():

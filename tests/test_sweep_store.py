@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from sweep_store_rows import MAKER, file_size_limit, payload, pose_columns, row, write_rows
 
 from palpate.datasets.errors import SweepStoreError
+from palpate.datasets.frame_file import FrameField, FrameFile
 from palpate.datasets.sweep_manifest import FORMAT_VERSION, Manifest
 from palpate.datasets.sweep_shard import ShardRow, read_shard, write_shard
 from palpate.datasets.sweep_store import SweepStore
@@ -170,6 +171,21 @@ def test_recover_takes_over_whole_shards_and_sets_damaged_ones_aside(store):
     assert "torn.h5 is damaged" in store.damaged[0]
     assert store.recover(temporary_age=0.0) == 0
     assert names_in(store, "shards") == ["torn.h5.damaged"]
+
+
+@pytest.mark.parametrize("folder", ["contours", "focal-points", "drives"])
+def test_what_killed_workers_left_of_kept_files_is_removed_and_what_is_being_written_stays(store, folder):
+    (store.folder / folder).mkdir()
+    (store.folder / folder / "a.h5.0123.tmp").write_bytes(b"half")
+    fields = [FrameField("/a/level", (), "1")]
+    with FrameFile(store.folder / folder / "b.h5", fields, 1, attributes={}) as file:
+        store.recover(temporary_age=0.0)
+        assert [name[:4] for name in names_in(store, folder)] == ["b.h5"]
+        file.append({"/a/level": np.ones(1)})
+        file.publish()
+    (store.folder / folder / "c.h5.0123.tmp").write_bytes(b"half")
+    store.recover()
+    assert names_in(store, folder) == ["b.h5", "c.h5.0123.tmp"]
 
 
 def test_columns_that_are_gone_or_damaged_count_as_not_done(store):

@@ -9,9 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sweep_rows import HandMadeStore, payload, recipe, statistic
 
+from palpate.datasets.schema import PRUNED_NAMES, removed_name
 from palpate.datasets.sweep_shard import ShardRow, write_shard
 from palpate.datasets.sweep_store import SweepStore
 from palpate.datasets.table import load_table, write_table
+from palpate.datasets.table_stream import write_blocks
 from palpate.render.sweep_sampling import NUMBERS
 from palpate.render.sweep_table import (
     CONTOUR_METRICS,
@@ -42,7 +44,7 @@ def test_statistics_are_those_of_all_poses_however_they_are_cut(values, cuts):
         statistic(part.tolist()) for part in np.split(np.array(values), sorted(c for c in cuts if c < len(values)))
     ]
     merged = Statistic.merged(parts)
-    assert merged.count == len(values)
+    assert merged.number == len(values)
     assert merged.mean == pytest.approx(np.mean(values), rel=1e-12)
     assert merged.most == max(values)
     assert merged.std == pytest.approx(np.std(values), rel=1e-6, abs=2e-6 * math.sqrt(np.mean(np.square(values))))
@@ -140,21 +142,31 @@ def test_results_of_thousands_of_recipes_are_looked_up_together():
 
 
 def test_a_real_store_gives_the_table_and_the_file_gives_it_back(tmp_path):
-    one, other = recipe(), recipe("cube")
+    one, other, bare = recipe(), recipe("cube"), recipe("rock")
     rows = [ShardRow("contours", one.key("contours"), 0, payload(length=[0.25], area=[])),
-            ShardRow("poses", one.key("poses"), 0, {"poses": 3})]  # fmt: skip
+            *(ShardRow("poses", r.key("poses"), 0, {"poses": 3}) for r in (one, bare))]  # fmt: skip
     with SweepStore(tmp_path / "store", maker="m") as store:
         shard = store.folder / "shards" / "1.h5"
-        write_shard(shard, rows, [None, {"pose": np.arange(3), "length": np.ones(3, np.float32)}], maker="m")
+        lengths = {"pose": np.arange(3), "length": np.ones(3, np.float32)}
+        pruned = {**lengths, "removed_small": np.full(3, 0.5, np.float32)}
+        write_shard(shard, rows, [None, pruned, lengths], maker="m")
         store.record(shard)
         columns = tidy_columns([other, one], store, ["contours"])
-        blocks = list(pose_blocks([other, one], store))
+        blocks = list(pose_blocks([other, one, bare], store))
+        assert write_blocks(tmp_path / "poses.h5", blocks, {}) == 6
     assert columns["maker"] == ["m", "m"]
     write_table(tmp_path / "table.h5", columns, {}, units=column_units(columns))
     back = load_table(tmp_path / "table.h5")
     assert math.isnan(back["length_mean"][0])
     assert back["length_mean"][1] == 0.25
     assert back["complete"].tolist() == [False, True]
-    assert len(blocks) == 1
-    assert blocks[0]["recipe"].tolist() == [1, 1, 1]
-    assert list(blocks[0]) == ["recipe", "pose", "length"]
+    assert [block["recipe"].tolist() for block in blocks] == [[1, 1, 1], [2, 2, 2]]
+    assert set(blocks[0]) == set(blocks[1]) == {"recipe", "pose", "length", *map(removed_name, PRUNED_NAMES)}
+    removed = load_table(tmp_path / "poses.h5")["removed_small"]
+    np.testing.assert_array_equal(removed, [0.5] * 3 + [np.nan] * 3)
+
+
+def test_what_a_stage_removed_has_one_name_in_files_and_tables():
+    names = {stage: removed_name(stage) for stage in ("off-skin", "small#2", "halve", "mine.halve#2")}
+    assert set(names.values()) == {"removed_off_skin", "removed_small", "removed_other"}
+    assert {f"{name}_mean" for name in names.values()} <= set(CONTOUR_METRICS)

@@ -288,6 +288,14 @@ def test_what_is_kept_for_later_tasks_has_a_limit():
     assert made_of == ["aaaa", "bbbb", "cccc", "b", "dddddddddddd", "c"]
 
 
+def test_what_each_thing_costs_is_asked_once():
+    asked = []
+    kept = Kept(10**6, lambda value: asked.append(value) or 1)
+    for k in range(100):
+        kept.get(str(k), lambda k=k: k)
+    assert asked == list(range(100))
+
+
 def test_a_task_that_cannot_be_read_is_told(tmp_path):
     task = task_of(tmp_path, [recipe_of()])
     broken = type(task)(3, (type(task.pieces[0])("{}", ("contours",)),), str(tmp_path), "a")

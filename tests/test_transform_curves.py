@@ -15,7 +15,7 @@ from transform_cases import (
     run_stage,
 )
 
-from palpate.kernels.draw import HAND, MADE, OBJECT
+from palpate.kernels.pen import HAND, MADE, OBJECT
 from palpate.kernels.simplify import simplify_polylines
 from palpate.render import (
     ContourBatch,

@@ -15,7 +15,7 @@ from transform_cases import (
     run_stage,
 )
 
-from palpate.kernels.draw import MADE
+from palpate.kernels.pen import MADE
 from palpate.render.errors import PalpateWarning, StrategyError
 from palpate.render.transform_fill import hatch_lines, inset_loops
 from palpate.render.transform_lines import divided

@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from palpate.kernels.draw import HAND, MADE, OBJECT
+from palpate.kernels.pen import HAND, MADE, OBJECT
 from palpate.render import ContourBatch, Palm
 from palpate.render.stages import Setting, Stage, find_stage
 

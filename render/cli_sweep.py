@@ -31,7 +31,7 @@ def sweep(
     ] = False,
     device: Annotated[str | None, typer.Option(help=DEVICE_HELP)] = None,
     workers: Annotated[
-        str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, one on a GPU.")
+        str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, two on a GPU.")
     ] = "auto",
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER_HELP)] = None,
     baseline: Annotated[

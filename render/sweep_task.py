@@ -62,7 +62,7 @@ class Outcome:
 
 
 class Engine(Protocol):
-    """Who makes tasks: this process, several, one a GPU, or a cluster."""
+    """Who makes tasks: this process, several, or a cluster."""
 
     @property
     def name(self) -> str:

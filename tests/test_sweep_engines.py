@@ -368,9 +368,9 @@ def test_words_choose_the_engine():
     assert choose_engine("cpu").devices == ("cpu",) * cores
     gpus = [str(gpu) for gpu in wp.get_cuda_devices()]
     if gpus:
-        assert choose_engine("cuda").devices == tuple(gpus)
-        assert choose_engine("auto").name == "processes, 1 on cuda:0"
-        assert choose_engine("cuda:0", 2).name == "processes, 2 on cuda:0"
+        assert choose_engine("cuda").devices == tuple(gpu for gpu in gpus for _ in range(2))
+        assert choose_engine("auto").name == "processes, 2 on cuda:0"
+        assert choose_engine("cuda:0", 1).name == "processes, 1 on cuda:0"
     else:
         assert choose_engine().devices == ("cpu",) * cores
     for words in (("cuda:77",), ("cpu", 0), ("cpu,cpu",)):

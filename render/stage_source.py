@@ -1,7 +1,7 @@
 """What a user's own stages are made of: a rendering is resumed only by the same code."""
 
 from .errors import StrategyError
-from .stage_digest import digest_of, place_of
+from .stage_digest import file_digests
 from .stages import StageEntry, find_stage
 from .strategy import IntersectionStrategy
 
@@ -15,11 +15,15 @@ def stage_sources(strategy: IntersectionStrategy) -> dict[str, str]:
 
 
 def require_unedited(strategy: IntersectionStrategy) -> None:
-    """Raise StrategyError for a stage whose file is no longer what was imported: results would go by the new one."""
+    """Raise StrategyError for a stage whose file is no longer what was imported: results would go by the new one.
+
+    What a stage holds beside may change as it runs: it counts as it was registered.
+    """
     for entry in _own_entries(strategy):
-        if digest_of(entry.function) != entry.digest:
-            where = f"{entry.role} stage {entry.name!r}: {place_of(entry.function)}"
-            raise StrategyError(f"{where} has changed since it was imported: start anew")
+        for file in [file for file, digest in entry.files.items() if file_digests([file]).get(file) != digest]:
+            raise StrategyError(
+                f"{entry.role} stage {entry.name!r}: {file} has changed since it was imported: start anew"
+            )
 
 
 def has_own_stages(strategy: IntersectionStrategy) -> bool:

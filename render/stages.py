@@ -12,6 +12,7 @@ A stage on the "host" gets and gives NumPy arrays, one on the "device" Warp arra
 called by several threads at once, each with a batch of its own.
 """
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -28,7 +29,7 @@ from .errors import StrategyError
 from .fields import require_choice
 from .solid import Solid
 from .stage_check import checked_batch, checked_removal
-from .stage_digest import digest_of
+from .stage_digest import caller_file, digest_of, file_digests, innermost, place_of
 from .stage_option import Option, Value, options_of
 
 if TYPE_CHECKING:
@@ -101,7 +102,9 @@ class StageEntry:
     on: str = "host"
     needs_closed: bool = False
     digest: str = ""
-    """Of a user's function as it was registered, see `digest_of`."""
+    """Of a user's function as it was registered, see `digest_of`, and of the file that registered it."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Files that define and register a user's function, and the digest of each as it was then."""
 
     @property
     def own(self) -> bool:
@@ -200,14 +203,19 @@ def register_stage(entry: StageEntry) -> None:
         taken = _ENTRIES.get(entry.name)
         if taken is not None and (taken.role != entry.role or origin_of(taken.function) != origin_of(entry.function)):
             raise StrategyError(f"there is a {taken.role} stage {entry.name!r} already: {taken.line}")
-        _ENTRIES[entry.name] = entry if entry.own else replace(entry, digest=digest_of(entry.function))
+        _ENTRIES[entry.name] = entry if entry.own else _noted(entry)
+
+
+def _noted(entry: StageEntry) -> StageEntry:
+    """A user's stage with what it is made of at this moment: what it holds may change as it runs, its files may not."""
+    files = file_digests([place_of(entry.function), caller_file()])
+    texts = [digest_of(entry.function), *sorted(set(files.values()))]
+    return replace(entry, digest=hashlib.sha256("\0".join(texts).encode()).hexdigest(), files=files)
 
 
 def origin_of(function: Any) -> tuple[str, str]:
     """Module and name of a function, through partials and Warp functions."""
-    while isinstance(function, partial):
-        function = function.args[0] if function.args else function.func
-    function = getattr(function, "func", function)
+    function = innermost(function)
     return getattr(function, "__module__", None) or "", getattr(function, "__qualname__", repr(function))
 
 

@@ -3,11 +3,13 @@
 import importlib
 import json
 import os
+import subprocess
 import sys
 from functools import partial
 
 import numpy as np
 import pytest
+import warp as wp
 from sweep_recipes import explored, random_motion, recipe_of, task_of
 
 from palpate.datasets.sweep_shard import ShardRow, read_shard, write_shard
@@ -160,9 +162,10 @@ def test_a_stage_is_known_by_its_file_and_by_what_is_bound_to_it():
 def test_another_constant_in_a_stages_file_is_another_digest(tmp_path, own):
     load_strategy(str(tmp_path / "own.json"))
     function = stages.find_stage("transform", own.stem).function
-    before = digest_of(function)
+    before, noted = digest_of(function), stages.find_stage("transform", own.stem).digest
     edit(own, "1.0", "2.0")
-    assert digest_of(function) != before == stages.find_stage("transform", own.stem).digest
+    assert digest_of(function) != before
+    assert stages.find_stage("transform", own.stem).digest == noted  # what was imported is what runs
 
 
 def test_stages_of_ones_own_see_the_rows_of_their_motion_whoever_shares_the_task(tmp_path, own):
@@ -228,3 +231,73 @@ def test_what_a_store_says_of_kept_files_goes_by_their_bytes(tmp_path):
         assert len(list(store.results(asked))) == 2
         assert list(store.done(asked).values()) == [set(), {0}]
         assert len(list(store.results(asked))) == 1
+
+
+class Settings:
+    """What a stage may be bound to: it does not tell how it is written."""
+
+    def __init__(self, share):
+        self.share = share
+
+
+class Slotted:
+    __slots__ = ("share",)
+
+    def __init__(self, share):
+        self.share = share
+
+    def __call__(self, batch, setting):
+        return batch
+
+
+def test_what_is_bound_counts_by_what_it_holds():
+    pairs = [
+        (partial(bound, Settings(0.1)), partial(bound, Settings(0.5))),
+        (partial(bound, wp.zeros(3, device="cpu")), partial(bound, wp.ones(3, device="cpu"))),
+        (partial(bound, {"a", "b"}), partial(bound, {"a", "c"})),
+        (partial(bound, np.array(["a", None], object)), partial(bound, np.array(["b", None], object))),
+        (Slotted(1), Slotted(2)),
+        (partial(bound, closure, bound, closure), partial(bound, closure, bound, bound)),
+    ]
+    for one, other in pairs:
+        assert digest_of(one) != digest_of(other), one
+        assert digest_of(one) == digest_of(one)
+    assert digest_of(partial(bound, Settings(0.1))) == digest_of(partial(bound, Settings(0.1)))
+
+
+def test_sets_are_told_alike_in_every_process(tmp_path):
+    code = (
+        "from functools import partial; from palpate.render.stage_digest import digest_of; import numpy as np;"
+        "print(digest_of(partial(print, frozenset({'object', 'hand', 'made', 'other'}), np.array(['a', 'b'], object))))"
+    )
+    run = partial(subprocess.run, [sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    told = {run(env={**os.environ, "PYTHONHASHSEED": seed}).stdout for seed in ("1", "2", "3")}
+    assert len(told) == 1
+
+
+def test_a_stage_that_remembers_is_not_taken_for_an_edited_one(tmp_path, own):
+    own.write_text(own.read_text().replace("setting):", "setting, _seen=[]):\n    _seen.append(1)", 1))
+    plan_in(tmp_path, "tube", "own.json")
+    (recipe,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    assert run_task(task_of(tmp_path, [recipe]), "cpu", worker="here").error is None
+    (again,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    assert again.key("contours") == recipe.key("contours")
+
+
+def test_the_file_that_registers_a_stage_counts(tmp_path, own, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    library = tmp_path / f"lib_{own.stem}.py"
+    library.write_text("def as_it_is(level, batch, setting):\n    return batch\n")
+    own.write_text(
+        f"from functools import partial\nfrom {library.stem} import as_it_is\n"
+        "from palpate.render.stages import register_transform\n"
+        f"register_transform('{own.stem}', partial(as_it_is, 1))\n"
+    )
+    (before,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    edit(own, "as_it_is, 1", "as_it_is, 2")
+    with pytest.raises(PlanError, match="has changed since it was imported"):
+        plan_in(tmp_path, "tube", "own.json")
+    os.utime(own, (0, 0))
+    importlib.reload(sys.modules[own.stem])
+    (after,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    assert before.key("contours") != after.key("contours")

@@ -6,7 +6,7 @@ import json
 import math
 from os import PathLike
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,14 +92,27 @@ class FrameReader:
         except (ContourFileError, ValueError):
             return None
 
+    def recipe(self) -> dict[str, Any]:
+        """The sweep's recipe that the frames are of; empty if the file tells none."""
+        if self._file.attribute("/", "recipe") is None:
+            return {}
+        told = self.described("/", "recipe")
+        if not isinstance(told, dict):
+            raise ContourFileError(f"{self.path}: attribute recipe of / is no JSON object")
+        return cast("dict[str, Any]", told)
+
     def text(self, group: str, name: str) -> str | None:
         """A text attribute; None if it is not there."""
         value = self._file.attribute(group, name) if group in self._file else None
         return value if isinstance(value, str) else None
 
     def problems(self) -> list[str]:
-        """What is wrong with the frames, a sentence a dataset: all are read, in blocks. Empty if nothing is."""
+        """What is wrong, a sentence for the recipe and each dataset: all are read, in blocks. Empty if nothing is."""
         out: list[str] = []
+        try:
+            self.recipe()
+        except ContourFileError as error:
+            out.append(str(error))
         for rows in self._fields:
             bad = np.zeros(0, np.int64)
             for first in range(0, self.frame_count, _BLOCK_ROWS):
@@ -114,8 +127,8 @@ class FrameReader:
         return out
 
     def _format(self) -> str:
-        found = self._file.attribute("/", "format")
-        if found not in _FIELDS:
+        found = _known_format(self._file)
+        if found is None:
             raise ContourFileError(f"{self.path} holds neither focal points nor drives of a sweep")
         version = self._file.attribute("/", "version")
         if not isinstance(version, np.ndarray) or version.shape != (2,) or version.dtype.kind not in "iu":
@@ -123,7 +136,7 @@ class FrameReader:
         if (major := int(version[0])) > VERSION_MAJOR:
             newer = f"newer than this palpate reads ({VERSION_MAJOR}.x)"
             raise ContourFileError(f"{self.path} has version {major}, {newer}")
-        return str(found)
+        return found
 
     def _shape(self, rows: _Rows) -> tuple[int, ...]:
         dtype, shape = self._file.layout(rows.path)
@@ -145,10 +158,14 @@ def frame_format(path: str | PathLike[str]) -> str | None:
     """FOCAL_POINTS or DRIVES, if a file says that it is that; None for everything else, also for no file."""
     try:
         with Hdf5Reader(path) as file:
-            found = file.attribute("/", "format")
+            return _known_format(file)
     except ContourFileError:
         return None
-    return str(found) if found in _FIELDS else None
+
+
+def _known_format(file: Hdf5Reader) -> str | None:
+    found = file.attribute("/", "format")
+    return found if isinstance(found, str) and found in _FIELDS else None
 
 
 def check_frames(path: str | PathLike[str]) -> list[str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import re
 import secrets
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -217,6 +218,11 @@ def _failures(what: str, task: str = "read") -> Generator[None, None, None]:
         yield
     except FAILURES as error:
         raise ContourFileError(f"{what} {reason_of(error, task)}") from error
+
+
+def is_of_system(sentence: str) -> bool:
+    """Whether a problem of a file is the system's, which did not let it be read: it says nothing of the content."""
+    return re.search(r"\[Errno [1-9]|errno = [1-9]|permission denied", sentence) is not None
 
 
 def reason_of(error: BaseException, task: str) -> str:

@@ -89,7 +89,8 @@ def summarise_frames(path: str | Path) -> dict:
     Raises ContourFileError for another file.
     """
     with FrameReader(path) as file:
-        recipe = file.described("/", "recipe") or {}
+        recipe = file.recipe()
+        parts = {name: recipe[part] for part, name in PARTS.items() if isinstance(recipe.get(part), dict)}
         out = {
             "path": str(path),
             "holds": file.format.removeprefix("palpate "),
@@ -101,5 +102,5 @@ def summarise_frames(path: str | Path) -> dict:
             out["arrays"] = file.described("/array", "names")
         else:
             out["foci"] = file.foci
-        out |= {name: recipe[part]["name"] for part, name in PARTS.items() if "name" in (recipe.get(part) or {})}
+        out |= {name: part["name"] for name, part in parts.items() if "name" in part}
         return out | {"maker": file.text("/", "maker"), "bytes": Path(path).stat().st_size}

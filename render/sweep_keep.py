@@ -24,7 +24,7 @@ from ..datasets.check import check_file
 from ..datasets.durable import FolderLock, discard, write_file
 from ..datasets.errors import ContourFileError
 from ..datasets.frame_file import FrameField, FrameFile
-from ..datasets.hdf5 import Attribute
+from ..datasets.hdf5 import Attribute, is_of_system
 from ..datasets.motion import HandMotion
 from ..datasets.parts import work_folder
 from ..datasets.reader import ContourFile
@@ -68,10 +68,10 @@ def keep_contours(
     for left in reversed(range(TRIES)):
         _wait_for_others(path)
         if is_kept(path):
-            problems = check_file(path)
-            if not problems:
+            damage = damage_of(path)
+            if damage is None:
                 break
-            set_aside(path, problems[0])
+            set_aside(path, damage)
         try:
             _claim(path, recipe)
             record(path, scene.thing, scene.hand, motion, scene.strategy, mode="resume", device=device)
@@ -81,6 +81,17 @@ def keep_contours(
                 raise
     seconds = perf_counter() - started
     return {"path": f"{CONTOURS}/{path.name}", "bytes": path.stat().st_size, "seconds": {"keep-contours": seconds}}
+
+
+def damage_of(path: Path) -> str | None:
+    """What is damaged in a contour file, all of which is read; None if it is whole.
+
+    Raises ContourFileError if the system does not let it be read now: that is no damage.
+    """
+    problems = check_file(path)
+    if hindrance := next(filter(is_of_system, problems), None):
+        raise ContourFileError(hindrance)
+    return problems[0] if problems else None
 
 
 def set_aside(path: Path, problem: str) -> bool:
@@ -117,10 +128,13 @@ def _told_at(path: Path) -> Path:
 
 
 def _told_maker(path: Path) -> str | None:
-    """Which code a contour file is of; None if nothing says it."""
+    """Which code a contour file is of; None if nothing says it.
+
+    Raises OSError where what says it may not be read: a file of other code is thrown away, so none is taken for one.
+    """
     try:
         told = json.loads(_told_at(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (FileNotFoundError, ValueError):
         return None
     return told.get("maker") if isinstance(told, dict) else None
 

@@ -20,6 +20,8 @@ from .sweep_recipe import Recipe, RecipePart
 
 SPELT_OUT = 20_000
 """An axis of no more parts is kept as a list; parts of a longer one are made whenever they are needed."""
+LOOKED_AT = 100_000
+"""Combinations, begun ones too, among which a recipe is looked for where recipes cannot be counted."""
 
 
 class Axis:
@@ -169,8 +171,8 @@ class Product:
 
     @cached_property
     def is_empty(self) -> bool:
-        """Whether no recipe is left; where that cannot be counted, one is looked for, as far as that takes."""
-        return not self.recipe_count or (not self.is_exact and next(self.recipes(), None) is None)
+        """Whether no recipe is left; where that cannot be counted, the first `LOOKED_AT` combinations tell, or none."""
+        return not self.recipe_count or (not self.is_exact and not self._may_lead(0, self._all, iter(range(LOOKED_AT))))
 
     def unmatched(self) -> list[int]:
         """Constraints that no part of some axis matches: of all of them, those of `only` last."""
@@ -239,10 +241,24 @@ class Product:
             if self._count(depth, mask):
                 yield ()
             return
-        axis = self.axes[depth]
-        masks = self._masks.get(axis.name)
-        for k, part in enumerate(axis.parts()):
-            both = mask & (self._mask(axis, part) if masks is None else masks[k])
+        for part, both in self._entered(self.axes[depth], mask):
             if self._count(depth + 1, both):
                 for rest in self._combined(depth + 1, both):
                     yield (part, *rest)
+
+    def _entered(self, axis: Axis, mask: int) -> Iterator[tuple[RecipePart, int]]:
+        """Every part of an axis, and the mask that a combination has with it."""
+        masks = self._masks.get(axis.name)
+        for k, part in enumerate(axis.parts()):
+            yield part, mask & (self._mask(axis, part) if masks is None else masks[k])
+
+    def _may_lead(self, depth: int, mask: int, left: Iterator[int]) -> bool:
+        """Whether combinations from a depth on have a recipe, or are more than are `left` to be looked at."""
+        if depth == len(self.axes):
+            return self._passes(mask)
+        for _, both in self._entered(self.axes[depth], mask):
+            if next(left, None) is None:
+                return True
+            if self._count(depth + 1, both) and self._may_lead(depth + 1, both, left):
+                return True
+        return False

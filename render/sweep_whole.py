@@ -13,7 +13,16 @@ from ..datasets.motion import HandMotion
 from .sampling import Sampler, SamplingStrategy
 from .scene import Scene
 from .source import ContourRows, ContourSource
-from .sweep_keep import DriveKeeper, FocusKeeper, contours_at, contours_of, keep_contours, set_aside
+from .sweep_keep import (
+    DriveKeeper,
+    FocusKeeper,
+    contours_at,
+    contours_of,
+    damage_of,
+    is_kept,
+    keep_contours,
+    set_aside,
+)
 from .sweep_poses import HostPoses
 from .sweep_recipe import Recipe
 from .sweep_sampling import NUMBERS, sample_recipe, why_not_sampled
@@ -48,10 +57,27 @@ def make_whole(rendering: Rendering, wanted: Wanted, store: Path, device: str) -
     if reason is not None or motion is None:
         return made | {place: _nothing(place, reason or "") for place in sampled}
     results = _sampled(rendering, motion, sampled, store, device)
-    damage = next((error for error in results.values() if isinstance(error, ContourFileError)), None)
-    if damage is not None and set_aside(contours_at(store, rendering.key), str(damage)):
-        results = _sampled(rendering, motion, sampled, store, device)
+    failed = {place: sampled[place] for place, error in results.items() if isinstance(error, ContourFileError)}
+    if failed:
+        results |= _mended(rendering, motion, failed, store, device)
     return made | results
+
+
+def _mended(rendering: Rendering, motion: HandMotion, failed: Wanted, store: Path, device: str) -> Made:
+    """The groups again if it was a damaged contour file that they failed of, which is set aside and made anew.
+
+    Nothing if it is whole, or cannot be read for now: the error stays theirs.
+    """
+    path = contours_at(store, rendering.key)
+    try:
+        damage = damage_of(path) if is_kept(path) else None
+        if damage is None or not set_aside(path, damage):
+            return {}
+        recipe = next(iter(failed.values()))  # any: they have one rendering
+        keep_contours(rendering.scene, motion, recipe, rendering.key, store, device)
+    except Exception as error:  # it cannot be looked at, or not be made again
+        return dict.fromkeys(failed, error)
+    return _sampled(rendering, motion, failed, store, device)
 
 
 def _sampled(rendering: Rendering, motion: HandMotion, sampled: Wanted, store: Path, device: str) -> Made:

@@ -112,6 +112,8 @@ def test_what_cannot_be_done_with_them_names_what_they_are(tmp_path):
         (lambda file: file["focus/position"].__setitem__(2000, np.nan), "/focus/position: not finite (1, first 2000)"),
         (lambda file: file["focus/intensity"].__setitem__(3, 1.5), "/focus/intensity: not in 0..1 (1, first 3)"),
         (lambda file: file["focus"].attrs.__setitem__("update_rate", 0.0), "update_rate of /focus must be positive"),
+        (lambda file: file.attrs.__setitem__("recipe", "[1, 2]"), "attribute recipe of / is no JSON object"),
+        (lambda file: file.attrs.__setitem__("recipe", "{"), "attribute recipe of / is no JSON object"),
         (lambda file: file["focus"].pop("position"), "/focus/position is missing"),
         (lambda file: file.attrs.__setitem__("version", np.array([2, 0])), "version 2, newer than this palpate reads"),
         (
@@ -128,6 +130,32 @@ def test_damage_is_found_and_named(tmp_path, change, told):
     assert told in problem
     result = run("check", path, "--json")
     assert (result.exit_code, json.loads(result.stdout)["whole"]) == (FAILED, False)
+
+
+@pytest.mark.parametrize("command", ["info", "check", "play"])
+def test_a_format_that_is_no_text_is_another_file(tmp_path, command):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.attrs["format"] = np.array([1, 2])
+    result = run(command, tmp_path / "a.h5")
+    told = " ".join(result.output.split())
+    assert (result.exit_code, "Error:" in told) == (FAILED, False)
+    assert "is HDF5, but not a contour file: its root has no format 'palpate contours'" in told
+
+
+@pytest.mark.parametrize("recipe", ["[1, 2]", '"text"', "1"])
+def test_a_recipe_that_is_no_object_is_told_of_in_one_sentence(tmp_path, recipe):
+    path, _ = focal_points(tmp_path / "a.h5", count=10)
+    with h5py.File(path, "r+") as file:
+        file.attrs["recipe"] = recipe
+    refused(FAILED, "attribute recipe of / is no JSON object", "info", path)
+
+
+def test_parts_of_a_recipe_that_are_none_are_left_out(tmp_path):
+    path, _ = focal_points(tmp_path / "a.h5", count=10)
+    with h5py.File(path, "r+") as file:
+        file.attrs["recipe"] = json.dumps(RECIPE | {"thing": [1], "hand": 3})
+    told = answer("info", path)
+    assert ("object" in told, "hand" in told, told["motion"]) == (False, False, "my motion")
 
 
 def test_a_truncated_file_is_found(tmp_path):

@@ -1,5 +1,6 @@
 """What a sweep keeps: contour files as `palpate render` writes them, counts as `palpate play` has them, frames."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from sweep_recipes import explored, random_motion, recipe_of, recorded, sampling_of, task_of
 
-from palpate.datasets import HandMotion
+from palpate.datasets import HandMotion, hdf5
 from palpate.datasets.check import check_file
 from palpate.datasets.durable import FolderLock
 from palpate.datasets.frame_file import FrameField, FrameFile
@@ -134,16 +135,36 @@ def test_damaged_contours_are_set_aside_and_rendered_again(tmp_path, rendered, g
     (tmp_path / "other").mkdir()
     expected = payload(tmp_path / "other", recipe, group)
     kept = tmp_path / payload(tmp_path, recipe, "keep-contours")["path"]
-    content = kept.read_bytes()
+    content, whole = kept.read_bytes(), contents(kept)
     spoilt = {"cut": content[: len(content) // 2], "emptied": b"", "overwritten": content[:3000] + bytes(len(content))}
     kept.write_bytes(spoilt[damage])
     with pytest.warns(PalpateWarning, match="is damaged .* rendered again"):
         got = payload(tmp_path, recipe, group, name="b")
     assert got | {"seconds": 0} == expected | {"seconds": 0}
     assert kept.with_name(f"{kept.name}.damaged").read_bytes() == spoilt[damage]
-    assert kept.exists() == (group == "keep-contours")
-    if kept.exists():
-        assert check_file(kept) == []
+    assert (check_file(kept), contents(kept)) == ([], whole)  # what the table names is there
+
+
+@pytest.mark.parametrize("lasts", [False, True])
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.EIO, errno.EACCES])
+@pytest.mark.parametrize("group", ["sampling", "keep-contours"])
+def test_contours_that_the_system_lets_nobody_read_are_no_damage(tmp_path, rendered, monkeypatch, group, number, lasts):
+    recipe, _ = rendered
+    kept = tmp_path / payload(tmp_path, recipe, "keep-contours")["path"]
+    content, read, failures = kept.read_bytes(), hdf5.Hdf5Reader._dataset, []
+
+    def fail(file, name):
+        if name == "/contours/points" and (lasts or not failures):
+            failures.append(name)
+            raise OSError(number, os.strerror(number))
+        return read(file, name)
+
+    monkeypatch.setattr(hdf5.Hdf5Reader, "_dataset", fail)
+    outcome = run_task(task_of(tmp_path, [recipe], (group,), name="b"), "cpu", worker="here")
+    assert failures
+    assert f"{kept}: /contours/points " in outcome.error
+    assert os.strerror(number).lower() in outcome.error.lower()
+    assert (kept.read_bytes(), kept.with_name(f"{kept.name}.damaged").exists()) == (content, False)
 
 
 @pytest.mark.parametrize("name", ["stm", "multi-focus"])

@@ -13,11 +13,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palpate.render import loading, sweep_axes, sweep_estimate
+from palpate.render import loading, sweep_axes, sweep_estimate, sweep_product
 from palpate.render.errors import PalpateWarning, PlanError
 from palpate.render.sweep_axes import KEYS
 from palpate.render.sweep_plan import load_plans
-from palpate.render.sweep_product import SPELT_OUT
+from palpate.render.sweep_product import LOOKED_AT, SPELT_OUT
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "sweep-plan.md"
 SHORT = '[object]\nsource = "cube"\n'
@@ -489,6 +489,16 @@ def test_constraints_hold_on_long_axes_and_the_count_is_a_bound(folder, constrai
     plan = load(folder, f"{SHORT}[motion]\nseed = {{first = 1, count = {SPELT_OUT + 1}}}\n{constraint}")
     assert (plan.recipe_count, plan.is_exact) == (SPELT_OUT + 1, False)
     assert column(plan, "seed") == [1, 2, 3]
+
+
+def test_a_long_axis_is_not_gone_through_to_see_whether_a_recipe_is_left(folder, monkeypatch):
+    made, variants = [], sweep_product.variants
+    monkeypatch.setattr(sweep_product, "variants", lambda *of: (made.append(0) or part for part in variants(*of)))
+    seeds = SHORT + "[motion]\nseed = {{first = 1, count = {}}}\n[[only]]\nmotion.seed = {{at_least = {}}}"
+    assert load(folder, seeds.format(10**9, 999999995)).recipe_count == 10**9
+    assert LOOKED_AT <= len(made) < LOOKED_AT + 100
+    with pytest.raises(PlanError, match="its constraints leave no recipe"):  # of so few, each is looked at
+        load(folder, seeds.format(SPELT_OUT + 1, SPELT_OUT + 2))
 
 
 def test_combinations_that_lead_to_nothing_are_not_entered(folder):

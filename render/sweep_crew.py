@@ -18,6 +18,8 @@ from .sweep_dask_work import Fitness, Terms, end_process, kill_worker, travellin
 from .sweep_recipe import maker
 
 SIGHT = 5.0  # [s] until a file that a worker has written must be seen here: network file systems remember
+REPLACED = 60.0  # [s] that a fit worker may be missed while unfit ones are there: what died is replaced within that
+NOBODY = "tcp://127.0.0.1:1"  # an address without a worker: tasks wait there until `_look_after` sends them again
 
 
 class Crew:
@@ -33,7 +35,7 @@ class Crew:
         self._threads: dict[str, int] = {}
         self._fitness: dict[str, Fitness] = {}
         self._is_stale = True
-        self._there_at = time.monotonic()
+        self._there_at = self._fit_at = time.monotonic()
 
     @property
     def client(self) -> Any:
@@ -83,15 +85,16 @@ class Crew:
     def fit(self) -> frozenset[str]:
         """Workers that tasks may go to; empty while every one is, so that those that join later are, too.
 
-        Raises SweepError if none can do the work.
+        While none is fit it is NOBODY: one that died may be replaced. Raises SweepError if that takes too long.
         """
         unfit = {address for address in self.threads() if self.is_unfit(address)}
-        if not unfit:
-            return frozenset()
         fit = frozenset(self._threads) - unfit
-        if not fit:
+        if fit or not unfit:
+            self._fit_at = time.monotonic()
+            return fit if unfit else frozenset()
+        if time.monotonic() - self._fit_at > min(REPLACED, self._connection.patience):
             raise SweepError(self._fitness[min(unfit)].complaint)
-        return fit
+        return frozenset({NOBODY})
 
     def is_unfit(self, address: str) -> bool:
         """Whether a worker has shown that it cannot do the work."""

@@ -8,13 +8,16 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from distributed import Client, LocalCluster
 from sweep_dask_work import make_task, work
 
 from palpate.render.errors import PalpateWarning, SweepError
+from palpate.render.sweep_crew import NOBODY, Crew
 from palpate.render.sweep_dask import DaskEngine
+from palpate.render.sweep_dask_work import Fitness
 
 TESTS = Path(__file__).parent
 LIMIT = 40.0  # [s] nothing here takes nearly as long
@@ -361,3 +364,20 @@ def test_slurm_jobs_are_submitted_by_jobqueue_yaml_and_cancelled_in_the_end(tmp_
             assert [outcome.error for outcome in told.values()] == [None, None]
         assert "#SBATCH -p gpus" in (tmp_path / "job.sh").read_text()
         until((tmp_path / "cancelled").exists)
+
+
+def test_tasks_wait_a_while_for_a_fit_worker_where_only_unfit_ones_are_left(tmp_path):
+    there = {"tcp://a:1": 1, "tcp://b:1": 1}
+    client = SimpleNamespace(nthreads=lambda: there)
+    crew = Crew(SimpleNamespace(client=client, device="cpu", name="theirs", patience=0.2), tmp_path, "run")
+    assert crew.fit() == frozenset()
+    crew.meet(Fitness("tcp://a:1", "host", "cpu"))
+    with pytest.warns(PalpateWarning, match="no palpate; it is passed over"):
+        crew.meet(Fitness("tcp://b:1", "host", "cpu", fault="no palpate"))
+    assert crew.fit() == {"tcp://a:1"}
+    del there["tcp://a:1"]
+    crew._is_stale = True
+    assert crew.fit() == {NOBODY}
+    time.sleep(0.25)
+    with pytest.raises(SweepError, match="no palpate"):
+        crew.fit()

@@ -293,13 +293,14 @@ def fraction(number: float) -> Fraction:
     return Fraction(repr(number))
 
 
-@dataclass(frozen=True)
-class Spaced(Sequence[float]):
-    """Evenly spaced numbers, each worked out when it is asked for."""
+class Lazy(Sequence[float]):
+    """Numbers, each worked out when it is asked for: a range of a thousand million takes no room."""
 
-    first: Fraction
-    step: Fraction
     length: int
+
+    def at(self, place: int) -> float:
+        """The number at a place from 0."""
+        raise NotImplementedError
 
     def __len__(self) -> int:
         return self.length
@@ -310,30 +311,34 @@ class Spaced(Sequence[float]):
     def __getitem__(self, index: slice) -> Sequence[float]: ...
     def __getitem__(self, index: int | slice) -> float | Sequence[float]:
         places = range(self.length)[index]
-        return float(self.first + places * self.step) if isinstance(places, int) else tuple(self[k] for k in places)
+        return self.at(places) if isinstance(places, int) else tuple(self.at(place) for place in places)
 
 
 @dataclass(frozen=True)
-class Logarithmic(Sequence[float]):
+class Spaced(Lazy):
+    """Evenly spaced numbers."""
+
+    first: Fraction
+    step: Fraction
+    length: int
+
+    def at(self, place: int) -> float:
+        """Rounded once."""
+        return float(self.first + place * self.step)
+
+
+@dataclass(frozen=True)
+class Logarithmic(Lazy):
     """Numbers by equal factors."""
 
     first: float
     last: float
     length: int
 
-    def __len__(self) -> int:
-        return self.length
-
-    @overload
-    def __getitem__(self, index: int) -> float: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[float]: ...
-    def __getitem__(self, index: int | slice) -> float | Sequence[float]:
-        places = range(self.length)[index]
-        if not isinstance(places, int):
-            return tuple(self[k] for k in places)
-        if places in (0, self.length - 1):
-            return (self.first, self.last)[places > 0]
-        share = places / (self.length - 1)
+    def at(self, place: int) -> float:
+        """Both ends as they were given, the others to LOG_DIGITS digits."""
+        if place in (0, self.length - 1):
+            return (self.first, self.last)[place > 0]
+        share = place / (self.length - 1)
         exact = math.exp(math.log(self.first) * (1 - share) + math.log(self.last) * share)
         return float(f"{exact:.{LOG_DIGITS}g}")

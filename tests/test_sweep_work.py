@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from palpate.render.expression_file import expression_to_json
 from palpate.render.loading import load_hand, load_hand_and_motion, load_solid
 from palpate.render.objects import Placement
 from palpate.render.strategy import load_strategy
-from palpate.render.sweep_batch import Stretch, mended, take_batch
+from palpate.render.sweep_batch import Portion, Stretch, mended, poses_of, take_batch
 from palpate.render.sweep_poses import pose_count
 from palpate.render.sweep_scene import Kept
 from palpate.render.sweep_task import PART, SPAN
@@ -356,3 +357,21 @@ def test_batches_cover_every_pose_once_in_order_whatever_does_not_fit(counts, sp
             assert stretch.stop % SPAN == 0 or stretch.stop == counts[stretch.portion]
             reached[stretch.portion] = stretch.stop
     assert reached == counts
+
+
+def test_poses_are_those_of_each_rendering_though_one_ends_where_the_next_begins():
+    class Rows:
+        def __init__(self, value):
+            self.value = value
+
+        def rows(self, first, stop, device):
+            return np.full((stop - first, 7), self.value, np.float32)
+
+    one, other = (SimpleNamespace(poses=Rows(value)) for value in (1.0, 2.0))
+    batch = [
+        Stretch(Portion(one, 0), PART - 2, PART),
+        Stretch(Portion(one, 1), PART, PART + 1),
+        Stretch(Portion(other, 1), PART + 1, PART + 4),
+    ]
+    assert poses_of(batch, "cpu")[:, 0].tolist() == [1.0] * 3 + [2.0] * 3
+    assert [(s.first, s.stop) for s in mended(batch)] == [(s.first, s.stop) for s in batch]

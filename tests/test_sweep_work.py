@@ -26,7 +26,7 @@ from palpate.render.expression_file import expression_to_json
 from palpate.render.loading import load_hand, load_hand_and_motion, load_solid
 from palpate.render.objects import Placement
 from palpate.render.strategy import load_strategy
-from palpate.render.sweep_batch import Portion, Stretch, mended, poses_of, take_batch
+from palpate.render.sweep_batch import Portion, Stretch, mended, take_batch
 from palpate.render.sweep_poses import pose_count
 from palpate.render.sweep_scene import Kept
 from palpate.render.sweep_task import PART, SPAN
@@ -373,5 +373,5 @@ def test_poses_are_those_of_each_rendering_though_one_ends_where_the_next_begins
         Stretch(Portion(one, 1), PART, PART + 1),
         Stretch(Portion(other, 1), PART + 1, PART + 4),
     ]
-    assert poses_of(batch, "cpu")[:, 0].tolist() == [1.0] * 3 + [2.0] * 3
+    assert sweep_batch.poses_of(batch, "cpu")[:, 0].tolist() == [1.0] * 3 + [2.0] * 3
     assert [(s.first, s.stop) for s in mended(batch)] == [(s.first, s.stop) for s in batch]

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from .array import ArrayModel
 from .clock import Clock
+from .codec import off_frame
 from .errors import DeviceTimeoutError, FrameError, LinkError, NoBackendError
 from .link import BoardStatus, never
 
@@ -84,6 +85,11 @@ class Autd3Link:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.close()
+
+    @property
+    def off_bytes(self) -> bytes:
+        """Wire bytes that end a content: an off frame."""
+        return off_frame(array=self.array).tobytes()
 
     @property
     def bytes_sent(self) -> int:

@@ -83,7 +83,12 @@ class Link(Protocol):
 
     @property
     def off_frames(self) -> int:
-        """How many off frames end a content: 1, or 2 where the board has two buffers."""
+        """How many frames `off_bytes` are: 1, or more where one could be missed."""
+        ...
+
+    @property
+    def off_bytes(self) -> bytes:
+        """Wire bytes that end a content: the array is off once they have played."""
         ...
 
     @property
@@ -127,7 +132,7 @@ class Link(Protocol):
         ...
 
     def send_off(self) -> None:
-        """Off now: cancel what is under way, complete a torn frame, its missing part silent, then `off_frames`.
+        """Off now: cancel what is under way, complete a torn frame, its missing part silent, then `off_bytes`.
 
         A stall that an earlier call met is ended first, so that it may be tried again. Returns when the array has taken
         all of it; what its FIFO holds before the off frame still plays.

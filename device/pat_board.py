@@ -1,14 +1,14 @@
 """Model of the board of a UCL/OpenMPD PAT array (FPGA firmware 3.4.2): bytes in, pulses on 256 pins.
 
-Written from what is published about that board (docs/emulator.md lists it); it shares no code with the codec or the
-array model, so that a mistake in one of them shows. Which transducer hangs on which pin differs from board to board
-and is no part of this model.
+Written from the board's published gateware (RMResearch/OpenMPD_Hardware, FPGA_3.4.2/src: ParallelReceiver,
+FrameBufferController, CommandReader); each branch below names the state of that gateware that it stands for. It shares
+no code with the codec, the link or the array model, so that a mistake in one of them shows. Which transducer hangs on
+which pin differs from board to board and is no part of this model. docs/emulator.md states the rule in words.
 """
 
 from __future__ import annotations
 
 import math
-import re
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -18,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .clock import Clock
+from .pat_reader import FRAME_BYTES, CommandReader
 
-FRAME_BYTES = 512
+BLOCK_BYTES = 512
+"""The board takes bytes from its FIFO in blocks of exactly as many, whatever they hold."""
 PIN_COUNT = 256
 FIFO_BYTES = 16_384
 """Size of the FIFO: 32 frames."""
@@ -29,30 +31,30 @@ CARRIER_PERIOD_NS = 25_000
 """One period of 40 kHz [ns]."""
 COUNTS = 128
 """Steps of a carrier period: unit of delay and of duty."""
+READ_NS = 10_240
+"""Time in which a block is read: one byte a clock of 50 MHz [ns]."""
 POWER_UP_NS = 1_000_000_000
-"""Time after power-up until the all-off frame is loaded and frames are taken [ns]."""
+"""Time after power-up until the all-off frame is loaded [ns]; blocks are taken from then on."""
 STALE_NS = 1_000_000_000
-"""Time with less than one whole frame in the FIFO after which it is cleared [ns]."""
+"""Time with fewer than 512 bytes in the FIFO after which it is cleared [ns], again after each further one."""
 
 _OFF = bytes(FRAME_BYTES)
 _SILENT = bytes(PIN_COUNT)
-_START = re.compile(rb"[\x80-\xff]")
-_DIVIDER = slice(26, 34)  # the divider's bits are the MSBs of these bytes, lowest first
-_DIVIDER_LOAD = 34
-_LED = slice(1, 25)
-_LED_LOAD = 25
 
 T = TypeVar("T")
 
 
 class PatBoard:
-    """The board: a FIFO, a frame clock, and the frame that is playing. It never answers.
+    """The board: a FIFO, its clock of blocks, and the frame that is playing. It never answers.
 
     Nothing runs in the background: every call first does what is due by the clock, so idle time costs nothing. Calls
     may come from several threads.
 
-    A frame is taken when it is complete, and not before `divider` carrier periods have passed since the one before it.
-    Until then the last frame plays on. Where no frame is under way, bytes without MSB are skipped.
+    A block is taken when its 512 bytes are in the FIFO, and not before `divider` carrier periods have passed since the
+    one before it; the last frame plays on until then. The FIFO is cleared once it has held fewer than 512 bytes for a
+    second. So blocks are counted from the last clear, and a frame must fill one exactly.
+
+    Times are those of the gateware to within READ_NS, in which it reads a block; here a block is read at once.
 
     Args:
         clock: what the carrier is derived from.
@@ -84,16 +86,18 @@ class PatBoard:
         self._runs: deque[tuple[int, float]] = deque()  # byte n and when it began to be passed on, those after it next
         self._powered = True
         self._power_up_ns = clock.now_ns() - on_for_ns
-        self._due_ns = self._power_up_ns + POWER_UP_NS  # when the next frame may be taken
-        self._short_ns = self._due_ns  # since when it has held less than one, or when it was cleared since then
-        self._playing = _OFF
+        self._due_ns = self._power_up_ns + POWER_UP_NS + READ_NS  # when the next block may be taken
+        self._short_ns: int | None = (
+            self._power_up_ns
+        )  # since when it has held fewer bytes, or when it was cleared since
+        self._reader = CommandReader()
+        self._playing = _OFF  # GSPATIdle after power-up; at the end of state Start the gateware loads the off frame
         self._emitting = False
-        self._divider = 4
-        self._led: int | None = None
+        self._follow_ns = 0  # when the frame that plays was due to be followed
         self._frames_played = 0
+        self._blocks_taken = 0
         self._underruns = 0
         self._starved_ns = 0
-        self._bytes_skipped = 0
         self._bytes_cleared = 0
         self._record: deque[tuple[bytes, int, int]] = deque(maxlen=record)  # frame, began, late [ns]
 
@@ -138,7 +142,7 @@ class PatBoard:
             missing = byte_count + len(self._queue) - self._room
             frames = min(-(-missing // FRAME_BYTES), len(self._queue) // FRAME_BYTES)
             if frames > 0:
-                now_ns = self._next_take_ns(0) + (frames - 1) * self._divider * CARRIER_PERIOD_NS
+                now_ns = self._next_take_ns() + (frames - 1) * self._reader.divider * CARRIER_PERIOD_NS
             if not self._byte_ns:
                 return now_ns
             # The chip has room for them when it has passed on all that is in front of the last 1 KiB of them.
@@ -170,12 +174,32 @@ class PatBoard:
     @property
     def bytes_skipped(self) -> int:
         """Bytes without MSB that were skipped in search of a frame's start."""
-        return self._look(lambda: self._bytes_skipped)
+        return self._look(lambda: self._reader.bytes_skipped)
+
+    @property
+    def bytes_lost(self) -> int:
+        """Bytes that came while a frame that ended inside a block was swapped in, so that nothing looked at them."""
+        return self._look(lambda: self._reader.bytes_lost)
 
     @property
     def bytes_cleared(self) -> int:
-        """Bytes of torn frames that were cleared out of the FIFO after 1 s."""
+        """Bytes that were cleared out of the FIFO, since it held fewer than 512 for a second."""
         return self._look(lambda: self._bytes_cleared)
+
+    @property
+    def next_clear_ns(self) -> float:
+        """When the FIFO will be cleared if no byte comes [ns]; infinite while it holds 512 or more."""
+        return self._look(lambda: math.inf if self._short_ns is None else self._short_ns + STALE_NS)
+
+    @property
+    def torn_bytes(self) -> int:
+        """Bytes that have been read of a frame that is not complete."""
+        return self._look(lambda: self._reader.torn_bytes)
+
+    @property
+    def blocks_taken(self) -> int:
+        """Blocks of 512 bytes taken from the FIFO since power-up, whatever they held."""
+        return self._look(lambda: self._blocks_taken)
 
     @property
     def fifo_bytes(self) -> int:
@@ -184,13 +208,13 @@ class PatBoard:
 
     @property
     def divider(self) -> int:
-        """Carrier periods of a frame."""
-        return self._look(lambda: self._divider)
+        """Carrier periods of a block."""
+        return self._look(lambda: self._reader.divider)
 
     @property
     def led(self) -> int | None:
         """The 24 bits that were last loaded into the LED, bit n from byte 1 + n; None before any were."""
-        return self._look(lambda: self._led)
+        return self._look(lambda: self._reader.led)
 
     @property
     def frames_played(self) -> int:
@@ -249,7 +273,7 @@ class PatBoard:
         return time_ns + (self._power_up_ns - time_ns) % CARRIER_PERIOD_NS
 
     def _starving_ns(self) -> int:
-        return max(self.clock.now_ns() - self._due_ns, 0) if self._emitting else 0
+        return max(self.clock.now_ns() - self._follow_ns, 0) if self._emitting else 0
 
     def _passed_ns(self, place: int) -> float:
         """When queue[place] has been passed on by the chip [ns], or would be if it were to follow what is there."""
@@ -275,15 +299,15 @@ class PatBoard:
         """What the FIFO has no room for stays in the chip until the next frame leaves."""
         in_chip = len(self._queue) - FIFO_STOP_BYTES
         if self._byte_ns and in_chip > 0:
-            start_ns = max(self._passed_ns(FIFO_STOP_BYTES - 1), self._next_take_ns(0))
+            start_ns = max(self._passed_ns(FIFO_STOP_BYTES - 1), self._next_take_ns())
             while self._runs[-1][0] >= self._gone + FIFO_STOP_BYTES:
                 self._runs.pop()
             self._runs.append((self._gone + FIFO_STOP_BYTES, start_ns))
             self._flow_ns = start_ns + in_chip * self._byte_ns
 
-    def _next_take_ns(self, used: int) -> int:
-        """When the frame that begins at queue[used], all of it there, is taken."""
-        return max(self._due_ns, self._next_period_ns(math.ceil(self._passed_ns(used + FRAME_BYTES - 1))))
+    def _next_take_ns(self) -> int:
+        """When the block in front of the queue, all of it there, is taken (states Idle and WaitFrame)."""
+        return max(self._due_ns, math.ceil(self._passed_ns(BLOCK_BYTES - 1)))
 
     def _drop(self, count: int) -> None:
         """Let the first bytes leave the queue."""
@@ -299,50 +323,47 @@ class PatBoard:
             self._runs.pop()
 
     def _play_until(self, now_ns: int) -> None:
-        """Take the frames that were due until then."""
-        queue = self._queue
-        used = 0
-        while len(queue) - used >= FRAME_BYTES:
-            take_ns = self._next_take_ns(used)
-            if take_ns > now_ns:
-                break
-            if queue[used] < 0x80:
-                start = _START.search(queue, used)
-                skipped = (start.start() if start else len(queue)) - used
-                self._bytes_skipped += skipped
-                used += skipped
+        """Take the blocks, and clear the FIFO, as was due until then, in the order of time."""
+        while True:
+            is_block = len(self._queue) >= BLOCK_BYTES
+            short_ns, block_ns = self._short_ns, self._passed_ns(BLOCK_BYTES - 1) if is_block else math.inf
+            if short_ns is not None and short_ns + STALE_NS <= min(block_ns, now_ns):
+                self._clear(short_ns + STALE_NS, now_ns)
+            elif is_block and self._next_take_ns() <= now_ns:
+                self._take(self._next_take_ns())
             else:
-                self._take(bytes(queue[used : used + FRAME_BYTES]), take_ns)
-                used += FRAME_BYTES
-            if len(queue) - used < FRAME_BYTES:
-                self._short_ns = take_ns
-        if used:
-            self._drop(used)
-        self._clear_stale(now_ns)
+                return
 
-    def _take(self, frame: bytes, take_ns: int) -> None:
-        late_ns = take_ns - self._due_ns if self._emitting else 0
+    def _take(self, take_ns: int) -> None:
+        """State ReadFIFO: a block goes to the command reader, whatever it holds."""
+        frame = self._reader.read(bytes(self._queue[:BLOCK_BYTES]))
+        self._drop(BLOCK_BYTES)
+        self._blocks_taken += 1
+        # State WaitFrame counts the ends of carrier periods from when the block has been read.
+        periods = self._reader.divider - 1
+        self._due_ns = self._next_period_ns(take_ns + READ_NS) + periods * CARRIER_PERIOD_NS
+        self._short_ns = take_ns if len(self._queue) - self._in_chip(take_ns) < BLOCK_BYTES else None
+        if frame is not None:
+            self._play(frame, take_ns)
+
+    def _play(self, frame: bytes, take_ns: int) -> None:
+        late_ns = max(take_ns - self._follow_ns, 0) if self._emitting else 0
         self._underruns += late_ns > 0
         self._starved_ns += late_ns
         self._playing = frame
         self._emitting = frame[PIN_COUNT:] != _SILENT
+        self._follow_ns = self._due_ns
         self._frames_played += 1
         if self._record.maxlen:
             self._record.append((frame, take_ns, late_ns))
-        if frame[_DIVIDER_LOAD] & 0x80:
-            # What the board makes of 0 is not known: here it changes nothing.
-            self._divider = _most_significant_bits(frame[_DIVIDER]) or self._divider
-        if frame[_LED_LOAD] & 0x80:
-            self._led = _most_significant_bits(frame[_LED])
-        self._due_ns = take_ns + self._divider * CARRIER_PERIOD_NS
 
-    def _clear_stale(self, now_ns: int) -> None:
-        """Once in each second with less than one whole frame."""
-        seconds = (now_ns - self._short_ns) // STALE_NS
-        if len(self._queue) < FRAME_BYTES and seconds > 0:
-            self._bytes_cleared += len(self._queue)
-            self._cut_queue(0)
-            self._short_ns += seconds * STALE_NS
+    def _clear(self, clear_ns: int, now_ns: int) -> None:
+        """The FIFO's synchronous clear, each second with fewer than 512 bytes in it; the reader keeps its state."""
+        seconds = 0 if self._queue else (now_ns - clear_ns) // STALE_NS  # those of which nothing can be seen
+        passed = len(self._queue) - self._in_chip(clear_ns)
+        self._bytes_cleared += passed
+        self._drop(passed)
+        self._short_ns = clear_ns + seconds * STALE_NS
 
 
 def pulses(frames: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -364,7 +385,3 @@ def decode_frames(frames: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArr
     """
     begin, duty = pulses(frames)
     return (begin / COUNTS + duty / (2 * COUNTS)) % 1.0, np.sin(np.pi * duty / COUNTS)
-
-
-def _most_significant_bits(data: bytes) -> int:
-    return sum((byte >> 7) << place for place, byte in enumerate(data))

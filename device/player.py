@@ -104,13 +104,13 @@ class Player:
         try:
             self.report = self._stop_reason = None
             divider = self._link.array.divider(update_rate)
-            self._link.start(divider)
-            self._writer = writer = Writer(self._link, divider, self._guard, queue_blocks=self._queue_blocks)
-            if self._stop_reason is not None:  # while the link was started
-                writer.request_stop(self._stop_reason)
-            if divider < self._link.array.divider_sustained:
-                blocks = self._burst(blocks, divider)
-            with StopSignals(writer, enabled=self._handle_signals) as signals, PROMPT_THREADS:
+            with StopSignals(self, enabled=self._handle_signals) as signals, PROMPT_THREADS:
+                self._link.start(divider)
+                self._writer = writer = Writer(self._link, divider, self._guard, queue_blocks=self._queue_blocks)
+                if self._stop_reason is not None:  # while the link was started
+                    writer.request_stop(self._stop_reason)
+                if divider < self._link.array.divider_sustained:
+                    blocks = self._burst(blocks, divider)
                 self._feed(blocks, writer, signals, _Ticker(writer, progress, watch))
             return self._conclude(writer, signals)
         finally:
@@ -119,6 +119,10 @@ class Player:
 
     def stop(self, reason: str = "stop") -> None:
         """End the playback under way, from any thread: what is queued is dropped, and `play` returns. Else nothing."""
+        self.request_stop(reason)
+
+    def request_stop(self, reason: str) -> None:
+        """As `stop`; safe in a signal handler."""
         self._stop_reason = reason  # before the look at the writer, which `play` makes before it looks at this
         if writer := self._writer:
             writer.request_stop(reason)

@@ -34,7 +34,7 @@ class StreamLink:
     """
 
     off_frames: int = 1
-    """How many off frames end a content."""
+    """How many frames `off_bytes` are."""
 
     def __init__(
         self,
@@ -96,6 +96,11 @@ class StreamLink:
         return 0
 
     @property
+    def off_bytes(self) -> bytes:
+        """Wire bytes that end a content: the array is off once they have played."""
+        return self._off * self.off_frames
+
+    @property
     def torn_bytes(self) -> int | None:
         """Bytes taken of an incomplete frame, while nothing is under way; None: only the board may know."""
         if self._boundary is None or not self._transport.is_exact:
@@ -151,19 +156,18 @@ class StreamLink:
         return False
 
     def send_off(self) -> None:
-        """Off now: cancel what is under way, complete a torn frame, its missing part silent, then `off_frames`."""
+        """Off now: cancel what is under way, complete a torn frame, its missing part silent, then `off_bytes`."""
         self._transport.cancel()
         torn = self.torn_bytes
         rest = self.rest_unknown() if torn is None else self._rest(torn)
-        self._transport.submit(array("B", rest + self._off * self.off_frames))
+        self._transport.submit(array("B", rest + self.off_bytes))
         self._transport.drain()
         self.note_boundary()
 
     def rest_unknown(self) -> bytes:
         """What completes a torn frame, its missing part silent, when the host has lost count of it.
 
-        Here the board is asked; one that cannot be is sent nothing. A link to a board with a rule of its own for
-        coming back to a boundary of frames overrides this.
+        Here the board is asked; one that cannot be is sent nothing.
         """
         status = self.status()
         return self._rest(status.torn_bytes if status else 0)

@@ -11,7 +11,6 @@ from queue import Empty, Full, Queue
 from threading import Thread
 from typing import NamedTuple, TypeVar
 
-from .codec import off_frame
 from .errors import DeviceLostError, DeviceTimeoutError, LinkError, SafetyLimitError
 from .limits import Dose, Guard
 from .link import BoardStatus, Link
@@ -266,8 +265,7 @@ class Writer:
         if self._timeline.start_ns is not None:
             self._meet_deadline(1)
         self._finishing = True
-        off = array("B", off_frame(array=self._link.array).tobytes()) * self._link.off_frames
-        self._link.write(off, abandon=self._is_stopped)
+        self._link.write(array("B", self._link.off_bytes), abandon=self._is_stopped)
         drained = self._link.drain(abandon=self._is_stopped)
         self._look()
         if drained and not self._is_stopped() and self._await_off():

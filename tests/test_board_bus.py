@@ -97,7 +97,7 @@ def test_boards_are_written_from_documents_alone() -> None:
         assert all(node.level == 1 and node.module for node in imports)
         local = {node.module for node in imports}
         waiting += [] if module == "errors" else sorted(local - reached)  # errors imports for annotations only
-    boards = {"board", "pat_board", "sonic_board"}
+    boards = {"board", "pat_board", "pat_reader", "sonic_board"}
     buses = {"bus", "emulator", "ftdi_chip", "peripheral", "usb_bus", "faults"}
     assert reached == boards | buses | {"clock", "errors", "pyusb"}
 
@@ -164,10 +164,11 @@ def test_a_board_may_be_looked_at_while_another_thread_writes(name: str) -> None
 
 
 def test_a_write_blocks_until_the_board_has_room(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
-    # Of pat16, one frame plays for 255 periods from the one after its last byte; then 512 bytes leave the chip.
+    # Of pat16, a frame is taken after 64 us, read until 74.24 us, and followed at the end of the 255th period from there;
+    # then 512 bytes leave the chip.
     holds, room_at_ns = {
         "emulator": (2048 * 512, 100_000),
-        "pat16": (31 * 512, 75_000 + 255 * 25_000 + 512 * 125),
+        "pat16": (31 * 512, 75_000 + 254 * 25_000 + 512 * 125),
         "sonicsurface": (128, 258 * 10e9 / (3e6 / 13)),
     }[name]
     sent = frames(name, holds // FRAME[name] + 2)

@@ -78,6 +78,10 @@ class FrameReader:
     ) -> None:
         self.close()
 
+    def require_unchanged(self) -> None:
+        """Refuse to go on with a file that was changed since it was opened."""
+        self._file.require_unchanged()
+
     def focal_points(self, first: int, stop: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Positions [m], shape [frame, 3] or [frame, focus, 3], and intensities 0..1, [frame] or [frame, focus]."""
         if self.format != FOCAL_POINTS:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import os
 import re
 import secrets
 from collections.abc import Generator, Mapping
@@ -58,6 +59,7 @@ class Hdf5Reader:
                 raise ContourFileError(f"{self.path} is empty")
             # Files are replaced, never changed, so a lock would only keep others out.
             self._file: Any = h5py.File(fspath(self.path), "r", locking=False)
+            self._opened = self._state()
 
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
@@ -71,6 +73,23 @@ class Hdf5Reader:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def require_unchanged(self) -> None:
+        """Refuse to go on with a file whose size or time of change is another than when it was opened.
+
+        What was cut off reads as zeros, which pass a Fletcher-32 checksum. A file of that name which replaced this one
+        is no change: the opened one is still read.
+        """
+        with _failures(str(self.path)):
+            size, time_ns = self._state()
+        if (size, time_ns) != self._opened:
+            how = f"from {self._opened[0]} to {size} bytes" if size != self._opened[0] else "in place"
+            raise ContourFileError(f"{self.path} was changed {how} while it was read")
+
+    def _state(self) -> tuple[int, int]:
+        """Size [bytes] and time of change [ns] of the opened file."""
+        state = os.fstat(self._file.id.get_vfd_handle())
+        return state.st_size, state.st_mtime_ns
 
     def __contains__(self, name: str) -> bool:
         with _failures(f"{self.path}: {name}"):

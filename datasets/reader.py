@@ -78,6 +78,10 @@ class ContourFile:
         for piece in self._pieces:
             piece.rows.close()
 
+    def require_unchanged(self) -> None:
+        """Refuse to go on with a sealed file that was changed since it was opened."""
+        self._header_file.require_unchanged()
+
     @property
     def folder(self) -> Path:
         """The folder that the file's parts lie in: the work folder, or that of the sealed file."""

@@ -1,5 +1,8 @@
 """Play a contour file, or focal points: contours -> focal points -> drives -> frames -> the player."""
 
+from __future__ import annotations  # array("B") takes no index at run time
+
+from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
@@ -179,13 +182,14 @@ def play_file(
 
     Raises:
         ContourFileError, PoseError, StrategyError, DeviceError: before anything is sent.
+        ContourFileError: the file was cut off or changed while it played; the array is off.
         DeviceError (with `report`), PlayInterrupted: while playing.
     """
     arrays = (PlacedArray(array_model(array)),) if isinstance(array, str) else tuple(array)
     if repeats < 1:
         raise StrategyError(f"repeats must be at least 1, not {repeats}")
     with ExitStack() as stack:
-        source, sampler, update_rate = stack.enter_context(opened(Path(path), sampling, duration, arrays))
+        source, sampler, update_rate, file = stack.enter_context(opened(Path(path), sampling, duration, arrays))
         for placed in arrays:
             placed.model.divider(update_rate)
         driver = Driver([placed.model for placed in arrays], drive, update_rate=update_rate, device=device)
@@ -193,7 +197,7 @@ def play_file(
         links = stack.enter_context((connection or Connection()).all_of(arrays))
         reports = play_together(
             links,
-            frames,
+            frames if file is None else unchanged(frames, file),
             update_rate=update_rate,
             limits=limits,
             watch=None if watch is None else lambda live: watch(live, frames.frame_count),
@@ -212,8 +216,11 @@ def play_file(
 @contextmanager
 def opened(
     path: Path, sampling: SamplingStrategy | None, duration: float | None, arrays: Sequence[PlacedArray]
-) -> Iterator[tuple[FocusSource, Sampler | None, float]]:
-    """A file's focal points, what samples them, and their update rate [Hz]; by default the first array's own."""
+) -> Iterator[tuple[FocusSource, Sampler | None, float, ContourFile | FrameReader | None]]:
+    """A file's focal points, what samples them, and their update rate [Hz], by default the first array's own.
+
+    Last the file that is read while they are played; None for one that was read whole.
+    """
     if path.suffix.lower() == ".ptlist":
         if sampling is not None:
             raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
@@ -221,14 +228,14 @@ def opened(
         focus = FocalPoints(points.position, points.intensity * np.float32(points.intensity_peak))
         require_duration(duration)
         stop = None if duration is None else frame_count(duration, points.update_rate, path)
-        yield PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop])), None, points.update_rate
+        yield PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop])), None, points.update_rate, None
         return
     if frame_format(path) == FOCAL_POINTS:
         if sampling is not None:
             raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
         with FrameReader(path) as kept:
             _require_solvable(kept.foci)
-            yield KeptSource(kept, duration), None, kept.update_rate
+            yield KeptSource(kept, duration), None, kept.update_rate, kept
         return
     model = arrays[0].model
     if sampling is None:
@@ -238,7 +245,14 @@ def opened(
     with ContourFile(path) as file:
         if not file.sealed:
             raise StrategyError(f"{path}: is not finished and cannot be played; palpate render --resume finishes it")
-        yield ContourSource(file, sampler, duration), sampler, sampling.update_rate
+        yield ContourSource(file, sampler, duration), sampler, sampling.update_rate, file
+
+
+def unchanged(frames: FrameSource, file: ContourFile | FrameReader) -> Iterator[tuple[array[int], ...]]:
+    """Blocks of frames, each looked at after it was read: a file that was cut off or changed ends them by an error."""
+    for block in frames:
+        file.require_unchanged()
+        yield block
 
 
 def _require_solvable(foci: int) -> None:

@@ -1,8 +1,9 @@
 """The model of the PAT board against the published gateware itself, run by a VHDL simulator.
 
 The source is not ours to ship: `PALPATE_OPENMPD_HARDWARE` names a checkout of github.com/RMResearch/OpenMPD_Hardware.
-Its FrameBufferController and CommandReader run unchanged but for one constant: 1 s is 2 ms, so that a clear of the FIFO
-takes seconds to simulate, not minutes. The vendor's FIFO is replaced by tests/gateware/fifo.vhd.
+Its FrameBufferController and CommandReader run as they are for what a playback sends (some minutes a test); for random
+streams 1 s is made 2 ms, so that a clear of the FIFO takes seconds to simulate. The vendor's FIFO is replaced by
+tests/gateware/fifo.vhd.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.device import pat_board
-from palpate.device.clock import VirtualClock
+from palpate.device import Player, VirtualClock, array_model, encode_frames, open_link, pat_board
+from palpate.device.bus import emulated_backend
 from palpate.device.pat_board import PatBoard
 
 SOURCE = os.environ.get("PALPATE_OPENMPD_HARDWARE", "")
@@ -32,27 +33,32 @@ CHIP_CLOCKS = 5  # a byte each 100 ns
 ONE_SECOND = '"10111110101111000001111111"'  # 49,999,999 clocks, in the gateware
 OPTIONS = ("--std=93c", "-fsynopsys", "-fexplicit")
 END_NS = 5 * SECOND_NS
+POWER_NS = 1_010_000_000  # when the playbacks begin: the board is deaf for a second
 
 Burst = tuple[int, bytes]  # when it is on the bus [ns], and what it is
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which the gateware is analysed, with the second shortened."""
-    folder = tmp_path_factory.mktemp("ghdl")
+def analysed(folder: Path, second_ns: int) -> Path:
+    """A folder in which the gateware is analysed, its second as long as that."""
     own = Path(__file__).parent / "gateware"
-    short = f'"{SECOND_NS // CLOCK_NS - 1:026b}"'
+    second = f'"{second_ns // CLOCK_NS - 1:026b}"'
     sources = [own / "fifo.vhd", own / "bench.vhd"]
     for name in ("FrameBufferController.vhd", "CommandReader.vhd"):
         text = (Path(SOURCE) / "FPGA_3.4.2" / "src" / name).read_text(errors="replace")
         assert text.count(ONE_SECOND) == (2 if name.startswith("Frame") else 0)
-        (folder / name).write_text(text.replace(ONE_SECOND, short))
+        (folder / name).write_text(text.replace(ONE_SECOND, second))
         sources.insert(1, folder / name)
     subprocess.run(["ghdl", "-a", *OPTIONS, *map(str, sources)], cwd=folder, check=True, capture_output=True)
     return folder
 
 
-def by_gateware(bench: Path, bursts: list[Burst], folder: Path) -> list[tuple[int, int, bytes]]:
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The gateware with a short second."""
+    return analysed(tmp_path_factory.mktemp("ghdl"), SECOND_NS)
+
+
+def by_gateware(bench: Path, bursts: list[Burst], folder: Path, end_ns: int = END_NS) -> list[tuple[int, int, bytes]]:
     """When each frame was swapped in [ns], the divider then, and the frame, its flags left out."""
     rows = [f"{time_ns // CLOCK_NS} {byte}" for time_ns, data in bursts for byte in data]
     (folder / "bytes.txt").write_text("\n".join(rows) + "\n")
@@ -60,7 +66,7 @@ def by_gateware(bench: Path, bursts: list[Burst], folder: Path) -> list[tuple[in
         "INPUT": folder / "bytes.txt",
         "OUTPUT": folder / "frames.txt",
         "CHIP_CLOCKS": CHIP_CLOCKS,
-        "END_CLOCK": END_NS // CLOCK_NS,
+        "END_CLOCK": end_ns // CLOCK_NS,
     }
     command = ["ghdl", "-r", *OPTIONS, "bench", *(f"-g{name}={value}" for name, value in generics.items())]
     subprocess.run(command, cwd=bench, check=True, capture_output=True)
@@ -131,3 +137,35 @@ def test_the_model_plays_what_the_gateware_plays_when_the_gateware_plays_it(
     late_ns = np.array([swap[0] for swap in gateware]) - np.array([take[0] for take in model])
     assert late_ns.min() >= 0  # a frame is swapped in while its block is read
     assert late_ns.max() <= pat_board.READ_NS + 500
+
+
+@pytest.mark.parametrize(("residue", "torn"), [(0, 0), (300, 37), (511, 511)])
+def test_the_gateware_plays_every_frame_of_a_playback_and_ends_off_whatever_it_was_left_with(
+    residue: int, torn: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus = emulated_backend("pat16", clock=(clock := VirtualClock()))
+    sent: list[Burst] = []
+    accept = PatBoard.accept
+
+    def note(board: PatBoard, data: memoryview, *, since_ns: int | None = None) -> int:
+        count = accept(board, data, since_ns=since_ns)
+        sent.append((POWER_NS + (clock.now_ns() if since_ns is None else since_ns), bytes(data[:count])))
+        return count
+
+    monkeypatch.setattr(PatBoard, "accept", note)
+    random = np.random.default_rng(residue)
+    left = frame(random) + bytes(512 - torn) + frame(random)[:torn] + frame(random)[:residue]
+    assert bus.board().accept(memoryview(left[:1024])) == 1024
+    clock.advance(0.001)
+    assert bus.board().accept(memoryview(left[1024:])) == len(left) - 1024
+    clock.advance(0.3)
+    model = array_model("pat16")
+    wire = encode_frames(random.random((20, 256)), np.ones(20), array=model)
+    with open_link(model, backend=bus) as link:
+        Player(link).play([wire], update_rate=10e3)
+    end_ns = POWER_NS + clock.now_ns() + 1_200_000_000  # a clear comes within it
+    swaps = by_gateware(analysed(tmp_path, 1_000_000_000), sent, tmp_path, end_ns)
+    played = [content for _, _, content in swaps if any(content[256:])]
+    assert played[-20:] == [content.tobytes() for content in wire & 0x7F]
+    assert len(played) <= 20 + 1 + (torn > 0)  # what the board was left with
+    assert not any(swaps[-1][2][256:])

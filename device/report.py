@@ -119,10 +119,37 @@ class PlayReport:
     """The board said that it is silent; None from a board that never answers. If False, it may still be emitting."""
 
     @property
-    def may_emit(self) -> bool:
-        """The array may still be emitting: it has not taken the off frame, or did not say that it is silent."""
-        return self.off_confirmed is False or (self.off_confirmed is None and not self.off_sent)
+    def may_emit(self) -> bool | None:
+        """Whether the array may still be emitting, as far as that is known.
+
+        | off_confirmed | off_sent | |
+        |---|---|---|
+        | True | | False: the board said that it is silent |
+        | False | | True: it did not |
+        | None | False | True: it has not taken the off frames |
+        | None | True | None, not known: it has taken them, and never answers |
+        """
+        if self.off_confirmed is not None:
+            return not self.off_confirmed
+        return None if self.off_sent else True
+
+    @property
+    def off_doubt(self) -> str | None:
+        """A sentence on why the array may not be off although no error says so; None where it said that it is."""
+        if self.may_emit is False:
+            return None
+        if self.may_emit:
+            return f"array {self.array} may still be emitting: switch it off"
+        return (
+            f"array {self.array} took the off frames and never answers: it is off if no byte was lost on the way to it "
+            "and its firmware is the one that docs/boards.md names"
+        )
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the array ran dry or frames were late, by the player's estimate or the board's own count."""
+        return bool(self.underruns or self.starved or self.lateness.max or self.board_underruns or self.board_starved)
 
     def as_dict(self) -> dict[str, object]:
         """Everything, as JSON takes it."""
-        return asdict(self)
+        return {**asdict(self), "may_emit": self.may_emit, "off_doubt": self.off_doubt}

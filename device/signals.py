@@ -10,6 +10,31 @@ from typing import Final, Protocol, Self, TypeVar
 
 T = TypeVar("T")
 
+_STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def end_process(signum: int, frame: FrameType | None) -> None:
+    """Handler for a program that the first signal ends: it raises KeyboardInterrupt, and later signals are ignored.
+
+    A second signal would else meet the program while it closes the array, or the interpreter while it ends. Where a
+    playback is under way the first signal stops that, by `StopSignals`, with the same effect on later ones.
+    """
+    for each in _STOP_SIGNALS:
+        signal.signal(each, signal.SIG_IGN)
+    raise KeyboardInterrupt(signal.Signals(signum).name)
+
+
+def end_process_on_signals() -> None:
+    """Install `end_process` for SIGINT, SIGTERM and SIGHUP, except for a SIGHUP that nohup has made ignored.
+
+    Only the main thread may do so; elsewhere nothing happens.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for signum in _STOP_SIGNALS:
+        if signal.getsignal(signum) != signal.SIG_IGN:
+            signal.signal(signum, end_process)
+
 
 class Stoppable(Protocol):
     """What plays."""
@@ -48,6 +73,8 @@ class StopSignals:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         for signum, handler in self._previous.items():
+            if self.signum is not None and handler is end_process:
+                handler = signal.SIG_IGN  # it ends already
             # None: it was not installed from Python, and cannot be put back
             signal.signal(signum, signal.SIG_DFL if handler is None else handler)  # pyright: ignore[reportArgumentType]  # what signal.signal gave
 
@@ -75,6 +102,3 @@ class StopSignals:
         if self._breakable:
             self._breakable = False
             raise _Interrupted
-
-
-_STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

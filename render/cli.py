@@ -288,6 +288,9 @@ def play(
     clock: Annotated[
         str, typer.Option(help="Of the emulated array: monotonic (real time) or virtual (as fast as it goes).")
     ] = "monotonic",
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with 1 if frames were late or lost, or anything else is warned of.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Sample a contour file and stream it to an array; the array is off on every way out."""

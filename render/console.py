@@ -76,16 +76,30 @@ UNITS = {
 """What stands behind a value in a table; machines have docs/command-line.md."""
 
 
-def say(values: dict, *, as_json: bool, title: str, told: Collection[str] | None = None) -> None:
-    """Print results: one JSON object for machines, a table for people, of the values `told` (all)."""
+def say(
+    values: dict,
+    *,
+    as_json: bool,
+    title: str,
+    told: Collection[str] | None = None,
+    unknown: Collection[str] = (),
+) -> None:
+    """Print results: one JSON object for machines, a table for people, of the values `told` (all).
+
+    A value that is None has no row in the table, or "not known" if it is one of `unknown`.
+    """
     if as_json:
         sys.stdout.write(json_line(values))
         return
     table = Table(title=title, show_header=False, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for name, value in values.items():
-        if value is not None and (told is None or name in told):
+        if told is not None and name not in told:
+            continue
+        if value is not None:
             unit = f" {UNITS[name]}" if name in UNITS else ""
             table.add_row(escape(name.replace("_", " ")), escape(shown(value) + unit))
+        elif name in unknown:
+            table.add_row(escape(name.replace("_", " ")), "not known")
     Console(highlight=False, soft_wrap=True).print(table)
 
 
@@ -168,6 +182,17 @@ def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatisti
 
 def run(command: Callable[[], object], *, as_json: bool) -> int:
     """Run a command and turn what goes wrong into one sentence and an exit code; no traceback for a user's mistake."""
+    try:
+        code = _run(command, as_json=as_json)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what the interpreter flushes in the end
+        errors.print("[bold red]error:[/] standard output was closed before the results were written")
+        return FAILED
+    return code
+
+
+def _run(command: Callable[[], object], *, as_json: bool) -> int:
     with warnings.catch_warnings():
         for kind in TOLD_WARNINGS:
             warnings.simplefilter("always", kind)
@@ -180,6 +205,8 @@ def run(command: Callable[[], object], *, as_json: bool) -> int:
             return fail(str(error), FAILED, as_json, _report_of(error))
         except KeyboardInterrupt:
             return fail("interrupted", FAILED, as_json)
+        except BrokenPipeError:
+            raise
         except Exception as error:  # a fault of palpate's own: still one sentence, and the way to say more
             if os.environ.get("PALPATE_TRACEBACK"):
                 raise
@@ -200,11 +227,12 @@ def fail(message: str, code: int, as_json: bool, report: PlayReport | None = Non
 
 def told_of_off(report: PlayReport) -> str:
     """Whether an array is off, in words."""
-    if report.off_confirmed:
-        return "the array says that it is off"
-    if report.may_emit:
-        return "the array MAY STILL BE EMITTING: switch it off"
-    return "the array has taken the off frame (it cannot say more)"
+    return report.off_doubt or "the array says that it is off"
+
+
+def warn(sentence: str) -> None:
+    """Warn on standard error."""
+    errors.print(f"[yellow]warning:[/] {escape(sentence)}")
 
 
 def _report_of(error: BaseException) -> PlayReport | None:

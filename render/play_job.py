@@ -14,6 +14,8 @@ from ..device.array import array_model, array_names
 from ..device.discovery import find_arrays, udev_rule
 from ..device.errors import NoBackendError
 from ..device.limits import Limits
+from ..device.report import PlayReport
+from ..device.signals import end_process_on_signals
 from . import console
 from .drive import DriveStrategy
 from .errors import StrategyError
@@ -28,12 +30,14 @@ TOLD_OF_PLAYING = (
     "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "board_underruns", "lateness",
     "queue_depth", "jumps", "jumps_by_cause", "jump_length", "step_longest", "draw_frequency_nominal", "revisit_rate",
     "samples", "silent", "held", "refused", "switched", "duty", "on_time", "array", "serial", "clock", "transport",
-    "short_writes", "stopped_by", "off_sent", "off_confirmed", "arrays",
+    "short_writes", "stopped_by", "off_sent", "off_confirmed", "may_emit", "off_doubt", "arrays",
 )  # fmt: skip
+ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 
 
-def run_play(file: Path, options: dict, *, as_json: bool) -> None:
-    """Play and report."""
+def run_play(file: Path, options: dict, *, as_json: bool) -> int:
+    """Play and report; the exit code is 1 if anything was warned of, and `strict` asked for."""
+    end_process_on_signals()
     arrays = load_rig(
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
@@ -52,36 +56,53 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> None:
             device=options["device"],
             watch=line,
         )
-    warn_of(playback, arrays)
-    values = playback.as_dict()
+    warnings = warnings_of(playback, arrays)
+    values = playback.as_dict() | {"warnings": warnings}
     if len(arrays) > 1 and not as_json:
         values["arrays"] = [
             f"{report.array} {report.serial}: {report.frames} frames, {report.underruns} underruns, "
             f"{console.told_of_off(report)};"
             for report in playback.reports
         ]
-    console.say(values, as_json=as_json, title=str(file), told=TOLD_OF_PLAYING)
+    console.say(values, as_json=as_json, title=str(file), told=TOLD_OF_PLAYING, unknown=ONLY_THE_BOARD_KNOWS)
+    for sentence in warnings:
+        console.warn(sentence)
+    return console.FAILED if warnings and options["strict"] else console.DONE
 
 
-def warn_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> None:
-    """Say what a hand would miss."""
+def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> list[str]:
+    """What a hand would miss, a sentence each."""
+    sentences = [late_warning(report) for report in playback.reports if report.is_late]
     zone = arrays[0].model.focal_zone
     if playback.refused:
-        console.errors.print(
-            f"[yellow]warning:[/] {playback.refused} focal points were silenced: they lie where no array can focus "
+        sentences.append(
+            f"{playback.refused} focal points were silenced: they lie where no array can focus "
             f"({arrays[0].model.name}: |x| and |y| up to {zone.lateral:g} m, z {zone.z_min:g} to {zone.z_max:g} m)"
         )
     strategy = playback.sampling
     if strategy is not None and strategy.pace.kind in ("speed", "capped") and strategy.step > JUMP_LENGTH:
-        console.errors.print(
-            f"[yellow]warning:[/] the focal point moves by {strategy.step * 1e3:.0f} mm from frame to frame, which "
-            f"draws no contour: --speed {JUMP_LENGTH * strategy.update_rate:.2g} or less would"
+        sentences.append(
+            f"the focal point moves by {strategy.step * 1e3:.0f} mm from frame to frame, which draws no contour: "
+            f"--speed {JUMP_LENGTH * strategy.update_rate:.2g} or less would"
         )
     if playback.switched:
-        console.errors.print(
-            f"[yellow]warning:[/] {playback.switched} frames had intensities between 0 and 1, but the array can only "
-            "switch: they were played as 0 or 1"
+        sentences.append(
+            f"{playback.switched} frames had intensities between 0 and 1, but the array can only switch: they were "
+            "played as 0 or 1"
         )
+    return sentences
+
+
+def late_warning(report: PlayReport) -> str:
+    """How often an array ran dry and how late frames were, and who says so."""
+    board = "the board's own count is not known"
+    if report.board_underruns is not None and report.board_starved is not None:
+        board = f"by the board's own count {report.board_underruns} times, for {report.board_starved:.4g} s"
+    return (
+        f"array {report.array} ran out of frames {report.underruns} times and played the last one on for "
+        f"{report.starved:.4g} s, by the player's estimate, so that frames were up to {report.lateness.max:.4g} s "
+        f"late; {board}"
+    )
 
 
 def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json: bool) -> None:

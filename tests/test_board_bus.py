@@ -164,8 +164,8 @@ def test_a_board_may_be_looked_at_while_another_thread_writes(name: str) -> None
 
 
 def test_a_write_blocks_until_the_board_has_room(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
-    # Of pat16, a frame is taken after 64 us, read until 74.24 us, and followed at the end of the 255th period from there;
-    # then 512 bytes leave the chip.
+    # Of pat16, a frame is taken after 64 us, read until 74.24 us, and followed at the end of the 255th period from
+    # there; then 512 bytes leave the chip.
     holds, room_at_ns = {
         "emulator": (2048 * 512, 100_000),
         "pat16": (31 * 512, 75_000 + 254 * 25_000 + 512 * 125),

@@ -229,6 +229,32 @@ def test_ten_seconds_after_any_end_the_array_is_off(name: str) -> None:
         assert_plays_all_and_ends_off(bus, link)
 
 
+@pytest.mark.parametrize("kind", [FaultKind.STALL, FaultKind.TIMEOUT])
+@pytest.mark.parametrize("first", range(0, FRAME, 64))
+def test_a_stream_that_breaks_off_at_any_byte_of_a_frame_ends_off_and_plays_whole_again(
+    kind: FaultKind, first: int
+) -> None:
+    """A stall, or a NAK for longer than the second after which the device counts as hung."""
+    bus = bus_of()
+    with open_link(MODEL, backend=bus) as link:
+        player = Player(link)
+        for byte in range(first, first + 64):
+            link.start(4)
+            count = 1 + byte % 2 if kind is FaultKind.STALL else 30 if byte % 2 else 1
+            bus.inject(Fault(kind, byte=bus.board().bytes_received + 3 * FRAME + byte, count=count))
+            before = len(bus.board().played)
+            try:
+                player.play([content(8)], update_rate=10e3)
+            except DeviceError:
+                assert kind is FaultKind.STALL or byte % 2
+            else:  # one NAK is a short write, which is continued
+                assert kind is FaultKind.TIMEOUT
+                assert np.array_equal(played_since(bus.board(), before), content(8))
+            bus.clock.advance(10)
+            assert not bus.board().emitting
+        assert_plays_all_and_ends_off(bus, link)
+
+
 def test_an_unplugged_board_that_comes_back_plays_whole() -> None:
     bus = bus_of()
     with open_link(MODEL, backend=bus) as link:

@@ -60,9 +60,9 @@ class PatLink(StreamLink):
         self._burst_hold_ns = round(_HOLD_DIVIDER / model.frame_clock * 1e9)
         self._block_ns = round(_SLOWEST_BLOCK / model.frame_clock * 1e9)  # 6.4 ms
         self._drain_ns = (model.fifo_frames + 4) * self._block_ns  # for a full board, and the first blocks sent
-        self._fed_ns = 0  # no earlier did the board take its last bytes
+        self._fed_ns = 0  # no earlier did the board take its last whole frame
+        self._fed_bytes = 0  # and what it had taken in all by then
         self._looked_ns = 0  # when that was looked at
-        self._looked_bytes = 0  # and what had been taken by then
 
     @classmethod
     def open(
@@ -233,11 +233,11 @@ class PatLink(StreamLink):
         return self.torn_bytes is not None and self.clock.now_ns() - self._fed_ns <= _QUIET_MOST_NS
 
     def _note_fed(self) -> None:
-        """Note that bytes were taken since the last look: at its time, at the earliest."""
-        now_ns, taken = self.clock.now_ns(), self._transport.bytes_taken
-        if taken > self._looked_bytes:
-            self._fed_ns = self._looked_ns
-        self._looked_ns, self._looked_bytes = now_ns, taken
+        """Note that a frame was taken since the last look, at its time at the earliest; less puts off no clear."""
+        taken = self._transport.bytes_taken
+        if taken - self._fed_bytes >= self.array.frame_bytes:
+            self._fed_ns, self._fed_bytes = self._looked_ns, taken
+        self._looked_ns = self.clock.now_ns()
 
     def _send(self, data: bytes) -> None:
         """Send bytes and wait until they are taken; the board is at a boundary of frames then."""

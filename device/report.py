@@ -115,6 +115,9 @@ class PlayReport:
     """Transfers that took less than was offered, or nothing, and were continued."""
     off_sent: bool
     """The array took all off frames."""
+    off_after: float | None
+    """Time from the end of the content, or from a stop, until the array had taken all off frames [s]; what it held then
+    played before them. None if it did not take them. A pat16 whose count of bytes was lost takes 1.3 s for them."""
     off_confirmed: bool | None
     """The board said that it is silent; None from a board that never answers. If False, it may still be emitting."""
 

@@ -73,6 +73,7 @@ class Writer:
         self._stop_status: BoardStatus | None = None  # at the end of the content
         self._cleared: int | None = None
         self._finishing = self._off_sent = False
+        self._off_after_ns: int | None = None
         self._exact = True
         self._off: bool | None = False
 
@@ -164,6 +165,7 @@ class Writer:
             board_starved=board and board[1] / self._update_rate,
             short_writes=self._link.short_writes - self._short_base,
             off_sent=self._off_sent,
+            off_after=None if self._off_after_ns is None else self._off_after_ns * 1e-9,
             off_confirmed=self._off,
         )
 
@@ -265,11 +267,13 @@ class Writer:
         if self._timeline.start_ns is not None:
             self._meet_deadline(1)
         self._finishing = True
+        begin_ns = self._link.clock.now_ns()
         self._link.write(array("B", self._link.off_bytes), abandon=self._is_stopped)
         drained = self._link.drain(abandon=self._is_stopped)
         self._look()
+        after_ns = self._link.clock.now_ns() - begin_ns
         if drained and not self._is_stopped() and self._await_off():
-            self._off_sent = True
+            self._off_sent, self._off_after_ns = True, after_ns
             self._cleared = 0
 
     def _await_off(self) -> bool:
@@ -300,6 +304,7 @@ class Writer:
 
     def _stop(self) -> None:
         """Off now: drop what is queued, complete a torn frame, send the off frame. Each step tried, whatever failed."""
+        begin_ns = self._link.clock.now_ns()
         self._attempt(self._link.cancel)
         self._exact = not self._look() and (self._link.is_exact or self._bytes == self._content_bytes)
         before = self._attempt(self._link.status)
@@ -314,6 +319,7 @@ class Writer:
         for _ in range(OFF_ATTEMPTS):
             self._attempt(self._send_off)
             if self._off_sent:
+                self._off_after_ns = self._link.clock.now_ns() - begin_ns
                 break
         self._attempt(self._confirm_off)
         if self._cleared is None and self._exact and self._off is not False and not is_clear:  # all of it was played

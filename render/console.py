@@ -67,6 +67,7 @@ UNITS = {
     "seconds": "s",
     "render_seconds": "s",
     "starved": "s",
+    "off_after": "s",
     "board_starved": "s",
     "jump_length": "m",
     "jump_threshold": "m",

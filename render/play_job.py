@@ -30,7 +30,7 @@ TOLD_OF_PLAYING = (
     "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "board_underruns", "lateness",
     "queue_depth", "jumps", "jumps_by_cause", "jump_length", "step_longest", "draw_frequency_nominal", "revisit_rate",
     "samples", "silent", "held", "refused", "switched", "duty", "on_time", "array", "serial", "clock", "transport",
-    "short_writes", "stopped_by", "off_sent", "off_confirmed", "may_emit", "off_doubt", "arrays",
+    "short_writes", "stopped_by", "off_sent", "off_after", "off_confirmed", "may_emit", "off_doubt", "arrays",
 )  # fmt: skip
 ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 

@@ -11,6 +11,8 @@ try:
     import typer
 
     from . import console
+    from .cli_arrays import Array, Calibration, Emulate, Serial, Uncalibrated, Watchdog
+    from .cli_selftest import selftest
     from .cli_sweep import sweep
 except KeyboardInterrupt:  # nothing has begun
     sys.exit("error: interrupted")
@@ -39,22 +41,6 @@ HAND_HELP = "palm: one rectangle; planes: palm and phalanges; skin: palpate's ow
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
 MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
-Array = Annotated[
-    str, typer.Option(help="emulator, pat16, sonicsurface, autd3, or a JSON file of several arrays and their poses.")
-]
-Serial = Annotated[
-    str | None, typer.Option(help="Which one, by serial number; of an autd3 its network interface or address.")
-]
-Calibration = Annotated[
-    Path | None, typer.Option(metavar="BOARD.pat", help="Board file of a pat16: wiring, phase offsets, serial number.")
-]
-Emulate = Annotated[bool, typer.Option("--emulate", help="A model of the array instead of the array.")]
-Watchdog = Annotated[
-    bool, typer.Option("--watchdog", help="A second process switches the array off if this one is killed.")
-]
-Uncalibrated = Annotated[
-    bool, typer.Option("--uncalibrated", help="Play on a real pat16 without its board file: wired as published ones.")
-]
 Kind = Annotated[str | None, typer.Option(help="Of a volume: occupancy, distance, intensity, label.")]
 Level = Annotated[float | None, typer.Option(help="Of an intensity volume: its value on the surface.")]
 Label = Annotated[list[int] | None, typer.Option(help="Of a segmented volume: labels that are solid; may be repeated.")]
@@ -334,23 +320,7 @@ def devices(
     _run("play_job", "run_devices", calibration or [], as_json=json)
 
 
-@app.command()
-def selftest(
-    array: Array = "emulator",
-    serial: Serial = None,
-    calibration: Calibration = None,
-    emulate: Emulate = False,
-    height: Annotated[float, typer.Option(help="Of the hand above the array [m].")] = 0.2,
-    seconds: Annotated[float, typer.Option(help="Of each of the three stimuli [s].")] = 3.0,
-    watchdog: Watchdog = False,
-    uncalibrated: Uncalibrated = False,
-    baud: Annotated[int | None, typer.Option(help="Of a sonicsurface with unusual firmware [Bd].")] = None,
-    clock: Annotated[str, typer.Option(help="Of the emulated array: monotonic or virtual.")] = "monotonic",
-    json: Json = False,
-) -> None:
-    """Play a modulated point, a circle and a slow turn, for a hand held above the array."""
-    options = {name: value for name, value in locals().items() if name != "json"}
-    _run("selftest", "run_selftest", options, as_json=json)
+app.command()(selftest)
 
 
 @app.command()

@@ -16,7 +16,7 @@ from ..datasets.ptlist import read_ptlist
 from ..datasets.reader import ContourFile
 from ..device.array import SONICSURFACE_BAUD, array_model
 from ..device.autd3 import open_autd3
-from ..device.bus import emulated_backend
+from ..device.bus import EmulatedBus, emulated_backend
 from ..device.clock import Clock, MonotonicClock, VirtualClock
 from ..device.discovery import open_link
 from ..device.ensemble import play_together
@@ -142,7 +142,7 @@ class Connection:
             yield links
 
 
-def emulated_bus(placed: PlacedArray, clock: Clock) -> Backend:
+def emulated_bus(placed: PlacedArray, clock: Clock) -> EmulatedBus:
     """A bus with a model of one board, of the serial number and the UART's rate that are asked for."""
     model = placed.model
     serial = placed.serial or model.serial

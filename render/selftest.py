@@ -16,6 +16,7 @@ MODULATION = 200.0  # [Hz], where Pacinian corpuscles are most sensitive
 RADIUS = 0.02  # [m]; 7 m/s around it is 56 turns a second
 SLOW = 2 * np.pi * RADIUS  # [m/s] once around in a second: a hand feels which way
 FAST_ENOUGH = 1000.0  # [Hz] of update rate, for a circle at 7 m/s
+HEIGHT, SECONDS = 0.2, 3.0  # [m], [s] unless asked for
 SECONDS_MOST = 60.0  # within the limits of on-time
 STIMULI = {
     "point": "a point, modulated",
@@ -46,11 +47,15 @@ def stimulus(name: str, height: float, seconds: float, sampling: SamplingStrateg
 
 def run_selftest(options: dict, *, as_json: bool) -> None:
     """Play them all and report."""
+    if options["overwrite"]:
+        raise StrategyError("--overwrite means nothing without --acceptance REPORT.json")
     arrays = load_rig(
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
     models = [placed.model for placed in arrays]
-    zone, height, seconds = models[0].focal_zone, options["height"], options["seconds"]
+    height = HEIGHT if options["height"] is None else options["height"]
+    seconds = SECONDS if options["seconds"] is None else options["seconds"]
+    zone = models[0].focal_zone
     if not zone.z_min <= height <= zone.z_max:
         raise StrategyError(f"height must lie in {zone.z_min}..{zone.z_max} m for array {models[0].name}, not {height}")
     if not 0 < seconds <= SECONDS_MOST:

@@ -1,0 +1,23 @@
+"""Options of all commands that play to an array."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Array = Annotated[
+    str, typer.Option(help="emulator, pat16, sonicsurface, autd3, or a JSON file of several arrays and their poses.")
+]
+Serial = Annotated[
+    str | None, typer.Option(help="Which one, by serial number; of an autd3 its network interface or address.")
+]
+Calibration = Annotated[
+    Path | None, typer.Option(metavar="BOARD.pat", help="Board file of a pat16: wiring, phase offsets, serial number.")
+]
+Emulate = Annotated[bool, typer.Option("--emulate", help="A model of the array instead of the array.")]
+Watchdog = Annotated[
+    bool, typer.Option("--watchdog", help="A second process switches the array off if this one is killed.")
+]
+Uncalibrated = Annotated[
+    bool, typer.Option("--uncalibrated", help="Play on a real pat16 without its board file: wired as published ones.")
+]

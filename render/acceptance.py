@@ -34,14 +34,14 @@ def run_acceptance(options: dict, *, as_json: bool) -> int:
             "array": placed.model.name,
             "serial": placed.serial or placed.model.serial,
             "emulated": session.emulated,
-            "clock": connection.clock if session.emulated else "monotonic",
             "calibration": calibration_of(options["calibration"], placed.model),
             **machine(),
         },
     )
     steps = steps_for(placed.model.name)
     with _kept(report, questioner), _signals_raise(), session:
-        report.write(serial=session.link.serial, transport=session.link.transport)
+        link = session.link
+        report.write(serial=link.serial, transport=link.transport, clock=link.clock.name)
         questioner.note(f"{len(steps)} steps. At each question: {AT_ALL_TIMES}.")
         ended = _ask_all(steps, session, questioner, report)
         report.write(ended_by="quit" if not ended else "end")

@@ -75,9 +75,11 @@ class Stimulus:
         emitting = self.emitting(model).astype(np.float32)
         for first in range(0, count, size):
             frame = np.arange(first, min(first + size, count))
-            delay = focus_delays(self.position(model, frame / rate), model.position, SOUND_SPEED / model.carrier)
+            moving = frame if self.radius else frame[:1]  # a focal point that stays has the delays of one frame
+            delay = focus_delays(self.position(model, moving / rate), model.position, SOUND_SPEED / model.carrier)
             amplitude = self.level(model, frame)[:, None] * emitting
-            yield array("B", encode_frames(delay, amplitude, array=model).tobytes())
+            delays = np.broadcast_to(delay, amplitude.shape)
+            yield array("B", encode_frames(delays, amplitude, array=model).tobytes())
 
     def parameters(self, model: ArrayModel) -> dict[str, object]:
         """Everything about it, with the update rate, for a report."""

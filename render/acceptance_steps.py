@@ -150,15 +150,20 @@ _FOCUS = Step(
         Answer(
             "right-far",
             "It is one point, to the right and away from me.",
-            "y is mirrored: what should be at y = -20 mm is at +20 mm.",
-            _WIRING,
+            "y is mirrored, if the array stands by its markings; if by step `corner`, it was moved since.",
+            "Step `corner` again, then the wiring. " + _WIRING,
         ),
-        Answer("left-near", "It is one point, to the left and towards me.", "x is mirrored.", _WIRING),
+        Answer(
+            "left-near",
+            "It is one point, to the left and towards me.",
+            "x is mirrored, if the array stands by its markings; if by step `corner`, it was moved since.",
+            "Step `corner` again, then the wiring. " + _WIRING,
+        ),
         Answer(
             "left-far",
             "It is one point, to the left and away from me.",
-            "The array stands turned by half a turn, or x and y are exchanged.",
-            "Turn it until step `corner` holds; if it does, the wiring. " + _WIRING,
+            "The array is mirrored, and standing by step `corner` it has x and y exchanged; or it was turned since.",
+            "Step `corner` again, then the wiring. " + _WIRING,
         ),
         Answer(
             "weak",
@@ -215,7 +220,6 @@ _OFF = (
         "Had the sound ended when the line came?",
         (Answer("ended", "It had ended, or ended with the line."), *_OFF_ANSWERS),
         (Stimulus(3.0, modulation=HEARD),),
-        arrays=CLOCKED,
     ),
     Step(
         "stopping",
@@ -374,7 +378,7 @@ _PLUG = (
                 "none",
                 "Nothing is felt.",
                 "The board was not ready: it takes no frame in the first second after it gets its power.",
-                "`SETTLING` in render/acceptance_board.py: a longer time; if that helps, so does it in `PatLink`.",
+                "`SETTLING` in render/acceptance_board.py: longer. If it helps, `PatLink` in device/pat16.py needs it.",
             ),
         ),
         (Stimulus(6.0, centre=(0.03, -0.02, 0.2)),),

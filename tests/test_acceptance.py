@@ -14,7 +14,7 @@ from palpate.device.bus import emulated_backend
 from palpate.device.clock import VirtualClock
 from palpate.device.errors import DeviceNotFoundError
 from palpate.device.faults import Fault, FaultKind
-from palpate.render import acceptance_report, playback
+from palpate.render import acceptance_board, acceptance_report, playback
 from palpate.render.acceptance_board import PATIENCE, BoardSession
 from palpate.render.acceptance_steps import STEPS
 from palpate.render.cli import app
@@ -70,8 +70,9 @@ def test_other_arrays_are_asked_what_makes_sense_for_them(array, hour):
     assert [entry["step"] for entry in done.report["steps"]] == steps_of(array)
 
 
-def test_an_autd3_is_asked_too(hour):
+def test_an_autd3_is_asked_too(hour, monkeypatch):
     pytest.importorskip("autd3")
+    monkeypatch.setattr(acceptance_board, "PAUSE", 0.0)  # its emulated device runs in real time
     done = hour(answers_of("autd3"), array="autd3")
     assert done.code == DONE, done.shown
     assert done.report["clock"] == "monotonic"  # its emulated device knows no other

@@ -1,0 +1,104 @@
+"""Signals while the first hour is under way: the array is off, the report is kept."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from acceptance_script import Emulated, answers_of, shorten, spend_hour, steps_of
+
+from palpate.render.acceptance_frames import Stimulus
+
+FAILED = 1
+COMMAND = [sys.executable, "-P", "-c", "from palpate.render.cli import main; main()", "selftest", "--emulate"]
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+
+
+@pytest.fixture(autouse=True)
+def _hangup_ends():
+    """Whatever runs the tests, such as nohup, may ignore SIGHUP."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.fixture
+def emulated(monkeypatch):
+    """The emulated buses of a run, kept to look at their boards afterwards."""
+    emulated = Emulated(monkeypatch)
+    monkeypatch.setattr("acceptance_script.Emulated", lambda *_, **__: emulated)
+    return emulated
+
+
+@pytest.mark.parametrize("array", ["emulator", "pat16", "sonicsurface"])
+@pytest.mark.parametrize("signum", SIGNALS, ids=lambda signum: signum.name)
+@pytest.mark.parametrize("step", ["corner-y", "stopping", "replug"])
+def test_a_signal_in_the_middle_of_a_step(step, signum, array, capsys, monkeypatch, tmp_path, emulated):
+    """It comes while the step's frames are taken; the board's own model says whether it emits, 10 s later."""
+    shorten(monkeypatch, 3000)
+    before, answers = steps_of(array).index(step), answers_of(array)
+    whole, asked = Stimulus.blocks, []
+
+    def blocks(self, model):
+        for number, block in enumerate(whole(self, model)):
+            if number == 2 and len(asked) == before:
+                os.kill(os.getpid(), signum)
+            yield block
+
+    monkeypatch.setattr(Stimulus, "blocks", blocks)
+    handlers = [signal.getsignal(one) for one in SIGNALS]
+    done = spend_hour(capsys, monkeypatch, tmp_path / "r.json", answers, array=array, look=asked.append)
+    assert done.code == FAILED
+    assert (done.report["ended_by"], done.report["steps"][-1]["step"]) == (signum.name, step)
+    assert [entry["answer"] for entry in done.report["steps"]] == [*answers[:before], None]
+    last = done.report["steps"][-1]["played"][-1]
+    assert (last["report"]["stopped_by"], last["report"]["off_sent"]) == (signum.name, True)
+    emulated.bus.clock.advance(10.0)
+    assert not emulated.bus.board().emitting
+    assert [signal.getsignal(one) for one in SIGNALS] == handlers
+
+
+@pytest.mark.parametrize("signum", SIGNALS, ids=lambda signum: signum.name)
+def test_a_signal_while_an_answer_is_awaited(signum, capsys, monkeypatch, tmp_path, emulated):
+    shorten(monkeypatch, 200)
+
+    def look(number):
+        if number == 5:
+            os.kill(os.getpid(), signum)
+
+    done = spend_hour(capsys, monkeypatch, tmp_path / "r.json", answers_of("pat16"), look=look)
+    assert (done.code, done.report["ended_by"], done.result["error"]) == (FAILED, signum.name, "interrupted")
+    assert [entry["answer"] for entry in done.report["steps"]] == [*answers_of("pat16")[:5], None]
+    assert done.step("turn")["played"][0]["report"]["off_sent"]
+    emulated.bus.clock.advance(10.0)
+    assert not emulated.bus.board().emitting
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM], ids=lambda signum: signum.name)
+@pytest.mark.parametrize("shown", ["It plays (1).", "Where is it?"])
+def test_a_signal_to_the_command_in_real_time(shown, signum, tmp_path):
+    """A process of its own, its input a pipe that stays open; it ends with one sentence."""
+    path = tmp_path / "r.json"
+    child = subprocess.Popen(
+        [*COMMAND, "--acceptance", str(path), "--array", "pat16"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        child.stdin.write("silent\n")
+        child.stdin.flush()
+        lines = iter(child.stderr.readline, "")
+        assert any(line.startswith(shown) for line in lines)
+        child.send_signal(signum)
+        rest = child.communicate(timeout=60)[1]
+    finally:
+        child.kill()
+        child.wait()
+    assert child.returncode == FAILED, rest
+    assert "Traceback" not in rest
+    report = json.loads(path.read_text())
+    assert report["ended_by"] == signum.name
+    assert [entry["answer"] for entry in report["steps"]] == ["silent", None]
+    played = report["steps"][1]["played"][0]["report"]
+    assert played is None or played["off_sent"]  # None: the signal came before the player had begun

@@ -49,7 +49,7 @@ class BoardSession:
             self._bus = emulated_bus(placed, CLOCKS[connection.clock]())
             connection = replace(connection, backend=self._bus)
         self._placed, self._connection, self._note = placed, connection, note
-        self._opened = ExitStack()
+        self._stack = ExitStack()
         self._playing: tuple[Link, Player] | None = None
 
     def __enter__(self) -> Self:
@@ -61,15 +61,16 @@ class BoardSession:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Close it."""
-        self._opened.close()
+        self._stack.close()
 
     @property
     def link(self) -> Link:
         """The opened array."""
-        return self._opened_pair[0]
+        return self._link_and_player[0]
 
     @property
-    def _opened_pair(self) -> tuple[Link, Player]:
+    def _link_and_player(self) -> tuple[Link, Player]:
+        """Both, while the array is opened; else DeviceNotFoundError."""
         if self._playing is None:
             raise DeviceNotFoundError(f"array {self.model.name} is not opened")
         return self._playing
@@ -92,7 +93,7 @@ class BoardSession:
     def _play_one(self, stimulus: Stimulus, step: Step, log: list[dict[str, object]]) -> None:
         entry: dict[str, object] = {"parameters": stimulus.parameters(self.model), "report": None, "error": None}
         log.append(entry)
-        link, player = self._opened_pair
+        link, player = self._link_and_player
         clock = link.clock
         clock.sleep_until_ns(clock.now_ns() + round(PAUSE * 1e9))
         stops: list[int] = []
@@ -115,7 +116,7 @@ class BoardSession:
             yield from stimulus.blocks(self.model)
             self._note("Now it is stopped.")
             stops.append(self.link.clock.now_ns())
-            self._opened_pair[1].stop()
+            self._link_and_player[1].stop()
             yield from replace(stimulus, seconds=AFTER_STOP).blocks(self.model)
         elif step.act == "unplug" and self._bus is not None:
             yield from replace(stimulus, seconds=UNPLUGGED_AFTER).blocks(self.model)
@@ -125,14 +126,14 @@ class BoardSession:
             yield from stimulus.blocks(self.model)
 
     def _open(self) -> None:
-        (link,) = self._opened.enter_context(self._connection.all_of([self._placed]))
+        (link,) = self._stack.enter_context(self._connection.all_of([self._placed]))
         self._playing = link, Player(link)
 
     def _reopen(self) -> None:
         """Close the array, and open it once it is found again, however long a person takes, up to `PATIENCE`."""
         clock = self.link.clock
         self._playing = None
-        self._opened.close()
+        self._stack.close()
         if self._bus is not None:
             self._bus.unplug()
             self._bus.replug()
@@ -150,7 +151,7 @@ class BoardSession:
 
 
 def counters(report: PlayReport, frame_count: int, *, stopped: bool) -> str:
-    """What the counters of a playback say, in a line."""
+    """The counters of a playback as one line."""
     of = "" if stopped else f" of {frame_count}"
     board = "" if report.board_underruns is None else f" ({report.board_underruns} by the board's own count)"
     return (

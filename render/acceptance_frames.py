@@ -1,4 +1,4 @@
-"""What a step of the acceptance plays: focal points by their numbers, made into wire bytes as they are played."""
+"""Stimuli of the acceptance: focal points described by numbers, made into wire bytes as they are played."""
 
 from __future__ import annotations  # array("B") takes no index at run time
 
@@ -46,7 +46,7 @@ class Stimulus:
         return max(round(self.seconds * self.update_rate(model)), 1)
 
     def emitting(self, model: ArrayModel) -> np.ndarray:
-        """Which transducers emit, bool, shape [transducer]."""
+        """True for each transducer that emits, shape [transducer]."""
         if self.corner is None:
             return np.ones(model.transducer_count, bool)
         return (np.sign(model.position[:, :2]) == self.corner).all(axis=1)

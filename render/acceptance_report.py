@@ -1,4 +1,4 @@
-"""The report of an acceptance: what was asked, answered and played, as JSON that is whole after each step."""
+"""The report of an acceptance: questions, answers and playbacks as JSON, a whole file after each step."""
 
 import hashlib
 import json
@@ -73,7 +73,7 @@ def machine() -> dict[str, object]:
 
 
 def calibration_of(path: Path | None, model: ArrayModel) -> dict[str, object]:
-    """Which calibration drives were made with: name and SHA-256 of the board file, whether there is one."""
+    """The calibration that drives are made with: name and SHA-256 of the board file; null without one."""
     return {
         "calibrated": model.calibrated,
         "file": None if path is None else path.name,

@@ -8,6 +8,7 @@ import sys
 import pytest
 from acceptance_script import EXPECTED, Emulated, answers_of, shorten, spend_hour, steps_of
 from typer.testing import CliRunner
+from umockdev_session import write_pat_file
 
 from palpate.device.array import array_model
 from palpate.device.bus import emulated_backend
@@ -61,6 +62,19 @@ def test_a_whole_hour_of_expected_answers_exits_0_and_records_everything(capsys,
     assert done.step("replug")["played"][0]["report"]["frames"] == 60_000  # 10 kHz for 6 s
     assert done.step("silent")["played"] == []
     assert done.result["answered"] == done.result["steps"] == 14
+
+
+def test_the_report_names_the_board_file_and_its_digest(hour, tmp_path):
+    """The digest is that of `sha256sum`, of coreutils; the folder, which may name a person, is left out."""
+    folder = tmp_path / "somebody"
+    folder.mkdir()
+    board = folder / "board.pat"
+    write_pat_file(board, serial="FT4TKZL8")
+    digest = subprocess.run(["sha256sum", str(board)], capture_output=True, text=True, check=True).stdout.split()[0]
+    done = hour(answers_of("pat16"), calibration=board)
+    assert done.report["calibration"] == {"calibrated": True, "file": "board.pat", "sha256": digest}
+    assert done.report["serial"] == "FT4TKZL8"
+    assert "somebody" not in json.dumps(done.report)
 
 
 @pytest.mark.parametrize("array", ["emulator", "sonicsurface"])

@@ -119,7 +119,7 @@ def _kept(report: AcceptanceReport, questioner: Questioner) -> Iterator[None]:
     finally:
         if report.path.exists():
             answered = sum(entry["answer"] is not None for entry in report.steps)
-            questioner.note(f"\nThe report has {answered} answers: {report.path}")
+            questioner.note(f"\nAnswers in the report: {answered} ({report.path})")
 
 
 @contextmanager

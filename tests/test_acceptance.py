@@ -140,7 +140,7 @@ def test_the_end_of_input_ends_it_with_a_clear_message(count, hour):
     name = steps_of("pat16")[count]
     assert done.result["error"] == f"the input ended before step {name!r} was answered"
     assert [entry["answer"] for entry in done.report["steps"]] == [*answers_of("pat16")[:count], None]
-    assert f"The report has {count} answers: " in done.shown
+    assert f"Answers in the report: {count} (" in done.shown
 
 
 def test_a_scripts_line_that_is_no_answer_is_misuse_lest_those_behind_it_answer_other_questions(hour):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Final, Protocol, Self, TypeVar
 
@@ -24,16 +25,29 @@ def end_process(signum: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt(signal.Signals(signum).name)
 
 
-def end_process_on_signals() -> None:
-    """Install `end_process` for SIGINT, SIGTERM and SIGHUP, except for a SIGHUP that nohup has made ignored.
+@contextmanager
+def ending_on_signals() -> Generator[None]:
+    """While active, `end_process` handles SIGINT, SIGTERM and SIGHUP, except for a SIGHUP that nohup made ignored.
 
-    Only the main thread may do so; elsewhere nothing happens.
+    After a signal they stay ignored: the process ends. Away from the main thread, which alone may set handlers, nothing
+    happens.
     """
-    if threading.current_thread() is not threading.main_thread():
-        return
-    for signum in _STOP_SIGNALS:
-        if signal.getsignal(signum) != signal.SIG_IGN:
-            signal.signal(signum, end_process)
+    previous: dict[int, object] = {}
+    if threading.current_thread() is threading.main_thread():
+        for signum in _STOP_SIGNALS:
+            if signal.getsignal(signum) != signal.SIG_IGN:
+                previous[signum] = signal.signal(signum, end_process)
+    try:
+        yield
+    finally:
+        for signum, handler in previous.items():
+            if signal.getsignal(signum) is end_process:
+                _restore(signum, handler)
+
+
+def _restore(signum: int, handler: object) -> None:
+    # None: it was not installed from Python, and cannot be put back
+    signal.signal(signum, signal.SIG_DFL if handler is None else handler)  # pyright: ignore[reportArgumentType]  # what signal.signal gave
 
 
 class Stoppable(Protocol):
@@ -75,8 +89,7 @@ class StopSignals:
         for signum, handler in self._previous.items():
             if self.signum is not None and handler is end_process:
                 handler = signal.SIG_IGN  # it ends already
-            # None: it was not installed from Python, and cannot be put back
-            signal.signal(signum, signal.SIG_DFL if handler is None else handler)  # pyright: ignore[reportArgumentType]  # what signal.signal gave
+            _restore(signum, handler)
 
     def iterate(self, blocks: Iterable[T]) -> Iterator[T]:
         """The blocks, until a signal comes."""

@@ -53,7 +53,7 @@ class BoardSession:
         self._playing: tuple[Link, Player] | None = None
 
     def __enter__(self) -> Self:
-        """Open the array."""
+        """Open the array and silence it."""
         self._open()
         return self
 
@@ -127,6 +127,7 @@ class BoardSession:
 
     def _open(self) -> None:
         (link,) = self._stack.enter_context(self._connection.all_of([self._placed]))
+        link.start(link.array.divider_default)  # opening sends nothing, so what a killed player left would play on
         self._playing = link, Player(link)
 
     def _reopen(self) -> None:

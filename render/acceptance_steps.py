@@ -82,7 +82,7 @@ _SILENT = Step(
         Answer(
             "sound",
             "There is a tone, a hiss or a breeze.",
-            "Opening the array did not silence it: the board did not take the off frame that opening sends.",
+            "Starting the array did not silence it: the board did not take the off frames that a start sends.",
             _GRID,
         ),
     ),

@@ -15,7 +15,7 @@ from ..device.discovery import find_arrays, udev_rule
 from ..device.errors import NoBackendError
 from ..device.limits import Limits
 from ..device.report import PlayReport
-from ..device.signals import end_process_on_signals
+from ..device.signals import ending_on_signals
 from . import console
 from .drive import DriveStrategy
 from .errors import StrategyError
@@ -37,13 +37,13 @@ ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 
 def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     """Play and report; the exit code is 1 if anything was warned of, and `strict` asked for."""
-    end_process_on_signals()
     arrays = load_rig(
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
     require_device(options["device"])
     names = ", ".join(f"{placed.model.name} {placed.serial or ''}".strip() for placed in arrays)
-    with console.playback_line(f"playing {file} to {names}; Ctrl-C stops it", quiet=as_json) as line:
+    line_of_progress = console.playback_line(f"playing {file} to {names}; Ctrl-C stops it", quiet=as_json)
+    with ending_on_signals(), line_of_progress as line:
         playback = play_file(
             file,
             array=arrays,

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..device.ensemble import play_together
+from ..device.signals import ending_on_signals
 from . import console
 from .drive import Driver
 from .errors import StrategyError
@@ -68,7 +69,7 @@ def run_selftest(options: dict, *, as_json: bool) -> None:
     )
     sampling = SamplingStrategy(update_rate=models[0].update_rate(models[0].divider_default))
     results = {}
-    with connection.all_of(arrays) as links:
+    with ending_on_signals(), connection.all_of(arrays) as links:
         for name, told in STIMULI.items():
             if not as_json:
                 console.errors.print(f"{told}: hold a palm {height:g} m above the array for {seconds:g} s")

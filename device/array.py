@@ -322,8 +322,11 @@ def _calibrated_pat16(path: Path) -> ArrayModel:
         )
     column, row = np.rint(file.position[:, :2].T / _PITCH + 7.5).astype(np.intp)
     rank = np.argsort(row * 16 + column)
-    if np.abs(file.position[rank] - board.position).max() > _PITCH / 2:
-        raise CalibrationError(f"{path}: line 4 has positions that are not 16 x 16 at 10.5 mm about the middle")
+    if (worst := np.abs(file.position[rank] - board.position).max()) > _PITCH / 2:
+        raise CalibrationError(
+            f"{path}: the positions are not 16 x 16 at 10.5 mm about the middle: one is {worst * 1e3:.4g} mm beside "
+            "its place, but half a pitch is the bound"
+        )
     return replace(
         board,
         position=_frozen(file.position[rank].astype(np.float32)),

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.device.array import array_model, array_names
-from palpate.device.errors import DeviceError, UnknownArrayError, UpdateRateError
-from palpate.device.pat_file import CalibrationError, read_pat
+from palpate.device.errors import UnknownArrayError, UpdateRateError
 
 GRID = [round(-78.75 + 10.5 * step, 2) for step in range(16)]
 # published lists of wiring, as comma-separated text: OpenMPD's board files, SonicSurface.py
@@ -177,62 +176,3 @@ def test_a_board_file_gives_each_transducer_its_own_pin_offset_and_factor(tmp_pa
 def test_a_board_file_without_factors_has_factor_1(tmp_path: Path) -> None:
     lines, *_ = board_lines(np.random.default_rng(3))
     assert (array_model("pat16", calibration=write(tmp_path / "b.pat", lines[:6])).gain == 1).all()
-
-
-@pytest.mark.parametrize(
-    ("line", "old", "new", "message"),
-    [
-        (1, "FT4TKZL8", "", "line 1 is empty, but should hold the serial number"),
-        (2, "256", "two", "line 2 has 'two' where a whole number from 1 belongs"),
-        (2, "256", "255", "line 4 has 256 positions, but line 2 says 255"),
-        (3, "128", "-1", "line 3 has '-1'"),
-        (3, "128", "32", "describes a board of 256 transducers and 32 steps of phase, but a pat16 has 256 and 128"),
-        (4, "(-0.078750, 0.078750", "(-78.750, 0.078750", "line 4 has a position of -78.75, which is not within 1 m"),
-        (4, "(-0.078750, 0.078750, 0.000000)", "(-0.078750, 0.078750)", "line 4 has 2 numbers where 3 belong"),
-        (4, "(-0.078750, 0.078750", "(x, 0.078750", "line 4 has 'x' where a number belongs"),
-        (4, "(-0.078750, 0.078750", "(nan, 0.078750", "line 4 has 'nan' where a number belongs"),
-        (4, "(-0.078750, 0.078750", "junk (-0.078750, 0.078750", "line 4 should hold positions"),
-        (4, "(-0.078750, 0.078750", "(-0.068250, 0.078750", "line 4 has positions that are not 16 x 16 at 10.5 mm"),
-        (5, ",", ",7,", "line 5 has 512 numbers where 256 belong"),
-        (6, ",", ",400,", "line 6 has 512 numbers"),
-    ],
-)
-def test_a_wrong_board_file_is_refused_with_the_line(
-    tmp_path: Path, line: int, old: str, new: str, message: str
-) -> None:
-    lines, *_ = board_lines(np.random.default_rng(3))
-    count = 256 if line in (5, 6) else 1
-    lines[line - 1] = lines[line - 1].replace(old, new, count)
-    with pytest.raises(CalibrationError, match=re.escape(message)) as caught:
-        array_model("pat16", calibration=write(tmp_path / "board.pat", lines))
-    assert str(caught.value).startswith(str(tmp_path / "board.pat"))
-    assert isinstance(caught.value, DeviceError)
-
-
-@pytest.mark.parametrize(
-    ("line", "values", "message"),
-    [
-        (5, [0, *range(255)], "line 5 is no permutation of the pins 0..255"),
-        (5, [256, *range(255)], "line 5 is no permutation"),
-        (6, [361] + [0] * 255, "line 6 has a phase offset of 361, which is not within 360 degrees"),
-        (7, [1.01] + [1] * 255, "line 7 has an amplitude factor of 1.01, which is not in 0..1"),
-    ],
-)
-def test_values_out_of_range_are_refused_with_the_line(
-    tmp_path: Path, line: int, values: list[float], message: str
-) -> None:
-    lines, *_ = board_lines(np.random.default_rng(3))
-    lines[line - 1] = ",".join(map(str, values))
-    with pytest.raises(CalibrationError, match=re.escape(message)):
-        read_pat(write(tmp_path / "board.pat", lines))
-
-
-def test_what_is_no_board_file_is_refused(tmp_path: Path) -> None:
-    for content, message in ((b"", "has 0 lines"), (b"\xff\xfe\x00" * 9, "is not text"), (b"1\n" * 600_000, "1 MiB")):
-        (tmp_path / "x.pat").write_bytes(content)
-        with pytest.raises(CalibrationError, match=message):
-            read_pat(tmp_path / "x.pat")
-    with pytest.raises(CalibrationError, match="cannot be read: No such file"):
-        read_pat(tmp_path / "missing.pat")
-    with pytest.raises(CalibrationError, match="array emulator has no board file"):
-        array_model("emulator", calibration=tmp_path / "x.pat")

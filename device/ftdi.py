@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import warnings
+from collections.abc import Mapping
 from typing import Final, Self, cast
 
 from .array import ArrayModel
-from .errors import link_error
+from .errors import LinkError, link_error
 from .ftdi_baud import FtdiChip, baud_setting
 from .lookup import DriverDevice, driver_is_bound, find_device
 from .pyusb import Backend, UsbDevice, UsbError, claim, dispose
@@ -18,12 +20,17 @@ from .pyusb import Backend, UsbDevice, UsbError, claim, dispose
 BULK_OUT: Final = 0x02
 """Endpoint of the bytes to the board."""
 
-_VENDOR_OUT = 0x40
+_VENDOR_OUT, _VENDOR_IN = 0x40, 0xC0
 _RESET, _FLOW, _BAUD, _LINE, _LATENCY, _BITMODE = 0x00, 0x02, 0x03, 0x04, 0x09, 0x0B
+_READ_EEPROM = 0x90  # wIndex is the number of a word of two bytes, low byte first
 _RESET_ALL, _PURGE_RX, _PURGE_TX = 0, 1, 2
 _LINE_8N1 = 0x0008
 _PORT = 1
 _TIMEOUT_MS = 500
+
+# The lower four bits of an FT232H's first EEPROM byte say what its pins are after a reset.
+_FIFO_MODE, _BLANK = 1, 0xFFFF
+_MODES: Final[Mapping[int, str]] = {0: "UART", 2: "fast serial (opto)", 4: "CPU FIFO", 8: "FT1248"}
 
 
 class FtdiPort:
@@ -99,6 +106,39 @@ class FtdiPort:
                 return False
             raise link_error(self.who, error.errno, error) from error
         return True
+
+    def require_fifo_mode(self) -> None:
+        """Make sure that the EEPROM of an FT232H sets it to its asynchronous FIFO mode, which a pat16 reads from.
+
+        A chip in another mode takes the same bytes without an error, and none of them reaches the board. A blank
+        EEPROM, or none, leaves the chip a UART, so it is refused as well. A chip that does not answer the request may
+        still be in FIFO mode, and in another mode the board stays as it is: so that is a warning only.
+
+        Raises:
+            LinkError: the EEPROM is blank, or says another mode; the message says how to set it. Or the chip is gone.
+        """
+        try:
+            reply = self.device.ctrl_transfer(_VENDOR_IN, _READ_EEPROM, 0, 0, 2, _TIMEOUT_MS)
+        except UsbError as error:
+            if error.errno not in (errno.EPIPE, errno.ETIMEDOUT):
+                raise link_error(self.who, error.errno, error) from error
+            reply = 0
+        if isinstance(reply, int) or len(reply) != 2:
+            text = f"array {self.who} may be silent: its FT232H does not give its EEPROM, so its mode is not known"
+            warnings.warn(text, RuntimeWarning, stacklevel=3)
+            return
+        word = reply[0] | reply[1] << 8
+        mode = word & 0x0F
+        if word != _BLANK and mode == _FIFO_MODE:
+            return
+        said = "is blank or missing, which makes it a UART"
+        if word != _BLANK:
+            said = f"sets it to {_MODES.get(mode, f'mode {mode}, which is none of its modes')}"
+        raise LinkError(
+            f"array {self.who} cannot be reached: the EEPROM of its FT232H {said}, but the board reads from it as a "
+            "245 FIFO. Set it with FTDI's FT_PROG (hardware: 245 FIFO) or libftdi's ftdi_eeprom (cha_type=FIFO), unplug it "
+            "and plug it in. Line 1 of its board file must have the serial number that it has afterwards"
+        )
 
     def set_latency(self, milliseconds: int) -> None:
         """Time after which the chip sends a packet to the host that is not full, 1..255 ms."""

@@ -5,6 +5,8 @@ Written from what is published about the chips (docs/emulator.md lists it); they
 
 from __future__ import annotations
 
+import struct
+
 from .clock import Clock
 from .pat_board import PatBoard
 from .peripheral import BoardT, Descriptors, Peripheral
@@ -23,10 +25,19 @@ FT232R_CHIP_BYTES = 128
 FT232R_CLOCK = 3e6
 """Bits a second that the divisor divides [Bd]."""
 
+EEPROM_BYTES = 256
+"""Size of an FT232H's EEPROM, as far as it is used."""
+EEPROM_FIFO = struct.pack("<HHHH", 0x0001, VENDOR, FT232H_PRODUCT, 0x0900).ljust(EEPROM_BYTES, b"\0")
+"""An EEPROM that sets an FT232H to its asynchronous FIFO mode: mode, ids and release; the strings are left out."""
+EEPROM_BLANK = b"\xff" * EEPROM_BYTES
+"""An erased EEPROM, and what is read where there is none."""
+
 _INTERFACE_CLASS = (0xFF, 0xFF, 0xFF)
 _OUT, _IN = 0x40, 0xC0
 _RESET, _MODEM, _FLOW, _BAUD, _LINE = 0x00, 0x01, 0x02, 0x03, 0x04
 _MODEM_STATUS, _SET_LATENCY, _GET_LATENCY, _BIT_MODE = 0x05, 0x09, 0x0A, 0x0B
+_READ_EEPROM = 0x90
+_FIFO_MODE = 1  # in the lower four bits of the EEPROM's first byte
 _PURGE_RX, _PURGE_TX = 1, 2
 _STATUS = b"\x01\x60"  # no modem signal is high; the transmitter is empty
 _LATENCY_MS = 16  # after power-up
@@ -98,18 +109,34 @@ class _FtdiChip(Peripheral[BoardT]):
 
 
 class Ft232h(_FtdiChip[PatBoard]):
-    """An FT232H as a FIFO of 8 bits in front of a PAT board. In another bit mode the board cannot read from it."""
+    """An FT232H in front of a PAT board, which reads from it while it is a FIFO of 8 bits.
 
-    def __init__(self, clock: Clock, serial: str, board: PatBoard) -> None:
+    In another bit mode it takes nothing. As a UART, which a blank EEPROM makes of it, it takes all and the board reads
+    nothing.
+    """
+
+    def __init__(self, clock: Clock, serial: str, board: PatBoard, *, eeprom: bytes = EEPROM_FIFO) -> None:
         descriptors = Descriptors(
             VENDOR, FT232H_PRODUCT, "FTDI", "Single RS232-HS", serial, (BULK_IN, BULK_OUT), 512,
             release=0x0900, configuration=1, kernel_driver=True, interface_class=_INTERFACE_CLASS,
         )  # fmt: skip
         super().__init__(descriptors, board, clock)
+        self.eeprom = eeprom
+        """Content of its EEPROM, 256 bytes."""
+
+    def request(self, kind: int, request: int, value: int, index: int) -> bytes | None:
+        """Answer a vendor request; None is a stall. A word of the EEPROM is asked for by its number."""
+        if (kind, request) == (_IN, _READ_EEPROM):
+            return self.eeprom[2 * index : 2 * index + 2] or None
+        return super().request(kind, request, value, index)
 
     def accept(self, data: memoryview, *, since_ns: int | None = None) -> int:
-        """Bulk OUT; takes nothing in a bit mode that the board cannot read in."""
-        return 0 if self.bit_mode else super().accept(data, since_ns=since_ns)
+        """Bulk OUT; takes nothing in a bit mode that the board cannot read in, and all of it as a UART."""
+        if self.bit_mode:
+            return 0
+        if self.eeprom[0] & 0x0F != _FIFO_MODE:
+            return len(data)
+        return super().accept(data, since_ns=since_ns)
 
     def room_at_ns(self, byte_count: int) -> int:
         """When bulk OUT has room; in another bit mode, when to look again."""

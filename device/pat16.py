@@ -105,6 +105,7 @@ class PatLink(StreamLink):
         wanted = None if serial is None and emulated else serial or model.serial
         port = FtdiPort.open(model, serial=wanted, backend=backend)
         try:
+            port.require_fifo_mode()
             clock = clock or bus_clock
             way = open_transport(port.device, BULK_OUT, kind=transport, who=port.who, clock=clock)
         except BaseException:

@@ -12,7 +12,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import UnknownArrayError, UpdateRateError
+from .array_name import ALIASES, canonical_name
+from .errors import UpdateRateError
 from .ftdi_baud import FtdiChip, baud_setting
 from .pat_file import CalibrationError, read_pat
 
@@ -194,14 +195,14 @@ class ArrayModel:
 
 def array_names() -> tuple[str, ...]:
     """Names of the built-in arrays."""
-    return ("emulator", "pat16", "sonicsurface", "autd3")
+    return tuple(ALIASES)
 
 
 def array_model(name: str, *, calibration: Path | None = None, baud: int | None = None) -> ArrayModel:
     """The built-in array of that name.
 
     Args:
-        name: one of `array_names()`.
+        name: one of `array_names()`, or what else it is called (`openmpd`), in any case; the model has the first.
         calibration: board file (`.pat`) with the wiring and calibration of one board; for pat16 only.
         baud: rate of the UART [Bd]; for sonicsurface only, 230400 unless its firmware was compiled for another.
 
@@ -210,8 +211,7 @@ def array_model(name: str, *, calibration: Path | None = None, baud: int | None 
         CalibrationError: the board file is wrong, or none of this array's.
         UpdateRateError: an FTDI chip does not have that baud rate.
     """
-    if name not in array_names():
-        raise UnknownArrayError(f"unknown array {name!r}; known: {', '.join(array_names())}")
+    name = canonical_name(name)
     if calibration is not None and name != "pat16":
         raise CalibrationError(f"array {name} has no board file; {calibration} is one of a pat16")
     if baud is not None and name != "sonicsurface":

@@ -136,8 +136,8 @@ class FtdiPort:
             said = f"sets it to {_MODES.get(mode, f'mode {mode}, which is none of its modes')}"
         raise LinkError(
             f"array {self.who} cannot be reached: the EEPROM of its FT232H {said}, but the board reads from it as a "
-            "245 FIFO. Set it with FTDI's FT_PROG (hardware: 245 FIFO) or libftdi's ftdi_eeprom (cha_type=FIFO), unplug it "
-            "and plug it in. Line 1 of its board file must have the serial number that it has afterwards"
+            "245 FIFO. Set it with FTDI's FT_PROG (hardware: 245 FIFO) or libftdi's ftdi_eeprom (cha_type=FIFO), "
+            "then unplug it and plug it in. Line 1 of its board file must have the serial number that it has afterwards"
         )
 
     def set_latency(self, milliseconds: int) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 Array = Annotated[
-    str, typer.Option(help="emulator, pat16, sonicsurface, autd3, or a JSON file of several arrays and their poses.")
+    str, typer.Option(help="emulator, pat16 (openmpd), sonicsurface, autd3, or a JSON file of several and their poses.")
 ]
 Serial = Annotated[
     str | None, typer.Option(help="Which one, by serial number; of an autd3 its network interface or address.")

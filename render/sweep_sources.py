@@ -25,7 +25,8 @@ from ..datasets.errors import DatasetError
 from ..datasets.hand_alignment import alignment_pose
 from ..datasets.shapes import shape_names
 from ..device.array import array_names
-from ..device.errors import DeviceError
+from ..device.array_name import canonical_name
+from ..device.errors import DeviceError, UnknownArrayError
 from .errors import RenderError
 from .fields import told
 from .rig import load_rig
@@ -230,8 +231,10 @@ def _sampling(text: str, shelf: Shelf) -> Source:
 
 
 def _array(text: str, shelf: Shelf) -> Source:
-    source = Source("built-in", text, text)
-    if text not in array_names():
+    try:
+        name = canonical_name(text)
+        source = Source("built-in", name, name)
+    except UnknownArrayError:
         source = _file(text, shelf, array_names(), "array", "file")
     models = [entry.model for entry in load_rig(source.source)]  # arrays alike may differ in where they can focus
     identity = "+".join(model.identity() for model in models)

@@ -109,6 +109,11 @@ def test_play_tells_what_design_promises(rendered):
     assert told["jumps"] == sum(told["jumps_by_cause"].values())
 
 
+def test_play_takes_an_array_by_what_people_call_it(rendered):
+    told = answer("play", rendered, "--array", "OpenMPD", "--emulate", "--clock", "virtual", "--duration", "0.1")
+    assert told["array"] == "pat16"
+
+
 def test_play_takes_other_rates_and_speeds(rendered):
     told = answer("play", rendered, "--clock", "virtual", "--update-rate", "40000", "--speed", "5", "--duration", "0.5")
     assert told["frames"] == 20_000

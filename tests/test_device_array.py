@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.device.array import array_model, array_names
+from palpate.device.array_name import ALIASES, canonical_name
 from palpate.device.errors import UnknownArrayError, UpdateRateError
+from palpate.device.pat_file import CalibrationError
 
 GRID = [round(-78.75 + 10.5 * step, 2) for step in range(16)]
 # published lists of wiring, as comma-separated text: OpenMPD's board files, SonicSurface.py
@@ -94,9 +96,46 @@ def test_a_pose_that_is_none_is_refused(pose: list[float]) -> None:
         array_model("pat16").placed(pose)
 
 
-def test_an_unknown_array_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(UnknownArrayError, match="unknown array 'pat'; known: emulator, pat16, sonicsurface, autd3"):
-        array_model("pat")
+@pytest.mark.parametrize(
+    ("called", "own"),
+    [
+        ("openmpd", "pat16"),
+        ("OpenMPD", "pat16"),
+        ("PAT", "pat16"),
+        ("pat-16", "pat16"),
+        ("AsierInho", "pat16"),
+        ("sonic-surface", "sonicsurface"),
+        ("Sonic Surface", "sonicsurface"),
+        ("SonicSurface", "sonicsurface"),
+        ("AUTD", "autd3"),
+        ("AUTD3", "autd3"),
+        (" Emulator ", "emulator"),
+    ],
+)
+def test_what_people_call_an_array_gives_the_one_of_its_own_name(called: str, own: str) -> None:
+    assert array_model(called) is array_model(own)
+    assert (array_model(called).name, own in array_names()) == (own, True)
+
+
+def test_no_two_arrays_have_a_name_in_common() -> None:
+    names = [name for own, others in ALIASES.items() for name in (own, *others)]
+    assert sorted(map(canonical_name, names)) == sorted(own for own, others in ALIASES.items() for _ in (own, *others))
+    assert array_names() == ("emulator", "pat16", "sonicsurface", "autd3")
+
+
+@pytest.mark.parametrize("name", ["pat17", "", "sonic", "openmpd.json", "pat16,autd3"])
+def test_an_unknown_array_is_refused_with_names_and_aliases(name: str) -> None:
+    known = "emulator, pat16 (openmpd, asierinho, pat), sonicsurface (sonic-surface), autd3 (autd)"
+    with pytest.raises(UnknownArrayError, match=re.escape(f"unknown array {name!r}; known: {known}")):
+        array_model(name)
+
+
+def test_options_of_one_array_go_by_its_own_name_too(tmp_path: Path) -> None:
+    lines, *_ = board_lines(np.random.default_rng(3))
+    assert array_model("OpenMPD", calibration=write(tmp_path / "b.pat", lines)).name == "pat16"
+    assert array_model("Sonic-Surface", baud=1462857).baud == 1462857
+    with pytest.raises(CalibrationError, match="array autd3 has no board file"):
+        array_model("AUTD", calibration=tmp_path / "b.pat")
 
 
 @given(st.integers(1, 255))

@@ -258,6 +258,6 @@ def test_frames_of_another_board_are_refused() -> None:
 
 def test_an_array_without_a_codec_is_refused() -> None:
     with pytest.raises(UnknownArrayError, match="known: emulator"):
-        off_frame(array="pat")
+        off_frame(array="pat17")
     with pytest.raises(UnknownArrayError, match="array 'mine' has no wire format"):
         off_frame(array=replace(array_model("pat16"), name="mine"))

@@ -297,6 +297,14 @@ def test_emulated_boards_have_the_serial_numbers_and_rates_that_are_asked_for(mo
     assert playback.played.update_rate == pytest.approx(567, rel=0.03)
 
 
+def test_results_have_an_array_s_own_name_whatever_it_was_called(moving, tmp_path):
+    emulated = Connection(clock="virtual", emulate=True)
+    playback = play_file(moving, array="OpenMPD", duration=0.1, connection=emulated)
+    assert playback.played.array == playback.as_dict()["array"] == "pat16"
+    (tmp_path / "rig.json").write_text('[{"array": "openmpd"}, {"array": "PAT"}]')
+    assert [placed.model.name for placed in load_rig(str(tmp_path / "rig.json"))] == ["pat16", "pat16"]
+
+
 def test_more_foci_than_can_be_solved_are_refused(moving):
     with pytest.raises(StrategyError, match="foci must be at most 8 to be solved for an array, not 16"):
         play_file(moving, sampling=SamplingStrategy(foci=16), connection=VIRTUAL)

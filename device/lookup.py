@@ -112,11 +112,7 @@ def find_device(model: ArrayModel, serial: str | None, backend: Backend | None) 
     serials = ", ".join(one[1] or "(no serial number)" for one in found)
     hidden = sum(error.errno in (errno.EACCES, errno.EPERM) for error in refusals) if wanted is None else 0
     if chosen and len(chosen) + hidden > 1 and model.usb.generic:
-        unread = f", and {hidden} that this user may not ask" if hidden else ""
-        raise DeviceNotFoundError(
-            f"array {model.name} must be named by its serial number, for other things have its chip; found: "
-            f"{serials}{unread}"
-        )
+        raise DeviceNotFoundError(_which_of_them(model, len(chosen) + hidden, hidden, serials, wanted))
     if chosen:
         return chosen[0]
     who = f"{model.name} {wanted}" if wanted else model.name
@@ -124,6 +120,17 @@ def find_device(model: ArrayModel, serial: str | None, backend: Backend | None) 
         raise link_error(who, refusals[0].errno, refusals[0]) from refusals[0]
     there = f"found instead: {serials}" if found else "plug it in and switch it on"
     raise DeviceNotFoundError(f"array {who} was not found: {there}")
+
+
+def _which_of_them(model: ArrayModel, count: int, hidden: int, serials: str, wanted: str | None) -> str:
+    """Why none of several adapters is opened, and how to say which one is meant."""
+    if wanted is not None:
+        return f"{count} adapters have the serial number {wanted} of array {model.name}: unplug all but one"
+    unread = f", and {hidden} that this user may not ask" if hidden else ""
+    return (
+        f"array {model.name} is one of {count} adapters with its chip: {serials}{unread}. Say which by its serial "
+        "number (--serial): other things have that chip, too"
+    )
 
 
 def driver_is_bound(device: UsbDevice) -> bool:

@@ -22,6 +22,7 @@ from palpate.device.errors import (
     NoBackendError,
 )
 from palpate.device.faults import Fault, FaultKind
+from palpate.device.ftdi import FtdiPort
 from palpate.device.lookup import DeviceStrings
 from palpate.device.pat16 import PatLink
 from palpate.device.pat_file import CalibrationError
@@ -147,11 +148,25 @@ def test_each_array_is_opened_by_its_own_link(name: str, kind: type) -> None:
 @pytest.mark.parametrize("name", ["pat16", "sonicsurface"])
 def test_one_of_several_ftdi_chips_must_be_named(name: str) -> None:
     bus = emulated_backend(name, clock=VirtualClock(), serials=["one", "two"])
-    with pytest.raises(DeviceNotFoundError, match=r"must be named by its serial number, .* found: one, two"):
+    with pytest.raises(DeviceNotFoundError, match=f"array {name} is one of 2 .*: one, two. Say which .*--serial"):
         open_link(array_model(name), backend=bus)
     bus.unplug()
     with open_link(array_model(name), backend=bus) as link:
         assert link.serial == "two"
+
+
+def test_adapters_of_one_serial_number_cannot_be_told_apart() -> None:
+    bus = emulated_backend("pat16", clock=VirtualClock(), serials=["one", "one", "two"])
+    with pytest.raises(DeviceNotFoundError, match="2 adapters have the serial number one of array pat16"):
+        open_link(array_model("pat16"), serial="one", backend=bus)
+    open_link(array_model("pat16"), serial="two", backend=bus).close()
+
+
+def test_the_board_file_of_another_board_is_refused_with_what_is_plugged_in(tmp_path: Path) -> None:
+    board = write(tmp_path / "b.pat", board_lines(np.random.default_rng(0))[0])
+    bus = emulated_backend("pat16", clock=VirtualClock(), serials=["FT0THER0"])
+    with pytest.raises(DeviceNotFoundError, match="pat16 FT4TKZL8 was not found: found instead: FT0THER0"):
+        FtdiPort.open(array_model("pat16", calibration=board), backend=bus)  # an emulated `PatLink` takes any board
 
 
 @pytest.mark.parametrize("name", ["pat16", "sonicsurface"])
@@ -166,7 +181,7 @@ def test_a_chip_that_may_not_be_asked_counts_among_several(name: str, monkeypatc
 
     monkeypatch.setattr(lookup, "strings_of", refused)
     bus = emulated_backend(name, clock=VirtualClock(), serials=["one", "two"])
-    with pytest.raises(DeviceNotFoundError, match=r"must be named .* found: two, and 1 that this user may not ask"):
+    with pytest.raises(DeviceNotFoundError, match=r"one of 2 adapters .* two, and 1 that this user may not ask"):
         open_link(array_model(name), backend=bus)
     open_link(array_model(name), serial="two", backend=bus).close()
     with pytest.raises(DevicePermissionError):

@@ -148,7 +148,7 @@ def test_what_is_there_twice_is_made_once_and_told(folder):
 def test_an_array_by_another_name_is_the_same_recipe(folder):
     with pytest.warns(PalpateWarning, match="array.source: is listed before, and taken once"):
         plan = load(folder, SHORT + '[array]\nsource = ["OpenMPD", "pat16", "Sonic-Surface"]')
-    assert column(plan, "array.source") == ["pat16", "sonicsurface"]
+    assert column(plan, "array") == ["pat16", "sonicsurface"]
 
 
 def test_what_is_asked_for_becomes_groups(folder):

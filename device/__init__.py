@@ -10,7 +10,7 @@ with open_link(model) as link:
 from .array import ArrayModel, FocalZone, UsbIdentity, array_model, array_names
 from .clock import Clock, MonotonicClock, VirtualClock
 from .codec import encode_frames, off_frame
-from .discovery import ArrayInfo, find_arrays, open_link, udev_rule
+from .discovery import ArrayInfo, find_arrays, find_serial_arrays, open_link, udev_rule
 from .emulator import EmulatorBackend, Fault, FaultKind
 from .errors import (
     DeviceBusyError,
@@ -77,6 +77,7 @@ __all__ = [
     "array_names",
     "encode_frames",
     "find_arrays",
+    "find_serial_arrays",
     "off_frame",
     "open_link",
     "udev_rule",

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .array_name import ALIASES, canonical_name
 from .errors import UpdateRateError
-from .ftdi_baud import FtdiChip, baud_setting
 from .pat_file import CalibrationError, read_pat
 
 _Number = TypeVar("_Number", bound=np.generic)
@@ -50,13 +49,6 @@ class UsbIdentity:
     product: int
     manufacturer_string: str | None
     product_string: str | None
-    product_others: tuple[int, ...] = ()
-    """Products that serve as well."""
-
-    @property
-    def products(self) -> tuple[int, ...]:
-        """All product ids."""
-        return (self.product, *self.product_others)
 
     @property
     def generic(self) -> bool:
@@ -209,7 +201,7 @@ def array_model(name: str, *, calibration: Path | None = None, baud: int | None 
     Raises:
         UnknownArrayError: no array of that name.
         CalibrationError: the board file is wrong, or none of this array's.
-        UpdateRateError: an FTDI chip does not have that baud rate.
+        UpdateRateError: no serial adapter has that baud rate.
     """
     name = canonical_name(name)
     if calibration is not None and name != "pat16":
@@ -342,13 +334,16 @@ _PITCH = 10.5e-3  # [m]
 SONICSURFACE_BAUD = 230400
 """Baud rate of SonicSurface's firmware as published [Bd]."""
 _BITS_PER_BYTE = 10  # 8N1
+_BAUD_LEAST, _BAUD_MOST = 1200, 12_000_000  # the fastest UART is an FT232H's
 
 
 @cache
 def _sonicsurface(baud: int) -> ArrayModel:
-    """UpnaLab's SonicSurface, its UART behind an FTDI chip."""
+    """UpnaLab's SonicSurface, its UART behind a serial adapter."""
     frame_bytes = 258
-    rate = baud_setting(baud, FtdiChip.FT232R).baud / _BITS_PER_BYTE / frame_bytes
+    if not _BAUD_LEAST <= baud <= _BAUD_MOST:
+        raise UpdateRateError(f"{baud} Bd is outside {_BAUD_LEAST}..{_BAUD_MOST} Bd, which serial adapters have")
+    rate = baud / _BITS_PER_BYTE / frame_bytes
     # the board's layout repeats every 4 columns and 2 rows
     row, column = np.divmod(np.arange(256), 16)
     corner = np.array([[0, 7, 1, 2], [4, 3, 6, 5]])
@@ -361,9 +356,9 @@ def _sonicsurface(baud: int) -> ArrayModel:
         frame_clock_reason=f"its UART carries {rate:.1f} frames a second at {baud} Bd",
         divider_max=1,
         divider_default=1,
-        fifo_frames=2,
+        fifo_frames=3,  # adapters hold up to 640 bytes
         frame_bytes=frame_bytes,
-        usb=UsbIdentity(0x0403, 0x6001, None, None, product_others=(0x6015,)),
+        usb=None,
         baud=baud,
     )
 

@@ -8,10 +8,11 @@ from typing import Literal, overload
 from .clock import Clock
 from .emulator import EmulatorBackend
 from .errors import UnknownArrayError
-from .ftdi_chip import FT232H_BYTE_RATE, FT232H_CHIP_BYTES, FT232R_CHIP_BYTES, Ft232h, Ft232r
+from .ftdi_chip import FT232H_BYTE_RATE, FT232H_CHIP_BYTES, Ft232h
 from .pat_board import PatBoard
 from .peripheral import EmulatedBoard
-from .sonic_board import BAUD, SonicBoard
+from .serial_bus import EmulatedPorts
+from .sonic_board import BAUD
 from .usb_bus import EmulatedBus
 
 __all__ = ["EmulatedBus", "emulated_backend"]
@@ -33,20 +34,20 @@ def emulated_backend(
     record: int = 0,
     serials: Sequence[str] | None = None,
     baud: float = BAUD,
-) -> EmulatedBus[SonicBoard]: ...
+) -> EmulatedPorts: ...
 @overload
 def emulated_backend(
     name: str, *, clock: Clock | None = None, record: int = 0, serials: Sequence[str] | None = None, baud: float = BAUD
-) -> EmulatedBus[EmulatedBoard]: ...
+) -> EmulatedBus[EmulatedBoard] | EmulatedPorts: ...
 def emulated_backend(
     name: str, *, clock: Clock | None = None, record: int = 0, serials: Sequence[str] | None = None, baud: float = BAUD
-) -> EmulatedBus[EmulatedBoard]:
-    """A bus with models of a board on it, for pyusb; what they model is told in docs/emulator.md.
+) -> EmulatedBus[EmulatedBoard] | EmulatedPorts:
+    """A bus for pyusb, or serial ports, with models of a board; docs/emulator.md has what they model.
 
     The boards have been switched on for a while; one that is plugged in again is fresh from power-up.
 
     Args:
-        name: `emulator`, `pat16` (behind an FT232H) or `sonicsurface` (behind an FT232R).
+        name: `emulator`, `pat16` (behind an FT232H) or `sonicsurface` (at serial ports).
         clock: clock of all boards; None takes the monotonic one.
         record: how many of its last played frames each board keeps, for tests.
         serials: serial number of each board on the bus; None is one board.
@@ -67,9 +68,5 @@ def emulated_backend(
 
         return EmulatedBus(plug_pat, serials or ("PATEMU01",), clock=clock)
     if name == "sonicsurface":
-
-        def plug_sonic(clock: Clock, serial: str, on_for_ns: int) -> Ft232r:
-            return Ft232r(clock, serial, SonicBoard(clock, record=record, baud=baud, chip_bytes=FT232R_CHIP_BYTES))
-
-        return EmulatedBus(plug_sonic, serials or ("SONEMU01",), clock=clock)
-    raise UnknownArrayError(f"no board of array {name!r} is emulated on USB; known: emulator, pat16, sonicsurface")
+        return EmulatedPorts(serials or ("SONEMU01",), clock=clock, record=record, baud=baud)
+    raise UnknownArrayError(f"no board of array {name!r} is emulated; known: emulator, pat16, sonicsurface")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,10 @@ from .link import Link
 from .lookup import DeviceStrings, candidates, driver_is_bound, matches, strings_of
 from .pat16 import PatLink
 from .pat_file import read_pat
+from .pyserial import SystemPorts
 from .pyusb import Backend, UsbDevice, UsbError, claim, dispose
+from .serial_line import PortInfo, SerialPorts
+from .serial_lookup import likely_ports, no_permission
 from .sonicsurface import SonicLink
 from .transport import TransportKind
 from .usb import UsbLink
@@ -30,10 +34,8 @@ class ArrayInfo:
     """Name of its model."""
     serial: str | None
     """Serial number; None if it has none, or if this user may not ask."""
-    bus: int
-    """Number of its bus."""
-    address: int
-    """Its address there."""
+    where: str
+    """Its place: number of the USB bus and address there, or path of its serial port."""
     accessible: bool
     """Whether this user may open it now."""
     reason: str | None = None
@@ -45,7 +47,7 @@ class ArrayInfo:
 def find_arrays(backend: Backend | None = None, *, calibrations: Iterable[Path] = ()) -> tuple[ArrayInfo, ...]:
     """Every array on a bus that a built-in model knows, and everything with a chip that one of them has.
 
-    An autd3 is never among them: it is not on USB. Listing disturbs no one who plays.
+    Neither an autd3 is among them nor a sonicsurface (`find_serial_arrays`). Listing disturbs no one who plays.
 
     Args:
         backend: pyusb's backend of the bus; None is libusb's, real USB.
@@ -67,11 +69,27 @@ def find_arrays(backend: Backend | None = None, *, calibrations: Iterable[Path] 
     return tuple(found)
 
 
+def find_serial_arrays(ports: SerialPorts | None = None) -> tuple[ArrayInfo, ...]:
+    """Every serial adapter on USB, which a sonicsurface may be behind.
+
+    Which one it is, only opening it would tell, and that can reset what else is there: so none is opened, and one that
+    another program has is listed as accessible.
+
+    Args:
+        ports: what has the ports; None is the system, through pyserial.
+
+    Raises:
+        NoBackendError: pyserial is missing.
+    """
+    ports = ports or SystemPorts()
+    return tuple(_look_at_port(info, is_real=ports.clock is None) for info in likely_ports(ports))
+
+
 def open_link(
     model: ArrayModel,
     *,
     serial: str | None = None,
-    backend: Backend | None = None,
+    backend: Backend | SerialPorts | None = None,
     clock: Clock | None = None,
     transport: TransportKind = "auto",
     uncalibrated: bool = False,
@@ -80,11 +98,13 @@ def open_link(
 
     Args:
         model: which kind, with the calibration of its board.
-        serial: which one; None takes that of the calibration, or the first. For autd3 the network interface that it
-            hangs on, or the address of an emulated one; None asks on each interface.
-        backend: pyusb's backend; None is libusb's, or a new emulated bus for an array that is only emulated.
+        serial: which one; None takes that of the calibration, or the first. For sonicsurface the serial number of its
+            adapter or the path of its port; None takes the only adapter. For autd3 the network interface that it hangs
+            on, or the address of an emulated one; None asks on each interface.
+        backend: pyusb's backend; None is libusb's, or a new emulated bus for an array that is only emulated. For
+            sonicsurface the serial ports; None is the system's.
         clock: clock that the board runs by; None takes an emulated bus's own, else the monotonic one.
-        transport: "queued", "sync", or "auto": queued where the backend is libusb's. Not for autd3.
+        transport: "queued", "sync", or "auto": queued where the backend is libusb's. Of arrays on USB.
         uncalibrated: play on a real pat16 without its board file.
 
     Raises:
@@ -92,30 +112,31 @@ def open_link(
         DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError: as their names say.
         LinkError: whatever else happened.
     """
+    if model.name == "sonicsurface":
+        ports = backend if isinstance(backend, SerialPorts) else None
+        return SonicLink.open(model, serial=serial, ports=ports, clock=clock)
+    bus = None if isinstance(backend, SerialPorts) else backend
     if model.name == "pat16":
         return PatLink.open(
-            model, serial=serial, backend=backend, clock=clock, transport=transport, uncalibrated=uncalibrated
+            model, serial=serial, backend=bus, clock=clock, transport=transport, uncalibrated=uncalibrated
         )
-    if model.name == "sonicsurface":
-        return SonicLink.open(model, serial=serial, backend=backend, clock=clock, transport=transport)
     if model.name == "autd3":
         from .autd3 import open_autd3  # an optional package stands behind it
 
         return open_autd3(model, address=serial)
-    return UsbLink.open(model, serial=serial, backend=backend, clock=clock, transport=transport)
+    return UsbLink.open(model, serial=serial, backend=bus, clock=clock, transport=transport)
 
 
 def udev_rule(model: ArrayModel) -> str:
-    """Rule for `UDEV_FILE` that lets whoever sits at the machine open an array, one line a chip; "" if not on USB.
+    """Rule for `UDEV_FILE` that lets whoever sits at the machine open an array; "" if it is not opened by libusb.
 
     Afterwards the array has to be unplugged and plugged in.
     """
     if model.usb is None:
         return ""
-    return "\n".join(
-        f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{model.usb.vendor:04x}", ATTR{{idProduct}}=="{product:04x}", '
-        'TAG+="uaccess"'
-        for product in model.usb.products
+    return (
+        f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{model.usb.vendor:04x}", '
+        f'ATTR{{idProduct}}=="{model.usb.product:04x}", TAG+="uaccess"'
     )
 
 
@@ -132,7 +153,20 @@ def _look_at(model: ArrayModel, device: UsbDevice, known: set[str]) -> ArrayInfo
     accessible, reason = _access(device)
     if not certain:
         reason = "; ".join(filter(None, [_likeness(model, strings), reason]))
-    return ArrayInfo(model.name, strings.serial, device.bus, device.address, accessible, reason, certain)
+    return ArrayInfo(model.name, strings.serial, _place(device), accessible, reason, certain)
+
+
+def _look_at_port(info: PortInfo, *, is_real: bool) -> ArrayInfo:
+    """What there is to say of a serial port."""
+    accessible = not is_real or os.access(info.path, os.R_OK | os.W_OK)
+    reason = f"may be a sonicsurface: it is a serial adapter ({info.description})"
+    if not accessible:
+        reason += f"; {no_permission(info.path)}"
+    return ArrayInfo("sonicsurface", info.serial, info.path, accessible, reason, certain=False)
+
+
+def _place(device: UsbDevice) -> str:
+    return f"bus {device.bus}, address {device.address}"
 
 
 def _closed(model: ArrayModel, device: UsbDevice, error: UsbError) -> ArrayInfo:
@@ -144,7 +178,7 @@ def _closed(model: ArrayModel, device: UsbDevice, error: UsbError) -> ArrayInfo:
         )
     else:
         reason = f"cannot be opened: {error}"
-    return ArrayInfo(model.name, None, device.bus, device.address, accessible=False, reason=reason, certain=False)
+    return ArrayInfo(model.name, None, _place(device), accessible=False, reason=reason, certain=False)
 
 
 def _access(device: UsbDevice) -> tuple[bool, str | None]:
@@ -160,7 +194,5 @@ def _access(device: UsbDevice) -> tuple[bool, str | None]:
 
 
 def _likeness(model: ArrayModel, strings: DeviceStrings) -> str:
-    told = " ".join(filter(None, [strings.manufacturer, strings.product]))
-    if model.name == "pat16":
-        return f"may be a pat16: it has the same chip ({told}), and no board file given has its serial number"
-    return f"may be a {model.name}: it has the same chip ({told})"
+    chip = " ".join(filter(None, [strings.manufacturer, strings.product]))
+    return f"may be a {model.name}: it has the same chip ({chip}), and no board file given has its serial number"

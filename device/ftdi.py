@@ -1,4 +1,4 @@
-"""FTDI's USB chips over plain pyusb: opening one, and the requests that set it up. Facts of FTDI's application notes.
+"""An FT232H over plain pyusb: opening it, and the requests that set it up. Facts of FTDI's application notes.
 
 Requests go to the device with bmRequestType 0x40, wIndex the port, which is 1 for the first one.
 """
@@ -13,7 +13,6 @@ from typing import Final, Self, cast
 
 from .array import ArrayModel
 from .errors import LinkError, link_error
-from .ftdi_baud import FtdiChip, baud_setting
 from .lookup import DriverDevice, driver_is_bound, find_device
 from .pyusb import Backend, UsbDevice, UsbError, claim, dispose
 
@@ -21,10 +20,9 @@ BULK_OUT: Final = 0x02
 """Endpoint of the bytes to the board."""
 
 _VENDOR_OUT, _VENDOR_IN = 0x40, 0xC0
-_RESET, _FLOW, _BAUD, _LINE, _LATENCY, _BITMODE = 0x00, 0x02, 0x03, 0x04, 0x09, 0x0B
+_RESET, _LATENCY, _BITMODE = 0x00, 0x09, 0x0B
 _READ_EEPROM = 0x90  # wIndex is the number of a word of two bytes, low byte first
 _RESET_ALL, _PURGE_RX, _PURGE_TX = 0, 1, 2
-_LINE_8N1 = 0x0008
 _PORT = 1
 _TIMEOUT_MS = 500
 
@@ -68,14 +66,6 @@ class FtdiPort:
             raise link_error(port.who, error.errno, error) from error
         return port
 
-    @property
-    def chip(self) -> FtdiChip:
-        """Which chip it is; one that is not known counts as an FT232R, the oldest."""
-        try:
-            return FtdiChip(cast("DriverDevice", self.device).bcdDevice)
-        except ValueError:
-            return FtdiChip.FT232R
-
     def close(self) -> None:
         """Let go of the chip and give it back to the driver that had it; nothing happens if it is gone."""
         dispose(self.device)
@@ -94,18 +84,9 @@ class FtdiPort:
         self._request(_RESET, _PURGE_RX)
         self._request(_RESET, _PURGE_TX)
 
-    def reset_bitmode(self) -> bool:
-        """Go back to the mode that the chip's EEPROM says: asynchronous FIFO on a pat16, UART elsewhere.
-
-        False from a chip that only has a UART: it stalls the request.
-        """
-        try:
-            self._control(_BITMODE, 0x00FF, _PORT)  # mode 0 in the high byte, all pins outputs in the low one
-        except UsbError as error:
-            if error.errno == errno.EPIPE:
-                return False
-            raise link_error(self.who, error.errno, error) from error
-        return True
+    def reset_bitmode(self) -> None:
+        """Go back to the mode that the chip's EEPROM says, with all pins outputs."""
+        self._request(_BITMODE, 0x00FF)  # mode 0 in the high byte, pins in the low one
 
     def require_fifo_mode(self) -> None:
         """Make sure that the EEPROM of an FT232H sets it to its asynchronous FIFO mode, which a pat16 reads from.
@@ -144,25 +125,11 @@ class FtdiPort:
         """Time after which the chip sends a packet to the host that is not full, 1..255 ms."""
         self._request(_LATENCY, milliseconds)
 
-    def set_baud(self, baud: int) -> float:
-        """Set the UART's rate to the nearest that the chip has; returns that [Bd]. Raises `UpdateRateError`."""
-        setting = baud_setting(baud, self.chip)
-        self._request(_BAUD, setting.value, setting.index)
-        return setting.baud
-
-    def set_line_8n1(self) -> None:
-        """8 data bits, no parity, 1 stop bit, no flow control."""
-        self._request(_LINE, _LINE_8N1)
-        self._request(_FLOW, 0)
-
-    def _request(self, request: int, value: int, index: int = _PORT) -> None:
+    def _request(self, request: int, value: int) -> None:
         try:
-            self._control(request, value, index)
+            self.device.ctrl_transfer(_VENDOR_OUT, request, value, _PORT, None, _TIMEOUT_MS)
         except UsbError as error:
             raise link_error(self.who, error.errno, error) from error
-
-    def _control(self, request: int, value: int, index: int) -> None:
-        self.device.ctrl_transfer(_VENDOR_OUT, request, value, index, None, _TIMEOUT_MS)
 
 
 def _configure(device: UsbDevice) -> None:

@@ -24,9 +24,6 @@ class DeviceStrings(NamedTuple):
 class DriverDevice(UsbDevice, Protocol):
     """A device that a driver of the operating system may hold: `usb.core.Device`, as far as that goes."""
 
-    bcdDevice: int
-    """Release number in its descriptor."""
-
     def is_kernel_driver_active(self, interface: int) -> bool:
         """Whether a driver holds the interface; NotImplementedError where the system cannot say."""
         ...
@@ -47,11 +44,7 @@ def candidates(model: ArrayModel, backend: Backend | None) -> list[UsbDevice]:
     """
     if model.usb is None:
         return []
-    return [
-        device
-        for product in model.usb.products
-        for device in devices(vendor=model.usb.vendor, product=product, backend=backend)
-    ]
+    return devices(vendor=model.usb.vendor, product=model.usb.product, backend=backend)
 
 
 def strings_of(device: UsbDevice) -> DeviceStrings:

@@ -6,7 +6,6 @@ array model, so that a mistake in one of them shows.
 
 from __future__ import annotations
 
-import math
 import random
 import threading
 from collections import deque
@@ -30,7 +29,7 @@ _START, _SWAP = 0xFE, 0xFD
 _CLOCKS_OFF, _CLOCKS_ON = 0x96, 0x97
 _PRIMARY, _SECONDARY = 0xC0, 0xC1
 _OFF = bytes((COUNTS,)) * TRANSDUCER_COUNT
-_LOOK_AGAIN_NS = 1_000_000
+_BITS_PER_BYTE = 10
 
 T = TypeVar("T")
 
@@ -44,7 +43,7 @@ class SonicBoard:
         clock: what the bits are timed by.
         record: how many of the last played patterns to keep, for tests.
         baud: bits a second that the board samples at [Bd].
-        chip_bytes: bytes that the USB chip holds which sends them on the line.
+        chip_bytes: bytes that what sends them on the line holds: adapter and driver.
     """
 
     def __init__(self, clock: Clock, *, record: int = 0, baud: float = BAUD, chip_bytes: int = 128) -> None:
@@ -53,12 +52,11 @@ class SonicBoard:
         self._lock = threading.Lock()
         self._room = chip_bytes
         self._powered = True
-        # the line: bytes leave the chip back to back from the start of a run
+        # the line: bytes leave back to back from the start of a run
         self._queue = bytearray()
         self._received = 0
-        self._byte_ns = 10e9 / baud
+        self._byte_ns = _BITS_PER_BYTE * 1e9 / baud
         self._readable = True
-        self._held = False
         self._run_ns = float(clock.now_ns())
         self._run_bytes = 0
         self._noise = random.Random(0)
@@ -74,68 +72,39 @@ class SonicBoard:
         self._bytes_garbled = 0
         self._record: deque[tuple[bytes, int]] = deque(maxlen=record)
 
-    def set_line(self, baud: float, *, bit_count: float = 10.0, eight_bits: bool = True) -> None:
-        """What the sender sends.
-
-        Args:
-            baud: its bits a second [Bd].
-            bit_count: bits of a byte, start and stop bits included.
-            eight_bits: whether it is eight data bits without parity, the only thing that the board understands.
-        """
+    def set_line(self, baud: float) -> None:
+        """Bits a second that the sender sends [Bd]: eight data bits, no parity, one stop bit."""
         with self._lock:
             self._run_until(self.clock.now_ns())
-            self._byte_ns = bit_count * 1e9 / baud
-            self._readable = eight_bits and abs(baud / self.baud - 1) <= BAUD_TOLERANCE
+            self._byte_ns = _BITS_PER_BYTE * 1e9 / baud
+            self._readable = abs(baud / self.baud - 1) <= BAUD_TOLERANCE
             self._begin_run(self.clock.now_ns())
 
-    def hold_line(self, held: bool) -> None:
-        """Whether the sender waits for a signal that this board does not have (flow control)."""
-        with self._lock:
-            self._run_until(self.clock.now_ns())
-            self._held = held
-            self._begin_run(self.clock.now_ns())
-
-    def accept(self, data: memoryview, *, since_ns: int | None = None) -> int:
-        """Take as many of the bytes as the chip has room for; returns their count.
-
-        Args:
-            data: bytes on the bus.
-            since_ns: time [ns] since which they have been on the bus, now if None: what the chip had room for in the
-                meantime counts as taken then.
-        """
+    def accept(self, data: memoryview) -> int:
+        """Take as many of the bytes as there is room for; returns their count."""
         with self._lock:
             now_ns = self.clock.now_ns()
-            arrival_ns = now_ns if since_ns is None else min(since_ns, now_ns)
-            self._run_until(arrival_ns)
+            self._run_until(now_ns)
             if not self._powered:
                 return 0
-            # As if the chip had no end; what is left over beyond its end has not been taken.
-            offered = data[: self._room + int((now_ns - arrival_ns) / self._byte_ns) + 1]
             if not self._queue:
-                self._begin_run(max(arrival_ns, self._sent_at_ns(self._run_bytes)))
-            self._queue += offered
-            self._run_until(now_ns)
-            left_over = max(len(self._queue) - self._room, 0)
-            if left_over:
-                del self._queue[-left_over:]
-            self._received += len(offered) - left_over
-            return len(offered) - left_over
+                self._begin_run(max(now_ns, self._sent_at_ns(self._run_bytes)))
+            count = min(len(data), self._room - len(self._queue))
+            self._queue += data[:count]
+            self._received += count
+            return count
 
-    def room_at_ns(self, byte_count: int) -> int:
-        """Time [ns] at which there will be room for that many bytes, or for half of the chip if they are too many."""
-        with self._lock:
-            now_ns = self.clock.now_ns()
-            self._run_until(now_ns)
-            missing = min(byte_count - (self._room - len(self._queue)), -(-len(self._queue) // 2))
-            if self._held or missing <= 0:
-                return now_ns + _LOOK_AGAIN_NS
-            return math.ceil(self._sent_at_ns(self._run_bytes + missing))
+    @property
+    def queued(self) -> int:
+        """Bytes taken that have not been sent on the line."""
+        return self._look(lambda: len(self._queue))
 
-    def purge_chip(self) -> None:
-        """Drop the bytes that the chip has not sent yet."""
+    def drop_queued(self, keep: int) -> None:
+        """Drop the bytes that have not been sent on the line yet, all but the first `keep`."""
         with self._lock:
             self._run_until(self.clock.now_ns())
-            self._queue.clear()
+            self._received -= max(len(self._queue) - keep, 0)
+            del self._queue[keep:]
 
     def power_off(self) -> None:
         """Lose the power: silent at once, everything queued is gone."""
@@ -147,7 +116,7 @@ class SonicBoard:
 
     @property
     def bytes_received(self) -> int:
-        """Bytes taken from the bus since power-up, those in the chip too."""
+        """Bytes taken since power-up, those that have not been sent on the line too; without those dropped."""
         return self._received
 
     @property
@@ -169,11 +138,6 @@ class SonicBoard:
     def frames_played(self) -> int:
         """Swaps since power-up."""
         return self._look(lambda: self._swaps)
-
-    @property
-    def underruns(self) -> int:
-        """Always 0: the board has no frame clock, a pattern plays until the next swap."""
-        return 0
 
     @property
     def emitting(self) -> bool:
@@ -212,11 +176,10 @@ class SonicBoard:
     def _run_until(self, now_ns: int) -> None:
         """Receive the bytes whose last bit was over by then."""
         count = 0
-        if not self._held:
-            while count < len(self._queue) and self._sent_at_ns(self._run_bytes + 1) <= now_ns:
-                self._run_bytes += 1
-                self._receive(self._queue[count], round(self._sent_at_ns(self._run_bytes)))
-                count += 1
+        while count < len(self._queue) and self._sent_at_ns(self._run_bytes + 1) <= now_ns:
+            self._run_bytes += 1
+            self._receive(self._queue[count], round(self._sent_at_ns(self._run_bytes)))
+            count += 1
         if count:
             del self._queue[:count]
 

@@ -1,4 +1,4 @@
-"""The link to a SonicSurface: frames over a UART behind an FTDI chip. The board never answers (docs/boards.md)."""
+"""The link to a SonicSurface: frames over a serial line, behind any adapter. The board never answers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import Self
 from .array import SONICSURFACE_BAUD, ArrayModel
 from .clock import Clock
 from .codec import off_frame
-from .ftdi import BULK_OUT, FtdiPort
-from .lookup import emulated_clock
-from .pyusb import Backend
+from .pyserial import SystemPorts
+from .serial_line import SerialPorts
+from .serial_lookup import choose_port, open_port
+from .serial_transport import SerialTransport
 from .stream import StreamLink
-from .transport import Transport, TransportKind, open_transport
 
-_LATENCY_MS = 2
 _PRIMARY_BOARD, _CLOCKS_ON = 0xC0, 0x97
 
 
@@ -27,9 +26,10 @@ class SonicLink(StreamLink):
 
     off_frames = 2
 
-    def __init__(self, model: ArrayModel, transport: Transport, port: FtdiPort, *, clock: Clock | None = None) -> None:
-        super().__init__(model, transport, off_frame(array=model).tobytes(), serial=port.serial, clock=clock)
-        self._port = port
+    def __init__(
+        self, model: ArrayModel, transport: SerialTransport, *, serial: str | None, clock: Clock | None = None
+    ) -> None:
+        super().__init__(model, transport, off_frame(array=model).tobytes(), serial=serial, clock=clock)
 
     @classmethod
     def open(
@@ -37,45 +37,38 @@ class SonicLink(StreamLink):
         model: ArrayModel,
         *,
         serial: str | None = None,
-        backend: Backend | None = None,
+        ports: SerialPorts | None = None,
         clock: Clock | None = None,
-        transport: TransportKind = "auto",
     ) -> Self:
-        """Find, open, configure and claim a board; a driver of the operating system is detached until `close`.
+        """Open the serial port of a board, which no other program can open until `close`.
 
         Args:
             model: the array, with the baud rate that its firmware was compiled for.
-            serial: which one; None takes the first.
-            backend: pyusb's; None is libusb's.
-            clock: clock that the board runs by; None takes an emulated bus's own, else the monotonic one.
-            transport: "queued", "sync", or "auto": queued where the backend is libusb's.
+            serial: serial number of its adapter, or path of its port; None takes the only adapter.
+            ports: where to look for it; None is the system's, through pyserial.
+            clock: clock that the board runs by; None takes that of emulated ports, else the monotonic one.
 
         Raises:
-            DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError: as their names say.
-            LinkError: queued was asked for, and cannot be had.
+            DeviceNotFoundError, DeviceBusyError, DevicePermissionError: as their names say.
+            NoBackendError: pyserial is not installed.
+            LinkError: it is no serial port, or it lacks the baud rate.
         """
-        port = FtdiPort.open(model, serial=serial, backend=backend)
-        try:
-            clock = clock or emulated_clock(backend)
-            way = open_transport(port.device, BULK_OUT, kind=transport, who=port.who, clock=clock)
-        except BaseException:
-            port.close()
-            raise
-        return cls(model, way, port, clock=clock)
+        ports = ports or SystemPorts()
+        baud = model.baud or SONICSURFACE_BAUD
+        info = choose_port(model, serial, ports)
+        port = open_port(model, info, ports, baud=baud)
+        clock = clock or ports.clock
+        transport = SerialTransport(port, baud, who=f"{model.name} at {info.path}", clock=clock)
+        return cls(model, transport, serial=info.serial or info.path, clock=clock)
 
     def start(self, divider: int) -> None:
-        """Set the UART up, resynchronise, silence what a killed player left; no frame is torn afterwards.
+        """Resynchronise, and silence what a killed player left; no frame is torn afterwards.
 
-        Raises `UpdateRateError` for another divider than 1, or a baud rate that the chip does not have.
+        Raises `UpdateRateError` for another divider than 1.
         """
         self.begin(divider)
-        self._port.reset()
-        self._port.reset_bitmode()
-        self._port.set_latency(_LATENCY_MS)
-        self._port.set_line_8n1()
-        self._port.set_baud(self.array.baud or SONICSURFACE_BAUD)
-        self._port.purge()
         self._transport.submit(array("B", [_PRIMARY_BOARD, _CLOCKS_ON]))
+        self._transport.drain()
         self.note_boundary()
         self.send_off()
         period_ns = round(1e9 / self.array.update_rate(divider))
@@ -84,8 +77,3 @@ class SonicLink(StreamLink):
     def rest_unknown(self) -> bytes:
         """Nothing: the first byte of a frame makes the board start anew, wherever it was."""
         return b""
-
-    def close(self) -> None:
-        """Let go of the board and give its chip back; nothing happens if it is gone. It goes on playing."""
-        super().close()
-        self._port.close()

@@ -33,7 +33,10 @@ from .discovery import open_link
 from .errors import DeviceBusyError, DeviceError, DeviceTimeoutError, WatchdogError
 from .link import Link
 from .lookup import find_device
+from .pyserial import SystemPorts
 from .pyusb import Backend, libusb_backend
+from .serial_line import SerialPorts
+from .serial_lookup import choose_port
 from .silence import wait_silent
 
 EXIT_GOODBYE: Final = 0
@@ -66,6 +69,11 @@ class _Charge:
         return f"{self.model.name} {self.serial}" if self.serial else self.model.name
 
 
+def is_watchable(model: ArrayModel) -> bool:
+    """Whether another process can reach such an array: on USB, or at a serial port."""
+    return model.usb is not None or model.baud is not None
+
+
 class Watchdog:
     """While its context lasts, a process of its own watches this one, and switches the array off if it dies.
 
@@ -77,13 +85,13 @@ class Watchdog:
         log: file that it appends a line to when it does something; None is this process's standard error.
 
     Raises:
-        WatchdogError: the array is not on USB, or `silence_max` is no time; on entering, if another process cannot
-            reach the array; on leaving, if the watchdog has ended before.
+        WatchdogError: the array is neither on USB nor at a serial port, or `silence_max` is no time; on entering, if
+            another process cannot reach the array; on leaving, if the watchdog has ended before.
     """
 
     def __init__(self, link: Link, *, silence_max: float = SILENCE_MAX, log: Path | None = None) -> None:
-        if link.array.usb is None:
-            raise WatchdogError(f"a watchdog is for arrays on USB, which {link.array.name} is not")
+        if not is_watchable(link.array):
+            raise WatchdogError(f"a watchdog is for arrays on USB or at a serial port, which {link.array.name} is not")
         if not silence_max > 0:
             raise WatchdogError(f"silence_max is {silence_max!r}, but it must be above 0 s")
         self._charge = _Charge(link.array, link.serial, silence_max, None if log is None else os.path.abspath(log))
@@ -204,14 +212,18 @@ def keep_watch(pipe: int, silence_max: float, off: Callable[[float], str | None]
 
 
 def switch_off(
-    model: ArrayModel, serial: str | None, *, backend: Backend | None, patience: float = _RELEASE_TIMEOUT
+    model: ArrayModel,
+    serial: str | None,
+    *,
+    backend: Backend | SerialPorts | None,
+    patience: float = _RELEASE_TIMEOUT,
 ) -> None:
     """Open an array, silence what a dead player left behind, and send the off frame.
 
     Args:
         model: which kind.
         serial: which one; None is the first.
-        backend: pyusb's.
+        backend: pyusb's, or what has serial ports.
         patience: how long the array may be held by another process [s].
 
     Raises:
@@ -242,8 +254,7 @@ def main() -> int:
     try:
         if charge.log is not None:
             open(charge.log, "a", encoding="utf-8").close()
-        backend = libusb_backend()
-        find_device(charge.model, charge.serial, backend)
+        backend = _reach(charge)
     except (DeviceError, OSError) as error:
         _tell(str(error).encode())
         return EXIT_FAILED
@@ -257,6 +268,17 @@ def main() -> int:
         return None
 
     return keep_watch(pipe, charge.silence_max, off, lambda sentence: _log(charge, sentence))
+
+
+def _reach(charge: _Charge) -> Backend | SerialPorts:
+    """What the array is opened through; raises `DeviceError` if it is not to be seen from here."""
+    if charge.model.usb is None:
+        ports = SystemPorts()
+        choose_port(charge.model, charge.serial, ports)
+        return ports
+    backend = libusb_backend()
+    find_device(charge.model, charge.serial, backend)
+    return backend
 
 
 def _read(pipe: int, count: int) -> bytes:

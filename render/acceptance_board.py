@@ -13,6 +13,7 @@ from ..device.errors import DeviceError, DeviceNotFoundError, LinkError, PlayInt
 from ..device.link import Link
 from ..device.player import Player
 from ..device.report import PlayReport
+from ..device.serial_bus import EmulatedPorts
 from ..device.usb_bus import EmulatedBus
 from . import console
 from .acceptance_frames import Stimulus
@@ -42,8 +43,8 @@ class BoardSession:
         model = placed.model
         self.model = model
         self.emulated = model.embedded or connection.emulate
-        self._bus: EmulatedBus | None = None
-        if self.emulated and model.usb is not None:
+        self._bus: EmulatedBus | EmulatedPorts | None = None
+        if self.emulated and model.name != "autd3":
             if connection.watchdog:
                 raise StrategyError(f"a watchdog is for real arrays on USB, not for {model.name} here")
             self._bus = emulated_bus(placed, CLOCKS[connection.clock]())

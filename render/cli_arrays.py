@@ -9,7 +9,7 @@ Array = Annotated[
     str, typer.Option(help="emulator, pat16 (openmpd), sonicsurface, autd3, or a JSON file of several and their poses.")
 ]
 Serial = Annotated[
-    str | None, typer.Option(help="Which one, by serial number; of an autd3 its network interface or address.")
+    str | None, typer.Option(help="Which one: its serial number, a sonicsurface's port, an autd3's network interface.")
 ]
 Calibration = Annotated[
     Path | None, typer.Option(metavar="BOARD.pat", help="Board file of a pat16: wiring, phase offsets, serial number.")

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import warp as wp
@@ -11,7 +11,7 @@ from ..datasets.frame_reader import FOCAL_POINTS, frame_format
 from ..datasets.ptlist import write_ptlist
 from ..datasets.reader import ContourFile
 from ..device.array import array_model, array_names
-from ..device.discovery import find_arrays, udev_rule
+from ..device.discovery import find_arrays, find_serial_arrays, udev_rule
 from ..device.errors import NoBackendError
 from ..device.limits import Limits
 from ..device.report import PlayReport
@@ -194,37 +194,27 @@ def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
         {"array": name, "serial": None, "where": "emulated", "accessible": True, "certain": True, "reason": None}
         for name in array_names()
     ]
-    note = None
-    try:
-        for entry in find_arrays(calibrations=calibrations):
-            where = f"bus {entry.bus}, address {entry.address}"
-            found.append(
-                {
-                    "array": entry.array,
-                    "serial": entry.serial,
-                    "where": where,
-                    "accessible": entry.accessible,
-                    "certain": entry.certain,
-                    "reason": entry.reason,
-                }
-            )
-    except NoBackendError as error:
-        note = str(error)
+    notes: list[str] = []
+    for find in (lambda: find_arrays(calibrations=calibrations), find_serial_arrays):
+        try:
+            found += [asdict(entry) for entry in find()]
+        except NoBackendError as error:
+            notes.append(str(error))
     if as_json:
         rules = {name: udev_rule(array_model(name)) for name in array_names()}
-        console.say({"devices": found, "note": note, "udev_rules": rules}, as_json=True, title="")
+        console.say({"devices": found, "note": "; ".join(notes) or None, "udev_rules": rules}, as_json=True, title="")
         return
     rows = {}
     for entry in found:
         told = entry["where"] + ("" if entry["accessible"] else ", cannot be opened")
-        rows[f"{entry['array']} {entry['serial'] or ''}".strip() + ("" if entry["certain"] else "?")] = (
-            f"{told}: {entry['reason']}" if entry["reason"] else told
-        )
+        name = f"{entry['array']} {entry['serial'] or ''}".strip() + ("" if entry["certain"] else "?")
+        name = f"{name} at {entry['where']}" if name in rows else name  # adapters without a serial number
+        rows[name] = f"{told}: {entry['reason']}" if entry["reason"] else told
     console.say(rows, as_json=False, title="arrays")
-    if note is None and len(found) == len(array_names()):
-        note = "nothing on USB has the ids of an array's chip"
-    autd3 = "an autd3 cannot be listed: --serial names the network interface that it hangs on"
-    console.errors.print(f"[yellow]note:[/] {'; '.join(filter(None, (note, autd3)))}")
+    if not notes and len(found) == len(array_names()):
+        notes.append("nothing on USB has the ids of an array's chip, and there is no serial adapter")
+    notes.append("an autd3 cannot be listed: --serial names the network interface that it hangs on")
+    console.errors.print(f"[yellow]note:[/] {'; '.join(notes)}")
 
 
 def run_sampling(name: str | None, *, as_json: bool) -> None:

@@ -25,8 +25,10 @@ from ..device.link import Link
 from ..device.pat_file import CalibrationError
 from ..device.pyusb import Backend
 from ..device.report import LiveStatistics, PlayReport
+from ..device.serial_bus import EmulatedPorts
+from ..device.serial_line import SerialPorts
 from ..device.transport import TransportKind
-from ..device.watchdog import Watchdog
+from ..device.watchdog import Watchdog, is_watchable
 from ..kernels.solve import POINTS_MOST
 from .drive import Driver, DriveStrategy
 from .errors import StrategyError
@@ -95,7 +97,7 @@ class Connection:
 
     emulate: bool = False
     clock: str = "monotonic"
-    backend: Backend | None = None
+    backend: Backend | SerialPorts | None = None
     transport: TransportKind = "auto"
     uncalibrated: bool = False
     """Play on a real pat16 without its board file."""
@@ -111,8 +113,8 @@ class Connection:
         """The link to one array."""
         model = placed.model
         emulated = self.backend is None and (model.embedded or self.emulate)
-        if self.watchdog and (emulated or model.usb is None):
-            raise StrategyError(f"a watchdog is for real arrays on USB, not for {model.name} here")
+        if self.watchdog and (emulated or not is_watchable(model)):
+            raise StrategyError(f"a watchdog is for real arrays on USB or a serial port, not for {model.name} here")
         if emulated and model.name == "autd3":
             return open_autd3(model, emulated=True)
         backend = emulated_bus(placed, CLOCKS[self.clock]()) if emulated else self.backend
@@ -142,7 +144,7 @@ class Connection:
             yield links
 
 
-def emulated_bus(placed: PlacedArray, clock: Clock) -> EmulatedBus:
+def emulated_bus(placed: PlacedArray, clock: Clock) -> EmulatedBus | EmulatedPorts:
     """A bus with a model of one board, of the serial number and the UART's rate that are asked for."""
     model = placed.model
     serial = placed.serial or model.serial

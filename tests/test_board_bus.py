@@ -20,31 +20,26 @@ from palpate.device.bus import EmulatedBus, emulated_backend
 from palpate.device.clock import VirtualClock
 from palpate.device.errors import UnknownArrayError
 from palpate.device.faults import Fault, FaultKind
-from palpate.device.ftdi_chip import divided_baud
 
 OUT, IN = 0x40, 0xC0
 RESET, FLOW, BAUD, LINE, SET_LATENCY, GET_LATENCY, BIT_MODE = 0, 2, 3, 4, 9, 0x0A, 0x0B
-NAMES = ("emulator", "pat16", "sonicsurface")
-ENDPOINT = {"emulator": 0x01, "pat16": 0x02, "sonicsurface": 0x02}
-FRAME = {"emulator": 512, "pat16": 512, "sonicsurface": 258}
-DIVISOR_227_558 = 13  # of 3 MHz: 230769 Bd, 1.4 % above what the board samples at
+NAMES = ("emulator", "pat16")
+ENDPOINT = {"emulator": 0x01, "pat16": 0x02}
+FRAME = {"emulator": 512, "pat16": 512}
 
 
 def frames(name: str, count: int) -> array:
     """Frames that emit, each another."""
     number = np.arange(count, dtype=np.uint8)[:, None]
-    if name == "sonicsurface":
-        wire = np.concatenate([number * 0 + 0xFE, np.repeat(number % 32, 256, 1), number * 0 + 0xFD], axis=1)
-    else:
-        wire = np.repeat(number % 64 + 1, 512, axis=1)
-        wire[:, 0] |= 0x80
+    wire = np.repeat(number % 64 + 1, FRAME[name], axis=1)
+    wire[:, 0] |= 0x80
     return array("B", wire.astype(np.uint8).tobytes())
 
 
 def content(name: str, data: array) -> bytes:
     """What a board keeps of frames that it plays."""
-    wire = np.frombuffer(data, np.uint8).reshape(-1, FRAME[name])
-    return (wire[:, 1:-1] if name == "sonicsurface" else wire).tobytes()
+    assert len(data) % FRAME[name] == 0
+    return data.tobytes()
 
 
 def bus_of(name: str, **options: object) -> EmulatedBus:
@@ -57,8 +52,6 @@ def opened(bus: EmulatedBus, name: str) -> usb.core.Device:
         found.detach_kernel_driver(0)
     found.set_configuration()
     usb.util.claim_interface(found, 0)
-    if name == "sonicsurface":
-        found.ctrl_transfer(OUT, BAUD, DIVISOR_227_558)
     return found
 
 
@@ -98,8 +91,8 @@ def test_boards_are_written_from_documents_alone() -> None:
         local = {node.module for node in imports}
         waiting += [] if module == "errors" else sorted(local - reached)  # errors imports for annotations only
     boards = {"board", "pat_board", "pat_reader", "sonic_board"}
-    buses = {"bus", "emulator", "ftdi_chip", "peripheral", "usb_bus", "faults"}
-    assert reached == boards | buses | {"clock", "errors", "pyusb"}
+    buses = {"bus", "emulator", "ftdi_chip", "peripheral", "usb_bus", "faults", "serial_bus"}
+    assert reached == boards | buses | {"clock", "errors", "pyusb", "serial_line"}
 
 
 @pytest.mark.parametrize("module", ["board", "pat_board", "sonic_board", "ftdi_chip", "peripheral", "clock"])
@@ -123,7 +116,6 @@ def test_there_is_no_bus_for_an_array_that_has_none() -> None:
     [
         ("emulator", (0x1209, 0x0001), [0x01], 512, 3),
         ("pat16", (0x0403, 0x6014), [0x81, 0x02], 512, 3),
-        ("sonicsurface", (0x0403, 0x6001), [0x81, 0x02], 64, 2),
     ],
 )
 def test_enumeration(name: str, ids: tuple[int, int], endpoints: list[int], packet: int, speed: int) -> None:
@@ -151,7 +143,7 @@ def test_what_is_written_is_played(bus: EmulatedBus, name: str, plugged: usb.cor
 def test_a_board_may_be_looked_at_while_another_thread_writes(name: str) -> None:
     bus = emulated_backend(name, record=1000)  # in real time
     plugged = opened(bus, name)
-    sent = frames(name, {"emulator": 150, "pat16": 150, "sonicsurface": 5}[name])
+    sent = frames(name, {"emulator": 150, "pat16": 150}[name])
     writer = threading.Thread(target=lambda: plugged.write(ENDPOINT[name], sent, timeout=0))
     writer.start()
     while writer.is_alive():
@@ -169,7 +161,6 @@ def test_a_write_blocks_until_the_board_has_room(bus: EmulatedBus, name: str, pl
     holds, room_at_ns = {
         "emulator": (2048 * 512, 100_000),
         "pat16": (31 * 512, 75_000 + 254 * 25_000 + 512 * 125),
-        "sonicsurface": (128, 258 * 10e9 / (3e6 / 13)),
     }[name]
     sent = frames(name, holds // FRAME[name] + 2)
     if name == "pat16":
@@ -276,9 +267,9 @@ def test_after_replugging_a_board_is_as_from_power_up(bus: EmulatedBus, name: st
     usb.util.dispose_resources(again)
 
 
-# The FTDI chips.
+# The FTDI chip.
 
-chips = pytest.mark.parametrize("name", ["pat16", "sonicsurface"], indirect=True)
+chips = pytest.mark.parametrize("name", ["pat16"], indirect=True)
 
 
 @chips
@@ -311,13 +302,10 @@ def test_a_request_can_be_made_to_fail(bus: EmulatedBus, name: str, plugged: usb
 def test_in_another_bit_mode_nothing_leaves_the_chip(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
     plugged.ctrl_transfer(OUT, BIT_MODE, 0x40FF, 1)
     sent = frames(name, 3)
-    held = {"pat16": 0, "sonicsurface": 128}[name]
-    if held:
-        assert plugged.write(0x02, sent, timeout=100) == held
-    raised(errno.ETIMEDOUT, lambda: plugged.write(0x02, sent[held:], timeout=100))
+    raised(errno.ETIMEDOUT, lambda: plugged.write(0x02, sent, timeout=100))
     assert bus.board().frames_played == 0
     plugged.ctrl_transfer(OUT, BIT_MODE, 0x00FF, 1)
-    plugged.write(0x02, sent[held:], timeout=100)
+    plugged.write(0x02, sent, timeout=100)
     bus.clock.advance(1.0)
     assert bus.board().played.tobytes() == content(name, sent)
 
@@ -328,79 +316,10 @@ def test_both_purges_empty_the_chip(
     bus: EmulatedBus, name: str, plugged: usb.core.Device, purges: tuple[int, ...]
 ) -> None:
     sent = frames(name, 40)
-    if name == "pat16":
-        sent[26:35] = array("B", [0xFF] * 9)  # the first frame plays for 6.4 ms
+    sent[26:35] = array("B", [0xFF] * 9)  # the first frame plays for 6.4 ms
     taken = plugged.write(0x02, sent, timeout=5)
     for purge in purges:
         plugged.ctrl_transfer(OUT, RESET, purge, 1)
     bus.clock.advance(0.5)
-    held = {"pat16": 1024, "sonicsurface": 128}[name]
-    kept = taken - held if set(purges) == {1, 2} else taken
-    if name == "pat16":
-        assert bus.board().frames_played == kept // 512
-    else:  # the rest of the pattern that the purge tore
-        plugged.write(0x02, frames(name, 2)[258 - 1 :], timeout=500)
-        bus.clock.advance(0.5)
-        assert bus.board().bytes_ignored == 0
-        assert len(bus.board().played) == 2 + (kept > 258)
-
-
-@pytest.mark.parametrize(
-    ("value", "index", "baud"),
-    [
-        (13, 0, 3e6 / 13),
-        (0, 0, 3e6),
-        (1, 0, 2e6),
-        (2, 0, 1.5e6),
-        (0xC000 | 312, 0, 3e6 / 312.125),
-        (0x8000 | 26, 0, 3e6 / 26.25),
-        (0x4000 | 26, 0, 3e6 / 26.5),
-        (26, 1, 3e6 / 26.375),
-        (0x4000 | 26, 1, 3e6 / 26.625),
-        (0x8000 | 26, 1, 3e6 / 26.75),
-        (0xC000 | 26, 1, 3e6 / 26.875),
-    ],
-)
-def test_the_divisor_of_the_baud_rate(value: int, index: int, baud: float) -> None:
-    # Values of FTDI's application note on divisors: eighths 1, 2, 4, 3, 5, 6, 7 have the codes 3, 2, 1, 4 ... 7.
-    assert divided_baud(value, index) == pytest.approx(baud)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        (OUT, BAUD, 26, 0),  # half the rate
-        (OUT, LINE, 0x0007, 1),  # seven data bits
-        (OUT, LINE, 0x0108, 1),  # odd parity
-        (OUT, LINE, 0x4008, 1),  # break
-    ],
-)
-def test_a_line_that_is_set_wrong_is_misread(wrong: tuple[int, ...]) -> None:
-    bus = bus_of("sonicsurface")
-    plugged = opened(bus, "sonicsurface")
-    plugged.ctrl_transfer(*wrong)
-    plugged.write(0x02, frames("sonicsurface", 2), timeout=0)
-    bus.clock.advance(1.0)
-    assert bus.board().bytes_garbled == 2 * 258
-    usb.util.dispose_resources(plugged)
-
-
-def test_flow_control_holds_the_line() -> None:
-    bus = bus_of("sonicsurface")
-    plugged = opened(bus, "sonicsurface")
-    plugged.ctrl_transfer(OUT, FLOW, 0, 0x0101)  # RTS/CTS
-    assert plugged.write(0x02, frames("sonicsurface", 2), timeout=1000) == 128
-    plugged.ctrl_transfer(OUT, FLOW, 0, 0x0001)
-    assert plugged.write(0x02, frames("sonicsurface", 2)[128:], timeout=1000) == 2 * 258 - 128
-    usb.util.dispose_resources(plugged)
-
-
-def test_a_recompiled_board_takes_a_faster_line() -> None:
-    bus = bus_of("sonicsurface", baud=10.24e6 / 7)
-    plugged = opened(bus, "sonicsurface")
-    plugged.ctrl_transfer(OUT, BAUD, 2)  # 1.5 MBd, 2.5 % above
-    plugged.write(0x02, frames("sonicsurface", 20), timeout=0)
-    bus.clock.advance(0.01)
-    assert bus.board().played.tobytes() == content("sonicsurface", frames("sonicsurface", 20))
-    assert 1e9 / np.diff(bus.board().played_ns).mean() == pytest.approx(1.5e6 / 2580, rel=1e-3)
-    usb.util.dispose_resources(plugged)
+    kept = taken - 1024 if set(purges) == {1, 2} else taken
+    assert bus.board().frames_played == kept // 512

@@ -137,7 +137,7 @@ def test_an_array_that_is_not_on_usb_is_refused() -> None:
         array = array_model("autd3")
         serial = None
 
-    with pytest.raises(WatchdogError, match="arrays on USB, which autd3 is not"):
+    with pytest.raises(WatchdogError, match="arrays on USB or at a serial port, which autd3 is not"):
         Watchdog(Networked())
 
 

@@ -133,19 +133,3 @@ def test_a_pat16_refuses_a_rate_that_its_chip_cannot_keep_up(tmp_path: Path, boa
     (report,) = burst.told["plays"]
     assert (report["error"], report["frames"]) == (None, 28)
     assert np.count_nonzero(emitting(burst.played())) == 28
-
-
-@pytest.mark.parametrize("transport", TRANSPORTS)
-def test_sonicsurface_swaps_to_what_was_sent(tmp_path: Path, transport: str) -> None:
-    model = array_model("sonicsurface")
-    plug = Plug("sonicsurface", "A50285BI", driver="ftdi_sio")
-    outcome = play(
-        tmp_path, plug, array="sonicsurface", serial="A50285BI", transport=transport, rate=model.frame_clock, frames=40
-    )
-    (report,) = outcome.told["plays"]
-    played, wire = outcome.played(), content(40, 0, model)[:, 1:257]  # between the start and the swap
-    on = (played < 32).any(axis=1)
-    assert report["error"] is None
-    assert np.array_equal(played[on], wire)
-    assert not on[-1]
-    assert outcome.devices[0]["bindings"] == ["-ftdi_sio", "+ftdi_sio"]

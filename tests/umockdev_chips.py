@@ -11,10 +11,9 @@ import numpy as np
 
 from palpate.device.board import Board
 from palpate.device.emulator import EmulatorUsb
-from palpate.device.ftdi_chip import FT232H_CHIP_BYTES, FT232R_CHIP_BYTES, Ft232h, Ft232r
+from palpate.device.ftdi_chip import FT232H_CHIP_BYTES, Ft232h
 from palpate.device.pat_board import PatBoard
 from palpate.device.peripheral import Peripheral
-from palpate.device.sonic_board import SonicBoard
 
 ON_FOR_NS = 10_000_000_000  # how long the board has been switched on when the bus is made
 STANDARD_IN, GET_DESCRIPTOR = 0x80, 0x06
@@ -87,9 +86,4 @@ def _pat16(serial: str, clock, record: int) -> Chip:
     return Chip(Ft232h(clock, serial, board), step_bytes=2048)
 
 
-def _sonicsurface(serial: str, clock, record: int) -> Chip:
-    board = SonicBoard(clock, record=record, chip_bytes=FT232R_CHIP_BYTES)
-    return Chip(Ft232r(clock, serial, board), step_bytes=64)
-
-
-CHIPS = {"emulator": _emulator, "pat16": _pat16, "sonicsurface": _sonicsurface}
+CHIPS = {"emulator": _emulator, "pat16": _pat16}

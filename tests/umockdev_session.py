@@ -56,7 +56,7 @@ def missing() -> str | None:
 class Plug:
     """A device on the bus."""
 
-    board: str = "emulator"  # or pat16, sonicsurface
+    board: str = "emulator"  # or pat16
     serial: str = "U1"
     faults: tuple[dict[str, Any], ...] = ()  # umockdev_usbfs.BusFault
     driver: str | None = None  # kernel driver that is bound to it

@@ -219,3 +219,9 @@ def test_what_cannot_be_played_is_refused(recording):
 
 def test_off_frame_is_the_one_the_controller_sends():
     np.testing.assert_array_equal(off_frame(array=MODEL), np.zeros(498, np.uint8))
+
+
+def test_the_package_takes_firmware_of_its_own_series_only():
+    # docs/boards.md says which firmware that is; the vendor's package knows.
+    assert vendor.FirmwareVersion.SUPPORTED_SERIES == (0, 12)
+    assert vendor.ClientConfig().require_supported_firmware

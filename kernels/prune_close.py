@@ -7,9 +7,12 @@ run beside each other.
 
 | the other part is on | compared |
 |---|---|
-| a longer polyline of the pose (of equal ones the first) | always |
+| a longer polyline of the pose (of equal ones the first) | unless the two touch end to end, see below |
 | the same polyline, further to its start | unless joined by what is kept of it, no more than `apart` along it |
 | another patch | only if patches are to be compared with each other |
+
+Open polylines whose ends touch are one line in two pieces: their parts are compared as those of the same polyline are,
+along the way through the ends that touch.
 
 What has been removed hides nothing: polylines are judged from the longest to the shortest, each from its start, and
 again until nothing more is removed.
@@ -25,6 +28,8 @@ from .prune import measure_lines
 
 wp.set_module_options(EXACT)
 
+FAR = wp.constant(wp.float64(1.0e30))  # [m]
+TOUCH = wp.constant(wp.float64(1.0e-6))  # [m]; ends nearer than this touch: float32 of a contour is exact to 0.02 um
 ACROSS = wp.constant(wp.float64(0.7071067811865476))  # cosine of 45 degrees
 
 
@@ -57,6 +62,8 @@ class Lines:
     closed: wp.array[wp.uint8]
     length: wp.array[wp.float64]  # [m]
     broken: wp.array[wp.int64]  # parts removed of it so far
+    start: wp.array[wp.vec3d]  # its ends [m]
+    end: wp.array[wp.vec3d]
 
 
 @wp.kernel
@@ -66,10 +73,13 @@ def _measure_parts(
     polyline_start: wp.array[wp.int64],
     parts: Parts,
     # Out:
+    lines: Lines,
     bits: Bits,
 ):
-    """Middle, way and place along its polyline of each part."""
+    """Middle, way and place along its polyline of each part, and the polyline's ends."""
     line = wp.tid()
+    lines.start[line] = point_at(points, polyline_start[line], wp.float64(0.0))
+    lines.end[line] = point_at(points, polyline_start[line + 1] - wp.int64(1), wp.float64(0.0))
     first, count = parts_of(parts, polyline_start, line)
     passed = wp.float64(0.0)
     for k in range(count):
@@ -123,6 +133,32 @@ def is_joined(bits: Bits, lines: Lines, line: int, own: wp.int64, before: wp.int
 
 
 @wp.func
+def way_to_end(bits: Bits, lines: Lines, line: int, part: wp.int64, at_end: int):
+    """How far a part is from the start or the end of its polyline; infinite where something between was removed [m]."""
+    way = bits.along[part]
+    broken = bits.broken[part]
+    if at_end == 1:
+        way = lines.length[line] - way
+        broken = lines.broken[line] - broken
+    return wp.where(broken == wp.int64(0), way, FAR)
+
+
+@wp.func
+def is_joined_by_ends(bits: Bits, lines: Lines, line: int, own: wp.int64, other: int, part: wp.int64, rule: Beside):
+    """Whether parts of two open polylines are joined by a short way through ends that touch."""
+    if lines.closed[line] != wp.uint8(0) or lines.closed[other] != wp.uint8(0):
+        return False
+    for k in range(4):
+        a = wp.where(k < 2, lines.start[line], lines.end[line])
+        b = wp.where(k % 2 == 0, lines.start[other], lines.end[other])
+        if wp.length(a - b) < TOUCH:
+            way = way_to_end(bits, lines, line, own, k // 2) + way_to_end(bits, lines, other, part, k % 2)
+            if way <= rule.apart:
+                return True
+    return False
+
+
+@wp.func
 def is_longer(lines: Lines, one: int, other: int):
     """Whether one polyline is judged before another."""
     a = lines.length[one]
@@ -148,7 +184,10 @@ def is_crowded(
     for k in range(count):
         part = first + wp.int64(k)
         if bits.keep[part] != wp.uint8(0) and runs_beside(bits, own, part, rule):
-            if other != line or not is_joined(bits, lines, line, own, part, rule):
+            if other == line:
+                if not is_joined(bits, lines, line, own, part, rule):
+                    return True
+            elif not is_joined_by_ends(bits, lines, line, own, other, part, rule):
                 return True
     return False
 
@@ -238,6 +277,8 @@ def thin_contours(
     lines.patch, lines.closed = polyline_patch, polyline_closed
     lines.length = measure_lines(points, polyline_start)
     lines.broken = wp.zeros(line_count, dtype=wp.int64, device=device)
-    launch(_measure_parts, line_count, [points, polyline_start, parts], [bits])
+    lines.start = wp.empty(line_count, dtype=wp.vec3d, device=device)
+    lines.end = wp.empty(line_count, dtype=wp.vec3d, device=device)
+    launch(_measure_parts, line_count, [points, polyline_start, parts], [lines, bits])
     launch(_thin_poses, pose_start.shape[0] - 1, [polyline_start, pose_start, parts, rule], [lines, bits])
     return bits.keep

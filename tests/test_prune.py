@@ -212,6 +212,54 @@ def test_what_is_far_or_oblique_or_follows_stays(line, device):
     assert removed.tolist() == [0]
 
 
+@pytest.mark.parametrize("count", [2, 4, 8, 16])
+def test_a_ring_in_pieces_that_touch_end_to_end_loses_nothing(count, device):
+    ring = circle(0.04, count=64)
+    ring = np.vstack([ring, ring[:1]])
+    pieces = [ring[k : k + 64 // count + 1] for k in range(0, 64, 64 // count)]
+    turned = [piece[::-1] if k % 3 == 1 else piece for k, piece in enumerate(pieces)]  # ends meet ends and starts
+    for lines in (pieces, turned):
+        out, removed = pruned(lines_at(*lines), a_setting(flat_frames([(0, 0, 0.2)]), device), "close-together")
+        assert removed.tolist() == [0]
+        assert len(out.polyline_closed) == count
+
+
+@pytest.mark.parametrize(("leg", "kept"), [(0.014, True), (0.03, False)])  # 2 x 14 mm is within 2.98 widths, 30.1 mm
+def test_a_hairpin_of_two_pieces_is_judged_as_one_line_is(leg, kept, device):
+    bend = [(leg, 0, 0.2), (0, 0, 0.2), (leg, 0.2 * leg, 0.2)]
+    setting = a_setting(flat_frames([(0, 0, 0.2)]), device)
+    _, together = pruned(lines_at(bend), setting, "close-together")
+    _, apart = pruned(lines_at(bend[:2], bend[1:]), setting, "close-together")
+    assert (together[0] == 0) == (apart[0] == 0) == kept
+    assert apart[0] == pytest.approx(together[0], abs=2 * 1.49 * FOCAL_WIDTH / 8)  # judged in parts this long
+    away = [(0.001 + x, y, z) for x, y, z in bend[1:]]  # a millimetre apart, nothing joins them
+    assert pruned(lines_at(bend[:2], away), setting, "close-together")[1][0] > 0.8 * leg
+
+
+@pytest.mark.parametrize("across", [False, True])
+def test_pieces_that_touch_are_judged_as_the_slow_way_does(device, rng, across):
+    batch = random_batch(rng, 30, spread=0.015, line_most=4, point_most=7, patch_count=2)
+    points = batch.points.copy()
+    for a, b in zip(batch.pose_start[:-1], batch.pose_start[1:], strict=True):
+        for one in range(a, b - 1):  # each open line begins or ends where the next one does
+            if not batch.polyline_closed[one : one + 2].any():
+                end = batch.polyline_start[one] if rng.random() < 0.3 else batch.polyline_start[one + 1] - 1
+                points[batch.polyline_start[one + 1] if rng.random() < 0.6 else batch.polyline_start[one + 2] - 1] = (
+                    points[end]
+                )
+    batch = replace(batch, points=points)
+    fast = Beside()
+    fast.distance, fast.parallel = wp.float64(0.01), wp.float64(np.cos(0.6))
+    fast.apart, fast.patches = wp.float64(0.02), int(across)
+    on = batch.to(device)
+    parts = divide_segments(on.points, on.polyline_start, 0.004)
+    lines = (on.points, on.polyline_start, on.polyline_patch, on.polyline_closed, on.pose_start)
+    keep = thin_contours(*lines, parts, fast).numpy()
+    rule = {"distance": 0.01, "angle": 0.6, "apart": 0.02, "across": across}
+    slow = [kept for pose in range(30) for kept in SlowThinning(batch, pose, 0.004, **rule).run()]
+    np.testing.assert_array_equal(keep, slow)
+
+
 def test_contours_on_different_patches_are_compared_only_if_asked(device):
     both = lines_at([(-0.04, 0, 0.2), (0.04, 0, 0.2)], [(-0.03, 0.01, 0.2), (0.03, 0.01, 0.2)], patches=[0, 1])
     setting = a_setting(flat_frames([(0, 0, 0.2), (0, 0, 0.3)], [(0.1, 0.1)] * 2), device)

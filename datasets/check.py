@@ -243,6 +243,9 @@ def _check_contours(file: ContourFile, findings: _Findings) -> None:
 
         opened = (contours["polyline_closed"] == 1) & (points[start] != points[end]).any(axis=1)
         findings.tell_rows("/contours/polyline_closed", _OPENED, of_poses(opened), first)
+        for name in contours.keys() & {"intensity", "dwell"}:
+            differs = (contours["polyline_closed"] == 1) & (contours[name][start] != contours[name][end])
+            findings.tell_rows(f"/contours/{name}", _SEAM, of_poses(differs), first)
         ending = (end > start) & (kind[end] != kind[np.maximum(end - 1, 0)])
         findings.tell_rows("/contours/kind", _ENDING, of_poses(ending), first)
         counted = metrics["polylines"] != np.diff(contours["pose_start"])
@@ -254,6 +257,7 @@ def _check_contours(file: ContourFile, findings: _Findings) -> None:
 
 
 _OPENED = "poses with a closed polyline that does not repeat its first point"
+_SEAM = "poses with a closed polyline whose last point has another value than its first"
 _ENDING = "poses with a polyline whose last kind is not that of the point before"
 
 

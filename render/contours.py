@@ -10,6 +10,7 @@ import warp as wp
 from ..kernels.draw import Contours
 from ..kernels.measure import measure_contours
 from ..kernels.pen import HAND, MADE, OBJECT
+from .errors import StrategyError
 
 KINDS = {"object": OBJECT, "hand": HAND, "made": MADE}
 
@@ -203,3 +204,24 @@ def object_part(batch: ContourBatch) -> ContourBatch:
         intensity=None if batch.intensity is None else batch.intensity[index],
         dwell=None if batch.dwell is None else batch.dwell[index],
     )
+
+
+def require_seams(batch: ContourBatch, title: str) -> None:
+    """Refuse a closed polyline on the host whose first and last point, which are one, differ in what they carry.
+
+    Focal points start a loop anywhere and pass its seam once, so one of the two values would be lost.
+    title: what holds the batch, for errors. Raises StrategyError.
+    """
+    for name in ("intensity", "dwell"):
+        value = getattr(batch, name)
+        if value is None:
+            continue
+        line = np.flatnonzero((batch.polyline_closed != 0) & (np.diff(batch.polyline_start) > 0))
+        first, last = (value[batch.polyline_start[line]], value[batch.polyline_start[line + 1] - 1])
+        differs = np.flatnonzero(first != last)
+        if len(differs):
+            k = differs[0]
+            raise StrategyError(
+                f"{title}: polyline {line[k]} is closed, so {name} at its last point must be that at its first, "
+                f"{first[k]:g}, not {last[k]:g}"
+            )

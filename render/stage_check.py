@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from .contours import ContourBatch
+from .contours import ContourBatch, require_seams
 from .errors import StrategyError
 
 DTYPES: dict[str, tuple[Any, str, tuple[int, ...]]] = {  # field: dtype, what a row is, further dimensions
@@ -112,6 +112,7 @@ def _check_lines(batch: ContourBatch, title: str) -> None:
     apart = closed[(batch.points[start[closed]] != batch.points[start[closed + 1] - 1]).any(axis=1)]
     if len(apart):
         raise StrategyError(f"{title}: polyline {apart[0]} is closed, so it must end with its first point again")
+    require_seams(batch, title)
 
 
 def _check_values(batch: ContourBatch, patch_count: int, title: str) -> None:

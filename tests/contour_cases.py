@@ -81,7 +81,11 @@ def make_contours(
         "pose_start": pose_start,
     }
     for name, wanted in (("intensity", intensity), ("dwell", dwell)):
-        contours |= {name: rng.random(len(points), dtype=np.float32)} if wanted else {}
+        if wanted:
+            value = rng.random(len(points), dtype=np.float32)
+            loop = np.flatnonzero(closed)
+            value[polyline_start[loop + 1] - 1] = value[polyline_start[loop]]  # one point, one value
+            contours[name] = value
     return contours
 
 

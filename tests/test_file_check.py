@@ -122,6 +122,13 @@ def open_a_loop(file):
     contours["points"][end] = contours["points"][end] + np.float32(1e-6)
 
 
+def weaken_a_seam(file):
+    contours = file["contours"]
+    loop = int(np.flatnonzero(contours["polyline_closed"][...] == 1)[0])
+    end = int(contours["polyline_start"][loop + 1]) - 1
+    contours["intensity"][end] = contours["intensity"][end] / 2
+
+
 def end_on_another_kind(file):
     contours = file["contours"]
     line = int(np.flatnonzero(np.diff(contours["polyline_start"]) > 1)[0])
@@ -171,6 +178,10 @@ BREAKS = [
     (set_rows("/contours/pose_start", 9, 0), r"/contours/pose_start: below the row before \(1, first 9\)"),
     (set_rows("/contours/polyline_start", 4, 0), r"/contours/polyline_start: not above .* \(1, first 4\)"),
     (open_a_loop, "/contours/polyline_closed: poses with a closed polyline that does not repeat"),
+    (
+        weaken_a_seam,
+        r"/contours/intensity: poses with a closed polyline whose last point has another value .* \(1, first",
+    ),
     (end_on_another_kind, r"/contours/kind: poses with a polyline whose last kind .* \(1, first"),
     (lengthen, r"/metrics/length_hand: poses whose points have another length \(1, first"),
     (set_rows("/metrics/polylines", 6, 77), r"/metrics/polylines: poses with another number .* \(1, first 6\)"),

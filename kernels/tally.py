@@ -34,11 +34,8 @@ class Pacing:
     turns: wp.float64  # times that the whole way is gone in a cycle
     again: wp.float64  # times that open polylines are gone once more
     chord: wp.float64  # times that the chords of open polylines are gone at the speed
-    lowest: wp.float64  # draw frequency: a slower cycle takes `samples_most` [Hz]
-    highest: wp.float64  # a faster one takes `samples_least` [Hz]
-    samples_most: wp.float64
-    samples_least: wp.float64
-    floor: wp.float64  # samples a cycle, at least
+    samples_least: wp.float64  # a cycle
+    samples_most: wp.float64  # the same
     seam: wp.float64  # by so much of a sample a cycle may be longer than its samples
     nominal_lowest: wp.float64  # [Hz]
     nominal_highest: wp.float64  # [Hz]
@@ -165,11 +162,8 @@ def _pace_poses(
         way += pacing.again * open_length[pose] + pacing.chord * chord[pose]
         back = chord[pose] / pacing.return_speed
     seconds = pacing.turns * way / pacing.speed + back
-    samples = wp.max(wp.ceil(seconds * pacing.update_rate - pacing.seam), pacing.floor)
-    if seconds * pacing.lowest > wp.float64(1.0):
-        samples = pacing.samples_most
-    elif seconds * pacing.highest < wp.float64(1.0):
-        samples = pacing.samples_least
+    samples = wp.ceil(seconds * pacing.update_rate - pacing.seam)
+    samples = wp.min(wp.max(samples, pacing.samples_least), pacing.samples_most)
     value[0, pose] = wp.float32(nominal)
     value[1, pose] = wp.float32(pacing.moves * pacing.update_rate / samples)
 

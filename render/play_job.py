@@ -28,9 +28,10 @@ from .source import ContourSource
 POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
 TOLD_OF_PLAYING = (
     "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "board_underruns", "lateness",
-    "queue_depth", "jumps", "jumps_by_cause", "jump_length", "step_longest", "draw_frequency_nominal", "revisit_rate",
-    "samples", "silent", "held", "refused", "switched", "duty", "on_time", "array", "serial", "clock", "transport",
-    "short_writes", "stopped_by", "off_sent", "off_after", "off_confirmed", "may_emit", "off_doubt", "arrays",
+    "queue_depth", "jumps", "jumps_by_cause", "jump_length", "hops", "hops_by_cause", "hop_speed_max", "step_longest",
+    "draw_frequency_nominal", "revisit_rate", "absence_max", "samples", "silent", "held", "refused", "switched", "duty",
+    "on_time", "array", "serial", "clock", "transport", "short_writes", "stopped_by", "off_sent", "off_after",
+    "off_confirmed", "may_emit", "off_doubt", "arrays",
 )  # fmt: skip
 ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 

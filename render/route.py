@@ -2,13 +2,19 @@
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+
+from .contour_matching import marks_of, matches_of
 
 # A pose lasts 11 ms, and laying its track must leave time to play it: none takes 5 ms of a core.
 SEARCHED_MOST = 32  # pieces; the route through more is not searched for: that grows with their square and beyond
 PIECES_MOST = 128  # more are drawn in the batch's order
 DOORS = 64  # starts looked at, over all polylines: 32 on each of two loops, 2 on each of 32, else the given one
+
+STARTS_TRIED = 16  # on a loop that is new in a route that is kept
+JUMP_SLACK = 5e-3  # [m] by which a kept route may be longer whatever its length: what is no longer is no jump
 
 # All orders of a cycle of so many; the other way round, every piece turned, one is as long.
 CYCLES = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1, 3]]}
@@ -25,6 +31,37 @@ class Piece:
     """Shape [point]; None means 1."""
     dwell: np.ndarray | None = None
     """Pause at each vertex [s], that at the start of a closed one only at its end, shape [point]; None means none."""
+
+
+class Route:
+    """The polylines of a pose as they are drawn, and which of them the pose before had too.
+
+    pieces: in the order in which they are drawn, turned and started as they are drawn. before: the route of the pose
+    before, None for the first pose.
+    """
+
+    def __init__(self, pieces: list[Piece], before: "Route | None") -> None:
+        self.pieces = pieces
+        self.least = np.inf
+        """Jumps of the shortest route when it was looked for last [m]."""
+        if before is None:
+            self.earlier = np.full(len(pieces), -1)
+        elif len(pieces) == len(before.pieces) == 1:  # nothing else can be meant
+            self.earlier = np.zeros(1, np.int64)
+        else:
+            self.earlier = matches_of(self.mark, before.mark)
+        """Number of the same polyline in the route of the pose before, -1 where it had none, shape [piece]."""
+
+    @cached_property
+    def mark(self) -> np.ndarray:
+        """What each polyline is recognised by at the next pose, shape [piece, 4]; see `marks_of`."""
+        return marks_of([piece.points for piece in self.pieces])
+
+    def redrawn(self, order: np.ndarray, pieces: list[Piece], least: float) -> "Route":
+        """The same polylines in another order, turned and started as these pieces are."""
+        other = Route(pieces, None)
+        other.earlier, other.mark, other.least = self.earlier[order], self.mark[order], least
+        return other
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -46,9 +83,114 @@ def jump_total(pieces: list[Piece], *, back: bool = False, cyclic: bool = True) 
 
     back: open pieces end where they start. cyclic: False leaves out the jump from the last piece to the first.
     """
-    ends = [(p.points[0], p.points[0] if back or p.closed else p.points[-1]) for p in pieces]
-    pairs = list(itertools.pairwise([*ends, ends[0]] if cyclic else ends))
-    return float(sum(np.linalg.norm(b[0] - a[1]) for a, b in pairs))
+    start = np.array([p.points[0] for p in pieces])
+    end = start if back else np.array([p.points[0] if p.closed else p.points[-1] for p in pieces])
+    jump = np.roll(start, -1, axis=0) - end
+    return float(np.linalg.norm(jump if cyclic else jump[:-1], axis=1).sum())
+
+
+def steady_route(
+    pieces: list[Piece], before: Route | None, *, margin: float, back: bool = False, cyclic: bool = True
+) -> Route:
+    """The route of the pose before, for these pieces, unless another is shorter by a margin; first, the shortest.
+
+    Noise of a micrometre decides between routes that are about as long. If it did so at every pose, a polyline that is
+    due next would become the last one, again and again. margin: by which share of its length, beyond JUMP_SLACK, the
+    route may be longer than the shortest one. That is looked for where polylines come or go, and where the jumps have
+    become longer, by the margin, than those of the shortest route that was found last.
+    """
+    given = Route(pieces, before)
+    if not 1 < len(pieces) <= PIECES_MOST:
+        return given
+    known = np.count_nonzero(given.earlier >= 0)
+    if before is None or 2 * known < len(pieces):  # these are other contours
+        return given.redrawn(*_found(pieces, back=back, cyclic=cyclic))
+    order, kept = _kept(given, before, back=back, cyclic=cyclic)
+    length, least = jump_total(kept, back=back, cyclic=cyclic), before.least
+    if known == len(pieces) == len(before.pieces) and length <= (1.0 + margin) * least + JUMP_SLACK:
+        return given.redrawn(order, kept, least)
+    other, shortest, least = _found(pieces, back=back, cyclic=cyclic)
+    if length <= (1.0 + margin) * least + JUMP_SLACK:
+        return given.redrawn(order, kept, least)
+    return given.redrawn(other, shortest, least)
+
+
+def _kept(given: Route, before: Route, *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[Piece]]:
+    """Order of pieces at the pose before, new ones where they cost least, and the pieces drawn as they were then."""
+    order = np.argsort(given.earlier, kind="stable")
+    known, new = order[given.earlier[order] >= 0], order[given.earlier[order] < 0]
+    kept = _drawn_like([given.pieces[k] for k in known], [before.pieces[k] for k in given.earlier[known]])
+    order = known.tolist()
+    for k in new.tolist():
+        place, piece = _insertion(kept, given.pieces[k], back=back, cyclic=cyclic)
+        kept.insert(place, piece)
+        order.insert(place, k)
+    return np.array(order), kept
+
+
+def _drawn_like(pieces: list[Piece], before: list[Piece]) -> list[Piece]:
+    """Pieces the same way round as at the pose before; loops from the point nearest to where they started then."""
+    points = np.concatenate([piece.points for piece in pieces])
+    count = np.array([len(piece.points) for piece in pieces])
+    first = np.cumsum(count) - count
+    start = np.repeat(np.array([piece.points[0] for piece in before]), count, axis=0)[:-1]
+    step = np.diff(points, axis=0)
+    square = np.einsum("ij,ij->i", step, step)
+    part = np.einsum("ij,ij->i", start - points[:-1], step) / np.maximum(square, 1e-30)
+    part = np.minimum(np.maximum(part, 0.0), 1.0)
+    off = points[:-1] + part[:, None] * step - start
+    apart = np.einsum("ij,ij->i", off, off)
+    out = []
+    for piece, then, a, n in zip(pieces, before, first.tolist(), count.tolist(), strict=True):
+        if piece.closed:
+            way = int(apart[a : a + n - 1].argmin())
+            out.append(_begun(piece, way, float(part[a + way])))
+        else:
+            ends, ends_then = piece.points[[0, -1]], then.points[[0, -1]]
+            same, turned = (np.linalg.norm(e - ends_then, axis=1).sum() for e in (ends, ends[::-1]))
+            out.append(_reversed(piece) if turned < same else piece)
+    return out
+
+
+def _begun(piece: Piece, way: int, part: float) -> Piece:
+    """A loop drawn from a point on: on the way from a vertex to the next, part 0..1."""
+    way, part = (way + 1, 0.0) if part >= 1.0 else (way, part)
+    if part == 0.0 and way in (0, len(piece.points) - 1):
+        return piece
+    ahead = way + 1 if part > 0 else way  # the next vertex, or the one that it starts at
+
+    def begun(values: np.ndarray) -> np.ndarray:
+        if part == 0.0:
+            return np.concatenate([values[way:], values[1 : way + 1]])
+        start = values[way : way + 1] + part * (values[ahead : ahead + 1] - values[way : way + 1])
+        return np.concatenate([start, values[ahead:], values[1:ahead], start])
+
+    dwell = None if piece.dwell is None else begun(piece.dwell)
+    if dwell is not None:  # a pause at the start is made at the end, and between two vertices there is none
+        dwell[0] = 0.0
+        dwell[-1] = dwell[-1] if part == 0.0 else 0.0
+    return Piece(begun(piece.points), True, None if piece.intensity is None else begun(piece.intensity), dwell)
+
+
+def _insertion(kept: list[Piece], piece: Piece, *, back: bool, cyclic: bool) -> tuple[int, Piece]:
+    """Where a piece makes a route least longer, and the piece in the way that does."""
+    start = np.array([p.points[0] for p in kept])
+    end = start if back else np.array([p.points[0] if p.closed else p.points[-1] for p in kept])
+    following = np.roll(start, -1, axis=0)
+    into = _starts_of(piece.points, STARTS_TRIED) if piece.closed else piece.points[[0, -1]]
+    out = into if piece.closed or back else into[::-1]
+    to, on = (np.linalg.norm(a[:, None] - b[None], axis=2) for a, b in ((end, into), (following, out)))
+    cost = to + on - np.linalg.norm(following - end, axis=1)[:, None]
+    if not cyclic:  # behind the last one nothing follows
+        cost[-1] = to[-1]
+    place, door = np.unravel_index(int(cost.argmin()), cost.shape)
+    return int(place) + 1, _entered(piece, int(door), STARTS_TRIED)
+
+
+def _found(pieces: list[Piece], *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[Piece], float]:
+    """The shortest route: numbers of its pieces, the pieces as it draws them, and the length of its jumps [m]."""
+    order, route = _shortest(pieces, back=back, cyclic=cyclic)
+    return order, route, jump_total(route, back=back, cyclic=cyclic)
 
 
 def shortest_route(pieces: list[Piece], *, back: bool = False, cyclic: bool = True) -> list[Piece]:
@@ -59,8 +201,11 @@ def shortest_route(pieces: list[Piece], *, back: bool = False, cyclic: bool = Tr
     doors for that order. Beyond: nearest neighbour, loops from where they are given. Never longer than the given route;
     more than PIECES_MOST pieces stay as they are.
     """
-    if not 1 < len(pieces) <= PIECES_MOST:
-        return pieces
+    return pieces if not 1 < len(pieces) <= PIECES_MOST else _shortest(pieces, back=back, cyclic=cyclic)[1]
+
+
+def _shortest(pieces: list[Piece], *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[Piece]]:
+    """Numbers of the pieces in the order of the shortest route, and the pieces as it draws them."""
     searched = len(pieces) <= SEARCHED_MOST
     share = max(1, DOORS // len(pieces))
     doors = _doors_of(pieces, share, back=back, outside=not cyclic)
@@ -76,8 +221,9 @@ def shortest_route(pieces: list[Piece], *, back: bool = False, cyclic: bool = Tr
         chosen = min(routes, key=lambda found: found[0])[1]
     if not cyclic:  # the outside comes last
         chosen = np.roll(chosen, -1 - int(np.argmax(doors.piece[chosen])))
-    picked = [(int(doors.piece[door]), int(door)) for door in chosen]
-    return [_entered(pieces[i], door - int(doors.of[i][0]), share) for i, door in picked if i < len(pieces)]
+    picked = [(int(doors.piece[door]), int(door)) for door in chosen if doors.piece[door] < len(pieces)]
+    route = [_entered(pieces[i], door - int(doors.of[i][0]), share) for i, door in picked]
+    return np.array([i for i, _ in picked]), route
 
 
 def _doors_of(pieces: list[Piece], share: int, *, back: bool, outside: bool) -> Doors:
@@ -184,8 +330,7 @@ def _entered(piece: Piece, door: int, share: int) -> Piece:
     if door == 0:
         return piece
     if not piece.closed:
-        back, rest = (None if values is None else values[::-1] for values in (piece.intensity, piece.dwell))
-        return replace(piece, points=piece.points[::-1], intensity=back, dwell=rest)
+        return _reversed(piece)
     arc = _arc_of(piece.points)
     start = arc[-1] * door / share
     before = int(np.searchsorted(arc, start - 1e-9))  # vertices before the start; the first is also the last
@@ -203,6 +348,12 @@ def _entered(piece: Piece, door: int, share: int) -> Piece:
         dwell[-1] = piece.dwell[before:after].sum() if piece.dwell is not None else 0.0
     points = turned(piece.points, _between(piece.points, arc, np.array([start])))
     return replace(piece, points=points, intensity=intensity, dwell=dwell)
+
+
+def _reversed(piece: Piece) -> Piece:
+    """An open piece the other way round."""
+    back, rest = (None if values is None else values[::-1] for values in (piece.intensity, piece.dwell))
+    return replace(piece, points=piece.points[::-1], intensity=back, dwell=rest)
 
 
 def _starts_of(points: np.ndarray, share: int) -> np.ndarray:

@@ -13,7 +13,9 @@ import numpy as np
 
 from ..datasets.rigid import rotated
 from .continuity import Place, entered, place_on
+from .contour_absence import AbsenceWatch
 from .path import Path
+from .route import Route
 from .sampling_metrics import FocalPoints, RevisitWatch, SamplingCount
 from .sampling_strategy import Order, SamplingStrategy
 from .track import Track, lay_track
@@ -42,21 +44,24 @@ class Cursor:
     @property
     def last(self) -> float:
         """Knot of the sample drawn last, before points are held or reordered."""
-        knot = self._anchor + self.one_sample * ((self._index - 1) % self.track.sample_count)
-        return knot if knot < self.track.period else knot - self.track.period
+        return float(self._knots(np.array(self._index - 1)))
 
     @property
     def one_sample(self) -> float:
         """How far a sample is from the next, in knots."""
-        return 0.0 if self._strategy.pace.kind == "still" else self.track.period / self.track.sample_count
+        return 0.0 if self._strategy.pace.kind == "still" else self.track.one_sample
 
     def _knots(self, index: np.ndarray) -> np.ndarray:
         """Knots of samples, within 0..period."""
-        knot = self._anchor + self.one_sample * (index % self.track.sample_count)
+        knot = self._anchor + self.one_sample * (index % self.track.repeat_count)
+        if self.track.turns > 1:
+            return knot % self.track.period
         return np.where(knot < self.track.period, knot, knot - self.track.period)
 
-    def take(self, count: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """The next samples: points [m], shape [sample, focus, 3], and intensities, shape [sample, focus] or None."""
+    def take(self, count: int) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+        """The next samples: points [m], shape [sample, focus, 3], intensities, shape [sample, focus] or None, and the
+        polylines' numbers in the route, shape [sample, focus], -1 between two, None on the only one.
+        """
         track, foci = self.track, self._strategy.foci
         knot = self._knots(np.arange(self._index, self._index + count))[:, None]
         self._index += count
@@ -67,7 +72,7 @@ class Cursor:
             turn = np.floor(knot * share + 1e-9).astype(np.int64) % len(self._table)
             knot = self._table[turn] / share
         intensity = None if track.intensity is None else np.interp(knot, track.knot, track.intensity)
-        return track.at(knot), intensity
+        return track.at(knot), intensity, track.pieces_at(knot)
 
     def samples_to_end(self) -> int:
         """Samples until the polyline under way ends."""
@@ -92,6 +97,10 @@ class Sampler:
         self._drawn = False  # something has been drawn
         self._silent = True  # the last sample was
         self._revisits = RevisitWatch(self.count, strategy.update_rate)
+        self._absences = AbsenceWatch(self.count, strategy.update_rate)
+        self._route: Route | None = None  # of the contours that were entered last
+        self._apart = 0.0  # from where the focal point was to where it entered them [m]
+        self._ordinary = strategy.step_ordinary  # longest step along them [m]
 
     def draw(
         self, path: Path | None, pose: np.ndarray, sample_count: int, *, age: float = 0.0, hold: float = np.inf
@@ -128,7 +137,7 @@ class Sampler:
         Starts where a new sampler would; changes nothing. pose: needed for small circles only, shape [7].
         None where no whole number of samples up to `limit` is a period of everything.
         """
-        count = period_count(self.strategy, lay_track(path, self.strategy).sample_count, limit)
+        count = period_count(self.strategy, lay_track(path, self.strategy).repeat_count, limit)
         if count is None:
             return None
         return Sampler(self.strategy).draw(path, np.array([0, 0, 0, 0, 0, 0, 1.0]) if pose is None else pose, count)
@@ -154,7 +163,8 @@ class Sampler:
         parts, left = [], sample_count
         while left > 0:
             count = min(left, self._finishing or left)
-            parts.append(self._advance(count))
+            done = sample_count - left
+            parts.append(self._advance(count, None if gain is None else gain[done : done + count]))
             left -= count
             if self._finishing:
                 self._finishing -= count
@@ -172,19 +182,24 @@ class Sampler:
             intensity = np.concatenate(full)
         return np.concatenate([part[0] for part in parts]), intensity, new
 
-    def _advance(self, count: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """The next samples on the track under way."""
+    def _advance(self, count: int, gain: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """The next samples on the track under way; gain: what fading leaves of them."""
         cursor = self._cursor
         if cursor is None:  # a path has been entered by then
             raise RuntimeError("no contour has been entered")
-        out = cursor.take(count)
+        position, intensity, piece = cursor.take(count)
+        if gain is None or gain[-1] > 0:
+            self._absences.watch(count, piece)
+        else:
+            self._absences.lose(count)
         track, last = cursor.track, cursor.last
         held = self.strategy.pace.points is not None
-        point = track.at(np.array(last)) if held else out[0][-1, 0].copy()
+        point = track.at(np.array(last)) if held else position[-1, 0].copy()
         self._place = place_on(track, last, point, self.strategy.jump_threshold)
         self.count.drawn += count
-        self.count.cycles += 0.0 if self.strategy.pace.kind == "still" else count / track.sample_count
-        return out
+        if self.strategy.pace.kind != "still":
+            self.count.cycles += track.turns * count / track.repeat_count
+        return position, intensity
 
     def _plan_finish(self, path: Path) -> None:
         """With continuity "finish": how much of the piece under way is drawn before new contours are entered."""
@@ -195,14 +210,22 @@ class Sampler:
 
     def _enter(self, path: Path, silent: bool) -> Cursor:
         """Where drawing goes on along the contours of a new pose; `silent`: the sample before is."""
-        strategy, track = self.strategy, lay_track(path, self.strategy)
+        strategy, track = self.strategy, lay_track(path, self.strategy, self._route)
         before, self._before = self._before if self._drawn else None, path
+        if track.route is not None:
+            self._absences.enter(track.route)
+            self._route = track.route
+        if strategy.pace.kind in ("frequency", "capped"):  # the contours' length decides how fast it runs
+            self._ordinary = track.step_ordinary + strategy.circle_step
         index = 0 if silent else 1  # after a silence at the nearest point, else one sample on
+        self._apart = np.inf
         if not self._drawn:
             return Cursor(track, 0.0, 0, strategy)
         if strategy.continuity == "jump" and before is not None and other_contours(before, path):
             return Cursor(track, 0.0, 0, strategy)
-        return Cursor(track, entered(track, self._place, strategy.jump_threshold), index, strategy)
+        knot = entered(track, self._place, strategy.jump_threshold)
+        self._apart = float(np.linalg.norm(track.at(np.array(knot)) - self._place.point))
+        return Cursor(track, knot, index, strategy)
 
     def _rest(self, sample_count: int) -> FocalPoints:
         """Silence where the focal points are."""
@@ -210,6 +233,7 @@ class Sampler:
         if sample_count > 0:
             self._silent, self._path, self._finishing = True, None, 0
             self._revisits.lose()
+            self._absences.lose(sample_count)
         position = np.repeat(self._shown[None], sample_count, axis=0)
         return focal_points(self.strategy, position, np.zeros(position.shape[:2]), 0)
 
@@ -227,20 +251,28 @@ class Sampler:
             length[~drawn] = 0.0
             length[1:][~drawn[:-1]] = 0.0
         self.count.step_longest = max(self.count.step_longest, float(length.max()))
-        threshold = self.strategy.jump_threshold
-        if reentry:
-            self._add_jumps("re-entry", first[first > threshold])
-        jump = length > threshold
-        if not jump.any():
-            return
-        if new is not None:
-            self._add_jumps("pose", length[new][jump[new]])
-            length[new], jump[new] = 0.0, False
-        self._add_jumps("order" if self.strategy.pace.points is not None else "polyline", length[jump])
+        self._count_far(length, first if reentry else None, new)
 
-    def _add_jumps(self, cause: str, length: np.ndarray) -> None:
-        self.count.jumps[cause] += len(length)
-        self.count.jump_lengths[cause] += float(length.sum())
+    def _count_far(self, length: np.ndarray, reentry: np.ndarray | None, new: int | None) -> None:
+        """Count jumps and hops among steps [m], shape [sample, focus]; reentry: the first step after a silence."""
+        if reentry is not None:
+            self._add("re-entry", reentry)
+        if float(length.max()) <= min(2 * self._ordinary, self.strategy.jump_threshold):
+            return
+        cause = "order" if self.strategy.pace.points is not None else "polyline"
+        if new is not None and 2 * self._apart >= float(length[new].max()):
+            self._add("pose", length[new])  # else the contours moved less: it is the way between two that is long
+            length[new] = 0.0
+        self._add(cause, length)
+
+    def _add(self, cause: str, length: np.ndarray) -> None:
+        """Count which of these steps [m] are jumps, and which hops."""
+        jump = length[length > self.strategy.jump_threshold]
+        hop = length[(length > 2 * self._ordinary) & (length <= self.strategy.jump_threshold)]
+        self.count.jumps[cause] += len(jump)
+        self.count.jump_lengths[cause] += float(jump.sum())
+        self.count.hops[cause] += len(hop)
+        self.count.hop_longest = max(self.count.hop_longest, float(hop.max(initial=0.0)))
 
 
 def other_contours(a: Path, b: Path) -> bool:

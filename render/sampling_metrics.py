@@ -41,6 +41,13 @@ class SamplingCount:
     """Sums of their lengths [m]."""
     step_longest: float = 0.0
     """Longest step between two samples that are not silent [m]."""
+    hops: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
+    """Steps that are no jumps, but longer than twice the longest that the focal point makes along these contours, by
+    cause, of all focal points."""
+    hop_longest: float = 0.0
+    """Longest of them [m]."""
+    absence_max: float = 0.0
+    """Longest time that a polyline which was there from pose to pose was not drawn [s]; silence is left out."""
     drawn: int = 0
     """Samples drawn from contours, faded or not."""
     cycles: float = 0.0

@@ -68,6 +68,10 @@ class Pace:
         if self.points is not None:
             require_number("pace.points", self.points, 1, 1_000_000, whole=True)
 
+    def samples_within(self, update_rate: float) -> tuple[int, int]:
+        """Fewest and most samples a cycle whose draw frequency lies within `lowest`..`highest`; update_rate: [Hz]."""
+        return math.ceil(update_rate / self.highest - 1e-9), math.floor(update_rate / self.lowest + 1e-9)
+
 
 @dataclass(frozen=True)
 class Order:
@@ -92,6 +96,10 @@ class Order:
     route: str = "shortest"
     """Of several polylines: "shortest" jumps between them (loops start anywhere, open pieces run either way), or
     "given": the batch's own order, starts and directions."""
+    margin: float = 0.2
+    """A pose keeps the route of the pose before as long as its jumps are longer than the shortest ones by no more than
+    this share and 5 mm; then the shortest route is taken. A change of the route costs up to one more cycle until a
+    polyline is drawn again, whereas longer jumps take no time."""
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -99,6 +107,7 @@ class Order:
         require_number("order.step", self.step, 1, 1_000_000, whole=True)
         require_number("order.seed", self.seed, 0, 2**63 - 1, whole=True)
         require_choice("order.route", self.route, ("shortest", "given"))
+        require_number("order.margin", self.margin, 0, 1000)
 
 
 @dataclass(frozen=True)
@@ -252,6 +261,12 @@ class SamplingStrategy:
                 f"order.step must share no factor with pace.points {pace.points}, else points are left out, not "
                 f"{order.step}"
             )
+        fewest, most = pace.samples_within(self.update_rate)
+        if pace.kind == "capped" and fewest > most:
+            raise StrategyError(
+                f"pace.lowest..highest, {pace.lowest:g}..{pace.highest:g} Hz, holds no draw frequency of a whole "
+                f"number of samples a cycle at update_rate {self.update_rate:g} Hz"
+            )
         if pace.kind == "still" and (order.kind != "loop" or pace.points is not None):
             raise StrategyError(
                 f"pace.kind 'still' needs order.kind 'loop' and no pace.points, not {order.kind!r} and {pace.points}"
@@ -280,8 +295,26 @@ class SamplingStrategy:
     @property
     def jump_threshold(self) -> float:
         """A longer step is a jump [m]: max(2 v / f_s, 5 mm), v that of a fast return where there is one."""
-        fastest = max(self.speed, self.gap.speed) if self.gap.kind == "return" else self.speed
-        return max(2.0 * fastest / self.update_rate, JUMP_LENGTH)
+        return max(2.0 * self._fastest / self.update_rate, JUMP_LENGTH)
+
+    @property
+    def step_ordinary(self) -> float:
+        """Longest step along a contour at the nominal speeds, fast returns and small circles included [m].
+
+        A step of more than twice that is a hop, unless it is a jump. For pace.kind "frequency" and "capped" the
+        contours decide how fast a focal point runs: see `Track.step_ordinary`.
+        """
+        return self._fastest / self.update_rate + self.circle_step
+
+    @property
+    def circle_step(self) -> float:
+        """What a small circle adds to a step, at most [m]."""
+        return 0.0 if self.lm is None else 2 * math.pi * self.lm.radius * self.lm.frequency / self.update_rate
+
+    @property
+    def _fastest(self) -> float:
+        """[m/s]"""
+        return max(self.speed, self.gap.speed) if self.gap.kind == "return" else self.speed
 
     @property
     def plain(self) -> bool:
@@ -311,11 +344,11 @@ class SamplingStrategy:
             count = 1
         elif pace.kind == "frequency":
             count = round(rate / pace.frequency)
-        elif pace.kind == "capped" and seconds * pace.lowest > 1:
-            count = math.floor(rate / pace.lowest + 1e-9)
         else:
-            capped = pace.kind == "capped" and seconds * pace.highest < 1
-            count = math.ceil(rate / pace.highest - 1e-9 if capped else seconds * rate - SEAM)
+            count = math.ceil(seconds * rate - SEAM)
+            if pace.kind == "capped":
+                fewest, most = pace.samples_within(rate)
+                count = min(max(count, fewest), most)
         if self.order.kind in ("step", "random"):
             count = max(count, self.pace.points or 1)
         return max(count, 1)

@@ -180,7 +180,7 @@ def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: 
     whole, rest = divmod(frame_count - 2 * count, count)
     for f in fields(SamplingCount):
         then, now = getattr(before, f.name), getattr(sampler.count, f.name)
-        if f.name == "step_longest":
+        if f.name in ("step_longest", "hop_longest", "absence_max"):  # the longest, not sums
             continue
         if isinstance(now, dict):
             setattr(sampler.count, f.name, {key: now[key] + whole * (now[key] - then[key]) for key in now})

@@ -50,11 +50,8 @@ def pacing_of(strategy: SamplingStrategy) -> Any:
     pacing.return_speed = strategy.gap.speed if gap == "return" and strategy.order.kind != "pendulum" else math.inf
     pacing.turns = 2.0 if strategy.order.kind == "pendulum" else 1.0
     pacing.again, pacing.chord = float(gap == "pendulum"), float(gap == "close")
-    pacing.lowest = math.inf if is_fixed(strategy) else pace.lowest if capped else 0.0
-    pacing.highest = pace.highest if capped else math.inf
-    pacing.samples_most = float(strategy.samples_of(AGES) if capped or is_fixed(strategy) else 1)
     pacing.samples_least = float(strategy.samples_of(INSTANT))
-    pacing.floor = float(max(strategy.pace.points or 1, 1) if strategy.order.kind in ("step", "random") else 1)
+    pacing.samples_most = float(strategy.samples_of(AGES)) if capped or is_fixed(strategy) else math.inf
     pacing.seam = SEAM
     pacing.nominal_lowest = pace.lowest if capped else frequency
     pacing.nominal_highest = pace.highest if capped else frequency if is_fixed(strategy) else math.inf

@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .drawing_turns import SHARE_LEAST, stretched, turns_of
 from .path import Path
-from .route import PIECES_MOST, Piece, shortest_route
+from .route import PIECES_MOST, Piece, Route, steady_route
 from .sampling_strategy import SamplingStrategy
 
 NEAR_CUT = 0.1  # of a section's length
+NOISE_SHARE = 1e-3  # of a sample: ways that take less say nothing of the speed, for rounding is as large
 PASSES_MOST = 199  # through a section; more only on contours far smaller than a focal point
 
 
@@ -36,11 +38,46 @@ class Track:
     """Whether the focal point rests from each node to the next, bool, shape [node - 1]; None: nowhere."""
     section: np.ndarray | None = None
     """Knots at which sections start, and the period, shape [section + 1]; None: there are none."""
+    route: Route | None = None
+    """The polylines in the order in which they are drawn; None where a track is made by hand."""
+    piece: np.ndarray | None = None
+    """Number in the route of the polyline that each way from node to node is on, -1 between two of them, shape
+    [node - 1]; None: all are on polyline 0."""
+    turns: int = 1
+    """Cycles after which the samples lie where they lay before. More than one where a polyline is shorter than a step:
+    the samples of each cycle then lie elsewhere, so that each polyline has one in one of these cycles."""
+    turn_samples: int = 0
+    """Samples of that many cycles; 0 for `sample_count` of one cycle."""
 
     @property
     def period(self) -> float:
         """Of a cycle, in the unit of the knots."""
         return float(self.knot[-1])
+
+    @property
+    def repeat_count(self) -> int:
+        """Samples after which all samples lie where they lay before."""
+        return self.turn_samples or self.sample_count
+
+    @property
+    def one_sample(self) -> float:
+        """How far a sample is from the next, in the unit of the knots."""
+        return self.turns * self.period / self.repeat_count
+
+    @property
+    def step_ordinary(self) -> float:
+        """Greatest distance between two samples on the same way of the track, jumps left out [m]."""
+        took = np.diff(self.knot)
+        moves = took > NOISE_SHARE * self.one_sample
+        length = np.sqrt(np.einsum("ij,ij->i", self.step[moves], self.step[moves]))
+        return float((length / took[moves]).max(initial=0.0)) * self.one_sample
+
+    def pieces_at(self, knot: np.ndarray) -> np.ndarray | None:
+        """Number in the route of the polyline at knots within 0..period, -1 between two; None: on the only one."""
+        if self.piece is None:
+            return None
+        way = np.searchsorted(self.knot, knot, side="right") - 1
+        return self.piece[np.minimum(way, len(self.piece) - 1)]
 
     def at(self, knot: np.ndarray) -> np.ndarray:
         """Points [m] at knots within 0..period, shape [..., 3]; at a jump the one behind it."""
@@ -70,31 +107,37 @@ class Track:
         return cost, part
 
 
-def lay_track(path: Path, strategy: SamplingStrategy) -> Track:
-    """One cycle of a strategy over the polylines of a pose."""
+def lay_track(path: Path, strategy: SamplingStrategy, before: Route | None = None) -> Track:
+    """One cycle of a strategy over the polylines of a pose; before: route of the pose before, see `steady_route`."""
+    single = len(path.first) == 1
     in_order = not 1 < len(path.first) <= PIECES_MOST or strategy.order.route == "given"
-    if strategy.plain and in_order and path.dwell is None:
-        seconds = path.length / strategy.speed
-        return Track(path.arc, path.points, path.step, path.intensity, strategy.samples_of(seconds), seconds)
     pieces = pieces_of(path)
+    if strategy.plain and in_order and path.dwell is None and (single or not _has_short(path, strategy)):
+        seconds = path.length / strategy.speed
+        count = strategy.samples_of(seconds)
+        piece = None if single else _piece_of_ways(_numbers_of(path))
+        route = Route(pieces, before)
+        return Track(path.arc, path.points, path.step, path.intensity, count, seconds, route=route, piece=piece)
     if strategy.gap.kind == "close":
         pieces = [_closed(piece) for piece in pieces]
+    back, cyclic = strategy.gap.kind == "pendulum", strategy.order.kind != "pendulum"
     if strategy.order.route == "shortest":
-        back, cyclic = strategy.gap.kind == "pendulum", strategy.order.kind != "pendulum"
-        pieces = shortest_route(pieces, back=back, cyclic=cyclic)
-    course = _course_of(pieces, strategy)
+        route = steady_route(pieces, before, margin=strategy.order.margin, back=back, cyclic=cyclic)
+    else:
+        route = Route(pieces, before)
+    course = _course_of(route.pieces, strategy)
     if strategy.sections is not None:
         course = _in_sections(course, strategy)
     elif strategy.dwell.time > 0 or strategy.dwell.share > 0 or course.dwell is not None:
         course = _with_pauses(course, strategy)
-    knot = np.zeros(len(course.points))
-    np.cumsum(course.duration, out=knot[1:])
-    seconds = float(knot[-1])
-    step = np.diff(course.points, axis=0)
-    section = None if course.section is None else knot[course.section]
-    return Track(
-        knot, course.points, step, course.intensity, strategy.samples_of(seconds), seconds, course.pause, section
-    )
+    return _timed(course, route, strategy)
+
+
+def _has_short(path: Path, strategy: SamplingStrategy) -> bool:
+    """Whether a polyline of a path is shorter than the way from sample to sample."""
+    length = np.diff(np.append(path.arc[path.first], path.arc[-1]))
+    step = path.length / strategy.samples_of(path.length / strategy.speed)
+    return bool((length[length > 0] < step).any())
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -105,6 +148,7 @@ class Course:
     duration: np.ndarray  # [s], shape [node - 1]
     corner: np.ndarray  # bool, shape [node]
     intensity: np.ndarray | None  # shape [node]
+    piece: np.ndarray  # number of the polyline that it is on, -1 between two, shape [node]
     pause: np.ndarray | None = None  # bool, shape [node - 1]
     section: np.ndarray | None = None  # first node of each section, and the last of all
     dwell: np.ndarray | None = None  # pause that the contours have there [s], shape [node]
@@ -112,7 +156,39 @@ class Course:
     def picked(self, index: np.ndarray, duration: np.ndarray) -> "Course":
         """Nodes by number, with other times between them."""
         intensity, dwell = (None if values is None else values[index] for values in (self.intensity, self.dwell))
-        return Course(self.points[index], duration, self.corner[index], intensity, dwell=dwell)
+        return Course(self.points[index], duration, self.corner[index], intensity, self.piece[index], dwell=dwell)
+
+
+def _timed(course: Course, route: Route, strategy: SamplingStrategy) -> Track:
+    """The track of a course: when each node is reached, and on how many samples the cycle is drawn."""
+    knot = _summed(course.duration)
+    seconds = float(knot[-1])
+    count = strategy.samples_of(seconds)
+    piece = _piece_of_ways(course.piece)
+    turns, turn_samples = 1, 0
+    if strategy.pace.points is None and strategy.pace.kind != "still" and len(route.pieces) > 1:
+        duration = stretched(course.duration, piece, SHARE_LEAST * seconds / count)
+        if duration is not course.duration:
+            knot = _summed(duration)
+        turns, turn_samples = turns_of(duration, piece, count, strategy)
+    section = None if course.section is None else knot[course.section]
+    step = np.diff(course.points, axis=0)
+    return Track(
+        knot, course.points, step, course.intensity, count, seconds, course.pause, section,
+        route, piece, turns, turn_samples,
+    )  # fmt: skip
+
+
+def _summed(duration: np.ndarray) -> np.ndarray:
+    """When each node is reached, from 0."""
+    knot = np.zeros(len(duration) + 1)
+    np.cumsum(duration, out=knot[1:])
+    return knot
+
+
+def _piece_of_ways(piece: np.ndarray) -> np.ndarray:
+    """Number of the polyline that each way from node to node is on, -1 between two; piece: of each node."""
+    return np.where(piece[:-1] == piece[1:], piece[:-1], -1)
 
 
 def pieces_of(path: Path) -> list[Piece]:
@@ -127,6 +203,12 @@ def pieces_of(path: Path) -> list[Piece]:
                 dwell[0] = 0.0
             pieces.append(Piece(path.points[first:stop], closed, intensity, dwell))
     return pieces
+
+
+def _numbers_of(path: Path) -> np.ndarray:
+    """Number among `pieces_of` of the polyline that each vertex is on, shape [point]."""
+    length = np.diff(np.append(path.arc[path.first], path.arc[-1]))
+    return np.repeat(np.cumsum(length > 0) - 1, np.diff(np.append(path.first, len(path.points))))
 
 
 def _closed(piece: Piece) -> Piece:
@@ -152,17 +234,18 @@ def _course_of(pieces: list[Piece], strategy: SamplingStrategy) -> Course:
     pauses = [p.dwell for p in pieces if p.dwell is not None]
     dwell = np.concatenate(pauses) if pauses else None
     returns, pendulum = strategy.gap.kind == "return", strategy.order.kind == "pendulum"
+    number = np.repeat(np.arange(len(pieces)), [len(p.points) for p in pieces])
     gap = np.cumsum([len(p.points) for p in pieces])[:-1] - 1
     if returns and not pendulum:  # from the last to the first
         gap = np.append(gap, len(points) - 1)
         points = np.vstack([points, points[:1]])
-        corner = np.append(corner, False)
+        corner, number = np.append(corner, False), np.append(number, -1)
         intensity = None if intensity is None else np.append(intensity, intensity[0])
         dwell = None if dwell is None else np.append(dwell, 0.0)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
     duration = length / strategy.speed
     duration[gap] = length[gap] / strategy.gap.speed if returns else 0.0
-    course = Course(points, duration, corner, intensity, dwell=dwell)
+    course = Course(points, duration, corner, intensity, number, dwell=dwell)
     if pendulum:
         index = np.concatenate([np.arange(len(points)), np.arange(len(points) - 2, -1, -1)])
         back = course.picked(index, np.concatenate([duration, duration[::-1]]))
@@ -281,7 +364,8 @@ def _cut(course: Course, count: int) -> tuple[Course, np.ndarray, np.ndarray]:
         intensity = np.insert(intensity, place, np.interp(new, knot, intensity))
     knots = np.insert(knot, place, new)
     corner = np.insert(course.corner, place, False)
-    out = Course(np.insert(course.points, place, points, axis=0), np.diff(knots), corner, intensity)
+    piece = np.insert(course.piece, place, _piece_of_ways(course.piece)[place - 1])
+    out = Course(np.insert(course.points, place, points, axis=0), np.diff(knots), corner, intensity, piece)
     start = np.concatenate([[0], np.searchsorted(knots, cut, side="right") - 1])
     stop = np.concatenate([np.searchsorted(knots, cut, side="left"), [len(knots) - 1]])
     return out, start, stop

@@ -7,7 +7,8 @@ import pytest
 from contour_shapes import batch_of, circle, square, still
 
 from palpate.render import ContourBatch, Sampler, SamplingStrategy
-from palpate.render.path import Path
+from palpate.render.errors import StrategyError
+from palpate.render.path import Path, paths_of
 from palpate.render.sampling_strategy import Dwell, Gap, Order, Pace
 from palpate.render.track import lay_track
 
@@ -116,3 +117,18 @@ def test_batches_keep_their_pauses_when_cut_and_joined():
     assert batch.select(1, 2).dwell.tolist() == pytest.approx([0, 0, 0.03, 0, 0])
     assert ContourBatch.from_arrays(batch.arrays()).dwell is not None
     assert (batch.to("cpu").numpy().dwell == batch.dwell).all()
+
+
+@pytest.mark.parametrize("name", ["intensity", "dwell"])
+def test_a_seam_that_says_two_things_is_refused_and_one_that_agrees_is_kept(name):
+    """A loop begun elsewhere passes its seam once: of two values there one would be lost."""
+    batch = batch_of([[(square(SIDE), True), (square(SIDE)[:3], False)], [(square(SIDE), True)]])
+    value = np.linspace(0.1, 0.9, batch.point_count).astype(np.float32)
+    value[[4, 12]] = value[[0, 8]]
+    agreeing = replace(batch, **{name: value})
+    assert len(list(paths_of(agreeing))) == 2  # the open one may end as it likes
+    value = value.copy()
+    value[12] += 0.01
+    with pytest.raises(StrategyError, match=rf"polyline 2 is closed, so {name} at its last point must be .* 0\.6333"):
+        list(paths_of(replace(batch, **{name: value})))
+    assert Path.of(replace(batch, **{name: value}), 0) is not None  # the other pose is nothing to it

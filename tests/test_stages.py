@@ -281,6 +281,10 @@ def at(index, value):
         (changed("polyline_start", at(0, 1)), "polyline_start must be offsets"),
         (changed("polyline_closed", at(0, 2)), "polyline_closed must be 0 or 1"),
         (changed("polyline_closed", lambda x: np.ones_like(x)), "is closed, so it must end with its first point"),
+        (
+            lambda batch, setting: replace(batch, dwell=np.arange(len(batch.points), dtype=np.float32)),
+            "is closed, so dwell at its last point must be that at its first",
+        ),
         (changed("pose_start", lambda x: x[::-1]), "pose_start must be offsets"),
     ],
 )

@@ -1,0 +1,39 @@
+"""Which polyline of a pose is which of the pose before: recognised by where its middle is and how large it is."""
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+NEARNESS = 0.02  # [m] a contour farther away than this, or larger by it, is another one: 1.8 m/s at 90 Hz
+
+
+def marks_of(lines: list[np.ndarray]) -> np.ndarray:
+    """Middle of each polyline and the root of its mean squared distance from there [m], shape [polyline, 4].
+
+    lines: vertices [m], each of shape [point, 3]. Every part counts by its length, so it does not matter where a loop
+    starts, which way round it runs and how its vertices are spread; loops around the same middle differ in size.
+    """
+    points = np.concatenate(lines)
+    first = np.cumsum([0, *[len(line) for line in lines[:-1]]])
+    step = np.diff(points, axis=0)
+    length = np.zeros(len(points))
+    np.sqrt(np.einsum("ij,ij->i", step, step), out=length[:-1])
+    length[first[1:] - 1] = 0.0  # from one polyline to the next
+    total = np.maximum(np.add.reduceat(length, first), 1e-30)
+    half = points.copy()
+    half[:-1] += 0.5 * step
+    middle = np.add.reduceat(length[:, None] * half, first) / total[:, None]
+    off = half - np.repeat(middle, np.diff([*first, len(points)]), axis=0)
+    square = np.add.reduceat(length * np.einsum("ij,ij->i", off, off), first) / total
+    return np.column_stack([middle, np.sqrt(square)])
+
+
+def matches_of(mark: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Number of the earlier polyline that each polyline is, -1 where there is none, shape [polyline].
+
+    Two are the same if each is the other's nearest, by `marks_of`, within NEARNESS.
+    """
+    apart = cdist(mark, before)
+    nearest = apart.argmin(axis=1)
+    here = np.arange(len(mark))
+    same = (apart.argmin(axis=0)[nearest] == here) & (apart[here, nearest] <= NEARNESS)
+    return np.where(same, nearest, -1)

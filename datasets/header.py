@@ -75,6 +75,8 @@ class FileHeader:
     """What the recording's clock read at time 0 [s]."""
     seed: int | None = None
     """Seed of whatever was random."""
+    inserted: int = 0
+    """How many of the poses were put between two of the motion that was recorded or made."""
     created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="microseconds"))
     """ISO 8601 time of creation; with the recipe it tells one run from another."""
 
@@ -197,6 +199,8 @@ def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
     }
     if header.seed is not None:
         root["seed"] = header.seed
+    if header.inserted:
+        root["poses_inserted"] = header.inserted
     placed: dict[str, Attribute] = {
         "name": header.object_name,
         "hash": header.object_hash,
@@ -212,6 +216,7 @@ def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
 def get_header(file: Hdf5Reader) -> FileHeader:
     """Read the header back, arrays included; raises ContourFileError where it is missing or damaged."""
     seed, offset = file.attribute("/", "seed"), file.attribute("/motion", "offset")
+    inserted = file.attribute("/", "poses_inserted")
     return FileHeader(
         pose=file.read("/motion/pose"),
         time=file.read("/motion/time") if "/motion/time" in file else None,
@@ -229,6 +234,7 @@ def get_header(file: Hdf5Reader) -> FileHeader:
         object_attributes=get_json(file, "/object", "attributes"),
         time_offset=float(offset) if isinstance(offset, int | float) else 0.0,
         seed=seed if isinstance(seed, int) else None,
+        inserted=inserted if isinstance(inserted, int) else 0,
         created=file.text("/", "created"),
     )
 

@@ -51,6 +51,8 @@ class HandMotion:
     """What the recording's clock read at time 0 [s]; times that start elsewhere are shifted into it."""
     seed: int | None = None
     """The seed of a synthetic motion."""
+    inserted: int = 0
+    """How many of the poses no tracker gave: they were put between two that it gave."""
 
     def __post_init__(self) -> None:
         time, pose, offset = _checked(self.time, self.pose, self.offset, row_place)

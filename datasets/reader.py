@@ -135,7 +135,7 @@ class ContourFile:
 
     @cached_property
     def attributes(self) -> dict[str, Any]:
-        """Format name and version, software versions, device, time of creation, seed if any."""
+        """Format name and version, software versions, device, time of creation; seed and inserted poses, if any."""
         file = self._header_file
         version = cast(NDArray[np.int32], file.attribute("/", "version"))
         attributes: dict[str, Any] = {
@@ -145,8 +145,8 @@ class ContourFile:
             "device": file.text("/", "device"),
             "created": file.text("/", "created"),
         }
-        seed = file.attribute("/", "seed")
-        return attributes if seed is None else {**attributes, "seed": seed}
+        notes = {name: file.attribute("/", name) for name in ("seed", "poses_inserted")}
+        return attributes | {name: value for name, value in notes.items() if value is not None}
 
     def header(self) -> FileHeader:
         """Everything that was known before the first pose was rendered, as the writer got it."""

@@ -19,10 +19,20 @@ FIELD_STAGES = (
 )  # of others
 POINT_STAGES = ("contact", "overlap", "tour")  # to paths through points
 FOLLOWING_STAGES = ("cut", "joint", "prune", "prune_close", "prune_hidden", "simplify", "depth", "nearest")
+MOTION_STAGES = ("contour_shift",)  # from pose to pose
 OBJECT_STAGES = ("voxelise",)  # what is made of objects before
 SWEEP_STAGES = ("random_pose", "tally", "tally_pieces")  # poses made where they are used, and sums over them
 DRIVE_STAGES = ("focus", "solve", "slew")  # focal points to phases
-STAGES = RENDER_STAGES + FIELD_STAGES + POINT_STAGES + FOLLOWING_STAGES + OBJECT_STAGES + SWEEP_STAGES + DRIVE_STAGES
+STAGES = (
+    *RENDER_STAGES,
+    *FIELD_STAGES,
+    *POINT_STAGES,
+    *FOLLOWING_STAGES,
+    *MOTION_STAGES,
+    *OBJECT_STAGES,
+    *SWEEP_STAGES,
+    *DRIVE_STAGES,
+)
 
 
 def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> None:

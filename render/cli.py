@@ -38,6 +38,7 @@ MOTION_HELP = (
     "synthetic one."
 )
 HAND_HELP = "palm: one rectangle; planes: palm and phalanges; skin: palpate's own hand; or a file of a hand's mesh."
+INTERPOLATE_HELP = "Insert poses until contours move by no more than this from pose to pose; v / f_s leaves no hop."
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
 MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
@@ -92,13 +93,7 @@ def demo(
 
 @app.command()
 def render(
-    thing: Annotated[
-        str,
-        typer.Argument(
-            metavar="OBJECT",
-            help=OBJECT_HELP,
-        ),
-    ],
+    thing: Annotated[str, typer.Argument(metavar="OBJECT", help=OBJECT_HELP)],
     motion: Annotated[str, typer.Argument(metavar="MOTION", help=MOTION_HELP)],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.h5", help="Contour file to write.")],
     strategy: Annotated[str, typer.Option(help="By name (palpate strategies lists them), or a JSON file.")] = "cc",
@@ -141,6 +136,7 @@ def render(
     duration: Annotated[float | None, typer.Option(help="Of a synthetic exploration [s], by default 30.")] = None,
     rate: Annotated[float | None, typer.Option(help="Poses a second of an exploration [Hz], by default 90.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of an exploration, by default 1.")] = None,
+    interpolate: Annotated[float | None, typer.Option(metavar="METRES", help=INTERPOLATE_HELP)] = None,
     device: Annotated[str, typer.Option(help=DEVICE_HELP)] = "auto",
     workers: Annotated[str, typer.Option(metavar="N", help=WORKERS_HELP)] = "auto",
     memory: Annotated[int | None, typer.Option(min=5, help=MEMORY_HELP)] = None,
@@ -166,6 +162,7 @@ def render(
         "alignment": alignment,
         "placement": {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at},
         "exploration": {"duration": duration, "rate": rate, "seed": seed},
+        "interpolate": interpolate,
         "device": device,
         "workers": workers,
         "memory": None if memory is None else memory * 10**6,

@@ -72,6 +72,8 @@ UNITS = {
     "jump_length": "m",
     "jump_threshold": "m",
     "step_longest": "m",
+    "hop_speed_max": "m/s",
+    "absence_max": "s",
     "height": "m",
 }
 """What stands behind a value in a table; machines have docs/command-line.md."""

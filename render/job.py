@@ -12,6 +12,7 @@ from .errors import StrategyError
 from .figure import draw_figure
 from .loading import is_recording, load_hand_and_motion, load_solid, simplified
 from .objects import Placement
+from .pose_insertion import insert_poses
 from .recorder import record
 from .scene import is_exact
 from .solid import Solid
@@ -42,6 +43,7 @@ class RenderJob:
     alignment: Path | None
     placement: dict
     exploration: dict
+    interpolate: float | None
     device: str
     workers: str
     memory: int | None
@@ -106,8 +108,10 @@ def run_render(options: dict, *, as_json: bool) -> int:
     if job.step is not None and is_exact(thing, hand, strategy):
         raise StrategyError(f"--step is of a grid on the skin, but {thing.name} is a mesh, cut exactly by {job.hand}")
     moved = None if job.object_motion is None else HandMotion.load(job.object_motion)
-    done = len(motion)
     started = perf_counter()
+    if job.interpolate is not None:
+        motion = insert_poses(thing, hand, motion, strategy, distance=job.interpolate, moved=moved, device=devices[0])
+    done = len(motion)
     try:
         with console.progress_bar("poses", quiet=as_json) as bar:
 

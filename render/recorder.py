@@ -51,6 +51,7 @@ def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
         time=motion.time,
         time_offset=motion.offset,
         seed=motion.seed,
+        inserted=motion.inserted,
         object_name=thing.name,
         vertices=vertices,
         faces=faces,

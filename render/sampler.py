@@ -224,7 +224,8 @@ class Sampler:
         if strategy.continuity == "jump" and before is not None and other_contours(before, path):
             return Cursor(track, 0.0, 0, strategy)
         knot = entered(track, self._place, strategy.jump_threshold)
-        self._apart = float(np.linalg.norm(track.at(np.array(knot)) - self._place.point))
+        around = track.at(np.array([knot, np.nextafter(knot or track.period, 0.0)]))  # at a jump, both its sides
+        self._apart = float(np.linalg.norm(around - self._place.point, axis=1).min())
         return Cursor(track, knot, index, strategy)
 
     def _rest(self, sample_count: int) -> FocalPoints:

@@ -24,25 +24,25 @@ def longest_passages(duration: np.ndarray, piece: np.ndarray) -> np.ndarray:
     return np.where(longest > 0, longest, np.nan)
 
 
-def stretched(duration: np.ndarray, piece: np.ndarray, least: float) -> np.ndarray:
-    """Durations, those on polylines that take less time than `least` lengthened until they take it."""
-    longest = longest_passages(duration, piece)
-    scale = np.where(longest < least, least / longest, 1.0)
-    return duration if (scale == 1.0).all() else np.where(piece >= 0, duration * scale[piece], duration)
+def by_turns(
+    duration: np.ndarray, piece: np.ndarray, count: int, strategy: SamplingStrategy
+) -> tuple[np.ndarray, int, int]:
+    """Durations, after how many cycles of `count` samples every polyline has been drawn, and the samples of these.
 
-
-def turns_of(duration: np.ndarray, piece: np.ndarray, count: int, strategy: SamplingStrategy) -> tuple[int, int]:
-    """After how many cycles of `count` samples every polyline has been drawn, and the samples of so many cycles.
-
-    One cycle, and 0 for its own samples, where each polyline takes a step at least. Else there is one sample more in
-    that many cycles, or one less where a draw frequency has a lower bound. The numbers of samples and of cycles then
-    have no divisor in common, so the samples of all these cycles lie evenly: a polyline that takes 1 / n of a step has
-    a sample in one of about n cycles.
+    One cycle, and 0 for its own samples, where each polyline takes a step at least. Else those that take less than
+    SHARE_LEAST of a step are lengthened to it, and there is one sample more in that many cycles, or one less where a
+    draw frequency has a lower bound. The numbers of samples and of cycles then have no divisor in common, so the
+    samples of all these cycles lie evenly: a polyline that takes 1 / n of a step has one in one of about n cycles.
     """
-    share = float(np.nanmin(longest_passages(duration, piece))) / float(duration.sum()) * count
-    if share >= 1.0 - 1e-9:
-        return 1, 0
-    turns = math.ceil(1.0 / share + 1.0 / count)
+    longest, step = longest_passages(duration, piece), float(duration.sum()) / count
+    least = float(np.nanmin(longest))
+    if least >= step * (1.0 - 1e-9):
+        return duration, 1, 0
+    if least < SHARE_LEAST * step:
+        scale = np.where(longest < SHARE_LEAST * step, SHARE_LEAST * step / longest, 1.0)
+        duration = np.where(piece >= 0, duration * scale[piece], duration)
+        least, step = SHARE_LEAST * step, float(duration.sum()) / count
+    turns = math.ceil(step / least + 1.0 / count)
     pace = strategy.pace
     fewer = pace.kind == "capped" and strategy.update_rate * turns < pace.lowest * (count * turns + 1)
-    return turns, count * turns + (-1 if fewer else 1)
+    return duration, turns, count * turns + (-1 if fewer else 1)

@@ -43,14 +43,12 @@ class Route:
     def __init__(self, pieces: list[Piece], before: "Route | None") -> None:
         self.pieces = pieces
         self.least = np.inf
-        """Jumps of the shortest route when it was looked for last [m]."""
-        if before is None:
+        """Jumps of the shortest route when it was looked for last, or of this one if they were shorter since [m]."""
+        if before is None or len(before.pieces) == 1:  # that one was drawn until now: no order to keep, and no absence
             self.earlier = np.full(len(pieces), -1)
-        elif len(pieces) == len(before.pieces) == 1:  # nothing else can be meant
-            self.earlier = np.zeros(1, np.int64)
         else:
             self.earlier = matches_of(self.mark, before.mark)
-        """Number of the same polyline in the route of the pose before, -1 where it had none, shape [piece]."""
+        """Number of the same polyline in the route of the pose before, -1 where it had none or just one; [piece]."""
 
     @cached_property
     def mark(self) -> np.ndarray:
@@ -60,7 +58,9 @@ class Route:
     def redrawn(self, order: np.ndarray, pieces: list[Piece], least: float) -> "Route":
         """The same polylines in another order, turned and started as these pieces are."""
         other = Route(pieces, None)
-        other.earlier, other.mark, other.least = self.earlier[order], self.mark[order], least
+        other.earlier, other.least = self.earlier[order], least
+        if "mark" in vars(self):  # known already, and the same from wherever a loop starts
+            other.mark = self.mark[order]
         return other
 
 
@@ -96,18 +96,19 @@ def steady_route(
 
     Noise of a micrometre decides between routes that are about as long. If it did so at every pose, a polyline that is
     due next would become the last one, again and again. margin: by which share of its length, beyond JUMP_SLACK, the
-    route may be longer than the shortest one. That is looked for where polylines come or go, and where the jumps have
-    become longer, by the margin, than those of the shortest route that was found last.
+    route may be longer than the shortest one. Looking for that takes most of the time, so it is done only where the
+    jumps have become longer, by the margin, than the shortest since it was done last.
     """
     given = Route(pieces, before)
     if not 1 < len(pieces) <= PIECES_MOST:
         return given
     known = np.count_nonzero(given.earlier >= 0)
-    if before is None or 2 * known < len(pieces):  # these are other contours
+    if before is None or known < 2 or 2 * known < len(pieces):  # there is no order to keep
         return given.redrawn(*_found(pieces, back=back, cyclic=cyclic))
     order, kept = _kept(given, before, back=back, cyclic=cyclic)
-    length, least = jump_total(kept, back=back, cyclic=cyclic), before.least
-    if known == len(pieces) == len(before.pieces) and length <= (1.0 + margin) * least + JUMP_SLACK:
+    length = jump_total(kept, back=back, cyclic=cyclic)
+    least = min(before.least, length)
+    if length <= (1.0 + margin) * least + JUMP_SLACK:
         return given.redrawn(order, kept, least)
     other, shortest, least = _found(pieces, back=back, cyclic=cyclic)
     if length <= (1.0 + margin) * least + JUMP_SLACK:

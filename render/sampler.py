@@ -99,7 +99,7 @@ class Sampler:
         self._revisits = RevisitWatch(self.count, strategy.update_rate)
         self._absences = AbsenceWatch(self.count, strategy.update_rate)
         self._route: Route | None = None  # of the contours that were entered last
-        self._apart = 0.0  # from where the focal point was to where it entered them [m]
+        self._entry: tuple[Track, float, np.ndarray] | None = None  # the knot, and where the focal point was [m]
         self._ordinary = strategy.step_ordinary  # longest step along them [m]
 
     def draw(
@@ -218,14 +218,13 @@ class Sampler:
         if strategy.pace.kind in ("frequency", "capped"):  # the contours' length decides how fast it runs
             self._ordinary = track.step_ordinary + strategy.circle_step
         index = 0 if silent else 1  # after a silence at the nearest point, else one sample on
-        self._apart = np.inf
+        self._entry = None
         if not self._drawn:
             return Cursor(track, 0.0, 0, strategy)
         if strategy.continuity == "jump" and before is not None and other_contours(before, path):
             return Cursor(track, 0.0, 0, strategy)
         knot = entered(track, self._place, strategy.jump_threshold)
-        around = track.at(np.array([knot, np.nextafter(knot or track.period, 0.0)]))  # at a jump, both its sides
-        self._apart = float(np.linalg.norm(around - self._place.point, axis=1).min())
+        self._entry = track, knot, self._place.point
         return Cursor(track, knot, index, strategy)
 
     def _rest(self, sample_count: int) -> FocalPoints:
@@ -261,10 +260,18 @@ class Sampler:
         if float(length.max()) <= min(2 * self._ordinary, self.strategy.jump_threshold):
             return
         cause = "order" if self.strategy.pace.points is not None else "polyline"
-        if new is not None and 2 * self._apart >= float(length[new].max()):
+        if new is not None and 2 * self._moved() >= float(length[new].max()):
             self._add("pose", length[new])  # else the contours moved less: it is the way between two that is long
             length[new] = 0.0
         self._add(cause, length)
+
+    def _moved(self) -> float:
+        """From where the focal point was to where it entered the contours of the pose [m]; infinite if anywhere."""
+        if self._entry is None:
+            return np.inf
+        track, knot, point = self._entry
+        around = track.at(np.array([knot, np.nextafter(knot or track.period, 0.0)]))  # at a jump, both its sides
+        return float(np.linalg.norm(around - point, axis=1).min())
 
     def _add(self, cause: str, length: np.ndarray) -> None:
         """Count which of these steps [m] are jumps, and which hops."""

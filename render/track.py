@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .drawing_turns import SHARE_LEAST, stretched, turns_of
+from .drawing_turns import by_turns
 from .path import Path
 from .route import PIECES_MOST, Piece, Route, steady_route
 from .sampling_strategy import SamplingStrategy
@@ -167,10 +167,9 @@ def _timed(course: Course, route: Route, strategy: SamplingStrategy) -> Track:
     piece = _piece_of_ways(course.piece)
     turns, turn_samples = 1, 0
     if strategy.pace.points is None and strategy.pace.kind != "still" and len(route.pieces) > 1:
-        duration = stretched(course.duration, piece, SHARE_LEAST * seconds / count)
+        duration, turns, turn_samples = by_turns(course.duration, piece, count, strategy)
         if duration is not course.duration:
             knot = _summed(duration)
-        turns, turn_samples = turns_of(duration, piece, count, strategy)
     section = None if course.section is None else knot[course.section]
     step = np.diff(course.points, axis=0)
     return Track(

@@ -1,0 +1,168 @@
+"""Poses between two of a tracker's: as many as a moving contour needs, on the hand's way, none over a gap."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from palpate.datasets import exploration
+from palpate.datasets.motion import PALM_DOWN, HandMotion
+from palpate.datasets.reader import ContourFile
+from palpate.render import MeshObject, Palm, closed_contour, open_contour, record, render
+from palpate.render.errors import PoseError, StrategyError
+from palpate.render.pose_insertion import insert_poses
+from palpate.render.sampling import Sampler, SamplingStrategy, sample_contours
+
+CUBE = MeshObject.load("cube")
+
+
+def palm_at(points):
+    """Palm down at these places [m]."""
+    return np.concatenate([np.asarray(points, float), np.tile(PALM_DOWN, (len(points), 1))], axis=1)
+
+
+def sideways(steps, interval=1 / 90):
+    """A palm inside the cube that goes sideways by so many metres from pose to pose."""
+    x = np.concatenate([[0.0], np.cumsum(steps)])
+    points = np.stack([x, np.full(len(x), 0.05), np.full(len(x), 0.2)], axis=1)
+    return HandMotion(np.arange(len(x)) * interval, palm_at(points))
+
+
+@pytest.mark.parametrize(("step", "count"), [(0.9e-3, 0), (1.2e-3, 1), (1.9e-3, 1), (2.1e-3, 3), (7.9e-3, 7)])
+def test_a_contour_that_goes_with_the_palm_takes_the_next_power_of_two(step, count):
+    """The palm's own side is the contour that moves, as far as the palm: halved until it is no more than 1 mm.
+
+    An eighth of that is left for what lies between the points that are looked at; steps are scaled to be clear of it.
+    """
+    motion = sideways([step * 0.85])
+    denser = insert_poses(CUBE, Palm(), motion, closed_contour(), distance=1e-3)
+    assert len(denser) - 2 == denser.inserted == count
+
+
+def test_inserted_poses_lie_on_the_way_evenly_and_turn_along_the_shorter_arc():
+    """Against scipy's slerp."""
+    turn = Rotation.from_quat(PALM_DOWN)
+    ends = [turn, Rotation.from_rotvec([0.3, -0.5, 0.2]) * turn]
+    pose = np.array([[0, 0.03, 0.2, *ends[0].as_quat()], [0.02, 0.04, 0.22, *(-ends[1].as_quat())]])
+    motion = HandMotion([0.0, 0.02], pose)
+    denser = insert_poses(CUBE, Palm(), motion, closed_contour(), distance=2e-3)
+    assert len(denser) > 8
+    share = denser.time / 0.02
+    np.testing.assert_array_equal(share[[0, -1]], [0, 1])
+    assert (np.diff(share) > 0).all()
+    along = pose[0, :3] + share[:, None] * (pose[1, :3] - pose[0, :3])
+    np.testing.assert_allclose(denser.pose[:, :3], along, atol=1e-7)
+    between = Slerp([0, 1], Rotation.concatenate(ends))(share)
+    apart = (between.inv() * Rotation.from_quat(denser.pose[:, 3:])).magnitude()
+    assert apart.max() < 2e-6
+    np.testing.assert_array_equal(denser.pose[[0, -1]], motion.pose)  # the tracker's own stay to the bit
+
+
+def test_contours_at_inserted_poses_are_those_of_the_object_there():
+    """A cube's face cuts the palm in a straight line: the contour at each pose, worked out by hand."""
+    motion = sideways([5e-3])
+    denser = insert_poses(CUBE, Palm(0.08, 0.08), motion, open_contour(), distance=1e-3)
+    batch = render(CUBE, Palm(0.08, 0.08), denser, open_contour())
+    side = CUBE.bounds[1, 1]  # the face at +y, within the palm's reach
+    for k in range(len(denser)):
+        points = batch.points[batch.polyline_start[k] : batch.polyline_start[k + 1]]
+        x = denser.pose[k, 0]
+        np.testing.assert_allclose([points[:, 0].min(), points[:, 0].max()], [x - 0.04, x + 0.04], atol=1e-6)
+        np.testing.assert_allclose(points[:, 1], side, atol=1e-6)
+
+
+def test_a_gap_in_tracking_stays_a_gap_and_shorter_intervals_are_filled():
+    """90 Hz, then 0.09 s, 0.15 s and 0.5 s without a pose, 20 mm each; above 0.1 s the hand is not known."""
+    time = np.concatenate([np.arange(10) / 90, 0.1 + np.cumsum([0.09, 0.15, 0.5, 1 / 90])])
+    x = np.array([0.0] * 10 + [0.02, 0.04, 0.06, 0.06])
+    motion = HandMotion(time, palm_at(np.stack([x, 0 * x + 0.05, 0 * x + 0.2], axis=1)))
+    denser = insert_poses(CUBE, Palm(), motion, closed_contour(), distance=2e-3)
+    new = denser.time[~np.isin(denser.time, motion.time)]
+    assert len(new) >= 9
+    assert (new < 0.2).all()
+    assert (new > 0.1).all()
+
+
+def test_slow_poses_are_not_taken_for_missing_ones_once_others_are_closer():
+    """Two poses a second: where the hand rests, poses are inserted all the same, or playing would fade after 0.1 s."""
+    steps = np.concatenate([np.zeros(4), np.full(4, 0.01)])
+    motion = sideways(steps, interval=0.5)
+    denser = insert_poses(CUBE, Palm(), motion, closed_contour(), distance=1e-3)
+    assert np.diff(denser.time).max() <= 0.1
+    batch = render(CUBE, Palm(), denser, closed_contour())
+    sampler = Sampler(SamplingStrategy())
+    for _ in sample_contours([batch], denser.pose, denser.time, denser.duration, sampler):
+        pass
+    assert sampler.count.held == 0
+    assert sampler.count.silent == 0
+
+
+def test_what_appears_and_disappears_takes_a_bounded_number_of_poses():
+    """A palm that passes through the cube's top: there is no contour above it, and a whole one below."""
+    motion = HandMotion([0.0, 1 / 90], palm_at([[0, 0, 0.25], [0, 0, 0.28]]))
+    assert insert_poses(CUBE, Palm(), motion, closed_contour(), distance=1e-3).inserted == 0  # silence is no step
+    tube = MeshObject.load("tube")
+    motion = exploration(tube.bounds, duration=10.0, rate=90.0, seed=1)
+    denser = insert_poses(tube, Palm(), motion, closed_contour(), distance=2e-3)
+    per_interval = np.diff(np.flatnonzero(np.isin(denser.time, motion.time)))
+    assert 1 < per_interval.max() <= 2**9
+    assert np.diff(denser.time).min() >= 25e-6 - 1e-12
+
+
+@pytest.mark.parametrize(
+    ("update_rate", "steps", "hops"), [(10_000.0, 3, True), (10_000.0, 1, False), (40_000.0, 3, True)]
+)
+def test_no_step_at_a_new_pose_is_longer_than_twice_two_ordinary_ones(update_rate, steps, hops):
+    """The counters, and steps of the focal points at the times of poses, by subtraction."""
+    tube = MeshObject.load("tube")
+    motion = exploration(tube.bounds, duration=10.0, rate=90.0, seed=1)
+    ordinary = 7.0 / update_rate
+    before = counted(tube, motion, update_rate)[0]
+    assert before.hops["pose"] > 100
+    denser = insert_poses(tube, Palm(), motion, closed_contour(), distance=steps * ordinary)
+    count, position, drawn = counted(tube, denser, update_rate)
+    assert count.jumps["pose"] == 0
+    assert (count.hops["pose"] > 0) == hops
+    assert count.hop_longest <= 4 * ordinary or count.hops["re-entry"]
+    length = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    length[~(drawn[1:] & drawn[:-1])] = 0
+    far = np.count_nonzero(length > 4 * ordinary)
+    assert far == count.jumps["polyline"] + count.jumps["order"]  # only the ways between polylines are left
+
+
+def counted(thing, motion, update_rate):
+    batch = render(thing, Palm(), motion, closed_contour())
+    sampler = Sampler(SamplingStrategy(update_rate=update_rate))
+    blocks = list(sample_contours([batch], motion.pose, motion.time, motion.duration, sampler))
+    position = np.concatenate([block.position for block in blocks]).astype(float)
+    return sampler.count, position, np.concatenate([block.intensity for block in blocks]) > 0
+
+
+def test_an_object_that_moves_is_followed_too():
+    """A hand at rest, and a cube that goes sideways by 4 mm from pose to pose, its face with it: halved three times."""
+    still_hand = HandMotion(np.arange(3) / 90, palm_at([[0, 0.05, 0.2]] * 3))
+    aside = np.array([[0, 0, 0], [0, -0.004, 0], [0, -0.008, 0]])
+    places = np.concatenate([CUBE.bounds.mean(axis=0) + aside, np.tile([0, 0, 0, 1.0], (3, 1))], axis=1)
+    moved = HandMotion(np.arange(3) / 90, places)
+    denser = insert_poses(CUBE, Palm(), still_hand, open_contour(), distance=1e-3, moved=moved)
+    np.testing.assert_allclose(denser.time, np.arange(17) / 8 / 90)
+    assert insert_poses(CUBE, Palm(), still_hand, open_contour(), distance=1e-3).inserted == 0
+
+
+def test_a_file_says_how_many_poses_were_inserted(tmp_path):
+    denser = insert_poses(CUBE, Palm(), sideways([5e-3]), closed_contour(), distance=1e-3)
+    record(tmp_path / "cube.h5", CUBE, Palm(), denser, closed_contour())
+    with ContourFile(tmp_path / "cube.h5") as file:
+        assert file.attributes["poses_inserted"] == denser.inserted > 0
+        assert file.header().inserted == denser.inserted
+
+
+def test_what_has_no_poses_in_between_is_refused():
+    motion = sideways([5e-3])
+    rest = {"distance": 1e-3}
+    for bad in (0.0, float("nan"), 1.0):
+        with pytest.raises(StrategyError, match="distance must lie in"):
+            insert_poses(CUBE, Palm(), motion, closed_contour(), distance=bad)
+    with pytest.raises(PoseError, match="this motion has none"):
+        insert_poses(CUBE, Palm(), HandMotion(None, motion.pose), closed_contour(), **rest)
+    with pytest.raises(PoseError, match="object's motion has none"):
+        insert_poses(CUBE, Palm(), motion, closed_contour(), moved=HandMotion(None, motion.pose), **rest)

@@ -15,8 +15,9 @@ from ..datasets.rigid import rotated
 from .continuity import Place, entered, place_on
 from .contour_absence import AbsenceWatch
 from .path import Path
+from .revisits import RevisitWatch
 from .route import Route
-from .sampling_metrics import FocalPoints, RevisitWatch, SamplingCount
+from .sampling_metrics import FocalPoints, SamplingCount
 from .sampling_strategy import Order, SamplingStrategy
 from .track import Track, lay_track
 
@@ -110,6 +111,12 @@ class Sampler:
         path: contours of the pose, None if there are none. pose: x y z [m] and quaternion, shape [7].
         age: how old the pose is at the first of these samples [s]; hold: at what age it starts to fade [s].
         """
+        focus = self._next(path, pose, sample_count, age, hold)
+        self._revisits.take(focus, pose)
+        return focus
+
+    def _next(self, path: Path | None, pose: np.ndarray, sample_count: int, age: float, hold: float) -> FocalPoints:
+        """The next samples, counted in all but their revisits."""
         first = self.count.samples
         self.count.samples += sample_count
         gain = self._gain(sample_count, age, hold)
@@ -122,10 +129,7 @@ class Sampler:
             intensity = gain[:, None] if intensity is None else intensity * gain[:, None]
         drawn = None if intensity is None else np.max(intensity, axis=1) > 0
         self._count_jumps(position, drawn, new)
-        if drawn is None or drawn.all():
-            self._revisits.watch(position, pose)
-        else:
-            self._revisits.lose()
+        if drawn is not None:
             self.count.silent += int(np.count_nonzero(~drawn))
         self._silent, self._drawn = drawn is not None and not drawn[-1:].any(), True
         self._shown = position[-1].copy()
@@ -232,7 +236,6 @@ class Sampler:
         self.count.silent += sample_count
         if sample_count > 0:
             self._silent, self._path, self._finishing = True, None, 0
-            self._revisits.lose()
             self._absences.lose(sample_count)
         position = np.repeat(self._shown[None], sample_count, axis=0)
         return focal_points(self.strategy, position, np.zeros(position.shape[:2]), 0)

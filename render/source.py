@@ -1,5 +1,6 @@
 """Where a playback's focal points come from, block by block: contours, sampled as they are read, or points."""
 
+import math
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import fields
@@ -17,6 +18,7 @@ from .sampling import FocalPoints, Sampler, SamplingCount, sample_contours
 FRAMES_MOST = 1e12  # a year at 40 kHz
 BLOCK = 1024  # frames; 0.1 s at 10 kHz, 26 ms at 40 kHz: what Python needs a few milliseconds for
 POINTS_A_READ = 1 << 16  # of contours; a few milliseconds to read, whatever the size of the file
+COUNTED = 1.0  # [s] of a static pose
 INTERVALS_LOOKED_AT = 4096  # of a motion's poses, for their median
 
 
@@ -173,19 +175,23 @@ def _again(cycle: FocalPoints, times: int) -> np.ndarray:
 
 
 def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: int, frame_count: int) -> None:
-    """Let a sampler count all frames of a static pose, having drawn two cycles: the second is like all later ones."""
+    """Let a sampler count all frames of a static pose: after a first cycle, those of COUNTED stand for all later ones.
+
+    One cycle would do for all but the revisits, which are looked for in few places of each.
+    """
     sampler.draw(path, pose, count)
     before = deepcopy(sampler.count)
-    sampler.draw(path, pose, count)
-    whole, rest = divmod(frame_count - 2 * count, count)
+    part = count * min(math.ceil(COUNTED * sampler.strategy.update_rate / count), frame_count // count - 1)
+    sampler.draw(path, pose, part)
+    again, rest = divmod(frame_count - count - part, part)
     for f in fields(SamplingCount):
         then, now = getattr(before, f.name), getattr(sampler.count, f.name)
         if f.name in ("step_longest", "hop_longest", "absence_max"):  # the longest, not sums
             continue
         if isinstance(now, dict):
-            setattr(sampler.count, f.name, {key: now[key] + whole * (now[key] - then[key]) for key in now})
+            setattr(sampler.count, f.name, {key: now[key] + again * (now[key] - then[key]) for key in now})
         else:
-            setattr(sampler.count, f.name, now + whole * (now - then))
+            setattr(sampler.count, f.name, now + again * (now - then))
     sampler.draw(path, pose, rest)
 
 

@@ -106,6 +106,7 @@ def test_a_static_pose_is_sampled_once_and_counted_as_if_always(sampling, static
     assert sampler.count.jumps == whole.count.jumps
     assert sampler.count.jump_length == pytest.approx(whole.count.jump_length, abs=1e-6)
     assert sampler.count.cycles == pytest.approx(whole.count.cycles)
+    assert sampler.count.revisit_rate == pytest.approx(whole.count.revisit_rate, rel=0.02)
 
 
 def test_blocks_of_a_static_pose_are_encoded_once(static):

@@ -5,7 +5,9 @@ import pytest
 from contour_shapes import batch_of, circle, square, still
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
+from palpate.render import MeshObject, Palm, closed_contour, render
 from palpate.render.errors import StrategyError
 from palpate.render.sampling import (
     FocalPoints,
@@ -13,14 +15,12 @@ from palpate.render.sampling import (
     Order,
     Path,
     Sampler,
-    SamplingCount,
     SamplingStrategy,
     dwell_map,
     preset,
     sample_bounds,
     sample_contours,
 )
-from palpate.render.sampling_metrics import Probe, RevisitWatch
 
 POSE = np.array([0.01, 0.02, 0.2, np.sqrt(0.5), 0, 0, np.sqrt(0.5)])  # palm down: u = x, v = -Z = y of the array
 
@@ -56,33 +56,6 @@ def test_no_time_is_lost(seed, foci):
     assert found.silent == pytest.approx(0.4 * np.mean(focus.intensity == 0))
 
 
-@pytest.mark.parametrize("reach", [0.02, 0.0])  # passes again and again, or stays until it counts as not drawn again
-@pytest.mark.parametrize("cut", [1, 7, 700, 5000])
-def test_revisits_do_not_depend_on_how_samples_are_cut(cut, reach):
-    angle = np.cumsum(np.random.default_rng(5).uniform(0.001, 0.03, 5000))  # no two rounds alike
-    position = POSE[:3] + reach * np.stack([np.cos(angle), np.sin(angle), np.zeros(5000)], axis=1)
-    counts = [SamplingCount(), SamplingCount()]
-    RevisitWatch(counts[0], 1000.0).watch(position[:, None], POSE)
-    watch = RevisitWatch(counts[1], 1000.0)
-    for first in range(0, 5000, cut):
-        watch.watch(position[first : first + cut, None], POSE)
-    assert counts[1] == counts[0]
-    if reach:
-        assert counts[0].revisits == pytest.approx(angle[-1] / (2 * np.pi + 0.25), abs=1.5)  # 0.25: to leave it again
-    else:
-        assert (counts[0].revisits, counts[0].revisit_time) == (0, pytest.approx(4 * 1.001))
-
-
-def test_distances_are_computed_about_once_a_sample(monkeypatch):
-    looked = []
-    watch = Probe.watch
-    monkeypatch.setattr(Probe, "watch", lambda self, distance: looked.append(len(distance)) or watch(self, distance))
-    angle = 2 * np.pi * np.arange(50_000) / 400
-    position = POSE[:3] + 0.02 * np.stack([np.cos(angle), np.sin(angle), np.zeros(50_000)], axis=1)
-    RevisitWatch(SamplingCount(), 10_000.0).watch(position[:, None], POSE)
-    assert sum(looked) < 3 * 50_000
-
-
 def test_skin_moves_with_the_hand():
     poses = np.tile(POSE, (2, 1))
     poses[1, 0] += 0.03
@@ -90,6 +63,53 @@ def test_skin_moves_with_the_hand():
     found = dwell_map([focus], poses, np.array([0, 10, 20]), 1000.0)
     assert np.count_nonzero(found.time) == 1
     assert found.time.max() == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(("width", "length", "cell"), [(0.085, 0.085, 1e-3), (0.07, 0.09, 4e-3), (0.0853, 0.1, 1e-3)])
+@pytest.mark.parametrize("seed", range(5))
+def test_map_of_exactly_the_palms_size_holds_the_palms_border(width, length, cell, seed):
+    random = np.random.default_rng(seed)
+    middle = np.array([0, 0, 0.2]) + random.uniform(-0.05, 0.05, 3)
+    pose = np.concatenate([middle, Rotation.random(random_state=seed).as_quat()])
+    u, v = random.uniform(-width / 2, width / 2, 2_000), random.uniform(-length / 2, length / 2, 2_000)
+    u[:500], u[500:1_000], v[1_000:1_500], v[1_500:] = -width / 2, width / 2, -length / 2, length / 2
+    places = Rotation.from_quat(pose[3:]).apply(np.stack([u, np.zeros(2_000), -v], axis=1)) + pose[:3]
+    kept = pose.astype(np.float32).astype(float)  # as files keep it
+    bounds = np.array([0, 2_000])
+    found = dwell_map([points_at(places)], kept[None], bounds, 2_000.0, width=width, length=length, cell=cell)
+    assert found.time.sum() == pytest.approx(1.0, abs=1e-12)
+    assert found.outside == pytest.approx(0.0, abs=1e-12)
+    assert found.across[[0, -1]] == pytest.approx([-width / 2, width / 2], abs=1e-12)
+    assert found.along[[0, -1]] == pytest.approx([-length / 2, length / 2], abs=1e-12)
+    assert np.diff(found.along).max() <= cell * (1 + 1e-9)
+    assert found.time[1:-1, 1:-1].sum() == 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_border_of_a_palm_inside_the_cube_is_dwelt_on_within_the_map(seed):
+    turn = Rotation.from_rotvec(np.random.default_rng(seed).uniform(-1, 1, 3) * [0.05, 0.05, 3.0])
+    pose = np.array([[3e-3, -2e-3, 0.21, *(turn * Rotation.from_quat(POSE[3:])).as_quat()]])
+    batch = render(MeshObject.load("cube"), Palm(0.085, 0.085), pose, closed_contour())
+    assert batch.length() == pytest.approx([4 * 0.085])  # the cube's sides are 130 mm long
+    blocks = sample_contours([batch], pose, np.zeros(1), 1.0, Sampler(SamplingStrategy()))
+    found = dwell_map(blocks, pose, sample_bounds(np.zeros(1), 1.0, 10_000.0), 10_000.0)
+    assert found.outside == pytest.approx(0.0, abs=1e-12)
+    assert found.time.sum() == pytest.approx(1.0)
+
+
+def test_border_between_cells_is_of_the_upper_cell_however_a_place_is_rounded():
+    edge = np.repeat(np.arange(-3, 4), 100) * 1e-3
+    noise = np.random.default_rng(1).uniform(-5e-7, 5e-7, (700, 2))
+    places = POSE[:3] + np.stack([edge + noise[:, 0], 1e-4 + 0 * edge, noise[:, 1]], axis=1)
+    found = dwell_map([points_at(places)], POSE[None], np.array([0, 700]), 700.0, width=6e-3, length=6e-3)
+    assert found.time[:, 3] == pytest.approx([1 / 7, 1 / 7, 1 / 7, 1 / 7, 1 / 7, 2 / 7])  # the last edge: last cell
+    assert found.time.sum() == pytest.approx(1.0)
+
+
+def test_beyond_the_border_is_outside():
+    places = POSE[:3] + np.array([[3e-3 + 2e-6, 0, 0], [-3e-3 - 2e-6, 0, 0], [0, 3e-3 + 2e-6, 0], [0, 0, 0]])
+    found = dwell_map([points_at(places)], POSE[None], np.array([0, 4]), 4.0, width=6e-3, length=6e-3)
+    assert (found.outside, found.time[3, 3]) == (0.75, 0.25)
 
 
 def test_even_drawing_has_less_spread_than_pauses_at_corners():

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from drive_cases import RADIUS, WAVELENGTH
+from drive_cases import RADIUS, WAVELENGTH, random_foci
 from field_oracles import pressure_of, wave_matrix
+from scipy.special import j1
 
 from palpate.device.array import array_model
 from palpate.device.board import decode_frames, slot_position
 from palpate.device.codec import encode_frames
-from palpate.render.drive import Driver, drive_focus
+from palpate.render.drive import Driver, DriveStrategy, drive_focus
 from palpate.render.sampling import FocalPoints
 
 POINT = np.array([0.03, -0.02, 0.2])  # [m]
@@ -51,3 +52,28 @@ def test_decoded_bytes_of_several_foci_have_the_asked_pressures():
     assert ratio / ratio.mean() == pytest.approx(np.ones(3), abs=0.02)
     elsewhere, _ = field_of(drives, points[0].astype(float) * [-1, -1, 1])
     assert np.abs(elsewhere).mean() < 0.3 * np.abs(field).mean()
+
+
+# docs/sampling.md: rms error of amplitudes by the number of points
+DOCUMENTED = {
+    "naive": [0.207, 0.181, 0.195, 0.212, 0.222, 0.227, 0.238],
+    "gs-pat": [0.092, 0.037, 0.042, 0.048, 0.053, 0.059, 0.061],
+    "gs-pat+wgs": [0.005, 0.014, 0.006, 0.008, 0.010, 0.012, 0.013],
+    "wgs": [0.004, 0.010, 0.003, 0.005, 0.006, 0.007, 0.008],
+}
+
+
+@pytest.mark.parametrize("solver", DOCUMENTED)
+@pytest.mark.parametrize("size", range(2, 9))
+def test_amplitudes_of_several_points_are_as_even_as_documented(size, solver):
+    points = random_foci(np.random.default_rng(3), 600, size)
+    driver = Driver(array_model("emulator"), DriveStrategy(solver=solver))
+    drives = driver.drive(FocalPoints(points, np.ones((600, size), np.float32)))
+    delay, level = decode_frames(encode_frames(drives.delay, drives.amplitude, array="emulator"))
+    assert (level == level[0]).all()
+    way = np.linalg.norm(points[:, :, None].astype(float) - slot_position(), axis=-1)
+    sine = np.sqrt(1 - (points[:, :, None, 2] / way) ** 2)
+    x = 2 * np.pi / WAVELENGTH * RADIUS * np.maximum(sine, 1e-9)
+    field = (2 * j1(x) / x / way * np.exp(-2j * np.pi * (way / WAVELENGTH + delay[:, None]))).sum(axis=-1)
+    amplitude = np.abs(field) / np.abs(field).mean(axis=1, keepdims=True)
+    assert np.sqrt(((amplitude - 1) ** 2).mean()) == pytest.approx(DOCUMENTED[solver][size - 2], rel=0.1, abs=1e-3)

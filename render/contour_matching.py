@@ -1,7 +1,6 @@
 """Which polyline of a pose is which of the pose before: recognised by where its middle is and how large it is."""
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 NEARNESS = 0.02  # [m] a contour farther away than this, or larger by it, is another one: 1.8 m/s at 90 Hz
 
@@ -32,8 +31,12 @@ def matches_of(mark: np.ndarray, before: np.ndarray) -> np.ndarray:
 
     Two are the same if each is the other's nearest, by `marks_of`, within NEARNESS.
     """
-    apart = cdist(mark, before)
-    nearest = apart.argmin(axis=1)
+    square = np.zeros((len(mark), len(before)))
+    for own, other in zip(mark.T, before.T, strict=True):  # faster than one array with an axis of four
+        off = own[:, None] - other
+        off *= off
+        square += off
+    nearest = square.argmin(axis=1)
     here = np.arange(len(mark))
-    same = (apart.argmin(axis=0)[nearest] == here) & (apart[here, nearest] <= NEARNESS)
+    same = (square.argmin(axis=0)[nearest] == here) & (square[here, nearest] <= NEARNESS**2)
     return np.where(same, nearest, -1)

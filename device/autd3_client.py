@@ -194,7 +194,7 @@ class UdpChannel:
             reply_timeout=Duration.from_millis(REPLY_MS),
             lost_timeout=Duration.from_millis(LOST_AFTER_MS),
         )
-        config = ClientConfig(ack_timeout=Duration.from_millis(ACK_MS))
+        config = ClientConfig(ack_timeout=Duration.from_millis(ACK_MS), require_supported_firmware=True)
         try:
             client = self._call(lambda: Client.open(Geometry([Autd3()]), option, config), OPEN_TIMEOUT)
         except BaseException as error:

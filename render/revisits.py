@@ -1,7 +1,7 @@
 """Revisit rate: how often a place on the skin is drawn, counted on focal points and hand poses alone.
 
-In each interval one place that a focal point draws is picked, and the time since the visit before to that place is
-looked up. A visit is a run of drawn samples with a focal point near the place. docs/sampling.md has the definition.
+In each interval one place that a focal point draws is picked. The watch looks up how long ago that place was visited
+before. A visit is a run of drawn samples with a focal point near the place. docs/sampling.md has the definition.
 """
 
 import math
@@ -13,7 +13,7 @@ from .sampling_metrics import FocalPoints, SamplingCount, poses_of_samples
 
 REVISIT_RADIUS = 5e-3  # [m] on the skin: half a focal point's width 0.2 m above an array of 0.16 m
 REVISIT_LIMIT = 1.0  # [s] without a visit: a place that waits longer waits in vain
-PICK_INTERVAL = 20e-3  # [s]
+PICK_INTERVAL = 20e-3  # [s]; a pick takes some 60 us of a core, and 50 a second are enough for the mean
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # its multiples spread evenly over 0..1, so that picks keep step with no cycle
 BLOCK = 1024  # samples that are remembered at once
 GROUP_TIME = 1.6e-3  # [s] of the samples in a box: 11 mm of a contour at 7 m/s
@@ -22,7 +22,7 @@ SURELY_NEAR = (1.001 * REVISIT_RADIUS) ** 2  # [m^2]; rounding leaves no box out
 
 
 class Ring:
-    """The last columns of an array that grows; each is stored twice, so that any run of them is one slice."""
+    """The newest columns of an array that grows; each is stored twice, so that consecutive columns are one slice."""
 
     def __init__(self, size: int, rows: int, dtype: type = np.float64) -> None:
         """size: columns that are kept."""
@@ -66,7 +66,7 @@ class SkinHistory:
         """Remember drawn samples, at most BLOCK: numbers; focal points in the hand frame [m], [3, focus, sample]."""
         self._number.write(self._count, sample[None])
         self._skin.write(self._count, skin.reshape(-1, len(sample)))
-        first = self._count // self._group  # the box of a group that had begun before is made anew
+        first = self._count // self._group  # its box may exist already, around the samples before: it is made anew
         self._count += len(sample)
         points = self._skin.columns(first * self._group, self._count).reshape(3, self._foci, -1)
         begins = np.arange(0, points.shape[2], self._group)
@@ -100,7 +100,7 @@ class SkinHistory:
 
     def _first_from(self, sample: int) -> int:
         """The first drawn sample, of those remembered, that is not before a sample."""
-        oldest = max(-(-self._count // self._group) * self._group - self._kept, 0)  # of a box that is whole
+        oldest = max(-(-self._count // self._group) * self._group - self._kept, 0)  # its whole box is remembered
         return oldest + int(self._number.columns(oldest, self._count)[0].searchsorted(sample))
 
     def _visits(self, last: int, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -216,9 +216,9 @@ def revisit_rate(
     count = SamplingCount()
     watch = RevisitWatch(count, update_rate)
     for block, index in poses_of_samples(blocks, bounds):
-        for i in range(int(index[0]), int(index[-1]) + 1):
-            first, stop = np.searchsorted(index, [i, i + 1])
-            watch.take(FocalPoints(block.position[first:stop], block.intensity[first:stop]), pose[i])
+        drawn_at, first = np.unique(index, return_index=True)
+        for i, part in zip(drawn_at, np.split(np.arange(len(index)), first[1:]), strict=False):
+            watch.take(FocalPoints(block.position[part], block.intensity[part]), pose[i])
     return count.revisit_rate
 
 

@@ -274,4 +274,5 @@ def test_what_the_sampler_counts_is_in_its_focal_points_and_the_poses_alone(foci
     blocks = list(sample_contours([batch_of(poses)], still(90), time, 1.0, sampler))
     bounds = sample_bounds(time, 1.0, RATE)
     assert sampler.count.revisits > 10
-    assert revisit_rate(blocks, still(90), bounds, RATE) == sampler.count.revisit_rate
+    nothing = FocalPoints(blocks[0].position[:0], blocks[0].intensity[:0])
+    assert revisit_rate([nothing, *blocks], still(90), bounds, RATE) == sampler.count.revisit_rate

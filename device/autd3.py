@@ -86,6 +86,10 @@ class Autd3Link:
     ) -> None:
         self.close()
 
+    def refresh(self) -> bool:
+        """False: the array forgets nothing in a pause."""
+        return False
+
     @property
     def off_bytes(self) -> bytes:
         """Wire bytes that end a content: an off frame."""

@@ -111,6 +111,10 @@ class Link(Protocol):
         """
         ...
 
+    def refresh(self) -> bool:
+        """Make a board that forgets in a pause take whole frames again: True if that was needed, and took its time."""
+        ...
+
     def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         """Send whole frames: return once they are under way, or taken; wait while there is no room for them."""
         ...

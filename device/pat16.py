@@ -60,6 +60,7 @@ class PatLink(StreamLink):
         self._burst_hold_ns = round(_HOLD_DIVIDER / model.frame_clock * 1e9)
         self._block_ns = round(_SLOWEST_BLOCK / model.frame_clock * 1e9)  # 6.4 ms
         self._drain_ns = (model.fifo_frames + 4) * self._block_ns  # for a full board, and the first blocks sent
+        self._is_cut = False  # a transfer was cut short since the last alignment
         self._fed_ns = 0  # no earlier did the board take its last whole frame
         self._fed_bytes = 0  # and what it had taken in all by then
         self._looked_ns = 0  # when that was looked at
@@ -115,7 +116,7 @@ class PatLink(StreamLink):
 
     @property
     def bytes_sent(self) -> int:
-        """Bytes that the array is known to have taken since the link was opened, without holds and realigned pauses."""
+        """Bytes that the array is known to have taken since it was opened, less those of holds and of `refresh`."""
         return self._transport.bytes_taken - self._extra_bytes - self._hold_bytes()
 
     @property
@@ -158,19 +159,27 @@ class PatLink(StreamLink):
         self._burst_divider = divider if divider < self.array.divider_sustained else None
 
     def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
-        """Send whole frames, as `StreamLink.write` does; a burst begins with its hold.
-
-        After a pause of 0.8 s the board is silenced and realigned first, which takes 1.3 s and is not abandoned: an
-        alignment that is cut short would have to begin again before the array could be switched off for sure.
-        """
-        if not self._is_aligned():
-            before = self._transport.bytes_taken
-            self._realign(self._started_divider)
-            self._extra_bytes += self._transport.bytes_taken - before
-            if abandon():
-                return
+        """Send whole frames, as `StreamLink.write` does, where needed after `refresh`; a burst begins with its hold."""
+        if self.refresh() and abandon():
+            return
         self._write_content(data, abandon)
         self._note_fed()
+
+    def refresh(self) -> bool:
+        """After a pause of 0.8 s, or where the count of bytes is not known: silence and realign the board, in 1.3 s.
+
+        It is not abandoned: an alignment that is cut short would have to begin again before the array could be switched
+        off for sure.
+        """
+        if self._is_aligned():
+            return False
+        self._transport.drain()  # what is under way is content
+        before = self._transport.bytes_taken
+        try:
+            self._realign(self._started_divider)
+        finally:
+            self._extra_bytes += self._transport.bytes_taken - before
+        return True
 
     def _write_content(self, data: array[int], abandon: Callable[[], bool]) -> None:
         """Send whole frames, a burst behind its hold."""
@@ -211,17 +220,22 @@ class PatLink(StreamLink):
         board holds has played. If a transfer was cut short on the way, the next `start` begins anew all the same, since
         its length may be reported wrongly. Where the count is not known, this takes 1.3 s, after which it is off.
         """
-        if is_cut := bool(self._transport.bytes_under_way):
-            self._note_hold()
-        self._transport.cancel()
+        self.cancel()
         if self._is_aligned():
             torn = self.torn_bytes or 0
             self._send(self._rest(torn) + self.off_bytes)
-            if is_cut or torn:
+            if self._is_cut or torn:
                 self._boundary = None
         else:
             self._realign(self._started_divider)
         self.clock.sleep_until_ns(self._hold_until_ns)
+
+    def cancel(self) -> None:
+        """End what is under way; then `bytes_sent` is exact, and the last frame may be torn."""
+        if self._transport.bytes_under_way:
+            self._note_hold()
+            self._is_cut = True
+        super().cancel()
 
     def close(self) -> None:
         """Let go of the board and give its chip back; nothing happens if it is gone. It goes on playing."""
@@ -272,6 +286,7 @@ class PatLink(StreamLink):
             self._boundary = None
             self.clock.sleep_until_ns(self.clock.now_ns() + self._drain_ns + _CLEAR_NS)
             self._send(bytes(self.array.frame_bytes) + off)
+            self._is_cut = False
             if self.clock.now_ns() - begin_ns <= _NEXT_CLEAR_NS:
                 self.clock.sleep_until_ns(self.clock.now_ns() + self._block_ns * 2)  # until both have been taken
                 return

@@ -25,6 +25,7 @@ from .limits import Guard, Limits
 from .link import Link
 from .report import LiveStatistics, PlayReport
 from .signals import StopSignals
+from .silence import is_switched_off
 from .switching import PROMPT_THREADS
 from .writer import Writer
 
@@ -105,7 +106,7 @@ class Player:
             self.report = self._stop_reason = None
             divider = self._link.array.divider(update_rate)
             with StopSignals(self, enabled=self._handle_signals) as signals, PROMPT_THREADS:
-                self._link.start(divider)
+                self._begin(divider)
                 self._writer = writer = Writer(self._link, divider, self._guard, queue_blocks=self._queue_blocks)
                 if self._stop_reason is not None:  # while the link was started
                     writer.request_stop(self._stop_reason)
@@ -116,6 +117,15 @@ class Player:
         finally:
             self._writer = None
             self._playing.release()
+
+    def _begin(self, divider: int) -> None:
+        """Start the link; if that fails, switch off what a killed player may have left on, or say that it may be."""
+        try:
+            self._link.start(divider)
+        except LinkError as error:
+            if not is_switched_off(self._link):
+                error.args = (f"{error}; {may_emit_advice(self._link.array.name)}",)
+            raise
 
     def stop(self, reason: str = "stop") -> None:
         """End the playback under way, from any thread: what is queued is dropped, and `play` returns. Else nothing."""
@@ -184,11 +194,16 @@ def tell_emission(error: BaseException, report: PlayReport) -> None:
     """Have an error say that the array may still be emitting, where it may: in its sentence, or, of others', a note."""
     if not report.may_emit:
         return
-    advice = f"array {report.array} may still be emitting, switch it off"
+    advice = may_emit_advice(report.array)
     if isinstance(error, (DeviceError, PlayInterrupted)):
         error.args = (f"{error}; {advice}",)
     else:
         error.add_note(advice)
+
+
+def may_emit_advice(array_name: str) -> str:
+    """What to do about an array that is not known to be off."""
+    return f"array {array_name} may still be emitting, switch it off"
 
 
 def whole_frames(block: Block, frame_bytes: int) -> array[int]:

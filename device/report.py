@@ -97,6 +97,8 @@ class PlayReport:
     """The player's estimate: submits that came after the frames before them had run out."""
     starved: float
     """The player's estimate of the time without a new frame [s]."""
+    silenced: float
+    """Time amid the content in which the array was silent, because its board had to begin anew after a pause [s]."""
     underrun_events: tuple[Underrun, ...]
     """The first of them, at most UNDERRUN_EVENTS_MAX."""
     lateness: Lateness
@@ -151,7 +153,7 @@ class PlayReport:
     @property
     def is_late(self) -> bool:
         """Whether the array ran dry or frames were late, by the player's estimate or the board's own count."""
-        return bool(self.underruns or self.starved or self.lateness.max or self.board_underruns or self.board_starved)
+        return bool(self.underruns or self.lateness.max or self.board_underruns)
 
     def as_dict(self) -> dict[str, object]:
         """Everything, as JSON takes it."""

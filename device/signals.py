@@ -27,7 +27,7 @@ def end_process(signum: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def ending_on_signals() -> Generator[None]:
-    """While active, `end_process` handles SIGINT, SIGTERM and SIGHUP, except for a SIGHUP that nohup made ignored.
+    """While active, `end_process` handles SIGINT, SIGTERM and SIGHUP, but for those that were ignored (nohup, `&`).
 
     After a signal they stay ignored: the process ends. Away from the main thread, which alone may set handlers, nothing
     happens.
@@ -78,8 +78,8 @@ class StopSignals:
 
     def __enter__(self) -> Self:
         for signum in _STOP_SIGNALS if self._enabled else ():
-            if signum == signal.SIGHUP and signal.getsignal(signum) == signal.SIG_IGN:
-                continue  # nohup
+            if signal.getsignal(signum) == signal.SIG_IGN:
+                continue  # whoever started this process wants it so: nohup, or a shell's `&`
             self._previous[signum] = signal.signal(signum, self._handle)
         return self
 

@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+from .errors import DeviceLostError, LinkError
 from .link import Link
 
+OFF_ATTEMPTS = 3  # a stall on the off frame is passing, or it is not
 DRAIN_MARGIN_NS = 500_000_000  # beyond the playing time of what is queued, before the array counts as hung
+
+
+def is_switched_off(link: Link) -> bool:
+    """Send the off frames, again if that fails; False if the array did not take them in three attempts, or is gone."""
+    for _ in range(OFF_ATTEMPTS):
+        try:
+            link.send_off()
+        except DeviceLostError:
+            return False
+        except LinkError:
+            continue
+        return True
+    return False
 
 
 def wait_silent(link: Link, divider: int) -> bool | None:

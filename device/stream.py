@@ -119,6 +119,10 @@ class StreamLink:
         self._transport.forget_doubt()
         self._boundary = self._transport.bytes_taken - torn
 
+    def refresh(self) -> bool:
+        """False: the board forgets nothing in a pause."""
+        return False
+
     def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         """Send whole frames: return once they are under way, or taken; wait while there is no room for them.
 

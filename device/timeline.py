@@ -31,6 +31,8 @@ class Timeline:
         """When the array will have played all that was submitted."""
         self.underruns = 0
         self.starved_ns = 0
+        self.silent_ns = 0
+        """Time in which a board was made to begin anew amid the content, silent."""
         self.frames = 0
         """Frames submitted."""
         self.queue_bytes = 0
@@ -61,6 +63,16 @@ class Timeline:
             self._starve(now_ns, late_ns)
         self.dry_ns += frames * self._period_ns
         self.frames += frames
+
+    def pause(self, begin_ns: int, end_ns: int) -> None:
+        """Between these times the array was made to begin anew, silent; before them it may have starved."""
+        if self.start_ns is None:
+            return
+        if begin_ns > self.dry_ns:
+            self._starve(begin_ns, begin_ns - self.dry_ns)
+        self.silent_ns += end_ns - begin_ns
+        self.dry_ns = end_ns
+        self._note_lateness()
 
     def waited(self, now_ns: int) -> None:
         """The array has made the host wait for room until now: it is full, so at least half of what fits is there."""
@@ -111,6 +123,11 @@ class Timeline:
             self._drift_ns += drift_ns
             self.dry_ns += drift_ns
 
+    def _note_lateness(self) -> None:
+        """All frames from here on are late by as much."""
+        self._late_frame.append(self.frames)
+        self._late_ns.append(self.starved_ns + self.silent_ns)
+
     def _sample(self, queue_bytes: int) -> None:
         self.queue_bytes = queue_bytes
         if self._filled:
@@ -122,8 +139,7 @@ class Timeline:
         self.underruns += 1
         self.starved_ns += late_ns
         self.dry_ns = now_ns
-        self._late_frame.append(self.frames)
-        self._late_ns.append(self.starved_ns)
+        self._note_lateness()
         if len(self._events) < UNDERRUN_EVENTS_MAX and self.start_ns is not None:
             time = (now_ns - self.start_ns) * 1e-9
             self._events.append(Underrun(time, self.frames, late_ns * 1e-9, now_ns, None))

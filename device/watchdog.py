@@ -30,14 +30,14 @@ from typing import Final, Self
 
 from .array import ArrayModel
 from .discovery import open_link
-from .errors import DeviceBusyError, DeviceError, DeviceTimeoutError, WatchdogError
+from .errors import DeviceBusyError, DeviceError, DeviceTimeoutError, LinkError, WatchdogError
 from .link import Link
 from .lookup import find_device
 from .pyserial import SystemPorts
 from .pyusb import Backend, libusb_backend
 from .serial_line import SerialPorts
 from .serial_lookup import choose_port
-from .silence import wait_silent
+from .silence import is_switched_off, wait_silent
 
 EXIT_GOODBYE: Final = 0
 EXIT_OFF: Final = 3
@@ -233,8 +233,10 @@ def switch_off(
     while True:
         try:
             with open_link(model, serial=serial, backend=backend, transport="sync", uncalibrated=True) as link:
-                link.start(model.divider_default)
-                link.send_off()
+                with contextlib.suppress(LinkError):  # a passing fault: what follows tries again
+                    link.start(model.divider_default)
+                if not is_switched_off(link):
+                    raise LinkError(f"array {model.name} did not take the off frames: switch it off")
                 if wait_silent(link, model.divider_default) is False:
                     raise DeviceTimeoutError(f"array {model.name} does not fall silent: switch it off")
                 return

@@ -15,7 +15,7 @@ from .errors import DeviceLostError, DeviceTimeoutError, LinkError, SafetyLimitE
 from .limits import Dose, Guard
 from .link import BoardStatus, Link
 from .report import LiveStatistics, PlayReport
-from .silence import DRAIN_MARGIN_NS, wait_silent
+from .silence import DRAIN_MARGIN_NS, OFF_ATTEMPTS, wait_silent
 from .timeline import Timeline
 
 T = TypeVar("T")
@@ -26,7 +26,6 @@ CHUNK_DURATION_QUEUED = 0.0125  # [s]; 4 of them are under way at 10 kHz, more a
 PREFILL_DURATION = 0.08  # [s] of frames that are ready before the first is sent
 POLL = 0.02  # [s] between looks at the stop request, which a signal handler may set and so cannot notify
 CHUNKED_BLOCKS = 4  # blocks whose chunks are kept: a short contour's loop comes again and again
-OFF_ATTEMPTS = 3  # a stall on the off frame is passing, or it is not
 EXIT_TIMEOUT = 3.0  # [s] that the end of the interpreter waits for arrays to be off
 
 
@@ -73,6 +72,7 @@ class Writer:
         self._stop_status: BoardStatus | None = None  # at the end of the content
         self._cleared: int | None = None
         self._finishing = self._off_sent = False
+        self._stop_ns = 0  # when a stop was asked for
         self._off_after_ns: int | None = None
         self._exact = True
         self._off: bool | None = False
@@ -92,12 +92,13 @@ class Writer:
             queue_bytes=timeline.queue_bytes,
             underruns=timeline.underruns,
             starved=timeline.starved_ns * 1e-9,
-            lateness=timeline.starved_ns * 1e-9,
+            lateness=(timeline.starved_ns + timeline.silent_ns) * 1e-9,
         )
 
     def request_stop(self, reason: str) -> None:
         """Stop as soon as possible, dropping what is queued; the first reason counts. Safe in a signal handler."""
         if self.stopped_by is None:
+            self._stop_ns = self._link.clock.now_ns()
             self.stopped_by = reason
 
     def put(self, block: array[int] | None, *, tick: Callable[[], object] = lambda: None) -> bool:
@@ -156,6 +157,7 @@ class Writer:
             elapsed=self._elapsed_ns * 1e-9,
             underruns=timeline.underruns,
             starved=timeline.starved_ns * 1e-9,
+            silenced=timeline.silent_ns * 1e-9,
             underrun_events=timeline.underrun_events(),
             lateness=timeline.lateness(),
             queue_depth=timeline.queue_depth(),
@@ -236,6 +238,9 @@ class Writer:
         return chunks
 
     def _submit(self, chunk: Chunk) -> None:
+        self._refresh()
+        if self._is_stopped():
+            return
         before_ns = self._meet_deadline(chunk.dose.frames)
         self._guard.admit(chunk.dose, self._timeline.dry_ns - chunk.dose.frames * self._period_ns, self._period_ns)
         self._duty_sum += chunk.dose.duty_sum
@@ -247,6 +252,13 @@ class Writer:
         now_ns = self._link.clock.now_ns()
         if now_ns - before_ns > chunk.dose.frames * self._period_ns // 2:
             self._timeline.waited(now_ns)
+
+    def _refresh(self) -> None:
+        """Have a board that forgets in a pause begin anew, which it does silently; others need nothing."""
+        begin_ns = self._link.clock.now_ns()
+        if self._link.refresh():
+            self._guard.silence(begin_ns)
+            self._timeline.pause(begin_ns, self._link.clock.now_ns())
 
     def _meet_deadline(self, frames: int) -> int:
         """Submit in time? Returns the time [ns]."""
@@ -264,6 +276,7 @@ class Writer:
 
     def _finish(self) -> None:
         """The end of the content: the off frames behind it, then wait until they play."""
+        self._refresh()
         if self._timeline.start_ns is not None:
             self._meet_deadline(1)
         self._finishing = True
@@ -304,7 +317,6 @@ class Writer:
 
     def _stop(self) -> None:
         """Off now: drop what is queued, complete a torn frame, send the off frame. Each step tried, whatever failed."""
-        begin_ns = self._link.clock.now_ns()
         self._attempt(self._link.cancel)
         self._exact = not self._look() and (self._link.is_exact or self._bytes == self._content_bytes)
         before = self._attempt(self._link.status)
@@ -319,7 +331,7 @@ class Writer:
         for _ in range(OFF_ATTEMPTS):
             self._attempt(self._send_off)
             if self._off_sent:
-                self._off_after_ns = self._link.clock.now_ns() - begin_ns
+                self._off_after_ns = self._link.clock.now_ns() - self._stop_ns
                 break
         self._attempt(self._confirm_off)
         if self._cleared is None and self._exact and self._off is not False and not is_clear:  # all of it was played

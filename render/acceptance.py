@@ -1,13 +1,11 @@
 """`palpate selftest --acceptance`: leads a person through a first hour with a real board (docs/first-contact.md)."""
 
 import signal
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
-from typing import NoReturn
 
 from ..device.errors import PlayInterrupted
+from ..device.signals import ending_on_signals
 from . import console
 from .acceptance_answers import AT_ALL_TIMES, InputEnded, Questioner, Reply
 from .acceptance_board import BoardSession
@@ -39,7 +37,7 @@ def run_acceptance(options: dict, *, as_json: bool) -> int:
         },
     )
     steps = steps_for(placed.model.name)
-    with _kept(report, questioner), _signals_raise(), session:
+    with _kept(report, questioner), ending_on_signals(), session:
         link = session.link
         report.write(serial=link.serial, transport=link.transport, clock=link.clock.name)
         questioner.note(f"{len(steps)} steps. At each question: {AT_ALL_TIMES}.")
@@ -120,26 +118,6 @@ def _kept(report: AcceptanceReport, questioner: Questioner) -> Iterator[None]:
         if report.path.exists():
             answered = sum(entry["answer"] is not None for entry in report.steps)
             questioner.note(f"\nAnswers in the report: {answered} ({report.path})")
-
-
-@contextmanager
-def _signals_raise() -> Iterator[None]:
-    """While active, SIGTERM and SIGHUP raise KeyboardInterrupt, as SIGINT does; while it plays, the player has them."""
-
-    def end(signum: int, frame: FrameType | None) -> NoReturn:
-        del frame
-        raise KeyboardInterrupt(signal.Signals(signum).name)
-
-    previous = {}
-    if threading.current_thread() is threading.main_thread():
-        for signum in (signal.SIGTERM, signal.SIGHUP):
-            if signal.getsignal(signum) == signal.SIG_DFL:
-                previous[signum] = signal.signal(signum, end)
-    try:
-        yield
-    finally:
-        for signum, handler in previous.items():
-            signal.signal(signum, handler)
 
 
 def _summarise(steps: tuple[Step, ...], report: AcceptanceReport, questioner: Questioner, *, as_json: bool) -> int:

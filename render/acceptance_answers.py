@@ -77,6 +77,8 @@ class Questioner:
         if word.lower() != "s":
             return None
         reason = rest.strip()
+        if not (reason or self.is_person):
+            raise StrategyError(f"step {step.name!r} is skipped without a reason: write s REASON in one line")
         while not reason:
             reason = self._line(step, "why is it skipped? ")
         return Reply(skipped_because=reason)

@@ -46,7 +46,7 @@ class BoardSession:
         self._bus: EmulatedBus | EmulatedPorts | None = None
         if self.emulated and model.name != "autd3":
             if connection.watchdog:
-                raise StrategyError(f"a watchdog is for real arrays on USB, not for {model.name} here")
+                raise StrategyError(f"a watchdog is for real arrays on USB or a serial port, not for {model.name} here")
             self._bus = emulated_bus(placed, CLOCKS[connection.clock]())
             connection = replace(connection, backend=self._bus)
         self._placed, self._connection, self._note = placed, connection, note
@@ -127,8 +127,12 @@ class BoardSession:
             yield from stimulus.blocks(self.model)
 
     def _open(self) -> None:
-        (link,) = self._stack.enter_context(self._connection.all_of([self._placed]))
-        link.start(link.array.divider_default)  # opening sends nothing, so what a killed player left would play on
+        try:
+            (link,) = self._stack.enter_context(self._connection.all_of([self._placed]))
+            link.start(link.array.divider_default)  # opening sends nothing, so what a killed player left would play on
+        except BaseException:
+            self._stack.close()  # else it would be busy when it is opened again
+            raise
         self._playing = link, Player(link)
 
     def _reopen(self) -> None:

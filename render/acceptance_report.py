@@ -15,7 +15,7 @@ from .errors import RenderError, StrategyError
 
 FORMAT = "palpate acceptance"
 VERSION = 1
-PACKAGES = ("palpate", "numpy", "pyusb", "warp-lang", "autd3")
+PACKAGES = ("palpate", "numpy", "pyusb", "warp-lang", "pyserial", "autd3")
 
 
 class AcceptanceReport:

@@ -203,7 +203,8 @@ _OFF_ANSWERS = (
     Answer(
         "late",
         "It went on for about a second, then ended.",
-        "The off frame waited for bytes behind it, and only the board's second net ended the sound.",
+        "The program had lost count of the bytes that the board took, so it made the board begin anew, which takes "
+        "1.3 s.",
         _GRID,
     ),
     Answer(

@@ -272,7 +272,8 @@ def play(
         str, typer.Option(help="Of the emulated array: monotonic (real time) or virtual (as fast as it goes).")
     ] = "monotonic",
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with 1 if frames were late or lost, or anything else is warned of.")
+        bool,
+        typer.Option("--strict", help="Exit with 1 if late frames, silenced points, or too long steps are warned of."),
     ] = False,
     json: Json = False,
 ) -> None:

@@ -67,6 +67,7 @@ UNITS = {
     "seconds": "s",
     "render_seconds": "s",
     "starved": "s",
+    "silenced": "s",
     "off_after": "s",
     "board_starved": "s",
     "jump_length": "m",
@@ -225,12 +226,29 @@ def fail(message: str, code: int, as_json: bool, report: PlayReport | None = Non
         sys.stdout.write(json_line({"error": message, **({"report": report.as_dict()} if report else {})}))
     elif report:
         errors.print(f"played until then: {report.frames} frames; {told_of_off(report)}")
+        if report.is_late:
+            warn(late_warning(report))
     return code
 
 
 def told_of_off(report: PlayReport) -> str:
     """Whether an array is off, in words."""
     return report.off_doubt or "the array says that it is off"
+
+
+def late_warning(report: PlayReport) -> str:
+    """How often an array ran dry, was silent amid the content, and how late frames were; and who says so."""
+    board = "the board's own count is not known"
+    if report.board_underruns is not None and report.board_starved is not None:
+        board = f"by the board's own count {report.board_underruns} times, for {report.board_starved:.4g} s"
+    silent = ""
+    if report.silenced:
+        silent = f"was silent for {report.silenced:.4g} s, since its board had to begin anew after a pause, "
+    return (
+        f"array {report.array} ran out of frames {report.underruns} times and played the last one on for "
+        f"{report.starved:.4g} s, {silent}so that frames were up to {report.lateness.max:.4g} s late, by the player's "
+        f"estimate; {board}"
+    )
 
 
 def warn(sentence: str) -> None:

@@ -14,7 +14,6 @@ from ..device.array import array_model, array_names
 from ..device.discovery import find_arrays, find_serial_arrays, udev_rule
 from ..device.errors import NoBackendError
 from ..device.limits import Limits
-from ..device.report import PlayReport
 from ..device.signals import ending_on_signals
 from . import console
 from .drive import DriveStrategy
@@ -27,11 +26,11 @@ from .source import ContourSource
 
 POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
 TOLD_OF_PLAYING = (
-    "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "board_underruns", "lateness",
-    "queue_depth", "jumps", "jumps_by_cause", "jump_length", "hops", "hops_by_cause", "hop_speed_max", "step_longest",
-    "draw_frequency_nominal", "revisit_rate", "absence_max", "samples", "silent", "held", "refused", "switched", "duty",
-    "on_time", "array", "serial", "clock", "transport", "short_writes", "stopped_by", "off_sent", "off_after",
-    "off_confirmed", "may_emit", "off_doubt", "arrays",
+    "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "silenced", "board_underruns",
+    "lateness", "queue_depth", "jumps", "jumps_by_cause", "jump_length", "hops", "hops_by_cause", "hop_speed_max",
+    "step_longest", "draw_frequency_nominal", "revisit_rate", "absence_max", "samples", "silent", "held", "refused",
+    "switched", "duty", "on_time", "array", "serial", "clock", "transport", "short_writes", "stopped_by", "off_sent",
+    "off_after", "off_confirmed", "may_emit", "off_doubt", "arrays",
 )  # fmt: skip
 ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 
@@ -73,7 +72,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
 
 def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> list[str]:
     """What a hand would miss, a sentence each."""
-    sentences = [late_warning(report) for report in playback.reports if report.is_late]
+    sentences = [console.late_warning(report) for report in playback.reports if report.is_late]
     zone = arrays[0].model.focal_zone
     if playback.refused:
         sentences.append(
@@ -92,18 +91,6 @@ def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> list[str
             "played as 0 or 1"
         )
     return sentences
-
-
-def late_warning(report: PlayReport) -> str:
-    """How often an array ran dry and how late frames were, and who says so."""
-    board = "the board's own count is not known"
-    if report.board_underruns is not None and report.board_starved is not None:
-        board = f"by the board's own count {report.board_underruns} times, for {report.board_starved:.4g} s"
-    return (
-        f"array {report.array} ran out of frames {report.underruns} times and played the last one on for "
-        f"{report.starved:.4g} s, by the player's estimate, so that frames were up to {report.lateness.max:.4g} s "
-        f"late; {board}"
-    )
 
 
 def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json: bool) -> None:

@@ -1,6 +1,7 @@
 """Devices to test on, kernels compiled once, hypothesis without clocks; modules that need what is not here skipped."""
 
 import os
+import signal
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
@@ -35,6 +36,17 @@ def pytest_configure(config):
 
         for device in config.getoption("--device") or [str(d) for d in wp.get_devices()]:
             compile_kernels(device)
+
+
+@pytest.fixture(autouse=True)
+def signal_handlers():
+    """Those of before, after each test: a command that a signal ends leaves signals ignored, as its process ends."""
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(signum) for signum in signals]
+    yield
+    for signum, handler in zip(signals, before, strict=True):
+        if signal.getsignal(signum) is not handler:
+            signal.signal(signum, handler)
 
 
 def is_absent(error):

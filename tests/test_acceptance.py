@@ -13,7 +13,7 @@ from umockdev_session import write_pat_file
 from palpate.device.array import array_model
 from palpate.device.bus import emulated_backend
 from palpate.device.clock import VirtualClock
-from palpate.device.errors import DeviceNotFoundError
+from palpate.device.errors import DeviceNotFoundError, DeviceStallError
 from palpate.device.faults import Fault, FaultKind
 from palpate.render import acceptance_board, acceptance_report, playback
 from palpate.render.acceptance_board import PATIENCE, BoardSession
@@ -105,11 +105,11 @@ def test_one_wrong_answer_at_a_time_is_told_with_its_meaning(step, answer, hour)
     assert done.report["ended_by"] == "end"
 
 
-@pytest.mark.parametrize("lines", [["s no tuner at hand"], ["s", "no tuner at hand"], ["s", "", "no tuner at hand"]])
-def test_a_step_is_skipped_with_its_reason(lines, hour):
+@pytest.mark.parametrize("line", ["s no tuner at hand", "S  no tuner at hand "])
+def test_a_step_is_skipped_with_its_reason(line, hour):
     answers = answers_of("pat16")
     place = steps_of("pat16").index("pitch")
-    done = hour([*answers[:place], *lines, *answers[place + 1 :]])
+    done = hour([*answers[:place], line, *answers[place + 1 :]])
     assert done.code == FAILED
     entry = done.step("pitch")
     assert (entry["answer"], entry["as_expected"]) == (None, None)
@@ -117,6 +117,15 @@ def test_a_step_is_skipped_with_its_reason(lines, hour):
     assert done.result["skipped"] == {"pitch": "no tuner at hand"}
     assert done.result["not_asked"] == done.result["unexpected"] == []
     assert done.step("replug")["answer"] == "again"
+
+
+def test_a_script_that_skips_without_a_reason_is_misuse_and_its_next_line_no_reason(hour):
+    answers = answers_of("pat16")
+    place = steps_of("pat16").index("pitch")
+    done = hour([*answers[:place], "s", *answers[place + 1 :]])
+    assert done.code == MISUSED
+    assert "'pitch' is skipped without a reason" in done.result["error"]
+    assert done.report["ended_by"] == "misuse"
 
 
 def test_a_question_mark_plays_a_step_again(hour):
@@ -329,3 +338,14 @@ def test_the_command_reads_answers_from_a_pipe_as_it_stands_in_the_page(path):
     )  # fmt: skip
     assert done.returncode == DONE, done.stderr
     assert json.loads(path.read_text())["ended_by"] == "end"
+
+
+def test_an_array_that_cannot_be_started_is_let_go_of():
+    bus = emulated_backend("pat16", clock=VirtualClock())
+    bus.inject(Fault(FaultKind.STALL, request=0x09, count=1))
+    connection = Connection(backend=bus, uncalibrated=True)
+    placed = PlacedArray(array_model("pat16"))
+    with pytest.raises(DeviceStallError), BoardSession(placed, connection, lambda line: None):
+        pytest.fail("it was entered")
+    with BoardSession(placed, connection, lambda line: None) as session:
+        assert session.link.serial == "PATEMU01"

@@ -11,6 +11,7 @@ import threading
 import pytest
 
 from palpate.device import EmulatorBackend, Player, UsbLink, VirtualClock, array_model
+from palpate.device.signals import ending_on_signals
 
 PLAYS_FOREVER = """
 import json, signal, sys, threading, time
@@ -160,3 +161,31 @@ def test_the_end_of_the_interpreter_switches_off_what_a_daemon_thread_plays() ->
     assert set(outcome["last"][:-1]) == {200}
     assert outcome["stopped_by"] in (None, "exit")
     assert done.stderr == "" or "Traceback" not in done.stderr
+
+
+def test_a_signal_that_was_ignored_stays_ignored_while_it_plays() -> None:
+    seen = []
+
+    def blocks():
+        seen.append(signal.getsignal(signal.SIGINT))
+        yield bytes(512)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell does for `command &` in a script
+    with (
+        UsbLink.open(array_model("emulator"), backend=EmulatorBackend(clock=VirtualClock())) as link,
+        ending_on_signals(),
+    ):
+        seen.append(signal.getsignal(signal.SIGINT))
+        Player(link).play(blocks(), update_rate=10e3)
+    assert seen == [signal.SIG_IGN, signal.SIG_IGN]
+
+
+def test_a_command_that_no_signal_ended_has_its_handlers_back_and_one_that_was_ignores_later_ones() -> None:
+    before = [signal.getsignal(signum) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    with ending_on_signals():
+        assert signal.getsignal(signal.SIGTERM) not in before
+    assert [signal.getsignal(signum) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+    with pytest.raises(KeyboardInterrupt, match="SIGTERM"), ending_on_signals():
+        signal.raise_signal(signal.SIGTERM)
+    signal.raise_signal(signal.SIGTERM)
+    signal.raise_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""Which parts of contours run too close beside others: of two, the one on the shorter polyline goes.
+"""Which parts of contours run too close beside others: of two, the one on the shorter line goes.
 
 A part runs beside another one if from its start, middle or end to the nearest point of the other, or the other way
 round, it is less than `distance`, their directions differ by less than an angle either way round, and the way between
@@ -7,14 +7,16 @@ run beside each other.
 
 | the other part is on | compared |
 |---|---|
-| a longer polyline of the pose (of equal ones the first) | unless the two touch end to end, see below |
-| the same polyline, further to its start | unless joined by what is kept of it, no more than `apart` along it |
+| a longer line of the pose (of equal ones the first) | always |
+| the same line, further to its start | unless joined by what is kept of it, no more than `apart` along it |
 | another patch | only if patches are to be compared with each other |
 
-Open polylines whose ends touch are one line in two pieces: their parts are compared as those of the same polyline are,
-along the way through the ends that touch.
+A *line* is a closed polyline, or open polylines that touch end to end, one after the other, so that the result is the
+same however a line is cut into polylines. It runs as the first of them in the batch does; it is closed if its last
+end touches its first. Where more than two ends touch, the two that go on most straightly are joined; a third end is
+joined to none.
 
-What has been removed hides nothing: polylines are judged from the longest to the shortest, each from its start, and
+What has been removed hides nothing: lines are judged from the longest to the shortest, each from its start, and
 again until nothing more is removed.
 """
 
@@ -24,11 +26,9 @@ import warp as wp
 
 from .cut import Parts, launch, parts_of, point_at, segment_length, share_end
 from .patch import EXACT
-from .prune import measure_lines
 
 wp.set_module_options(EXACT)
 
-FAR = wp.constant(wp.float64(1.0e30))  # [m]
 TOUCH = wp.constant(wp.float64(1.0e-6))  # [m]; ends nearer than this touch: float32 of a contour is exact to 0.02 um
 ACROSS = wp.constant(wp.float64(0.7071067811865476))  # cosine of 45 degrees
 
@@ -45,54 +45,174 @@ class Beside:
 
 @wp.struct
 class Bits:
-    """Parts as they are compared."""
+    """Parts as they are compared, in the order of their lines."""
 
+    part: wp.array[wp.int64]  # which one of all parts
+    patch: wp.array[wp.int32]
     middle: wp.array[wp.vec3d]  # [m]
-    way: wp.array[wp.vec3d]  # from start to end [m]
-    along: wp.array[wp.float64]  # of the middle, from the polyline's start [m]
-    broken: wp.array[wp.int64]  # parts removed before it on its polyline
+    way: wp.array[wp.vec3d]  # from start to end, as its polyline runs [m]
+    along: wp.array[wp.float64]  # of the middle, from the line's start [m]
+    broken: wp.array[wp.int64]  # parts removed before it on its line
     keep: wp.array[wp.uint8]
 
 
 @wp.struct
 class Lines:
-    """Polylines by length."""
+    """Lines, each at the number of its first polyline in the batch; the numbers of its others have no parts."""
 
-    patch: wp.array[wp.int32]
+    first: wp.array[wp.int64]  # its first part, as Bits counts them
+    count: wp.array[wp.int32]  # its parts
     closed: wp.array[wp.uint8]
     length: wp.array[wp.float64]  # [m]
     broken: wp.array[wp.int64]  # parts removed of it so far
-    start: wp.array[wp.vec3d]  # its ends [m]
-    end: wp.array[wp.vec3d]
+
+
+@wp.struct
+class Ends:
+    """Ends of polylines: 2 i is the start of polyline i, 2 i + 1 its end."""
+
+    at: wp.array[wp.vec3d]  # [m]
+    out: wp.array[wp.vec3d]  # unit vector from the end into its polyline
+    partner: wp.array[wp.int32]  # the end that it goes on at, -1 for none; joined if each is the other's
+
+
+@wp.func
+def other_end(end: int):
+    """The other end of the same polyline."""
+    return end + 1 - 2 * (end % 2)
 
 
 @wp.kernel
-def _measure_parts(
+def _find_ends(
     # In:
     points: wp.array[wp.vec3],
     polyline_start: wp.array[wp.int64],
-    parts: Parts,
     # Out:
-    lines: Lines,
+    ends: Ends,
+):
+    """Where each polyline ends, and which way it goes from there."""
+    line = wp.tid()
+    first = polyline_start[line]
+    last = polyline_start[line + 1] - wp.int64(1)
+    a = point_at(points, first, wp.float64(0.0))
+    b = point_at(points, last, wp.float64(0.0))
+    ends.at[2 * line] = a
+    ends.at[2 * line + 1] = b
+    ends.out[2 * line] = wp.normalize(point_at(points, first + wp.int64(1), wp.float64(0.0)) - a)
+    ends.out[2 * line + 1] = wp.normalize(point_at(points, last - wp.int64(1), wp.float64(0.0)) - b)
+
+
+@wp.func
+def partner_of(ends: Ends, closed: wp.array[wp.uint8], end: int, begin: int, stop: int):
+    """The end of another open polyline that touches this one and goes on most straightly; else its own other end."""
+    best = int(-1)
+    least = wp.float64(2.0)
+    for other in range(2 * begin, 2 * stop):
+        if other // 2 != end // 2 and closed[other // 2] == wp.uint8(0):
+            if wp.length(ends.at[end] - ends.at[other]) < TOUCH:
+                turn = wp.dot(ends.out[end], ends.out[other])
+                if turn < least:
+                    least = turn
+                    best = other
+    own = other_end(end)
+    if best < 0 and wp.length(ends.at[end] - ends.at[own]) < TOUCH:
+        best = own
+    return best
+
+
+@wp.func
+def joined_to(ends: Ends, end: int):
+    """The end that this one is joined to, -1 for none."""
+    partner = ends.partner[end]
+    if partner >= 0:
+        if ends.partner[partner] != end:
+            partner = int(-1)
+    return partner
+
+
+@wp.func
+def write_parts(
+    points: wp.array[wp.vec3],
+    polyline_start: wp.array[wp.int64],
+    parts: Parts,
+    patch: wp.int32,
+    end: int,
+    rank: wp.int64,
+    passed: wp.float64,
     bits: Bits,
 ):
-    """Middle, way and place along its polyline of each part, and the polyline's ends."""
-    line = wp.tid()
-    lines.start[line] = point_at(points, polyline_start[line], wp.float64(0.0))
-    lines.end[line] = point_at(points, polyline_start[line + 1] - wp.int64(1), wp.float64(0.0))
-    first, count = parts_of(parts, polyline_start, line)
-    passed = wp.float64(0.0)
+    """Write a polyline's parts from one of its ends on, `passed` metres along its line; how far that is then."""
+    first, count = parts_of(parts, polyline_start, end // 2)
     for k in range(count):
-        part = first + wp.int64(k)
+        part = first + wp.int64(wp.where(end % 2 == 0, k, count - 1 - k))
         i = parts.segment[part]
         span = share_end(parts, part) - parts.share[part]
         a = point_at(points, i, wp.float64(0.0))
         b = point_at(points, i + wp.int64(1), wp.float64(0.0))
-        bits.way[part] = span * (b - a)
-        bits.middle[part] = a + (parts.share[part] + wp.float64(0.5) * span) * (b - a)
+        own = rank + wp.int64(k)
+        bits.part[own] = part
+        bits.patch[own] = patch
+        bits.way[own] = span * (b - a)
+        bits.middle[own] = a + (parts.share[part] + wp.float64(0.5) * span) * (b - a)
         length = span * segment_length(points, i)
-        bits.along[part] = passed + wp.float64(0.5) * length
+        bits.along[own] = passed + wp.float64(0.5) * length
         passed += length
+    return passed, count
+
+
+@wp.kernel
+def _join_lines(
+    # In:
+    points: wp.array[wp.vec3],
+    polyline_start: wp.array[wp.int64],
+    polyline_patch: wp.array[wp.int32],
+    polyline_closed: wp.array[wp.uint8],
+    pose_start: wp.array[wp.int64],
+    parts: Parts,
+    # Out:
+    ends: Ends,
+    joined: wp.array[wp.uint8],  # polylines that have a line, shape [polyline]
+    lines: Lines,
+    bits: Bits,
+):
+    """Follow each line of a pose through the ends that touch, and write its parts one after the other."""
+    pose = wp.tid()
+    begin = int(pose_start[pose])
+    stop = int(pose_start[pose + 1])
+    for end in range(2 * begin, 2 * stop):
+        if polyline_closed[end // 2] == wp.uint8(0):
+            ends.partner[end] = partner_of(ends, polyline_closed, end, begin, stop)
+    rank = wp.int64(0)
+    if begin < stop:
+        rank = parts.start[polyline_start[begin]]
+    for line in range(begin, stop):
+        if joined[line] == wp.uint8(0):
+            closed = polyline_closed[line]
+            start = int(2 * line)
+            before = joined_to(ends, start)
+            while before >= 0 and before != 2 * line + 1:
+                start = other_end(before)
+                before = joined_to(ends, start)
+            if before >= 0:  # all the way round
+                closed = wp.uint8(1)
+                start = 2 * line
+            lines.first[line] = rank
+            passed = wp.float64(0.0)
+            total = int(0)
+            end = int(start)
+            while end >= 0:
+                joined[end // 2] = wp.uint8(1)
+                passed, count = write_parts(
+                    points, polyline_start, parts, polyline_patch[end // 2], end, rank, passed, bits
+                )
+                rank += wp.int64(count)
+                total += count
+                end = joined_to(ends, other_end(end))
+                if end == start:
+                    end = int(-1)
+            lines.closed[line] = closed
+            lines.count[line] = total
+            lines.length[line] = passed
 
 
 @wp.func
@@ -124,7 +244,7 @@ def runs_beside(bits: Bits, own: wp.int64, other: wp.int64, rule: Beside):
 
 @wp.func
 def is_joined(bits: Bits, lines: Lines, line: int, own: wp.int64, before: wp.int64, rule: Beside):
-    """Whether two parts of a polyline are joined by a short way along what is kept of it."""
+    """Whether two parts of a line are joined by a short way along what is kept of it."""
     gap = bits.along[own] - bits.along[before]
     if bits.broken[own] == bits.broken[before] and gap <= rule.apart:
         return True
@@ -133,91 +253,44 @@ def is_joined(bits: Bits, lines: Lines, line: int, own: wp.int64, before: wp.int
 
 
 @wp.func
-def way_to_end(bits: Bits, lines: Lines, line: int, part: wp.int64, at_end: int):
-    """How far a part is from the start or the end of its polyline; infinite where something between was removed [m]."""
-    way = bits.along[part]
-    broken = bits.broken[part]
-    if at_end == 1:
-        way = lines.length[line] - way
-        broken = lines.broken[line] - broken
-    return wp.where(broken == wp.int64(0), way, FAR)
-
-
-@wp.func
-def is_joined_by_ends(bits: Bits, lines: Lines, line: int, own: wp.int64, other: int, part: wp.int64, rule: Beside):
-    """Whether parts of two open polylines are joined by a short way through ends that touch."""
-    if lines.closed[line] != wp.uint8(0) or lines.closed[other] != wp.uint8(0):
-        return False
-    for k in range(4):
-        a = wp.where(k < 2, lines.start[line], lines.end[line])
-        b = wp.where(k % 2 == 0, lines.start[other], lines.end[other])
-        if wp.length(a - b) < TOUCH:
-            way = way_to_end(bits, lines, line, own, k // 2) + way_to_end(bits, lines, other, part, k % 2)
-            if way <= rule.apart:
-                return True
-    return False
-
-
-@wp.func
 def is_longer(lines: Lines, one: int, other: int):
-    """Whether one polyline is judged before another."""
+    """Whether one line is judged before another."""
     a = lines.length[one]
     b = lines.length[other]
     return a > b or (a == b and one < other)
 
 
 @wp.func
-def is_crowded(
-    polyline_start: wp.array[wp.int64],
-    parts: Parts,
-    bits: Bits,
-    lines: Lines,
-    line: int,
-    own: wp.int64,
-    other: int,
-    rule: Beside,
-):
-    """Whether a part runs beside a kept one of a polyline: a longer one, or its own further to the start."""
-    first, count = parts_of(parts, polyline_start, other)
+def is_crowded(bits: Bits, lines: Lines, line: int, own: wp.int64, other: int, rule: Beside):
+    """Whether a part runs beside a kept one of a line: a longer one, or its own further to the start."""
+    first = lines.first[other]
+    count = int(lines.count[other])
     if other == line:
         count = int(own - first)
     for k in range(count):
         part = first + wp.int64(k)
-        if bits.keep[part] != wp.uint8(0) and runs_beside(bits, own, part, rule):
-            if other == line:
-                if not is_joined(bits, lines, line, own, part, rule):
+        if bits.keep[part] != wp.uint8(0) and (rule.patches != 0 or bits.patch[part] == bits.patch[own]):
+            if runs_beside(bits, own, part, rule):
+                if other != line or not is_joined(bits, lines, line, own, part, rule):
                     return True
-            elif not is_joined_by_ends(bits, lines, line, own, other, part, rule):
-                return True
     return False
 
 
 @wp.func
-def judge_line(
-    polyline_start: wp.array[wp.int64],
-    parts: Parts,
-    bits: Bits,
-    lines: Lines,
-    line: int,
-    begin: int,
-    end: int,
-    rule: Beside,
-):
-    """Remove the parts of a polyline that run beside kept ones; 1 if there were any."""
-    first, count = parts_of(parts, polyline_start, line)
+def judge_line(bits: Bits, lines: Lines, line: int, begin: int, end: int, rule: Beside):
+    """Remove the parts of a line that run beside kept ones; 1 if there were any."""
     removed = int(0)
     broken = wp.int64(0)
-    for k in range(count):
-        part = first + wp.int64(k)
+    for k in range(lines.count[line]):
+        part = lines.first[line] + wp.int64(k)
         bits.broken[part] = broken
         if bits.keep[part] != wp.uint8(0):
             for other in range(begin, end):
                 if bits.keep[part] != wp.uint8(0) and (other == line or is_longer(lines, other, line)):
-                    if rule.patches != 0 or lines.patch[other] == lines.patch[line]:
-                        if is_crowded(polyline_start, parts, bits, lines, line, part, other, rule):
-                            bits.keep[part] = wp.uint8(0)
-                            lines.broken[line] = lines.broken[line] + wp.int64(1)
-                            removed = int(1)
+                    if is_crowded(bits, lines, line, part, other, rule):
+                        bits.keep[part] = wp.uint8(0)
+                        lines.broken[line] = lines.broken[line] + wp.int64(1)
+                        removed = int(1)
         if bits.keep[part] == wp.uint8(0):
             broken += wp.int64(1)
     return removed
@@ -226,15 +299,13 @@ def judge_line(
 @wp.kernel
 def _thin_poses(
     # In:
-    polyline_start: wp.array[wp.int64],
     pose_start: wp.array[wp.int64],
-    parts: Parts,
     rule: Beside,
     # Out:
     lines: Lines,
     bits: Bits,
 ):
-    """Judge a pose's polylines from the longest to the shortest, until nothing more is removed."""
+    """Judge a pose's lines from the longest to the shortest, until nothing more is removed."""
     pose = wp.tid()
     begin = int(pose_start[pose])
     end = int(pose_start[pose + 1])
@@ -248,9 +319,21 @@ def _thin_poses(
                 if last < 0 or (other != last and is_longer(lines, last, other)):
                     if line < 0 or is_longer(lines, other, line):
                         line = other
-            if judge_line(polyline_start, parts, bits, lines, line, begin, end, rule) == 1:
+            if judge_line(bits, lines, line, begin, end, rule) == 1:
                 changed = int(1)
             last = line
+
+
+@wp.kernel
+def _write_keep(
+    # In:
+    bits: Bits,
+    # Out:
+    keep: wp.array[wp.uint8],  # shape [part]
+):
+    """Write what is kept in the order of all parts."""
+    i = wp.tid()
+    keep[bits.part[i]] = bits.keep[i]
 
 
 def thin_contours(
@@ -267,18 +350,41 @@ def thin_contours(
     parts: Parts, short beside the distance; rule: Beside. One thread a pose; the work grows with the square of its
     parts.
     """
-    device, count, line_count = points.device, parts.segment.shape[0], polyline_start.shape[0] - 1
-    bits, lines = Bits(), Lines()
+    device, line_count, pose_count = points.device, polyline_start.shape[0] - 1, pose_start.shape[0] - 1
+    bits, lines = _bits_for(parts.segment.shape[0], device), _lines_for(line_count, device)
+    ends = Ends()
+    ends.at = wp.empty(2 * line_count, dtype=wp.vec3d, device=device)
+    ends.out = wp.empty(2 * line_count, dtype=wp.vec3d, device=device)
+    ends.partner = wp.full(2 * line_count, -1, dtype=wp.int32, device=device)
+    joined = wp.zeros(line_count, dtype=wp.uint8, device=device)
+    contours = [points, polyline_start, polyline_patch, polyline_closed, pose_start, parts]
+    launch(_find_ends, line_count, [points, polyline_start], [ends])
+    launch(_join_lines, pose_count, contours, [ends, joined, lines, bits])
+    launch(_thin_poses, pose_count, [pose_start, rule], [lines, bits])
+    keep = wp.empty_like(bits.keep)
+    launch(_write_keep, keep.shape[0], [bits], [keep])
+    return keep
+
+
+def _bits_for(count: int, device: Any) -> Any:
+    """Bits for so many parts, all kept."""
+    bits = Bits()
+    bits.part = wp.empty(count, dtype=wp.int64, device=device)
+    bits.patch = wp.empty(count, dtype=wp.int32, device=device)
     bits.middle = wp.empty(count, dtype=wp.vec3d, device=device)
     bits.way = wp.empty(count, dtype=wp.vec3d, device=device)
     bits.along = wp.empty(count, dtype=wp.float64, device=device)
     bits.broken = wp.zeros(count, dtype=wp.int64, device=device)
     bits.keep = wp.full(count, 1, dtype=wp.uint8, device=device)
-    lines.patch, lines.closed = polyline_patch, polyline_closed
-    lines.length = measure_lines(points, polyline_start)
-    lines.broken = wp.zeros(line_count, dtype=wp.int64, device=device)
-    lines.start = wp.empty(line_count, dtype=wp.vec3d, device=device)
-    lines.end = wp.empty(line_count, dtype=wp.vec3d, device=device)
-    launch(_measure_parts, line_count, [points, polyline_start, parts], [lines, bits])
-    launch(_thin_poses, pose_start.shape[0] - 1, [polyline_start, pose_start, parts, rule], [lines, bits])
-    return bits.keep
+    return bits
+
+
+def _lines_for(count: int, device: Any) -> Any:
+    """Lines without parts, one for each polyline."""
+    lines = Lines()
+    lines.first = wp.zeros(count, dtype=wp.int64, device=device)
+    lines.count = wp.zeros(count, dtype=wp.int32, device=device)
+    lines.closed = wp.zeros(count, dtype=wp.uint8, device=device)
+    lines.length = wp.zeros(count, dtype=wp.float64, device=device)
+    lines.broken = wp.zeros(count, dtype=wp.int64, device=device)
+    return lines

@@ -236,30 +236,6 @@ def test_a_hairpin_of_two_pieces_is_judged_as_one_line_is(leg, kept, device):
     assert pruned(lines_at(bend[:2], away), setting, "close-together")[1][0] > 0.8 * leg
 
 
-@pytest.mark.parametrize("across", [False, True])
-def test_pieces_that_touch_are_judged_as_the_slow_way_does(device, rng, across):
-    batch = random_batch(rng, 30, spread=0.015, line_most=4, point_most=7, patch_count=2)
-    points = batch.points.copy()
-    for a, b in zip(batch.pose_start[:-1], batch.pose_start[1:], strict=True):
-        for one in range(a, b - 1):  # each open line begins or ends where the next one does
-            if not batch.polyline_closed[one : one + 2].any():
-                end = batch.polyline_start[one] if rng.random() < 0.3 else batch.polyline_start[one + 1] - 1
-                points[batch.polyline_start[one + 1] if rng.random() < 0.6 else batch.polyline_start[one + 2] - 1] = (
-                    points[end]
-                )
-    batch = replace(batch, points=points)
-    fast = Beside()
-    fast.distance, fast.parallel = wp.float64(0.01), wp.float64(np.cos(0.6))
-    fast.apart, fast.patches = wp.float64(0.02), int(across)
-    on = batch.to(device)
-    parts = divide_segments(on.points, on.polyline_start, 0.004)
-    lines = (on.points, on.polyline_start, on.polyline_patch, on.polyline_closed, on.pose_start)
-    keep = thin_contours(*lines, parts, fast).numpy()
-    rule = {"distance": 0.01, "angle": 0.6, "apart": 0.02, "across": across}
-    slow = [kept for pose in range(30) for kept in SlowThinning(batch, pose, 0.004, **rule).run()]
-    np.testing.assert_array_equal(keep, slow)
-
-
 def test_contours_on_different_patches_are_compared_only_if_asked(device):
     both = lines_at([(-0.04, 0, 0.2), (0.04, 0, 0.2)], [(-0.03, 0.01, 0.2), (0.03, 0.01, 0.2)], patches=[0, 1])
     setting = a_setting(flat_frames([(0, 0, 0.2), (0, 0, 0.3)], [(0.1, 0.1)] * 2), device)

@@ -4,7 +4,7 @@ import numpy as np
 
 
 class SlowThinning:
-    """The rule of `kernels.prune_close` for one pose, in plain loops."""
+    """The rule of `kernels.prune_close` for one pose whose polylines do not touch, in plain loops."""
 
     def __init__(self, batch, pose, longest, *, distance, angle, apart, across):
         self.distance, self.cosine, self.apart, self.across = distance, np.cos(angle), apart, across
@@ -42,7 +42,7 @@ class SlowThinning:
                 continue
             for j in range(k if other == line else len(self.parts[other])):
                 beside = self.keep[other][j] and self.beside(self.parts[line][k], self.parts[other][j])
-                if beside and not (self.joined(line, j, k) if other == line else self.touching(line, k, other, j)):
+                if beside and not (other == line and self.joined(line, j, k)):
                     return True
         return False
 
@@ -53,23 +53,6 @@ class SlowThinning:
             return True
         total = -next(length for length, own in self.order if own == line)
         return bool(self.closed[line]) and total - gap <= self.apart and all(kept[:j]) and all(kept[k:])
-
-    def touching(self, line, k, other, j):
-        """Whether the way from one part to the other through two ends that touch is kept and short."""
-        for one in self.ways_out(line, k):
-            for two in self.ways_out(other, j):
-                if np.linalg.norm(one[0] - two[0]) < 1e-6 and one[1] and two[1] and one[2] + two[2] <= self.apart:
-                    return True
-        return False
-
-    def ways_out(self, line, k):
-        """Both ends of an open line: the place, whether all up to it is kept, and how far it is from a part."""
-        if self.closed[line]:
-            return []
-        parts, kept, along = self.parts[line], self.keep[line], self.parts[line][k][2]
-        (first, a, _), (last, b, _) = parts[0], parts[-1]
-        total = -next(length for length, own in self.order if own == line)
-        return [(first - a / 2, all(kept[:k]), along), (last + b / 2, all(kept[k + 1 :]), total - along)]
 
     def beside(self, one, other):
         (p, a, _), (q, b, _) = one, other

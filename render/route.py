@@ -13,6 +13,7 @@ SEARCHED_MOST = 32  # pieces; the route through more is not searched for: that g
 PIECES_MOST = 128  # more are drawn in the batch's order
 DOORS = 64  # starts looked at, over all polylines: 32 on each of two loops, 2 on each of 32, else the given one
 
+INSERTED_MOST = 16  # new pieces in a route that is kept; an insertion among 128 takes 0.15 ms
 STARTS_TRIED = 16  # on a loop that is new in a route that is kept
 JUMP_SLACK = 5e-3  # [m] by which a kept route may be longer whatever its length: what is no longer is no jump
 
@@ -97,36 +98,49 @@ def steady_route(
     Noise of a micrometre decides between routes that are about as long. If it did so at every pose, a polyline that is
     due next would become the last one, again and again. margin: by which share of its length, beyond JUMP_SLACK, the
     route may be longer than the shortest one. Looking for that takes most of the time, so it is done only where the
-    jumps have become longer, by the margin, than the shortest since it was done last.
+    jumps have become longer, by the margin, than the shortest since it was done last. A polyline that is new takes no
+    part in that until the next pose: else those that come and go would change the order of those that stay.
     """
     given = Route(pieces, before)
     if not 1 < len(pieces) <= PIECES_MOST:
         return given
-    known = np.count_nonzero(given.earlier >= 0)
-    if before is None or known < 2 or 2 * known < len(pieces):  # there is no order to keep
+    if before is None or np.count_nonzero(given.earlier >= 0) < 2:  # there is no order to keep
         return given.redrawn(*_found(pieces, back=back, cyclic=cyclic))
-    order, kept = _kept(given, before, back=back, cyclic=cyclic)
+    order, kept = _kept(given, before)
     length = jump_total(kept, back=back, cyclic=cyclic)
     least = min(before.least, length)
-    if length <= (1.0 + margin) * least + JUMP_SLACK:
-        return given.redrawn(order, kept, least)
-    other, shortest, least = _found(pieces, back=back, cyclic=cyclic)
-    if length <= (1.0 + margin) * least + JUMP_SLACK:
-        return given.redrawn(order, kept, least)
-    return given.redrawn(other, shortest, least)
+    if length > (1.0 + margin) * least + JUMP_SLACK:
+        known = [pieces[k] for k in order]
+        other, shortest, least = _found(known, back=back, cyclic=cyclic)
+        if length > (1.0 + margin) * least + JUMP_SLACK:
+            order, kept = order[other], shortest
+    return given.redrawn(*_with_new(order, kept, given, back=back, cyclic=cyclic), least)
 
 
-def _kept(given: Route, before: Route, *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[Piece]]:
-    """Order of pieces at the pose before, new ones where they cost least, and the pieces drawn as they were then."""
+def _kept(given: Route, before: Route) -> tuple[np.ndarray, list[Piece]]:
+    """Order at the pose before of the pieces that it had, and these as they were drawn then."""
     order = np.argsort(given.earlier, kind="stable")
-    known, new = order[given.earlier[order] >= 0], order[given.earlier[order] < 0]
-    kept = _drawn_like([given.pieces[k] for k in known], [before.pieces[k] for k in given.earlier[known]])
-    order = known.tolist()
+    known = order[given.earlier[order] >= 0]
+    return known, _drawn_like([given.pieces[k] for k in known], [before.pieces[k] for k in given.earlier[known]])
+
+
+def _with_new(
+    known: np.ndarray, kept: list[Piece], given: Route, *, back: bool, cyclic: bool
+) -> tuple[np.ndarray, list[Piece]]:
+    """A route of the pieces that are known, with the new ones where they cost least: all in order, and as drawn.
+
+    More than INSERTED_MOST new ones come last, by a route of their own: to insert them one by one takes too long.
+    """
+    order, pieces = known.tolist(), list(kept)
+    new = np.flatnonzero(given.earlier < 0)
+    if len(new) > INSERTED_MOST:
+        other, added, _ = _found([given.pieces[k] for k in new], back=back, cyclic=False)
+        return np.append(known, new[other]), pieces + added
     for k in new.tolist():
-        place, piece = _insertion(kept, given.pieces[k], back=back, cyclic=cyclic)
-        kept.insert(place, piece)
+        place, piece = _insertion(pieces, given.pieces[k], back=back, cyclic=cyclic)
+        pieces.insert(place, piece)
         order.insert(place, k)
-    return np.array(order), kept
+    return np.array(order), pieces
 
 
 def _drawn_like(pieces: list[Piece], before: list[Piece]) -> list[Piece]:

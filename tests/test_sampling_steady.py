@@ -123,6 +123,22 @@ def test_contours_that_stay_are_drawn_on_while_others_come_and_go(rng):
     assert longest_gap(nearest_of(position, centres), 6) < 1.5 * longest
 
 
+@pytest.mark.parametrize(("stay_count", "flicker_count"), [(3, 4), (4, 6), (6, 8), (8, 10)])
+def test_contours_that_stay_are_drawn_on_while_more_others_come_and_go(rng, stay_count, flicker_count):
+    """Circles of 8 mm that stay, and more of 2 mm that are there at every second pose."""
+    stay = [np.array([x, y, 0.2]) for x in (-0.045, -0.015, 0.015, 0.045) for y in (-0.015, 0.015)][:stay_count]
+    others = [np.array([x, 0.05, 0.2]) for x in np.linspace(-0.06, 0.06, flicker_count)]
+
+    def lines(centres, radius):
+        return [(circle(radius, c, 48) + 1e-6 * rng.standard_normal((48, 3)), True) for c in centres]
+
+    poses = [lines(stay, 0.008) + (lines(others, 0.002) if i % 2 else []) for i in range(270)]
+    position, count = drawn(poses)
+    longest = 2 * np.pi * (0.008 * stay_count + 0.002 * flicker_count) / 7.0
+    assert longest_gap(nearest_of(position, np.array(stay + others)[None]), stay_count) < 1.5 * longest
+    assert count.absence_max < 1.5 * longest
+
+
 def test_what_is_drawn_does_not_depend_on_how_polylines_are_listed(rng):
     """A permutation of the lines, other starts of loops and open lines the other way round draw the same curve."""
     lines = [(circle(0.012, c, 240), True) for c in CENTRES[:3]]

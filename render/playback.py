@@ -79,6 +79,9 @@ class Playback:
                 "hops": sum(count.hops.values()),
                 "hops_by_cause": count.hops,
                 "hop_speed_max": count.hop_longest * strategy.update_rate,
+                "hop_speed_max_by_cause": {
+                    cause: length * strategy.update_rate for cause, length in count.hops_longest.items()
+                },
                 "step_longest": count.step_longest,
                 "absence_max": count.absence_max,
                 "samples": count.samples,

@@ -100,8 +100,10 @@ class Sampler:
         self._revisits = RevisitWatch(self.count, strategy.update_rate)
         self._absences = AbsenceWatch(self.count, strategy.update_rate)
         self._route: Route | None = None  # of the contours that were entered last
-        self._entry: tuple[Track, float, np.ndarray] | None = None  # the knot, and where the focal point was [m]
+        self._last = self._shown  # where they were on their track, shape [focus, 3]: see `_place`
+        self._entry: tuple[Track, float, np.ndarray] | None = None  # the knot, and where the focal points were [m]
         self._ordinary = strategy.step_ordinary  # longest step along them [m]
+        self._ordinary_before = self._ordinary  # along the contours before
 
     def draw(
         self, path: Path | None, pose: np.ndarray, sample_count: int, *, age: float = 0.0, hold: float = np.inf
@@ -192,14 +194,15 @@ class Sampler:
         if cursor is None:  # a path has been entered by then
             raise RuntimeError("no contour has been entered")
         position, intensity, piece = cursor.take(count)
-        if gain is None or gain[-1] > 0:
-            self._absences.watch(count, piece)
-        else:
-            self._absences.lose(count)
+        felt = count if gain is None else int(np.count_nonzero(gain > 0))  # a fade falls
+        if felt > 0:
+            self._absences.watch(felt, piece if piece is None else piece[:felt])
+        if felt < count:
+            self._absences.lose(count - felt)
         track, last = cursor.track, cursor.last
         held = self.strategy.pace.points is not None
-        point = track.at(np.array(last)) if held else position[-1, 0].copy()
-        self._place = place_on(track, last, point, self.strategy.jump_threshold)
+        self._last = track.at(self._spread(track, last)) if held else position[-1].copy()
+        self._place = place_on(track, last, self._last[0], self.strategy.jump_threshold)
         self.count.drawn += count
         if self.strategy.pace.kind != "still":
             self.count.cycles += track.turns * count / track.repeat_count
@@ -219,6 +222,7 @@ class Sampler:
         if track.route is not None:
             self._absences.enter(track.route)
             self._route = track.route
+        self._ordinary_before = self._ordinary
         if strategy.pace.kind in ("frequency", "capped"):  # the contours' length decides how fast it runs
             self._ordinary = track.step_ordinary + strategy.circle_step
         index = 0 if silent else 1  # after a silence at the nearest point, else one sample on
@@ -228,7 +232,7 @@ class Sampler:
         if strategy.continuity == "jump" and before is not None and other_contours(before, path):
             return Cursor(track, 0.0, 0, strategy)
         knot = entered(track, self._place, strategy.jump_threshold)
-        self._entry = track, knot, self._place.point
+        self._entry = track, knot, self._last
         return Cursor(track, knot, index, strategy)
 
     def _rest(self, sample_count: int) -> FocalPoints:
@@ -259,31 +263,43 @@ class Sampler:
     def _count_far(self, length: np.ndarray, reentry: np.ndarray | None, new: int | None) -> None:
         """Count jumps and hops among steps [m], shape [sample, focus]; reentry: the first step after a silence."""
         if reentry is not None:
-            self._add("re-entry", reentry)
-        if float(length.max()) <= min(2 * self._ordinary, self.strategy.jump_threshold):
+            self._add("re-entry", reentry, self._ordinary)
+        least = min(self._ordinary, self._ordinary_before)
+        if float(length.max()) <= min(2 * least, self.strategy.jump_threshold):
             return
         cause = "order" if self.strategy.pace.points is not None else "polyline"
-        if new is not None and 2 * self._moved() >= float(length[new].max()):
-            self._add("pose", length[new])  # else the contours moved less: it is the way between two that is long
-            length[new] = 0.0
-        self._add(cause, length)
+        if new is None:
+            self._add(cause, length, self._ordinary)
+            return
+        self._add(cause, length[:new], self._ordinary_before)
+        moved = 2 * self._moved() >= length[new]  # else it is the way between two that is long
+        self._add("pose", length[new][moved], self._ordinary)
+        self._add(cause, length[new][~moved], self._ordinary)
+        self._add(cause, length[new + 1 :], self._ordinary)
 
-    def _moved(self) -> float:
-        """From where the focal point was to where it entered the contours of the pose [m]; infinite if anywhere."""
+    def _moved(self) -> np.ndarray:
+        """From where each focal point was to where it entered the contours of the pose [m]; infinite if anywhere."""
         if self._entry is None:
-            return np.inf
-        track, knot, point = self._entry
-        around = track.at(np.array([knot, np.nextafter(knot or track.period, 0.0)]))  # at a jump, both its sides
-        return float(np.linalg.norm(around - point, axis=1).min())
+            return np.full(self.strategy.foci, np.inf)
+        track, knot, points = self._entry
+        knots = self._spread(track, knot)
+        before = np.nextafter(np.where(knots > 0, knots, track.period), 0.0)
+        around = track.at(np.stack([knots, before]))  # at a jump, both its sides
+        return np.linalg.norm(around - points, axis=2).min(axis=0)
 
-    def _add(self, cause: str, length: np.ndarray) -> None:
-        """Count which of these steps [m] are jumps, and which hops."""
+    def _spread(self, track: Track, knot: float) -> np.ndarray:
+        """Knots of all focal points, of which the first is at this one."""
+        foci = self.strategy.foci
+        return (knot + track.period * np.arange(foci) / foci) % track.period if foci > 1 else np.array([knot])
+
+    def _add(self, cause: str, length: np.ndarray, ordinary: float) -> None:
+        """Count which of these steps [m] are jumps, and which hops: longer than twice an ordinary one [m]."""
         jump = length[length > self.strategy.jump_threshold]
-        hop = length[(length > 2 * self._ordinary) & (length <= self.strategy.jump_threshold)]
+        hop = length[(length > 2 * ordinary) & (length <= self.strategy.jump_threshold)]
         self.count.jumps[cause] += len(jump)
         self.count.jump_lengths[cause] += float(jump.sum())
         self.count.hops[cause] += len(hop)
-        self.count.hop_longest = max(self.count.hop_longest, float(hop.max(initial=0.0)))
+        self.count.hops_longest[cause] = max(self.count.hops_longest[cause], float(hop.max(initial=0.0)))
 
 
 def other_contours(a: Path, b: Path) -> bool:

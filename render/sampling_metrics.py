@@ -42,8 +42,8 @@ class SamplingCount:
     hops: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
     """Steps that are no jumps, but longer than twice the longest that the focal point makes along these contours, by
     cause, of all focal points."""
-    hop_longest: float = 0.0
-    """Longest of them [m]."""
+    hops_longest: dict[str, float] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0.0))
+    """Longest of them, by cause [m]."""
     absence_max: float = 0.0
     """Longest time that a polyline which was there from pose to pose was not drawn [s]; silence is left out."""
     drawn: int = 0
@@ -59,6 +59,11 @@ class SamplingCount:
     def jump_length(self) -> float:
         """Of all jumps together [m]."""
         return sum(self.jump_lengths.values())
+
+    @property
+    def hop_longest(self) -> float:
+        """Longest hop that can be felt as one [m]: re-entry, which follows a silence, is left out."""
+        return max(length for cause, length in self.hops_longest.items() if cause != "re-entry")
 
     @property
     def revisit_rate(self) -> float | None:

@@ -186,7 +186,7 @@ def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: 
     again, rest = divmod(frame_count - count - part, part)
     for f in fields(SamplingCount):
         then, now = getattr(before, f.name), getattr(sampler.count, f.name)
-        if f.name in ("step_longest", "hop_longest", "absence_max"):  # the longest, not sums
+        if f.name in ("step_longest", "hops_longest", "absence_max"):  # the longest, not sums
             continue
         if isinstance(now, dict):
             setattr(sampler.count, f.name, {key: now[key] + again * (now[key] - then[key]) for key in now})

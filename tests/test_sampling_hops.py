@@ -58,7 +58,65 @@ def test_a_return_after_a_silence_a_little_beside_is_a_hop_of_that_cause():
     rings = [[(circle(0.03, (0, 0, z), 720), True)] for z in (0.2, 0.203)]
     count = counted([rings[0], [], rings[1]])
     assert count.hops == NONE | {"re-entry": 1}
-    assert count.hop_longest == pytest.approx(3e-3, abs=1e-6)
+    assert count.hops_longest["re-entry"] == pytest.approx(3e-3, abs=1e-6)
+    assert count.hop_longest == 0.0  # it follows a silence
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_the_longest_hop_is_kept_by_cause(silent):
+    """Two lines in a row, 1.3 mm apart, that rise by 2 mm in mid line; after a silence they are 4 mm higher."""
+    reach = 20 * STEP
+
+    def lines(z):
+        first = ([[0, 0, z], [reach, 0, z]], False)
+        return [first, ([[reach + 1.3e-3, 0, z], [2 * reach + 1.3e-3, 0, z]], False)]
+
+    sampler, pose = Sampler(SamplingStrategy(order=Order(route="given"))), still(1)[0]
+    for z, samples in ((0.2, 10), (0.202, 25)):
+        sampler.draw(Path.of(batch_of([lines(z)]), 0), pose, samples)
+    if silent:
+        sampler.draw(None, pose, 5)
+        sampler.draw(Path.of(batch_of([lines(0.206)]), 0), pose, 2)
+    longest = sampler.count.hops_longest
+    assert longest["pose"] == pytest.approx(np.hypot(2e-3, STEP), rel=1e-4)
+    assert longest["polyline"] == pytest.approx(STEP + 1.3e-3, rel=1e-4)
+    assert longest["re-entry"] == pytest.approx(4e-3 if silent else 0.0, rel=1e-4)
+    assert longest["order"] == 0.0
+    assert sampler.count.hop_longest == longest["pose"]
+
+
+@pytest.mark.parametrize("kind", ["frequency", "capped"])
+def test_steps_on_the_contours_before_are_judged_by_those_whatever_the_block(kind):
+    """A ring of 188 mm, then two of 25 mm each, all at 20 Hz: steps of 0.38 and 0.1 mm; hops are at poses only.
+
+    Until a ring is finished it is drawn on, in the samples of the next pose.
+    """
+    large = [(circle(0.03, count=360), True)]
+    small = [(circle(0.004, (x, 0, 0.2), 90), True) for x in (-0.002, 0.02)]
+    pace = Pace(kind=kind, frequency=20.0) if kind == "frequency" else Pace(kind=kind, lowest=19.5, highest=20.5)
+    counts = []
+    for block in (64, 1024, 4096):
+        sampler = Sampler(SamplingStrategy(continuity="finish", pace=pace))
+        poses, time = batch_of([large, small] * 30), np.arange(60) * 0.06
+        for _ in sample_contours([poses], still(60), time, 3.6, sampler, block=block):
+            pass
+        counts.append((sampler.count.hops, sampler.count.jumps))
+    assert counts[0] == counts[1] == counts[2]
+    assert counts[0][0] == NONE
+
+
+def test_on_one_contour_every_focal_point_hops_by_the_pose():
+    """A ring that grows by up to 4 mm where the second of two focal points is: there is no way between polylines."""
+    angle = 2 * np.pi * np.arange(360) / 360
+    ring = np.stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), 0.2 + 0 * angle], axis=1)
+    grown = ring - np.stack([0.002 * (1 - np.cos(angle)), 0 * angle, 0 * angle], axis=1)
+    paths = [Path.of(batch_of([[(points, True)]]), 0) for points in (ring, grown)]
+    sampler, pose = Sampler(SamplingStrategy(foci=2)), still(1)[0]
+    sampler.draw(paths[0], pose, 1)
+    for k in range(40):
+        sampler.draw(paths[(k + 1) % 2], pose, 270 if k % 2 else 268)
+    assert sampler.count.hops == NONE | {"pose": sampler.count.hops["pose"]}
+    assert sampler.count.hops["pose"] >= 39
 
 
 @pytest.mark.parametrize("name", ["constant-frequency", "capped", "dtp", "stp", "lm", "pressure", "fast-return", "stm"])

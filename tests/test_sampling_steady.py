@@ -205,6 +205,17 @@ def test_silence_is_no_absence():
     assert count.absence_max == 0.0
 
 
+@pytest.mark.parametrize("block", [10, 1024, 3000, 5000])
+def test_what_is_absent_until_a_fade_ends_does_not_depend_on_blocks(block):
+    """Four circles, 75.4 mm each, at 1.5 m/s: the three others take 0.1508 s, the fade ends at 0.32 s."""
+    lines = [(circle(0.012, (x, 0, 0.2), 360), True) for x in np.linspace(-0.06, 0.06, 4)]
+    sampler = Sampler(SamplingStrategy(speed=1.5))
+    poses, time = batch_of([lines, lines]), np.array([0, 0.9])
+    for _ in sample_contours([poses], still(2), time, 0.91, sampler, block=block, hold=0.3):
+        pass
+    assert sampler.count.absence_max == pytest.approx(3 * 2 * np.pi * 0.012 / 1.5, abs=2e-4)
+
+
 def test_contours_elsewhere_are_not_taken_for_those_of_the_pose_before():
     """Two circles that change places by 0.1 m at every pose are new ones: each waits for 1 / 90 s at most."""
     left = [(circle(0.03, (-0.1, y, 0.2)), True) for y in (-0.04, 0.04)]

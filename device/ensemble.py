@@ -10,7 +10,7 @@ from threading import Thread
 from .errors import PlayInterrupted
 from .limits import Limits
 from .link import Link
-from .player import Player, tell_emission
+from .player import Player, attach_report, tell_emission
 from .report import LiveStatistics, PlayReport
 from .signals import StopSignals
 
@@ -61,8 +61,12 @@ def play_together(
                     break
             group.end()
             group.join()
-        except BaseException:
+        except BaseException as error:
             group.request_stop("exception")
+            group.join()
+            reports = [seat.player.report for seat in group.seats if seat.player.report is not None]
+            if reports:
+                attach_report(error, next((report for report in reports if report.may_emit), reports[0]))
             raise
         finally:
             group.join()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from array import array
@@ -98,7 +99,8 @@ class Player:
                 longer; a block is no whole number of frames.
             DeviceBusyError: this player is playing already.
 
-        Whatever else `blocks`, `progress` or `watch` raises passes through, after the array is off.
+        Whatever else `blocks`, `progress` or `watch` raises passes through, after the array is off; it then carries the
+        statistics as `report`.
         """
         if not self._playing.acquire(blocking=False):
             raise DeviceBusyError(f"array {self._link.array.name} is in use: this player is playing already")
@@ -167,7 +169,7 @@ class Player:
         except BaseException as error:
             writer.request_stop("exception")
             writer.join()
-            tell_emission(error, writer.report())
+            attach_report(error, writer.report())
             raise
         finally:
             writer.join()
@@ -199,6 +201,13 @@ def tell_emission(error: BaseException, report: PlayReport) -> None:
         error.args = (f"{error}; {advice}",)
     else:
         error.add_note(advice)
+
+
+def attach_report(error: BaseException, report: PlayReport) -> None:
+    """Have an error of others carry what was played until then, as `report`, and say if the array may be emitting."""
+    with contextlib.suppress(AttributeError):  # a class with slots has no room for it
+        setattr(error, "report", report)  # noqa: B010  # an attribute that the error's class does not declare
+    tell_emission(error, report)
 
 
 def may_emit_advice(array_name: str) -> str:

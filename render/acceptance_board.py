@@ -46,7 +46,9 @@ class BoardSession:
         self._bus: EmulatedBus | EmulatedPorts | None = None
         if self.emulated and model.name != "autd3":
             if connection.watchdog:
-                raise StrategyError(f"a watchdog is for real arrays on USB or a serial port, not for {model.name} here")
+                raise StrategyError(
+                    f"a watchdog is for real arrays on USB or a serial port, not for {model.name} where it is emulated or on a network"
+                )
             self._bus = emulated_bus(placed, CLOCKS[connection.clock]())
             connection = replace(connection, backend=self._bus)
         self._placed, self._connection, self._note = placed, connection, note

@@ -223,9 +223,12 @@ def fail(message: str, code: int, as_json: bool, report: PlayReport | None = Non
     """Say what went wrong."""
     errors.print(f"[bold red]error:[/] {escape(message)}")
     if as_json:
-        sys.stdout.write(json_line({"error": message, **({"report": report.as_dict()} if report else {})}))
+        late = [late_warning(report)] if report and report.is_late else []
+        played = {"report": report.as_dict(), "warnings": late} if report else {}
+        sys.stdout.write(json_line({"error": message, **played}))
     elif report:
-        errors.print(f"played until then: {report.frames} frames; {told_of_off(report)}")
+        after = "" if report.off_after is None else f"off frames taken {report.off_after:.3g} s after the end; "
+        errors.print(f"played until then: {report.frames} frames; {after}{told_of_off(report)}")
         if report.is_late:
             warn(late_warning(report))
     return code

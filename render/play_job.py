@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import warp as wp
+from rich.markup import escape
 
 from ..datasets.frame_reader import FOCAL_POINTS, frame_format
 from ..datasets.ptlist import write_ptlist
@@ -202,7 +203,7 @@ def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
     if not notes and len(found) == len(array_names()):
         notes.append("nothing on USB has the ids of an array's chip, and there is no serial adapter")
     notes.append("an autd3 cannot be listed: --serial names the network interface that it hangs on")
-    console.errors.print(f"[yellow]note:[/] {'; '.join(notes)}")
+    console.errors.print(f"[yellow]note:[/] {escape('; '.join(notes))}")
 
 
 def run_sampling(name: str | None, *, as_json: bool) -> None:

@@ -121,7 +121,9 @@ class Connection:
         model = placed.model
         emulated = self.backend is None and (model.embedded or self.emulate)
         if self.watchdog and (emulated or not is_watchable(model)):
-            raise StrategyError(f"a watchdog is for real arrays on USB or a serial port, not for {model.name} here")
+            raise StrategyError(
+                f"a watchdog is for real arrays on USB or a serial port, not for {model.name} where it is emulated or on a network"
+            )
         if emulated and model.name == "autd3":
             return open_autd3(model, emulated=True)
         backend = emulated_bus(placed, CLOCKS[self.clock]()) if emulated else self.backend

@@ -122,3 +122,13 @@ def test_kept_focal_points_that_are_changed_are_an_error_too(tmp_path):
     with pytest.raises(ContourFileError, match="bytes"):
         play_file(path, connection=Connection(backend=bus), watch=lambda live, total: cut(path))
     assert not bus.board().emitting
+
+
+def test_the_error_carries_what_was_played_until_then(recorded, tmp_path):
+    path = tmp_path / "own.h5"
+    shutil.copy(recorded, path)
+    with pytest.raises(ContourFileError) as raised:
+        play_file(path, connection=Connection(clock="virtual"), watch=lambda live, total: cut(path))
+    report = raised.value.report
+    assert (report.stopped_by, report.off_sent, report.may_emit) == ("exception", True, False)
+    assert report.frames >= 0

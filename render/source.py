@@ -13,12 +13,13 @@ from ..datasets.frame_reader import FrameReader
 from .contours import ContourBatch
 from .errors import PoseError, StrategyError
 from .path import Path as ContourPath
+from .revisits import REVISIT_LIMIT
 from .sampling import FocalPoints, Sampler, SamplingCount, sample_contours
 
 FRAMES_MOST = 1e12  # a year at 40 kHz
 BLOCK = 1024  # frames; 0.1 s at 10 kHz, 26 ms at 40 kHz: what Python needs a few milliseconds for
 POINTS_A_READ = 1 << 16  # of contours; a few milliseconds to read, whatever the size of the file
-COUNTED = 1.0  # [s] of a static pose
+COUNTED = 5.0  # [s] of a static pose, after what comes before it
 INTERVALS_LOOKED_AT = 4096  # of a motion's poses, for their median
 
 
@@ -175,15 +176,20 @@ def _again(cycle: FocalPoints, times: int) -> np.ndarray:
 
 
 def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: int, frame_count: int) -> None:
-    """Let a sampler count all frames of a static pose: after a first cycle, those of COUNTED stand for all later ones.
+    """Let a sampler count all frames of a static pose: after a run-in, those of COUNTED stand for all later ones.
 
-    One cycle would do for all but the revisits, which are looked for in few places of each.
+    One cycle would do for all but the revisits, which are looked for in few places of each; and before REVISIT_LIMIT is
+    over, only places that are soon drawn again are counted.
     """
-    sampler.draw(path, pose, count)
+    rate = sampler.strategy.update_rate
+    run_in, part = (count * math.ceil(seconds * rate / count) for seconds in (REVISIT_LIMIT, COUNTED))
+    if run_in + part > frame_count:
+        sampler.draw(path, pose, frame_count)
+        return
+    sampler.draw(path, pose, run_in)
     before = deepcopy(sampler.count)
-    part = count * min(math.ceil(COUNTED * sampler.strategy.update_rate / count), frame_count // count - 1)
     sampler.draw(path, pose, part)
-    again, rest = divmod(frame_count - count - part, part)
+    again, rest = divmod(frame_count - run_in - part, part)
     for f in fields(SamplingCount):
         then, now = getattr(before, f.name), getattr(sampler.count, f.name)
         if f.name in ("step_longest", "hops_longest", "absence_max"):  # the longest, not sums

@@ -24,6 +24,7 @@ from palpate.render.rig import PlacedArray, load_rig
 from palpate.render.sampling import (
     AmplitudeModulation,
     FocalPoints,
+    Gap,
     LateralModulation,
     Sampler,
     SamplingStrategy,
@@ -93,13 +94,13 @@ def test_a_file_read_in_pieces_is_sampled_as_one(name, points_a_read, moving, mo
     ],
 )
 def test_a_static_pose_is_sampled_once_and_counted_as_if_always(sampling, static):
-    focus, sampler = focus_of(static, sampling, duration=5.0)
+    focus, sampler = focus_of(static, sampling, duration=12.0)
     whole = Sampler(sampling)
     with ContourFile(static) as file:
         pose = file.motion()["pose"]
         batch = source_module.ContourBatch.from_arrays(file.contours())
-    expected = joined(list(sample_contours([batch], pose, np.zeros(1), 5.0, whole)))
-    assert len(focus.intensity) == round(5.0 * sampling.update_rate)
+    expected = joined(list(sample_contours([batch], pose, np.zeros(1), 12.0, whole)))
+    assert len(focus.intensity) == round(12.0 * sampling.update_rate)
     np.testing.assert_allclose(focus.position, expected.position, atol=2e-6)
     np.testing.assert_allclose(focus.intensity, expected.intensity, atol=1e-5)
     assert sampler.count.samples == whole.count.samples
@@ -107,6 +108,19 @@ def test_a_static_pose_is_sampled_once_and_counted_as_if_always(sampling, static
     assert sampler.count.jump_length == pytest.approx(whole.count.jump_length, abs=1e-6)
     assert sampler.count.cycles == pytest.approx(whole.count.cycles)
     assert sampler.count.revisit_rate == pytest.approx(whole.count.revisit_rate, rel=0.02)
+
+
+@pytest.mark.parametrize("sampling", [SamplingStrategy(), SamplingStrategy(gap=Gap(kind="return"))])
+def test_the_revisit_rate_of_a_static_pose_is_that_of_every_place(sampling, static, monkeypatch):
+    """Against all places instead of picked ones; the first second, which knows less, is not taken for the rest."""
+    _, sampler = focus_of(static, sampling, duration=20.0)
+    with ContourFile(static) as file:
+        pose, batch = file.motion()["pose"], source_module.ContourBatch.from_arrays(file.contours())
+    monkeypatch.setattr("palpate.render.revisits.PICK_INTERVAL", 1e-9)
+    every = Sampler(sampling)
+    for _ in sample_contours([batch], pose, np.zeros(1), 4.0, every):
+        pass
+    assert sampler.count.revisit_rate == pytest.approx(every.count.revisit_rate, rel=0.01)
 
 
 def test_blocks_of_a_static_pose_are_encoded_once(static):

@@ -38,7 +38,10 @@ MOTION_HELP = (
     "synthetic one."
 )
 HAND_HELP = "palm: one rectangle; planes: palm and phalanges; skin: palpate's own hand; or a file of a hand's mesh."
-INTERPOLATE_HELP = "Insert poses until contours move by no more than this from pose to pose; v / f_s leaves no hop."
+INTERPOLATE_HELP = (
+    "Insert poses until contours move by no more than this from pose to pose; v / f_s leaves one focal point without "
+    "pauses, sections and continuity finish no hop there."
+)
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
 MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."

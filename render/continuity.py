@@ -3,6 +3,7 @@
 | where the focal point is | where it goes on |
 |---|---|
 | anywhere | at the nearest point passed in the same direction; one passed the other way must be nearer by a slack |
+| three ordinary steps or less from any | at one so near, the other way if need be |
 | resting at a corner | resting at the nearest corner, for what is left of the pause, if that is not much farther |
 | shortly before a corner, or behind it | not behind it, or before it: a pause is neither left out nor made twice |
 | in a section | in the section whose middle is nearest, as far through its time |
@@ -57,9 +58,9 @@ def place_on(track: Track, knot: float, point: np.ndarray, slack: float) -> Plac
     return Place(point, direction)
 
 
-def entered(track: Track, place: Place, slack: float) -> float:
+def entered(track: Track, place: Place, slack: float, step: float) -> float:
     """Knot of a track at which drawing goes on."""
-    cost, part = track.approach(place.point, place.direction, slack)
+    cost, part = track.approach(place.point, place.direction, slack, step)
     if track.section is not None and place.middle is not None:
         middles = _middles(track)
         k = int(np.argmin(np.linalg.norm(middles - place.middle, axis=1)))

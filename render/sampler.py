@@ -231,7 +231,7 @@ class Sampler:
             return Cursor(track, 0.0, 0, strategy)
         if strategy.continuity == "jump" and before is not None and other_contours(before, path):
             return Cursor(track, 0.0, 0, strategy)
-        knot = entered(track, self._place, strategy.jump_threshold)
+        knot = entered(track, self._place, strategy.jump_threshold, self._ordinary)
         self._entry = track, knot, self._last
         return Cursor(track, knot, index, strategy)
 

@@ -97,9 +97,10 @@ class Order:
     """Of several polylines: "shortest" jumps between them (loops start anywhere, open pieces run either way), or
     "given": the batch's own order, starts and directions."""
     margin: float = 0.2
-    """A pose keeps the route of the pose before as long as its jumps are longer than the shortest ones by no more than
-    this share and 5 mm; then the shortest route is taken. A change of the route costs up to one more cycle until a
-    polyline is drawn again, whereas longer jumps take no time."""
+    """A pose keeps the route of the pose before until its jumps are longer, by this share and 5 mm, than they were when
+    the shortest route was looked for last, or ever since. Then it is looked for, and taken if the jumps are longer than
+    its own by as much. A shorter route that has become possible meanwhile is no reason to look. A change of the route
+    costs up to one more cycle until a polyline is drawn again, whereas longer jumps take no time."""
 
     def __post_init__(self) -> None:
         """Check every field."""

@@ -14,6 +14,7 @@ from .route import PIECES_MOST, Piece, Route, steady_route
 from .sampling_strategy import SamplingStrategy
 
 NEAR_CUT = 0.1  # of a section's length
+NEAR_STEPS = 3.0  # ordinary steps: by so much contours may move between inserted poses, see `pose_insertion`
 NOISE_SHARE = 1e-3  # of a sample: ways that take less say nothing of the speed, for rounding is as large
 PASSES_MOST = 199  # through a section; more only on contours far smaller than a focal point
 
@@ -90,10 +91,14 @@ class Track:
         """Knot on the way from a node to the next, part 0..1."""
         return float(self.knot[i] + part * (self.knot[i + 1] - self.knot[i]))
 
-    def approach(self, point: np.ndarray, direction: np.ndarray | None, slack: float) -> tuple[np.ndarray, np.ndarray]:
+    def approach(
+        self, point: np.ndarray, direction: np.ndarray | None, slack: float, step: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """How near each way from node to node comes to a point, and where, 0..1; both of shape [node - 1].
 
         The distance [m] counts `slack` more for ways that run against the direction; jumps and pauses are at infinity.
+        So do ways farther than NEAR_STEPS ordinary `step`s [m] where any way is as near as that: the direction is no
+        reason for a step that is longer. With pauses and sections it is, lest these be left out or made twice.
         """
         square = np.einsum("ij,ij->i", self.step, self.step)
         off = point - self.points[:-1]
@@ -101,9 +106,12 @@ class Track:
         part = np.minimum(np.maximum(part, 0.0), 1.0)
         off -= part[:, None] * self.step
         cost = np.sqrt(np.einsum("ij,ij->i", off, off))
-        if direction is not None:
-            cost += slack * (self.step @ direction < -1e-9 * np.sqrt(square))
         cost[(self.knot[1:] <= self.knot[:-1]) | (square == 0)] = np.inf
+        if direction is not None:
+            worse = self.step @ direction < -1e-9 * np.sqrt(square)
+            if self.pause is None and self.section is None and cost.min() <= NEAR_STEPS * step:
+                worse |= cost > NEAR_STEPS * step
+            cost += slack * worse
         return cost, part
 
 

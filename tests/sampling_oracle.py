@@ -103,7 +103,9 @@ def drawn_slowly(poses, counts, speed, rate, slack):
             arcs.append(arcs[-1] + distance(a, b))
         length = arcs[-1]
         step = length / math.ceil(length * rate / speed - 1e-3)
-        arc = 0.0 if direction is None else nearest_slowly(ring, arcs, out[-1], direction, slack) + step
+        arc = (
+            0.0 if direction is None else nearest_slowly(ring, arcs, out[-1], direction, slack, 3 * speed / rate) + step
+        )
         for _ in range(count):
             arc %= length
             table = list(zip(arcs, ring, strict=True))
@@ -114,16 +116,16 @@ def drawn_slowly(poses, counts, speed, rate, slack):
     return np.array(out)
 
 
-def nearest_slowly(ring, arcs, point, direction, slack):
-    best, found = math.inf, 0.0
+def nearest_slowly(ring, arcs, point, direction, slack, reach):
+    """Arc length of the nearest point in the same direction; beyond `reach`, if anything is nearer, in any."""
+    ways = []
     for a, b, arc in zip(ring[:-1], ring[1:], arcs[:-1], strict=True):
         way = [y - x for x, y in zip(a, b, strict=True)]
         long = distance(a, b)
         part = sum((p - x) * w for p, x, w in zip(point, a, way, strict=True)) / long**2
         part = min(max(part, 0.0), 1.0)
         off = distance(point, [x + part * w for x, w in zip(a, way, strict=True)])
-        if sum(x * y for x, y in zip(way, direction, strict=True)) < -1e-9 * long * math.hypot(*direction):
-            off += slack
-        if off < best:
-            best, found = off, arc + part * long
-    return found
+        against = sum(x * y for x, y in zip(way, direction, strict=True)) < -1e-9 * long * math.hypot(*direction)
+        ways.append((off, against, arc + part * long))
+    beyond = reach if min(off for off, _, _ in ways) <= reach else math.inf
+    return min((off + slack * (against or off > beyond), k, at) for k, (off, against, at) in enumerate(ways))[2]

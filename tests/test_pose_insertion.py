@@ -108,6 +108,20 @@ def test_what_appears_and_disappears_takes_a_bounded_number_of_poses():
     assert np.diff(denser.time).min() >= 25e-6 - 1e-12
 
 
+@pytest.mark.parametrize(("name", "seed"), [("dog", 1), ("dog", 4), ("tube", 2)])
+@pytest.mark.parametrize("strategy", [closed_contour, open_contour])
+@pytest.mark.parametrize(("update_rate", "steps"), [(10_000.0, 3), (10_000.0, 1), (40_000.0, 1)])
+def test_no_direction_is_worth_a_longer_step_at_a_new_pose(name, seed, strategy, update_rate, steps):
+    """Where contours part and merge, the nearest one may run the other way."""
+    thing, ordinary = MeshObject.load(name), 7.0 / update_rate
+    motion = exploration(thing.bounds, duration=10.0, rate=90.0, seed=seed)
+    denser = insert_poses(thing, Palm(), motion, strategy(), distance=steps * ordinary)
+    count = counted(thing, denser, update_rate, strategy())[0]
+    assert count.jumps["pose"] == 0
+    assert count.hops_longest["pose"] <= 1.01 * 4 * ordinary
+    assert count.hops["pose"] == 0 or steps == 3
+
+
 @pytest.mark.parametrize(
     ("update_rate", "steps", "hops"), [(10_000.0, 3, True), (10_000.0, 1, False), (40_000.0, 3, True)]
 )
@@ -129,8 +143,8 @@ def test_no_step_at_a_new_pose_is_longer_than_twice_two_ordinary_ones(update_rat
     assert far == count.jumps["polyline"] + count.jumps["order"]  # only the ways between polylines are left
 
 
-def counted(thing, motion, update_rate):
-    batch = render(thing, Palm(), motion, closed_contour())
+def counted(thing, motion, update_rate, strategy=None):
+    batch = render(thing, Palm(), motion, strategy or closed_contour())
     sampler = Sampler(SamplingStrategy(update_rate=update_rate))
     blocks = list(sample_contours([batch], motion.pose, motion.time, motion.duration, sampler))
     position = np.concatenate([block.position for block in blocks]).astype(float)
@@ -146,6 +160,19 @@ def test_an_object_that_moves_is_followed_too():
     denser = insert_poses(CUBE, Palm(), still_hand, open_contour(), distance=1e-3, moved=moved)
     np.testing.assert_allclose(denser.time, np.arange(17) / 8 / 90)
     assert insert_poses(CUBE, Palm(), still_hand, open_contour(), distance=1e-3).inserted == 0
+
+
+def test_an_object_that_is_elsewhere_but_stays_needs_no_times():
+    """One pose without a time, as `render` takes it: the same poses as for a motion that stays there."""
+    x, y, z = CUBE.bounds.mean(axis=0)
+    place = np.array([[x, y - 0.004, z, 0, 0, 0, 1.0]])
+    motion, rest = sideways([5e-3, 5e-3]), {"distance": 1e-3}
+    once = insert_poses(CUBE, Palm(), motion, closed_contour(), moved=HandMotion(None, place), **rest)
+    stays = HandMotion(motion.time[[0, -1]], np.repeat(place, 2, axis=0))
+    np.testing.assert_array_equal(
+        once.time, insert_poses(CUBE, Palm(), motion, closed_contour(), moved=stays, **rest).time
+    )
+    assert once.inserted > 0
 
 
 def test_a_file_says_how_many_poses_were_inserted(tmp_path):

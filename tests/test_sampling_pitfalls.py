@@ -259,7 +259,7 @@ def test_rest_at_a_corner_that_is_gone_ends_unless_another_is_hardly_farther_tha
     strategy = SamplingStrategy(dwell=Dwell(time=0.05), gap=Gap(kind="pendulum"))
     track = lay_track(Path.of(batch_of([line]), 0), strategy)
     here = np.array([x, 1e-3, 0.2])
-    knot = entered(track, Place(here, np.array([1.0, 0, 0]), rested=0.5), slack=5e-3)
+    knot = entered(track, Place(here, np.array([1.0, 0, 0]), rested=0.5), slack=5e-3, step=7e-4)
     assert track.at(np.array(knot)) == pytest.approx([0.04 if rests else x, 0, 0.2], abs=1e-6)
     i = interval_of(track, knot)
     assert track.pause[i] == rests

@@ -47,7 +47,8 @@ class BoardSession:
         if self.emulated and model.name != "autd3":
             if connection.watchdog:
                 raise StrategyError(
-                    f"a watchdog is for real arrays on USB or a serial port, not for {model.name} where it is emulated or on a network"
+                    f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated "
+                    "here or on a network"
                 )
             self._bus = emulated_bus(placed, CLOCKS[connection.clock]())
             connection = replace(connection, backend=self._bus)

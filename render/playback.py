@@ -122,7 +122,8 @@ class Connection:
         emulated = self.backend is None and (model.embedded or self.emulate)
         if self.watchdog and (emulated or not is_watchable(model)):
             raise StrategyError(
-                f"a watchdog is for real arrays on USB or a serial port, not for {model.name} where it is emulated or on a network"
+                f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated "
+                "here or on a network"
             )
         if emulated and model.name == "autd3":
             return open_autd3(model, emulated=True)

@@ -103,11 +103,15 @@ def build(testbed) -> list[UsbfsDevice]:
 def watch(child: subprocess.Popen, devices: list[UsbfsDevice]) -> None:
     """Run the bus until the child ends, signalled when the spec says so; then until all is silent, or for a while."""
     kill = SPEC["kill"]
+    holders: list[object | None] = []
     while child.poll() is None:
         if kill and devices[kill["device"]].tally.bytes_out >= kill["byte"]:
+            holders = [device.holder for device in devices]
             os.kill(child.pid, getattr(signal, kill["signal"]))
             kill = None
         time.sleep(POLL)
+    for device, holder in zip(devices, holders, strict=False):
+        device.forget(holder)  # Linux ends the claims of a process that died; umockdev does not always say that it did
     run_to_now(devices)
     end = time.monotonic() + SPEC["linger"]
     while time.monotonic() < end and any(device.chip.board.emitting for device in devices):

@@ -155,6 +155,11 @@ class UsbfsDevice:
             self.tally.opens += 1
             self._clients.append(client)
 
+    @property
+    def holder(self) -> object | None:
+        """The file that has claimed the interface."""
+        return self._holder
+
     def forget_closed(self) -> None:
         """End the transfers and claims of files that were closed; umockdev 0.17 does not say when, so all are asked."""
         with self._lock:

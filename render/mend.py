@@ -29,6 +29,8 @@ class MeshReport:
     """Closed surfaces that face inwards, inside another body."""
     bodies_united: bool = False
     """Bodies overlapped or touched and were replaced by their union."""
+    crossings: int = 0
+    """Pairs of triangles that cross or overlap and that uniting did not resolve."""
     overlap: str = ""
     """Why overlapping bodies could not be united; empty if there was no need or it was done."""
     open_edges: int = 0

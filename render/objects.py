@@ -22,6 +22,7 @@ from .mend import closes_within, mend_mesh, warn_of
 SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
 _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by identity, while an object has them
 POOL_KEPT = 0.5  # of a GPU's memory, kept for the next batch: giving it back at every wait costs milliseconds
+SOLID_RULES = ("winding", "even-odd")
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
 
@@ -100,6 +101,13 @@ def up_rotation(up: str) -> np.ndarray:
     return axis_rotation(axis, angle * np.pi / 2)
 
 
+def require_solid_rule(solid: str) -> str:
+    """The rule for what is inside, as given; raises MeshError unless it is one of SOLID_RULES."""
+    if solid not in SOLID_RULES:
+        raise MeshError(f"solid must be one of {', '.join(SOLID_RULES)}, not {solid!r}")
+    return solid
+
+
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """All triangles of a file that trimesh reads, a scene flattened with its transforms.
 
@@ -128,9 +136,17 @@ class MeshObject:
     """
 
     def __init__(
-        self, vertices: np.ndarray, faces: np.ndarray, *, name: str = "mesh", placement: Placement | None = None
+        self,
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        *,
+        name: str = "mesh",
+        placement: Placement | None = None,
+        solid: str = "winding",
     ) -> None:
         self.name = name
+        self.solid = require_solid_rule(solid)
+        """What counts as inside: "winding" (winding number > 0) or "even-odd" (an odd winding number)."""
         self.placement = placement or Placement()
         vertices, faces, self.report = mend_mesh(vertices, faces)
         warn_of(self.report, name)
@@ -210,6 +226,11 @@ class MeshObject:
             f"Ways out: palpate voxelise {self.name} makes a closed solid of it, --strategy oc accepts any mesh on "
             "palms, or close the mesh in a mesh editor"
         )
+
+    @property
+    def is_simple(self) -> bool:
+        """Whether no triangles cross or overlap, so that the section by any plane is bounded by its contours as cut."""
+        return self.report.crossings == 0
 
     def on(self, device: str) -> Any:
         """The mesh on a Warp device, a Surface, uploaded once."""

@@ -5,9 +5,10 @@ from typing import Any
 import warp as wp
 
 from .clip import NONE, Segment, needs_left, segment_of
+from .edge_pairing import OPEN
 from .patch import BOTTOM, EXACT, Patch, section_frame
 from .piece import CLOSED, Pieces, count_row, section_of, store_piece
-from .surface import OPEN, Surface
+from .surface import Surface
 from .walk import left_from, link_of, loaded
 
 wp.set_module_options(EXACT)

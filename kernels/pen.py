@@ -15,9 +15,10 @@ import warp as wp
 
 from .clip import corners_left, segment_of, side_point
 from .close import BEGIN, BOUNDARY, CORNERS, SLOT, Entries
+from .edge_pairing import OPEN
 from .patch import Frame, corner, lifted, outcode, widened
 from .piece import CLOSED, Pieces, start_of
-from .surface import OPEN, Surface
+from .surface import Surface
 from .walk import crossing_after, crossing_at, point_of
 
 OBJECT = 0

@@ -5,6 +5,7 @@ from typing import Any
 import warp as wp
 
 from .clip import NONE, corners_left, segment_of, winding_step
+from .edge_pairing import OPEN
 from .patch import (
     EXACT,
     UNBOUNDED,
@@ -20,7 +21,7 @@ from .patch import (
 )
 from .piece import CLOSED, Pieces, count_row, section_of, store_piece
 from .ragged import BLOCK
-from .surface import LEAF, OPEN, Surface
+from .surface import LEAF, Surface
 from .walk import crossing_after, crossing_at, is_first, link_of, loaded, point_of, vertex_of
 
 wp.set_module_options(EXACT)

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from .edge_pairing import OPEN, twins_of
 from .skin_refine import refine_faces
-from .surface import OPEN, forest_by_order, spatial_order, twins_of
+from .surface import forest_by_order, spatial_order
 
 UNSCANNED = 2**31 - 1  # key of an edge that no search begins at
 MIX = 2654435761  # odd, near 2^32 / golden ratio: neighbours' keys lie far apart

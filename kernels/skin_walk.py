@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from .edge_pairing import OPEN
 from .patch import EXACT
 from .ragged import BLOCK, PointLimitError, last_of, offsets_of
 from .skin_edges import Skin
 from .skin_sign import is_inside
-from .surface import OPEN
 from .walk import half_after, half_before
 
 wp.set_module_options(EXACT)

@@ -5,7 +5,9 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-OPEN = -1
+from .edge_pairing import OPEN, twins_of
+
+ROUNDING = 2.0**-22  # of a surface's size: two steps of float32; triangles this near to each other lie in one place
 FACES_MOST = 2**28  # numbers of half-edges and flags share 31 bits
 LEAF = 4  # triangles of a leaf of the hierarchy
 MASK_WORDS = 128  # of 32 bits: the scanned edges that a search along the trail can tell apart
@@ -25,35 +27,6 @@ class Surface:
     node_centre: wp.array[wp.vec4]  # of the boxes of the hierarchy, a heap whose root is 1 [m]
     node_half: wp.array[wp.vec4]  # half extents [m], -1 for an empty one
     leaf_first: wp.int32  # heap number of the first leaf
-
-
-def twins_of(faces: np.ndarray) -> np.ndarray:
-    """The half-edge on the other side of each half-edge, int32, shape [3 face]; OPEN where there is none.
-
-    Where more than two triangles share an edge, the k-th of them in one direction is paired with the k-th in the
-    other, so that every contour through it stays a simple chain.
-
-    faces: int, shape [face, 3], every face with three different vertices.
-    """
-    faces = np.asarray(faces, np.int64).reshape(-1, 3)
-    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    count = int(faces.max(initial=0)) + 1
-    edge = np.minimum(tail, head) * count + np.maximum(tail, head)
-    directed = 2 * edge + (tail > head)
-    order = np.argsort(directed, kind="stable")
-    run = directed[order]
-    place = np.arange(len(run))
-    start = np.maximum.accumulate(np.where(np.concatenate([[True], run[1:] != run[:-1]]), place, 0))
-    rank = np.empty_like(place)
-    rank[order] = place - start
-    if rank.max(initial=0) > 0:
-        order = np.lexsort((directed, rank, edge))
-    one, two = order[:-1], order[1:]
-    paired = (edge[one] == edge[two]) & (rank[one] == rank[two]) & (directed[one] != directed[two])
-    twin = np.full(len(tail), OPEN, np.int32)
-    twin[one[paired]] = two[paired]
-    twin[two[paired]] = one[paired]
-    return twin
 
 
 def spatial_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -94,7 +67,7 @@ class HalfEdges:
             raise ValueError(f"a surface may have {FACES_MOST} triangles, not {len(faces)}")
         self.faces = faces[spatial_order(self.vertices, faces)]
         """int64, shape [face, 3]; half-edges are numbered along it."""
-        self.twin = twins_of(self.faces)
+        self.twin = twins_of(self.faces, self.vertices, ROUNDING * np.ptp(self.vertices, axis=0).max(initial=0.0))
         """int32, shape [half]; OPEN where an edge has one side only."""
 
     @property

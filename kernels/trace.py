@@ -9,6 +9,7 @@ from typing import Any
 
 import warp as wp
 
+from .edge_pairing import OPEN
 from .events import BEGIN, CLEAR, END, FROM, HALF, STOP, Events, _clip_loops, quiet, room_for_events, write_event
 from .patch import (
     BOTTOM,
@@ -29,7 +30,7 @@ from .patch import (
 )
 from .piece import section_at
 from .ragged import BLOCK
-from .surface import MASK_WORDS, OPEN, Surface
+from .surface import MASK_WORDS, Surface
 from .walk import Crossing, chain_start, crossing_after, crossing_at, link_of, loaded, point_of, vertex_of
 
 wp.set_module_options(EXACT)

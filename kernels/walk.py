@@ -3,8 +3,9 @@
 import warp as wp
 
 from .clip import blend, corners_left
+from .edge_pairing import OPEN
 from .patch import Frame, above, outcode, placed
-from .surface import OPEN, Surface
+from .surface import Surface
 
 
 @wp.struct

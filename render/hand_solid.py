@@ -14,9 +14,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..kernels.edge_pairing import OPEN, twins_of
 from ..kernels.field import Field
 from ..kernels.solid import mesh_field
-from ..kernels.surface import OPEN, HalfEdges, twins_of, upload_surface
+from ..kernels.surface import HalfEdges, upload_surface
 from .errors import MeshError, StrategyError
 from .hands import Hand
 from .mesh_hand import MeshHand

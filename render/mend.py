@@ -1,304 +1,374 @@
-"""Judge a triangle soup and mend it into what the kernels assume: a simple, outward-facing surface."""
+"""Judge a triangle soup and mend it into what the kernels assume: the boundary of a solid, facing outwards.
 
-import warnings
+The order of triangles, of vertices and of corners within a triangle changes nothing: the first step sorts it away, and
+no later one decides by it. Inside is where the winding number of all bodies, once they face as they should, is above 0
+(`solid="winding"`), or odd (`solid="even-odd"`).
+"""
+
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..kernels.surface import OPEN, twins_of
-from .errors import MeshError, PalpateWarning
+from ..kernels.edge_pairing import twins_of
+from .errors import MeshError
+from .loading_progress import Watch, unwatched
+from .mesh_bodies import (
+    agree_faces,
+    alternating_signs,
+    areas_of,
+    body_labels,
+    flat_bodies,
+    nest_bodies,
+    normals_of,
+    points_behind,
+    rows_of,
+    settle_signs,
+    signed_volumes,
+)
+from .mesh_holes import fill_holes, rim_lengths, rims_of
+from .mesh_report import MeshReport
+from .mesh_sheets import closed_part, edges_of, joined_by_edges, outer_hull, split_repeats
+from .mesh_union import Cluster, Crossings, check_union, clusters_of, count_crossings, unite
+from .mesh_welding import check_soup, rounding_of, sorted_faces, weld, weld_close
+
+ENCLOSES = 0.75  # winding number that an open surface must reach somewhere to count as a solid with holes
+WELD_SHARES = (1e-6, 1e-5, 1e-4)  # of a mesh's size, within which merging vertices is tried to close it
+ENCLOSURE_SAMPLES = 256  # triangles at which that is asked
 
 
 @dataclass(frozen=True)
-class MeshReport:
-    """What was found and what was done when a mesh was loaded."""
+class Repair:
+    """What is done to a mesh on demand, beyond what it always needs; lengths in the file's unit."""
 
-    vertices_welded: int = 0
-    """Vertices with the exact coordinates of another one."""
-    faces_dropped: int = 0
-    """Triangles with a corner twice, exact repeats, and leaves: a triangle with its own back, attached to nothing."""
-    faces_flat: int = 0
-    """Triangles of zero area that were kept, since the surface closes through them."""
-    faces_turned: int = 0
-    """Triangles turned over so that neighbours agree."""
-    bodies: int = 1
-    """Connected surfaces."""
-    bodies_turned: int = 0
-    """Bodies that were inside out."""
-    cavities: int = 0
-    """Closed surfaces that face inwards, inside another body."""
-    bodies_united: bool = False
-    """Bodies overlapped or touched and were replaced by their union."""
-    crossings: int = 0
-    """Pairs of triangles that cross or overlap and that uniting did not resolve."""
-    overlap: str = ""
-    """Why overlapping bodies could not be united; empty if there was no need or it was done."""
-    open_edges: int = 0
-    """Edges with a triangle on one side only."""
-    crossed_edges: int = 0
-    """Edges where no choice of sides can agree (a surface with one side only)."""
-
-    @property
-    def closed(self) -> bool:
-        """Whether inside and outside are defined everywhere."""
-        return self.open_edges == 0 and self.crossed_edges == 0 and not self.overlap
+    solid: str = "winding"
+    """What is inside: "winding" (winding number above 0) or "even-odd" (an odd winding number)."""
+    weld: float = 0.0
+    """Vertices at most this far apart are merged; those that float32 cannot tell apart always are."""
+    fill_holes: float = 0.0
+    """Holes whose rim is at most this long are closed."""
 
 
-def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Merge vertices of equal coordinates, each at the place of the first; unused ones disappear.
+@dataclass(frozen=True)
+class Mended:
+    """A mended mesh."""
 
-    The order of what is left does not depend on where the mesh lies, so neither does the order of its contours.
-    """
-    used, faces = np.unique(faces, return_inverse=True)
-    points = vertices[used] + 0.0  # -0 is 0
-    _, first, index = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.zeros(len(order), np.int64)
-    rank[order] = np.arange(len(order))
-    return points[first[order]], rank[index.ravel()][faces.reshape(-1, 3)].astype(np.int32)
-
-
-def drop_faces(faces: np.ndarray) -> np.ndarray:
-    """Leave out triangles with a corner twice, and repeats that face the same way."""
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    turned = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
-    _, first = np.unique(turned, axis=0, return_index=True)
-    return faces[np.sort(first)]
+    vertices: np.ndarray
+    """float64, shape [vertex, 3]."""
+    faces: np.ndarray
+    """int64, shape [face, 3]; those that bound the solid first."""
+    solid_count: int
+    """How many of the faces bound the solid; the others are open surfaces."""
+    report: MeshReport
 
 
-def agree_faces(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Turn triangles over until the two at every plain edge run along it in opposite directions.
+@dataclass(frozen=True)
+class Surface:
+    """A mesh on its way: where its faces are and what was done to it so far."""
 
-    Each triangle appears twice in a graph, as it is and turned over; edges join copies that agree. Its components are
-    the possible orientations of each body.
-    Returns the faces, which were turned, and at how many edges nothing can agree.
-    """
-    count = len(faces)
-    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    order = np.lexsort((np.maximum(tail, head), np.minimum(tail, head)))
-    pair = np.stack([np.minimum(tail, head), np.maximum(tail, head)], axis=1)[order]
-    _, start, size = np.unique(pair, axis=0, return_index=True, return_counts=True)
-    plain = start[size == 2]
-    one, two = order[plain] // 3, order[plain + 1] // 3
-    differ = (tail[order[plain]] == tail[order[plain + 1]]).astype(np.int64)
-    rows = np.concatenate([one, one + count])
-    columns = np.concatenate([two + count * differ, two + count * (1 - differ)])
-    label = _components(rows, columns, 2 * count)
-    as_is, over = label[:count], label[count:]
-    crossed = as_is == over
-    turned = (over < as_is) & ~crossed  # the copy of a body's first triangle as it is has the smaller label
-    out = faces.copy()
-    out[turned] = out[turned][:, ::-1]
-    return out, turned, int(np.count_nonzero(crossed[one] & (differ == 1)))
+    vertices: np.ndarray
+    faces: np.ndarray
+    report: MeshReport
+    tolerance: float
 
 
-def closes_within(vertices: np.ndarray, faces: np.ndarray) -> float | None:
-    """Share of the mesh's size within which vertices would have to be merged for its open edges to close."""
-    size = np.ptp(vertices, axis=0).max()
-    for share in (1e-9, 1e-7, 1e-5):
-        joined = drop_faces(weld(np.round(vertices / (share * size)), faces)[1])
-        if len(joined) and not (twins_of(joined) == OPEN).any():
-            return share
-    return None
-
-
-def body_labels(twin: np.ndarray) -> np.ndarray:
-    """Number of the body of each triangle: those joined through an edge's two sides (see `twins_of`)."""
-    inner = np.flatnonzero(twin != OPEN)
-    one, two = inner // 3, twin[inner] // 3
-    return _components(one, two, len(twin) // 3)
-
-
-def _components(one: np.ndarray, two: np.ndarray, count: int) -> np.ndarray:
-    """Number of the component of each of `count` nodes, joined by edges from `one` to `two`."""
-    from scipy.sparse import coo_matrix  # a tenth of a second that only meshes cost
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
-
-
-def signed_volumes(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """Volume of each body [m^3], negative if it faces inwards."""
-    a, b, c = (vertices[faces[:, k]] - vertices.mean(axis=0) for k in range(3))
-    return np.bincount(label, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0)
-
-
-def winding_number(point: np.ndarray, triangles: np.ndarray) -> float:
-    """Solid angle of a closed surface seen from a point, in turns of the sphere (Van Oosterom and Strackee 1983)."""
-    a, b, c = (triangles[:, k] - point for k in range(3))
-    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-    top = np.einsum("ij,ij->i", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("ij,ij->i", x, y) for x, y in ((a, b), (b, c), (c, a)))
-    return float(np.sum(np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb)) / (2.0 * np.pi))
-
-
-def bodies_around(triangles: list[np.ndarray]) -> list[set[int]]:
-    """For each body those that it lies in wholly, by the winding number of all its vertices (of 256 of them at most).
-
-    triangles: of each body, float64, shape [face, 3, 3].
-    """
-    low, high = (np.array([f(t, axis=(0, 1)) for t in triangles]) for f in (np.min, np.max))
-    around: list[set[int]] = [set() for _ in triangles]
-    for body, part in enumerate(triangles):
-        points = part.reshape(-1, 3)[:: max(1, 3 * len(part) // 256)]
-        for other in np.flatnonzero(np.all((low <= low[body]) & (high >= high[body]), axis=1)):
-            if other != body and all(abs(winding_number(point, triangles[other])) > 0.5 for point in points):
-                around[body].add(int(other))
-    return around
-
-
-def settle_signs(volume: np.ndarray, around: list[set[int]]) -> np.ndarray:
-    """Which way each body should face: +1 a solid, -1 a cavity; from the outermost inwards.
-
-    solid around it   faces     outermost body turned   becomes
-    no                outward   either                  solid
-    no                inward    either                  solid (turned)
-    yes               inward    either                  cavity
-    yes               outward   no                      solid (overlaps: to be united)
-    yes               outward   yes                     cavity (turned: the whole nest was inside out)
-    """
-    sign = np.ones(len(volume), int)
-    for body in sorted(range(len(volume)), key=lambda k: len(around[k])):
-        solid_around = sum(sign[k] for k in around[body]) > 0
-        outermost = [k for k in around[body] if not around[k]]
-        turned = any(volume[k] < 0 for k in outermost)
-        if solid_around and (volume[body] < 0 or turned):
-            sign[body] = -1
-    return sign
-
-
-def boxes_overlap(triangles: list[np.ndarray]) -> bool:
-    """Whether the bounding boxes of any two bodies meet."""
-    low, high = (np.array([f(t, axis=(0, 1)) for t in triangles]) for f in (np.min, np.max))
-    meet = np.all((low[:, None] <= high[None]) & (low[None] <= high[:, None]), axis=2)
-    return bool(np.any(meet & ~np.eye(len(low), dtype=bool)))
-
-
-def unite(vertices: np.ndarray, parts: list[np.ndarray], sign: np.ndarray, around: list[set[int]]):
-    """Union of all solids, each less the cavities in it, by manifold3d.
-
-    parts: faces of each body, facing as `sign` says. Returns (vertices, faces) if that differs from the bodies side by
-    side in volume or area, None if it does not. Raises MeshError if a body is not a manifold.
-    """
-    import manifold3d  # 20 MB of geometry that most meshes never need
-
-    def solid(part: np.ndarray):
-        used, index = np.unique(part, return_inverse=True)
-        mesh = manifold3d.Mesh64(vertices[used], index.reshape(-1, 3).astype(np.uint64))
-        out = manifold3d.Manifold(mesh)
-        if out.status() != manifold3d.Error.NoError:
-            raise MeshError(f"a body of {len(part)} triangles is not a manifold ({out.status().name})")
-        return out
-
-    bodies = [solid(part if s > 0 else part[:, ::-1]) for part, s in zip(parts, sign, strict=True)]
-    solids = {k: body for k, body in enumerate(bodies) if sign[k] > 0}
-    for k in np.flatnonzero(sign < 0):
-        holder = max((j for j in around[k] if sign[j] > 0), key=lambda j: len(around[j]))
-        solids[holder] = solids[holder] - bodies[k]
-    united = manifold3d.Manifold.batch_boolean(list(solids.values()), manifold3d.OpType.Add)
-    volume = sum(s * body.volume() for s, body in zip(sign, bodies, strict=True))
-    area = sum(body.surface_area() for body in bodies)
-    if np.isclose(united.volume(), volume, rtol=1e-9) and np.isclose(united.surface_area(), area, rtol=1e-9):
-        return None
-    mesh = united.to_mesh64()
-    return weld(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts).astype(np.int32))
-
-
-def settle_bodies(vertices: np.ndarray, faces: np.ndarray, twin: np.ndarray, report: MeshReport):
-    """Turn bodies that are inside out, keep cavities, unite what overlaps; for a surface without open edges."""
-    label = body_labels(twin)
-    leaf = np.bincount(label)[label] == 2  # a triangle and its back: no volume, and no manifold
-    if leaf.any() and not leaf.all():
-        faces, label = faces[~leaf], np.unique(label[~leaf], return_inverse=True)[1].ravel()
-        report = replace(report, faces_dropped=report.faces_dropped + int(leaf.sum()))
-    volume = signed_volumes(vertices, faces, label)
-    rows = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))[:-1])
-    triangles = [vertices[faces[k]] for k in rows]
-    around = bodies_around(triangles)
-    sign = settle_signs(volume, around)
-    turned = np.sign(volume) * sign < 0
-    for k in np.flatnonzero(turned):
-        faces[rows[k]] = faces[rows[k]][:, ::-1]
-    report = replace(
-        report, bodies=len(volume), bodies_turned=int(turned.sum()), cavities=int(np.count_nonzero(sign < 0))
-    )
-    if len(volume) > 1 and boxes_overlap(triangles):
-        try:
-            united = unite(vertices, [faces[k] for k in rows], sign, around)
-        except MeshError as error:
-            return vertices, faces, replace(report, overlap=str(error))
-        if united is not None:
-            vertices, faces = united
-            report = replace(report, bodies_united=True)
-    return vertices, faces, report
-
-
-def check_soup(vertices: np.ndarray, faces: np.ndarray) -> None:
-    """Refuse what is not a mesh at all, naming the row."""
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        raise MeshError(f"vertices must be [vertex, 3] and faces [face, 3], not {vertices.shape} and {faces.shape}")
-    if len(faces) == 0:
-        raise MeshError("the mesh has no triangles")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        row = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))[0])
-        raise MeshError(f"face {row} names vertex {faces[row].tolist()}, but there are {len(vertices)} vertices")
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-    if len(bad):
-        raise MeshError(
-            f"{len(bad)} vertices are not finite, the first is vertex {bad[0]}: {vertices[bad[0]].tolist()}"
-        )
-
-
-def mend_mesh(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, MeshReport]:
+def mend_mesh(
+    vertices: np.ndarray, faces: np.ndarray, repair: Repair | None = None, watch: Watch = unwatched
+) -> Mended:
     """Weld, drop, turn and unite, and say what was done.
 
     vertices: float, shape [vertex, 3]; faces: int, shape [face, 3].
     Raises MeshError for what is no mesh: no triangles, indices out of range, vertices that are not finite.
     """
-    vertices = np.array(vertices, np.float64)
-    faces = np.array(faces, np.int64)
+    repair = repair or Repair()
+    vertices, faces = np.array(vertices, np.float64), np.array(faces, np.int64)
     check_soup(vertices, faces)
-    used_count = len(np.unique(faces))
-    given_count = len(faces)
+    watch("welding", 0, 1)
+    surface = welded_surface(vertices, faces, repair)
+    watch("orientation", 0, 1)
+    surface = oriented_surface(surface)
+    if repair.fill_holes > 0:
+        surface = filled_surface(surface, repair.fill_holes)
+    is_closed = closed_part(surface.faces)
+    crossed = surface.report.crossed_edges > 0
+    is_closed &= not crossed
+    solid, sheets = replace(surface, faces=surface.faces[is_closed]), surface.faces[~is_closed]
+    if len(solid.faces):
+        watch("bodies", 0, 1)
+        solid, flat = settled_solid(solid, repair, watch)
+        if len(solid.faces) == len(sheets) == 0:  # nothing but sheets with their backs: drawn as open surfaces
+            sheets = flat
+    return finished(solid, sheets, surface.vertices)
+
+
+def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> Surface:
+    """Vertices and triangles merged and sorted; of repeats what `mesh_sheets` keeps."""
+    used_count, given_count = len(np.unique(faces)), len(faces)
     vertices, faces = weld(vertices, faces)
-    welded = used_count - len(vertices)
-    faces = drop_faces(faces)
+    tolerance = rounding_of(vertices)
+    vertices, faces = weld_close(vertices, faces, max(repair.weld, tolerance))
+    welded_count = used_count - len(vertices)
+    faces = sorted_faces(faces)
     if len(faces) == 0:
         raise MeshError(f"all {given_count} triangles have a corner twice: the mesh has no surface")
-    dropped = given_count - len(faces)
-    faces, turned, crossed = agree_faces(faces)
-    twin = twins_of(faces)
-    open_count = int(np.count_nonzero(twin == OPEN))
-    report = MeshReport(
-        vertices_welded=welded,
-        faces_dropped=dropped,
-        faces_turned=int(turned.sum()),
-        open_edges=open_count,
-        crossed_edges=crossed,
+    odd, even = split_repeats(faces)
+    faces = sorted_faces(with_walls(vertices, odd, even, tolerance)) if len(even) else odd
+    report = MeshReport(triangles=given_count, vertices_welded=welded_count, faces_dropped=given_count - len(faces))
+    return Surface(vertices, faces, report, tolerance)
+
+
+def with_walls(vertices: np.ndarray, odd: np.ndarray, even: np.ndarray, tolerance: float) -> np.ndarray:
+    """Faces that are there an odd number of times, and those of the even ones that bound something (`mesh_sheets`)."""
+    closes_alone = closed_part(even)
+    bodies = outer_hull(vertices, even[closes_alone], tolerance) if closes_alone.any() else even[:0]
+    rest = even[~closes_alone]
+    both = np.concatenate([odd, rest])
+    edges = edges_of(both)
+    connected = joined_by_edges(edges)
+    odd_count = np.bincount(edges.of_half[: 3 * len(odd)], minlength=len(edges.count))
+    is_open = np.zeros(int(connected.max(initial=-1)) + 1, bool)
+    is_open[connected[np.flatnonzero(odd_count[edges.of_half] % 2) // 3]] = True
+    needed = is_open[connected[len(odd) :]]
+    needed |= len(odd) == len(bodies) == 0  # a mesh of sheets alone is drawn as open surfaces
+    return np.concatenate([odd, rest[needed], bodies])
+
+
+def oriented_surface(surface: Surface) -> Surface:
+    """Neighbours made to agree."""
+    faces, turned, crossed = agree_faces(surface.vertices, surface.faces)
+    report = replace(surface.report, faces_turned=int(turned.sum()), crossed_edges=crossed)
+    return replace(surface, faces=faces, report=report)
+
+
+def filled_surface(surface: Surface, length: float) -> Surface:
+    """Small holes closed, and the whole sorted and oriented again."""
+    twin = twins_of(surface.faces, surface.vertices, surface.tolerance)
+    vertices, faces, count = fill_holes(surface.vertices, surface.faces, twin, length)
+    if count == 0:
+        return surface
+    vertices, faces = weld(vertices, faces)
+    turned = surface.report.faces_turned
+    out = oriented_surface(
+        replace(
+            surface, vertices=vertices, faces=sorted_faces(faces), report=replace(surface.report, holes_filled=count)
+        )
     )
-    if open_count == 0 and crossed == 0:
-        vertices, faces, report = settle_bodies(vertices, faces, twin, report)
+    return replace(out, report=replace(out.report, faces_turned=turned + out.report.faces_turned))
+
+
+def settled_solid(surface: Surface, repair: Repair, watch: Watch) -> tuple[Surface, np.ndarray]:
+    """Bodies told apart, turned, left out where they bound nothing, and united where they cross.
+
+    Returns also one side of the flat bodies that were left out.
+    """
+    faces, tolerance = balanced(surface), surface.tolerance
+    vertices = surface.vertices
+    label = body_labels(twins_of(faces, vertices, tolerance))
+    flat = flat_bodies(vertices, faces, label, tolerance)
+    dropped = len(surface.faces) - len(faces)
+    report = replace(
+        surface.report,
+        faces_dropped=surface.report.faces_dropped + dropped,
+        bodies=len(flat),
+        bodies_flat=int(flat.sum()),
+    )
+    kept = ~flat[label]
+    sheets = faces[~kept & faces_front(vertices, faces)]
+    faces, label = faces[kept], np.unique(label[kept], return_inverse=True)[1]
+    surface = replace(surface, faces=faces, report=report)
+    if len(faces) == 0:
+        return surface, sheets
+    return bounding_bodies(surface, label, repair, watch), sheets
+
+
+def faces_front(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Which faces' normals point to where their largest coordinate is positive: one of a sheet's two sides."""
+    normal = normals_of(vertices, faces)
+    return np.take_along_axis(normal, np.abs(normal).argmax(axis=1)[:, None], axis=1)[:, 0] > 0
+
+
+def balanced(surface: Surface) -> np.ndarray:
+    """Faces of which every edge has as many one way as the other: the outer hull where no sides agree."""
+    faces = surface.faces
+    edges = edges_of(faces)
+    if not edges.balance.any():
+        return faces
+    connected = joined_by_edges(edges)
+    odd = np.unique(connected[np.flatnonzero(edges.balance[edges.of_half]) // 3])
+    walled = np.isin(connected, odd)
+    hull = outer_hull(surface.vertices, faces[walled], surface.tolerance)
+    return sorted_faces(np.concatenate([faces[~walled], hull]))
+
+
+def bounding_bodies(surface: Surface, label: np.ndarray, repair: Repair, watch: Watch) -> Surface:
+    """Turn bodies that are inside out, keep cavities, leave out what bounds nothing, unite what crosses."""
+    vertices, faces, tolerance = surface.vertices, surface.faces, surface.tolerance
+    volume = signed_volumes(vertices, faces, label)
+    found = count_crossings(vertices, faces, label, watch)
+    watch("nesting", 0, 1)
+    depth = tolerance
+    if len(volume) > 1 and found.all_counted:
+        nest = nest_bodies(vertices, faces, label, volume, found.touching, depth)
+        around, outside = nest.around, nest.outside
     else:
-        report = replace(report, bodies=int(body_labels(twin).max()) + 1)
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) <= 1e-15 * np.ptp(vertices, axis=0).max() ** 2
-    return vertices, faces, replace(report, faces_flat=int(flat.sum()))
+        around, outside = [set() for _ in volume], np.zeros((0, 2), np.int64)
+    even_odd = repair.solid == "even-odd"
+    sign = alternating_signs(around) if even_odd else settle_signs(volume, around)
+    turned = np.sign(volume) * sign < 0
+    faces = np.where(turned[label][:, None], faces[:, ::-1], faces)
+    level = np.bincount(outside[:, 0], sign[outside[:, 1]], minlength=len(volume)).astype(np.int64)
+    report = replace(
+        surface.report,
+        bodies_turned=int(turned.sum()),
+        cavities=int(np.count_nonzero(sign < 0)),
+        crossings_found=found.count,
+    )
+    bodies = Bodies(rows_of(label), sign, around, level)
+    return joined_clusters(replace(surface, faces=faces, report=report), bodies, found, even_odd, watch)
 
 
-def warn_of(report: MeshReport, name: str) -> None:
-    """Say in one warning what was changed or is wrong; nothing if all was well."""
-    parts = []
-    if report.faces_dropped:
-        parts.append(f"{report.faces_dropped} triangles dropped (a corner twice, a repeat, or a leaf without volume)")
-    if report.faces_flat:
-        parts.append(f"{report.faces_flat} triangles of zero area kept, since the surface closes through them")
-    if report.faces_turned:
-        parts.append(f"{report.faces_turned} triangles turned over to agree with their neighbours")
-    if report.bodies_turned:
-        parts.append(f"{report.bodies_turned} of {report.bodies} bodies turned inside out (they faced inwards)")
-    if report.bodies_united:
-        parts.append(f"{report.bodies} bodies that overlap or touch were united")
-    if parts:
-        warnings.warn(f"{name}: " + "; ".join(parts), PalpateWarning, stacklevel=3)
+@dataclass(frozen=True)
+class Bodies:
+    """Bodies that face as they should."""
+
+    rows: list[np.ndarray]
+    """The faces of each."""
+    sign: np.ndarray
+    """+1 for a solid, -1 for a cavity."""
+    around: list[set[int]]
+    """For each those that it lies in."""
+    level: np.ndarray
+    """Winding number around each that those which it does not touch add."""
+
+
+def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd: bool, watch: Watch) -> Surface:
+    """Leave out bodies that bound nothing, and replace clusters that cross by their union where that can be done."""
+    report, tolerance = surface.report, surface.tolerance
+    clusters = clusters_of(found)
+    kept = np.ones(len(bodies.rows), bool)
+    if not even_odd and found.all_counted:
+        kept = (bodies.level > 0) != (bodies.level + bodies.sign > 0)
+    united_points, united_faces, vertex_count = [surface.vertices], [], len(surface.vertices)
+    hidden, united, crossings, reasons = 0, 0, 0, []
+    for number, cluster in enumerate(clusters):
+        watch("uniting", number, len(clusters))
+        kept[cluster.bodies] = True
+        if not even_odd and is_hidden(bodies, cluster):
+            kept[cluster.bodies] = False
+            continue
+        try:
+            points, faces = united_cluster(surface, bodies, cluster, even_odd)
+        except MeshError as error:
+            crossings += cluster.crossing_count
+            reasons.append(str(error))
+            continue
+        kept[cluster.bodies] = False
+        united += len(cluster.bodies)
+        united_points.append(points)
+        united_faces.append(faces + vertex_count)
+        vertex_count += len(points)
+    hidden = int(np.count_nonzero(~kept)) - united
+    rows = np.concatenate([bodies.rows[k] for k in np.flatnonzero(kept)]) if kept.any() else np.zeros(0, np.int64)
+    faces = np.concatenate([surface.faces[rows], *united_faces])
+    vertices, faces = weld(np.concatenate(united_points), faces)
+    report = replace(
+        report, bodies_hidden=hidden, bodies_united=united, crossings=crossings, overlap=reasons[0] if reasons else ""
+    )
+    return replace(surface, vertices=vertices, faces=sorted_faces(faces), report=report, tolerance=tolerance)
+
+
+def is_hidden(bodies: Bodies, cluster: Cluster) -> bool:
+    """Whether bodies that touch each other lie in the solid of others whatever they do to the winding number."""
+    if not cluster.is_plain:
+        return False
+    sign = bodies.sign[cluster.bodies]
+    return bool(bodies.level[cluster.bodies].min() + np.minimum(sign, 0).sum() > 0)
+
+
+def united_cluster(surface: Surface, bodies: Bodies, cluster: Cluster, even_odd: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of what bodies that cross bound together; raises MeshError where that cannot be had."""
+    if even_odd:
+        raise MeshError("the even-odd rule is no union")
+    if not cluster.is_plain:
+        raise MeshError("a body crosses itself")
+    members = cluster.bodies.tolist()
+    place = {body: k for k, body in enumerate(members)}
+    sign, level = bodies.sign[members], int(bodies.level[members].max())
+    if level > 1 or (level == 1 and (sign > 0).any()):
+        raise MeshError("solids and cavities cross inside a solid")
+    rows = [bodies.rows[k] for k in members]
+    used, index = np.unique(surface.faces[np.concatenate(rows)], return_inverse=True)
+    parts = np.split(index.reshape(-1, 3), np.cumsum([len(own) for own in rows])[:-1])
+    around = [{place[j] for j in bodies.around[k] if j in place} for k in members]
+    united = unite(surface.vertices[used], parts, sign, around)
+    check_union(surface.vertices[used], parts, level, united, surface.tolerance)
+    return united
+
+
+def finished(solid: Surface, sheets: np.ndarray, sheet_vertices: np.ndarray) -> Mended:
+    """The solid and the open surfaces as one mesh, and what is to be said about the latter."""
+    shift = len(solid.vertices)
+    vertices, faces = weld(
+        np.concatenate([solid.vertices, sheet_vertices]), np.concatenate([solid.faces, sheets + shift])
+    )
+    solid_count = len(solid.faces)
+    report = solid.report
+    if len(sheets):
+        report = with_sheets(report, vertices, faces[solid_count:], solid_count > 0, solid.tolerance)
+    if len(faces) == 0:
+        raise MeshError(
+            f"the mesh encloses nothing: its {report.triangles} triangles are repeats, walls with a back or flat bodies"
+        )
+    flat = areas_of(vertices, faces) <= 0.5e-15 * np.ptp(vertices, axis=0).max() ** 2
+    return Mended(vertices, faces, solid_count, replace(report, faces_flat=int(flat.sum())))
+
+
+def with_sheets(
+    report: MeshReport, vertices: np.ndarray, sheets: np.ndarray, has_solid: bool, tolerance: float
+) -> MeshReport:
+    """The report with what is known of open surfaces."""
+    twin = twins_of(sheets, vertices, tolerance)
+    rim, _, number = rims_of(sheets, twin)
+    lengths = rim_lengths(vertices, sheets, rim, number)
+    bodies = int(body_labels(twin).max()) + 1 + (report.bodies if has_solid else 0)
+    hint = closing_distance(vertices, sheets) if len(rim) else 0.0
+    nothing = has_solid and report.crossed_edges == 0 and not encloses(vertices, sheets)
+    return replace(
+        report,
+        bodies=bodies,
+        open_edges=len(rim),
+        holes=len(lengths),
+        rim_longest=float(lengths.max(initial=0.0)),
+        weld_closes=hint,
+        sheet_faces=len(sheets) if nothing else 0,
+    )
+
+
+def closing_distance(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """The least of some distances within which merging vertices leaves no open edge, in the mesh's unit; 0 for none."""
+    for share in WELD_SHARES:
+        distance = float(share * np.ptp(vertices, axis=0).max())
+        joined = sorted_faces(weld_close(*weld(vertices, faces), distance)[1])
+        if len(joined) and closed_part(joined).all():
+            return distance
+    return 0.0
+
+
+def encloses(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """Whether an open surface all but encloses something: its winding number somewhere just beside it."""
+    rows = np.arange(len(faces))[:: max(1, len(faces) // ENCLOSURE_SAMPLES)]
+    size = np.sqrt(areas_of(vertices, faces[rows])).max()
+    triangles = vertices[faces]
+    for distance in (1e-6 * size, -1e-6 * size):
+        for point in points_behind(vertices, faces, rows, distance):
+            if abs(winding_number(point, triangles)) > ENCLOSES:
+                return True
+    return False
+
+
+def winding_number(point: np.ndarray, triangles: np.ndarray) -> float:
+    """Solid angle of a surface seen from a point, in turns of the sphere (Van Oosterom and Strackee 1983)."""
+    a, b, c = (triangles[:, k] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    top = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", x, y) for x, y in ((a, b), (b, c), (c, a)))
+    return float(np.sum(np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb)) / (2.0 * np.pi))

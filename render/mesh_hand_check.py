@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.surface import OPEN, twins_of
+from ..kernels.edge_pairing import OPEN, twins_of
 from .errors import MeshError, PalpateWarning
 
 SIZE_LARGEST = 1.0  # [m]; a hand is 0.2 m long

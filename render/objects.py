@@ -17,7 +17,8 @@ from ..kernels.field import Field
 from ..kernels.solid import mesh_field
 from ..kernels.surface import HalfEdges, upload_surface
 from .errors import MeshError, PalpateWarning, PlacementError
-from .mend import closes_within, mend_mesh, warn_of
+from .loading_progress import Watch, unwatched
+from .mend import Repair, mend_mesh
 
 SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
 _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by identity, while an object has them
@@ -65,6 +66,13 @@ class Placement:
         for axis, angle in enumerate(self.rotate):
             out = out @ axis_rotation(axis, np.radians(angle)).T
         return out + (middle if self.at is None else np.asarray(self.at))
+
+    def factor_of(self, vertices: np.ndarray) -> float:
+        """By how much lengths grow."""
+        finite = vertices[np.isfinite(vertices).all(axis=-1)] if vertices.ndim == 2 else vertices[:0]
+        if self.fit is None or len(finite) == 0:
+            return self.scale
+        return self.fit / (float(np.ptp(finite, axis=0).max()) or 1.0)
 
 
 def warn_of_place(name: str, bounds: np.ndarray, way: str) -> None:
@@ -143,24 +151,32 @@ class MeshObject:
         name: str = "mesh",
         placement: Placement | None = None,
         solid: str = "winding",
+        weld: float = 0.0,
+        fill_holes: float = 0.0,
+        watch: Watch = unwatched,
     ) -> None:
         self.name = name
         self.solid = require_solid_rule(solid)
         """What counts as inside: "winding" (winding number > 0) or "even-odd" (an odd winding number)."""
         self.placement = placement or Placement()
-        vertices, faces, self.report = mend_mesh(vertices, faces)
-        warn_of(self.report, name)
-        self.vertices = self.placement.applied_to(vertices).astype(np.float32)
+        vertices, faces = np.asarray(vertices), np.asarray(faces)
+        self._scale = self.placement.factor_of(vertices)
+        mended = mend_mesh(vertices, faces, self._repair(weld, fill_holes), watch)
+        self.report = mended.report
+        """What was found and done; lengths in the unit of the vertices as given."""
+        self._solid_count = mended.solid_count
+        self.vertices = self.placement.applied_to(mended.vertices).astype(np.float32)
         """[m], float32, shape [vertex, 3]."""
-        self.faces = faces.astype(np.int32)
-        """int32, shape [face, 3]."""
+        self.faces = mended.faces.astype(np.int32)
+        """int32, shape [face, 3]; those that bound the solid first, then open surfaces."""
         self._on: dict[str, Any] = {}  # device: Surface, which is no type to a type checker
         self._fields: dict[str, Field] = {}
         self.detail: dict[str, Any] | None = None
         """What simplifying did, if it was simplified."""
         self._lock = RLock()
+        self._warn_of_report()
         self._judge_size()
-        self._judge_rounding(vertices)
+        self._judge_rounding(mended.vertices)
 
     @classmethod
     def load(cls, source: str | Path, *, placement: Placement | None = None) -> "MeshObject":
@@ -174,6 +190,17 @@ class MeshObject:
             return cls(vertices, faces, name=path.name, placement=placement)
         except MeshError as error:
             raise MeshError(f"{path}: {error}") from error
+
+    def _repair(self, weld: float, fill_holes: float) -> Repair:
+        for field, value in (("weld", weld), ("fill_holes", fill_holes)):
+            if not 0 <= value < np.inf:  # a NaN compares false
+                raise MeshError(f"{field} must be a length in metres of 0 or more, not {value}")
+        return Repair(self.solid, weld / self._scale, fill_holes / self._scale)
+
+    def _warn_of_report(self) -> None:
+        phrases = self.report.changes() + self.report.faults(self._scale)
+        if phrases:
+            warnings.warn(f"{self.name}: " + "; ".join(phrases), PalpateWarning, stacklevel=3)
 
     def _judge_size(self) -> None:
         if not np.isfinite(self.vertices).all():
@@ -213,14 +240,10 @@ class MeshObject:
         report = self.report
         if report.closed:
             return
-        if report.overlap:
-            fault = f"its {report.bodies} bodies overlap and could not be united: {report.overlap}"
-        elif report.crossed_edges:
+        if report.crossed_edges:
             fault = f"it has one side only ({report.crossed_edges} edges where no orientation agrees)"
         else:
             fault = f"it has {report.open_edges} open edges ({report.bodies} bodies)"
-            share = closes_within(self.vertices.astype(np.float64), self.faces)
-            fault += f", which merging vertices within {share:g} of its size would close" if share else ""
         raise MeshError(
             f"{self.name}: closed contours (CC), hand meshes and contact need a closed surface, but {fault}. "
             f"Ways out: palpate voxelise {self.name} makes a closed solid of it, --strategy oc accepts any mesh on "

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..kernels.surface import twins_of
+from ..kernels.edge_pairing import twins_of
 from ..kernels.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
 from .errors import MeshError, PalpateWarning, VoxelError
 from .fields import told
-from .mend import bodies_around, body_labels, settle_signs, signed_volumes
+from .mend import winding_number
+from .mesh_bodies import body_labels, settle_signs, signed_volumes
 from .objects import MeshObject, Placement
 from .voxel_grid import LENGTHS, numbers_of
 from .voxel_values import VOXELS_MOST, is_number
@@ -106,6 +107,21 @@ def turn_bodies(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, in
     for k in turned:
         faces[rows[k]] = faces[rows[k]][:, ::-1]
     return faces, len(turned)
+
+
+def bodies_around(triangles: list[np.ndarray]) -> list[set[int]]:
+    """For each body those that it lies in wholly, by the winding number of all its vertices (of 256 of them at most).
+
+    triangles: of each body, float64, shape [face, 3, 3]; bodies may have holes.
+    """
+    low, high = (np.array([f(t, axis=(0, 1)) for t in triangles]) for f in (np.min, np.max))
+    around: list[set[int]] = [set() for _ in triangles]
+    for body, part in enumerate(triangles):
+        points = part.reshape(-1, 3)[:: max(1, 3 * len(part) // 256)]
+        for other in np.flatnonzero(np.all((low <= low[body]) & (high >= high[body]), axis=1)):
+            if other != body and all(abs(winding_number(point, triangles[other])) > 0.5 for point in points):
+                around[body].add(int(other))
+    return around
 
 
 def own_volume(triangles: np.ndarray) -> float:

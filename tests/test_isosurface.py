@@ -53,7 +53,7 @@ def test_cells_cut_in_every_way_still_close(rng):
     e = union(*[sphere(0.011).moved(*at) for at in rng.uniform(-0.1, 0.1, (300, 3))])
     vertices, faces = meshed(e, 0.01)
     assert_closed(faces)
-    assert mend_mesh(vertices.astype(np.float64), faces)[2].open_edges == 0
+    assert mend_mesh(vertices.astype(np.float64), faces).report.open_edges == 0
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,11 @@ import warp as wp
 from mesh_cases import CLOSED, MIDDLE, generic_poses
 from skin_cases import drawn, grid_skin, lines_of, oracle_lines, placed_by, solid_on, summary_of
 
+from palpate.kernels.edge_pairing import OPEN, twins_of
 from palpate.kernels.ragged import PointLimitError
 from palpate.kernels.skin_edges import SkinEdges, upload_skin
 from palpate.kernels.skin_refine import refine_faces
 from palpate.kernels.skin_walk import list_curves
-from palpate.kernels.surface import OPEN, twins_of
 from palpate.render.contours import join_batches
 from palpate.render.mesh_hand import MeshHand
 

@@ -13,6 +13,8 @@ from palpate.render.mend import winding_number
 from palpate.render.voxeliser import voxelise, voxelise_file
 from palpate.render.voxels import VoxelObject
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*open edges")  # most meshes here have holes, which loading reports
+
 
 def node_points(nodes):
     index = np.stack(np.meshgrid(*(np.arange(n) for n in nodes.shape), indexing="ij"), axis=-1).reshape(-1, 3)

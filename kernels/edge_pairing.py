@@ -1,0 +1,145 @@
+"""Pairs of half-edges: which triangle continues the surface across an edge, however many triangles share that edge."""
+
+import numpy as np
+
+OPEN = -1
+
+
+def twins_of(faces: np.ndarray, vertices: np.ndarray | None = None, tolerance: float = 0.0) -> np.ndarray:
+    """The half-edge on the other side of each half-edge, int32, shape [3 face]; OPEN where there is none.
+
+    Half-edge h = 3 face + corner runs from that corner to the face's next; it is paired with one that runs back.
+    Where more than two triangles share an edge, those between which the solid lies are paired, by their angles around
+    the edge: bodies that touch along an edge come apart, and two walls in one place pair with each other.
+
+    faces: int, shape [face, 3], every face with three different vertices.
+    vertices: [m], shape [vertex, 3]; without them the k-th half-edge in one direction is paired with the k-th in the
+    other. tolerance: triangles this near to each other at their farthest corners count as lying in one place [m].
+    """
+    faces = np.asarray(faces, np.int64).reshape(-1, 3)
+    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    edge = np.minimum(tail, head) * (int(faces.max(initial=0)) + 1) + np.maximum(tail, head)
+    order = np.argsort(edge, kind="stable")
+    start = np.flatnonzero(np.concatenate([[True], edge[order[1:]] != edge[order[:-1]]])) if len(order) else order
+    size = np.diff(start, append=len(order))
+    twin = np.full(len(tail), OPEN, np.int32)
+    two = start[size == 2]
+    _pair(twin, order[two], order[two + 1], tail)
+    many = np.repeat(size > 2, size)
+    if many.any():
+        half = order[many]
+        group = np.repeat(np.arange(len(size)), size)[many]
+        downward = tail[half] > head[half]
+        turn = np.zeros(len(half)) if vertices is None else _turns(faces, vertices, half, group, downward, tolerance)
+        _pair(twin, *_matched(half, group, turn, downward, by_rank=vertices is None), tail)
+    return twin
+
+
+def faces_around_edges(
+    faces: np.ndarray, vertices: np.ndarray, tolerance: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Half-edges edge by edge, those of an edge in the order of their triangles around it.
+
+    Arguments as for `twins_of`. Returns the half-edges, int64, the number of each one's edge, ascending, and whether
+    it runs to the higher vertex: then its triangle's front looks to where the next triangles lie.
+    """
+    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    edge = np.minimum(tail, head) * (int(faces.max(initial=0)) + 1) + np.maximum(tail, head)
+    half = np.argsort(edge, kind="stable")
+    group = edge[half]
+    downward = tail[half] > head[half]
+    turn = _turns(faces, vertices, half, group, downward, tolerance)
+    order = np.lexsort((~downward, turn, group))
+    return half[order], group[order], ~downward[order]
+
+
+def _pair(twin: np.ndarray, one: np.ndarray, two: np.ndarray, tail: np.ndarray) -> None:
+    """Write pairs of half-edges that run in opposite directions."""
+    opposite = tail[one] != tail[two]
+    one, two = one[opposite], two[opposite]
+    twin[one] = two
+    twin[two] = one
+
+
+def _turns(
+    faces: np.ndarray,
+    vertices: np.ndarray,
+    half: np.ndarray,
+    group: np.ndarray,
+    downward: np.ndarray,
+    tolerance: float,
+) -> np.ndarray:
+    """Place of each half-edge's triangle around its edge, counted from one of the edge's triangles; ties are equal.
+
+    group: ascending number of the edge of each half-edge; downward: whether it runs to the lower vertex.
+    """
+    x = np.asarray(vertices, np.float64)
+    face, corner = half // 3, half % 3
+    a, b = faces[face, corner], faces[face, (corner + 1) % 3]
+    low = x[np.where(downward, b, a)]
+    axis = x[np.where(downward, a, b)] - low
+    axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), np.finfo(float).tiny)
+    out = x[faces[face, (corner + 2) % 3]] - low
+    out -= np.einsum("ij,ij->i", out, axis)[:, None] * axis
+    first = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
+    zero = out[np.repeat(first, np.diff(first, append=len(group)))]
+    angle = np.arctan2(np.einsum("ij,ij->i", axis, np.cross(zero, out)), np.einsum("ij,ij->i", zero, out))
+    reach = np.linalg.norm(out, axis=1)
+    angle[(angle < 0) & (-angle * reach <= tolerance)] = 0.0  # in the place of the first one, not a turn later
+    angle = np.where(angle < 0, angle + 2 * np.pi, angle)
+    order = np.lexsort((angle, group))
+    gap = np.diff(angle[order]) * np.maximum(reach[order[1:]], reach[order[:-1]])
+    apart = np.concatenate([[True], (gap > tolerance) | (group[order[1:]] != group[order[:-1]])])
+    turn = np.empty(len(half))
+    turn[order] = np.cumsum(apart)
+    return turn
+
+
+def _matched(
+    half: np.ndarray, group: np.ndarray, turn: np.ndarray, downward: np.ndarray, *, by_rank: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of half-edges of edges with more than two triangles, matched like brackets around each edge.
+
+    Seen along the edge from its lower vertex, with the angle growing, a downward half-edge's triangle is where the
+    solid begins and an upward one's where it ends; of triangles in one place the beginnings come first. Where one kind
+    is in excess, the rest of it stays unpaired.
+    """
+    if by_rank:
+        order = np.lexsort((half, ~downward, group))
+        place = np.arange(len(order))
+        opens = downward[order]
+        key = group[order] * 2 + ~opens
+        run = place - np.maximum.accumulate(np.where(np.concatenate([[True], key[1:] != key[:-1]]), place, 0))
+        return _neighbours(half[order], group[order], run, place, opens)
+    order = np.lexsort((~downward, turn, group))
+    half, group, opens = half[order], group[order], downward[order]
+    start = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
+    size = np.diff(start, append=len(group))
+    step = np.where(opens, 1, -1)
+    excess = np.repeat(np.add.reduceat(step, start), size)
+    first, count = np.repeat(start, size), np.repeat(size, size)
+    place = np.arange(len(group)) - first
+    flipped = excess < 0  # read backwards, so that the kind in excess is always the one that begins
+    place = np.where(flipped, count - 1 - place, place)
+    order = np.lexsort((place, group))
+    half, group, opens = half[order], group[order], (opens ^ flipped)[order]
+    step = np.where(opens, 1, -1)
+    depth = np.cumsum(step) - step  # before each bracket
+    depth -= np.repeat(depth[start], size)
+    lowest = np.repeat(np.minimum.reduceat(depth, start), size)
+    at = np.arange(len(group)) - first
+    begin = np.repeat(np.minimum.reduceat(np.where(depth == lowest, at, len(group)), start), size)
+    wrapped = at < begin
+    depth = depth - lowest + np.where(wrapped, np.abs(excess), 0)
+    level = np.where(opens, depth, depth - 1)
+    return _neighbours(half, group, level, np.where(wrapped, at + count, at), opens)
+
+
+def _neighbours(
+    half: np.ndarray, group: np.ndarray, level: np.ndarray, place: np.ndarray, opens: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Half-edges of one group and level that follow each other, the first of which begins and the second ends."""
+    order = np.lexsort((place, level, group))
+    one, two = order[:-1], order[1:]
+    good = (group[one] == group[two]) & (level[one] == level[two]) & opens[one] & ~opens[two]
+    return half[one[good]], half[two[good]]

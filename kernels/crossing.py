@@ -20,7 +20,7 @@ import warp as wp
 from .orientation import line_side, plane_side
 from .patch import EXACT
 
-wp.set_module_options(EXACT | {"max_unroll": 1})  # unrolled loops would take seconds to compile
+wp.set_module_options(EXACT)
 
 CHUNK = 2**17  # faces a launch: a second or so, then Ctrl-C is heard
 ROOM_LARGEST = 2**24  # pairs a launch; fewer faces are taken where there are more

@@ -11,7 +11,7 @@ from .crossing import Triangles, corner_of, corners_of, flattened, upload_triang
 from .orientation import line_side, plane_side
 from .patch import EXACT
 
-wp.set_module_options(EXACT | {"max_unroll": 1})  # unrolled loops would take seconds to compile
+wp.set_module_options(EXACT)
 
 FAR = wp.constant(4.0)  # above every box: scaled, they lie within 1
 POINTS = 2**16  # a launch

@@ -51,6 +51,13 @@ Label = Annotated[list[int] | None, typer.Option(help="Of a segmented volume: la
 Inside = Annotated[str | None, typer.Option(help="Of a volume: above or below, where values are solid.")]
 Spacing = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Of a volume, instead of the file's [m].")]
 Unit = Annotated[str | None, typer.Option(help="Of a volume file's lengths: m, cm, mm, um.")]
+SolidRule = Annotated[
+    str | None, typer.Option(help="Of a mesh: what is inside, by winding number: winding (above 0), even-odd.")
+]
+Weld = Annotated[float | None, typer.Option(metavar="METRES", help="Of a mesh: merge vertices this close.")]
+FillHoles = Annotated[
+    float | None, typer.Option(metavar="METRES", help="Of a mesh: close holes whose rim is at most this long.")
+]
 KEPT_HELP = "Contour file, or focal points or drives of a sweep."
 DURATION_HELP = "Stop after this time [s] if the motion has not ended; a static pose needs it."
 
@@ -125,6 +132,9 @@ def render(
     bounds: Annotated[
         Six | None, typer.Option(metavar="X Y Z X Y Z", help="Of a function: lowest and highest coordinates [m].")
     ] = None,
+    solid: SolidRule = None,
+    weld: Weld = None,
+    fill_holes: FillHoles = None,
     simplify: Annotated[
         float | None,
         typer.Option(metavar="METRES", help="Simplify a mesh within this distance; 0: a quarter of the focal width."),
@@ -158,6 +168,7 @@ def render(
         "hand": hand,
         "palm": palm,
         "volume": {"kind": kind, "level": level, "label": label, "inside": inside, "spacing": spacing, "unit": unit},
+        "mesh": {"solid": solid, "weld": weld, "fill_holes": fill_holes},
         "bounds": bounds,
         "simplify": simplify,
         "object_motion": object_motion,
@@ -213,9 +224,19 @@ def strategies(
 
 
 @app.command()
-def info(file: Annotated[Path, typer.Argument(metavar="FILE", help=KEPT_HELP)], json: Json = False) -> None:
-    """Tell what is in a contour file, or in focal points or drives that a sweep keeps."""
-    _run("job", "run_info", file, as_json=json)
+def info(
+    file: Annotated[Path, typer.Argument(metavar="FILE|MESH", help=KEPT_HELP + " Or a mesh, or a built-in object.")],
+    scale: Annotated[
+        float | None, typer.Option(help="Of a mesh: factor on its coordinates (0.001: millimetres).")
+    ] = None,
+    solid: SolidRule = None,
+    weld: Weld = None,
+    fill_holes: FillHoles = None,
+    json: Json = False,
+) -> None:
+    """Tell what is in a contour file, in focal points or drives that a sweep keeps, or what is wrong with a mesh."""
+    options = {"scale": scale, "solid": solid, "weld": weld, "fill_holes": fill_holes}
+    _run("job", "run_info", file, options, as_json=json)
 
 
 @app.command()

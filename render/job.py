@@ -10,7 +10,8 @@ from ..datasets.motion import HandMotion
 from . import console
 from .errors import StrategyError
 from .figure import draw_figure
-from .loading import is_recording, load_hand_and_motion, load_solid, simplified
+from .loading import is_recording, load_hand_and_motion, load_solid, refuse_options, simplified
+from .mesh_summary import is_mesh_name, mesh_facts
 from .objects import Placement
 from .pose_insertion import insert_poses
 from .recorder import record
@@ -36,6 +37,7 @@ class RenderJob:
     hand: str
     palm: tuple[float, float] | None
     volume: dict
+    mesh: dict
     bounds: tuple[float, ...] | None
     simplify: float | None
     object_motion: str | None
@@ -92,7 +94,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
     strategy = load_strategy(job.strategy)
     if job.step is not None:
         strategy = replace(strategy, step=job.step)
-    whole = load_solid(job.thing, Placement(**job.placement), volume=job.volume, bounds=job.bounds)
+    whole = load_solid(job.thing, Placement(**job.placement), volume=job.volume, mesh=job.mesh, bounds=job.bounds)
     thing, detail = simplified(whole, job.simplify)
     if strategy.needs_closed:
         thing.require_closed()
@@ -153,8 +155,15 @@ def run_render(options: dict, *, as_json: bool) -> int:
     return console.DONE
 
 
-def run_info(file: Path, *, as_json: bool) -> None:
-    """Summarise: contours, or frames that a sweep keeps."""
+def run_info(file: Path, options: dict, *, as_json: bool) -> None:
+    """Summarise: contours, frames that a sweep keeps, or what loading finds in a mesh with the given options."""
+    if is_mesh_name(str(file)):
+        console.start_warp()
+        facts = mesh_facts(str(file), options)
+        told = [name for name, value in facts.items() if value not in (0, "")]
+        console.say(facts, as_json=as_json, title=str(file), told=told)
+        return
+    refuse_options(options, "of a mesh", str(file))
     if frame_format(file) is not None:
         console.say(summarise_frames(file), as_json=as_json, title=str(file))
         return

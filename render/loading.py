@@ -47,24 +47,33 @@ POSE_HEADERS = ("time,x,y,z", "x,y,z")  # how a CSV of poses begins, and a recor
 
 
 def load_solid(
-    source: str, placement: Placement, *, volume: dict[str, Any] | None = None, bounds: tuple[float, ...] | None = None
+    source: str,
+    placement: Placement,
+    *,
+    volume: dict[str, Any] | None = None,
+    mesh: dict[str, Any] | None = None,
+    bounds: tuple[float, ...] | None = None,
 ) -> Solid:
     """An object of any kind, by the table above.
 
-    volume: options of `VoxelObject.load`; None among them is an option not given. bounds: of a function [m].
+    volume: options of `VoxelObject.load`, mesh: those of `MeshObject.load`; None among them is an option not given.
+    bounds: of a function [m].
     Raises MeshError for what cannot be loaded, StrategyError for options of another kind of object.
     """
+    repair = {name: value for name, value in (mesh or {}).items() if value is not None}
     given = {name: value for name, value in (volume or {}).items() if value is not None}
     if is_volume(source):
         refuse_options({"bounds": bounds}, "of a function", source)
+        refuse_options(repair, "of a mesh", source)
         require_volume_options(given)
         return VoxelObject.load(source, placement=placement, **given)
     refuse_options(given, "of a volume", source)
     if is_function_name(source) or Path(source).suffix == ".json":
+        refuse_options(repair, "of a mesh", source)
         box = None if bounds is None else np.array(bounds).reshape(2, 3)
         return ImplicitObject.load(source, bounds=box, placement=placement)
     refuse_options({"bounds": bounds}, "of a function", source)
-    return MeshObject.load(source, placement=placement)
+    return MeshObject.load(source, placement=placement, **repair)
 
 
 def require_volume_options(given: dict[str, Any]) -> None:

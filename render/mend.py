@@ -271,7 +271,11 @@ def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd
     faces = np.concatenate([surface.faces[rows], *united_faces])
     vertices, faces = weld(np.concatenate(united_points), faces)
     report = replace(
-        report, bodies_hidden=hidden, bodies_united=united, crossings=crossings, overlap=reasons[0] if reasons else ""
+        report,
+        bodies_hidden=hidden,
+        bodies_united=united,
+        crossings=crossings,
+        union_fault=reasons[0] if reasons else "",
     )
     return replace(surface, vertices=vertices, faces=sorted_faces(faces), report=report, tolerance=tolerance)
 

@@ -33,7 +33,7 @@ class MeshReport:
     """Pairs of triangles that crossed or overlapped when the file was read."""
     crossings: int = 0
     """Those of them that uniting did not resolve."""
-    overlap: str = ""
+    union_fault: str = ""
     """Why bodies that cross could not be united; empty if there was no need or it was done."""
     open_edges: int = 0
     """Edges with a triangle on one side only."""
@@ -75,7 +75,7 @@ class MeshReport:
         """What is left that a user should know, one phrase each; scale: metres of the object as placed a unit."""
         out = []
         if self.crossings:
-            why = f" ({self.overlap})" if self.overlap else ""
+            why = f" ({self.union_fault})" if self.union_fault else ""
             out.append(
                 f"{self.crossings} pairs of triangles cross{why}: sections are regularised by winding number, "
                 "pose by pose, which is slower"

@@ -2,7 +2,8 @@
 
 import hashlib
 import warnings
-from dataclasses import asdict, dataclass
+from copy import copy
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from threading import RLock
@@ -139,7 +140,11 @@ class MeshObject:
     """A triangle mesh in the array's frame, judged and mended.
 
     vertices: [m], shape [vertex, 3]; faces: int, shape [face, 3], counter-clockwise from outside.
-    Warns (PalpateWarning) of what was mended, of a size that suggests millimetres, and of an object behind the array.
+    solid: what is inside: "winding", where the winding number of all bodies is above 0, or "even-odd", where it is odd.
+    weld: vertices at most this far apart are merged [m]; fill_holes: holes whose rim is at most this long are closed
+    [m]; both of the object as placed. watch: takes the stages of loading as they pass.
+    Warns (PalpateWarning) of what was found and mended, of a size that suggests millimetres, and of an object behind
+    the array.
     Raises MeshError for what is no mesh.
     """
 
@@ -165,6 +170,7 @@ class MeshObject:
         self.report = mended.report
         """What was found and done; lengths in the unit of the vertices as given."""
         self._solid_count = mended.solid_count
+        self._repair_options = {"solid": self.solid, "weld": weld, "fill_holes": fill_holes}
         self.vertices = self.placement.applied_to(mended.vertices).astype(np.float32)
         """[m], float32, shape [vertex, 3]."""
         self.faces = mended.faces.astype(np.int32)
@@ -179,15 +185,27 @@ class MeshObject:
         self._judge_rounding(mended.vertices)
 
     @classmethod
-    def load(cls, source: str | Path, *, placement: Placement | None = None) -> "MeshObject":
-        """Load a built-in object by name, or any mesh file that trimesh reads (STL, OBJ, PLY, GLB, ...)."""
+    def load(
+        cls,
+        source: str | Path,
+        *,
+        placement: Placement | None = None,
+        solid: str = "winding",
+        weld: float = 0.0,
+        fill_holes: float = 0.0,
+        watch: Watch = unwatched,
+    ) -> "MeshObject":
+        """Load a built-in object by name, or any mesh file that trimesh reads (STL, OBJ, PLY, GLB, ...).
+
+        Other arguments and errors as for the class.
+        """
+        options = {"placement": placement, "solid": solid, "weld": weld, "fill_holes": fill_holes, "watch": watch}
         if str(source) in shape_names():
-            vertices, faces = shape(str(source))
-            return cls(vertices, faces, name=str(source), placement=placement)
+            return cls(*shape(str(source)), name=str(source), **options)
         path = Path(source)
         vertices, faces = read_mesh(path)
         try:
-            return cls(vertices, faces, name=path.name, placement=placement)
+            return cls(vertices, faces, name=path.name, **options)
         except MeshError as error:
             raise MeshError(f"{path}: {error}") from error
 
@@ -232,8 +250,9 @@ class MeshObject:
 
     @cached_property
     def identity(self) -> str:
-        """SHA-256 over vertices and faces as placed."""
-        return hashlib.sha256(self.vertices.tobytes() + b"/" + self.faces.tobytes()).hexdigest()
+        """SHA-256 over vertices and faces as placed, and the rule of inside unless that is "winding"."""
+        rule = b"" if self.solid == SOLID_RULES[0] else b"/" + self.solid.encode()
+        return hashlib.sha256(self.vertices.tobytes() + b"/" + self.faces.tobytes() + rule).hexdigest()
 
     def require_closed(self) -> None:
         """Raise MeshError, with the counts and the ways out, unless inside and outside are defined."""
@@ -249,6 +268,18 @@ class MeshObject:
             f"Ways out: palpate voxelise {self.name} makes a closed solid of it, --strategy oc accepts any mesh on "
             "palms, or close the mesh in a mesh editor"
         )
+
+    @cached_property
+    def solid_part(self) -> "MeshObject":
+        """The object without the open surfaces that enclose nothing: what closed contours are of."""
+        if self.report.sheet_faces == 0:
+            return self
+        out = copy(self)
+        for name in ("edges", "identity", "solid_part"):
+            out.__dict__.pop(name, None)
+        out.faces, out._on, out._fields, out._lock = self.faces[: self._solid_count], {}, {}, RLock()
+        out.report = replace(self.report, sheet_faces=0, open_edges=0, holes=0, rim_longest=0.0)
+        return out
 
     @property
     def is_simple(self) -> bool:
@@ -281,6 +312,7 @@ class MeshObject:
             "triangles": len(self.faces),
             "hash": self.identity,
             "placement": asdict(self.placement),
+            "repair": self._repair_options,
             "report": asdict(self.report),
             **({} if self.detail is None else {"detail": self.detail}),
         }

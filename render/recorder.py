@@ -58,7 +58,7 @@ def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
         placement=described["placement"],
         representation={} if meshed else {k: v for k, v in described.items() if k not in ("name", "placement")},
         moved=None if scene.moved is None else about_outline(scene.moved, scene.pivot, vertices),
-        object_attributes={k: described[k] for k in ("triangles", "report", "detail") if k in described},
+        object_attributes={k: described[k] for k in ("triangles", "repair", "report", "detail") if k in described},
         hand=hand.described(),
         hand_arrays=hand.arrays(),
         strategy=scene.strategy.described() | ({"sources": sources} if sources else {}),

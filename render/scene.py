@@ -108,6 +108,7 @@ class Scene:
         marches = not is_exact(thing, hand, strategy)
         if strategy.needs_closed or isinstance(hand, MeshHand):
             thing.require_closed()
+            thing = thing.solid_part if isinstance(thing, MeshObject) else thing
         if isinstance(hand, MeshHand) and not strategy.bounded and strategy.raw_stage.name == "section":
             raise StrategyError('prune: contours on a hand mesh end where the skin does: "outside" cannot be left out')
         stages = (*strategy.prune_stages, *strategy.transform_stages)

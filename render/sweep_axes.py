@@ -17,7 +17,7 @@ from ..kernels.solve import POINTS_MOST
 from .drive import AMPLITUDES, SOLVERS, Driver, DriveStrategy
 from .errors import RenderError, StrategyError
 from .hands import LARGEST, SMALLEST, Palm
-from .objects import SIZE_LARGEST, UP_AXES
+from .objects import SIZE_LARGEST, SOLID_RULES, UP_AXES
 from .rig import load_rig
 from .sampling_strategy import SamplingStrategy
 from .strategy import STEP_HIGHEST, STEP_LOWEST
@@ -59,6 +59,9 @@ KEYS: dict[str, dict[str, Key]] = {
         "spacing": Key(Vector(3, Number(1e-9, 1.0, "m")), of=("volume",)),
         "unit": Key(Choice(tuple(UNITS)), of=("volume",)),
         "bounds": Key(Vector(6, COORDINATE), of=("function",)),
+        "solid": Key(Choice(SOLID_RULES), SOLID_RULES[0], of=("built-in", "mesh")),
+        "weld": Key(Number(0.0, SIZE_LARGEST, "m"), 0.0, of=("built-in", "mesh")),
+        "fill_holes": Key(Number(0.0, SIZE_LARGEST, "m"), 0.0, of=("built-in", "mesh")),
         "simplify": Key(Number(0.0, 0.1, "m"), of=("built-in", "mesh")),
     },
     "hand": {
@@ -103,6 +106,7 @@ EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
 RANDOM_SIZE, RANDOM_AT = 0.13, [0.0, 0.0, 0.2]
 """Cube in which random poses lie, and its middle [m]: about the built-in objects."""
 PLACEMENT_KEYS = ("scale", "up", "fit", "rotate", "at")
+MESH_KEYS = ("solid", "weld", "fill_holes")
 VOLUME_KEYS = ("kind", "level", "label", "inside", "spacing", "unit")
 
 
@@ -208,11 +212,13 @@ def part_of(axis: str, values: Mapping[str, Any]) -> RecipePart:
 
 def _object(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
     full = {name: values.get(name, key.default) for name, key in KEYS["object"].items()}
+    repair = {name: full[name] for name in MESH_KEYS if full[name] != KEYS["object"][name].default}
     return {
         **_whence(source),
         "function": source.loaded,
         **{name: full[name] for name in PLACEMENT_KEYS},
         "volume": {name: full[name] for name in VOLUME_KEYS if full[name] is not None},
+        **({"mesh": repair} if repair else {}),  # without it, keys are those of before it was there
         "bounds": full["bounds"],
         "simplify": full["simplify"],
     }

@@ -139,6 +139,7 @@ class Recipe:
             **_spread("object_rotate", thing["rotate"]),
             **_spread("object_at", thing["at"]),
             "object_simplify": thing["simplify"],
+            **{f"object_{name}": thing.get("mesh", {}).get(name) for name in ("solid", "weld", "fill_holes")},
             "object_bounds": _written(thing["bounds"]),
             **{f"object_{name}": volume.get(name) for name in ("kind", "level", "inside", "unit")},
             "object_label": _written(volume.get("label")),

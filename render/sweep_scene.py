@@ -244,6 +244,7 @@ def _load_thing(thing: dict[str, Any]) -> Solid:
         thing["source"],
         placement,
         volume=thing.get("volume") or {},
+        mesh=thing.get("mesh") or {},
         bounds=None if bounds is None else tuple(bounds),
     )
     return simplified(solid, thing.get("simplify"))[0]

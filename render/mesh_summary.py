@@ -1,0 +1,68 @@
+"""What is in a mesh file, what loading did to it, and what could be done: `palpate info MESH`."""
+
+import warnings
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..datasets.shapes import shape_names
+from .errors import PalpateWarning
+from .objects import MeshObject, Placement
+
+ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth away
+
+
+def is_mesh_name(source: str) -> bool:
+    """Whether a file's name, or a built-in one, is that of a mesh."""
+    import trimesh  # half a second that contour files need not wait for
+
+    suffix = Path(source).suffix.lower().lstrip(".")
+    return source in shape_names() or (suffix not in ("h5", "hdf5") and suffix in trimesh.available_formats())
+
+
+def mesh_facts(source: str, options: dict[str, Any]) -> dict[str, Any]:
+    """The mesh in numbers, and in sentences what was changed, what is left, and what could be done.
+
+    options: `scale` and those of `MeshObject.load`; None among them is an option not given. Raises MeshError.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    placement = Placement(scale=given.pop("scale", 1.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PalpateWarning)  # the table says the same
+        thing = MeshObject.load(source, placement=placement, **given)
+    report = thing.report
+    numbers = asdict(report)
+    for name in ("rim_longest", "weld_closes"):
+        numbers[name] *= placement.scale
+    return {
+        "size": np.ptp(thing.bounds, axis=0).tolist(),
+        "triangles_kept": len(thing.faces),
+        "vertices_kept": len(thing.vertices),
+        "solid": thing.solid,
+        **numbers,
+        "closed_contours": closed_contours(thing),
+        "changed": "; ".join(report.changes()) or "nothing",
+        "left": "; ".join(report.faults(placement.scale)) or "nothing",
+        "could_be_done": "; ".join(ways_out(thing, placement.scale)) or "nothing needed",
+    }
+
+
+def closed_contours(thing: MeshObject) -> str:
+    """Whether CC can be had of a mesh."""
+    if not thing.report.closed:
+        return "refused: inside and outside are not defined"
+    return "exact" if thing.is_simple else "regularised pose by pose"
+
+
+def ways_out(thing: MeshObject, scale: float) -> list[str]:
+    """What a user could do about what is left, one phrase each; scale: metres of the object as placed a unit."""
+    report, out = thing.report, []
+    if report.weld_closes:
+        out.append(f"--weld {ROOM * scale * report.weld_closes:.2g} merges vertices until no edge is open")
+    if report.open_edges:
+        out.append(f"--fill-holes {ROOM * scale * report.rim_longest:.2g} closes every hole")
+    if not report.closed:
+        out.append(f"palpate voxelise {thing.name} makes a closed solid of it")
+    return out

@@ -18,13 +18,13 @@ from rich.table import Table
 from ..datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
 from ..device.report import LiveStatistics, PlayReport
-from .errors import PalpateWarning, PlacementError, PlanError, RenderError, StrategyError
+from .errors import PalpateWarning, PlacementError, PlanError, RenderError, RepairError, StrategyError
 
 TOLD_WARNINGS = (PalpateWarning, RecordingWarning)
 
 DONE, FAILED, MISUSED = 0, 1, 2
 
-MISUSES = (StrategyError, PlacementError, PlanError, NotStoreError, UnknownArrayError, UpdateRateError)
+MISUSES = (StrategyError, PlacementError, RepairError, PlanError, NotStoreError, UnknownArrayError, UpdateRateError)
 """Errors that are about what was asked, not about what happened."""
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)

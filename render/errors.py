@@ -8,7 +8,8 @@ RenderError
 ├── PoseError (ValueError)       poses that cannot be used
 ├── SweepError                   a sweep that cannot be made, or not by this worker
 │   └── PlanError (ValueError)   a plan with a value that cannot be
-└── PlacementError (ValueError)  a placement that cannot be applied
+├── PlacementError (ValueError)  a placement that cannot be applied
+└── RepairError (ValueError)     an option of loading a mesh that cannot be
 """
 
 
@@ -34,6 +35,10 @@ class StrategyError(RenderError, ValueError):
 
 class PlacementError(RenderError, ValueError):
     """A placement with a value that cannot be applied."""
+
+
+class RepairError(RenderError, ValueError):
+    """An option of how a mesh is mended, with a value that cannot be."""
 
 
 class PoseError(RenderError, ValueError):

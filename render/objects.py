@@ -17,7 +17,7 @@ from ..datasets.shapes import shape, shape_names
 from ..kernels.field import Field
 from ..kernels.solid import mesh_field
 from ..kernels.surface import HalfEdges, upload_surface
-from .errors import MeshError, PalpateWarning, PlacementError
+from .errors import MeshError, PalpateWarning, PlacementError, RepairError
 from .loading_progress import Watch, unwatched
 from .mend import Repair, mend_mesh
 
@@ -111,9 +111,9 @@ def up_rotation(up: str) -> np.ndarray:
 
 
 def require_solid_rule(solid: str) -> str:
-    """The rule for what is inside, as given; raises MeshError unless it is one of SOLID_RULES."""
+    """The rule for what is inside, as given; raises RepairError unless it is one of SOLID_RULES."""
     if solid not in SOLID_RULES:
-        raise MeshError(f"solid must be one of {', '.join(SOLID_RULES)}, not {solid!r}")
+        raise RepairError(f"solid must be one of {', '.join(SOLID_RULES)}, not {solid!r}")
     return solid
 
 
@@ -145,7 +145,7 @@ class MeshObject:
     [m]; both of the object as placed. watch: takes the stages of loading as they pass.
     Warns (PalpateWarning) of what was found and mended, of a size that suggests millimetres, and of an object behind
     the array.
-    Raises MeshError for what is no mesh.
+    Raises MeshError for what is no mesh, RepairError for an option that cannot be.
     """
 
     def __init__(
@@ -212,7 +212,7 @@ class MeshObject:
     def _repair(self, weld: float, fill_holes: float) -> Repair:
         for field, value in (("weld", weld), ("fill_holes", fill_holes)):
             if not 0 <= value < np.inf:  # a NaN compares false
-                raise MeshError(f"{field} must be a length in metres of 0 or more, not {value}")
+                raise RepairError(f"{field} must be a length in metres of 0 or more, not {value}")
         return Repair(self.solid, weld / self._scale, fill_holes / self._scale)
 
     def _warn_of_report(self) -> None:

@@ -23,7 +23,7 @@ from .patch import EXACT
 wp.set_module_options(EXACT)
 
 CHUNK = 2**17  # faces a launch: a second or so, then Ctrl-C is heard
-ROOM_LARGEST = 2**24  # pairs a launch; fewer faces are taken where there are more
+ROOM_LARGEST = 2**22  # pairs a launch; fewer faces are taken where there are more
 
 
 @wp.struct
@@ -287,10 +287,10 @@ def _find_crossings(
     pair: wp.array[wp.vec2i],  # faces that cross, in any order
     count: wp.array[wp.int32],  # how many there are, more than there is room for among them; comes as 0, shape [1]
 ):
-    """Find the faces after each face that cross it."""
+    """Find the faces after each face that cross it; what begins once the room is used up finds nothing."""
     own = first + wp.tid()
     f = triangles.face[own]
-    if widest_axis(corners_of(triangles, f)) >= 0:
+    if count[0] <= pair.shape[0] and widest_axis(corners_of(triangles, f)) >= 0:
         query = wp.bvh_query_aabb(triangles.tree, triangles.low[own], triangles.high[own])
         other = int(0)
         while wp.bvh_query_next(query, other):
@@ -337,8 +337,8 @@ def find_crossings(
         wp.launch(_find_crossings, count, inputs=[triangles, first], outputs=[pair, found], device=device)
         crossing_count = int(found.numpy()[0])
         if crossing_count > room and count > 1:
-            step = max(1, count // 2 if crossing_count > ROOM_LARGEST else count)
-            room = min(max(2 * room, crossing_count), ROOM_LARGEST)
+            step = max(1, count // 8) if room == ROOM_LARGEST else count
+            room = min(8 * room, ROOM_LARGEST)
             continue
         first += count
         kept = pair.numpy()[: min(crossing_count, room)]

@@ -282,7 +282,7 @@ def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd
 
 def is_hidden(bodies: Bodies, cluster: Cluster) -> bool:
     """Whether bodies that touch each other lie in the solid of others whatever they do to the winding number."""
-    if not cluster.is_plain:
+    if cluster.fault:
         return False
     sign = bodies.sign[cluster.bodies]
     return bool(bodies.level[cluster.bodies].min() + np.minimum(sign, 0).sum() > 0)
@@ -292,8 +292,8 @@ def united_cluster(surface: Surface, bodies: Bodies, cluster: Cluster, even_odd:
     """Vertices and faces of what bodies that cross bound together; raises MeshError where that cannot be had."""
     if even_odd:
         raise MeshError("the even-odd rule is no union")
-    if not cluster.is_plain:
-        raise MeshError("a body crosses itself")
+    if cluster.fault:
+        raise MeshError(cluster.fault)
     members = cluster.bodies.tolist()
     place = {body: k for k, body in enumerate(members)}
     sign, level = bodies.sign[members], int(bodies.level[members].max())
@@ -317,6 +317,8 @@ def finished(solid: Surface, sheets: np.ndarray, sheet_vertices: np.ndarray) -> 
     solid_count = len(solid.faces)
     report = solid.report
     if len(sheets):
+        crossings = crossings_with(vertices, faces, solid_count)
+        report = replace(report, crossings_found=report.crossings_found + crossings)
         report = with_sheets(report, vertices, faces[solid_count:], solid_count > 0, solid.tolerance)
     if len(faces) == 0:
         raise MeshError(
@@ -324,6 +326,13 @@ def finished(solid: Surface, sheets: np.ndarray, sheet_vertices: np.ndarray) -> 
         )
     flat = areas_of(vertices, faces) <= 0.5e-15 * np.ptp(vertices, axis=0).max() ** 2
     return Mended(vertices, faces, solid_count, replace(report, faces_flat=int(flat.sum())))
+
+
+def crossings_with(vertices: np.ndarray, faces: np.ndarray, solid_count: int) -> int:
+    """Pairs of triangles that cross or overlap, of which one at least is of an open surface."""
+    is_sheet = (np.arange(len(faces)) >= solid_count).astype(np.int64)
+    found = count_crossings(vertices, faces, is_sheet, unwatched)
+    return int(found.count - found.of_body[0]) if solid_count else found.count
 
 
 def with_sheets(

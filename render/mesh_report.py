@@ -30,7 +30,7 @@ class MeshReport:
     bodies_united: int = 0
     """Bodies that crossed or touched and were replaced by their union."""
     crossings_found: int = 0
-    """Pairs of triangles that crossed or overlapped when the file was read."""
+    """Pairs of triangles that crossed or overlapped when the file was read; counting ends at some four million."""
     crossings: int = 0
     """Those of them that uniting did not resolve."""
     union_fault: str = ""
@@ -87,6 +87,8 @@ class MeshReport:
             out.append(f"{self.open_edges} open edges around {self.holes} holes, {longest}")
         if self.weld_closes:
             out.append(f"--weld {scale * self.weld_closes:.2g} would close them all")
+        if self.open_edges and self.crossings_found:
+            out.append(f"{self.crossings_found} pairs of triangles cross or overlap, open surfaces among them")
         if self.sheet_faces:
             out.append(
                 f"{self.sheet_faces} triangles of open surfaces enclose nothing: OC draws them, CC leaves them out"

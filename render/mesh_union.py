@@ -13,7 +13,7 @@ from .mesh_bodies import areas_of, largest_faces, points_behind, rows_of
 from .mesh_sheets import components
 from .mesh_welding import sorted_faces, weld
 
-CROSSINGS_MOST = 2**24  # pairs of triangles that are counted; beyond, the mesh is taken for nothing but crossings
+CROSSINGS_MOST = 2**22  # pairs of triangles that are counted; beyond, the mesh is taken for nothing but crossings
 CHECKS = 512  # random points and triangles at which a union is compared with its bodies
 CLEARANCE = 16.0  # of a mesh's rounding: how far from triangles it is compared
 
@@ -57,22 +57,25 @@ class Cluster(NamedTuple):
 
     bodies: np.ndarray
     crossing_count: int
-    is_plain: bool
-    """Whether none of them crosses itself."""
+    fault: str = ""
+    """Why they cannot be united; empty if they may be."""
 
 
 def clusters_of(crossings: Crossings) -> list[Cluster]:
     """Every body that crosses anything, with those that it touches."""
     body_count = len(crossings.of_body)
     if not crossings.all_counted:
-        return [Cluster(np.arange(body_count), crossings.count, False)]
+        return [
+            Cluster(np.arange(body_count), crossings.count, f"more than {CROSSINGS_MOST} pairs: not all were counted")
+        ]
     one, two = crossings.touching.T
     label = components(one, two, body_count)
     count = np.bincount(label, crossings.of_body, minlength=body_count)
     own = count > 0
     count += np.bincount(label[one], crossings.between, minlength=body_count)
     rows = rows_of(label)
-    return [Cluster(rows[k], int(count[k]), not own[k]) for k in np.flatnonzero(count > 0)]
+    fault = {False: "", True: "a body crosses itself"}
+    return [Cluster(rows[k], int(count[k]), fault[bool(own[k])]) for k in np.flatnonzero(count > 0)]
 
 
 def unite(

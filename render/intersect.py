@@ -1,4 +1,8 @@
-"""Raw contours of a mesh on the patches of a hand, or what they come to: one batch of poses in one go."""
+"""Raw contours of a mesh on the patches of a hand, or what they come to: one batch of poses in one go.
+
+Contours of a simple mesh are cut, joined and drawn by kernels. Those of a closed one that crosses itself are the
+boundary of what its winding number says is inside, which is found on the host, section by section.
+"""
 
 from typing import Any
 
@@ -7,10 +11,13 @@ import warp as wp
 from ..kernels.close import join_pieces, order_pieces
 from ..kernels.draw import draw_contours
 from ..kernels.find import find_pieces
+from ..kernels.plane_loops import plane_loops
+from ..kernels.ragged import PointLimitError
 from ..kernels.tally_pieces import tally_pieces
 from .contours import ContourBatch
 from .hands import PatchHand
 from .objects import MeshObject
+from .section_regularisation import regularised_contours
 from .stage_clock import StageClock
 from .strategy import IntersectionStrategy
 
@@ -32,6 +39,8 @@ def intersect(
     memory is taken for them. method: how contours are looked for, see `find_pieces`; the result is the same.
     timing: takes the seconds of each stage, which are then waited for one by one.
     """
+    if needs_regularising(thing):
+        return _regularised(thing, hand, pose, strategy, point_limit, method, timing)
     found, (surface, section, patch) = _pieces(thing, hand, pose, strategy, method, timing)
     device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
     with StageClock(timing, "join", device):
@@ -39,6 +48,38 @@ def intersect(
     with StageClock(timing, "draw", device):
         contours = draw_contours(surface, section, patch, joined, bounded=bounded, closes=closes)
     return ContourBatch.from_device(contours, hand.patch_count), joined.point_count
+
+
+def needs_regularising(thing: MeshObject) -> bool:
+    """Whether the contours in which planes cut a mesh are not the boundary of its sections: it crosses itself.
+
+    The sections of a surface with open edges have no inside to be regularised by: its contours are drawn as cut.
+    """
+    return not thing.is_simple and thing.report.closed
+
+
+def _regularised(
+    thing: MeshObject,
+    hand: PatchHand,
+    pose: wp.array,
+    strategy: IntersectionStrategy,
+    point_limit: int | None,
+    method: str | None,
+    timing: dict[str, float] | None,
+) -> tuple[ContourBatch, int]:
+    """`intersect` for a mesh that crosses itself; points of the loops that are cut count for the limit, too."""
+    device = str(pose.device)
+    section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
+    surface, patch = thing.on(device), hand.on(device)
+    with StageClock(timing, "find", device):
+        loops = plane_loops(surface, section, patch, method=method, limit=point_limit)
+    with StageClock(timing, "regularise", device):
+        batch = regularised_contours(
+            loops, patch, solid=thing.solid, bounded=strategy.bounded, closes=strategy.closes
+        )
+        if point_limit is not None and batch.point_count > point_limit:
+            raise PointLimitError(batch.point_count, point_limit)
+        return batch.to(device), batch.point_count
 
 
 def tally_intersection(

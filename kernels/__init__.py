@@ -6,7 +6,15 @@ interface: it checks, launches and returns arrays on the device of its inputs.
 
 from importlib import import_module
 
-RENDER_STAGES = ("trace", "events", "seek", "close", "draw", "measure")  # poses to contours of a mesh on patches
+RENDER_STAGES = (
+    "trace",
+    "events",
+    "seek",
+    "close",
+    "draw",
+    "plane_loops",
+    "measure",
+)  # poses to contours of a mesh on patches
 FIELD_STAGES = (
     "march_sample",
     "march_grid",

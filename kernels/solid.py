@@ -28,6 +28,9 @@ ROUNDING = wp.constant(wp.float64(4.8e-7))  # 2^-21: of float32 boxes, against t
 FAR = wp.constant(wp.float64(1.0e30))  # [m]
 BESIDE = wp.constant(wp.float64(1.0e-9))  # [m]; how far from a crossing both sides of it are asked
 SLACK = wp.constant(wp.float64(1.0e-9))  # of a way; an end may lie on the surface
+ABOVE_0 = wp.constant(0)
+ODD = wp.constant(1)
+RULES = {"winding": 0, "even-odd": 1}  # of `MeshObject.solid`: ABOVE_0, ODD
 CELLS = 48  # along the longest side of the bounds: settled cells answer for 3 points of 4 near a surface of 0.13 m
 
 
@@ -39,6 +42,7 @@ class Inside:
     low: wp.vec3d  # corner of the grid [m]
     cell: wp.float64  # side of a cell [m]
     settled: wp.array3d[wp.int8]  # 1: all of the cell is outside, -1: inside, 0: neither or not known
+    rule: int  # which winding numbers are inside: ABOVE_0 or ODD
 
 
 @wp.struct
@@ -167,8 +171,8 @@ def leaf_meeting(surface: Surface, s: Span, node: int):
 
 
 @wp.func
-def is_wound(surface: Surface, x: wp.vec3d):
-    """Whether the surface winds around x more often forwards than backwards; not where it passes through x."""
+def is_wound(surface: Surface, x: wp.vec3d, rule: int):
+    """Whether the surface's winding number around x is inside by a rule; not where it passes through x."""
     winding = int(0)
     span = span_of(surface, x, wp.vec3d(x[0], x[1], FAR))
     node = leaf_meeting(surface, span, 1)
@@ -186,6 +190,8 @@ def is_wound(surface: Surface, x: wp.vec3d):
             elif touches(t):
                 return False
         node = leaf_meeting(surface, span, node_after(node))
+    if rule == ODD:
+        return (winding & 1) != 0
     return winding > 0
 
 
@@ -202,7 +208,7 @@ def mesh_value(inside: Inside, x: wp.vec3d):
     known = inside.settled[int(at[0]), int(at[1]), int(at[2])]
     if known != wp.int8(0):
         return wp.float64(known)
-    if is_wound(inside.surface, x):
+    if is_wound(inside.surface, x, inside.rule):
         return wp.float64(-1.0)
     return wp.float64(1.0)
 
@@ -312,7 +318,7 @@ def is_near(t: Triangle, radius: wp.float64):
 
 
 @wp.func
-def settled_ball(surface: Surface, x: wp.vec3d, radius: wp.float64):
+def settled_ball(surface: Surface, x: wp.vec3d, radius: wp.float64, rule: int):
     """1 or -1 where no face comes as near to x as radius, which is outside or inside then; else 0."""
     room = radius * (wp.float64(1.0) + wp.float64(1.0e-6)) + wp.float64(1.0e-9)  # and rounding
     by = wp.vec3d(room, room, room)
@@ -324,7 +330,7 @@ def settled_ball(surface: Surface, x: wp.vec3d, radius: wp.float64):
             if is_near(face_from(surface, face, x), room):
                 return 0
         node = leaf_meeting(surface, span, node_after(node))
-    if is_wound(surface, x):
+    if is_wound(surface, x, rule):
         return -1
     return 1
 
@@ -332,7 +338,7 @@ def settled_ball(surface: Surface, x: wp.vec3d, radius: wp.float64):
 @wp.func
 def mesh_ball(inside: Inside, x: wp.vec3d, radius: wp.float64):
     """`Field.ball` of a closed surface."""
-    return settled_ball(inside.surface, x, radius)
+    return settled_ball(inside.surface, x, radius, inside.rule)
 
 
 @wp.kernel
@@ -341,6 +347,7 @@ def _settle_cells(
     surface: Surface,
     low: wp.vec3d,
     cell: wp.float64,
+    rule: int,
     # Out:
     settled: wp.array3d[wp.int8],
 ):
@@ -348,24 +355,25 @@ def _settle_cells(
     i, j, k = wp.tid()
     half = wp.float64(0.5)
     at = wp.vec3d(wp.float64(i) + half, wp.float64(j) + half, wp.float64(k) + half)
-    settled[i, j, k] = wp.int8(settled_ball(surface, low + cell * at, wp.float64(0.8661) * cell))
+    settled[i, j, k] = wp.int8(settled_ball(surface, low + cell * at, wp.float64(0.8661) * cell, rule))
 
 
-def mesh_field(surface: Any, bounds: np.ndarray) -> Field:
+def mesh_field(surface: Any, bounds: np.ndarray, *, solid: str = "winding") -> Field:
     """The inside of a closed surface (`upload_surface`) as a field on its device.
 
-    bounds: lowest and highest coordinates of the surface [m], shape [2, 3]. Faces look outwards; what has a winding
-    number above 0 is inside, so overlapping bodies count as their union and cavities as holes. Of a surface with open
-    edges the inside is that of the ray that runs up, which leaks.
+    bounds: lowest and highest coordinates of the surface [m], shape [2, 3]. solid: which winding numbers are inside.
+    "winding": those above 0, so faces must look outwards, overlapping bodies count as their union and cavities as
+    holes. "even-odd": odd ones, whichever way faces look. Of a surface with open edges the inside is that of the ray
+    that runs up, which leaks. Raises KeyError for another rule.
     """
     device = surface.corner.device
     low, high = np.asarray(bounds, np.float64)
     inside = Inside()
     cell = max(np.ptp(np.stack([low, high]), axis=0).max() / CELLS, 1e-9)
     shape = np.floor((high - low) / cell).astype(int) + 3
-    inside.surface, inside.cell = surface, cell
+    inside.surface, inside.cell, inside.rule = surface, cell, RULES[solid]
     inside.low = wp.vec3d(*(0.5 * (low + high - shape * cell)))
     inside.settled = wp.empty(tuple(shape.tolist()), dtype=wp.int8, device=device)
-    inputs = [surface, inside.low, inside.cell]
+    inputs = [surface, inside.low, inside.cell, inside.rule]
     wp.launch(_settle_cells, tuple(shape.tolist()), inputs=inputs, outputs=[inside.settled], device=device)
     return Field(mesh_value, Inside, inside, mesh_root, mesh_ball)

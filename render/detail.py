@@ -65,7 +65,7 @@ def simplify(thing: MeshObject, tolerance: float | None = None, *, device: str =
     if best is whole:
         return thing, Detail(tolerance, 0.0, 0.0, before, before)
     distance, bound = hausdorff_distance(whole, best, accuracy=ACCURACY * tolerance, device=device)
-    simple = MeshObject(*best, name=thing.name)
+    simple = MeshObject(*best, name=thing.name, solid=thing.solid)
     return simple, Detail(tolerance, distance, bound, before, len(simple.faces))
 
 

@@ -16,7 +16,7 @@ from .batch import check_poses
 from .contours import ContourBatch
 from .errors import PoseError, StrategyError
 from .hands import Hand, PatchHand
-from .intersect import intersect
+from .intersect import intersect, needs_regularising
 from .objects import MeshObject
 from .sampling import FocalPoints, Path, Sampler, SamplingStrategy, joined, paths_of
 from .scene import Scene
@@ -36,9 +36,10 @@ class PoseContours:
 
     thing, hand, strategy: as in `render`; the hand must be rigid. method: how contours are looked for, see
     `find_pieces`. Sections of a mesh by planes take well under a millisecond: memory is taken when made, and anew,
-    twice as much, when a pose needs more. Anything else is rendered as `render` does, in milliseconds. Not for two
-    threads at once. Raises MeshError where the strategy needs a closed surface and the object has none, StrategyError
-    for an articulated hand, ValueError for a method that does not exist or not for this object.
+    twice as much, when a pose needs more. Anything else, meshes that cross themselves too, is rendered as `render`
+    does, in milliseconds. Not for two threads at once. Raises MeshError where the strategy needs a closed surface and
+    the object has none, StrategyError for an articulated hand, ValueError for a method that does not exist or not for
+    this object.
     """
 
     def __init__(
@@ -59,7 +60,8 @@ class PoseContours:
         self.grown = 0
         """How often memory was taken anew."""
         self._scene: Scene | None = scene
-        if not (isinstance(thing, MeshObject) and isinstance(hand, PatchHand) and scene.is_raw and scene.exact):
+        is_cut = isinstance(thing, MeshObject) and isinstance(hand, PatchHand) and scene.is_raw and scene.exact
+        if not is_cut or needs_regularising(thing):
             self.at(middle)
             return
         self._scene = None

@@ -14,7 +14,9 @@ from ..kernels.find import find_pieces
 from ..kernels.plane_loops import plane_loops
 from ..kernels.ragged import PointLimitError
 from ..kernels.tally_pieces import tally_pieces
+from .coincident_faces import gap_of
 from .contours import ContourBatch
+from .errors import MeshError
 from .hands import PatchHand
 from .objects import MeshObject
 from .section_regularisation import regularised_contours
@@ -74,9 +76,8 @@ def _regularised(
     with StageClock(timing, "find", device):
         loops = plane_loops(surface, section, patch, method=method, limit=point_limit)
     with StageClock(timing, "regularise", device):
-        batch = regularised_contours(
-            loops, patch, solid=thing.solid, bounded=strategy.bounded, closes=strategy.closes
-        )
+        stages = {"bounded": strategy.bounded, "closes": strategy.closes}
+        batch = regularised_contours(loops, patch, solid=thing.solid, gap=gap_of(thing), **stages)
         if point_limit is not None and batch.point_count > point_limit:
             raise PointLimitError(batch.point_count, point_limit)
         return batch.to(device), batch.point_count
@@ -115,6 +116,8 @@ def _pieces(
     timing: dict[str, float] | None,
 ) -> tuple[list[Any], tuple[Any, wp.array, wp.array]]:
     """What of the contours lies in each patch; and the surface, poses of sections and patches it was found with."""
+    if needs_regularising(thing):
+        raise MeshError(f"{thing.name} crosses itself: its contours are drawn to be measured (`intersect`)")
     if strategy.needs_closed:
         thing.require_closed()
     device = str(pose.device)

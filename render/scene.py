@@ -3,6 +3,7 @@
 | object | hand | raw intersection |
 |---|---|---|
 | mesh | patches | kernels.find, close, draw: exact, from triangle to triangle |
+| mesh that crosses itself | patches | kernels.plane_loops, render.section_regularisation: bounded by its winding number |
 | voxels, function | patches | kernels.march: marching squares on a grid over each patch |
 | any | skin | kernels.skin: marching triangles over the skin |
 | any, raw "contact" | any | render.contact: points of skin inside the object, and a path through them |
@@ -25,7 +26,7 @@ from .contours import ContourBatch
 from .errors import MeshError, PoseError, StrategyError
 from .focal_spot import focal_width
 from .hands import Hand, PatchHand, poses_on_host, require_rows, sections_on
-from .intersect import intersect, tally_intersection
+from .intersect import intersect, needs_regularising, tally_intersection
 from .mesh_hand import MeshHand
 from .moving import seen_from
 from .objects import MeshObject
@@ -194,7 +195,8 @@ class Scene:
     @property
     def is_drawn_to_measure(self) -> bool:
         """Whether lengths are known of points only; else `tally` tells them."""
-        return not (self.exact and self.is_raw and self.moved is None)
+        crosses = isinstance(self.thing, MeshObject) and needs_regularising(self.thing)
+        return crosses or not (self.exact and self.is_raw and self.moved is None)
 
     def tally(
         self,
@@ -208,7 +210,9 @@ class Scene:
     ) -> None:
         """Measure a batch of poses and draw nothing, see `tally_intersection`; not where points are needed."""
         if not (isinstance(self.thing, MeshObject) and isinstance(self.hand, PatchHand)) or self.is_drawn_to_measure:
-            raise StrategyError("only raw contours of a mesh that stands still, on patches, are measured undrawn")
+            raise StrategyError(
+                "only raw contours of a simple mesh that stands still, on patches, are measured undrawn"
+            )
         section = sections_on(self.hand, pose, first, device)
         tally_intersection(self.thing, self.hand, section, self.strategy, value, length, timing=timing)
 

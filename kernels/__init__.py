@@ -6,15 +6,8 @@ interface: it checks, launches and returns arrays on the device of its inputs.
 
 from importlib import import_module
 
-RENDER_STAGES = (
-    "trace",
-    "events",
-    "seek",
-    "close",
-    "draw",
-    "plane_loops",
-    "measure",
-)  # poses to contours of a mesh on patches
+# Poses to contours of a mesh on patches.
+RENDER_STAGES = ("trace", "events", "seek", "close", "draw", "plane_loops", "measure")
 FIELD_STAGES = (
     "march_sample",
     "march_grid",

@@ -27,7 +27,7 @@ def gap_of(thing: MeshObject) -> float:
 
 
 def _has_opposite_planes(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    from scipy.spatial import cKDTree  # a tenth of a second that simple meshes do without
+    from scipy.spatial import KDTree  # a tenth of a second that simple meshes do without
 
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     corner = ((vertices - 0.5 * (low + high)) / np.ptp([low, high], axis=0).max())[faces]
@@ -36,5 +36,5 @@ def _has_opposite_planes(vertices: np.ndarray, faces: np.ndarray) -> bool:
     normal, corner = normal[length > 0] / length[length > 0, None], corner[length > 0]
     place = np.einsum("ij,ij->i", normal, corner[:, 0])
     plane = np.unique(np.rint(np.column_stack([normal, place]) / FLAT), axis=0)  # many faces of a voxel mesh share one
-    distance, _ = cKDTree(plane).query(-plane, distance_upper_bound=4.0)  # rounding, twice: 2 units a coordinate
+    distance = np.asarray(KDTree(plane).query(-plane, distance_upper_bound=4.0)[0])  # rounding: 2 units a coordinate
     return bool(np.isfinite(distance).any())

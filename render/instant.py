@@ -60,8 +60,9 @@ class PoseContours:
         self.grown = 0
         """How often memory was taken anew."""
         self._scene: Scene | None = scene
-        is_cut = isinstance(thing, MeshObject) and isinstance(hand, PatchHand) and scene.is_raw and scene.exact
-        if not is_cut or needs_regularising(thing):
+        if not (
+            isinstance(thing, MeshObject) and isinstance(hand, PatchHand) and scene.is_raw and scene.exact
+        ) or needs_regularising(thing):
             self.at(middle)
             return
         self._scene = None

@@ -3,7 +3,7 @@
 | object | hand | raw intersection |
 |---|---|---|
 | mesh | patches | kernels.find, close, draw: exact, from triangle to triangle |
-| mesh that crosses itself | patches | kernels.plane_loops, render.section_regularisation: bounded by its winding number |
+| mesh that crosses itself | patches | kernels.plane_loops, render.section_regularisation: by its winding number |
 | voxels, function | patches | kernels.march: marching squares on a grid over each patch |
 | any | skin | kernels.skin: marching triangles over the skin |
 | any, raw "contact" | any | render.contact: points of skin inside the object, and a path through them |

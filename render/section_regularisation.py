@@ -10,7 +10,8 @@ Coordinates are those of the patch's frame, rounded to a lattice of 2^-40 m (0.9
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -23,7 +24,8 @@ FILL_RULES = {"winding": "Positive", "even-odd": "EvenOdd"}
 LATTICE_BITS = 40  # the finest lattice has steps of 2^-40 m
 COORDINATE_BITS = 50  # steps from the middle to the farthest coordinate: float64 has 53 bits, so 3 are to compute with
 UNIT = 2.0**-27  # of its unit: what `CrossSection` rounds to (measured), 8 decimal places as a power of 2
-MITRE = 4.0  # in offsets: corners that stand out farther are cut off there
+MITRE = 100.0  # in offsets: corners that stand out farther, those of less than a degree, are cut off there
+SLIVER = 8.0  # steps of the lattice; which way a polygon that is narrower in the mean goes around is rounding's to say
 BLOCK_POINTS = 2**18  # points of loops that are worked on at a time, which takes some 100 bytes each
 
 
@@ -79,14 +81,18 @@ def regularised_contours(
     loops: of `plane_loops`; patch: those it was called with. solid: which winding numbers are inside, "winding" or
     "even-odd". gap: gaps and walls up to twice as wide count as none [m]; 0 where no faces lie on each other.
     bounded: whether contours end at the patches' sides; closes: whether they are closed along them, not for whole
-    planes. A polyline that meets the patch's boundary starts where the object's contour enters the patch, or at corner 0
-    if nothing but the boundary is left; a loop starts at its lowest point along u, then v. Of a section those that meet
-    the boundary come first, each group in the order of where they start.
+    planes.
+
+    A polyline that meets the patch's boundary starts where the object's contour enters the patch, or at corner 0 if
+    nothing but the boundary is left; a loop starts at its lowest point along u, then v. Of a section those that meet
+    the boundary come first, each group in the order of where they start. OC is cut out of CC.
     """
-    points, loop_start, section_start, frame = (array.numpy() for array in loops)
+    host: list[Any] = [array.numpy() for array in loops]
+    points, loop_start, section_start, frame = host
+    of_section: np.ndarray = loop_start[section_start]  # offsets of points
     half = patch.numpy()["half"].astype(np.float64).reshape(-1, 2)
     batches = []
-    for first, stop in _blocks(loop_start[section_start], len(half)):
+    for first, stop in _blocks(of_section, len(half)):
         start = loop_start[section_start[first] : section_start[stop] + 1]
         section = np.repeat(np.arange(stop - first), np.diff(section_start[first : stop + 1]))
         own = Loops(points[start[0] : start[-1]].reshape(-1, 2), start - start[0], section)
@@ -130,22 +136,18 @@ def _on_lattice(loops: Loops, frame: np.ndarray, half: np.ndarray | None) -> tup
 
 
 def _regularised(loops: Loops, planes: Planes, rule: str, gap: float) -> Loops:
-    """The polygons that bound what is inside, outlines counter-clockwise and holes clockwise, in steps of the lattice.
-
-    A gap is closed by growing the region and shrinking it again, a wall removed the other way round: straight edges
-    come back to where they were.
-    """
-    from manifold3d import CrossSection, FillRule, JoinType  # 15 ms that simple meshes do without
+    """The polygons that bound what is inside, outlines counter-clockwise and holes clockwise, in steps of the lattice."""
+    from manifold3d import CrossSection, FillRule  # 15 ms that simple meshes do without
 
     sides, points = planes.sides(), loops.points * UNIT
     first = np.flatnonzero(np.diff(loops.section, prepend=-1, append=-1))
     polygons: list[np.ndarray] = []
     section: list[int] = []
-    for one, two in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
+    for one, two in pairwise(first.tolist()):
         own, start = int(loops.section[one]), loops.start[one : two + 1].tolist()
-        region = CrossSection([points[a:b] for a, b in zip(start, start[1:], strict=False)], FillRule[rule])
-        for by in (1, -2, 1) if gap else ():
-            region = region.offset(by * gap / planes.step[own] * UNIT, JoinType.Miter, MITRE)
+        region = CrossSection([points[a:b] for a, b in pairwise(start)], FillRule[rule])
+        if gap:
+            region = _healed(region, gap / planes.step[own] * UNIT)
         if sides is not None and (np.abs(points[start[0] : start[-1]]) >= sides[own] * UNIT).any():
             region ^= CrossSection.square(2 * UNIT * sides[own], center=True)
         polygons += region.to_polygons()
@@ -153,6 +155,27 @@ def _regularised(loops: Loops, planes: Planes, rule: str, gap: float) -> Loops:
     start = np.concatenate([[0], np.cumsum([len(polygon) for polygon in polygons])]).astype(np.int64)
     every = np.concatenate(polygons) / UNIT if polygons else np.zeros((0, 2))
     return Loops(every, start, np.array(section, np.int64))
+
+
+def _healed(region: Any, gap: float) -> Any:
+    """A `CrossSection` without gaps and walls up to twice as wide as this.
+
+    Grown, it has no gaps, and shrunk again no walls; straight edges and corners come back to where they were. Slivers
+    are left out before, since `offset` takes all for inside out if its lowest polygon is.
+    """
+    from manifold3d import CrossSection, JoinType
+
+    for by in (gap, -2 * gap, gap):
+        wide = [polygon for polygon in region.to_polygons() if _mean_width(polygon) > SLIVER * UNIT]
+        region = CrossSection(wide).offset(by, JoinType.Miter, MITRE)
+    return region
+
+
+def _mean_width(polygon: np.ndarray) -> float:
+    """How wide a polygon would be if it were a strip as long."""
+    p = polygon - polygon[0]
+    q = np.roll(p, -1, axis=0)
+    return float(2 * abs((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()) / (2 * np.hypot(*(q - p).T).sum()))
 
 
 def _as_batch(polygons: Loops, planes: Planes, patch_count: int) -> ContourBatch:
@@ -178,7 +201,7 @@ def _edges_on_sides(polygons: Loops, planes: Planes) -> np.ndarray:
         return np.zeros(len(polygons.points), bool)
     end = sides[polygons.section[polygons.of_points()]]
     beyond = np.concatenate([polygons.points >= end - 1, polygons.points <= 1 - end], axis=1)  # 1 step: rounding's
-    return (beyond & beyond[polygons.following()]).any(axis=1)
+    return np.any(beyond & beyond[polygons.following()], axis=1)
 
 
 def _starts(polygons: Loops, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ FIELD_STAGES = (
     "march_sample",
     "march_grid",
     "march_lines",
+    "march_turn",
     "march_walk",
     "skin",
     "skin_walk",

@@ -9,7 +9,7 @@ its neighbours'. Each brick knows how far around it, in bricks, that goes on.
 import numpy as np
 import warp as wp
 
-from .dense import blended, clamped, dense_field
+from .dense import blended, clamped, dense_field, grain_of
 from .field import ROOT_WIDTH, Field, share_of
 
 SHIFT = 1
@@ -210,4 +210,12 @@ def bricked_field(padded: np.ndarray, affine: np.ndarray, device: str) -> Field:
     data.reach = wp.array(page_reach(reach), dtype=wp.int8, device=device)
     data.brick_stride = wp.vec2i(64 * -(-reach.shape[1] // 4) * -(-reach.shape[2] // 4), 64 * -(-reach.shape[2] // 4))
     data.spread = wp.vec3d(*np.linalg.norm(inverse, axis=1))
-    return Field(bricked_value, Bricked, data, root=bricked_root, ball=bricked_ball, inside=bricked_inside)
+    return Field(
+        bricked_value,
+        Bricked,
+        data,
+        root=bricked_root,
+        ball=bricked_ball,
+        inside=bricked_inside,
+        grain=grain_of(affine),
+    )

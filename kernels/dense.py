@@ -88,6 +88,11 @@ def upload_dense(padded: np.ndarray, affine: np.ndarray, device: str) -> Dense:
     return data
 
 
+def grain_of(affine: np.ndarray) -> float:
+    """Spacing of voxels along the axis where it is widest [m]."""
+    return float(np.linalg.norm(np.asarray(affine, np.float64)[:3, :3], axis=0).max())
+
+
 def dense_field(padded: np.ndarray, affine: np.ndarray, device: str) -> Field:
     """The same as a field; see `upload_dense`."""
-    return Field(dense_value, Dense, upload_dense(padded, affine, device))
+    return Field(dense_value, Dense, upload_dense(padded, affine, device), grain=grain_of(affine))

@@ -52,6 +52,8 @@ class Field(NamedTuple):
 
     inside: Any = None
     """wp.func (data, x: wp.vec3d) -> bool: whether `value` is below 0 there, found sooner than the value; or None."""
+    grain: float = 0.0
+    """Size of the details that are no longer the solid's, as the spacing of voxels [m]."""
 
 
 @made_once

@@ -18,15 +18,18 @@ import warp as wp
 
 from .draw import Contours
 from .field import Field
-from .march_grid import Grids, lay_grids, place_grids
+from .march_follow import follow_tips
+from .march_grid import Grids, Moved, lay_grids, place_grids
 from .march_lines import count_points, write_lines
-from .march_sample import find_roots, resolve_cells, sample_nodes
-from .march_walk import walk_sections
+from .march_sample import Samples, find_roots, resolve_cells, sample_nodes
+from .march_tip import LEAST, Found, find_tips
+from .march_walk import Trails, walk_sections
 from .patch import ON
 from .ragged import PointLimitError, last_of
 
 CPU_TILES = 1 << 17  # of a chunk: what is read again is still in the cache
 GPU_TILES = 1 << 23  # 32 MiB of bits
+GRAIN_MOST = 0.25  # of a step: details of a coarser field are not told from its grain
 SLOTS_MOST = 1 << 26  # cut edges of a chunk of several poses, 40 bytes each
 
 
@@ -65,7 +68,7 @@ def march_patches(
         middle = bounds.mean(axis=0)
         half = np.full_like(half, 0.5 * float(np.linalg.norm(bounds[1] - bounds[0])) + step - float(ON))
     grids = lay_grids(half, step, pose.device)
-    march = _March(field, pose, patch, grids, bounds, middle, closes, limit)
+    march = _March(field, pose, patch, grids, bounds, middle, closes, limit, step)
     return _joined(list(march.chunks()), pose.device)
 
 
@@ -82,9 +85,12 @@ class _March:
         middle: np.ndarray | None,
         closes: bool,
         limit: int | None,
+        step: float,
     ) -> None:
         self.field, self.pose, self.patch, self.grids = field, pose, patch, grids
         self.bounds, self.middle, self.closes, self.limit = bounds, middle, closes, limit
+        self.spare = 4 if closes else 0  # corners of a patch
+        self.least = max(LEAST, field.grain / step)
         self.point_count = self.polyline_count = 0
 
     def chunks(self) -> Iterator[Contours]:
@@ -109,13 +115,15 @@ class _March:
             self.pose, self.patch, self.grids, first * patch_count, (stop - first) * patch_count, middle=self.middle
         )
         bits = sample_nodes(self.field, lattice, self.grids, self.bounds)
-        samples = resolve_cells(self.field, lattice, self.grids, bits, spare=4 if self.closes else 0)
-        slot_count = last_of(samples.cut_start)
-        if slot_count > SLOTS_MOST and stop - first > 1:
+        samples = resolve_cells(self.field, lattice, self.grids, bits, spare=self.spare)
+        if last_of(samples.cut_start) > SLOTS_MOST and stop - first > 1:
             return None
-        trails = walk_sections(samples, self.grids, slot_count, closes=self.closes)
-        point = find_roots(self.field, lattice, self.grids, trails.code, trails.section)
-        kept = count_points(trails, point)
+        trails, point, found = self.trace(lattice, samples, Moved())
+        if found.far_count:
+            moved = follow_tips(self.field, lattice, self.grids, bits, samples.cut_start, found)
+            samples = resolve_cells(self.field, lattice, self.grids, bits, spare=self.spare)
+            trails, point, found = self.trace(lattice, samples, moved)
+        kept = count_points(trails, point, found.tip)
         point_base, polyline_base = self.point_count, self.polyline_count
         self.point_count += kept.point_count
         self.polyline_count += kept.polyline_count
@@ -124,12 +132,21 @@ class _March:
         return write_lines(
             trails,
             point,
+            found.tip,
             kept,
             samples.cut_start,
             patch_count=patch_count,
             point_base=point_base,
             polyline_base=polyline_base,
         )
+
+    def trace(self, lattice: wp.array, samples: Samples, moved: Moved) -> tuple[Trails, wp.array, Found]:
+        """Polylines of a chunk, their points, and the tips beyond their steps; waits for the device."""
+        trails = walk_sections(samples, self.grids, last_of(samples.cut_start), closes=self.closes)
+        point = find_roots(self.field, lattice, self.grids, trails.code, trails.section, moved)
+        if self.least > GRAIN_MOST:
+            return trails, point, Found(point, 0)
+        return trails, point, find_tips(self.field, lattice, self.grids, trails, point, least=self.least)
 
 
 def _joined(parts: list[Contours], device: wp.Device) -> Contours:

@@ -41,6 +41,17 @@ class Lattice:
     lift: wp.vec3d  # back to the plane [m]
 
 
+@wp.struct
+class Moved:
+    """Nodes that lie elsewhere than the grid says, section by section."""
+
+    start: wp.array[wp.int32]  # a section's first one, shape [section]; no sections where no node is moved
+    stop: wp.array[wp.int32]
+    node: wp.array[wp.int32]  # row by row
+    place: wp.array[wp.vec2d]  # in grid steps from node (0, 0)
+    bits: wp.array[wp.uint8]  # of all nodes, as they lie then
+
+
 class Grids(NamedTuple):
     """All grids of a hand."""
 
@@ -83,6 +94,17 @@ def lay_grids(half: np.ndarray, step: float, device: wp.Device) -> Grids:
 def node_at(lattice: Lattice, i: wp.float64, j: wp.float64):
     """A node, or a place between nodes, where a field is asked [m]."""
     return lattice.origin + i * lattice.u + j * lattice.v
+
+
+@wp.func
+def place_of(moved: Moved, section: int, nodes: int, i: int, j: int):
+    """Where node (i, j) lies, in grid steps from node (0, 0); nodes: of a row."""
+    out = wp.vec2d(wp.float64(i), wp.float64(j))
+    if section < moved.start.shape[0]:
+        for k in range(moved.start[section], moved.stop[section]):
+            if moved.node[k] == j * nodes + i:
+                out = moved.place[k]
+    return out
 
 
 @wp.func

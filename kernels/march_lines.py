@@ -45,6 +45,12 @@ def has_step(after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
 
 
 @wp.func
+def has_tip(after: wp.array[wp.int32], point: wp.array[wp.vec3], tip: wp.array[wp.vec3], slot: int):
+    """Whether a tip parts the step that starts at this point."""
+    return not (tip[slot] == point[slot]) and not (tip[slot] == point[after[slot]])
+
+
+@wp.func
 def last_step(after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
     """The last step of some length of the polyline that ends at a slot, or NO_POINT."""
     first = first_of(after, slot)
@@ -62,16 +68,19 @@ def _count_points(
     code: wp.array[wp.int32],
     after: wp.array[wp.int32],
     point: wp.array[wp.vec3],
+    tip: wp.array[wp.vec3],
     # Out:
     count: wp.array[wp.int64],  # see Kept.start
 ):
-    """Count a point where a step of some length starts, and a line and its last point where one ends."""
+    """Count a point where a step of some length starts, its tip, and a line and its last point where one ends."""
     slot = wp.tid()
     n = wp.int64(0)
     if slot < code.shape[0]:
         if code[slot] != NO_POINT:
             if has_step(after, point, slot):
                 n += wp.int64(1)
+                if has_tip(after, point, tip, slot):
+                    n += wp.int64(1)
             if ends_line(after, slot):
                 if last_step(after, point, slot) != NO_POINT:
                     n += LINE + wp.int64(1)
@@ -85,6 +94,7 @@ def _write_lines(
     after: wp.array[wp.int32],
     section: wp.array[wp.int32],
     point: wp.array[wp.vec3],
+    tip: wp.array[wp.vec3],
     start: wp.array[wp.int64],  # see Kept
     patch_count: int,
     point_base: wp.int64,  # points of the chunks before
@@ -100,6 +110,10 @@ def _write_lines(
         lines.points[place] = point[slot]
         lines.kind[place] = wp.uint8(trail[slot] & 1)
         place += wp.int64(1)
+        if has_tip(after, point, tip, slot):
+            lines.points[place] = tip[slot]
+            lines.kind[place] = wp.uint8(trail[slot] & 1)
+            place += wp.int64(1)
     if ends_line(after, slot):
         last = last_step(after, point, slot)
         if last != NO_POINT:
@@ -129,11 +143,11 @@ def _write_starts(
     section_start[row] = polyline_base + start[cut_start[row]] // LINE
 
 
-def count_points(trails: Trails, point: wp.array) -> Kept:
-    """Count what is left without steps of no length; waits for the device."""
+def count_points(trails: Trails, point: wp.array, tip: wp.array) -> Kept:
+    """Count what is left without steps of no length; waits for the device. tip: see Found."""
     device = point.device
     count = wp.empty(point.shape[0] + 1, dtype=wp.int64, device=device)
-    inputs = [trails.code, trails.after, point]
+    inputs = [trails.code, trails.after, point, tip]
     wp.launch(_count_points, count.shape[0], inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
     start = offsets_of(count)
     total = last_of(start)
@@ -143,6 +157,7 @@ def count_points(trails: Trails, point: wp.array) -> Kept:
 def write_lines(
     trails: Trails,
     point: wp.array,
+    tip: wp.array,
     kept: Kept,
     cut_start: wp.array,
     *,
@@ -159,7 +174,7 @@ def write_lines(
     lines.polyline_start = wp.full(kept.polyline_count + 1, end, dtype=wp.int64, device=device)
     lines.polyline_patch = wp.empty(kept.polyline_count, dtype=wp.int32, device=device)
     lines.polyline_closed = wp.empty(kept.polyline_count, dtype=wp.uint8, device=device)
-    inputs = [*trails, point, kept.start, patch_count, wp.int64(point_base)]
+    inputs = [*trails, point, tip, kept.start, patch_count, wp.int64(point_base)]
     wp.launch(_write_lines, point.shape[0], inputs=inputs, outputs=[lines], device=device, block_dim=BLOCK)
     section_start = wp.empty(cut_start.shape[0], dtype=wp.int64, device=device)
     inputs = [kept.start, cut_start, wp.int64(polyline_base)]

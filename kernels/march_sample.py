@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from .field import MODULE, Field, inside_function, made_once, root_function
-from .march_grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, node_at
+from .march_grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, Moved, node_at, place_of
 from .patch import EXACT, narrowed
 from .ragged import BLOCK, last_of, offsets_of
 
@@ -258,6 +258,7 @@ def root_kernel(root: Any, data_type: Any) -> Any:
         grid: wp.array[Grid],
         code: wp.array[wp.int32],
         section: wp.array[wp.int32],
+        moved: Moved,
         # Out:
         point: wp.array[wp.vec3],
     ):
@@ -269,13 +270,15 @@ def root_kernel(root: Any, data_type: Any) -> Any:
         node = code[slot] >> 3
         what = code[slot] & 6
         nodes = grid[section[slot] % grid.shape[0]].nu + 1
-        i = wp.float64(node % nodes)
-        j = wp.float64(node // nodes)
-        x = node_at(lat, i, j)
-        if what == ALONG_U:
-            x = root(data, x, node_at(lat, i + wp.float64(1.0), j))
-        elif what == ALONG_V:
-            x = root(data, x, node_at(lat, i, j + wp.float64(1.0)))
+        i = node % nodes
+        j = node // nodes
+        p = place_of(moved, section[slot], nodes, i, j)
+        x = node_at(lat, p[0], p[1])
+        if what != AT_NODE:
+            p = place_of(
+                moved, section[slot], nodes, i + wp.where(what == ALONG_U, 1, 0), j + wp.where(what == ALONG_V, 1, 0)
+            )
+            x = root(data, x, node_at(lat, p[0], p[1]))
         point[slot] = narrowed(x + lat.lift)
 
     return _find_roots
@@ -332,13 +335,15 @@ def resolve_cells(field: Field, lattice: wp.array, grids: Grids, bits: wp.array,
     return Samples(bits, saddle, start, offsets_of(cut_count))
 
 
-def find_roots(field: Field, lattice: wp.array, grids: Grids, code: wp.array, section: wp.array) -> wp.array:
+def find_roots(
+    field: Field, lattice: wp.array, grids: Grids, code: wp.array, section: wp.array, moved: Moved
+) -> wp.array:
     """Where the points with these codes lie [m], float32, shape [slot]."""
     point = wp.empty(code.shape[0], dtype=wp.vec3, device=code.device)
     wp.launch(
         root_kernel(root_function(field), field.data_type),
         code.shape[0],
-        inputs=[field.data, lattice, grids.grid, code, section],
+        inputs=[field.data, lattice, grids.grid, code, section, moved],
         outputs=[point],
         device=code.device,
         block_dim=BLOCK,

@@ -31,7 +31,6 @@ class Chain:
     base: int  # the section's first byte
     grid: Grid
     want: bool
-    prior: wp.vec2i  # the last node in the region
     node: wp.vec2i  # the nearest one to the last place
     place: wp.vec2d
     next: int  # where the next moved node is noted
@@ -58,25 +57,35 @@ def set_node(chain: Chain, moved: Moved, n: wp.vec2i, at: wp.vec2d):
 
 
 @wp.func
-def linked(chain: Chain, moved: Moved):
-    """The chain with its nearest node moved, and one beside it if it shares no edge with the one before."""
-    c = chain
-    if c.node[0] != c.prior[0] and c.node[1] != c.prior[1]:
-        between = wp.vec2i(c.prior[0], c.node[1])
-        if between[0] == 0 or between[0] == c.grid.nu or between[1] == 0 or between[1] == c.grid.nv:
-            between = wp.vec2i(c.node[0], c.prior[1])
-        c = set_node(c, moved, between, c.place)
-    c = set_node(c, moved, c.node, c.place)
-    c.prior = c.node
-    return c
+def share_between(one: int, other: int, a: wp.float64, b: wp.float64):
+    """The share of the way from a to b at which the nearest node turns from one to the other, along one axis."""
+    border = wp.float64(0.5) * (wp.float64(one) + wp.float64(other))
+    return wp.clamp((border - a) / (b - a), wp.float64(0.0), wp.float64(1.0))
+
+
+@wp.func
+def nearest_node(p: wp.vec2d):
+    """The node nearest to a place."""
+    return wp.vec2i(int(wp.floor(p[0] + wp.float64(0.5))), int(wp.floor(p[1] + wp.float64(0.5))))
 
 
 @wp.func
 def inner_node(g: Grid, p: wp.vec2d):
     """The node nearest to a place, of those that are not on the boundary."""
-    i = int(wp.floor(p[0] + wp.float64(0.5)))
-    j = int(wp.floor(p[1] + wp.float64(0.5)))
-    return wp.vec2i(wp.clamp(i, 1, g.nu - 1), wp.clamp(j, 1, g.nv - 1))
+    n = nearest_node(p)
+    return wp.vec2i(wp.clamp(n[0], 1, g.nu - 1), wp.clamp(n[1], 1, g.nv - 1))
+
+
+@wp.func
+def is_on_boundary(g: Grid, n: wp.vec2i):
+    """Whether a node is one of the boundary's."""
+    return n[0] == 0 or n[0] == g.nu or n[1] == 0 or n[1] == g.nv
+
+
+@wp.func
+def is_corner_node(g: Grid, n: wp.vec2i):
+    """Whether a node is a corner of the patch."""
+    return (n[0] == 0 or n[0] == g.nu) and (n[1] == 0 or n[1] == g.nv)
 
 
 @wp.func
@@ -90,16 +99,6 @@ def exit_share(g: Grid, a: wp.vec2d, b: wp.vec2d):
         elif b[k] > end:
             out = wp.min(out, (end - a[k]) / (b[k] - a[k]))
     return out
-
-
-@wp.func
-def boundary_node(g: Grid, p: wp.vec2d):
-    """The node nearest to a place on the boundary; (-1, -1) if it is a corner."""
-    i = int(wp.floor(p[0] + wp.float64(0.5)))
-    j = int(wp.floor(p[1] + wp.float64(0.5)))
-    if (i == 0 or i == g.nu) and (j == 0 or j == g.nv):
-        return wp.vec2i(-1, -1)
-    return wp.vec2i(i, j)
 
 
 @wp.func
@@ -124,16 +123,32 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
         return inside(data, node_at(lat, p[0], p[1])) == want
 
     @wp.func
+    def linked(data: data_type, lat: Lattice, chain: Chain, moved: Moved, n: wp.vec2i, at: wp.vec2d):
+        """The chain at another node: the one before is moved, and one between them if they share no edge."""
+        c = chain
+        c = set_node(c, moved, c.node, c.place)
+        if n[0] != c.node[0] and n[1] != c.node[1]:
+            u = share_between(c.node[0], n[0], c.place[0], at[0])
+            v = share_between(c.node[1], n[1], c.place[1], at[1])
+            between = wp.vec2i(n[0], c.node[1])
+            if v < u:
+                between = wp.vec2i(c.node[0], n[1])
+            place = wp.lerp(c.place, at, wp.float64(0.5) * (u + v))
+            if not is_on_boundary(c.grid, between) and has_sign(data, lat, place, c.want):
+                c = set_node(c, moved, between, place)
+        c.node = n
+        c.place = at
+        return c
+
+    @wp.func
     def left(data: data_type, lat: Lattice, chain: Chain, moved: Moved, at: wp.vec2d):
         """The chain with a node of the boundary moved along it to where the track leaves the grid."""
-        c = linked(chain, moved)
+        c = chain
         place = snapped(c.grid, at)
-        node = boundary_node(c.grid, place)
-        if node[0] >= 0 and has_sign(data, lat, place, c.want):
-            c.node = node
-            c.place = place
-            c = linked(c, moved)
-        return c
+        node = nearest_node(place)
+        if not is_corner_node(c.grid, node) and has_sign(data, lat, place, c.want):
+            c = linked(data, lat, c, moved, node, place)
+        return set_node(c, moved, c.node, c.place)
 
     @wp.func
     def along(data: data_type, lat: Lattice, chain: Chain, moved: Moved, a: wp.vec2d, b: wp.vec2d):
@@ -150,12 +165,12 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
                     c.stop = -1
                 elif has_sign(data, lat, at, c.want):
                     node = inner_node(c.grid, at)
-                    if not (node == c.node):
-                        c = linked(c, moved)
-                    c.node = node
-                    c.place = at
+                    if node == c.node:
+                        c.place = at
+                    else:
+                        c = linked(data, lat, c, moved, node, at)
                 else:
-                    c = linked(c, moved)
+                    c = set_node(c, moved, c.node, c.place)
                     c.stop = -1
         return c
 
@@ -203,11 +218,11 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
             if tips.what[turn] == FAR_TIP and c.grid.nu > 1 and c.grid.nv > 1:
                 m = tips.track[turn, 0]
                 c.want = inside(data, node_at(lattice[row], m[0], m[1]))
-                c.prior = first_node(moved, c, m)
-                if c.prior[0] >= 0:
+                c.node = first_node(moved, c, m)
+                if c.node[0] >= 0:
                     c.stop = room_stop
-                    c.node = c.prior
-                    a = place_of(moved, row, c.grid.nu + 1, c.prior[0], c.prior[1])
+                    a = place_of(moved, row, c.grid.nu + 1, c.node[0], c.node[1])
+                    c.place = a
                     for k in range(tips.track_count[turn]):
                         b = tips.track[turn, k]
                         if k + 1 == tips.track_count[turn]:
@@ -216,7 +231,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
                             c = along(data, lattice[row], c, moved, a, b)
                         a = b
                     if c.stop >= 0:
-                        c = linked(c, moved)
+                        c = set_node(c, moved, c.node, c.place)
                     moved.stop[row] = c.next
 
     return _follow_tips

@@ -294,10 +294,10 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
             return
         tips.track[row, c.count] = end
         tips.track_count[row] = c.count + 1
-        if is_far(grid[section[slot] % grid.shape[0]], c.m, end):
+        if is_far(grid[section[slot] % grid.shape[0]], c.m, end) or not is_straight(data, c, end):
             tips.what[row] = FAR_TIP
             far[row] = 1
-        elif is_straight(data, c, end):
+        else:
             tips.what[row] = TIP
             tip[slot] = narrowed(node_at(lat, end[0], end[1]) + lat.lift)
 

@@ -85,13 +85,14 @@ class WavesCase:
     vector: np.ndarray
     phase: np.ndarray
     level: float
+    grain: float = 0.0
 
     def field(self, device):
         d = Waves()
         d.vector = wp.array(self.vector, dtype=wp.vec3d, device=device)
         d.phase = wp.array(self.phase, dtype=wp.float64, device=device)
         d.level = wp.float64(self.level)
-        return Field(waves_value, Waves, d)
+        return Field(waves_value, Waves, d, grain=self.grain)
 
     def __call__(self, x):
         return np.sin(x @ self.vector.T + self.phase).sum(axis=-1) - self.level
@@ -219,6 +220,6 @@ def assert_sound(batch):
         assert (points[0] == points[-1]).all() or not closed
 
 
-def random_waves(seed, count=4, level=0.3):
+def random_waves(seed, count=4, level=0.3, grain=0.0):
     rng = np.random.default_rng(seed)
-    return WavesCase(rng.normal(0, 120, (count, 3)), rng.uniform(0, 6.3, count), level)
+    return WavesCase(rng.normal(0, 120, (count, 3)), rng.uniform(0, 6.3, count), level, grain)

@@ -13,6 +13,7 @@ FIELD_STAGES = (
     "march_grid",
     "march_lines",
     "march_turn",
+    "march_follow",
     "march_walk",
     "skin",
     "skin_walk",

@@ -12,13 +12,15 @@ there; inside the tile, row and column of its lower node. No edge is cut twice, 
 """
 
 from collections.abc import Iterator
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from .draw import Contours
 from .field import Field
-from .march_follow import follow_tips
+from .march_follow import follow_tips, keep_slots
 from .march_grid import Grids, Moved, lay_grids, place_grids
 from .march_lines import count_points, write_lines
 from .march_sample import Samples, find_roots, resolve_cells, sample_nodes
@@ -72,6 +74,14 @@ def march_patches(
     return _joined(list(march.chunks()), pose.device)
 
 
+class Traced(NamedTuple):
+    """Polylines of a chunk of sections."""
+
+    trails: Trails
+    point: wp.array  # of each slot [m]
+    found: Found
+
+
 class _March:
     """Chunks of poses, one after the other; counts what there is so far."""
 
@@ -118,11 +128,10 @@ class _March:
         samples = resolve_cells(self.field, lattice, self.grids, bits, spare=self.spare)
         if last_of(samples.cut_start) > SLOTS_MOST and stop - first > 1:
             return None
-        trails, point, found = self.trace(lattice, samples, Moved())
-        if found.far_count:
-            moved = follow_tips(self.field, lattice, self.grids, bits, samples.cut_start, found)
-            samples = resolve_cells(self.field, lattice, self.grids, bits, spare=self.spare)
-            trails, point, found = self.trace(lattice, samples, moved)
+        traced = self.trace(lattice, samples)
+        if traced.found.far_count:
+            samples, traced = self.traced_again(lattice, bits, samples.cut_start, traced)
+        trails, point, found = traced
         kept = count_points(trails, point, found.tip)
         point_base, polyline_base = self.point_count, self.polyline_count
         self.point_count += kept.point_count
@@ -140,13 +149,32 @@ class _March:
             polyline_base=polyline_base,
         )
 
-    def trace(self, lattice: wp.array, samples: Samples, moved: Moved) -> tuple[Trails, wp.array, Found]:
+    def trace(self, lattice: wp.array, samples: Samples) -> Traced:
         """Polylines of a chunk, their points, and the tips beyond their steps; waits for the device."""
         trails = walk_sections(samples, self.grids, last_of(samples.cut_start), closes=self.closes)
-        point = find_roots(self.field, lattice, self.grids, trails.code, trails.section, moved)
+        point = wp.empty(trails.code.shape[0], dtype=wp.vec3, device=lattice.device)
+        find_roots(self.field, lattice, self.grids, trails.code, trails.section, Moved(), point)
         if self.least > GRAIN_MOST:
-            return trails, point, Found(point, 0)
-        return trails, point, find_tips(self.field, lattice, self.grids, trails, point, least=self.least)
+            return Traced(trails, point, Found(point, 0))
+        return Traced(
+            trails, point, find_tips(self.field, lattice, self.grids, trails, point, Moved(), least=self.least)
+        )
+
+    def traced_again(
+        self, lattice: wp.array, bits: wp.array, cut_start: wp.array, before: Traced
+    ) -> tuple[Samples, Traced]:
+        """The same with nodes moved onto far tips; what it was before is kept where no node is moved."""
+        moved = follow_tips(self.field, lattice, self.grids, bits, cut_start, before.found)
+        samples = resolve_cells(self.field, lattice, self.grids, bits, spare=self.spare)
+        trails = walk_sections(samples, self.grids, last_of(samples.cut_start), closes=self.closes)
+        keep = partial(keep_slots, trails.section, moved, cut_start, samples.cut_start)
+        point = wp.empty(trails.code.shape[0], dtype=wp.vec3, device=lattice.device)
+        keep(before.point, point)
+        find_roots(self.field, lattice, self.grids, trails.code, trails.section, moved, point)
+        found = find_tips(self.field, lattice, self.grids, trails, point, moved, least=self.least)
+        tip = wp.clone(point) if found.tip is point else found.tip
+        keep(before.found.tip, tip)
+        return samples, Traced(trails, point, found._replace(tip=tip))
 
 
 def _joined(parts: list[Contours], device: wp.Device) -> Contours:

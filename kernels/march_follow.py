@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from .field import MODULE, Field, inside_function, made_once
-from .march_grid import TILE_HEIGHT, Grid, Grids, Lattice, Moved, is_inside, node_at, place_of
+from .march_grid import TILE_HEIGHT, Grid, Grids, Lattice, Moved, is_done, is_inside, node_at, place_of
 from .march_sample import parts_of
 from .march_tip import FAR_TIP, Found, Tips
 from .patch import EXACT
@@ -267,3 +267,29 @@ def follow_tips(
         block_dim=BLOCK,
     )
     return moved
+
+
+@wp.kernel
+def _keep_slots(
+    # In:
+    section: wp.array[wp.int32],
+    moved: Moved,
+    old_start: wp.array[wp.int32],  # slots of the sections before nodes were moved
+    start: wp.array[wp.int32],
+    value: wp.array[wp.vec3],  # of each slot before
+    # Out:
+    kept: wp.array[wp.vec3],
+):
+    """Copy what belongs to a slot of a section without moved nodes."""
+    slot = wp.tid()
+    row = section[slot]
+    if is_done(moved, row):
+        kept[slot] = value[slot - start[row] + old_start[row]]
+
+
+def keep_slots(
+    section: wp.array, moved: Moved, old_start: wp.array, start: wp.array, value: wp.array, kept: wp.array
+) -> None:
+    """Copy points, or what else there is of each slot, of sections without moved nodes: they are walked as before."""
+    inputs = [section, moved, old_start, start, value]
+    wp.launch(_keep_slots, kept.shape[0], inputs=inputs, outputs=[kept], device=kept.device, block_dim=BLOCK)

@@ -108,6 +108,14 @@ def place_of(moved: Moved, section: int, nodes: int, i: int, j: int):
 
 
 @wp.func
+def is_done(moved: Moved, section: int):
+    """Whether nodes were moved, but none of this section."""
+    if section >= moved.start.shape[0]:
+        return False
+    return moved.start[section] == moved.stop[section]
+
+
+@wp.func
 def is_inside(bits: wp.array[wp.uint8], base: int, grid: Grid, i: int, j: int):
     """Bit of node (i, j), or of the cell that it is the lowest corner of; base: the section's first byte."""
     row = base + 4 * ((j >> 2) * grid.across + (i >> 3)) + (j & 3)

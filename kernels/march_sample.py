@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from .field import MODULE, Field, inside_function, made_once, root_function
-from .march_grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, Moved, node_at, place_of
+from .march_grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, Moved, is_done, node_at, place_of
 from .patch import EXACT, narrowed
 from .ragged import BLOCK, last_of, offsets_of
 
@@ -259,12 +259,12 @@ def root_kernel(root: Any, data_type: Any) -> Any:
         code: wp.array[wp.int32],
         section: wp.array[wp.int32],
         moved: Moved,
-        # Out:
-        point: wp.array[wp.vec3],
+        # In and out:
+        point: wp.array[wp.vec3],  # of sections that are done, as they are
     ):
         """Place a point where the surface cuts its edge, or at its node."""
         slot = wp.tid()
-        if code[slot] == NO_POINT:
+        if code[slot] == NO_POINT or is_done(moved, section[slot]):
             return
         lat = lattice[section[slot]]
         node = code[slot] >> 3
@@ -336,10 +336,15 @@ def resolve_cells(field: Field, lattice: wp.array, grids: Grids, bits: wp.array,
 
 
 def find_roots(
-    field: Field, lattice: wp.array, grids: Grids, code: wp.array, section: wp.array, moved: Moved
-) -> wp.array:
-    """Where the points with these codes lie [m], float32, shape [slot]."""
-    point = wp.empty(code.shape[0], dtype=wp.vec3, device=code.device)
+    field: Field,
+    lattice: wp.array,
+    grids: Grids,
+    code: wp.array,
+    section: wp.array,
+    moved: Moved,
+    point: wp.array,
+) -> None:
+    """Write where the points with these codes lie [m], float32, shape [slot]; those of sections that are done stay."""
     wp.launch(
         root_kernel(root_function(field), field.data_type),
         code.shape[0],
@@ -348,7 +353,6 @@ def find_roots(
         device=code.device,
         block_dim=BLOCK,
     )
-    return point
 
 
 def parts_of(words: wp.array, dtype: Any = wp.uint8) -> wp.array:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from .field import MODULE, Field, inside_function, made_once, root_function
-from .march_grid import Grid, Grids, Lattice, node_at
+from .march_grid import Grid, Grids, Lattice, Moved, node_at
 from .march_turn import list_turns
 from .march_walk import Trails
 from .patch import EXACT, narrowed, widened
@@ -29,6 +29,7 @@ from .ragged import BLOCK, last_of, offsets_of
 wp.set_module_options(EXACT)
 
 LEAST = 0.002  # what is nearer to the step is no tip
+LOWEST = wp.constant(wp.float64(0.05))  # of the step's length: nor is what is lower than this over its middle
 TALL = wp.constant(wp.float64(0.125))
 SHARP = wp.constant(wp.float64(-0.866))  # cosine of the widest angle that is one: 150 degrees
 REACH = wp.constant(wp.float64(24.0))  # a tip farther away is not looked for
@@ -160,7 +161,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         c.b = q
         c.width = ONE
         c.out = wp.vec2d(c.d[1], -c.d[0])  # to the right, where it is outside
-        gap = least / wp.length(c.d)
+        gap = wp.max(LOWEST, least / wp.length(c.d))
         c.want = has_sign(data, lat, c.m + gap * c.out, True)
         if has_sign(data, lat, c.m - gap * c.out, c.want):
             c.count = 1
@@ -304,10 +305,15 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
     return _climb_tips
 
 
-def find_tips(field: Field, lattice: wp.array, grids: Grids, trails: Trails, point: wp.array, *, least: float) -> Found:
-    """Climb from every step that turns far; waits for the device. least: height of the lowest tip [grid step]."""
+def find_tips(
+    field: Field, lattice: wp.array, grids: Grids, trails: Trails, point: wp.array, moved: Moved, *, least: float
+) -> Found:
+    """Climb from every step that turns far; waits for the device.
+
+    least: height of the lowest tip [grid step]. moved: once nodes are, only their sections are looked at.
+    """
     device = point.device
-    turns = list_turns(trails, point)
+    turns = list_turns(trails, point, moved)
     count = turns.slot.shape[0]
     if count == 0:
         return Found(point, 0)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import warp as wp
 
+from .march_grid import Moved, is_done
 from .march_lines import has_step
 from .march_sample import NO_POINT
 from .march_walk import Trails
@@ -75,7 +76,9 @@ def _count_turns(
     # In:
     code: wp.array[wp.int32],
     after: wp.array[wp.int32],
+    section: wp.array[wp.int32],
     point: wp.array[wp.vec3],
+    moved: Moved,
     # Out:
     count: wp.array[wp.int32],  # shape [slot + 1]
 ):
@@ -83,8 +86,9 @@ def _count_turns(
     slot = wp.tid()
     n = int(0)
     if slot < code.shape[0]:
-        if turns_far(code, after, point, slot):
-            n = 1
+        if not is_done(moved, section[slot]):
+            if turns_far(code, after, point, slot):
+                n = 1
     count[slot] = n
 
 
@@ -102,11 +106,11 @@ def _list_turns(
         slot[start[k]] = k
 
 
-def list_turns(trails: Trails, point: wp.array) -> Turns:
-    """List the steps that turn far; waits for the device."""
+def list_turns(trails: Trails, point: wp.array, moved: Moved) -> Turns:
+    """List the steps that turn far, once nodes are moved only those of their sections; waits for the device."""
     device = point.device
     count = wp.empty(point.shape[0] + 1, dtype=wp.int32, device=device)
-    inputs = [trails.code, trails.after, point]
+    inputs = [*trails, point, moved]
     wp.launch(_count_turns, count.shape[0], inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
     start = offsets_of(count)
     slot = wp.empty(last_of(start), dtype=wp.int32, device=device)

@@ -137,14 +137,14 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         return grid_place(lat, root(data, node_at(lat, a[0], a[1]), node_at(lat, b[0], b[1])))
 
     @wp.func
-    def first_root(data: data_type, c: Climb, a: wp.vec2d, way: wp.vec2d):
-        """The root on a way from a place in the region, made longer till it ends outside of it; a if it never does."""
+    def first_root(data: data_type, c: Climb, a: wp.vec2d, way: wp.vec2d, most: int):
+        """The root on a way from a place in the region, doubled up to `most` times till it ends outside; else a."""
         b = a + way
         k = int(0)
-        while k < 6 and has_sign(data, c.lat, b, c.want):
+        while k < most and has_sign(data, c.lat, b, c.want):
             b = a + wp.float64(2 << k) * way
             k += 1
-        if k == 6:
+        if k == most:
             return a
         return root_at(data, c.lat, a, b)
 
@@ -183,8 +183,8 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
     def section_at(data: data_type, c: Climb, y: wp.vec2d, height: wp.float64, guess: wp.float64):
         """The climb with the section through y; `count` is 0 where the sections do not narrow."""
         n = c
-        n.a = first_root(data, c, y, -guess * c.d)
-        n.b = first_root(data, c, y, guess * c.d)
+        n.a = first_root(data, c, y, -guess * c.d, 6)
+        n.b = first_root(data, c, y, guess * c.d, 6)
         n.width = wp.dot(n.b - n.a, c.d) / wp.dot(c.d, c.d)
         n.height = height
         n.x = HALF * (n.a + n.b)
@@ -213,7 +213,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         ahead = c.ahead
         if wp.length(ahead) < FINE:
             ahead = FINE * wp.normalize(ahead)
-        return first_root(data, c, c.x, wp.float64(2.0) * ahead)
+        return first_root(data, c, c.x, wp.float64(2.0) * ahead, 2)
 
     @wp.func
     def is_near(data: data_type, c: Climb, one: wp.vec2d, other: wp.vec2d):
@@ -242,7 +242,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         while c.count > 0 and c.count <= CLIMBS and height > c.height:
             n = section_at(data, c, y, height, guess)
             if n.count == 0:
-                if c.width * wp.length(c.d) > wp.float64(20.0) * FINE:
+                if c.count == 1:  # no second section: nothing is expected yet
                     c.count = 0
                 return c
             c = n

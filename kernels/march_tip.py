@@ -102,6 +102,12 @@ def angle_cosine(lat: Lattice, a: wp.vec2d, tip: wp.vec2d, b: wp.vec2d):
 
 
 @wp.func
+def lowest_height(c: Climb):
+    """Height of the lowest section, in lengths of the step."""
+    return wp.max(LOWEST, c.least / wp.length(c.d))
+
+
+@wp.func
 def is_far(g: Grid, m: wp.vec2d, tip: wp.vec2d):
     """Whether a tip lies beyond the cells around its step's middle, or beyond the grid."""
     for k in range(2):
@@ -161,23 +167,13 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         c.b = q
         c.width = ONE
         c.out = wp.vec2d(c.d[1], -c.d[0])  # to the right, where it is outside
-        gap = wp.max(LOWEST, least / wp.length(c.d))
+        gap = lowest_height(c)
         c.want = has_sign(data, lat, c.m + gap * c.out, True)
         if has_sign(data, lat, c.m - gap * c.out, c.want):
             c.count = 1
         if not c.want:
             c.out = -c.out
         return c
-
-    @wp.func
-    def start_height(data: data_type, c: Climb):
-        """Height of the lowest section over the step, 0 if the region is not there."""
-        t = wp.float64(0.0625)
-        for _ in range(4):
-            if t * wp.length(c.d) > c.least and has_sign(data, c.lat, c.m + t * c.out, c.want):
-                return t
-            t = t * wp.float64(0.25)
-        return wp.float64(0.0)
 
     @wp.func
     def section_at(data: data_type, c: Climb, y: wp.vec2d, height: wp.float64, guess: wp.float64):
@@ -234,11 +230,9 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         """The highest section; `count` is 0 if there is no tip."""
         c = begin
         track[row, 0] = c.m
-        height = start_height(data, c)
+        height = lowest_height(c)
         y = c.m + height * c.out
         guess = wp.float64(0.6)
-        if height == wp.float64(0.0):
-            c.count = 0
         while c.count > 0 and c.count <= CLIMBS and height > c.height:
             n = section_at(data, c, y, height, guess)
             if n.count == 0:

@@ -1,7 +1,7 @@
 """ContourBatch: the contours of many poses, ragged, on the host or on one Warp device."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,9 @@ class ContourBatch:
     """0..1 at each point, linear in between; None means 1; float32, shape [point]."""
     dwell: Array | None = None
     """Pause of the focal point at each point [s]; None means none; float32, shape [point]."""
+    raw_error: float | None = None
+    """How far the raw intersection can be from the exact one [m], see `Scene.raw_error`; None where that is not known.
+    It is no array, so `by_name` and `arrays` leave it out."""
 
     @property
     def pose_count(self) -> int:
@@ -77,23 +80,22 @@ class ContourBatch:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "ContourBatch":
         """A batch of the arrays that a contour file names like the fields."""
-        return cls(**{f.name: arrays[f.name] for f in fields(cls) if f.name in arrays})
+        return cls(**{name: arrays[name] for name in array_names() if name in arrays})
 
     def by_name(self) -> dict[str, Array]:
-        """The fields that are there, where they are."""
-        return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
+        """The arrays that are there, where they are."""
+        return {name: value for name in array_names() if (value := getattr(self, name)) is not None}
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The fields that are there, as NumPy arrays."""
+        """The arrays that are there, as NumPy arrays."""
         return self.numpy().by_name()
 
     def numpy(self) -> "ContourBatch":
         """The same batch on the host."""
         if not self.on_device:
             return self
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        host = {name: None if value is None else value.numpy() for name, value in values.items()}
-        return ContourBatch(**{**host, "points": self.points.numpy().reshape(-1, 3)})
+        host = {name: value.numpy() for name, value in self.by_name().items()}
+        return replace(self, **{**host, "points": self.points.numpy().reshape(-1, 3)})
 
     def to(self, device: str) -> "ContourBatch":
         """The same batch on a Warp device."""
@@ -102,7 +104,7 @@ class ContourBatch:
         host = self.numpy()
         values = {name: wp.array(value, device=device) for name, value in host.by_name().items() if name != "points"}
         points = wp.array(np.ascontiguousarray(host.points, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
-        return ContourBatch(points=points, **values)
+        return replace(self, points=points, **values)
 
     def lengths(self) -> np.ndarray:
         """Length of the segments of each kind [m], float32, shape [pose, 3]."""
@@ -138,7 +140,19 @@ class ContourBatch:
             pose_start=self.pose_start[first : stop + 1] - line,
             intensity=None if self.intensity is None else self.intensity[point:last],
             dwell=None if self.dwell is None else self.dwell[point:last],
+            raw_error=self.raw_error,
         )
+
+
+def array_names() -> list[str]:
+    """Names of a batch's arrays."""
+    return [f.name for f in fields(ContourBatch) if f.name != "raw_error"]
+
+
+def largest_error(batches: Sequence[ContourBatch]) -> float | None:
+    """The largest `raw_error` of batches [m]; None where one of them is not known."""
+    errors = [batch.raw_error for batch in batches if batch.raw_error is not None]
+    return max(errors) if errors and len(errors) == len(batches) else None
 
 
 def join_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
@@ -162,6 +176,7 @@ def join_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
         pose_start=offsets("pose_start"),
         intensity=None if batches[0].intensity is None else joined("intensity"),
         dwell=None if batches[0].dwell is None else joined("dwell"),
+        raw_error=largest_error(batches),
     )
 
 
@@ -203,6 +218,7 @@ def object_part(batch: ContourBatch) -> ContourBatch:
         pose_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         intensity=None if batch.intensity is None else batch.intensity[index],
         dwell=None if batch.dwell is None else batch.dwell[index],
+        raw_error=batch.raw_error,
     )
 
 

@@ -140,6 +140,23 @@ class Scene:
         """Grid step of marching [m]."""
         return self.strategy.step or self.focal_width / 4
 
+    @cached_property
+    def raw_error(self) -> float | None:
+        """How far the raw intersection can be from the exact one [m]; None for a path through points.
+
+        A mesh cut by planes: the spacing of float32 at the largest coordinate that the object has. Grids: a step,
+        where the solid, and what is around it, is wider than a step, and at tips of 20 degrees or more.
+        """
+        if self.strategy.raw_stage.name in TOURS:
+            return None
+        if not self.exact:
+            return self.step
+        bounds = np.abs(np.asarray(self.thing.bounds, np.float64))
+        reach = bounds.max()
+        if self.moved is not None:
+            reach = np.abs(self.moved[:, :3]).max(initial=0.0) + 0.5 * np.linalg.norm(np.ptp(self.thing.bounds, axis=0))
+        return float(np.spacing(np.float32(reach)))
+
     @property
     def pose_bytes(self) -> int:
         """Working memory that a pose takes, roughly [byte]; marching over patches keeps to blocks of its own."""
@@ -169,7 +186,8 @@ class Scene:
         more points than `point_limit`.
         """
         batch = self.raw_contours(pose, first, device, point_limit=point_limit, timing=timing)
-        return self.staged(batch, pose, first, device, timing=timing)
+        staged, removed = self.staged(batch, pose, first, device, timing=timing)
+        return replace(staged, raw_error=self.raw_error), removed
 
     def raw_contours(
         self,

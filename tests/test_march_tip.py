@@ -225,8 +225,8 @@ def test_voxels_have_tips_where_they_are_finer_than_a_quarter_step(grain, device
         flat = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1) - tip  # u and v
         value = np.maximum.reduce([*(flat @ n for n in normal), flat @ -ray(turn) - DEPTH])
         volume = np.repeat(value[:, None, ::-1], 5, axis=1).astype(np.float32)  # x = u, z = -v
-        affine = np.diag([grain, 0.01, grain, 1.0])
-        affine[:3, 3] = axis[0], -0.02, -axis[-1]
+        affine = np.diag([grain, grain, grain, 1.0])
+        affine[:3, 3] = axis[0], -2 * grain, -axis[-1]
         field = dense_field(pad_outside(volume), affine, device)
         with_tips, without = (marched(f, [FLAT], device, step=STEP) for f in (field, field._replace(grain=1.0)))
         if grain > STEP / 4:

@@ -77,6 +77,8 @@ class FileHeader:
     """Seed of whatever was random."""
     inserted: int = 0
     """How many of the poses were put between two of the motion that was recorded or made."""
+    raw_error: float | None = None
+    """How far the raw intersection can be from the exact one [m]; None where that is not known; not in the recipe."""
     created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="microseconds"))
     """ISO 8601 time of creation; with the recipe it tells one run from another."""
 
@@ -146,6 +148,8 @@ class FileHeader:
                 raise ContourFileError(f"/object/moved must be {self.pose_count} poses, as many as /motion/pose")
             require_quaternions("/object/moved", self.moved)
         require_hand(self.hand, self.hand_arrays, self.pose_count)
+        if self.raw_error is not None and not 0.0 <= self.raw_error < math.inf:
+            raise ContourFileError(f"raw_error must be a finite length, not {self.raw_error!r} m")
         if not math.isfinite(self.time_offset):
             raise ContourFileError(f"time_offset must be finite, got {self.time_offset!r} s")
         if "palpate" not in self.versions:
@@ -199,6 +203,8 @@ def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
     }
     if header.seed is not None:
         root["seed"] = header.seed
+    if header.raw_error is not None:
+        root["raw_error"] = header.raw_error
     if header.inserted:
         root["poses_inserted"] = header.inserted
     placed: dict[str, Attribute] = {
@@ -216,7 +222,7 @@ def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
 def get_header(file: Hdf5Reader) -> FileHeader:
     """Read the header back, arrays included; raises ContourFileError where it is missing or damaged."""
     seed, offset = file.attribute("/", "seed"), file.attribute("/motion", "offset")
-    inserted = file.attribute("/", "poses_inserted")
+    inserted, raw_error = file.attribute("/", "poses_inserted"), file.attribute("/", "raw_error")
     return FileHeader(
         pose=file.read("/motion/pose"),
         time=file.read("/motion/time") if "/motion/time" in file else None,
@@ -235,6 +241,7 @@ def get_header(file: Hdf5Reader) -> FileHeader:
         time_offset=float(offset) if isinstance(offset, int | float) else 0.0,
         seed=seed if isinstance(seed, int) else None,
         inserted=inserted if isinstance(inserted, int) else 0,
+        raw_error=float(raw_error) if isinstance(raw_error, int | float) else None,
         created=file.text("/", "created"),
     )
 

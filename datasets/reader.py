@@ -145,7 +145,7 @@ class ContourFile:
             "device": file.text("/", "device"),
             "created": file.text("/", "created"),
         }
-        notes = {name: file.attribute("/", name) for name in ("seed", "poses_inserted")}
+        notes = {name: file.attribute("/", name) for name in ("seed", "poses_inserted", "raw_error")}
         return attributes | {name: value for name, value in notes.items() if value is not None}
 
     def header(self) -> FileHeader:

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
@@ -190,7 +190,8 @@ class _Rendering:
         host: dict[str, Any] = down.finish()
         lengths = host.pop("lengths")
         timing = {"total": time.perf_counter() - started}
-        return Chunk(first, stop, ContourBatch.from_arrays(host), lengths, removed, timing)
+        contours = replace(ContourBatch.from_arrays(host), raw_error=self.scene.raw_error)
+        return Chunk(first, stop, contours, lengths, removed, timing)
 
 
 def render(

@@ -2,7 +2,7 @@
 
 import gc
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from time import perf_counter, process_time
 from typing import Any
 
@@ -170,11 +170,10 @@ def _host(array: Any) -> np.ndarray:
 
 def _bytes(batch: ContourBatch) -> int:
     total = 0
-    for field in fields(batch):
-        array = getattr(batch, field.name)
+    for array in batch.by_name().values():
         if isinstance(array, wp.array):
             total += array.size * wp.types.type_size_in_bytes(array.dtype)
-        elif array is not None:
+        else:
             total += array.nbytes
     return total
 

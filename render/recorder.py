@@ -64,6 +64,7 @@ def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
         strategy=scene.strategy.described() | ({"sources": sources} if sources else {}),
         versions={package: version(package) for package in PACKAGES},
         device=device,
+        raw_error=scene.raw_error,
     )
 
 

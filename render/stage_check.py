@@ -1,6 +1,5 @@
 """What a stage of a user's own gave: judged before the next stage, or a file, takes it."""
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -91,12 +90,11 @@ def _check_rows(batch: ContourBatch, pose_count: int, title: str) -> None:
         start = getattr(batch, name)
         if len(start) == 0 or start[0] != 0 or start[-1] != count or (np.diff(start) < 0).any():
             raise StrategyError(f"{title}: {name} must be offsets from 0 to {count} that never fall")
-    for field in fields(batch):
-        value = getattr(batch, field.name)
-        row = DTYPES.get(field.name, OPTIONAL)[1]
+    for name, value in batch.by_name().items():
+        row = DTYPES.get(name, OPTIONAL)[1]
         wanted = {"point": len(batch.points), "polyline": len(batch.polyline_start) - 1}.get(row)
-        if value is not None and wanted is not None and len(value) != wanted:
-            raise StrategyError(f"{title}: {field.name} must have {wanted} rows, not {len(value)}")
+        if wanted is not None and len(value) != wanted:
+            raise StrategyError(f"{title}: {name} must have {wanted} rows, not {len(value)}")
 
 
 def _check_lines(batch: ContourBatch, title: str) -> None:

@@ -11,6 +11,7 @@ from palpate.datasets import HandMotion
 from palpate.datasets.check import check_file
 from palpate.datasets.reader import ContourFile
 from palpate.render import ImplicitObject, MeshObject, Palm, Placement, VoxelObject, closed_contour, record, render
+from palpate.render.contours import join_batches
 from palpate.render.errors import MeshError, PoseError, StrategyError
 from palpate.render.expression import box, sphere
 from palpate.render.figure import draw_figure, object_at
@@ -125,3 +126,21 @@ def test_rows_of_a_hand_that_are_not_the_motions_are_an_error_of_poses():
     for hand in (PlaneHand((HandPatch("palm", 0.08, 0.08),), (), own), MeshHand(skin, [[0, 1, 2]])):
         with pytest.raises(PoseError, match="articulated for 3 poses, but the motion has 2"):
             render(TUBE, hand, generic_poses(2, 1), STEP)
+
+
+def test_batches_and_files_carry_the_bound_of_error(tmp_path):
+    """A cube's contour on a palm is an exact rectangle; float32's spacing is NumPy's."""
+    cube, palm = MeshObject.load("cube"), Palm()
+    motion = np.tile(np.array([*cube.bounds.mean(axis=0), 0.7071068, 0, 0, 0.7071068], np.float32), (4, 1))
+    batch = render(cube, palm, motion, closed_contour())
+    assert batch.raw_error == np.spacing(np.float32(np.abs(cube.bounds).max()))
+    assert np.abs(batch.points[:, :2]).max() - np.abs(cube.bounds[:, :2]).max() <= batch.raw_error
+    assert batch.select(1, 3).raw_error == join_batches([batch, batch]).raw_error == batch.raw_error
+    marched = render(ImplicitObject(sphere(0.03).moved(0, 0, 0.2)), palm, motion, replace(closed_contour(), step=0.002))
+    assert marched.raw_error == 0.002
+    assert join_batches([batch, marched]).raw_error == 0.002
+    assert "raw_error" not in marched.arrays()
+    assert join_batches([batch, replace(batch, raw_error=None)]).raw_error is None
+    record(tmp_path / "cube.h5", cube, palm, HandMotion(np.arange(4.0), motion), closed_contour())
+    with ContourFile(tmp_path / "cube.h5") as file:
+        assert file.header().raw_error == batch.raw_error

@@ -2,13 +2,14 @@
 
 The nodes of a grid are asked whether they are inside, one bit each; contours run through the cells whose corners
 differ; where they cross an edge between two nodes, the surface is found to ROOT_WIDTH. So a contour's points lie on the
-surface, and between them it is straight. What is thinner than a cell may be missed, what is narrower may be joined or
-parted: at an ambiguous cell (inside and outside at opposite corners) its middle decides.
+surface, and between them it is straight. At tips it gets a point more, and nodes that a tip passes are moved onto it
+(march_tip, march_follow). What else is thinner than a cell may be missed, what is narrower may be joined or parted: at
+an ambiguous cell (inside and outside at opposite corners) its middle decides.
 
 The contract is the geometry's (docs/architecture.md), with these words: a node on the surface counts as outside; the
 grid's outer nodes lie on the patch's boundary, ON inside of it, and ON below its plane, so a solid that ends at either
 is treated as a mesh is. A cut edge's key is its place along the boundary, counter-clockwise from corner 0, for those
-there; inside the tile, row and column of its lower node. No edge is cut twice, so no point is made twice.
+there; inside the tile, row and column of its lower node. No edge is cut twice, so no point is made twice. A tip has no key.
 """
 
 from collections.abc import Iterator
@@ -55,7 +56,7 @@ def march_patches(
     (CC), which needs them bounded; else open pieces (OC) begin where they enter a patch.
 
     The solid must lie within its bounds. Details thinner than a cell may be missed. Points are on the surface as far as
-    float32 goes, each polyline within half a step of it where it is smooth and a step at corners.
+    float32 goes, each polyline within half a step of it where it is smooth and a step at tips of 20 degrees or more.
     Raises ValueError for a step that is not positive, too fine (4096 cells along a side) or, unbounded, for infinite
     bounds; PointLimitError as soon as there are more points than `limit`, with those there were by then.
     """

@@ -259,8 +259,8 @@ def root_kernel(root: Any, data_type: Any) -> Any:
         code: wp.array[wp.int32],
         section: wp.array[wp.int32],
         moved: Moved,
-        # In and out:
-        point: wp.array[wp.vec3],  # of sections that are done, as they are
+        # Out:
+        point: wp.array[wp.vec3],  # those of sections that are done come written
     ):
         """Place a point where the surface cuts its edge, or at its node."""
         slot = wp.tid()

@@ -8,6 +8,7 @@ from .objects import MeshObject
 
 FLAT = 1e-4  # planes whose normals, or whose places in units of the mesh's size, differ by less may be one plane
 ROUNDINGS = 8.0  # of float32: what two faces on each other may be apart by, seen along a plane that cuts both askew
+GAP_LARGEST = 1e-6  # [m]; a tenth of what contours are right to
 _GAPS: WeakKeyDictionary[MeshObject, float] = WeakKeyDictionary()
 
 
@@ -22,7 +23,7 @@ def gap_of(thing: MeshObject) -> float:
         vertices = thing.vertices.astype(np.float64)
         touches = thing.solid != "winding" or _has_opposite_planes(vertices, thing.faces)
         spacing = float(np.spacing(np.abs(thing.vertices).max()))
-        _GAPS[thing] = ROUNDINGS * spacing if touches else 0.0
+        _GAPS[thing] = min(ROUNDINGS * spacing, GAP_LARGEST) if touches else 0.0
     return _GAPS[thing]
 
 

@@ -113,6 +113,8 @@ def section_region(mesh, pose, solid="winding"):
 
 def lengths_in(region, half):
     """Lengths of OC and CC, and the area, of a region in a palm [m, m, m^2]."""
+    if region.is_empty:
+        return 0.0, 0.0, 0.0
     box = shapely.box(-half[0], -half[1], half[0], half[1])
     shared = region.intersection(box)
     outline = shapely.difference(region.boundary.intersection(box), box.boundary)

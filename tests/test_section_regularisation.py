@@ -126,15 +126,16 @@ def test_the_middle_of_a_pentagram_is_inside_and_by_even_and_odd_a_hole():
 def test_lengths_and_areas_are_those_of_the_faces_that_geos_makes_of_the_lines(name, solid):
     mesh, poses = PRISMS[name](), generic_poses(60, 8, spread=0.02)
     batches = [render(crossing(mesh, solid), Palm(), poses, strategy) for strategy in (OC, CC)]
+    near = 10 * gap_of(crossing(mesh, solid))  # lids cover themselves: notches narrower than that are filled
     wrong_as_cut = 0
     as_cut = render(crossing(mesh, crossings=0), Palm(), poses, CC).length()
     for row, pose in enumerate(poses):
         *lengths, area = lengths_in(section_region(mesh, pose, solid), HALF)
-        assert [b.length()[row] for b in batches] == pytest.approx(lengths, abs=2 * ROUNDING)
+        assert [b.length()[row] for b in batches] == pytest.approx(lengths, abs=2 * ROUNDING + near)
         rings = [in_palm(line, pose)[:-1, :2] for line in batches[1].polylines_of(row)]
         assert sum(signed_area(ring) for ring in rings) == pytest.approx(area, abs=1e-8)
         wrong_as_cut += abs(as_cut[row] - lengths[1]) > 1e-4
-    assert wrong_as_cut > 20  # without all this
+    assert wrong_as_cut > 5  # without all this
 
 
 def signed_area(ring):

@@ -12,10 +12,10 @@ from palpate.kernels.solid import Inside, mesh_ball, mesh_field
 from palpate.kernels.surface import HalfEdges, upload_surface
 
 
-def field_of(mesh, device):
+def field_of(mesh, device, solid="winding"):
     vertices, faces = mesh
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-    return mesh_field(upload_surface(HalfEdges(vertices, faces), device), bounds)
+    return mesh_field(upload_surface(HalfEdges(vertices, faces), device), bounds, solid=solid)
 
 
 def on_surface(mesh, rng, count):
@@ -76,6 +76,31 @@ def test_bodies_that_overlap_count_once_and_cavities_are_holes(device):
     assert found[0] == pytest.approx([0.0525, 0, 0.2], abs=1e-8)  # not where one body begins within the other
     hollow = merged(cube, flipped(moved(cube, scale=0.5)))
     assert (values_at(field_of(hollow, device), MIDDLE + np.array([[0, 0, 0], [0.04, 0, 0]]), device) == [1, -1]).all()
+
+
+@pytest.mark.parametrize("solid", ["winding", "even-odd"])
+def test_which_winding_numbers_are_inside_is_the_solids_rule(solid, device, rng):
+    """By solid angles: two bodies that overlap (0, 1, 2), and one of them turned inside out (-1, 0, 1)."""
+    cube, tube = moved(CLOSED["cube"](), (-0.02, 0.003, 0), 0.5), moved(CLOSED["tube"](), (0.02, 0.001, 0), 0.5)
+    points, seen = rng.uniform(-0.06, 0.06, (4000, 3)) + MIDDLE, set()
+    for mesh in (merged(cube, tube), merged(cube, flipped(tube))):
+        number = np.rint(winding_of(*mesh, points)).astype(int)
+        seen |= set(number)
+        expected = number > 0 if solid == "winding" else number % 2 == 1
+        field = field_of(mesh, device, solid)
+        inside = values_at(field, points, device) < 0
+        np.testing.assert_array_equal(inside, expected)
+        one, two = points[inside][:200], points[~inside][:200]
+        found = roots_between(field, one, two, device)
+        d = (two - one) / np.linalg.norm(two - one, axis=1, keepdims=True)
+        either = [values_at(field, found + by * d, device) < 0 for by in (-1e-8, 1e-8)]
+        assert (either[0] != either[1]).mean() > 0.98  # others lie within 10 nm of an edge of the solid
+    assert seen == {-1, 0, 1, 2}
+
+
+def test_a_rule_that_does_not_exist_is_refused(device):
+    with pytest.raises(KeyError, match="nonzero"):
+        field_of(CLOSED["cube"](), device, "nonzero")
 
 
 @pytest.mark.parametrize("name", ["cube", "tube", "dog", "sphere"])

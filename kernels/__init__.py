@@ -7,7 +7,7 @@ interface: it checks, launches and returns arrays on the device of its inputs.
 from importlib import import_module
 
 # Poses to contours of a mesh on patches.
-RENDER_STAGES = ("trace", "events", "seek", "close", "draw", "plane_loops", "measure")
+RENDER_STAGES = ("flush", "trace", "events", "seek", "close", "draw", "plane_loops", "measure")
 FIELD_STAGES = (
     "march_sample",
     "march_grid",

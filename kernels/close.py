@@ -55,8 +55,8 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp
     x = wp.vec3()
     if side[0] != NONE:
         c = crossing_at(surface, f, pieces.half[i])
-        q = point_of(crossing_after(surface, f, c))
-        p = side_point(side[0], point_of(c), q, half)
+        q = point_of(f, crossing_after(surface, f, c), half)
+        p = side_point(side[0], point_of(f, c, half), q, half)
         x = lifted(f, p)
         position[0] = side_position(side[0], p)
         ends.first[i] = x
@@ -64,8 +64,8 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp
             steps += 1
     if side[1] != NONE:
         c = crossing_at(surface, f, pieces.out[i])
-        p = point_of(c)
-        q = side_point(side[1], p, point_of(crossing_after(surface, f, c)), half)
+        p = point_of(f, c, half)
+        q = side_point(side[1], p, point_of(f, crossing_after(surface, f, c), half), half)
         y = lifted(f, q)
         position[1] = side_position(side[1], q)
         ends.last[i] = y

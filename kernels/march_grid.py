@@ -149,7 +149,7 @@ def lattice_of(f: Frame, grid: Grid, bounded: int, middle: wp.vec3d):
         a += wp.dot(f.u, middle - f.origin)
         b += wp.dot(f.v, middle - f.origin)
     lattice = Lattice()
-    lattice.lift = ON * f.n
+    lattice.lift = f.flush * f.n
     lattice.origin = f.origin + a * f.u + b * f.v - lattice.lift
     lattice.u = (wp.float64(2.0) * grid.half[0] / wp.float64(grid.nu)) * f.u
     lattice.v = (wp.float64(2.0) * grid.half[1] / wp.float64(grid.nv)) * f.v

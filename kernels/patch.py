@@ -1,10 +1,10 @@
 """A patch of skin: its frame at a pose, and the predicates that decide what lies on it.
 
 Every decision of the geometry (which side of the plane, which side of the patch, which way round a corner) is one
-`wp.func` here, on float64: poses and vertices are float32, so a palm that is flush with a face is off by rounding of
-1e-17 m, far below ON, and a plane tilted against a face by 1e-4 rad is not cut 0.4 mm off. Modules that use them must
-be compiled with `EXACT`: a fused multiply-add would give two passes, or CPU and GPU, different answers about the same
-number.
+`wp.func` here, on float64, so that a plane tilted against a face by 1e-4 rad is not cut 0.4 mm off. Poses and vertices
+are float32: a palm that rests on a face is off by their rounding, so what is below a plane, or inside a side, by
+`Frame.flush` at most counts as on it. Modules that use these functions must be compiled with `EXACT`: a fused
+multiply-add would give two passes, or CPU and GPU, different answers about the same number.
 """
 
 import warp as wp
@@ -18,7 +18,8 @@ EXACT = {"fuse_fp": False, "fast_math": False, "enable_backward": False, "defaul
 #      side 3       +--u    side 1     2  (side 1)   u >=  half u
 #        |                    |        4  (side 2)   v >=  half v
 #        0 ----- side 0 ----- 1        8  (side 3)   u <= -half u
-ON = wp.constant(wp.float64(1e-12))  # [m]; what is this near to a plane or side counts as on it
+ON = wp.constant(wp.float64(1e-12))  # [m]; the least `Frame.flush`
+FLUSH_MOST = wp.constant(wp.float64(1e-3))  # [m]; the largest `Frame.flush`: more would be felt
 UNBOUNDED = wp.constant(wp.float64(1e30))  # [m]; half extent of a patch that cuts nothing off
 BOTTOM = wp.constant(1)
 RIGHT = wp.constant(2)
@@ -35,6 +36,9 @@ class Patch:
     v: wp.vec3d
     n: wp.vec3d  # u x v, into the hand
     half: wp.vec2d  # half extents along u and v, less ON [m]
+    flush: wp.float64  # the least `Frame.flush`, which lies in ON..FLUSH_MOST [m]
+    flush_rate: wp.float64  # `Frame.flush` for each metre of the patch's largest coordinate
+    relative: wp.int32  # 1: points are written along u, v and n from the patch's middle, 0: in the array's frame
 
 
 @wp.struct
@@ -47,17 +51,19 @@ class Coarse:
     n: wp.vec3
     distance: float  # of the plane from the array's origin, along n [m]
     half: wp.vec2  # half extents of the patch [m]
-    unsure: float  # bound of the rounding of a coordinate in this frame [m]
+    unsure: float  # a coordinate this near to the plane or a side is asked in float64: its rounding, and flush [m]
 
 
 @wp.struct
 class Frame:
-    """A patch's origin and axes in the array's frame."""
+    """A patch's origin and axes in the array's frame, and what counts as on the patch's plane and sides."""
 
     origin: wp.vec3d  # [m]
     u: wp.vec3d
     v: wp.vec3d
     n: wp.vec3d
+    flush: wp.float64  # a vertex below the plane, or a contour vertex inside a side, by this at most is on it [m]
+    relative: wp.int32  # as `Patch.relative`
 
 
 @wp.func
@@ -85,6 +91,9 @@ def frame_at(pose: wp.transform, patch: Patch):
     f.u = rotated(a, w, patch.u)
     f.v = rotated(a, w, patch.v)
     f.n = rotated(a, w, patch.n)
+    far = wp.max(wp.max(wp.abs(f.origin[0]), wp.abs(f.origin[1])), wp.abs(f.origin[2]))
+    f.flush = wp.clamp(wp.max(patch.flush, patch.flush_rate * far), ON, FLUSH_MOST)
+    f.relative = patch.relative
     return f
 
 
@@ -98,10 +107,13 @@ def section_frame(pose: wp.array2d[wp.transform], patch: wp.array[Patch], sectio
 
 @wp.func
 def placed(f: Frame, x: wp.vec3):
-    """Coordinates of a vertex along u, v and n [m]; the last is exactly 0 where it counts as on the plane."""
+    """Coordinates of a vertex along u, v and n [m]; the last is exactly 0 where it counts as on the plane.
+
+    Only a vertex below the plane is brought to it: one above is on the +n side as it is, and its contour stays exact.
+    """
     d = widened(x) - f.origin
     h = wp.dot(f.n, d)
-    if wp.abs(h) <= ON:
+    if -f.flush <= h and h <= ON:
         h = wp.float64(0.0)
     return wp.vec3d(wp.dot(f.u, d), wp.dot(f.v, d), h)
 
@@ -128,9 +140,9 @@ def coarse_of(f: Frame, half: wp.vec2d, reach: float):
     g.n = narrowed(f.n)
     g.distance = wp.float32(wp.dot(f.n, f.origin))
     g.half = wp.vec2(wp.float32(half[0]), wp.float32(half[1]))
-    # Origin, axes, difference, products and their sums: at most 7 roundings of 2^-24 each, and ON.
+    # Origin, axes, difference, products and their sums: at most 7 roundings of 2^-24 each; flush and its own rounding.
     far = wp.abs(g.origin[0]) + wp.abs(g.origin[1]) + wp.abs(g.origin[2])
-    g.unsure = 5.0e-7 * (reach + far) + 2.0e-12
+    g.unsure = 5.0e-7 * (reach + far) + 1.001 * wp.float32(f.flush) + 1.0e-12
     return g
 
 
@@ -153,9 +165,19 @@ def is_above(f: Frame, g: Coarse, x: wp.vec3):
 
 @wp.func
 def lifted(f: Frame, p: wp.vec2d):
-    """Point of the patch's plane in the array's frame [m]."""
+    """Point of the patch's plane as it is written [m]: in the array's frame, or relative to the patch."""
     x = f.origin + p[0] * f.u + p[1] * f.v
+    if f.relative == 1:
+        x = wp.vec3d(p[0], p[1], wp.float64(0.0))
     return narrowed(x)
+
+
+@wp.func
+def brought_to_side(x: wp.float64, half: wp.float64, flush: wp.float64):
+    """A coordinate along u or v, brought to the patch's side if it is inside and that near to it [m]."""
+    if wp.abs(x) < half and wp.abs(x) >= half - (flush - ON):  # ON is taken off `half` already
+        return wp.where(x < wp.float64(0.0), -half, half)
+    return x
 
 
 @wp.func

@@ -170,8 +170,8 @@ def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, bou
         """Walk a piece from where it enters, or starts, to where it leaves, ends or closes."""
         c = crossing_at(surface, f, half)
         n = crossing_after(surface, f, c)
-        p = point_of(c)
-        q = point_of(n)
+        p = point_of(f, c, side)
+        q = point_of(f, n, side)
         code_p = outcode(p, side)
         code_q = outcode(q, side)
         x = lifted(f, p)
@@ -187,7 +187,7 @@ def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, bou
             p = q
             code_p = code_q
             n = crossing_after(surface, f, n)
-            q = point_of(n)
+            q = point_of(f, n, side)
             code_q = outcode(q, side)
         x = lifted(f, q)
         if code_q != 0:

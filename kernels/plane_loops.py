@@ -10,7 +10,7 @@ import warp as wp
 
 from .close import BOUNDARY, SLOT, Entries, order_pieces
 from .find import find_pieces
-from .patch import EXACT, Frame, Patch, section_frame
+from .patch import EXACT, Frame, Patch, half_of, section_frame
 from .piece import Pieces, section_of, start_of
 from .ragged import BLOCK, PointLimitError, last_of, offsets_of
 from .surface import OPEN, Surface
@@ -73,6 +73,7 @@ def _draw_loops(
     patch: wp.array[Patch],
     pieces: Pieces,
     entries: Entries,
+    bounded: int,  # 0: points are brought to no side of a patch
     section_start: wp.array[wp.int64],
     point_start: wp.array[wp.int64],  # offsets of each section's points, shape [section + 1]
     # Out:
@@ -83,6 +84,7 @@ def _draw_loops(
     row = wp.tid()
     section = section_of(pieces, row)
     f = section_frame(pose, patch, section)
+    side = half_of(patch[section % patch.shape[0]], bounded)
     base = start_of(pieces, row)
     i = point_start[section]
     for e in range(entries.count[row] & (BOUNDARY - 1)):
@@ -90,11 +92,11 @@ def _draw_loops(
         half = pieces.half[base + wp.int64(slot) * pieces.stride]
         loop_start[section_start[section] + wp.int64(e)] = i
         c = crossing_at(surface, f, half)
-        points[i] = point_of(c)
+        points[i] = point_of(f, c, side)
         c = crossing_after(surface, f, c)
         while c.half != half and c.half != OPEN:
             i += wp.int64(1)
-            points[i] = point_of(c)
+            points[i] = point_of(f, c, side)
             c = crossing_after(surface, f, c)
         i += wp.int64(1)
 
@@ -107,20 +109,33 @@ def _write_frames(
     # Out:
     frame: wp.array2d[wp.vec3d],
 ):
-    """Write where a section's patch is."""
+    """Write where a section's patch is; at the origin where points are written relative to it."""
     section = wp.tid()
     f = section_frame(pose, patch, section)
+    if f.relative == 1:
+        zero = wp.float64(0.0)
+        one = wp.float64(1.0)
+        f.origin = wp.vec3d(zero, zero, zero)
+        f.u = wp.vec3d(one, zero, zero)
+        f.v = wp.vec3d(zero, one, zero)
     frame[section, 0] = f.origin
     frame[section, 1] = f.u
     frame[section, 2] = f.v
 
 
 def plane_loops(
-    surface: Any, pose: wp.array, patch: wp.array, *, method: str | None = None, limit: int | None = None
+    surface: Any,
+    pose: wp.array,
+    patch: wp.array,
+    *,
+    bounded: bool = True,
+    method: str | None = None,
+    limit: int | None = None,
 ) -> PlaneLoops:
     """Find all loops of a closed surface in the whole planes of all patches at all poses.
 
-    Arguments as for `find_pieces`. Loops of a section come in the order of their keys, see docs/architecture.md.
+    Arguments as for `find_pieces`; bounded: whether points that are flush with a side of a patch lie on it. Loops of a
+    section come in the order of their keys, see docs/architecture.md.
     Raises PointLimitError, before memory is taken for them, if the loops have more points than `limit`.
     """
     device = pose.device
@@ -138,7 +153,7 @@ def plane_loops(
     points = wp.empty(point_count, dtype=wp.vec2d, device=device)
     loop_start = wp.full(loop_count + 1, point_count, dtype=wp.int64, device=device)
     for pieces, entries in ordered.rows:
-        inputs = [surface, pose, patch, pieces, entries, section_start, point_start]
+        inputs = [surface, pose, patch, pieces, entries, int(bounded), section_start, point_start]
         launch(_draw_loops, pieces.count.shape[0], inputs=inputs, outputs=[points, loop_start])
     section_count = pose.shape[0] * patch.shape[0]
     frame = wp.empty((section_count, 3), dtype=wp.vec3d, device=device)

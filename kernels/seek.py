@@ -150,13 +150,13 @@ class Found:
 def piece_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int, pieces: Pieces, row: int, slot: int):
     """Walk an open piece from where it enters or starts, and store it; returns the scanned crossings inside, passed."""
     c = crossing_at(surface, f, half)
-    p = point_of(c)
+    p = point_of(f, c, side)
     code = outcode(p, side)
     passed = wp.where(code == 0, 1, 0)  # it starts inside at an open edge, which is scanned
     out = half
     steps = int(0)
     n = crossing_after(surface, f, c)
-    q = point_of(n)
+    q = point_of(f, n, side)
     code_q = outcode(q, side)
     x = lifted(f, p)
     while code_q == 0:
@@ -171,7 +171,7 @@ def piece_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int
         p = q
         code = 0
         n = crossing_after(surface, f, n)
-        q = point_of(n)
+        q = point_of(f, n, side)
         code_q = outcode(q, side)
     leave = int(NONE)
     if code_q != 0:
@@ -181,16 +181,16 @@ def piece_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int
 
 
 @wp.func
-def loop_from(surface: Surface, f: Frame, half: int, pieces: Pieces, row: int, slot: int):
+def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: Pieces, row: int, slot: int):
     """Walk a loop that never leaves the patch, and store it; returns the scanned crossings passed."""
     c = crossing_at(surface, f, half)
-    x = lifted(f, point_of(c))
+    x = lifted(f, point_of(f, c, side))
     steps = int(0)
     passed = int(0)
     done = int(0)
     while done == 0:
         c = crossing_after(surface, f, c)
-        y = lifted(f, point_of(c))
+        y = lifted(f, point_of(f, c, side))
         if not (x == y):
             steps += 1
         x = y
@@ -207,13 +207,13 @@ def judged(surface: Surface, f: Frame, side: wp.vec2d, half: int, found: Found, 
     out = found
     link = link_of(loaded(surface.corner, half))
     c = crossing_at(surface, f, half)
-    p = point_of(c)
+    p = point_of(f, c, side)
     code_p = outcode(p, side)
     enter = int(NONE)
     if code_p == 0:
         out.total += link & 1  # OPEN is odd
     else:
-        q = point_of(crossing_after(surface, f, c))
+        q = point_of(f, crossing_after(surface, f, c), side)
         enter = segment_of(code_p, outcode(q, side), corners_left(p, q, side)).enter
     if enter != NONE or (code_p == 0 and link == OPEN):
         out.passed += piece_from(surface, f, side, half, enter, pieces, row, out.count)
@@ -227,7 +227,7 @@ def is_candidate(surface: Surface, f: Frame, side: wp.vec2d, half: int):
     link = link_of(loaded(surface.corner, half))
     if link == OPEN or link & 1 == 0:
         return False
-    return outcode(point_of(crossing_at(surface, f, half)), side) == 0
+    return outcode(point_of(f, crossing_at(surface, f, half), side), side) == 0
 
 
 @wp.func
@@ -243,8 +243,8 @@ def wound(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.arra
         at = traversed(surface, f, g, w, at, halves)
         for k in range(at.listed):
             c = crossing_at(surface, f, halves[k])
-            p = point_of(c)
-            q = point_of(crossing_after(surface, f, c))
+            p = point_of(f, c, side)
+            q = point_of(f, crossing_after(surface, f, c), side)
             winding += winding_step(outcode(p, side), outcode(q, side), corners_left(p, q, side))
     return winding
 
@@ -285,7 +285,7 @@ def _seek_pieces(
         while k < at.listed and found.passed < found.total:
             half = halves[k]
             if is_candidate(surface, f, side, half) and is_first(surface, f, half, side):
-                found.passed += loop_from(surface, f, half, pieces, row, found.count)
+                found.passed += loop_from(surface, f, side, half, pieces, row, found.count)
                 found.count += 1
             k += 1
     winding = int(0)

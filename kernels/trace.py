@@ -103,8 +103,8 @@ class Spot:
 
 
 @wp.func
-def spot_of(c: Crossing, g: Coarse, side: wp.vec2d):
-    """The point of a crossing; where it is within ON of a side, `point_of` decides."""
+def spot_of(f: Frame, g: Coarse, c: Crossing, side: wp.vec2d):
+    """The point of a crossing; where it may be flush with a side, `point_of` decides."""
     t = Spot()
     t.d = c.upper[2] - c.lower[2]
     t.x = c.lower[0] * c.upper[2] - c.upper[0] * c.lower[2]
@@ -112,8 +112,9 @@ def spot_of(c: Crossing, g: Coarse, side: wp.vec2d):
     right = wp.abs(t.x) - side[0] * t.d
     top = wp.abs(t.y) - side[1] * t.d
     zero = wp.float64(0.0)
-    if wp.abs(right) <= ON * t.d or wp.abs(top) <= ON * t.d:
-        t.code = outcode(point_of(c), side)
+    near = (f.flush + ON) * t.d
+    if wp.abs(right) <= near or wp.abs(top) <= near:
+        t.code = outcode(point_of(f, c, side), side)
     else:
         t.code = wp.where(right > zero, wp.where(t.x > zero, RIGHT, LEFT), 0)
         t.code += wp.where(top > zero, wp.where(t.y > zero, TOP, BOTTOM), 0)
@@ -124,12 +125,12 @@ def spot_of(c: Crossing, g: Coarse, side: wp.vec2d):
 
 
 @wp.func
-def moves(f: Frame, g: Coarse, c: Crossing, p: Spot, n: Crossing, q: Spot):
-    """Whether the points of two crossings differ in float32 in the array's frame."""
-    room = wp.float64(g.unsure) * p.d * q.d
+def moves(f: Frame, g: Coarse, side: wp.vec2d, c: Crossing, p: Spot, n: Crossing, q: Spot):
+    """Whether the points of two crossings differ in float32 as they are written."""
+    room = wp.float64(2.0 * g.unsure) * p.d * q.d  # each may be brought to a side
     if wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room:
         return True
-    return not (lifted(f, point_of(c)) == lifted(f, point_of(n)))
+    return not (lifted(f, point_of(f, c, side)) == lifted(f, point_of(f, n, side)))
 
 
 @wp.func
@@ -152,7 +153,7 @@ def walked(
     """
     out = Walk()
     c = crossing_at(surface, f, half)
-    p = spot_of(c, g, side)
+    p = spot_of(f, g, c, side)
     write_event(events, row, start, (half << HALF) | BEGIN | (p.code << FROM) | p.code, 0)
     out.events = 1
     if chain:
@@ -163,7 +164,7 @@ def walked(
     last = int(0)
     while last == 0:
         n = crossing_after(surface, f, c)
-        q = spot_of(n, g, side)
+        q = spot_of(f, g, n, side)
         if n.half == OPEN:
             last = STOP
         elif n.half == half:
@@ -173,7 +174,7 @@ def walked(
             if marks:
                 mark(mask, surface.rank[n.half])
         if (p.code | q.code) == 0:
-            if moves(f, g, c, p, n, q):
+            if moves(f, g, side, c, p, n, q):
                 steps += 1
         if last != 0 or not quiet(p.code, q.code):
             what = (c.half << HALF) | last | (p.clear & q.clear) | (p.code << FROM) | q.code

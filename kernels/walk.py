@@ -4,7 +4,7 @@ import warp as wp
 
 from .clip import blend, corners_left
 from .edge_pairing import OPEN
-from .patch import Frame, above, outcode, placed
+from .patch import Frame, above, brought_to_side, outcode, placed
 from .surface import Surface
 
 
@@ -127,18 +127,19 @@ def chain_start(surface: Surface, f: Frame, half: int):
 
 
 @wp.func
-def point_of(c: Crossing):
-    """Where on the plane the crossing lies, in the patch's frame [m]."""
+def point_of(f: Frame, c: Crossing, side: wp.vec2d):
+    """Where on the plane the crossing lies, in the patch's frame [m]: on a side that it is flush with."""
     p = wp.vec2d(c.upper[0], c.upper[1])
     q = wp.vec2d(c.lower[0], c.lower[1])
-    return blend(p, q, c.upper[2], c.lower[2])
+    x = blend(p, q, c.upper[2], c.lower[2])
+    return wp.vec2d(brought_to_side(x[0], side[0], f.flush), brought_to_side(x[1], side[1], f.flush))
 
 
 @wp.func
 def left_from(surface: Surface, f: Frame, half: int, side: wp.vec2d):
     """Corners of the patch to the left of the segment from the crossing of a half-edge to the next: `corners_left`."""
     c = crossing_at(surface, f, half)
-    return corners_left(point_of(c), point_of(crossing_after(surface, f, c)), side)
+    return corners_left(point_of(f, c, side), point_of(f, crossing_after(surface, f, c), side), side)
 
 
 @wp.func
@@ -155,7 +156,7 @@ def is_first(surface: Surface, f: Frame, half: int, side: wp.vec2d):
         ahead = crossing_after(surface, f, ahead)
         if ahead.half == OPEN or ahead.half == half:
             return ahead.half == half
-        if outcode(point_of(ahead), side) != 0:
+        if outcode(point_of(f, ahead, side), side) != 0:
             return False
         if ahead.scanned == 1:
             if surface.rank[ahead.half] < rank:
@@ -163,7 +164,7 @@ def is_first(surface: Surface, f: Frame, half: int, side: wp.vec2d):
         back = crossing_before(surface, f, back)
         if back.half == OPEN:
             return False
-        if outcode(point_of(back), side) != 0:
+        if outcode(point_of(f, back, side), side) != 0:
             return False
         if back.scanned == 1:
             if surface.rank[back.half] < rank:

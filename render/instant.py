@@ -15,6 +15,7 @@ from ..kernels.single import CPU, Room, RoomSize
 from .batch import check_poses
 from .contours import ContourBatch
 from .errors import PoseError, StrategyError
+from .flush import patches_for
 from .hands import Hand, PatchHand
 from .intersect import intersect, needs_regularising
 from .objects import MeshObject
@@ -68,7 +69,7 @@ class PoseContours:
         self._scene = None
         pose = wp.array(hand.section_poses(middle[None]), dtype=wp.transform, device=CPU)
         intersect(thing, hand, pose, strategy, method=method)  # refuses what cannot be done
-        surface, patch = thing.on(CPU), hand.on(CPU)
+        surface, patch = thing.on(CPU), patches_for(hand, thing, strategy, CPU)
         self._made_of = surface, patch
         self._stages = {
             "outside": "outside" in strategy.prune,

@@ -17,6 +17,7 @@ from ..kernels.tally_pieces import tally_pieces
 from .coincident_faces import gap_of
 from .contours import ContourBatch
 from .errors import MeshError
+from .flush import patches_for
 from .hands import PatchHand
 from .objects import MeshObject
 from .section_regularisation import regularised_contours
@@ -33,17 +34,21 @@ def intersect(
     point_limit: int | None = None,
     method: str | None = None,
     timing: dict[str, float] | None = None,
+    farthest: float = 0.0,
+    relative: bool = False,
 ) -> tuple[ContourBatch, int]:
     """Raw contours of a mesh on patches, on the device of the poses, and how many points they have.
 
     pose: wp.transform, hand frame -> array frame, shape [pose]; or as `Hand.section_poses`, shape [pose, 1 or patch].
-    strategy: only "outside" and "close" count here. point_limit: more points than this raise `PointLimitError` before
-    memory is taken for them. method: how contours are looked for, see `find_pieces`; the result is the same.
-    timing: takes the seconds of each stage, which are then waited for one by one.
+    strategy: only "outside", "close" and `flush` count here. point_limit: more points than this raise
+    `PointLimitError` before memory is taken for them. method: how contours are looked for, see `find_pieces`; the
+    result is the same. timing: takes the seconds of each stage, which are then waited for one by one. farthest,
+    relative: see `patches_for`.
     """
+    patch = patches_for(hand, thing, strategy, str(pose.device), farthest=farthest, relative=relative)
     if needs_regularising(thing):
-        return _regularised(thing, hand, pose, strategy, point_limit, method, timing)
-    found, (surface, section, patch) = _pieces(thing, hand, pose, strategy, method, timing)
+        return _regularised(thing, patch, pose, strategy, point_limit, method, timing)
+    found, (surface, section) = _pieces(thing, patch, pose, strategy, method, timing)
     device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
     with StageClock(timing, "join", device):
         joined = join_pieces(surface, found, section, patch, closes=closes, limit=point_limit)
@@ -62,7 +67,7 @@ def needs_regularising(thing: MeshObject) -> bool:
 
 def _regularised(
     thing: MeshObject,
-    hand: PatchHand,
+    patch: wp.array,
     pose: wp.array,
     strategy: IntersectionStrategy,
     point_limit: int | None,
@@ -72,9 +77,9 @@ def _regularised(
     """`intersect` for a mesh that crosses itself; points of the loops that are cut count for the limit, too."""
     device = str(pose.device)
     section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
-    surface, patch = thing.on(device), hand.on(device)
+    surface = thing.on(device)
     with StageClock(timing, "find", device):
-        loops = plane_loops(surface, section, patch, method=method, limit=point_limit)
+        loops = plane_loops(surface, section, patch, bounded=strategy.bounded, method=method, limit=point_limit)
     with StageClock(timing, "regularise", device):
         stages = {"bounded": strategy.bounded, "closes": strategy.closes}
         batch = regularised_contours(loops, patch, solid=thing.solid, gap=gap_of(thing), **stages)
@@ -99,7 +104,8 @@ def tally_intersection(
     value: float32, takes rows METRICS, shape [metric.., pose], the area NaN unless the strategy closes contours.
     length: takes that of all contours in float64 [m], shape [pose]. The others as for `intersect`.
     """
-    found, (surface, section, patch) = _pieces(thing, hand, pose, strategy, method, timing)
+    patch = patches_for(hand, thing, strategy, str(pose.device))
+    found, (surface, section) = _pieces(thing, patch, pose, strategy, method, timing)
     device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
     with StageClock(timing, "join", device):
         ordered = order_pieces(surface, found, section, patch, closes=closes)
@@ -109,20 +115,20 @@ def tally_intersection(
 
 def _pieces(
     thing: MeshObject,
-    hand: PatchHand,
+    patch: wp.array,
     pose: wp.array,
     strategy: IntersectionStrategy,
     method: str | None,
     timing: dict[str, float] | None,
-) -> tuple[list[Any], tuple[Any, wp.array, wp.array]]:
-    """What of the contours lies in each patch; and the surface, poses of sections and patches it was found with."""
+) -> tuple[list[Any], tuple[Any, wp.array]]:
+    """What of the contours lies in each patch; and the surface and poses of sections it was found with."""
     if needs_regularising(thing):
         raise MeshError(f"{thing.name} crosses itself: its contours are drawn to be measured (`intersect`)")
     if strategy.needs_closed:
         thing.require_closed()
     device = str(pose.device)
     section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
-    surface, patch = thing.on(device), hand.on(device)
+    surface = thing.on(device)
     with StageClock(timing, "find", device):
         found = find_pieces(surface, section, patch, bounded=strategy.bounded, closes=strategy.closes, method=method)
-    return found, (surface, section, patch)
+    return found, (surface, section)

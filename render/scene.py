@@ -24,6 +24,7 @@ from ..kernels.skin import skin_contours
 from .contact import contact_contours
 from .contours import ContourBatch
 from .errors import MeshError, PoseError, StrategyError
+from .flush import farthest_of, patches_for
 from .focal_spot import focal_width
 from .hands import Hand, PatchHand, poses_on_host, require_rows, sections_on
 from .intersect import intersect, needs_regularising, tally_intersection
@@ -266,7 +267,8 @@ class Scene:
         raw, hand = self.strategy.raw_stage, self.hand
         if isinstance(self.thing, MeshObject) and isinstance(hand, PatchHand) and self.exact:
             section = sections_on(hand, pose, first, device)
-            return intersect(self.thing, hand, section, self.strategy, point_limit=limit, timing=timing)[0]
+            options = {"point_limit": limit, "timing": timing, "farthest": farthest_of(self.moved)}
+            return intersect(self.thing, hand, section, self.strategy, **options)[0]
         with StageClock(timing, "raw", device):
             return ContourBatch.from_device(self._marched(raw, pose, first, device, limit), hand.patch_count)
 
@@ -285,7 +287,7 @@ class Scene:
         return march_patches(
             solid,
             section,
-            hand.on(device),
+            patches_for(hand, thing, strategy, device, farthest=farthest_of(self.moved)),
             step=self.step,
             bounds=bounds,
             bounded=strategy.bounded,

@@ -10,14 +10,16 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
+from ..kernels.patch import FLUSH_MOST
 from .errors import StrategyError
 from .fields import load_by_name, read_fields, require_number
 from .stage_option import Value
 from .stages import Stage, find_stage, load_built_in
 from .transform_order import require_order
 
-FIELDS = ("raw", "prune", "transform", "step", "modules")
+FIELDS = ("raw", "prune", "transform", "step", "flush", "modules")
 STEP_LOWEST, STEP_HIGHEST = 1e-5, 0.1  # of marching [m]
+FLUSH_HIGHEST = float(FLUSH_MOST)  # [m]
 STEPS_A_WIDTH = 4  # marching steps across the focus where none is given
 
 
@@ -31,8 +33,10 @@ class IntersectionStrategy:
     | `prune` | what is removed, in this order | nothing: the whole section of the plane |
     | `transform` | what is made of the rest, in this order | nothing |
     | `step` | grid step of marching [m] | a quarter of the focal width |
+    | `flush` | how near to a patch's plane or side counts as on it [m] | three float32 spacings at the pose |
     | `modules` | Python modules that register stages of one's own | none |
 
+    On a patch's plane counts as on its +n side, on a patch's side as outside. `flush` is of planes: a skin has none.
     "close" needs raw "section" and "outside" before it. A stage may be listed again with other options.
     Raises StrategyError for an unknown stage, an option that it does not have or that is out of range, and an order
     that means nothing.
@@ -42,6 +46,7 @@ class IntersectionStrategy:
     prune: "tuple[Stage | str, ...]" = ()
     transform: "tuple[Stage | str, ...]" = ()
     step: float | None = None
+    flush: float | None = None
     modules: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -65,6 +70,8 @@ class IntersectionStrategy:
                 listed.append(full)
         if self.step is not None:
             require_number("step", self.step, STEP_LOWEST, STEP_HIGHEST, unit="m")
+        if self.flush is not None:
+            require_number("flush", self.flush, 0.0, FLUSH_HIGHEST, unit="m")
         self._require_order()
         require_order(self.raw_stage.name, *([s.name for s in self.stages()[role]] for role in ("prune", "transform")))
 
@@ -128,11 +135,13 @@ class IntersectionStrategy:
         return replace(self, raw=full["raw"][0], prune=full["prune"], transform=full["transform"], step=step)
 
     def described(self) -> dict[str, Any]:
-        """What a file says about the strategy, for JSON; `step` and `modules` only where they are given."""
+        """What a file says about the strategy, for JSON; `step`, `flush` and `modules` only where they are given."""
         raw, prune, transform = ([stage.described() for stage in stages] for stages in self.stages().values())
         out: dict[str, Any] = {"raw": raw[0], "prune": prune, "transform": transform}
         if self.step is not None:
             out["step"] = self.step
+        if self.flush is not None:
+            out["flush"] = self.flush
         return {**out, "modules": list(self.modules)} if self.modules else out
 
     def to_json(self) -> str:

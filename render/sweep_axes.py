@@ -20,7 +20,7 @@ from .hands import LARGEST, SMALLEST, Palm
 from .objects import SIZE_LARGEST, SOLID_RULES, UP_AXES
 from .rig import load_rig
 from .sampling_strategy import SamplingStrategy
-from .strategy import STEP_HIGHEST, STEP_LOWEST
+from .strategy import FLUSH_HIGHEST, STEP_HIGHEST, STEP_LOWEST
 from .sweep_recipe import RecipePart
 from .sweep_sources import Source, alignments, sources_of
 from .sweep_values import Check, Choice, Labels, Number, Text, Values, Vector, refuse, swept
@@ -79,6 +79,7 @@ KEYS: dict[str, dict[str, Key]] = {
     },
     "strategy": {
         "step": Key(Number(STEP_LOWEST, STEP_HIGHEST, "m")),
+        "flush": Key(Number(0.0, FLUSH_HIGHEST, "m")),
     },
     "sampling": {
         "speed": Key(Number(1e-3, 100.0, "m/s")),
@@ -245,8 +246,8 @@ def _motion(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _strategy(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
-    described = source.loaded | ({"step": values["step"]} if "step" in values else {})
-    return {**_named(source), "described": described, "step": described.get("step")}
+    described = source.loaded | {name: values[name] for name in KEYS["strategy"] if name in values}
+    return {**_named(source), "described": described, **{name: described.get(name) for name in KEYS["strategy"]}}
 
 
 def _sampling(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Slow and obvious answers in float64, one for each stage of the geometry."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -29,13 +30,20 @@ def in_palm(vertices, pose):
     return (np.asarray(vertices, np.float64) - np.asarray(pose[:3], np.float64)) @ basis.T
 
 
-def section_links(vertices, faces, pose, shift=0.0):
+def default_flush(vertices, pose):
+    """What a strategy without `flush` takes [m]: three float32 spacings of the largest coordinate, at most 1 mm."""
+    return min(3 * 2.0**-23 * max(np.abs(vertices).max(), np.abs(pose[:3]).max()), 1e-3)
+
+
+def section_links(vertices, faces, pose, shift=0.0, flush=0.0, lift=0.0):
     """Crossing of each cut mesh edge and the edge that follows it: ({edge: point}, {edge: next edge}).
 
-    An edge is (lower, upper) vertex; the solid lies to the left seen from +n; on the plane counts as above.
+    An edge is (lower, upper) vertex; the solid lies to the left seen from +n; on the plane counts as above, and what
+    is below it by `flush` [m] at most counts as on it, at the height `lift` [m].
     """
     local = in_palm(vertices, pose)
     height = local[:, 2] - shift
+    height = np.where((height < 0) & (height >= -flush), lift, height)
     point, after = {}, {}
     above = (height >= 0)[np.asarray(faces)]
     for face in np.asarray(faces)[above.any(axis=1) & ~above.all(axis=1)].tolist():
@@ -111,6 +119,7 @@ class Cut:
 
 def cut_loops(loops, half):
     """OC and CC of closed planar loops (even-odd) and the rectangle |u| <= half[0], |v| <= half[1], by shapely."""
+    half = np.asarray(half)
     region = shapely.Polygon()
     for loop in loops:
         if len(loop) > 2:
@@ -118,7 +127,8 @@ def cut_loops(loops, half):
     box = shapely.box(-half[0], -half[1], half[0], half[1])
     outline = shapely.MultiLineString([np.vstack([q, q[:1]]) for q in loops if len(q) > 2])
     inside = shapely.difference(shapely.intersection(outline, box), box.boundary)
-    lines = [g for g in shapely.get_parts(shapely.line_merge(inside)) if g.geom_type == "LineString" and g.length > 0]
+    merged = [g for g in shapely.get_parts(shapely.line_merge(inside)) if g.geom_type == "LineString" and g.length > 0]
+    lines = [part for line in merged for part in parted_at_sides(line, half)]
     solid = [g for g in shapely.get_parts(region.intersection(box)) if g.geom_type == "Polygon" and g.area > 0]
     rings = [ring for g in solid for ring in (g.exterior, *g.interiors)]
     return Cut(
@@ -130,11 +140,34 @@ def cut_loops(loops, half):
     )
 
 
-def cut_mesh(vertices, faces, pose, half, *, plane_shift=0.0, side_shift=0.0):
-    """OC and CC of a closed mesh: own float64 section, shapely's rectangle."""
-    point, after = section_links(vertices, faces, pose, plane_shift)
-    loops = [np.array([point[edge] for edge in chain]) for chain, _ in walk(after)]
-    return cut_loops(loops, np.asarray(half) + side_shift)
+def parted_at_sides(line, half):
+    """Parts of a line between its points on a rectangle's sides, which count as outside where it only touches them."""
+    x = np.asarray(line.coords)
+    on = (np.abs(x) >= half).any(axis=1)
+    if line.is_closed and on[:-1].any():
+        turn = int(np.flatnonzero(on[:-1])[0])
+        x = np.concatenate([x[turn:-1], x[: turn + 1]])
+        on = (np.abs(x) >= half).any(axis=1)
+    ends = [0, *(np.flatnonzero(on[1:-1]) + 1).tolist(), len(x) - 1]
+    return [shapely.LineString(x[a : b + 1]) for a, b in pairwise(ends)]
+
+
+def cut_mesh(vertices, faces, pose, half, *, plane_shift=0.0, side_shift=0.0, flush=0.0, lift=0.0):
+    """OC and CC of a closed mesh: own float64 section, shapely's rectangle.
+
+    flush: a vertex below the plane, or a contour vertex inside a side, by this at most is on it [m]; lift: above the
+    plane by this, for slivers to have an area [m].
+    """
+    point, after = section_links(vertices, faces, pose, plane_shift, flush, lift)
+    side = np.asarray(half) + side_shift
+    loops = [brought_to_sides(np.array([point[edge] for edge in chain]), side, flush) for chain, _ in walk(after)]
+    return cut_loops(loops, side)
+
+
+def brought_to_sides(loop, half, flush):
+    """Points of which those inside the lines of a rectangle's sides by `flush` at most lie on them."""
+    near = (np.abs(loop) < half) & (np.abs(loop) >= half - flush)
+    return np.where(near, np.copysign(half, loop), loop)
 
 
 def cut_mesh_trimesh(mesh, pose, half):

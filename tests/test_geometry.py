@@ -1,9 +1,11 @@
 """Contours of meshes against float64 oracles: lengths, numbers of loops, closedness, degenerate poses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
-from oracles import COUNTED, SHIFT, cut_mesh, cut_mesh_trimesh, is_degenerate
+from oracles import COUNTED, SHIFT, cut_mesh, cut_mesh_trimesh, default_flush, is_degenerate
 from scipy.spatial.transform import Rotation
 
 from palpate.datasets.shapes import shape_names
@@ -120,8 +122,9 @@ def test_degenerate_poses_equal_a_nearby_answer(name, device):
     degenerate = 0
     for i, (label, pose) in enumerate(poses.items()):
         degenerate += is_degenerate(thing.vertices, thing.faces, pose, HALF)
+        flush = default_flush(thing.vertices, pose)
         answers = [
-            cut_mesh(thing.vertices, thing.faces, pose, HALF, plane_shift=p, side_shift=s)
+            cut_mesh(thing.vertices, thing.faces, pose, HALF, plane_shift=p, side_shift=s, flush=flush)
             for p in (0, SHIFT, -SHIFT)
             for s in (0, SHIFT, -SHIFT)
         ]
@@ -143,8 +146,13 @@ def test_palm_flush_with_a_face_gives_all_of_it_or_nothing_however_it_is_turned(
         assert set(np.round(cc, 5)) == {np.float32(whole)}
 
 
+@pytest.mark.parametrize("given", [0.0, None])
 @pytest.mark.parametrize("tilt", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
-def test_palms_nearly_flush_with_a_face_are_as_exact_as_any(tilt, device):
+def test_palms_nearly_flush_with_a_face_are_as_exact_as_any(tilt, given, device):
+    """Without `flush` the section is that of the mesh as it is, else that of the mesh as the rule takes it.
+
+    A contour that runs to and fro along an edge on the plane is drawn, and the oracle draws it if it has an area.
+    """
     cube = MeshObject.load("cube")
     rng = np.random.default_rng(int(1 / tilt))
     poses = []
@@ -154,12 +162,13 @@ def test_palms_nearly_flush_with_a_face_are_as_exact_as_any(tilt, device):
         turned = lean * Rotation.from_euler("z", rng.uniform(0, 2 * np.pi)) * Rotation.from_matrix(lying_rotation())
         z = rng.choice([0.135, 0.265]) + rng.uniform(-0.05, 0.05) * tilt
         poses.append(pose_of([*rng.uniform(-0.03, 0.03, 2), z], turned.as_matrix()))
-    oc = render(cube, PALM, np.array(poses), open_contour(), device=device)
-    cc = render(cube, PALM, np.array(poses), closed_contour(), device=device)
+    oc = render(cube, PALM, np.array(poses), replace(open_contour(), flush=given), device=device)
+    cc = render(cube, PALM, np.array(poses), replace(closed_contour(), flush=given), device=device)
     for i, pose in enumerate(poses):
-        expected = cut_mesh(cube.vertices, cube.faces, pose, HALF)
-        fits = agrees(i, oc, cc, expected)
-        assert fits, (i, expected, found(oc, i), found(cc, i))
+        flush = default_flush(cube.vertices, pose) if given is None else given
+        answers = [cut_mesh(cube.vertices, cube.faces, pose, HALF, flush=flush, lift=lift) for lift in (0.0, 1e-13)]
+        fits = any(agrees(i, oc, cc, expected) for expected in answers)
+        assert fits, (i, answers, found(oc, i), found(cc, i))
 
 
 def test_flush_face_belongs_to_one_side_only(device):

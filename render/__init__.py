@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .instant import Instant
     from .mesh_hand import MeshHand
     from .objects import MeshObject, Placement
+    from .patch_points import array_points
     from .plane_hand import HandPatch, PatchJoint, PlaneHand
     from .playback import Connection, play_file
     from .recorder import record
@@ -40,6 +41,7 @@ _ROOMS = {
     "instant": "Instant",
     "mesh_hand": "MeshHand",
     "objects": "MeshObject Placement",
+    "patch_points": "array_points",
     "plane_hand": "HandPatch PatchJoint PlaneHand",
     "playback": "Connection play_file",
     "recorder": "record",
@@ -79,6 +81,7 @@ __all__ = [
     "Scene",
     "Stage",
     "VoxelObject",
+    "array_points",
     "closed_contour",
     "drive_focus",
     "dwell_map",

@@ -13,6 +13,7 @@ from ..datasets.motion import HandMotion
 from ..kernels.measure import measure_contours
 from ..kernels.ragged import PointLimitError
 from .contours import ContourBatch, join_batches
+from .coordinate_spacing import warn_of_spacing
 from .download import Downloader
 from .errors import PoseError, StrategyError
 from .hands import Hand
@@ -201,6 +202,7 @@ def render(
     strategy: IntersectionStrategy,
     *,
     moved: HandMotion | np.ndarray | None = None,
+    points: str = "array",
     device: str = "cpu",
     devices: Sequence[str] | None = None,
     memory: int | None = None,
@@ -209,15 +211,19 @@ def render(
     """Contours of all poses, in memory on the host.
 
     motion: a HandMotion, or poses alone, shape [pose, 7]. moved: poses of an object that moves, see `object_poses`.
-    devices: one worker on each of these Warp devices, by default
-    one on `device`; the contours are the same. memory: budget of what is being computed [byte], results apart, by
-    default `memory_for` the workers. progress: called with the number of poses done.
+    points: "array", or "patch" for points relative to the middle of their patch, along its u, v and n, which float32
+    holds to 4e-9 m anywhere (`array_points` gives them in the array's frame in float64). devices: one worker on each
+    of these Warp devices, by default one on `device`; the contours are the same. memory: budget of what is being
+    computed [byte], results apart, by default `memory_for` the workers. progress: called with the number of poses done.
     Raises MeshError where the strategy needs a closed surface and the object has none; MotionError with the row of a
-    bad pose; StrategyError for an unknown device or too small a budget.
+    bad pose; StrategyError for an unknown device, too small a budget, or points relative to patches of what is not a
+    mesh cut by planes, or has stages that need points in the array's frame. Warns of coordinates that float32 does not
+    hold to 1e-5 m.
     """
     batches = []
     pose = check_poses(motion)
-    scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion))
+    scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion), points=points)
+    warn_of_spacing(thing.name, thing.bounds, pose, scene.moved)
     chunks = rendered_chunks(scene, pose, device=device, devices=devices, memory=memory)
     with interrupt_between() as raise_if_interrupted:
         for chunk in chunks:

@@ -42,6 +42,7 @@ INTERPOLATE_HELP = (
     "Insert poses until contours move by no more than this from pose to pose; v / f_s leaves one focal point without "
     "pauses, sections and continuity finish no hop there."
 )
+FLUSH_HELP = "How near to a patch's plane or side counts as on it; by default three float32 spacings at the pose."
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
 MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
@@ -111,6 +112,7 @@ def render(
         float | None,
         typer.Option(metavar="METRES", help="Of the grid on the skin, if one is needed; by default a quarter focus."),
     ] = None,
+    flush: Annotated[float | None, typer.Option(metavar="METRES", help=FLUSH_HELP)] = None,
     hand: Annotated[str, typer.Option(metavar="KIND|FILE", help=HAND_HELP)] = "palm",
     palm: Annotated[
         tuple[float, float] | None,
@@ -165,6 +167,7 @@ def render(
         "out": out,
         "strategy": strategy,
         "step": step,
+        "flush": flush,
         "hand": hand,
         "palm": palm,
         "volume": {"kind": kind, "level": level, "label": label, "inside": inside, "spacing": spacing, "unit": unit},

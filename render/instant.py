@@ -14,6 +14,7 @@ from ..kernels.find import method_for
 from ..kernels.single import CPU, Room, RoomSize
 from .batch import check_poses
 from .contours import ContourBatch
+from .coordinate_spacing import warn_of_spacing
 from .errors import PoseError, StrategyError
 from .flush import patches_for
 from .hands import Hand, PatchHand
@@ -57,6 +58,7 @@ class PoseContours:
                 f"the hand has {hand.pose_count} poses of its own: one pose at a time takes a rigid one"
             )
         scene = Scene.of(thing, hand, strategy)
+        warn_of_spacing(thing.name, thing.bounds)
         middle = np.array([*thing.bounds.mean(axis=0), *PALM_DOWN], np.float32)
         self.grown = 0
         """How often memory was taken anew."""

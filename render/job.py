@@ -34,6 +34,7 @@ class RenderJob:
     out: Path
     strategy: str
     step: float | None
+    flush: float | None
     hand: str
     palm: tuple[float, float] | None
     volume: dict
@@ -94,6 +95,8 @@ def run_render(options: dict, *, as_json: bool) -> int:
     strategy = load_strategy(job.strategy)
     if job.step is not None:
         strategy = replace(strategy, step=job.step)
+    if job.flush is not None:
+        strategy = replace(strategy, flush=job.flush)
     whole = load_solid(job.thing, Placement(**job.placement), volume=job.volume, mesh=job.mesh, bounds=job.bounds)
     thing, detail = simplified(whole, job.simplify)
     if strategy.needs_closed:

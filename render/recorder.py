@@ -15,6 +15,7 @@ from ..datasets.schema import removed_name
 from ..datasets.writer import ContourWriter
 from .batch import MEMORY_SMALLEST, Chunk, checked_memory, rendered_chunks
 from .contours import KINDS
+from .coordinate_spacing import warn_of_spacing
 from .hands import Hand
 from .interrupt import interrupt_between
 from .moving import about_outline, object_poses
@@ -104,9 +105,10 @@ def record(
     devices, by default one on `device`; the file is the same. memory: budget of all chunks, computed or written
     [byte], by default `memory_for` the workers; the motion itself (36 bytes a pose) and the object come on top.
     progress: called with the poses that are done, safe on the disk, and with all.
-    Raises MeshError, StrategyError, MotionError as `render` does; ContourFileError for what the file refuses.
+    Raises MeshError, StrategyError, MotionError and warns as `render` does; ContourFileError for what the file refuses.
     """
     scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion))
+    warn_of_spacing(thing.name, thing.bounds, motion.pose, scene.moved)
     names = [warp_device(name) for name in ([device] if devices is None else devices)]
     memory = checked_memory(memory, names, smallest=4 * MEMORY_SMALLEST)
     header = file_header(scene, motion, ",".join(dict.fromkeys(names)))

@@ -24,6 +24,7 @@ from ..kernels.skin import skin_contours
 from .contact import contact_contours
 from .contours import ContourBatch
 from .errors import MeshError, PoseError, StrategyError
+from .fields import require_choice
 from .flush import farthest_of, patches_for
 from .focal_spot import focal_width
 from .hands import Hand, PatchHand, poses_on_host, require_rows, sections_on
@@ -82,6 +83,16 @@ def require_parts(thing: object, hand: object, strategy: object) -> None:
         )
 
 
+def require_points(points: object, *, exact: bool) -> None:
+    """Refuse a frame of points that is unknown, and "patch" where points are not the raw intersection's of a mesh."""
+    require_choice("points", points, ("array", "patch"))
+    if points == "patch" and not exact:
+        raise StrategyError(
+            'points="patch" is for a mesh on a Palm or PlaneHand without joined patches, raw "section", and no stages '
+            'but "outside" and "close": other stages need points in the array\'s frame'
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """An object, a hand and a strategy whose every number is settled: what renders poses.
@@ -97,10 +108,20 @@ class Scene:
     """Where the middle of the object's bounds is at each pose, and how it is turned, float32, shape [pose, 7]."""
     focal_width: float = 0.0
     """FWHM of p^2 across the focus at the object's middle, or a moving one's median [m]; 0 if nothing asks for it."""
+    points: str = "array"
+    """Where points are written: "array", in the array's frame, or "patch", relative to the middle of their patch."""
 
     @classmethod
-    def of(cls, thing: Solid, hand: Hand, strategy: IntersectionStrategy, *, moved: np.ndarray | None = None) -> Self:
-        """Settle a strategy for an object and a hand.
+    def of(
+        cls,
+        thing: Solid,
+        hand: Hand,
+        strategy: IntersectionStrategy,
+        *,
+        moved: np.ndarray | None = None,
+        points: str = "array",
+    ) -> Self:
+        """Settle a strategy for an object and a hand; points: see the field.
 
         Raises MeshError where inside and outside of the object must be defined and are not; StrategyError for a
         strategy that this hand cannot have, and where the focal width is needed at a place where there is no focus.
@@ -114,8 +135,10 @@ class Scene:
         if isinstance(hand, MeshHand) and not strategy.bounded and strategy.raw_stage.name == "section":
             raise StrategyError('prune: contours on a hand mesh end where the skin does: "outside" cannot be left out')
         stages = (*strategy.prune_stages, *strategy.transform_stages)
-        if not marches and all(stage.name in BY_RAW_KERNELS for stage in stages):
-            return cls(thing, hand, strategy, moved)
+        raw_only = all(stage.name in BY_RAW_KERNELS for stage in stages)
+        require_points(points, exact=not marches and raw_only)
+        if not marches and raw_only:
+            return cls(thing, hand, strategy, moved, points=points)
         width = 0.0
         if needs_focal_width(strategy, marches=marches):
             place = thing.bounds.mean(axis=0) if moved is None else np.median(moved[:, :3], axis=0)
@@ -207,6 +230,8 @@ class Scene:
             return self._raw(pose, first, device, point_limit, timing)
         moved = self._moved_at(first, len(pose))
         batch = self._raw(seen_from(moved, self.pivot, poses_on_host(pose)), first, device, point_limit, timing)
+        if self.points == "patch":
+            return batch  # relative to what moves along
         place = wp.array(moved, dtype=wp.transform, device=device)
         move_contours(batch.points, batch.polyline_start, batch.pose_start, place, self.pivot)
         return batch
@@ -267,8 +292,8 @@ class Scene:
         raw, hand = self.strategy.raw_stage, self.hand
         if isinstance(self.thing, MeshObject) and isinstance(hand, PatchHand) and self.exact:
             section = sections_on(hand, pose, first, device)
-            options = {"point_limit": limit, "timing": timing, "farthest": farthest_of(self.moved)}
-            return intersect(self.thing, hand, section, self.strategy, **options)[0]
+            at = {"farthest": farthest_of(self.moved), "relative": self.points == "patch"}
+            return intersect(self.thing, hand, section, self.strategy, point_limit=limit, timing=timing, **at)[0]
         with StageClock(timing, "raw", device):
             return ContourBatch.from_device(self._marched(raw, pose, first, device, limit), hand.patch_count)
 

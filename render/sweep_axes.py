@@ -247,7 +247,7 @@ def _motion(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _strategy(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
     described = source.loaded | {name: values[name] for name in KEYS["strategy"] if name in values}
-    return {**_named(source), "described": described, **{name: described.get(name) for name in KEYS["strategy"]}}
+    return {**_named(source), "described": described, "step": described.get("step")}
 
 
 def _sampling(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -153,6 +153,7 @@ class Recipe:
             "alignment": (motion.get("alignment") or {}).get("name"),
             "strategy": self.strategy["name"],
             "step": self.strategy["step"],
+            "flush": self.strategy["described"].get("flush"),
             "sampling": self.sampling["name"],
             **{name: sampling[name] for name in ("speed", "update_rate", "foci")},
             "array": array["name"],

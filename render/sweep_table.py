@@ -67,7 +67,7 @@ KEPT: dict[str, str] = {
 
 AXIS_UNITS: dict[str, str] = {
     **dict.fromkeys(("object_fit", "object_simplify", "object_weld", "object_fill_holes"), "m"),
-    **dict.fromkeys(("palm_width", "palm_length", "size", "step"), "m"),
+    **dict.fromkeys(("palm_width", "palm_length", "size", "step", "flush"), "m"),
     **{f"{name}_{axis}": "m" for name in ("object_at", "object_spacing", "motion_at") for axis in "xyz"},
     **{f"object_rotate_{axis}": "degree" for axis in "xyz"},
     **dict.fromkeys(("object_scale", "seed", "count", "foci", "drive_level_max"), "1"),

@@ -58,6 +58,20 @@ def test_options_are_stored_as_given_and_settled_in_metres():
         strategy.resolved(0.0)
 
 
+def test_flush_is_stored_where_it_is_given_and_refused_out_of_its_range():
+    assert "flush" not in closed_contour().described()
+    for flush in (0.0, 1e-6, 1e-3):
+        strategy = replace(closed_contour(), flush=flush)
+        assert strategy.described()["flush"] == flush
+        assert IntersectionStrategy.from_json(strategy.to_json()) == strategy
+        assert strategy.resolved(FOCAL_WIDTH).flush == flush
+    for flush in (-1e-9, 1.1e-3, float("nan")):
+        with pytest.raises(StrategyError, match=rf"flush must lie in 0..0.001 m, not {flush}"):
+            replace(closed_contour(), flush=flush)
+    with pytest.raises(StrategyError, match="flush must be a number in 0..0.001 m, not 'none'"):
+        replace(closed_contour(), flush="none")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -1,0 +1,28 @@
+"""What float32 can tell apart far from the array: poses, vertices and points are stored in it."""
+
+import warnings
+
+import numpy as np
+
+from .errors import PalpateWarning
+
+SPACING_MOST = 1e-5  # [m]; what contours are promised to be right to
+
+
+def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None) -> None:
+    """Warn (PalpateWarning) where float32 steps by more than 1e-5 m: from coordinates of 128 m on.
+
+    name, bounds: of the object, [m], shape [2, 3]; poses: of the hand, and of the object if it moves, shape [pose, 7].
+    For functions that scripts call.
+    """
+    places = [bounds, *(pose[:, :3] for pose in poses if pose is not None)]
+    largest = max(float(np.abs(place).max(initial=0.0, where=np.isfinite(place))) for place in places)
+    spacing = float(np.spacing(np.float32(largest)))
+    if spacing > SPACING_MOST:
+        warnings.warn(
+            f"{name}: coordinates reach {largest:.4g} m, where float32 steps by {spacing:.2g} m: poses and points are "
+            f"no more exact than that, not {SPACING_MOST:g} m. Move the object and the hand near the array's origin; "
+            'points="patch" keeps the points themselves exact, but not the poses',
+            PalpateWarning,
+            stacklevel=3,
+        )

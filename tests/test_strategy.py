@@ -68,7 +68,7 @@ def test_flush_is_stored_where_it_is_given_and_refused_out_of_its_range():
     for flush in (-1e-9, 1.1e-3, float("nan")):
         with pytest.raises(StrategyError, match=rf"flush must lie in 0..0.001 m, not {flush}"):
             replace(closed_contour(), flush=flush)
-    with pytest.raises(StrategyError, match="flush must be a number in 0..0.001 m, not 'none'"):
+    with pytest.raises(StrategyError, match=r"flush must be a number in 0..0.001 m, not 'none'"):
         replace(closed_contour(), flush="none")
 
 

@@ -173,11 +173,15 @@ def lifted(f: Frame, p: wp.vec2d):
 
 
 @wp.func
-def brought_to_side(x: wp.float64, half: wp.float64, flush: wp.float64):
-    """A coordinate along u or v, brought to the patch's side if it is inside and that near to it [m]."""
-    if wp.abs(x) < half and wp.abs(x) >= half - (flush - ON):  # ON is taken off `half` already
-        return wp.where(x < wp.float64(0.0), -half, half)
-    return x
+def brought_to_sides(p: wp.vec2d, half: wp.vec2d, flush: wp.float64):
+    """A point of the patch's plane, brought to the patch's sides if it is inside and that near to them [m]."""
+    x = half[0] - wp.abs(p[0])
+    y = half[1] - wp.abs(p[1])
+    most = flush - ON  # ON is taken off `half` already
+    zero = wp.float64(0.0)
+    u = wp.where(x > zero and x <= most, wp.where(p[0] < zero, -half[0], half[0]), p[0])
+    v = wp.where(y > zero and y <= most, wp.where(p[1] < zero, -half[1], half[1]), p[1])
+    return wp.vec2d(u, v)
 
 
 @wp.func

@@ -4,7 +4,7 @@ import warp as wp
 
 from .clip import blend, corners_left
 from .edge_pairing import OPEN
-from .patch import Frame, above, brought_to_side, outcode, placed
+from .patch import Frame, above, brought_to_sides, outcode, placed
 from .surface import Surface
 
 
@@ -131,8 +131,7 @@ def point_of(f: Frame, c: Crossing, side: wp.vec2d):
     """Where on the plane the crossing lies, in the patch's frame [m]: on a side that it is flush with."""
     p = wp.vec2d(c.upper[0], c.upper[1])
     q = wp.vec2d(c.lower[0], c.lower[1])
-    x = blend(p, q, c.upper[2], c.lower[2])
-    return wp.vec2d(brought_to_side(x[0], side[0], f.flush), brought_to_side(x[1], side[1], f.flush))
+    return brought_to_sides(blend(p, q, c.upper[2], c.lower[2]), side, f.flush)
 
 
 @wp.func

@@ -1,5 +1,7 @@
 """What counts as on a patch's plane and sides: a strategy's `flush`, or float32's spacing at the pose."""
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 import warp as wp
 
@@ -8,10 +10,20 @@ from .hands import PatchHand
 from .solid import Solid
 from .strategy import IntersectionStrategy
 
+_REACH: WeakKeyDictionary[Solid, float] = WeakKeyDictionary()  # of objects that are in use
+
 
 def farthest_of(moved: np.ndarray | None) -> float:
     """Largest coordinate of the poses of an object that moves [m], shape [pose, 7]; 0 for one that stands still."""
     return 0.0 if moved is None or not len(moved) else float(np.abs(moved[:, :3]).max())
+
+
+def reach_of(thing: Solid) -> float:
+    """Largest coordinate of an object [m], looked for once; 0 for one without bounds."""
+    if thing not in _REACH:
+        reach = float(np.abs(thing.bounds).max())
+        _REACH[thing] = reach if np.isfinite(reach) else 0.0
+    return _REACH[thing]
 
 
 def patches_for(
@@ -32,6 +44,5 @@ def patches_for(
     patch = hand.on(device)
     if strategy.flush is not None:
         return settle_patches(patch, flush=strategy.flush, relative=relative)
-    reach = float(np.abs(thing.bounds).max())
-    least = FLUSH_RATE * (reach + farthest) if np.isfinite(reach) else 0.0
+    least = FLUSH_RATE * (reach_of(thing) + farthest)
     return settle_patches(patch, flush=least, flush_rate=FLUSH_RATE, relative=relative)

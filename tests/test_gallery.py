@@ -78,8 +78,8 @@ def test_the_docs_list_every_preset_and_transform_stage_with_every_option():
 
 def test_the_examples_of_the_docs_run(tmp_path):
     text = DOCS.read_text()
-    rendered, stages = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    first, second = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
+    rendered, far, stages = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    first, flush, second = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
     (tmp_path / "my_stages.py").write_text(stages)
     (tmp_path / "mine.json").write_text(second)
     json.loads(first)
@@ -88,6 +88,8 @@ def test_the_examples_of_the_docs_run(tmp_path):
         f"assert IntersectionStrategy.from_json({first!r}).needs_closed\n"
         "assert batch.polyline_count > 0 and set(batch.kind.tolist()) == {2}\n"
         "striped = render(tube, Palm(), motion, load_strategy('mine.json'))\n"
+        f"assert IntersectionStrategy.from_json({flush!r}).flush == 1e-6\n"
+        f"{far}assert points.shape == batch.points.shape and abs(points.mean(axis=0)[2] - 0.2) < 0.1\n"
         "assert 0 <= striped.intensity.min() < 0.2 < 0.8 < striped.intensity.max() <= 1\n"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)

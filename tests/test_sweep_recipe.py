@@ -218,6 +218,7 @@ TABLES = {  # every key: what its table needs, and two values
     "motion.alignment": (RECORDING, "'still.json'", "'raised.json'"),
     "strategy.source": ("", "'cc'", "'oc'"),
     "strategy.step": ("", "0.001", "0.002"),
+    "strategy.flush": ("", "0.0", "1e-6"),
     "sampling.source": ("", "'stm'", "'lm'"),
     "sampling.speed": ("", "7.0", "7.5"),
     "sampling.update_rate": ("", "1e4", "2e4"),

@@ -147,6 +147,10 @@ def test_patches_of_any_size_see_scaled_objects_alike(size):
     np.testing.assert_allclose(lengths / scale, expected, atol=2e-6)
 
 
+FAR = pytest.mark.filterwarnings("ignore:.*float32 steps by")
+
+
+@FAR
 @pytest.mark.parametrize("reach", [10.0, 1e3, 1e5, 1e6])
 def test_what_reaches_far_beyond_the_patch_is_cut_where_it_should_be(reach):
     """Two blocks that overlap far away; their common side passes through the palm, which is dyadic as it is."""
@@ -166,6 +170,7 @@ def test_what_reaches_far_beyond_the_patch_is_cut_where_it_should_be(reach):
     assert whole.length()[0] == pytest.approx(2 * reach + 4 * reach, rel=1e-6)
 
 
+@FAR
 def test_what_reaches_too_far_is_refused():
     huge = block([0.0, -1e9, -1.0], [1e9, 1e9, 1.0])
     with pytest.raises(MeshError, match=r"may reach 1\.05e\+06 m from a patch at most, not 1e\+09 m"):

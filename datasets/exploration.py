@@ -1,7 +1,7 @@
 """The synthetic exploration: where a palm goes that feels an object of which only the bounds are known."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,18 @@ SPEED_RANGE = (0.08, 0.4)  # mean speed of one stroke [m/s]; its peak is 1.875 t
 TURN_SPEED = 1.6  # mean angular speed of one stroke at most [rad/s]
 TILT = np.radians(15.0)  # how far the skin strays from facing the object, one sigma [rad]
 TREMOR = 0.0015  # of each control point, one sigma [m], cut off at two
+_NEXT, _AFTER_NEXT = np.array([1, 2, 0]), np.array([2, 0, 1])  # of each axis
+_STROKES_TOLD = 1 << 8  # strokes between two words about progress: a tenth of a second
 _BLOCK = 1 << 16  # poses evaluated at once: bounds the memory of long motions
+
+
+Progress = Callable[[int, int], None]
+"""Takes how much is done and how much there is."""
+
+
+def unheard(done: int, total: int) -> None:
+    """A `Progress` that nobody hears."""
+    del done, total
 
 
 class _Space(NamedTuple):
@@ -36,8 +47,10 @@ class _Stroke(NamedTuple):
     quaternion: Array
 
 
-def exploration_path(bounds: Array, time: Array, seed: int) -> Array:
+def exploration_path(bounds: Array, time: Array, seed: int, progress: Progress = unheard) -> Array:
     """Poses at the given times [s] of the exploration that `bounds` ([2, 3] [m]) and `seed` define; shape [pose, 7].
+
+    progress: called now and then with how many control points are drawn, and how many there will be.
 
     The model. A person feels an object in visits. Each visit comes from one direction; every eight visits in a row
     take the eight octants in random order, at random inside the octant. Fingers point away from the user (+y), or up
@@ -52,7 +65,7 @@ def exploration_path(bounds: Array, time: Array, seed: int) -> Array:
     step. Strokes are drawn one after another from one generator, so a later time never changes an earlier pose.
     """
     space = _space(bounds)
-    control = _control_points(space, np.random.default_rng(seed), int(time[-1] / INTERVAL) + 4)
+    control = _control_points(space, np.random.default_rng(seed), int(time[-1] / INTERVAL) + 4, progress)
     blocks = [_spline(control, time[first : first + _BLOCK]) for first in range(0, len(time), _BLOCK)]
     return np.concatenate(blocks)
 
@@ -63,7 +76,7 @@ def _space(bounds: Array) -> _Space:
     return _Space(bounds.mean(axis=0), (bounds[1] - bounds[0]) / 2.0, low, high)
 
 
-def _control_points(space: _Space, rng: np.random.Generator, count: int) -> _Stroke:
+def _control_points(space: _Space, rng: np.random.Generator, count: int, progress: Progress) -> _Stroke:
     """The first `count` control points of all visits, kept in the workspace."""
     position: list[Array] = []
     quaternion: list[Array] = []
@@ -72,6 +85,8 @@ def _control_points(space: _Space, rng: np.random.Generator, count: int) -> _Str
         position.append(stroke.position)
         quaternion.append(stroke.quaternion)
         found += len(stroke.position)
+        if len(position) % _STROKES_TOLD == 0:
+            progress(min(found, count), count)
         if found >= count:
             break
     # Clipping to a box never lengthens a step, so the limit on speed holds.
@@ -167,7 +182,7 @@ def _facing(direction: Array, rng: np.random.Generator) -> Array:
     back = direction
     wrist = -(ahead - (ahead @ back) * back)
     wrist /= np.linalg.norm(wrist)
-    level = _from_axes(np.stack([np.cross(back, wrist), back, wrist], axis=1))
+    level = _from_axes(np.stack([_cross(back, wrist), back, wrist], axis=1))
     return _product(level, _exponential(rng.normal(0.0, TILT, 3)))
 
 
@@ -197,11 +212,13 @@ def _spline(control: _Stroke, time: Array) -> Array:
     )
     position = control.position[first].copy()
     quaternion = control.quaternion[first].copy()
+    near = _Stroke(*(rows[first[0] : first[-1] + 4] for rows in control))  # many poses share the steps between these
+    move = np.diff(near.position, axis=0)
+    turn = _logarithm(_product(_conjugate(near.quaternion[:-1]), near.quaternion[1:]))
+    first -= first[0]
     for step in range(3):
-        a, b = first + step, first + step + 1
-        position += weight[step] * (control.position[b] - control.position[a])
-        turn = _logarithm(_product(_conjugate(control.quaternion[a]), control.quaternion[b]))
-        quaternion = _product(quaternion, _exponential(weight[step] * turn))
+        position += weight[step] * move[first + step]
+        quaternion = _product(quaternion, _exponential(weight[step] * turn[first + step]))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     return np.hstack([position, quaternion])
 
@@ -209,9 +226,19 @@ def _spline(control: _Stroke, time: Array) -> Array:
 def _product(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions xyzw, [..., 4]: first b, then a."""
     vector_a, scalar_a, vector_b, scalar_b = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
-    vector = scalar_a * vector_b + scalar_b * vector_a + np.cross(vector_a, vector_b)
+    vector = scalar_a * vector_b + scalar_b * vector_a + _cross(vector_a, vector_b)
     scalar = scalar_a * scalar_b - (vector_a * vector_b).sum(axis=-1, keepdims=True)
     return np.concatenate([vector, scalar], axis=-1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product, [..., 3]: the bits of np.cross, which takes ten times as long for a single vector."""
+    return a[..., _NEXT] * b[..., _AFTER_NEXT] - a[..., _AFTER_NEXT] * b[..., _NEXT]
+
+
+def _length(x: Array) -> Array:
+    """Length of vectors, [..., 3] to [..., 1]: the bits of np.linalg.norm along an axis, without its checks."""
+    return np.sqrt(np.add.reduce(x * x, axis=-1, keepdims=True))
 
 
 def _conjugate(q: Array) -> Array:
@@ -220,13 +247,13 @@ def _conjugate(q: Array) -> Array:
 
 def _exponential(rotation: Array) -> Array:
     """Quaternion xyzw of a rotation vector [rad], [..., 3]."""
-    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    angle = _length(rotation)
     return np.concatenate([rotation * (0.5 * np.sinc(angle / (2.0 * np.pi))), np.cos(angle / 2.0)], axis=-1)
 
 
 def _logarithm(q: Array) -> Array:
     """Rotation vector [rad] of a unit quaternion xyzw, the short way round; [..., 3]."""
-    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    sine = _length(q[..., :3])
     angle = 2.0 * np.arctan2(sine, np.abs(q[..., 3:]))
     scale = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0)
     return q[..., :3] * np.where(q[..., 3:] < 0.0, -scale, scale)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import MotionError
-from .exploration import FLOOR, MARGIN, exploration_path
+from .exploration import FLOOR, MARGIN, Progress, exploration_path, unheard
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
@@ -110,10 +110,13 @@ def static_pose(position: ArrayLike, quaternion: ArrayLike = PALM_DOWN) -> HandM
     return _motion(None, np.concatenate(row)[None, :])
 
 
-def exploration(bounds: ArrayLike, *, duration: float, rate: float = 90.0, seed: int) -> HandMotion:
+def exploration(
+    bounds: ArrayLike, *, duration: float, rate: float = 90.0, seed: int, progress: Progress = unheard
+) -> HandMotion:
     """Make a synthetic exploration of an object, as a person would do it; nothing but its bounds is known.
 
     bounds: the object's smallest and largest x y z [m], shape [2, 3]. duration [s]; rate: poses a second [Hz].
+    progress: called now and then with how much is done, and how much there is.
     The model is told in `exploration_path`. The path depends on bounds and seed alone: duration and rate only sample
     it, at k / rate < duration. Raises MotionError for a bad argument, and where the object leaves no room above 60 mm.
     """
@@ -133,7 +136,7 @@ def exploration(bounds: ArrayLike, *, duration: float, rate: float = 90.0, seed:
         raise MotionError(f"{duration:g} s at {rate:g} Hz are more than {POSES_MOST:g} poses")
     count = max(1, math.ceil(duration * rate - 1e-9))  # 1e-9: 0.1 s x 30 Hz is three poses
     time = np.arange(count) / rate
-    return _motion(time, exploration_path(box, time, seed), seed=seed)
+    return _motion(time, exploration_path(box, time, seed, progress), seed=seed)
 
 
 def _numbers(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 """A triangle surface as half-edges: what a contour is walked along, and where a search for contours must look."""
 
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 import warp as wp
@@ -31,7 +31,8 @@ class Surface:
 
 def spatial_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Faces along a Morton curve through their middles: neighbours in space become neighbours in memory."""
-    middle = vertices.astype(np.float64)[faces].mean(axis=1)
+    x = vertices.astype(np.float64)
+    middle = (x[faces[:, 0]] + x[faces[:, 1]] + x[faces[:, 2]]) / 3
     low, size = middle.min(axis=0), np.ptp(middle, axis=0).max()
     cell = np.minimum((middle - low) / (size or 1.0) * 2**20, 2**20 - 1).astype(np.uint64)
     code = np.zeros(len(faces), np.uint64)
@@ -205,23 +206,28 @@ def trail_through(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
     return np.array(vertices, np.int64), np.array(halves, np.int64)
 
 
+def row_groups(function: np.ufunc, rows: np.ndarray, size: int) -> np.ndarray:
+    """A function of two over every `size` rows, which is ten times as fast as its reduction over a short axis."""
+    return reduce(function, (rows[k::size] for k in range(size)))
+
+
 def boxes_of(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray, int]:
     """Centres and half extents [m] of a heap of boxes over the faces, float32, shape [node, 3], and its first leaf.
 
     Faces are in spatial order already, so a leaf is LEAF of them in a row and a node its two children.
     """
-    corners = surface.vertices[surface.faces]
-    leaf_count = 1 << max(0, (-(-len(corners) // LEAF) - 1)).bit_length()
+    face_count, corners = len(surface.faces), [surface.vertices[surface.faces[:, k]] for k in range(3)]
+    leaf_count = 1 << max(0, (-(-face_count // LEAF) - 1)).bit_length()
     low = np.full((leaf_count * LEAF, 3), np.inf, np.float32)
     high = -low
-    low[: len(corners)], high[: len(corners)] = corners.min(axis=1), corners.max(axis=1)
+    low[:face_count], high[:face_count] = reduce(np.minimum, corners), reduce(np.maximum, corners)
     lows, highs = np.full((2 * leaf_count, 3), np.inf, np.float32), np.full((2 * leaf_count, 3), -np.inf, np.float32)
-    low, high = low.reshape(-1, LEAF, 3).min(axis=1), high.reshape(-1, LEAF, 3).max(axis=1)
+    low, high = row_groups(np.minimum, low, LEAF), row_groups(np.maximum, high, LEAF)
     first = leaf_count
     while first:
         lows[first : 2 * first], highs[first : 2 * first] = low, high
         if first > 1:
-            low, high = low.reshape(-1, 2, 3).min(axis=1), high.reshape(-1, 2, 3).max(axis=1)
+            low, high = row_groups(np.minimum, low, 2), row_groups(np.maximum, high, 2)
         first //= 2
     empty = lows[:, 0] > highs[:, 0]
     lows[empty] = highs[empty] = 0.0

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.edge_pairing import faces_around_edges
+from ..kernels.edge_pairing import faces_around_edges, group_starts, order_of
 
 
 class Edges(NamedTuple):
@@ -32,8 +32,12 @@ class Edges(NamedTuple):
 def edges_of(faces: np.ndarray) -> Edges:
     """Number the edges of faces, int, shape [face, 3]."""
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    key = np.minimum(tail, head) * (int(faces.max(initial=0)) + 1) + np.maximum(tail, head)
-    _, of_half, count = np.unique(key, return_inverse=True, return_counts=True)
+    low, high = np.minimum(tail, head), np.maximum(tail, head)
+    order = order_of(high, low)
+    start = group_starts(low[order], high[order])
+    count = np.diff(start, append=len(order))
+    of_half = np.empty(len(order), np.int64)
+    of_half[order] = np.repeat(np.arange(len(count)), count)
     return Edges(of_half, count, np.bincount(of_half, np.where(tail < head, 1, -1), minlength=len(count)))
 
 
@@ -59,9 +63,8 @@ def split_repeats(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Of several the first in the order of the faces is kept.
     """
     corners = np.sort(faces, axis=1)
-    order = np.lexsort(corners.T[::-1])
-    corners = corners[order]
-    start = np.flatnonzero(np.concatenate([[True], (corners[1:] != corners[:-1]).any(axis=1)]))
+    order = order_of(*corners.T[::-1])
+    start = group_starts(*corners[order].T)
     odd = np.diff(start, append=len(order)) % 2 == 1
     first = np.minimum.reduceat(order, start)
     return faces[np.sort(first[odd])], faces[np.sort(first[~odd])]

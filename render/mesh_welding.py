@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..kernels.edge_pairing import group_starts, order_of
 from .errors import MeshError
 
 ROUNDING = 2.0**-22  # of a mesh's size: two steps of float32, in which meshes are stored and cut
@@ -41,12 +42,29 @@ def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarra
     used[faces] = True
     rows = np.flatnonzero(used)
     points = vertices[rows] + 0.0  # -0 is 0
-    order = np.lexsort(points.T[::-1])
+    order = coordinate_order(points)
     points = points[order]
-    fresh = np.concatenate([[True], (points[1:] != points[:-1]).any(axis=1)])
+    fresh = group_starts(*points.T)
     number = np.empty(len(vertices), np.int64)
-    number[rows[order]] = np.cumsum(fresh) - 1
+    number[rows[order]] = np.repeat(np.arange(len(fresh)), np.diff(fresh, append=len(points)))
     return points[fresh], number[faces]
+
+
+def coordinate_order(points: np.ndarray) -> np.ndarray:
+    """Order of points by x, then y, then z; that of equal ones is anything.
+
+    Few points of a scan share their x, and only those are sorted by the others.
+    """
+    x = points[:, 0]
+    order = np.arange(len(x)) if (x[1:] >= x[:-1]).all() else np.argsort(x)
+    x = x[order]
+    same = x[1:] == x[:-1]
+    tied = np.zeros(len(x), bool)
+    tied[1:] |= same
+    tied[:-1] |= same
+    rows = order[tied]
+    order[tied] = rows[np.lexsort(points[rows].T[::-1])]
+    return order
 
 
 def weld_close(vertices: np.ndarray, faces: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -71,4 +89,4 @@ def sorted_faces(faces: np.ndarray) -> np.ndarray:
     faces = faces[(a != b) & (b != c) & (c != a)]
     first = faces.argmin(axis=1)[:, None]
     faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
-    return faces[np.lexsort(faces.T[::-1])]
+    return faces[order_of(*faces.T[::-1])]

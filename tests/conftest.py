@@ -15,6 +15,7 @@ except ModuleNotFoundError:  # a machine with a GPU, Warp, NumPy and pytest only
     hypothesis = None
 
 wp.config.log_level = wp.LOG_WARNING
+os.environ["PALPATE_CACHE"] = "off"  # no test reads or fills the user's cache; those of the cache name a folder
 
 if hypothesis:
     hypothesis.settings.register_profile("default", deadline=None)

@@ -6,6 +6,8 @@ gathered into bricks: one whose values all have one sign has no surface in it, f
 its neighbours'. Each brick knows how far around it, in bricks, that goes on.
 """
 
+import math
+
 import numpy as np
 import warp as wp
 
@@ -194,9 +196,9 @@ def bricked_ball(data: Bricked, x: wp.vec3d, radius: wp.float64):
 def bricked_field(padded: np.ndarray, affine: np.ndarray, device: str) -> Field:
     """`dense_field` with `Field.ball`, and of the same values to the bit; that itself if the volume is too large."""
     affine = np.asarray(affine, np.float64)
-    values = page_values(padded)
-    if len(values) >= VALUES_MOST:
+    if math.prod(-(-size // page) * page for size, page in zip(padded.shape, PAGE, strict=True)) >= VALUES_MOST:
         return dense_field(padded, affine, device)
+    values = page_values(padded)
     inverse = np.linalg.inv(affine[:3, :3])
     _, j_size, k_size = (-(-size // page) for size, page in zip(padded.shape, PAGE, strict=True))
     data = Bricked()

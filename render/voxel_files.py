@@ -1,11 +1,13 @@
 """Volumes from files and into files: NumPy, NRRD, NIfTI, NanoVDB."""
 
+import contextlib
 import os
 import struct
 import warnings
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -14,7 +16,7 @@ from ..kernels.voxelise import gather_volume
 from .errors import PalpateWarning, VoxelError
 from .fields import told
 from .voxel_grid import affine_of
-from .voxel_values import VOXELS_MOST
+from .voxel_values import require_room
 
 if TYPE_CHECKING:
     from .voxels import VoxelObject
@@ -60,13 +62,6 @@ def is_volume(path: str | Path) -> bool:
     return str(path).lower().endswith(SUFFIXES)
 
 
-def check_size(shape: tuple[int, ...]) -> None:
-    """Refuse a volume before its values are read."""
-    count = int(np.prod([int(n) for n in shape], dtype=object))
-    if count > VOXELS_MOST:
-        raise VoxelError(f"a volume may have {VOXELS_MOST} voxels, not {count} ({[int(n) for n in shape]})")
-
-
 def scaled(affine: np.ndarray, unit: str) -> np.ndarray:
     """An affine map in metres."""
     out = np.array(affine, np.float64)
@@ -89,8 +84,28 @@ def grid_of(arrays: Any, unit: str) -> np.ndarray | None:
     return scaled(affine_of(**{"spacing": None, "origin": None, "direction": None, "affine": None, **given}), unit)
 
 
+def numpy_shape(stream: IO[bytes]) -> tuple[int, ...]:
+    """Shape of the array that a stream of the .npy format starts with; raises ValueError where none does."""
+    read = np.lib.format.read_array_header_1_0
+    if np.lib.format.read_magic(stream) != (1, 0):  # 2.0 and 3.0 differ from each other in the names of fields only
+        read = np.lib.format.read_array_header_2_0
+    return read(stream)[0]
+
+
+def values_shape(path: Path) -> tuple[int, ...]:
+    """Shape of the values by the header alone; () where there is none, which whoever reads the file will say."""
+    with contextlib.suppress(ValueError, KeyError, zipfile.BadZipFile):
+        if not zipfile.is_zipfile(path):
+            with path.open("rb") as stream:
+                return numpy_shape(stream)
+        with zipfile.ZipFile(path) as arrays, arrays.open("values.npy") as stream:
+            return numpy_shape(stream)
+    return ()
+
+
 def read_numpy(path: Path, unit: str | None) -> VolumeFile:
     """An .npy file (values), or an .npz file with values and spacing, origin, direction or affine, and kind, level."""
+    require_room(values_shape(path))
     with open(path, "rb") as file:
         try:
             loaded = np.load(file, allow_pickle=False)
@@ -147,7 +162,7 @@ def read_nrrd(path: Path, unit: str | None) -> VolumeFile:
     """A NRRD file, attached or detached header."""
     nrrd = imported("nrrd", "pynrrd")
     header = nrrd.read_header(str(path))
-    check_size(tuple(header["sizes"]))
+    require_room(tuple(header["sizes"]))
     values, header = nrrd.read(str(path))
     return VolumeFile(without_ones(values), nrrd_affine(header, unit))
 
@@ -156,7 +171,7 @@ def read_nifti(path: Path, unit: str | None) -> VolumeFile:
     """A NIfTI file, as its sform or qform says."""
     nibabel = imported("nibabel", "nibabel")
     image = nibabel.load(path)
-    check_size(image.shape)
+    require_room(image.shape)
     said = image.header.get_xyzt_units()[0]
     affine = scaled(image.affine, unit or UNIT_NAMES.get(said, "mm"))
     return VolumeFile(without_ones(np.asanyarray(image.dataobj)), affine)
@@ -177,7 +192,7 @@ def read_nanovdb(path: Path, unit: str | None) -> VolumeFile:
     if (high - low < 2).any():
         raise VoxelError(f"grid {info.name!r} has no active voxels")
     shape = tuple(int(n) for n in high - low + 1)
-    check_size(shape)
+    require_room(shape)
     affine = np.eye(4)
     affine[:3, :3] = np.array(info.transform_matrix, np.float64).reshape(3, 3)
     affine[:3, 3] = np.array(info.translation, np.float64) + affine[:3, :3] @ low

@@ -1,5 +1,6 @@
 """What the values of a volume mean: which are inside, and as numbers that are below 0 there."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ from .fields import told
 
 LARGEST = float(np.finfo(np.float64).max)
 LABEL_LARGEST = 2**64
-VOXELS_MOST = 2**30  # 4 GiB in float32
+PADDED_MOST = (2**31 - 1) // 3  # with a layer of outside around them: Warp numbers the three edges of each in an int
 KINDS = ("occupancy", "distance", "intensity", "label")
 LABELS_NAMED = 20  # labels that an error lists
 
@@ -112,6 +113,25 @@ def values_of(values: object) -> np.ndarray:
     return array
 
 
+def require_room(shape: Sequence[int]) -> None:
+    """Raise VoxelError for a volume that Warp cannot hold, before anything of it is read or allocated.
+
+    shape: voxels along each axis; those beyond the third, which a refusal of their own awaits, count too.
+    """
+    sizes = [int(size) for size in shape]
+    padded = [size + 2 for size in sizes[:3]] + sizes[3:]
+    count = math.prod(padded)  # of Python's integers, which do not overflow
+    if count <= PADDED_MOST:
+        return
+    side = int(np.cbrt(PADDED_MOST))
+    every = math.ceil((count / PADDED_MOST) ** (1 / 3))
+    raise VoxelError(
+        f"values must be {PADDED_MOST} at most, a layer around them included (a cube of {side - 2} a side), not "
+        f"{count} (shape {sizes}): cut the volume to the object, or keep one voxel in {every} along each axis, "
+        f"values[::{every}, ::{every}, ::{every}], with {every} times the spacing"
+    )
+
+
 def check_values(values: np.ndarray) -> None:
     """Refuse what is not a volume of finite numbers, naming what is wrong."""
     if values.ndim != 3:
@@ -119,8 +139,7 @@ def check_values(values: np.ndarray) -> None:
         raise VoxelError(f"values must be [i, j, k], not {list(values.shape)}{ways.get(values.ndim, '')}")
     if values.size == 0:
         raise VoxelError(f"values are empty: shape {list(values.shape)}")
-    if values.size > VOXELS_MOST:
-        raise VoxelError(f"a volume may have {VOXELS_MOST} voxels, not {values.size} ({list(values.shape)})")
+    require_room(values.shape)
     if values.dtype.kind not in "biuf":
         raise VoxelError(f"values must be bool, integer or float, not {values.dtype}")
     if values.dtype.kind == "f":

@@ -13,11 +13,12 @@ from ..kernels.edge_pairing import twins_of
 from ..kernels.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
 from .errors import MeshError, PalpateWarning, VoxelError
 from .fields import told
+from .loading_progress import Watch, unwatched
 from .mend import winding_number
 from .mesh_bodies import body_labels, settle_signs, signed_volumes
 from .objects import MeshObject, Placement
 from .voxel_grid import LENGTHS, numbers_of
-from .voxel_values import VOXELS_MOST, is_number
+from .voxel_values import PADDED_MOST, is_number
 from .voxels import VoxelObject
 
 SIGNS = ("auto", "crossings", "parity", "winding")
@@ -86,9 +87,11 @@ def grid_around(
         raise VoxelError(f"margin must be a length in metres of at least 0, not {told(margin)}")
     around = MARGIN * step if margin is None else np.full(3, float(margin))
     count = np.maximum(np.ceil((np.ptp(bounds, axis=0) + 2 * around) / step), 1.0) + 1
-    if count.prod() > VOXELS_MOST:
+    if (count + 2).prod() > PADDED_MOST:
         size = " x ".join(f"{x:.0f}" for x in count)
-        raise VoxelError(f"{name}: spacing {spacing} m needs {size} voxels; {VOXELS_MOST} are allowed")
+        raise VoxelError(
+            f"{name}: spacing {spacing} m needs {size} voxels; {PADDED_MOST} are allowed, a layer around them included"
+        )
     origin = (bounds[0] + bounds[1]) / 2 - (count - 1) / 2 * step
     return GridNodes(origin, step, (int(count[0]), int(count[1]), int(count[2])))
 
@@ -252,11 +255,13 @@ def voxelise_file(
     band: float | None = None,
     sign: str = "auto",
     device: str | None = None,
+    watch: Watch = unwatched,
 ) -> dict[str, Any]:
     """Voxelise a built-in object or a mesh file into a file of voxels; returns what it says about itself, for JSON."""
     from .voxel_files import save_voxels
 
-    thing = MeshObject.load(source, placement=placement)
+    thing = MeshObject.load(source, placement=placement, watch=watch)
+    watch("voxels", 0, 1)
     voxels = voxelise(thing, spacing=spacing, kind=kind, margin=margin, band=band, sign=sign, device=device)
     save_voxels(voxels, out)
     return {**voxels.described(), "file": str(out)}

@@ -172,8 +172,8 @@ def test_nanovdb_of_another_type_or_too_large_is_refused(tmp_path, monkeypatch):
         with pytest.raises(VoxelError, match="float is needed"):
             VoxelObject.load(tmp_path / f"{name}.nvdb")
     save_voxels(balled(), tmp_path / "ball.nvdb")
-    monkeypatch.setattr("palpate.render.voxel_files.VOXELS_MOST", 1000)
-    with pytest.raises(VoxelError, match="may have 1000 voxels, not"):
+    monkeypatch.setattr("palpate.render.voxel_values.PADDED_MOST", 1000)
+    with pytest.raises(VoxelError, match="values must be 1000 at most"):
         VoxelObject.load(tmp_path / "ball.nvdb")
 
 

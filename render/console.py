@@ -5,6 +5,7 @@ import json
 import os
 import sys
 import tempfile
+import threading
 import warnings
 from collections.abc import Callable, Collection, Iterator
 
@@ -12,17 +13,20 @@ import numpy as np
 import warp as wp
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from ..datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
 from ..device.report import LiveStatistics, PlayReport
 from .errors import PalpateWarning, PlacementError, PlanError, RenderError, RepairError, StrategyError
+from .loading_progress import Watch, unwatched
 
 TOLD_WARNINGS = (PalpateWarning, RecordingWarning)
 
 DONE, FAILED, MISUSED = 0, 1, 2
+
+LOADING_SILENT = 1.0  # [s]; what loads in less needs no bar
 
 MISUSES = (StrategyError, PlacementError, RepairError, PlanError, NotStoreError, UnknownArrayError, UpdateRateError)
 """Errors that are about what was asked, not about what happened."""
@@ -150,6 +154,31 @@ def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], No
     with Progress(*columns, console=errors, transient=True) as progress:
         task = progress.add_task(title, total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextlib.contextmanager
+def loading_bar(title: str, *, quiet: bool) -> Iterator[Watch]:
+    """A bar on standard error once something has been loading for LOADING_SILENT, with the name of its stage.
+
+    A timer shows it, since a stage that is one call of NumPy reports nothing until its end.
+    """
+    if quiet or not errors.is_terminal:
+        yield unwatched
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    progress = Progress(*columns, console=errors, transient=True)
+    task = progress.add_task(escape(title), total=None)
+    timer = threading.Timer(LOADING_SILENT, progress.start)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield lambda stage, done, total: progress.update(
+            task, description=escape(f"{title}: {stage}"), completed=done, total=total if done else None
+        )
+    finally:
+        timer.cancel()
+        timer.join()
+        progress.stop()
 
 
 @contextlib.contextmanager

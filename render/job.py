@@ -97,19 +97,23 @@ def run_render(options: dict, *, as_json: bool) -> int:
         strategy = replace(strategy, step=job.step)
     if job.flush is not None:
         strategy = replace(strategy, flush=job.flush)
-    whole = load_solid(job.thing, Placement(**job.placement), volume=job.volume, mesh=job.mesh, bounds=job.bounds)
+    with console.loading_bar(job.thing, quiet=as_json) as watch:
+        options = {"volume": job.volume, "mesh": job.mesh, "bounds": job.bounds}
+        whole = load_solid(job.thing, Placement(**job.placement), **options, watch=watch)
     thing, detail = simplified(whole, job.simplify)
     if strategy.needs_closed:
         thing.require_closed()
-    hand, motion = load_hand_and_motion(
-        job.hand,
-        job.palm,
-        job.motion,
-        thing,
-        exploration_options=job.exploration,
-        side=job.side,
-        alignment=job.alignment,
-    )
+    with console.loading_bar(job.motion, quiet=as_json) as watch:
+        hand, motion = load_hand_and_motion(
+            job.hand,
+            job.palm,
+            job.motion,
+            thing,
+            exploration_options=job.exploration,
+            side=job.side,
+            alignment=job.alignment,
+            watch=watch,
+        )
     if job.step is not None and is_exact(thing, hand, strategy):
         raise StrategyError(f"--step is of a grid on the skin, but {thing.name} is a mesh, cut exactly by {job.hand}")
     moved = None if job.object_motion is None else HandMotion.load(job.object_motion)
@@ -162,7 +166,8 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
     """Summarise: contours, frames that a sweep keeps, or what loading finds in a mesh with the given options."""
     if is_mesh_name(str(file)):
         console.start_warp()
-        facts = mesh_facts(str(file), options)
+        with console.loading_bar(str(file), quiet=as_json) as watch:
+            facts = mesh_facts(str(file), options, watch)
         told = [name for name, value in facts.items() if value not in (0, "")]
         console.say(facts, as_json=as_json, title=str(file), told=told)
         return

@@ -15,6 +15,7 @@
 | file of a mesh, volume or expression | a MeshHand of it | the same, rigid |
 """
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from .fields import require_choice
 from .flat_planes import flat_hand
 from .hands import Hand, Palm
 from .implicit import ImplicitObject, is_function_name
+from .loading_progress import Watch, unwatched
 from .mesh_hand import MeshHand
 from .objects import MeshObject, Placement
 from .plane_hand import PlaneHand
@@ -53,11 +55,12 @@ def load_solid(
     volume: dict[str, Any] | None = None,
     mesh: dict[str, Any] | None = None,
     bounds: tuple[float, ...] | None = None,
+    watch: Watch = unwatched,
 ) -> Solid:
     """An object of any kind, by the table above.
 
     volume: options of `VoxelObject.load`, mesh: those of `MeshObject.load`; None among them is an option not given.
-    bounds: of a function [m].
+    bounds: of a function [m]. watch: takes the stages of loading a mesh.
     Raises MeshError for what cannot be loaded, StrategyError for options of another kind of object.
     """
     repair = {name: value for name, value in (mesh or {}).items() if value is not None}
@@ -73,7 +76,7 @@ def load_solid(
         box = None if bounds is None else np.array(bounds).reshape(2, 3)
         return ImplicitObject.load(source, bounds=box, placement=placement)
     refuse_options({"bounds": bounds}, "of a function", source)
-    return MeshObject.load(source, placement=placement, **repair)
+    return MeshObject.load(source, placement=placement, watch=watch, **repair)
 
 
 def require_volume_options(given: dict[str, Any]) -> None:
@@ -120,12 +123,16 @@ def is_recording(source: str) -> bool:
     return not first.replace(" ", "").startswith(POSE_HEADERS)
 
 
-def load_motion(source: str, thing: Solid, options: dict[str, Any]) -> HandMotion:
-    """A motion from a file of poses, or a synthetic exploration of the object; options of None take their defaults."""
+def load_motion(source: str, thing: Solid, options: dict[str, Any], watch: Watch = unwatched) -> HandMotion:
+    """A motion from a file of poses, or a synthetic exploration of the object; options of None take their defaults.
+
+    watch: hears how far the exploration is.
+    """
     given = {name: value for name, value in options.items() if value is not None}
     if source == EXPLORATION:
         try:
-            return exploration(thing.bounds, **{**EXPLORATION_DEFAULTS, **given})
+            progress = partial(watch, "exploration")
+            return exploration(thing.bounds, **{**EXPLORATION_DEFAULTS, **given}, progress=progress)
         except MotionError as error:
             raise StrategyError(f"{EXPLORATION}: {error}") from error
     if given:
@@ -180,14 +187,16 @@ def load_hand_and_motion(
     exploration_options: dict[str, Any],
     side: str | None = None,
     alignment: Path | None = None,
+    watch: Watch = unwatched,
 ) -> tuple[Hand, HandMotion]:
     """A hand and its motion, of poses or of a recording.
 
     exploration_options: duration, rate, seed; a rate resamples a recording. side, alignment: of a recording.
+    watch: hears how far a synthetic exploration is.
     """
     if not is_recording(source):
         refuse_options({"side": side, "alignment": alignment}, "of a recording of a hand", source)
-        return load_hand(kind, palm), load_motion(source, thing, exploration_options)
+        return load_hand(kind, palm), load_motion(source, thing, exploration_options, watch)
     rate = exploration_options["rate"]
     refuse_options({k: v for k, v in exploration_options.items() if k != "rate"}, "of a synthetic exploration", source)
     recording = load_recording(source, hand=side, alignment=alignment)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..datasets.shapes import shape_names
 from .errors import PalpateWarning
+from .loading_progress import Watch, unwatched
 from .objects import MeshObject, Placement
 
 ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth away
@@ -22,7 +23,7 @@ def is_mesh_name(source: str) -> bool:
     return source in shape_names() or (suffix not in ("h5", "hdf5") and suffix in trimesh.available_formats())
 
 
-def mesh_facts(source: str, options: dict[str, Any]) -> dict[str, Any]:
+def mesh_facts(source: str, options: dict[str, Any], watch: Watch = unwatched) -> dict[str, Any]:
     """The mesh in numbers, and in sentences what was changed, what is left, and what could be done.
 
     options: `scale` and those of `MeshObject.load`; None among them is an option not given. Raises MeshError.
@@ -31,7 +32,7 @@ def mesh_facts(source: str, options: dict[str, Any]) -> dict[str, Any]:
     placement = Placement(scale=given.pop("scale", 1.0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PalpateWarning)  # the table says the same
-        thing = MeshObject.load(source, placement=placement, **given)
+        thing = MeshObject.load(source, placement=placement, watch=watch, **given)
     report = thing.report
     numbers = asdict(report)
     for name in ("rim_longest", "weld_closes"):

@@ -28,6 +28,9 @@ def run_voxelise(
     console.start_warp()
     started = perf_counter()
     place, name = Placement(**placement), worker_devices(device, 1)[0]
-    told = voxelise_file(mesh, out, spacing=spacing, placement=place, kind=kind, sign=sign, device=name)
+    with console.loading_bar(mesh, quiet=as_json) as watch:
+        told = voxelise_file(
+            mesh, out, spacing=spacing, placement=place, kind=kind, sign=sign, device=name, watch=watch
+        )
     seconds = perf_counter() - started
     console.say({**told, "bytes": out.stat().st_size, "seconds": seconds}, as_json=as_json, title=str(out))

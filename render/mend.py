@@ -102,7 +102,7 @@ def mend_mesh(
 
 def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> Surface:
     """Vertices and triangles merged and sorted; of repeats what `mesh_sheets` keeps."""
-    used_count, given_count = len(np.unique(faces)), len(faces)
+    used_count, given_count = int(np.count_nonzero(np.bincount(faces.ravel()))), len(faces)
     vertices, faces = weld(vertices, faces)
     tolerance = rounding_of(vertices)
     vertices, faces = weld_close(vertices, faces, max(repair.weld, tolerance))

@@ -141,7 +141,7 @@ def write_entry(path: Path, mended: Mended) -> None:
         vertices=mended.vertices,
         faces=mended.faces.astype(np.int32),
         solid_count=np.array(mended.solid_count),
-        report=np.array(json.dumps(asdict(mended.report))),
+        report=np.array(json.dumps(asdict(mended.report), default=np.generic.item)),
     )
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp")
     try:

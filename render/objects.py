@@ -26,7 +26,7 @@ SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an objec
 _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by identity, while an object has them
 POOL_KEPT = 0.5  # of a GPU's memory, kept for the next batch: giving it back at every wait costs milliseconds
 TRIANGLES_ANNOUNCED = 2_000_000  # before as many are repaired, it is said how long that takes
-REPAIR_SECONDS, REPAIR_GIGABYTES = 7.0, 0.7  # a million triangles; measured, docs/performance.md
+REPAIR_SECONDS, REPAIR_GIGABYTES = 7.0, 0.6  # a million triangles; measured, docs/performance.md
 SOLID_RULES = ("winding", "even-odd")
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
@@ -73,8 +73,10 @@ class Placement:
 
     def factor_of(self, vertices: np.ndarray) -> float:
         """By how much lengths grow."""
+        if self.fit is None:
+            return self.scale
         finite = vertices[np.isfinite(vertices).all(axis=-1)] if vertices.ndim == 2 else vertices[:0]
-        if self.fit is None or len(finite) == 0:
+        if len(finite) == 0:
             return self.scale
         return self.fit / (float(np.ptp(finite, axis=0).max()) or 1.0)
 

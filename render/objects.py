@@ -20,13 +20,13 @@ from ..kernels.surface import HalfEdges, upload_surface
 from .errors import MeshError, PalpateWarning, PlacementError, RepairError
 from .loading_progress import Watch, unwatched
 from .mend import Repair
-from .mesh_cache import repaired_mesh
+from .mesh_cache import cache_folder, repaired_mesh
 
 SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
 _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by identity, while an object has them
 POOL_KEPT = 0.5  # of a GPU's memory, kept for the next batch: giving it back at every wait costs milliseconds
 TRIANGLES_ANNOUNCED = 2_000_000  # before as many are repaired, it is said how long that takes
-REPAIR_SECONDS, REPAIR_GIGABYTES = 7.0, 0.6  # a million triangles; measured, docs/performance.md
+REPAIR_SECONDS, REPAIR_GIGABYTES = 8.0, 0.6  # a million triangles; measured, docs/performance.md
 SOLID_RULES = ("winding", "even-odd")
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
@@ -241,9 +241,10 @@ class MeshObject:
     def _announce(self, triangle_count: int) -> None:
         if triangle_count >= TRIANGLES_ANNOUNCED:
             millions = triangle_count / 1e6
+            once = "" if cache_folder() is None else "; the result is kept on disk"
             warnings.warn(
                 f"{self.name}: {millions:.3g} million triangles take about {millions * REPAIR_SECONDS:.0f} s and "
-                f"{millions * REPAIR_GIGABYTES:.1f} GB of memory to check and repair; the result is kept on disk",
+                f"{millions * REPAIR_GIGABYTES:.1f} GB of memory to check and repair{once}",
                 PalpateWarning,
                 stacklevel=4,
             )

@@ -4,7 +4,7 @@
 |---|---|
 | 3 | always: they lie in one place |
 | 2 | they are coplanar and lie on the same side of their edge |
-| 1 | the side across the common corner of one meets the other; coplanar: their angles at the corner overlap |
+| 1 | the side across the common corner of one meets the other; coplanar: the insides of their angles overlap |
 | 0 | a side of one meets the other; coplanar: two sides meet or one holds the other's corner |
 
 Sides and triangles hold their ends and borders. Triangles without area are passed over: their neighbours have what
@@ -285,9 +285,9 @@ def _find_crossings(
     first: int,  # face of the first thread
     # Out:
     pair: wp.array[wp.vec2i],  # faces that cross, in any order
-    count: wp.array[wp.int32],  # how many there are, more than there is room for among them; comes as 0, shape [1]
+    count: wp.array[wp.int32],  # how many there are; more than there is room for: at least so many; comes as 0, shape [1]
 ):
-    """Find the faces after each face that cross it; what begins once the room is used up finds nothing."""
+    """Find the faces after each face that cross it. Once the room is used up no more are looked for."""
     own = first + wp.tid()
     f = triangles.face[own]
     if count[0] <= pair.shape[0] and widest_axis(corners_of(triangles, f)) >= 0:
@@ -298,8 +298,9 @@ def _find_crossings(
                 g = triangles.face[other]
                 if widest_axis(corners_of(triangles, g)) >= 0 and faces_meet(triangles, f, g):
                     place = wp.atomic_add(count, 0, 1)
-                    if place < pair.shape[0]:
-                        pair[place] = wp.vec2i(own, other)
+                    if place >= pair.shape[0]:
+                        return
+                    pair[place] = wp.vec2i(own, other)
 
 
 def upload_triangles(vertices: np.ndarray, faces: np.ndarray, device: str) -> tuple[Any, wp.Bvh]:
@@ -327,20 +328,23 @@ def find_crossings(
 
     vertices: float64, shape [vertex, 3], equal coordinates in one vertex only; faces: int, shape [face, 3].
     Yields how many faces are done and the pairs that were found among them and all after them, int32, shape [pair, 2].
+    Of a face that crosses more than ROOM_LARGEST others, so many pairs are given.
     """
     triangles, tree = upload_triangles(vertices, faces, device)
-    step, room = CHUNK, 4 * CHUNK
+    step, room = CHUNK, min(4 * CHUNK, ROOM_LARGEST)
     while first < len(faces):
         count = min(step, len(faces) - first)
         pair = wp.empty(room, dtype=wp.vec2i, device=device)
         found = wp.zeros(1, dtype=wp.int32, device=device)
         wp.launch(_find_crossings, count, inputs=[triangles, first], outputs=[pair, found], device=device)
         crossing_count = int(found.numpy()[0])
-        if crossing_count > room and count > 1:
-            step = max(1, count // 8) if room == ROOM_LARGEST else count
+        if crossing_count > room and room < ROOM_LARGEST:
             room = min(8 * room, ROOM_LARGEST)
             continue
-        first += count
+        if crossing_count > room and count > 1:
+            step = count // 2
+            continue
+        first, step = first + count, min(2 * step, CHUNK)
         kept = pair.numpy()[: min(crossing_count, room)]
         yield first, kept[np.lexsort(kept.T[::-1])]
     del tree  # the kernels' hierarchy, until here

@@ -285,7 +285,7 @@ def _find_crossings(
     first: int,  # face of the first thread
     # Out:
     pair: wp.array[wp.vec2i],  # faces that cross, in any order
-    count: wp.array[wp.int32],  # how many there are; more than there is room for: at least so many; comes as 0, shape [1]
+    count: wp.array[wp.int32],  # how many there are, or more than there is room for; comes as 0, shape [1]
 ):
     """Find the faces after each face that cross it. Once the room is used up no more are looked for."""
     own = first + wp.tid()

@@ -16,6 +16,7 @@ wp.set_module_options(EXACT)
 FAR = wp.constant(4.0)  # above every box: scaled, they lie within 1
 POINTS = 2**16  # a launch
 HITS = 2**20  # room of a launch at first
+HITS_LARGEST = 2**24  # fewer points are taken where there are more
 
 
 @wp.func
@@ -37,9 +38,9 @@ def _cross_upwards(
     first: int,  # point of the first thread
     # Out:
     hit: wp.array[wp.vec3i],  # point, face, 1 if it looks up or -1; in any order
-    count: wp.array[wp.int32],  # how many there are, more than there is room for among them; comes as 0, shape [1]
+    count: wp.array[wp.int32],  # how many there are, or more than there is room for; comes as 0, shape [1]
 ):
-    """Find the faces straight above each point."""
+    """Find the faces straight above each point. Stop where room is short: the count of all may overflow."""
     own = first + wp.tid()
     x = point[own]
     foot = flattened(x, 2)
@@ -52,8 +53,9 @@ def _cross_upwards(
             turn += edge_turn(flattened(corner_of(t, k), 2), flattened(corner_of(t, k + 1), 2), foot)
         if turn != 0 and plane_side(t.a, t.b, t.c, x) == turn:
             place = wp.atomic_add(count, 0, 1)
-            if place < hit.shape[0]:
-                hit[place] = wp.vec3i(own, face, turn)
+            if place >= hit.shape[0]:
+                return
+            hit[place] = wp.vec3i(own, face, turn)
 
 
 def wind_bodies(
@@ -68,7 +70,9 @@ def wind_bodies(
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     scaled = np.clip((points - 0.5 * (low + high)) / (np.max(high - low) or 1.0), -2.0, 2.0).astype(np.float32)
     point, box = wp.array(points, dtype=wp.vec3d, device=device), wp.array(scaled, dtype=wp.vec3, device=device)
-    kept, first, step, room = [np.zeros((0, 3), np.int32)], 0, POINTS, HITS
+    bodies, most = int(body.max()) + 1, max(HITS_LARGEST, len(faces))
+    pairs, numbers = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    first, step, room = 0, POINTS, HITS
     while first < len(points):
         count = min(step, len(points) - first)
         hit = wp.empty(room, dtype=wp.vec3i, device=device)
@@ -76,13 +80,14 @@ def wind_bodies(
         wp.launch(_cross_upwards, count, inputs=[triangles, point, box, first], outputs=[hit, found], device=device)
         hit_count = int(found.numpy()[0])
         if hit_count > room:
-            room = hit_count
+            step, room = (count // 2, room) if room >= most else (count, min(4 * room, most))
             continue
         first += count
-        kept.append(hit.numpy()[:hit_count])
+        hits = hit.numpy()[:hit_count].astype(np.int64)
+        pair, index = np.unique(hits[:, 0] * bodies + body[hits[:, 1]], return_inverse=True)
+        pairs.append(pair)
+        numbers.append(np.bincount(index, hits[:, 2], minlength=len(pair)).astype(np.int64))
     del tree  # the kernels' hierarchy, until here
-    hits = np.concatenate(kept).astype(np.int64)
-    pair, index = np.unique(hits[:, 0] * (int(body.max()) + 1) + body[hits[:, 1]], return_inverse=True)
-    number = np.bincount(index, hits[:, 2], minlength=len(pair)).astype(np.int64)
+    pair, number = np.concatenate(pairs), np.concatenate(numbers)
     pair, number = pair[number != 0], number[number != 0]
-    return pair // (int(body.max()) + 1), pair % (int(body.max()) + 1), number
+    return pair // bodies, pair % bodies, number

@@ -36,9 +36,7 @@ def wanted(vertices, faces):
     corners = np.asarray(vertices, float)[faces]
     low, high = corners.min(axis=1), corners.max(axis=1)
     near = [
-        (i, k)
-        for i, k in combinations(range(len(faces)), 2)
-        if (low[i] <= high[k]).all() and (low[k] <= high[i]).all()
+        (i, k) for i, k in combinations(range(len(faces)), 2) if (low[i] <= high[k]).all() and (low[k] <= high[i]).all()
     ]
     return {(i, k) for i, k in near if triangles_cross(corners[i].tolist(), corners[k].tolist())}
 
@@ -68,7 +66,9 @@ def test_pairs_of_one_plane_cross_where_fractions_say_so(device):
     for own in flat[200:]:
         own[1, 0] = own[0, 0]  # a corner in common
     flat[..., 2] = 0
-    frames = np.array([np.eye(3), np.roll(np.eye(3), 1, axis=0), np.roll(np.eye(3), 2, axis=0), [[1, 2, 3], [3, 1, 5], [0] * 3]])
+    frames = np.array(
+        [np.eye(3), np.roll(np.eye(3), 1, axis=0), np.roll(np.eye(3), 2, axis=0), [[1, 2, 3], [3, 1, 5], [0] * 3]]
+    )
     pairs = np.einsum("kabi,kij->kabj", flat, frames[rng.integers(0, 4, len(flat))])
     want = {(2 * k, 2 * k + 1) for k, (s, t) in enumerate(pairs.tolist()) if triangles_cross(s, t)}
     pairs[..., 0] += APART * np.arange(len(pairs))[:, None, None]

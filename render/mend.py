@@ -26,6 +26,7 @@ from .mesh_bodies import (
     signed_volumes,
 )
 from .mesh_holes import fill_holes, rim_lengths, rims_of
+from .mesh_patches import unify_patches
 from .mesh_report import MeshReport
 from .mesh_sheets import closed_part, edges_of, joined_by_edges, outer_hull, split_repeats
 from .mesh_union import Cluster, Crossings, check_union, clusters_of, count_crossings, unite
@@ -111,6 +112,8 @@ def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> S
     if len(faces) == 0:
         raise MeshError(f"all {given_count} triangles have a corner twice: the mesh has no surface")
     odd, even = split_repeats(faces)
+    once, times = np.concatenate([odd, even]), np.repeat([1, 2], [len(odd), len(even)])
+    odd, even = split_repeats(np.repeat(*unify_patches(vertices, once, times, tolerance), axis=0))
     faces = sorted_faces(with_walls(vertices, odd, even, tolerance)) if len(even) else odd
     report = MeshReport(triangles=given_count, vertices_welded=welded_count, faces_dropped=given_count - len(faces))
     return Surface(vertices, faces, report, tolerance)

@@ -57,6 +57,14 @@ def joined_by_edges(edges: Edges) -> np.ndarray:
     return components(face, face_count + edges.of_half, face_count + edge_count)[:face_count]
 
 
+def joined_by_pairs(edges: Edges) -> np.ndarray:
+    """Number of the component of each face, joined through edges of two."""
+    face = np.arange(len(edges.of_half)) // 3
+    by_edge = np.argsort(edges.of_half, kind="stable")
+    plain = (np.cumsum(edges.count) - edges.count)[edges.count == 2]
+    return components(face[by_edge[plain]], face[by_edge[plain + 1]], len(face) // 3)
+
+
 def split_repeats(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One of each triangle: those that are there an odd number of times, and those that are there an even one.
 
@@ -79,8 +87,7 @@ def closed_part(faces: np.ndarray) -> np.ndarray:
     face = np.arange(len(edges.of_half)) // 3
     by_edge = np.argsort(edges.of_half, kind="stable")
     start = np.concatenate([[0], np.cumsum(edges.count)])
-    plain = start[:-1][edges.count == 2]
-    patch = components(face[by_edge[plain]], face[by_edge[plain + 1]], len(faces))
+    patch = joined_by_pairs(edges)
     count = edges.count.copy()
     gone = np.zeros(int(patch.max(initial=-1)) + 1, bool)
     shared = edges.count[edges.of_half] != 2

@@ -37,7 +37,8 @@ def twins_of(faces: np.ndarray, vertices: np.ndarray | None = None, tolerance: f
 
     Half-edge h = 3 face + corner runs from that corner to the face's next; it is paired with one that runs back.
     Where more than two triangles share an edge, those between which the solid lies are paired, by their angles around
-    the edge: bodies that touch along an edge come apart, and two walls in one place pair with each other.
+    the edge: bodies that touch along an edge come apart, and two walls in one place pair with each other. Triangles
+    that edges of two join are paired among themselves where they can be: bodies that cross at a common edge stay apart.
 
     faces: int, shape [face, 3], every face with three different vertices.
     vertices: [m], shape [vertex, 3]; without them the k-th half-edge in one direction is paired with the k-th in the
@@ -57,7 +58,13 @@ def twins_of(faces: np.ndarray, vertices: np.ndarray | None = None, tolerance: f
         half = order[many]
         group = np.repeat(np.arange(len(size)), size)[many]
         downward = tail[half] > head[half]
-        turn = np.zeros(len(half)) if vertices is None else _turns(faces, vertices, half, group, downward, tolerance)
+        turn = np.zeros(len(half))
+        if vertices is not None:
+            turn = _turns(faces, vertices, half, group, downward, tolerance)
+            patch = _patches(order[two], order[two + 1], len(faces))
+            group = _split_by_patch(half, group, downward, patch)
+            by_patch = np.lexsort((half, patch[half // 3]))
+            half, group, turn, downward = half[by_patch], group[by_patch], turn[by_patch], downward[by_patch]
         _pair(twin, *_matched(half, group, turn, downward, by_rank=vertices is None), tail)
     return twin
 
@@ -86,6 +93,23 @@ def _pair(twin: np.ndarray, one: np.ndarray, two: np.ndarray, tail: np.ndarray) 
     one, two = one[opposite], two[opposite]
     twin[one] = two
     twin[two] = one
+
+
+def _patches(one: np.ndarray, two: np.ndarray, face_count: int) -> np.ndarray:
+    """Number of the patch of each face: what edges of two triangles join; `one` and `two` are their half-edges."""
+    from scipy.sparse import coo_matrix  # a tenth of a second that only edges of many cost
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(one), bool), (one // 3, two // 3)), shape=(face_count, face_count))
+    return connected_components(graph, directed=False)[1]
+
+
+def _split_by_patch(half: np.ndarray, group: np.ndarray, downward: np.ndarray, patch: np.ndarray) -> np.ndarray:
+    """Numbers of groups in which a patch that has as many half-edges one way as the other at an edge is by itself."""
+    key = group * (int(patch.max()) + 2) + patch[half // 3] + 1
+    _, own = np.unique(key, return_inverse=True)
+    balanced = np.bincount(own, np.where(downward, 1, -1))[own] == 0
+    return np.where(balanced, key, group * (int(patch.max()) + 2))
 
 
 def _turns(
@@ -125,11 +149,12 @@ def _turns(
 def _matched(
     half: np.ndarray, group: np.ndarray, turn: np.ndarray, downward: np.ndarray, *, by_rank: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of half-edges of edges with more than two triangles, matched like brackets around each edge.
+    """Pairs of half-edges of edges with more than two triangles, matched like brackets within each group, an edge's.
 
     Seen along the edge from its lower vertex, with the angle growing, a downward half-edge's triangle is where the
-    solid begins and an upward one's where it ends; of triangles in one place the beginnings come first. Where one kind
-    is in excess, the rest of it stays unpaired.
+    solid begins and an upward one's where it ends; of triangles in one place the beginnings come first, in the order
+    given, then the ends in the reverse order: two walls in one place then belong to the same bodies at all their edges.
+    Where one kind is in excess, the rest of it stays unpaired.
     """
     if by_rank:
         order = np.lexsort((half, ~downward, group))
@@ -138,7 +163,8 @@ def _matched(
         key = group[order] * 2 + ~opens
         run = place - np.maximum.accumulate(np.where(np.concatenate([[True], key[1:] != key[:-1]]), place, 0))
         return _neighbours(half[order], group[order], run, place, opens)
-    order = np.lexsort((~downward, turn, group))
+    place = np.arange(len(half))
+    order = np.lexsort((np.where(downward, place, -place), ~downward, turn, group))
     half, group, opens = half[order], group[order], downward[order]
     start = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
     size = np.diff(start, append=len(group))

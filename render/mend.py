@@ -26,7 +26,7 @@ from .mesh_bodies import (
     signed_volumes,
 )
 from .mesh_holes import fill_holes, rim_lengths, rims_of
-from .mesh_patches import unify_patches
+from .mesh_patches import count_repeats, repeated, split_shared, unify_patches
 from .mesh_report import MeshReport
 from .mesh_sheets import closed_part, edges_of, joined_by_edges, outer_hull, split_repeats
 from .mesh_union import Cluster, Crossings, check_union, clusters_of, count_crossings, unite
@@ -111,10 +111,11 @@ def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> S
     faces = sorted_faces(faces)
     if len(faces) == 0:
         raise MeshError(f"all {given_count} triangles have a corner twice: the mesh has no surface")
-    odd, even = split_repeats(faces)
-    once, times = np.concatenate([odd, even]), np.repeat([1, 2], [len(odd), len(even)])
-    odd, even = split_repeats(np.repeat(*unify_patches(vertices, once, times, tolerance), axis=0))
-    faces = sorted_faces(with_walls(vertices, odd, even, tolerance)) if len(even) else odd
+    faces = sorted_faces(repeated(*unify_patches(vertices, *count_repeats(faces), tolerance)))
+    faces, shared = split_shared(vertices, faces, tolerance)
+    odd, even = split_repeats(sorted_faces(faces))
+    faces = with_walls(vertices, odd, even, tolerance) if len(even) else odd
+    faces = sorted_faces(np.concatenate([faces, shared]))
     report = MeshReport(triangles=given_count, vertices_welded=welded_count, faces_dropped=given_count - len(faces))
     return Surface(vertices, faces, report, tolerance)
 
@@ -218,14 +219,13 @@ def bounding_bodies(surface: Surface, label: np.ndarray, repair: Repair, watch: 
     sign = alternating_signs(around) if even_odd else settle_signs(volume, around)
     turned = np.sign(volume) * sign < 0
     faces = np.where(turned[label][:, None], faces[:, ::-1], faces)
-    level = np.bincount(outside[:, 0], sign[outside[:, 1]], minlength=len(volume)).astype(np.int64)
     report = replace(
         surface.report,
         bodies_turned=int(turned.sum()),
         cavities=int(np.count_nonzero(sign < 0)),
         crossings_found=found.count,
     )
-    bodies = Bodies(rows_of(label), sign, around, level)
+    bodies = Bodies(rows_of(label), sign, around, outside)
     return joined_clusters(replace(surface, faces=faces, report=report), bodies, found, even_odd, watch)
 
 
@@ -239,8 +239,18 @@ class Bodies:
     """+1 for a solid, -1 for a cavity."""
     around: list[set[int]]
     """For each those that it lies in."""
-    level: np.ndarray
-    """Winding number around each that those which it does not touch add."""
+    outside: np.ndarray
+    """Those around each that it does not touch, as sorted rows of (body, other)."""
+
+    def level(self, members: np.ndarray) -> np.ndarray:
+        """Winding number that bodies around each of these add, without those that it touches and these themselves."""
+        first, last = (np.searchsorted(self.outside[:, 0], members, side=side) for side in ("left", "right"))
+        own = np.repeat(np.arange(len(members)), last - first)
+        rows = np.arange(len(own)) + np.repeat(first - (np.cumsum(last - first) - (last - first)), last - first)
+        other = self.outside[rows, 1]
+        return np.bincount(own, np.where(np.isin(other, members), 0, self.sign[other]), minlength=len(members)).astype(
+            int
+        )
 
 
 def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd: bool, watch: Watch) -> Surface:
@@ -249,7 +259,8 @@ def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd
     clusters = clusters_of(found)
     kept = np.ones(len(bodies.rows), bool)
     if not even_odd and found.all_counted:
-        kept = (bodies.level > 0) != (bodies.level + bodies.sign > 0)
+        level = np.bincount(bodies.outside[:, 0], bodies.sign[bodies.outside[:, 1]], minlength=len(kept))
+        kept = (level > 0) != (level + bodies.sign > 0)
     united_points, united_faces, vertex_count = [surface.vertices], [], len(surface.vertices)
     hidden, united, crossings, reasons = 0, 0, 0, []
     for number, cluster in enumerate(clusters):
@@ -287,8 +298,8 @@ def is_hidden(bodies: Bodies, cluster: Cluster) -> bool:
     """Whether bodies that touch each other lie in the solid of others whatever they do to the winding number."""
     if cluster.fault:
         return False
-    sign = bodies.sign[cluster.bodies]
-    return bool(bodies.level[cluster.bodies].min() + np.minimum(sign, 0).sum() > 0)
+    level = bodies.level(cluster.bodies).min()
+    return bool(level + np.minimum(bodies.sign[cluster.bodies], 0).sum() > 0)
 
 
 def united_cluster(surface: Surface, bodies: Bodies, cluster: Cluster, even_odd: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -299,7 +310,7 @@ def united_cluster(surface: Surface, bodies: Bodies, cluster: Cluster, even_odd:
         raise MeshError(cluster.fault)
     members = cluster.bodies.tolist()
     place = {body: k for k, body in enumerate(members)}
-    sign, level = bodies.sign[members], int(bodies.level[members].max())
+    sign, level = bodies.sign[members], int(bodies.level(cluster.bodies).max())
     if level > 1 or (level == 1 and (sign > 0).any()):
         raise MeshError("solids and cavities cross inside a solid")
     rows = [bodies.rows[k] for k in members]

@@ -1,28 +1,50 @@
-"""Flat parts of a mesh that lie in one place, cut into triangles in different ways: they are made repeats.
+"""Triangles of a mesh that lie in one place: told by their directions, and made equal where they are cut differently.
 
 Two cubes that share a side need not share its diagonal. What is there twice is told by its triangles (`mesh_sheets`),
 so both sides get the same ones; else which of them belongs to which cube would be a guess where one is inside out.
+A triangle that is there twice in the same direction is no wall if two bodies on one side of it end there.
 """
 
 import numpy as np
 
-from .mesh_bodies import normals_of
-from .mesh_sheets import edges_of, joined_by_pairs
+from ..kernels.edge_pairing import twins_of
+from .mesh_bodies import body_labels, normals_of, signed_volumes
+from .mesh_sheets import edges_of, joined_by_edges, joined_by_pairs
+
+
+def count_repeats(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each triangle once, in the direction that it has most often, and how often it has that one and the other.
+
+    Returns faces, int, shape [face, 3], and counts, shape [face, 2]. faces: each from its lowest corner on.
+    """
+    corners = np.sort(faces, axis=1)
+    forward = faces[:, 1] < faces[:, 2]
+    once, index = np.unique(corners, axis=0, return_inverse=True)
+    counts = np.stack(
+        [np.bincount(index.ravel(), forward == way, minlength=len(once)) for way in (True, False)], axis=1
+    )
+    back = counts[:, 0] < counts[:, 1]
+    once[back] = once[back][:, ::-1]
+    return once, np.sort(counts.astype(np.int64), axis=1)[:, ::-1]
+
+
+def repeated(faces: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """The reverse of `count_repeats`, in another order."""
+    return np.concatenate([np.repeat(faces, counts[:, 0], axis=0), np.repeat(faces[:, ::-1], counts[:, 1], axis=0)])
 
 
 def unify_patches(
-    vertices: np.ndarray, faces: np.ndarray, times: np.ndarray, tolerance: float
+    vertices: np.ndarray, faces: np.ndarray, counts: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Faces of which flat patches with one rim have the same triangles, so that walls with other diagonals are repeats.
 
     A patch is what edges of two faces join. Of patches with the same rim that lie in one plane, within a tolerance, and
-    have the same area, all get the triangles of the first.
-    faces: int, shape [face, 3], each once; times: how often each is there, shape [face]. Returns both anew.
+    have the same area, all get the triangles of the first. Takes and returns what `count_repeats` does.
     """
     edges = edges_of(faces)
     rim = np.flatnonzero(edges.count[edges.of_half] > 2)
     if len(rim) == 0:
-        return faces, times
+        return faces, counts
     patch = joined_by_pairs(edges)
     order = np.lexsort((edges.of_half[rim], patch[rim // 3]))
     owner, edge = patch[rim // 3][order], edges.of_half[rim][order]
@@ -32,7 +54,7 @@ def unify_patches(
         alike.setdefault(own.tobytes(), []).append(number)
     twice = [group for group in alike.values() if len(group) > 1]
     if not twice:
-        return faces, times
+        return faces, counts
     by_patch = np.argsort(patch, kind="stable")
     start = np.searchsorted(patch[by_patch], np.arange(int(patch.max()) + 2))
     kept, added, often = np.ones(len(faces), bool), [], []
@@ -42,11 +64,11 @@ def unify_patches(
         flat = [sheet for sheet in sheets if sheet[1].any()]
         for own, normal, area in flat[1:]:
             model, model_normal, model_area = flat[0]
-            if abs(area - model_area) <= 8 * tolerance * np.sqrt(area) and np.ptp(times[own]) == 0:
+            if abs(area - model_area) <= 8 * tolerance * np.sqrt(area) and (counts[own] == counts[own[0]]).all():
                 kept[own] = False
                 added.append(faces[model] if normal @ model_normal > 0 else faces[model][:, ::-1])
-                often.append(np.full(len(model), times[own[0]]))
-    return np.concatenate([faces[kept], *added]), np.concatenate([times[kept], *often])
+                often.append(np.tile(counts[own[0]], (len(model), 1)))
+    return np.concatenate([faces[kept], *added]), np.concatenate([counts[kept], *often])
 
 
 def flat_patch(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> tuple[np.ndarray, float]:
@@ -58,3 +80,36 @@ def flat_patch(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> tup
     normal /= np.linalg.norm(normal) or 1.0
     is_flat = np.ptp(vertices[faces] @ normal) <= tolerance
     return normal * is_flat, float(sizes.sum() / 2)
+
+
+def split_shared(
+    vertices: np.ndarray, faces: np.ndarray, tolerance: float, turn: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Faces where a repeat is a repeat, and those of surfaces where it is a side of two bodies, which need it twice.
+
+    The latter are surfaces (all that edges join) along whose every edge as many faces run one way as the other, and
+    not so once repeats are left out. Bodies of theirs that are inside out are turned first: what both had is then a
+    wall between them.
+    """
+    once, counts = count_repeats(faces)
+    net = counts[:, 0] - counts[:, 1]
+    edges = edges_of(once)
+    ahead = np.where(once < np.roll(once, -1, axis=1), 1, -1)
+    surface = joined_by_edges(edges)
+    uneven = []
+    for times in (net, np.minimum(net, 1)):
+        balance = np.bincount(edges.of_half, (ahead * times[:, None]).ravel())
+        uneven.append(np.isin(surface, surface[np.flatnonzero(balance[edges.of_half]) // 3]))
+    shared = ~uneven[0] & uneven[1]
+    if not shared.any():
+        return faces, faces[:0]
+    rest = repeated(once[~shared], counts[~shared])
+    owned = np.repeat(net[shared], net[shared])
+    out = np.repeat(once[shared], net[shared], axis=0)
+    label = body_labels(twins_of(out, vertices, tolerance))
+    inverted = (signed_volumes(vertices, out, label) < 0) & (np.bincount(label, owned > 1) > 0)
+    if not (turn and inverted.any()):
+        return rest, out
+    out[inverted[label]] = out[inverted[label]][:, ::-1]
+    more, out = split_shared(vertices, out, tolerance, turn=False)
+    return np.concatenate([rest, more]), out

@@ -70,6 +70,8 @@ def split_repeats(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Of several the first in the order of the faces is kept.
     """
+    if len(faces) == 0:
+        return faces, faces
     corners = np.sort(faces, axis=1)
     order = order_of(*corners.T[::-1])
     start = group_starts(*corners[order].T)

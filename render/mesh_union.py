@@ -16,6 +16,7 @@ from .mesh_welding import sorted_faces, weld
 CROSSINGS_MOST = 2**22  # pairs of triangles that are counted; beyond, the mesh is taken for nothing but crossings
 CHECKS = 512  # random points and triangles at which a union is compared with its bodies
 CLEARANCE = 16.0  # of a mesh's rounding: how far from triangles it is compared
+CUBE_WAYS = np.array([way for way in np.ndindex(3, 3, 3) if way != (1, 1, 1)]) - 1.0  # to a cube's neighbours
 
 
 class Crossings(NamedTuple):
@@ -129,10 +130,15 @@ def check_union(
     open_count = int((twins_of(faces, points, tolerance) == OPEN).sum())
     if open_count:
         raise MeshError(f"the union has {open_count} open edges")
-    asked = check_points(vertices, np.concatenate(parts), np.repeat(np.arange(len(parts)), [len(p) for p in parts]))
-    before = np.full(len(asked), around_sign) + winding_of(vertices, np.concatenate(parts), asked)
-    after = np.full(len(asked), around_sign) + winding_of(points, faces, asked)
-    wrong = np.count_nonzero((before > 0) != (after > 0))
+    given = np.concatenate(parts)
+    asked = check_points(vertices, given, np.repeat(np.arange(len(parts)), [len(p) for p in parts]))
+    before = around_sign + winding_of(vertices, given, asked) > 0
+    after = around_sign + winding_of(points, faces, asked) > 0
+    suspect = np.flatnonzero(before != after)
+    reach = CLEARANCE * tolerance * CUBE_WAYS
+    beside = (asked[suspect, None] + reach).reshape(-1, 3)
+    alike = (around_sign + winding_of(vertices, given, beside) > 0).reshape(-1, len(reach)) == before[suspect, None]
+    wrong = np.count_nonzero(alike.all(axis=1))  # others lie on the surface, as far as rounding can tell
     if wrong:
         raise MeshError(
             f"{wrong} of {len(asked)} points lie inside the union and not inside its bodies, or the reverse"

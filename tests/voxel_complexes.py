@@ -1,4 +1,4 @@
-"""Random solids of voxels as triangles: with inner walls, with other diagonals, with cubes inside out; and their sections."""
+"""Random solids of voxels as triangles: with inner walls, other diagonals, cubes inside out; and their sections."""
 
 from dataclasses import dataclass
 

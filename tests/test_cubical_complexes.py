@@ -1,0 +1,164 @@
+"""Solids of random voxels and boxes, loaded in many disguises, against the voxels: exact volumes, areas and lengths."""
+
+import warnings
+
+import numpy as np
+import pytest
+from voxel_complexes import (
+    Complex,
+    as_indexed,
+    as_soup,
+    has_cavity,
+    layer_outline,
+    mesh_outline,
+    random_complex,
+    triangles_of,
+    volume_of,
+)
+
+from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
+from palpate.render.mend import mend_mesh
+from palpate.render.mesh_report import MeshReport
+
+SETS = 8  # of complexes, so that one that fails is found soon
+
+
+def rotation(rng):
+    out = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return out * np.linalg.det(out)
+
+
+def assert_is_solid(vertices, faces, filled, off, note):
+    """Whether a mesh is the boundary of these voxels: its volume, and its section through each layer of voxels."""
+    assert volume_of(vertices, faces) == pytest.approx(filled.sum(), abs=off), note
+    for axis in range(3):
+        for layer in range(filled.shape[axis]):
+            got = mesh_outline(vertices, faces, axis, layer + 0.5)
+            assert got == pytest.approx(layer_outline(filled, axis, layer), abs=off), (note, axis, layer)
+
+
+def disguised(triangles, rng, turn, grid):
+    """Triangles as a file has them: turned or not, in float32 or not, with common vertices or not; and the turn."""
+    rotated = rotation(rng) if turn else np.eye(3)
+    triangles = triangles @ rotated.T
+    if grid:
+        triangles = triangles.astype(np.float32).astype(float)
+    return (as_soup(triangles) if rng.random() < 0.5 else as_indexed(triangles, rng)), rotated
+
+
+@pytest.mark.parametrize("kind", ["as it is", "turned", "turned float32"])
+@pytest.mark.parametrize("number", range(SETS))
+def test_random_complexes_load_as_their_union(number, kind):
+    exact, disguises = 0, set()
+    for seed in range(70):
+        rng = np.random.default_rng([number, len(kind), seed])
+        complex_ = random_complex(rng, 4 if seed % 8 == 0 else 3)
+        if not complex_.is_exact():
+            continue
+        exact += 1
+        disguises.add((complex_.walls, complex_.diagonals, complex_.turned))
+        mesh, rotated = disguised(triangles_of(complex_, rng), rng, "turned" in kind, "float32" in kind)
+        mended = mend_mesh(*mesh)
+        assert mended.solid_count == len(mended.faces)
+        assert (mended.report.crossings, mended.report.bodies_united, mended.report.open_edges) == (0, 0, 0), seed
+        off = 1e-4 if "float32" in kind else 1e-9
+        assert_is_solid(mended.vertices @ rotated, mended.faces, complex_.filled, off, (number, seed))
+    assert exact > 40
+    assert len(disguises) >= 6
+
+
+def test_walls_that_are_there_once_make_a_cavity_solid():
+    """The six sides of an empty voxel within single walls look like those of a filled one."""
+    filled = np.ones((3, 3, 3), bool)
+    filled[1, 1, 1] = False
+    rng = np.random.default_rng(2)
+    for walls, want in ((0, filled), (2, filled), (1, np.ones_like(filled))):
+        for _ in range(5):
+            mended = mend_mesh(*as_soup(triangles_of(Complex(filled, walls, True, False), rng)))
+            assert_is_solid(mended.vertices, mended.faces, want, 1e-9, walls)
+    assert has_cavity(filled)
+
+
+def random_boxes(rng, span=5):
+    """Boxes with integer corners that overlap, touch and nest; the voxels they fill, and their triangles."""
+    filled, triangles = np.zeros((span,) * 3, bool), []
+    for _ in range(int(rng.integers(2, 7))):
+        low = rng.integers(0, span - 1, 3)
+        high = np.minimum(low + 1 + rng.integers(0, span - low), span)
+        filled[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] = True
+        cube = triangles_of(Complex(np.ones((1, 1, 1), bool), 0, True, False), rng)
+        triangles.append(cube * (high - low) + low)
+    return filled, np.concatenate(triangles)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_boxes_that_overlap_touch_and_nest_load_as_their_union(number):
+    for seed in range(50):
+        rng = np.random.default_rng([number, seed])
+        filled, triangles = random_boxes(rng)
+        mended = mend_mesh(*as_soup(rng.permutation(triangles)))
+        assert mended.report.crossings == 0, seed
+        assert_is_solid(mended.vertices, mended.faces, filled, 1e-9, seed)
+
+
+@pytest.mark.parametrize("turn", [False, True], ids=["as it is", "turned"])
+def test_a_cube_many_times_in_one_place_is_one_cube(turn):
+    """With diagonals of its own each time, half of them inside out or none."""
+    one = Complex(np.ones((1, 1, 1), bool), 0, True, False)
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        cubes = [triangles_of(one, rng) for _ in range(int(rng.integers(1, 8)))]
+        if seed % 2:
+            cubes = [cube[:, :: int(rng.choice([-1, 1]))] for cube in cubes]
+        mesh, rotated = disguised(np.concatenate(cubes), rng, turn, False)
+        mended = mend_mesh(*mesh)
+        assert len(mended.faces) == 12
+        assert mended.report.crossings == 0
+        assert_is_solid(mended.vertices @ rotated, mended.faces, np.ones((1, 1, 1), bool), 1e-9, seed)
+
+
+def test_two_bodies_with_one_base_are_what_either_holds():
+    """A pyramid and the box that it stands in have the same bottom, and the same triangles there."""
+    box = triangles_of(Complex(np.ones((1, 1, 1), bool), 0, False, False), np.random.default_rng(1))
+    rim = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    sides = [[a, b, [0.5, 0.5, 0.75]] for a, b in zip(rim, np.roll(rim, -1, axis=0), strict=True)]
+    pyramid = np.concatenate([box[(box[:, :, 2] == 0).all(axis=1)], sides])
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        turned = seed % 2 == 1
+        mesh, rotated = disguised(np.concatenate([box, pyramid]), rng, turned, False)
+        mended = mend_mesh(*mesh)
+        assert mended.report.crossings == 0
+        assert_is_solid(mended.vertices @ rotated, mended.faces, np.ones((1, 1, 1), bool), 1e-9, seed)
+
+
+def level_pose(height):
+    """A palm parallel to the array, its middle 0.3 m to each side: a section of coordinates x and y."""
+    return np.array([[0.3, 0.3, height, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_contours_of_random_complexes_are_those_of_their_layers(number, device):
+    """All the way from arrays to contours, cubes of 0.1 m, which float32 holds to 1e-8 m."""
+    for seed in range(6):
+        rng = np.random.default_rng([7, number, seed])
+        complex_ = random_complex(rng)
+        if not complex_.is_exact():
+            continue
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            thing = MeshObject(*as_soup(0.1 * triangles_of(complex_, rng)))
+        heights = 0.1 * (np.arange(complex_.filled.shape[2]) + 0.5)
+        poses = np.concatenate([level_pose(height) for height in heights])
+        want = [0.1 * layer_outline(complex_.filled, 2, layer)[1] for layer in range(len(heights))]
+        for strategy in (closed_contour(), open_contour()):
+            batch = render(thing, Palm(0.9, 0.9), poses, strategy, device=device)
+            assert batch.length() == pytest.approx(want, abs=1e-5)
+            assert batch.polyline_closed.all()
+
+
+def test_report_of_clean_cubes_says_nothing_was_done():
+    report = mend_mesh(
+        *as_soup(triangles_of(Complex(np.ones((1, 1, 1), bool), 0, True, False), np.random.default_rng(3)))
+    ).report
+    assert report == MeshReport(triangles=12, vertices_welded=28)

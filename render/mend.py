@@ -13,6 +13,7 @@ from ..kernels.edge_pairing import twins_of
 from .errors import MeshError
 from .loading_progress import Watch, unwatched
 from .mesh_bodies import (
+    Bodies,
     agree_faces,
     alternating_signs,
     areas_of,
@@ -227,30 +228,6 @@ def bounding_bodies(surface: Surface, label: np.ndarray, repair: Repair, watch: 
     )
     bodies = Bodies(rows_of(label), sign, around, outside)
     return joined_clusters(replace(surface, faces=faces, report=report), bodies, found, even_odd, watch)
-
-
-@dataclass(frozen=True)
-class Bodies:
-    """Bodies that face as they should."""
-
-    rows: list[np.ndarray]
-    """The faces of each."""
-    sign: np.ndarray
-    """+1 for a solid, -1 for a cavity."""
-    around: list[set[int]]
-    """For each those that it lies in."""
-    outside: np.ndarray
-    """Those around each that it does not touch, as sorted rows of (body, other)."""
-
-    def level(self, members: np.ndarray) -> np.ndarray:
-        """Winding number that bodies around each of these add, without those that it touches and these themselves."""
-        first, last = (np.searchsorted(self.outside[:, 0], members, side=side) for side in ("left", "right"))
-        own = np.repeat(np.arange(len(members)), last - first)
-        rows = np.arange(len(own)) + np.repeat(first - (np.cumsum(last - first) - (last - first)), last - first)
-        other = self.outside[rows, 1]
-        return np.bincount(own, np.where(np.isin(other, members), 0, self.sign[other]), minlength=len(members)).astype(
-            int
-        )
 
 
 def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd: bool, watch: Watch) -> Surface:

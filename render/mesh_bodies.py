@@ -1,5 +1,6 @@
 """The closed surfaces of a mesh: which way each faces, which lie in which, and which of them bound the solid."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -158,3 +159,26 @@ def settle_signs(volume: np.ndarray, around: list[set[int]]) -> np.ndarray:
 def alternating_signs(around: list[set[int]]) -> np.ndarray:
     """Which way each body should face under the even-odd rule: a cavity has an odd number of bodies around it."""
     return np.array([-1 if len(holders) % 2 else 1 for holders in around])
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Bodies that face as they should."""
+
+    rows: list[np.ndarray]
+    """The faces of each."""
+    sign: np.ndarray
+    """+1 for a solid, -1 for a cavity."""
+    around: list[set[int]]
+    """For each those that it lies in."""
+    outside: np.ndarray
+    """Those around each that it does not touch, as sorted rows of (body, other)."""
+
+    def level(self, members: np.ndarray) -> np.ndarray:
+        """Winding number that bodies around each of these add, without those that it touches and these themselves."""
+        first, last = (np.searchsorted(self.outside[:, 0], members, side=side) for side in ("left", "right"))
+        own = np.repeat(np.arange(len(members)), last - first)
+        rows = np.arange(len(own)) + np.repeat(first - (np.cumsum(last - first) - (last - first)), last - first)
+        other = self.outside[rows, 1]
+        weight = np.where(np.isin(other, members), 0, self.sign[other])
+        return np.bincount(own, weight, minlength=len(members)).astype(np.int64)

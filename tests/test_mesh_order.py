@@ -124,6 +124,12 @@ def inside_and_flush():
     return Case(np.concatenate([case.triangles, box(*end, seed=7)]), case.boxes)
 
 
+def resting_on_each_other():
+    """Three boxes that touch in parts of their faces, edges and ends."""
+    low = ((-0.05, -0.05, -0.03), (0.05, 0.05, 0.0))
+    return of_boxes(low, ((-0.02, -0.03, 0), (0.03, 0.01, 0.03)), ((0.03, -0.02, 0), (0.05, 0.05, 0.02)))
+
+
 CASES = {
     "two boxes sharing a face": sharing_a_face,
     "two boxes touching along an edge, one flipped": touching_along_an_edge,
@@ -136,6 +142,7 @@ CASES = {
     "jittered soup": jittered_soup,
     "speck in a face": speck_in_a_face,
     "box in a box, flush": inside_and_flush,
+    "boxes resting on each other": resting_on_each_other,
 }
 
 
@@ -191,7 +198,6 @@ def permuted(triangles, rng):
 def drawn(case, triangles, poses, rng, device):
     """Contours by CC and OC of triangles in some order."""
     thing = loaded(*permuted(triangles, rng))
-    assert thing.is_simple
     return [
         render(thing, Palm(2 * HALF[0], 2 * HALF[1]), poses, strategy, device=device)
         for strategy in (closed_contour(), open_contour())
@@ -248,11 +254,8 @@ def test_order_changes_no_byte_of_the_meshes_of_the_tests(name, device):
     first = None
     for _ in range(4):
         thing = loaded(*permuted(np.asarray(vertices, float)[faces], rng))
-        got = [(thing.report.crossings, *thing.bounds.ravel())]
-        if thing.is_simple:
-            batches = [render(thing, Palm(), poses, strategy, device=device) for strategy in strategies]
-            assert sum(batch.length().sum() for batch in batches) > 0
-            got += [content(batch) for batch in batches]
-        first = first or got
-        assert got == first
-    assert thing.is_simple == (name != "soup")
+        assert thing.is_simple
+        batches = [render(thing, Palm(), poses, strategy, device=device) for strategy in strategies]
+        assert sum(batch.length().sum() for batch in batches) > 0
+        first = first or [content(batch) for batch in batches]
+        assert [content(batch) for batch in batches] == first

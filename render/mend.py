@@ -26,6 +26,7 @@ from .mesh_bodies import (
     settle_signs,
     signed_volumes,
 )
+from .mesh_contacts import count_contacts
 from .mesh_holes import fill_holes, rim_lengths, rims_of
 from .mesh_patches import count_repeats, repeated, split_shared, unify_patches
 from .mesh_report import MeshReport
@@ -261,6 +262,11 @@ def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd
     rows = np.concatenate([bodies.rows[k] for k in np.flatnonzero(kept)]) if kept.any() else np.zeros(0, np.int64)
     faces = np.concatenate([surface.faces[rows], *united_faces])
     vertices, faces = weld(np.concatenate(united_points), faces)
+    faces = sorted_faces(faces)
+    if len(bodies.rows) > 1 and not crossings:
+        watch("contacts", 0, 1)
+        crossings = count_contacts(vertices, faces, tolerance)
+        reasons = ["bodies touch within rounding"] * (crossings > 0)
     report = replace(
         report,
         bodies_hidden=hidden,
@@ -268,7 +274,7 @@ def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd
         crossings=crossings,
         union_fault=reasons[0] if reasons else "",
     )
-    return replace(surface, vertices=vertices, faces=sorted_faces(faces), report=report, tolerance=tolerance)
+    return replace(surface, vertices=vertices, faces=faces, report=report, tolerance=tolerance)
 
 
 def is_hidden(bodies: Bodies, cluster: Cluster) -> bool:

@@ -113,13 +113,18 @@ def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> S
     faces = sorted_faces(faces)
     if len(faces) == 0:
         raise MeshError(f"all {given_count} triangles have a corner twice: the mesh has no surface")
+    faces = without_repeats(vertices, faces, tolerance)
+    report = MeshReport(triangles=given_count, vertices_welded=welded_count, faces_dropped=given_count - len(faces))
+    return Surface(vertices, faces, report, tolerance)
+
+
+def without_repeats(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> np.ndarray:
+    """Sorted faces, of those in one place what `mesh_patches` and `mesh_sheets` keep."""
     faces = sorted_faces(repeated(*unify_patches(vertices, *count_repeats(faces), tolerance)))
     faces, shared = split_shared(vertices, faces, tolerance)
     odd, even = split_repeats(sorted_faces(faces))
     faces = with_walls(vertices, odd, even, tolerance) if len(even) else odd
-    faces = sorted_faces(np.concatenate([faces, shared]))
-    report = MeshReport(triangles=given_count, vertices_welded=welded_count, faces_dropped=given_count - len(faces))
-    return Surface(vertices, faces, report, tolerance)
+    return sorted_faces(np.concatenate([faces, shared]))
 
 
 def with_walls(vertices: np.ndarray, odd: np.ndarray, even: np.ndarray, tolerance: float) -> np.ndarray:
@@ -264,8 +269,8 @@ def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd
     vertices, faces = weld(np.concatenate(united_points), faces)
     faces = sorted_faces(faces)
     if len(bodies.rows) > 1 and not crossings:
-        watch("contacts", 0, 1)
-        crossings = count_contacts(vertices, faces, tolerance)
+        faces = without_gaps(vertices, faces, tolerance) if united else faces
+        crossings = count_contacts(vertices, faces, tolerance, watch)
         reasons = ["bodies touch within rounding"] * (crossings > 0)
     report = replace(
         report,
@@ -275,6 +280,13 @@ def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd
         union_fault=reasons[0] if reasons else "",
     )
     return replace(surface, vertices=vertices, faces=faces, report=report, tolerance=tolerance)
+
+
+def without_gaps(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> np.ndarray:
+    """Faces of a union without the walls and flat bodies that it leaves where bodies had touched within rounding."""
+    faces = without_repeats(vertices, faces, tolerance)
+    label = body_labels(twins_of(faces, vertices, tolerance))
+    return faces[~flat_bodies(vertices, faces, label, tolerance)[label]]
 
 
 def is_hidden(bodies: Bodies, cluster: Cluster) -> bool:

@@ -8,29 +8,51 @@ import numpy as np
 
 from ..kernels.crossing import find_crossings
 from ..kernels.edge_pairing import twins_of
+from .loading_progress import Watch
 from .mesh_bodies import body_labels, normals_of
 from .mesh_union import CROSSINGS_MOST
 
 GROWTH = 4.0  # roundings by which surfaces are moved outwards
 
 
-def count_contacts(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> int:
-    """Pairs of triangles without a common vertex that would cross if all surfaces were a few roundings farther out.
+def count_contacts(vertices: np.ndarray, faces: np.ndarray, tolerance: float, watch: Watch) -> int:
+    """Pairs of triangles that cross, or would if all surfaces were a few roundings farther out, and folds.
 
     vertices: shape [vertex, 3]; faces: of closed surfaces, int, shape [face, 3]; tolerance: of rounding, in their unit.
-    Bodies that touch along common edges have none: there triangles have common vertices.
+    Of the latter those with a common vertex do not count, as where bodies touch along edges.
     """
-    label = body_labels(twins_of(faces, vertices, tolerance))
+    twin = twins_of(faces, vertices, tolerance)
+    label = body_labels(twin)
     key, index = np.unique(label[:, None] * len(vertices) + faces, return_inverse=True)
     own = index.reshape(-1, 3)
     moved = vertices[key % len(vertices)] + GROWTH * tolerance * outward_ways(vertices, faces, own, len(key))
-    count = 0
-    for _, pairs in find_crossings(moved, own):
+    count = count_folds(vertices, faces, twin, tolerance) + sum(
+        len(pairs) for _, pairs in find_crossings(vertices, faces)
+    )
+    for done, pairs in find_crossings(moved, own):
+        watch("contacts", done, len(faces))
         one, two = faces[pairs[:, 0]], faces[pairs[:, 1]]
         count += int(np.count_nonzero(~(one[:, :, None] == two[:, None, :]).any(axis=(1, 2))))
         if count >= CROSSINGS_MOST:
             break
     return count
+
+
+def count_folds(vertices: np.ndarray, faces: np.ndarray, twin: np.ndarray, tolerance: float) -> int:
+    """Pairs of triangles that lie on each other, on one side of the edge that joins them: where a gap ends.
+
+    Triangles whose corners lie within a few roundings of that edge, which look either way, do not count.
+    """
+    half = np.flatnonzero(twin > np.arange(len(twin)))
+    at, along = vertices[faces.ravel()[half]], vertices[np.roll(faces, -1, axis=1).ravel()[half]]
+    along = (along - at) / np.maximum(np.linalg.norm(along - at, axis=1, keepdims=True), np.finfo(float).tiny)
+    tip = np.roll(faces, -2, axis=1).ravel()
+    one, two = vertices[tip[half]] - at, vertices[tip[twin[half]]] - at
+    one, two = (x - np.einsum("ij,ij->i", x, along)[:, None] * along for x in (one, two))
+    one_far, two_far = np.linalg.norm(one, axis=1), np.linalg.norm(two, axis=1)
+    apart = np.linalg.norm(np.cross(one, two), axis=1) / np.maximum(np.maximum(one_far, two_far), np.finfo(float).tiny)
+    folds = (np.einsum("ij,ij->i", one, two) > 0) & (apart <= tolerance)
+    return int(np.count_nonzero(folds & (np.minimum(one_far, two_far) > GROWTH * tolerance)))
 
 
 def outward_ways(vertices: np.ndarray, faces: np.ndarray, own: np.ndarray, count: int) -> np.ndarray:

@@ -270,7 +270,8 @@ def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd
     faces = sorted_faces(faces)
     if len(bodies.rows) > 1 and not crossings:
         faces = without_gaps(vertices, faces, tolerance) if united else faces
-        crossings = count_contacts(vertices, faces, tolerance, watch)
+        again = count_crossings(vertices, faces, np.zeros(len(faces), np.int64), unwatched).count if united else 0
+        crossings = again + count_contacts(vertices, faces, tolerance, watch)
         reasons = ["bodies touch within rounding"] * (crossings > 0)
     report = replace(
         report,

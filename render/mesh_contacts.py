@@ -16,19 +16,17 @@ GROWTH = 4.0  # roundings by which surfaces are moved outwards
 
 
 def count_contacts(vertices: np.ndarray, faces: np.ndarray, tolerance: float, watch: Watch) -> int:
-    """Pairs of triangles that cross, or would if all surfaces were a few roundings farther out, and folds.
+    """Pairs of triangles that would cross if all surfaces were a few roundings farther out, and folds.
 
     vertices: shape [vertex, 3]; faces: of closed surfaces, int, shape [face, 3]; tolerance: of rounding, in their unit.
-    Of the latter those with a common vertex do not count, as where bodies touch along edges.
+    Pairs with a common vertex do not count, as where bodies touch along edges.
     """
     twin = twins_of(faces, vertices, tolerance)
     label = body_labels(twin)
     key, index = np.unique(label[:, None] * len(vertices) + faces, return_inverse=True)
     own = index.reshape(-1, 3)
     moved = vertices[key % len(vertices)] + GROWTH * tolerance * outward_ways(vertices, faces, own, len(key))
-    count = count_folds(vertices, faces, twin, tolerance) + sum(
-        len(pairs) for _, pairs in find_crossings(vertices, faces)
-    )
+    count = count_folds(vertices, faces, twin, tolerance)
     for done, pairs in find_crossings(moved, own):
         watch("contacts", done, len(faces))
         one, two = faces[pairs[:, 0]], faces[pairs[:, 1]]

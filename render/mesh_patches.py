@@ -8,7 +8,7 @@ A triangle that is there twice in the same direction is no wall if two bodies on
 import numpy as np
 
 from ..kernels.edge_pairing import twins_of
-from .mesh_bodies import body_labels, normals_of, signed_volumes
+from .mesh_bodies import body_labels, largest_faces, normals_of, signed_volumes
 from .mesh_sheets import edges_of, joined_by_edges, joined_by_pairs
 
 
@@ -57,29 +57,35 @@ def unify_patches(
         return faces, counts
     by_patch = np.argsort(patch, kind="stable")
     start = np.searchsorted(patch[by_patch], np.arange(int(patch.max()) + 2))
+    normal, area, flat = patch_planes(vertices, faces, patch, tolerance)
     kept, added, often = np.ones(len(faces), bool), [], []
     for group in twice:
-        rows = [by_patch[start[k] : start[k + 1]] for k in group]
-        sheets = [(own, *flat_patch(vertices, faces[own], tolerance)) for own in rows]
-        flat = [sheet for sheet in sheets if sheet[1].any()]
-        for own, normal, area in flat[1:]:
-            model, model_normal, model_area = flat[0]
-            if abs(area - model_area) <= 8 * tolerance * np.sqrt(area) and (counts[own] == counts[own[0]]).all():
+        sheets = [number for number in group if flat[number]]
+        for number in sheets[1:]:
+            own, model = (by_patch[start[k] : start[k + 1]] for k in (number, sheets[0]))
+            alike_area = abs(area[number] - area[sheets[0]]) <= 8 * tolerance * np.sqrt(area[number])
+            if alike_area and (counts[own] == counts[own[0]]).all():
                 kept[own] = False
-                added.append(faces[model] if normal @ model_normal > 0 else faces[model][:, ::-1])
+                added.append(faces[model] if normal[number] @ normal[sheets[0]] > 0 else faces[model][:, ::-1])
                 often.append(np.tile(counts[own[0]], (len(model), 1)))
     return np.concatenate([faces[kept], *added]), np.concatenate([counts[kept], *often])
 
 
-def flat_patch(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> tuple[np.ndarray, float]:
-    """The normal of a patch that lies in a plane, 0 of another one, and its area."""
+def patch_planes(
+    vertices: np.ndarray, faces: np.ndarray, patch: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The normal of each patch, looking as its largest triangle does, its area, and whether it lies in a plane."""
     normals = normals_of(vertices, faces)
-    sizes = np.linalg.norm(normals, axis=1)
-    largest = normals[sizes.argmax()]
-    normal = np.where((normals @ largest)[:, None] < 0, -normals, normals).sum(axis=0)
-    normal /= np.linalg.norm(normal) or 1.0
-    is_flat = np.ptp(vertices[faces] @ normal) <= tolerance
-    return normal * is_flat, float(sizes.sum() / 2)
+    size = np.linalg.norm(normals, axis=1)
+    count = int(patch.max()) + 1
+    ahead = np.sign(np.einsum("ij,ij->i", normals, normals[largest_faces(size, patch)][patch]))
+    normal = np.stack([np.bincount(patch, ahead * normals[:, k], minlength=count) for k in range(3)], axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+    height = np.einsum("ijk,ik->ij", vertices[faces], normal[patch])
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, patch, height.min(axis=1))
+    np.maximum.at(high, patch, height.max(axis=1))
+    return normal, np.bincount(patch, size / 2, minlength=count), high - low <= tolerance
 
 
 def split_shared(

@@ -47,7 +47,7 @@ def components(one: np.ndarray, two: np.ndarray, count: int) -> np.ndarray:
     from scipy.sparse.csgraph import connected_components
 
     graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
+    return connected_components(graph, directed=False)[1].astype(np.int64)  # products of int32 would overflow
 
 
 def joined_by_edges(edges: Edges) -> np.ndarray:

@@ -5,8 +5,7 @@ polygons that bound what is inside are found by manifold3d's `CrossSection` (Cli
 patch's sides. Polygons are all that it returns: an edge of theirs with both ends on one side of the patch is the
 hand's, all others are the object's. So a contour that runs along a side is the hand's, as in the kernels.
 
-Coordinates are those of the patch's frame, rounded to a lattice of 2^-40 m (0.9e-12 m). Where loops reach farther than
-2^10 m from the patch's middle it is coarser, in proportion.
+Coordinates are those of the patch's frame, rounded to a lattice with steps of 2^-40 m (0.9e-12 m).
 """
 
 from collections.abc import Iterator
@@ -22,9 +21,8 @@ from .contours import ContourBatch, join_batches, object_part
 from .errors import MeshError
 
 FILL_RULES = {"winding": "Positive", "even-odd": "EvenOdd"}
-LATTICE_BITS = 40  # the finest lattice has steps of 2^-40 m
-COORDINATE_BITS = 50  # steps from the middle to the farthest coordinate: float64 has 53 bits, so 3 are to compute with
-REACH_LARGEST = 2.0**20  # [m]; where the lattice has steps of 2^-30 m (0.9 nm)
+STEP = 2.0**-40  # of the lattice [m]
+REACH_LARGEST = 2.0**20  # [m]; 2^60 steps: Clipper2 has room for 2^61, and float64 rounds to 2^7 of them there
 UNIT = 2.0**-27  # of its unit: what `CrossSection` rounds to (measured), 8 decimal places as a power of 2
 MITRE = 100.0  # in offsets: corners that stand out farther, those of less than a degree, are cut off there
 ON_SIDE = 2.0  # steps; what is this near to a side of the patch lies on it
@@ -67,14 +65,8 @@ class Planes(NamedTuple):
 
     frame: np.ndarray
     """Origin [m], u and v, array frame, shape [section, 3, 3]."""
-    half: np.ndarray | None
-    """Half extents [m], shape [section, 2]; None if nothing is cut off."""
-    step: np.ndarray
-    """Of the lattice [m], a power of 2, shape [section]."""
-
-    def sides(self) -> np.ndarray | None:
-        """Half extents in steps of the lattice, shape [section, 2]."""
-        return None if self.half is None else np.rint(self.half / self.step[:, None])
+    sides: np.ndarray | None
+    """Half extents in steps of the lattice, shape [section, 2]; None if nothing is cut off."""
 
 
 def regularised_contours(
@@ -100,8 +92,8 @@ def regularised_contours(
         start = loop_start[section_start[first] : section_start[stop] + 1]
         section = np.repeat(np.arange(stop - first), np.diff(section_start[first : stop + 1]))
         own = Loops(points[start[0] : start[-1]].reshape(-1, 2), start - start[0], section)
-        sides = np.tile(half, ((stop - first) // len(half), 1)) if bounded else None
-        own, planes = _on_lattice(own, frame[first:stop], sides)
+        sides = np.tile(np.rint(half / STEP), ((stop - first) // len(half), 1)) if bounded else None
+        own, planes = _on_lattice(own, sides), Planes(frame[first:stop], sides)
         polygons = _regularised(own, planes, FILL_RULES[solid], gap)
         batch = _as_batch(polygons, planes, len(half))
         batches.append(batch if closes or not bounded else object_part(batch))
@@ -124,26 +116,23 @@ def _blocks(point_start: np.ndarray, patch_count: int) -> Iterator[tuple[int, in
         first = stop
 
 
-def _on_lattice(loops: Loops, frame: np.ndarray, half: np.ndarray | None) -> tuple[Loops, Planes]:
-    """The loops in whole steps of their sections' lattices, without those beside the patches they are cut off at."""
+def _on_lattice(loops: Loops, sides: np.ndarray | None) -> Loops:
+    """The loops in whole steps of the lattice, without those beside the patches they are cut off at, see `Planes`."""
     if len(loops.section) == 0:
-        return loops, Planes(frame, half, np.ones(len(frame)))
+        return loops
+    loops = loops._replace(points=np.rint(loops.points / STEP))
     low, high = (f.reduceat(loops.points, loops.start[:-1]) for f in (np.minimum, np.maximum))
-    if half is not None:  # a loop beside the patch's rectangle winds around no point of it
-        met = ((low < half[loops.section]) & (high > -half[loops.section])).all(axis=1)
-        loops, low, high = loops.chosen(met), low[met], high[met]
-    reach = np.ones(len(frame))
-    np.maximum.at(reach, loops.section, np.maximum(high, -low).max(axis=1))
-    if not reach.max(initial=0.0) <= REACH_LARGEST:
+    reach = float(np.maximum(high, -low).max()) * STEP
+    if not reach <= REACH_LARGEST:
         raise MeshError(
-            f"a mesh that crosses itself may reach {REACH_LARGEST:.3g} m from a patch at most, not {reach.max():.3g} m"
+            f"a mesh that crosses itself may reach {REACH_LARGEST:.3g} m from a patch at most, not {reach:.3g} m"
         )
-    step = 2.0 ** np.maximum(np.ceil(np.log2(reach)) - COORDINATE_BITS, -LATTICE_BITS)
-    planes = Planes(frame, half, step)
+    if sides is None:
+        return loops._replace(points=_moved(loops.points, None, 0.0))
+    own = sides[loops.section]
+    loops = loops.chosen(((low < own) & (high > -own)).all(axis=1))  # others wind around no point of the rectangle
     of_point = loops.section[loops.of_points()]
-    points = np.rint(loops.points / step[of_point, None])
-    sides = planes.sides()
-    return loops._replace(points=_moved(points, None if sides is None else sides[of_point], ON_SIDE)), planes
+    return loops._replace(points=_moved(loops.points, sides[of_point], ON_SIDE))
 
 
 def _moved(points: np.ndarray, sides: np.ndarray | None, near: float) -> np.ndarray:
@@ -173,7 +162,7 @@ def _regularised(loops: Loops, planes: Planes, rule: str, gap: float) -> Loops:
     """The polygons that bound what is inside, in steps of the lattice; holes go around clockwise."""
     from manifold3d import CrossSection, FillRule  # 15 ms that simple meshes do without
 
-    sides, points = planes.sides(), loops.points * UNIT
+    sides, points = planes.sides, loops.points * UNIT
     first = np.flatnonzero(np.diff(loops.section, prepend=-1, append=-1))
     polygons: list[np.ndarray] = []
     section: list[int] = []
@@ -181,7 +170,7 @@ def _regularised(loops: Loops, planes: Planes, rule: str, gap: float) -> Loops:
         own, start = int(loops.section[one]), loops.start[one : two + 1].tolist()
         region = CrossSection([points[a:b] for a, b in pairwise(start)], FillRule[rule])
         if gap:
-            region = _healed(region, np.rint(gap / planes.step[own]), None if sides is None else sides[own])
+            region = _healed(region, np.rint(gap / STEP), None if sides is None else sides[own])
         if sides is not None and (np.abs(points[start[0] : start[-1]]) >= sides[own] * UNIT).any():
             region ^= CrossSection.square(2 * UNIT * sides[own], center=True)
         polygons += region.to_polygons()
@@ -223,19 +212,18 @@ def _as_batch(polygons: Loops, planes: Planes, patch_count: int) -> ContourBatch
     index, line_start = _turned(polygons.start, start, order)
     section = polygons.section[order]
     of_point = np.repeat(section, np.diff(line_start))
-    place = polygons.points[index] * planes.step[of_point, None]
+    place = polygons.points[index] * STEP
     origin, u, v = (planes.frame[of_point, k] for k in range(3))
     points = (origin + place[:, :1] * u + place[:, 1:] * v).astype(np.float32)
     kind = np.where(along, HAND, OBJECT).astype(np.uint8)[index]
-    return _without_still_steps(points, kind, line_start, section, (len(planes.step) // patch_count, patch_count))
+    return _without_still_steps(points, kind, line_start, section, (len(planes.frame) // patch_count, patch_count))
 
 
 def _edges_on_sides(polygons: Loops, planes: Planes) -> np.ndarray:
     """Whether the edge from each point to the next runs along a side of the patch, shape [point]."""
-    sides = planes.sides()
-    if sides is None or len(polygons.section) == 0:
+    if planes.sides is None or len(polygons.section) == 0:
         return np.zeros(len(polygons.points), bool)
-    end = sides[polygons.section[polygons.of_points()]]
+    end = planes.sides[polygons.section[polygons.of_points()]]
     beyond = np.concatenate([polygons.points >= end - 1, polygons.points <= 1 - end], axis=1)  # 1 step: rounding's
     return np.any(beyond & beyond[polygons.following()], axis=1)
 

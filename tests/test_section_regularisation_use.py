@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from crossing_cases import PRISMS, block, crossing, overlapping_blocks
+from crossing_cases import PRISMS, block, crossing, overlapping_blocks, section_region
 from drawing import METHODS, patch_array, surface_on
 from manifold3d import CrossSection, FillRule
 from mesh_cases import CLOSED, MIDDLE, bowl, generic_poses, merged, moved
@@ -19,7 +19,7 @@ from palpate.render.hands import rigid_poses
 from palpate.render.instant import PoseContours
 from palpate.render.intersect import intersect, tally_intersection
 from palpate.render.scene import Scene
-from palpate.render.section_regularisation import FILL_RULES, UNIT, Loops, Planes
+from palpate.render.section_regularisation import FILL_RULES, STEP, UNIT, Loops, Planes
 
 OC, CC, WHOLE = open_contour(), closed_contour(), IntersectionStrategy()
 LEVEL = np.array([[*MIDDLE, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
@@ -216,17 +216,23 @@ def test_where_many_lines_meet_in_a_point_no_hole_is_filled(gap, rng):
         start = np.concatenate([[0], np.cumsum([len(loop) for loop in loops])])
         many = Loops(np.concatenate(loops), start, np.zeros(len(loops), np.int64))
         expected = windings(loops, points) > 0
-        own, planes = regularisation._on_lattice(many, np.zeros((1, 3, 3)), half)
-        still = Loops(np.rint(many.points / planes.step[0]), many.start, many.section)
+        planes = Planes(np.zeros((1, 3, 3)), np.rint(half / STEP))
+        own = regularisation._on_lattice(many, planes.sides)
+        still = Loops(np.rint(many.points / STEP), many.start, many.section)
         for way, given in (("moved", own), ("as they are", still)):
             found = regularisation._regularised(given, planes, FILL_RULES["winding"], gap)
-            polygons = [found.points[a:b] * planes.step[0] for a, b in zip(found.start, found.start[1:], strict=False)]
+            polygons = [found.points[a:b] * STEP for a, b in zip(found.start, found.start[1:], strict=False)]
             filled[way] += (windings(polygons, points) != expected).sum() > 0
     assert filled["moved"] == 0
     assert gap or filled["as they are"] > 0
 
 
-def test_planes_have_sides_only_where_something_is_cut_off():
-    planes = Planes(np.zeros((1, 3, 3)), np.array([[0.5, 0.25]]), np.array([2.0**-40]))
-    assert planes.sides().tolist() == [[2.0**39, 2.0**38]]
-    assert planes._replace(half=None).sides() is None
+def test_a_sliver_below_all_others_turns_nothing_inside_out(monkeypatch):
+    """Clipper2 offsets all polygons inwards for outwards if the lowest one goes around clockwise, as slivers may."""
+    monkeypatch.setattr(regularisation, "_jitter", np.zeros_like)
+    box = block([-0.02, -0.02, -0.02], [0.02, 0.02, 0.02])
+    within = block([-0.02, -0.02, -0.02], [0.01, 0.02, 0.01])  # shares three planes with it
+    thing = crossing(merged(box, within), "even-odd")
+    poses = generic_poses(200, 6, spread=0.01)
+    assert min(section_region(box, pose).area - section_region(within, pose).area for pose in poses) > 1e-5
+    assert render(thing, Palm(0.2, 0.2), poses, CC).length().min() > 0.01

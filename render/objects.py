@@ -336,7 +336,7 @@ class MeshObject:
         """The inside of a closed mesh as a field on a Warp device, made once."""
         with self._lock:
             if device not in self._fields:
-                self._fields[device] = mesh_field(self.on(device), self.bounds)
+                self._fields[device] = mesh_field(self.on(device), self.bounds, solid=self.solid)
             return self._fields[device]
 
     def outline_mesh(self) -> tuple[np.ndarray, np.ndarray]:

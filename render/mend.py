@@ -27,15 +27,15 @@ from .mesh_bodies import (
     signed_volumes,
 )
 from .mesh_contacts import count_contacts
-from .mesh_holes import fill_holes, rim_lengths, rims_of
+from .mesh_holes import closing_distance, fill_holes, rim_lengths, rims_of
 from .mesh_patches import count_repeats, repeated, split_shared, unify_patches
 from .mesh_report import MeshReport
 from .mesh_sheets import closed_part, edges_of, joined_by_edges, outer_hull, split_repeats
+from .mesh_slivers import without_slivers
 from .mesh_union import Cluster, Crossings, check_union, clusters_of, count_crossings, unite
 from .mesh_welding import check_soup, rounding_of, sorted_faces, weld, weld_close
 
 ENCLOSES = 0.75  # winding number that an open surface must reach somewhere to count as a solid with holes
-WELD_SHARES = (1e-6, 1e-5, 1e-4)  # of a mesh's size, within which merging vertices is tried to close it
 ENCLOSURE_SAMPLES = 256  # triangles at which that is asked
 
 
@@ -112,9 +112,20 @@ def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> S
     welded_count = used_count - len(vertices)
     faces = sorted_faces(faces)
     if len(faces) == 0:
-        raise MeshError(f"all {given_count} triangles have a corner twice: the mesh has no surface")
+        raise MeshError(
+            f"all {given_count} triangles have a corner twice, as far as float32 tells corners of a mesh of this size "
+            "apart: the mesh has no surface"
+        )
+    whole_count = len(faces)
+    faces, flat_count = without_slivers(vertices, faces, tolerance)
+    dropped = given_count - whole_count + len(faces)
     faces = without_repeats(vertices, faces, tolerance)
-    report = MeshReport(triangles=given_count, vertices_welded=welded_count, faces_dropped=given_count - len(faces))
+    report = MeshReport(
+        triangles=given_count,
+        vertices_welded=welded_count,
+        faces_dropped=dropped - len(faces),
+        faces_flat=flat_count,
+    )
     return Surface(vertices, faces, report, tolerance)
 
 
@@ -334,8 +345,7 @@ def finished(solid: Surface, sheets: np.ndarray, sheet_vertices: np.ndarray) -> 
         raise MeshError(
             f"the mesh encloses nothing: its {report.triangles} triangles are repeats, walls with a back or flat bodies"
         )
-    flat = areas_of(vertices, faces) <= 0.5e-15 * np.ptp(vertices, axis=0).max() ** 2
-    return Mended(vertices, faces, solid_count, replace(report, faces_flat=int(flat.sum())))
+    return Mended(vertices, faces, solid_count, report)
 
 
 def crossings_with(vertices: np.ndarray, faces: np.ndarray, solid_count: int) -> int:
@@ -364,16 +374,6 @@ def with_sheets(
         weld_closes=hint,
         sheet_faces=len(sheets) if nothing else 0,
     )
-
-
-def closing_distance(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """The least of some distances within which merging vertices leaves no open edge, in the mesh's unit; 0 for none."""
-    for share in WELD_SHARES:
-        distance = float(share * np.ptp(vertices, axis=0).max())
-        joined = sorted_faces(weld_close(*weld(vertices, faces), distance)[1])
-        if len(joined) and closed_part(joined).all():
-            return distance
-    return 0.0
 
 
 def encloses(vertices: np.ndarray, faces: np.ndarray) -> bool:

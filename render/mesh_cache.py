@@ -38,9 +38,12 @@ SOURCES = (  # of palpate, that decide how a mesh is repaired
     "render/loading_progress.py",
     "render/mend.py",
     "render/mesh_bodies.py",
+    "render/mesh_contacts.py",
     "render/mesh_holes.py",
+    "render/mesh_patches.py",
     "render/mesh_report.py",
     "render/mesh_sheets.py",
+    "render/mesh_slivers.py",
     "render/mesh_union.py",
     "render/mesh_welding.py",
 )

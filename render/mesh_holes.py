@@ -3,7 +3,10 @@
 import numpy as np
 
 from ..kernels.edge_pairing import OPEN
-from .mesh_sheets import components
+from .mesh_sheets import closed_part, components
+from .mesh_welding import sorted_faces, weld, weld_close
+
+WELD_SHARES = (1e-6, 1e-5, 1e-4)  # of a mesh's size, within which merging vertices is tried to close it
 
 
 def rims_of(faces: np.ndarray, twin: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -51,3 +54,13 @@ def fill_holes(
     lids = np.stack([head, tail, middle_of[number]], axis=1)
     middles = (sums / np.maximum(count, 1))[small]
     return np.vstack([vertices, middles]), np.vstack([faces, lids]), int(small.sum())
+
+
+def closing_distance(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """The least of some distances within which merging vertices leaves no open edge, in the mesh's unit; 0 for none."""
+    for share in WELD_SHARES:
+        distance = float(share * np.ptp(vertices, axis=0).max())
+        joined = sorted_faces(weld_close(*weld(vertices, faces), distance)[1])
+        if len(joined) and closed_part(joined).all():
+            return distance
+    return 0.0

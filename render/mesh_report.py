@@ -14,7 +14,7 @@ class MeshReport:
     faces_dropped: int = 0
     """Triangles left out: a corner twice, repeats, and walls (a triangle and its back) that bound no solid."""
     faces_flat: int = 0
-    """Triangles of zero area that were kept, since the surface closes through them."""
+    """Triangles of zero area that were taken out, and their neighbours cut where they had a corner."""
     faces_turned: int = 0
     """Triangles turned over so that neighbours agree."""
     bodies: int = 1
@@ -58,7 +58,7 @@ class MeshReport:
     def changes(self) -> list[str]:
         """What was changed, one phrase each."""
         dropped = f"{self.faces_dropped} triangles dropped (a corner twice, repeats, or walls with a back)"
-        flat = f"{self.faces_flat} triangles of zero area kept, since the surface closes through them"
+        flat = f"{self.faces_flat} triangles of zero area taken out, their neighbours cut where they had a corner"
         phrases = {
             dropped: self.faces_dropped,
             flat: self.faces_flat,

@@ -14,6 +14,7 @@ from voxel_complexes import (
     random_complex,
     triangles_of,
     volume_of,
+    with_slivers,
 )
 
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
@@ -65,6 +66,28 @@ def test_random_complexes_load_as_their_union(number, kind):
         assert_is_solid(mended.vertices @ rotated, mended.faces, complex_.filled, off, (number, seed))
     assert exact > 40
     assert len(disguises) >= 6
+
+
+@pytest.mark.parametrize("kind", ["as it is", "turned", "turned float32"])
+def test_corners_on_sides_closed_by_slivers_change_nothing(kind):
+    """Triangles of no area, as programs write them, also along edges of many triangles."""
+    taken = 0
+    for seed in range(80):
+        rng = np.random.default_rng(seed)
+        complex_ = random_complex(rng, 3)
+        if not complex_.is_exact() or complex_.turned:
+            continue
+        triangles = with_slivers(triangles_of(complex_, rng), rng)
+        mesh, rotated = disguised(triangles, rng, "turned" in kind, "float32" in kind)
+        mended = mend_mesh(*mesh)
+        assert mended.solid_count == len(mended.faces)
+        assert (mended.report.crossings, mended.report.open_edges) == (0, 0), seed
+        assert mended.report.faces_dropped >= 0
+        taken += mended.report.faces_flat
+        assert_is_solid(
+            mended.vertices @ rotated, mended.faces, complex_.filled, 1e-4 if "float32" in kind else 1e-9, seed
+        )
+    assert taken > 200
 
 
 def test_walls_that_are_there_once_make_a_cavity_solid():

@@ -226,7 +226,7 @@ def test_one_sided_surface_is_refused_for_closed_contours():
         band.require_closed()
 
 
-def test_triangles_without_area_are_dropped_or_kept_and_told():
+def test_triangles_without_area_are_dropped_or_taken_out_and_told():
     vertices, faces = box()
     vertices = np.vstack([vertices, (vertices[faces[0, 0]] + vertices[faces[0, 1]]) / 2])
     edge = set(faces[0, :2])
@@ -235,7 +235,7 @@ def test_triangles_without_area_are_dropped_or_kept_and_told():
     split = [[a, 8, c], [8, b, c], [a, b, 8]]  # the last has no area; the surface closes through it
     kept = [f for i, f in enumerate(faces) if i != 0]
     assert across
-    with pytest.warns(PalpateWarning, match=r"1 triangles dropped.*1 triangles of zero area kept"):
+    with pytest.warns(PalpateWarning, match=r"1 triangles dropped.*1 triangles of zero area taken out"):
         thing = MeshObject(vertices, np.vstack([kept, split, [[0, 0, 1]]]))
     assert thing.report.closed
     assert thing.report.faces_flat == 1

@@ -71,6 +71,18 @@ def triangles_of(complex_, rng):
     return np.take_along_axis(triangles, turn[:, :, None], axis=1)[rng.permutation(len(triangles))]
 
 
+def with_slivers(triangles, rng):
+    """Some triangles cut in two from a corner to a point of a side, and a triangle of no area between these and that."""
+    out = []
+    for a, b, c in triangles:
+        if rng.random() < 0.2:
+            point = a + (b - a) * rng.choice([0.25, 0.5, 0.75])
+            out += [[a, point, c], [point, b, c], [a, b, point]]
+        else:
+            out.append([a, b, c])
+    return rng.permutation(np.array(out))
+
+
 def layer_outline(filled, axis, layer):
     """Area and length of the boundary of the section through the middles of a layer of voxels, in voxels."""
     flat = np.pad(np.take(filled, layer, axis=axis), 1)

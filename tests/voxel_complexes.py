@@ -72,7 +72,7 @@ def triangles_of(complex_, rng):
 
 
 def with_slivers(triangles, rng):
-    """Some triangles cut in two from a corner to a point of a side, and a triangle of no area between these and that."""
+    """Some triangles cut in two from a corner to a point of a side, and a triangle of no area along that side."""
     out = []
     for a, b, c in triangles:
         if rng.random() < 0.2:

@@ -146,7 +146,7 @@ def with_walls(vertices: np.ndarray, odd: np.ndarray, even: np.ndarray, toleranc
     both = np.concatenate([odd, rest])
     edges = edges_of(both)
     connected = joined_by_edges(edges)
-    odd_count = np.bincount(edges.of_half[: 3 * len(odd)], minlength=len(edges.count))
+    odd_count = np.bincount(edges.of_half[: 3 * len(odd)], minlength=len(edges.face_count))
     is_open = np.zeros(int(connected.max(initial=-1)) + 1, bool)
     is_open[connected[np.flatnonzero(odd_count[edges.of_half] % 2) // 3]] = True
     needed = is_open[connected[len(odd) :]]
@@ -241,7 +241,7 @@ def bounding_bodies(surface: Surface, label: np.ndarray, repair: Repair, watch: 
         surface.report,
         bodies_turned=int(turned.sum()),
         cavities=int(np.count_nonzero(sign < 0)),
-        crossings_found=found.count,
+        crossings_found=found.pair_count,
     )
     bodies = Bodies(rows_of(label), sign, around, outside)
     return joined_clusters(replace(surface, faces=faces, report=report), bodies, found, even_odd, watch)
@@ -281,7 +281,7 @@ def joined_clusters(surface: Surface, bodies: Bodies, found: Crossings, even_odd
     faces = sorted_faces(faces)
     if len(bodies.rows) > 1 and not crossings:
         faces = without_gaps(vertices, faces, tolerance) if united else faces
-        again = count_crossings(vertices, faces, np.zeros(len(faces), np.int64), unwatched).count if united else 0
+        again = count_crossings(vertices, faces, np.zeros(len(faces), np.int64), unwatched).pair_count if united else 0
         crossings = again + count_contacts(vertices, faces, tolerance, watch)
         reasons = ["bodies touch within rounding"] * (crossings > 0)
     report = replace(
@@ -352,7 +352,7 @@ def crossings_with(vertices: np.ndarray, faces: np.ndarray, solid_count: int) ->
     """Pairs of triangles that cross or overlap, of which one at least is of an open surface."""
     is_sheet = (np.arange(len(faces)) >= solid_count).astype(np.int64)
     found = count_crossings(vertices, faces, is_sheet, unwatched)
-    return int(found.count - found.of_body[0]) if solid_count else found.count
+    return int(found.pair_count - found.of_body[0]) if solid_count else found.pair_count
 
 
 def with_sheets(

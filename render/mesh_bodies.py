@@ -22,7 +22,7 @@ def agree_faces(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np
     count = len(faces)
     edges = edges_of(faces)
     by_edge = np.argsort(edges.of_half, kind="stable")
-    plain = (np.cumsum(edges.count) - edges.count)[edges.count == 2]
+    plain = (np.cumsum(edges.face_count) - edges.face_count)[edges.face_count == 2]
     one, two = by_edge[plain] // 3, by_edge[plain + 1] // 3
     differ = (edges.balance[edges.of_half[by_edge[plain]]] != 0).astype(np.int64)
     label = components(

@@ -42,7 +42,7 @@ def unify_patches(
     have the same area, all get the triangles of the first. Takes and returns what `count_repeats` does.
     """
     edges = edges_of(faces)
-    rim = np.flatnonzero(edges.count[edges.of_half] > 2)
+    rim = np.flatnonzero(edges.face_count[edges.of_half] > 2)
     if len(rim) == 0:
         return faces, counts
     patch = joined_by_pairs(edges)

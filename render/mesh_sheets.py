@@ -23,7 +23,7 @@ class Edges(NamedTuple):
 
     of_half: np.ndarray
     """Number of each half-edge's edge, shape [3 face]."""
-    count: np.ndarray
+    face_count: np.ndarray
     """How many half-edges each edge has, shape [edge]."""
     balance: np.ndarray
     """How many more run one way than the other, shape [edge]."""
@@ -52,7 +52,7 @@ def components(one: np.ndarray, two: np.ndarray, count: int) -> np.ndarray:
 
 def joined_by_edges(edges: Edges) -> np.ndarray:
     """Number of the component of each face, joined through any edge."""
-    face_count, edge_count = len(edges.of_half) // 3, len(edges.count)
+    face_count, edge_count = len(edges.of_half) // 3, len(edges.face_count)
     face = np.arange(len(edges.of_half)) // 3
     return components(face, face_count + edges.of_half, face_count + edge_count)[:face_count]
 
@@ -61,7 +61,7 @@ def joined_by_pairs(edges: Edges) -> np.ndarray:
     """Number of the component of each face, joined through edges of two."""
     face = np.arange(len(edges.of_half)) // 3
     by_edge = np.argsort(edges.of_half, kind="stable")
-    plain = (np.cumsum(edges.count) - edges.count)[edges.count == 2]
+    plain = (np.cumsum(edges.face_count) - edges.face_count)[edges.face_count == 2]
     return components(face[by_edge[plain]], face[by_edge[plain + 1]], len(face) // 3)
 
 
@@ -88,15 +88,15 @@ def closed_part(faces: np.ndarray) -> np.ndarray:
     edges = edges_of(faces)
     face = np.arange(len(edges.of_half)) // 3
     by_edge = np.argsort(edges.of_half, kind="stable")
-    start = np.concatenate([[0], np.cumsum(edges.count)])
+    start = np.concatenate([[0], np.cumsum(edges.face_count)])
     patch = joined_by_pairs(edges)
-    count = edges.count.copy()
+    count = edges.face_count.copy()
     gone = np.zeros(int(patch.max(initial=-1)) + 1, bool)
-    shared = edges.count[edges.of_half] != 2
+    shared = edges.face_count[edges.of_half] != 2
     of_patch = [[] for _ in gone]
     for owner, edge in zip(patch[face[shared]].tolist(), edges.of_half[shared].tolist(), strict=True):
         of_patch[owner].append(edge)
-    waiting = np.flatnonzero(edges.count == 1).tolist()
+    waiting = np.flatnonzero(edges.face_count == 1).tolist()
     while waiting:
         edge = waiting.pop()
         for owner in set(patch[face[by_edge[start[edge] : start[edge + 1]]]].tolist()):

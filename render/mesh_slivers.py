@@ -27,11 +27,11 @@ def without_slivers(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -
             break
         edges = edges_of(faces)
         by_edge = np.argsort(edges.of_half, kind="stable")
-        start = np.cumsum(edges.count) - edges.count
+        start = np.cumsum(edges.face_count) - edges.face_count
         gone, added, taken = np.zeros(len(faces), bool), [], 0
         for face, half in zip(flat.tolist(), (3 * flat + longest[flat]).tolist(), strict=True):
             edge = edges.of_half[half]
-            others = by_edge[start[edge] : start[edge] + edges.count[edge]]
+            others = by_edge[start[edge] : start[edge] + edges.face_count[edge]]
             if len(others) == 1 or gone[others // 3].any():
                 continue
             gone[others // 3] = True

@@ -22,7 +22,7 @@ CUBE_WAYS = np.array([way for way in np.ndindex(3, 3, 3) if way != (1, 1, 1)]) -
 class Crossings(NamedTuple):
     """Pairs of triangles that cross or overlap."""
 
-    count: int
+    pair_count: int
     of_body: np.ndarray
     """How many of them are of one body, shape [body]."""
     touching: np.ndarray
@@ -67,7 +67,9 @@ def clusters_of(crossings: Crossings) -> list[Cluster]:
     body_count = len(crossings.of_body)
     if not crossings.all_counted:
         return [
-            Cluster(np.arange(body_count), crossings.count, f"more than {CROSSINGS_MOST} pairs: not all were counted")
+            Cluster(
+                np.arange(body_count), crossings.pair_count, f"more than {CROSSINGS_MOST} pairs: not all were counted"
+            )
         ]
     one, two = crossings.touching.T
     label = components(one, two, body_count)

@@ -71,9 +71,9 @@ def weld_close(vertices: np.ndarray, faces: np.ndarray, distance: float) -> tupl
     """Merge vertices that a chain of steps of at most `distance` joins, each into the first of them by coordinates."""
     from scipy.sparse import coo_matrix  # a tenth of a second that only this costs
     from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    tree = cKDTree(vertices, balanced_tree=False, compact_nodes=False)
+    tree = KDTree(vertices, balanced_tree=False, compact_nodes=False)
     one, two = tree.query_pairs(distance, output_type="ndarray").T
     if len(one) == 0:
         return vertices, faces

@@ -180,6 +180,26 @@ def join_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
     )
 
 
+def join_polylines(one: ContourBatch, other: ContourBatch) -> ContourBatch:
+    """Two batches of the same poses on the host as one: of each pose and patch, polylines of the first come first."""
+    both = join_batches([one, other])
+    count = np.concatenate([np.diff(one.pose_start), np.diff(other.pose_start)])
+    pose = np.repeat(np.tile(np.arange(one.pose_count), 2), count)
+    order = np.lexsort((np.arange(len(pose)), both.polyline_patch, pose))
+    size = np.diff(both.polyline_start)[order]
+    start = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
+    points = np.repeat(both.polyline_start[:-1][order] - start[:-1], size) + np.arange(start[-1])
+    return replace(
+        both,
+        points=both.points[points],
+        kind=both.kind[points],
+        polyline_start=start,
+        polyline_patch=both.polyline_patch[order],
+        polyline_closed=both.polyline_closed[order],
+        pose_start=np.concatenate([[0], np.cumsum(np.bincount(pose, minlength=one.pose_count))]).astype(np.int64),
+    )
+
+
 def object_part(batch: ContourBatch) -> ContourBatch:
     """The object-kind segments of a batch on the host as contours of their own: OC from CC.
 

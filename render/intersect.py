@@ -15,7 +15,7 @@ from ..kernels.plane_loops import plane_loops
 from ..kernels.ragged import PointLimitError
 from ..kernels.tally_pieces import tally_pieces
 from .coincident_faces import gap_of
-from .contours import ContourBatch
+from .contours import ContourBatch, join_polylines
 from .errors import MeshError
 from .flush import patches_for
 from .hands import PatchHand
@@ -47,7 +47,12 @@ def intersect(
     """
     patch = patches_for(hand, thing, strategy, str(pose.device), farthest=farthest, relative=relative)
     if needs_regularising(thing):
-        return _regularised(thing, patch, pose, strategy, point_limit, method, timing)
+        batch, count = _regularised(thing.solid_part, patch, pose, strategy, point_limit, method, timing)
+        if not thing.report.sheet_faces:
+            return batch, count
+        options = {"method": method, "timing": timing, "farthest": farthest, "relative": relative}
+        sheets, added = intersect(thing.sheet_part, hand, pose, strategy, point_limit=point_limit, **options)
+        return join_polylines(batch.numpy(), sheets.numpy()).to(str(pose.device)), count + added
     found, (surface, section) = _pieces(thing, patch, pose, strategy, method, timing)
     device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
     with StageClock(timing, "join", device):

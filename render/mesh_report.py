@@ -76,10 +76,9 @@ class MeshReport:
         out = []
         if self.crossings:
             why = f" ({self.union_fault})" if self.union_fault else ""
-            out.append(
-                f"{self.crossings} pairs of triangles cross{why}: sections are regularised by winding number, "
-                "pose by pose, which is slower"
-            )
+            regularised = "sections are regularised by winding number, pose by pose, which is slower"
+            outcome = regularised if self.closed else "contours are drawn as cut, also where they lie inside"
+            out.append(f"{self.crossings} pairs of triangles cross{why}: {outcome}")
         if self.crossed_edges:
             out.append(f"the surface has one side only ({self.crossed_edges} edges where no orientation agrees)")
         if self.open_edges:

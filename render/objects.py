@@ -21,6 +21,7 @@ from .errors import MeshError, PalpateWarning, PlacementError, RepairError
 from .loading_progress import Watch, unwatched
 from .mend import Repair
 from .mesh_cache import cache_folder, repaired_mesh
+from .mesh_report import MeshReport
 
 SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
 _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by identity, while an object has them
@@ -312,11 +313,19 @@ class MeshObject:
         """The object without the open surfaces that enclose nothing: what closed contours are of."""
         if self.report.sheet_faces == 0:
             return self
+        report = replace(self.report, sheet_faces=0, open_edges=0, holes=0, rim_longest=0.0)
+        return self._of_faces(self.faces[: self._solid_count], report)
+
+    @cached_property
+    def sheet_part(self) -> "MeshObject":
+        """The open surfaces alone, drawn as they are cut."""
+        return self._of_faces(self.faces[self._solid_count :], replace(self.report, crossings=0, sheet_faces=0))
+
+    def _of_faces(self, faces: np.ndarray, report: MeshReport) -> "MeshObject":
         out = copy(self)
-        for name in ("edges", "identity", "solid_part"):
+        for name in ("edges", "identity", "solid_part", "sheet_part"):
             out.__dict__.pop(name, None)
-        out.faces, out._on, out._fields, out._lock = self.faces[: self._solid_count], {}, {}, RLock()
-        out.report = replace(self.report, sheet_faces=0, open_edges=0, holes=0, rim_longest=0.0)
+        out.faces, out.report, out._on, out._fields, out._lock = faces, report, {}, {}, RLock()
         return out
 
     @property

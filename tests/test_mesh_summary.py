@@ -161,3 +161,17 @@ def test_options_of_a_mesh_are_refused_for_other_files(tmp_path):
     (tmp_path / "ball.json").write_text(json.dumps({"op": "sphere", "radius": 0.05}))
     refused(2, "--solid is of a mesh", "render", tmp_path / "ball.json", "exploration", "-o", tmp_path / "o.h5",
             "--solid", "winding")  # fmt: skip
+
+
+def test_sheets_beside_bodies_that_cross_are_drawn_with_what_the_bodies_bound(device):
+    """Two overlapping boxes under the even-odd rule stay two: their section and a flag's are drawn together."""
+    bodies = joined(CUBE, box(0.08, (0.03, 0.02, 0.21)))
+    with pytest.warns(PalpateWarning, match="sections are regularised.*OC draws them"):
+        thing = MeshObject(*joined(bodies, (FLAG[0] + [0.1, 0, 0], FLAG[1])), solid="even-odd")
+    assert not thing.is_simple
+    pose = np.concatenate([LEVEL, LEVEL])
+    pose[1, 0] += 0.005
+    oc, cc = (render(thing, Palm(0.5, 0.5), pose, s(), device=device) for s in (open_contour, closed_contour))
+    assert cc.length() == pytest.approx([2 * 4 * 0.08] * 2, abs=1e-6)  # what both hold is a hole between two corners
+    assert oc.length() == pytest.approx([2 * 4 * 0.08 + 0.04] * 2, abs=1e-6)
+    assert [len(oc.polylines_of(k)) for k in range(2)] == [len(cc.polylines_of(k)) + 1 for k in range(2)]

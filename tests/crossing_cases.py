@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 from mesh_cases import MIDDLE, merged, placed
-from oracles import section_links, walk
+from oracles import in_palm, section_links, walk
 
 from palpate.render import MeshObject
 
@@ -109,6 +109,35 @@ def section_region(mesh, pose, solid="winding"):
     """The section of a mesh, whose edges have two faces each, by a palm's plane, in the palm's u and v [m]."""
     point, after = section_links(*mesh, pose)
     return region_of([np.array([point[edge] for edge in chain]) for chain, _ in walk(after)], solid)
+
+
+def segments_of(mesh, pose):
+    """Where a palm's plane cuts each triangle, from where its border goes down to where it comes up [m], [n, 2, 2].
+
+    Segments need not be chained, so edges may have any number of faces.
+    """
+    vertices, faces = mesh
+    x = in_palm(vertices, pose)[np.asarray(faces)]
+    y = np.roll(x, -1, axis=1)
+    share = x[..., 2] / np.where(x[..., 2] == y[..., 2], 1.0, x[..., 2] - y[..., 2])
+    place = x[..., :2] + share[..., None] * (y - x)[..., :2]
+    above, next_above = x[..., 2] >= 0, y[..., 2] >= 0
+    cut = above.any(axis=1) & ~above.all(axis=1)
+    down, up = (above & ~next_above).argmax(axis=1), (~above & next_above).argmax(axis=1)
+    row = np.flatnonzero(cut)
+    return np.stack([place[row, down[row]], place[row, up[row]]], axis=1)
+
+
+def region_within(segments):
+    """What the winding number of oriented segments says is inside, as `region_of`."""
+    lines = shapely.unary_union(shapely.linestrings(segments), grid_size=GRID)
+    faces = shapely.get_parts(shapely.polygonize([lines]))
+    inside = []
+    for face in faces:
+        a, b = np.swapaxes(segments - shapely.get_coordinates(face.representative_point())[0], 0, 1)
+        turned = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)).sum()
+        inside.append(round(turned / (2 * np.pi)) > 0)
+    return shapely.unary_union(faces[np.array(inside, bool)]) if any(inside) else shapely.Polygon()
 
 
 def lengths_in(region, half):

@@ -115,6 +115,7 @@ def test_what_cannot_be_simplified_stays():
     assert detail.described()["triangles_after"] == 12
 
 
+@pytest.mark.filterwarnings("ignore:.*open edges")
 def test_bad_input_is_named():
     thing = ball(2)
     for tolerance in (0, -1, float("nan"), float("inf")):

@@ -233,6 +233,7 @@ def test_a_pose_with_too_many_points_is_named_with_a_separation_that_fits(sphere
     assert start.numpy().tolist() == [0, kept.shape[0]]
 
 
+@pytest.mark.filterwarnings("ignore:.*open edges")
 def test_an_open_object_is_refused_by_the_name_of_what_needs_it_closed():
     vertices, faces = shape("cube")
     torn = MeshObject(vertices + np.array([0, 0, 0.2]), faces[1:], name="torn")

@@ -112,10 +112,10 @@ def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> S
     welded_count = used_count - len(vertices)
     faces = sorted_faces(faces)
     if len(faces) == 0:
-        raise MeshError(
-            f"all {given_count} triangles have a corner twice, as far as float32 tells corners of a mesh of this size "
-            "apart: the mesh has no surface"
-        )
+        why = f"--weld merges what is {repair.weld:.3g} of the file's units apart"
+        if repair.weld <= tolerance:
+            why = f"float32 cannot tell what is {tolerance:.3g} of the file's units apart, for this size and place"
+        raise MeshError(f"all {given_count} triangles have a corner twice, and so no surface is left: {why}")
     whole_count = len(faces)
     faces, flat_count = without_slivers(vertices, faces, tolerance)
     dropped = given_count - whole_count + len(faces)

@@ -10,7 +10,7 @@ import numpy as np
 from ..datasets.shapes import shape_names
 from .errors import PalpateWarning
 from .loading_progress import Watch, unwatched
-from .objects import MeshObject, Placement
+from .objects import SIZE_LARGEST, MeshObject, Placement
 
 ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth away
 
@@ -60,6 +60,8 @@ def closed_contours(thing: MeshObject) -> str:
 def ways_out(thing: MeshObject, scale: float) -> list[str]:
     """What a user could do about what is left, one phrase each; scale: metres of the object as placed a unit."""
     report, out = thing.report, []
+    if scale == 1.0 and np.ptp(thing.bounds, axis=0).max() > SIZE_LARGEST:
+        out.append("--scale 0.001 takes the file as one in millimetres")
     if report.weld_closes:
         out.append(f"--weld {ROOM * scale * report.weld_closes:.2g} merges vertices until no edge is open")
     if report.open_edges:

@@ -175,3 +175,18 @@ def test_sheets_beside_bodies_that_cross_are_drawn_with_what_the_bodies_bound(de
     assert cc.length() == pytest.approx([2 * 4 * 0.08] * 2, abs=1e-6)  # what both hold is a hole between two corners
     assert oc.length() == pytest.approx([2 * 4 * 0.08 + 0.04] * 2, abs=1e-6)
     assert [len(oc.polylines_of(k)) for k in range(2)] == [len(cc.polylines_of(k)) + 1 for k in range(2)]
+
+
+def test_a_file_in_millimetres_is_told_the_scale(tmp_path):
+    path = tmp_path / "cube.stl"
+    trimesh.creation.box([40.0] * 3).export(path)
+    assert "--scale 0.001 " in answer("info", path)["could_be_done"]
+    told = answer("info", path, "--scale", "0.001")
+    assert told["could_be_done"] == "nothing needed"
+    assert told["size"] == pytest.approx([0.04] * 3)
+
+
+def test_a_distance_of_welding_that_leaves_no_surface_is_named(tmp_path):
+    path = tmp_path / "ball.ply"
+    SPHERE.export(path)
+    refused(1, "--weld merges what is 1 of the file's units apart", "info", path, "--weld", 1)

@@ -364,6 +364,7 @@ def with_sheets(
     lengths = rim_lengths(vertices, sheets, rim, number)
     bodies = int(body_labels(twin).max()) + 1 + (report.bodies if has_solid else 0)
     hint = closing_distance(vertices, sheets) if len(rim) else 0.0
+    has_depth = not flat_bodies(vertices, sheets, body_labels(twin), tolerance).any()
     nothing = has_solid and report.crossed_edges == 0 and not encloses(vertices, sheets)
     return replace(
         report,
@@ -371,6 +372,7 @@ def with_sheets(
         open_edges=len(rim),
         holes=len(lengths),
         rim_longest=float(lengths.max(initial=0.0)),
+        fill_closes=float(lengths.max(initial=0.0)) if has_depth else 0.0,
         weld_closes=hint,
         sheet_faces=len(sheets) if nothing else 0,
     )

@@ -6,7 +6,7 @@ from ..kernels.edge_pairing import OPEN
 from .mesh_sheets import closed_part, components
 from .mesh_welding import sorted_faces, weld, weld_close
 
-WELD_SHARES = (1e-6, 1e-5, 1e-4)  # of a mesh's size, within which merging vertices is tried to close it
+WELD_SHARES = (1e-6, 1e-5, 1e-4, 1e-3)  # of a mesh's size, within which merging vertices is tried to close it
 
 
 def rims_of(faces: np.ndarray, twin: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -41,6 +41,8 @@ class MeshReport:
     """Rims: closed chains of such edges."""
     rim_longest: float = 0.0
     """Length of the longest rim, in the file's unit."""
+    fill_closes: float = 0.0
+    """Length of rim up to which filling holes leaves bodies that enclose something, in the file's unit; 0 for none."""
     weld_closes: float = 0.0
     """Distance within which merging vertices would close them all, in the file's unit; 0 if none was found."""
     holes_filled: int = 0
@@ -64,7 +66,8 @@ class MeshReport:
             flat: self.faces_flat,
             f"{self.holes_filled} holes filled": self.holes_filled,
             f"{self.faces_turned} triangles turned over to agree with their neighbours": self.faces_turned,
-            f"{self.bodies_turned} of {self.bodies} bodies turned inside out (they faced inwards)": self.bodies_turned,
+            f"{self.bodies_turned} of {self.bodies} bodies turned inside out (they faced inwards), "
+            f"{self.cavities} are cavities": self.bodies_turned,
             f"{self.bodies_flat} flat bodies that enclose nothing left out": self.bodies_flat,
             f"{self.bodies_hidden} bodies inside others left out": self.bodies_hidden,
             f"{self.bodies_united} bodies that cross or touch united": self.bodies_united,

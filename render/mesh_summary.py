@@ -9,6 +9,7 @@ import numpy as np
 
 from ..datasets.shapes import shape_names
 from .errors import PalpateWarning
+from .interrupt import interrupt_between
 from .loading_progress import Watch, unwatched
 from .objects import SIZE_LARGEST, MeshObject, Placement
 
@@ -17,8 +18,10 @@ ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth
 
 def is_mesh_name(source: str) -> bool:
     """Whether a file's name, or a built-in one, is that of a mesh."""
-    import trimesh  # half a second that contour files need not wait for
+    with interrupt_between() as interrupted:
+        import trimesh  # half a second that contour files need not wait for; it swallows Ctrl-C on the way
 
+        interrupted()
     suffix = Path(source).suffix.lower().lstrip(".")
     return source in shape_names() or (suffix not in ("h5", "hdf5") and suffix in trimesh.available_formats())
 
@@ -30,12 +33,14 @@ def mesh_facts(source: str, options: dict[str, Any], watch: Watch = unwatched) -
     """
     given = {name: value for name, value in options.items() if value is not None}
     placement = Placement(scale=given.pop("scale", 1.0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PalpateWarning)  # the table says the same
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PalpateWarning)
         thing = MeshObject.load(source, placement=placement, watch=watch, **given)
     report = thing.report
+    told = "; ".join(report.changes() + report.faults(placement.scale))  # the table has it row by row
+    texts = [str(warning.message).removeprefix(f"{thing.name}: ") for warning in caught]
     numbers = asdict(report)
-    for name in ("rim_longest", "weld_closes"):
+    for name in ("rim_longest", "fill_closes", "weld_closes"):
         numbers[name] *= placement.scale
     return {
         "size": np.ptp(thing.bounds, axis=0).tolist(),
@@ -46,6 +51,7 @@ def mesh_facts(source: str, options: dict[str, Any], watch: Watch = unwatched) -
         "closed_contours": closed_contours(thing),
         "changed": "; ".join(report.changes()) or "nothing",
         "left": "; ".join(report.faults(placement.scale)) or "nothing",
+        "warned": "; ".join(text for text in texts if text != told),
         "could_be_done": "; ".join(ways_out(thing, placement.scale)) or "nothing needed",
     }
 
@@ -64,8 +70,8 @@ def ways_out(thing: MeshObject, scale: float) -> list[str]:
         out.append("--scale 0.001 takes the file as one in millimetres")
     if report.weld_closes:
         out.append(f"--weld {ROOM * scale * report.weld_closes:.2g} merges vertices until no edge is open")
-    if report.open_edges:
-        out.append(f"--fill-holes {ROOM * scale * report.rim_longest:.2g} closes every hole")
+    if report.fill_closes:
+        out.append(f"--fill-holes {ROOM * scale * report.fill_closes:.2g} closes every hole")
     if not report.closed:
         out.append(f"palpate voxelise {thing.name} makes a closed solid of it")
     return out

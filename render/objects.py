@@ -18,6 +18,7 @@ from ..kernels.field import Field
 from ..kernels.solid import mesh_field
 from ..kernels.surface import HalfEdges, upload_surface
 from .errors import MeshError, PalpateWarning, PlacementError, RepairError
+from .interrupt import interrupt_between
 from .loading_progress import Watch, unwatched
 from .mend import Repair
 from .mesh_cache import cache_folder, repaired_mesh
@@ -141,8 +142,10 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
     Raises MeshError for a missing file, one that cannot be read, and one without triangles.
     """
-    import trimesh  # half a second that built-in objects need not wait for
+    with interrupt_between() as interrupted:
+        import trimesh  # half a second that built-in objects need not wait for; it swallows Ctrl-C on the way
 
+        interrupted()
     if not path.is_file():
         raise MeshError(f"{path}: no such file; built-in objects are {', '.join(shape_names())}")
     try:

@@ -190,3 +190,20 @@ def test_a_distance_of_welding_that_leaves_no_surface_is_named(tmp_path):
     path = tmp_path / "ball.ply"
     SPHERE.export(path)
     refused(1, "--weld merges what is 1 of the file's units apart", "info", path, "--weld", 1)
+
+
+def test_lids_are_not_suggested_where_they_enclose_nothing(tmp_path, rng):
+    """Triangles that are apart are holes each: a lid would be their back."""
+    loose = BALL[SPHERE.faces].reshape(-1, 3) + rng.uniform(-2e-5, 2e-5, (3 * len(SPHERE.faces), 3))
+    path = tmp_path / "loose.ply"
+    trimesh.Trimesh(loose, np.arange(len(loose)).reshape(-1, 3), process=False).export(path)
+    told = answer("info", path)
+    assert "--fill-holes" not in told["could_be_done"]
+    closed = answer("info", path, "--weld", suggested(told, "--weld"))
+    assert (closed["open_edges"], closed["closed_contours"]) == (0, "exact")
+
+
+def test_other_warnings_of_loading_are_in_the_table(tmp_path):
+    path = tmp_path / "cube.ply"
+    trimesh.Trimesh(CUBE[0] - [0, 0, 0.4], CUBE[1], process=False).export(path)
+    assert "reaches behind the array" in answer("info", path)["warned"]

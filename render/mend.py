@@ -18,9 +18,9 @@ from .mesh_bodies import (
     alternating_signs,
     areas_of,
     body_labels,
+    faces_front,
     flat_bodies,
     nest_bodies,
-    normals_of,
     points_behind,
     rows_of,
     settle_signs,
@@ -30,7 +30,7 @@ from .mesh_contacts import count_contacts
 from .mesh_holes import closing_distance, fill_holes, rim_lengths, rims_of
 from .mesh_patches import count_repeats, repeated, split_shared, unify_patches
 from .mesh_report import MeshReport
-from .mesh_sheets import closed_part, edges_of, joined_by_edges, outer_hull, split_repeats
+from .mesh_sheets import closed_part, edges_of, is_plain, joined_by_edges, outer_hull, split_repeats
 from .mesh_slivers import without_slivers
 from .mesh_union import Cluster, Crossings, check_union, clusters_of, count_crossings, unite
 from .mesh_welding import check_soup, rounding_of, sorted_faces, weld, weld_close
@@ -131,6 +131,8 @@ def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> S
 
 def without_repeats(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> np.ndarray:
     """Sorted faces, of those in one place what `mesh_patches` and `mesh_sheets` keep."""
+    if is_plain(edges_of(faces)):
+        return faces
     faces = sorted_faces(repeated(*unify_patches(vertices, *count_repeats(faces), tolerance)))
     faces, shared = split_shared(vertices, faces, tolerance)
     odd, even = split_repeats(sorted_faces(faces))
@@ -200,12 +202,6 @@ def settled_solid(surface: Surface, repair: Repair, watch: Watch) -> tuple[Surfa
     if len(faces) == 0:
         return surface, sheets
     return bounding_bodies(surface, label, repair, watch), sheets
-
-
-def faces_front(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Which faces' normals point to where their largest coordinate is positive: one of a sheet's two sides."""
-    normal = normals_of(vertices, faces)
-    return np.take_along_axis(normal, np.abs(normal).argmax(axis=1)[:, None], axis=1)[:, 0] > 0
 
 
 def balanced(surface: Surface) -> np.ndarray:

@@ -45,6 +45,12 @@ def normals_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a)
 
 
+def faces_front(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Which faces' normals point to where their largest coordinate is positive: one of a sheet's two sides."""
+    normal = normals_of(vertices, faces)
+    return np.take_along_axis(normal, np.abs(normal).argmax(axis=1)[:, None], axis=1)[:, 0] > 0
+
+
 def areas_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Area of each triangle, shape [face]."""
     return np.linalg.norm(normals_of(vertices, faces), axis=1) / 2

@@ -65,6 +65,18 @@ def joined_by_pairs(edges: Edges) -> np.ndarray:
     return components(face[by_edge[plain]], face[by_edge[plain + 1]], len(face) // 3)
 
 
+def is_plain(edges: Edges) -> bool:
+    """Whether nothing is there twice: no edge has more than two faces, no two faces have all their edges in common."""
+    if edges.face_count.max(initial=0) > 2:
+        return False
+    by_edge = np.argsort(edges.of_half, kind="stable")
+    first = (np.cumsum(edges.face_count) - edges.face_count)[edges.face_count == 2]
+    across = np.full(len(edges.of_half), -1)
+    across[by_edge[first]], across[by_edge[first + 1]] = by_edge[first + 1] // 3, by_edge[first] // 3
+    one, two, three = across.reshape(-1, 3).T
+    return not bool(((one >= 0) & (one == two) & (two == three)).any())
+
+
 def split_repeats(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One of each triangle: those that are there an odd number of times, and those that are there an even one.
 

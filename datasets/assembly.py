@@ -117,13 +117,15 @@ class Assembly:
         return ChunkTable(self._addresses[spec], self._sizes[spec], chunk_shape, spec.dtype.itemsize)
 
 
-def write_assembly(path: Path, assembly: Assembly, end: int, room: int) -> None:
+def write_assembly(path: Path, assembly: Assembly, end: int, room: int, *, fresh: bool = False) -> None:
     """Write what an assembly adds to the first `end` bytes of a file; when this returns, it is on the disk.
+
+    fresh: see `append_at`.
 
     Raises OSError where the disk is full or fails: what lies between the room and `end` is as it was.
     """
     front, behind = assembly.front(room)
-    append_at(path, end, behind, front=front)
+    append_at(path, end, behind, front=front, fresh=fresh)
 
 
 def _filled(rows: NDArray[Any], chunk_rows: int) -> NDArray[Any]:

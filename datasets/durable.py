@@ -47,17 +47,31 @@ def write_temporary(path: Path, content: memoryview) -> None:
         os.close(handle)
 
 
-def append_at(path: Path, end: int, buffers: Sequence[Buffer], *, front: Buffer = b"", durable: bool = True) -> None:
-    """Write behind the first `end` bytes of a file, which is made if it is not there, dropping what else it has.
+def append_at(
+    path: Path,
+    end: int,
+    buffers: Sequence[Buffer],
+    *,
+    front: Buffer = b"",
+    durable: bool = True,
+    fresh: bool = False,
+) -> None:
+    """Write behind the first `end` bytes of a file, dropping what else it has.
 
-    front: overwrites its first bytes. durable: have all of it on the disk when this returns.
+    front: overwrites its first bytes. durable: have all of it on the disk when this returns. fresh: begin a new file,
+    or an old one anew, with `end` zeros; no other file is made or grown, so one that somebody has removed or cut off
+    never comes back as zeros.
 
     Raises:
-        OSError: As the system says; the file has its first `end` bytes as before, but for the front.
+        OSError: As the system says, or the file has fewer than `end` bytes; it has its first `end` bytes as before,
+            but for the front.
     """
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    handle = os.open(path, os.O_WRONLY | os.O_CLOEXEC | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
     try:
-        if os.fstat(handle).st_size != end:  # what a write left that failed or was killed; or a file just made
+        size = os.fstat(handle).st_size
+        if size < end and not fresh:
+            raise OSError(errno.EIO, f"{path.name} has {size} bytes, of {end} that were written: it was cut off")
+        if size != end:  # what a write left that failed or was killed; or a file just made
             os.ftruncate(handle, end)
         _write_at(handle, end, buffers)
         _write_at(handle, 0, [front])
@@ -65,16 +79,20 @@ def append_at(path: Path, end: int, buffers: Sequence[Buffer], *, front: Buffer 
             os.fsync(handle)
     except OSError:
         with contextlib.suppress(OSError):
-            os.ftruncate(handle, end)
+            if os.fstat(handle).st_size > end:
+                os.ftruncate(handle, end)
         raise
     finally:
         os.close(handle)
 
 
-def copy_range(source: Path, path: Path, first: int, stop: int) -> None:
-    """Copy a range of bytes of a file to the same place of another one, and have them on the disk; raises OSError."""
+def copy_range(source: Path, path: Path, first: int, stop: int, *, fresh: bool = False) -> None:
+    """Copy a range of bytes of a file to the same place of another one, and have them on the disk; raises OSError.
+
+    fresh: the other one is a new file, or begins anew; else it must be there.
+    """
     with source.open("rb") as stream:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        handle = os.open(path, os.O_WRONLY | os.O_CLOEXEC | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
         try:
             while first < stop:
                 block = os.pread(stream.fileno(), min(_BLOCK_BYTES, stop - first), first)

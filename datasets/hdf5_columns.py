@@ -180,7 +180,7 @@ def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
     """
     temporary = temporary_name(path)
     try:
-        append_at(temporary, 0, buffers, durable=durable)
+        append_at(temporary, 0, buffers, durable=durable, fresh=True)
         (publish if durable else os.replace)(temporary, path)
     except OSError:
         discard(temporary)

@@ -142,7 +142,7 @@ def begin_part(folder: Path, first: int, recipe: str, begin: int, *, optional: t
     head = {"recipe": recipe, "first": first, "begin": begin, "optional": list(optional), "chunk_rows": CHUNK_ROWS}
     record = _record(head)
     part = Part(log, first, recipe, Rows(row_fields(optional), begin), len(record), len(record))
-    append_at(part.path, begin, [])
+    append_at(part.path, begin, [], fresh=True)
     write_file(log, memoryview(record))  # its folder's fsync keeps both names
     return part
 

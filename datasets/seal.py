@@ -43,7 +43,7 @@ def write_header(path: Path, header: FileHeader) -> None:
     assembly = _begun(header, room)
     for spec, array in _arrays(header):
         assembly.add(spec, array)
-    write_assembly(path, assembly, room, room)
+    write_assembly(path, assembly, room, room, fresh=True)
 
 
 def seal_rows(path: Path, rows: Rows, header: FileHeader, timing: Timing, frame: Frame) -> None:
@@ -65,7 +65,7 @@ def copy_rows(path: Path, source: ContourFile, header_path: Path, frame: Frame, 
 
     Raises OSError, ContourFileError.
     """
-    copy_range(header_path, path, frame.room, frame.begin)
+    copy_range(header_path, path, frame.room, frame.begin, fresh=True)
     rows = Rows(row_fields(source.optional), frame.begin, gzip)
     for first, stop in source.blocks():
         growth, chunks = rows.grown(source.contours(first, stop), source.metrics(first, stop))

@@ -64,7 +64,7 @@ class TableWriter:
         self._room = 0
         self._end = 0
         self._written = 0
-        self._write([])
+        self._write([], fresh=True)
 
     def __enter__(self) -> Self:
         return self
@@ -120,6 +120,7 @@ class TableWriter:
         }
         size = len(self._image(columns, CHUNK_ROWS + 1, with_index=True)[0])
         self._room = self._end = self._written = -(-size // _ROOM_STEP) * _ROOM_STEP + _ROOM_STEP
+        self._write([], fresh=True)
         return columns
 
     def _refuse_other(self, arrays: Columns) -> None:
@@ -200,9 +201,9 @@ class TableWriter:
                     stubs[name] = int(dataset.id.get_chunk_info(0).byte_offset)
             return image_of(file), stubs
 
-    def _write(self, buffers: list[Buffer], *, front: bytes = b"", is_last: bool = False) -> None:
+    def _write(self, buffers: list[Buffer], *, front: bytes = b"", is_last: bool = False, fresh: bool = False) -> None:
         try:
-            append_at(self._temporary, self._written, buffers, front=front, durable=is_last)
+            append_at(self._temporary, self._written, buffers, front=front, durable=is_last, fresh=fresh)
             self._written += sum(map(len, buffers))
             if is_last:
                 publish(self._temporary, self.path)

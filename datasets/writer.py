@@ -14,6 +14,7 @@ header, parts: in the work folder OUT.h5.partial; "same": its header is of the r
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 from collections.abc import Generator, Mapping
 from os import PathLike
@@ -67,6 +68,7 @@ class ContourWriter:
         self._folder = work_folder(self.path)
         self._parts: list[Part] = []
         self._complete = False
+        self._published = False
         self._lock: FolderLock | None = None
         header.validate()
         self._header = header
@@ -175,12 +177,15 @@ class ContourWriter:
         self._remove_folder()
 
     def _seal(self, gzip: int) -> None:
+        if self._published:  # and then the sync of its name failed: the parts are gone into it
+            sync(self.path.parent)
+            return
         if len(self._parts) == 1 and not gzip:
             part = self._parts[0]
             with ContourFile(self._folder) as file:
                 seal_rows(part.path, part.rows, self._header, file.timing(), self._frame)
             self._refuse_unlike(part.path)
-            publish(part.path, self.path)
+            self._publish(part.path)
             return
         copy = self._folder / _SEALING_NAME
         try:
@@ -188,10 +193,15 @@ class ContourWriter:
                 rows = copy_rows(copy, file, self._folder / HEADER_NAME, self._frame, gzip=gzip)
                 seal_rows(copy, rows, self._header, file.timing(), self._frame)
             self._refuse_unlike(copy)
-            publish(copy, self.path)
+            self._publish(copy)
         except (OSError, ContourFileError):
             discard(copy)
             raise
+
+    def _publish(self, made: Path) -> None:
+        os.replace(made, self.path)
+        self._published = True
+        sync(self.path.parent)
 
     def _refuse_existing(self, mode: str) -> None:
         if mode not in ("create", "resume", "overwrite"):

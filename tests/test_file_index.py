@@ -55,7 +55,7 @@ def test_libhdf5_finds_every_chunk_through_the_index(tmp_path, rng, chunk_count)
         assembly = Assembly(ROOM)
         for spec, content in rows.items():
             assembly.add(spec, content)
-        write_assembly(path, assembly, ROOM, ROOM)
+        write_assembly(path, assembly, ROOM, ROOM, fresh=True)
     with h5py.File(path) as file:
         for spec, content in rows.items():
             assert file[spec.path].id.get_num_chunks() == chunk_count
@@ -71,7 +71,7 @@ def test_libhdf5_goes_on_with_the_index(tmp_path, rng):
     with small_chunks(3):
         assembly = Assembly(ROOM)
         assembly.add(KIND, rows)
-        write_assembly(path, assembly, ROOM, ROOM)
+        write_assembly(path, assembly, ROOM, ROOM, fresh=True)
     with h5py.File(path, "r+") as file:
         file[KIND.path][::7] = 2
         file["more"] = np.arange(10_000)
@@ -87,7 +87,7 @@ def test_the_root_of_an_index_is_that_of_libhdf5(tmp_path, rng):
     with small_chunks(7):
         assembly = Assembly(ROOM)
         assembly.add(POINTS, rows)
-        write_assembly(path, assembly, ROOM, ROOM)
+        write_assembly(path, assembly, ROOM, ROOM, fresh=True)
     with h5py.File(tmp_path / "b.h5", "w", libver=("v108", "v108")) as file:
         file.create_dataset("x", data=rows, chunks=(7, 3), fletcher32=True)
     roots = []
@@ -128,7 +128,7 @@ def test_a_lost_chunk_is_refused(tmp_path, rng):
     with small_chunks(3):
         assembly = Assembly(ROOM)
         assembly.add(KIND, rng.integers(0, 3, 30, np.uint8))
-        write_assembly(path, assembly, ROOM, ROOM)
+        write_assembly(path, assembly, ROOM, ROOM, fresh=True)
     content = bytearray(path.read_bytes())
     root = content.index(b"TREE")
     content[root + 24 : root + 28] = bytes(4)  # the first chunk's size

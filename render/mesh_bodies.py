@@ -91,7 +91,9 @@ def largest_faces(area: np.ndarray, label: np.ndarray) -> np.ndarray:
     return order[np.unique(label[order], return_index=True)[1]]
 
 
-def points_behind(vertices: np.ndarray, faces: np.ndarray, rows: np.ndarray, distance: float) -> np.ndarray:
+def points_behind(
+    vertices: np.ndarray, faces: np.ndarray, rows: np.ndarray, distance: float | np.ndarray
+) -> np.ndarray:
     """Points this far behind the middles of some faces, on the side that their normals point away from."""
     normal = normals_of(vertices, faces[rows])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)

@@ -10,7 +10,7 @@ class MeshReport:
     triangles: int = 0
     """Triangles of the file."""
     vertices_welded: int = 0
-    """Vertices with the exact coordinates of another one, or as close to one as was asked for."""
+    """Vertices merged into another one, which float32 cannot tell from it, or which is as close as was asked for."""
     faces_dropped: int = 0
     """Triangles left out: a corner twice, repeats, and walls (a triangle and its back) that bound no solid."""
     faces_flat: int = 0

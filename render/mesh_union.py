@@ -164,8 +164,5 @@ def check_points(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray) -> 
     rows = np.union1d(
         largest_faces(areas_of(vertices, faces), label), rng.choice(len(faces), min(CHECKS, len(faces)), replace=False)
     )
-    size = np.sqrt(areas_of(vertices, faces[rows]))
-    beside = [points_behind(vertices, faces, rows, 1.0)]  # directions; scaled below by each triangle's size
-    middle = vertices[faces[rows]].mean(axis=1)
-    step = (beside[0] - middle) * (1e-3 * size)[:, None]
-    return np.concatenate([box, middle + step, middle - step])
+    distance = 1e-3 * np.sqrt(areas_of(vertices, faces[rows]))[:, None]
+    return np.concatenate([box, *(points_behind(vertices, faces, rows, side * distance) for side in (1, -1))])

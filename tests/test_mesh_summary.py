@@ -8,7 +8,7 @@ import trimesh
 from test_cli import answer, refused, run
 
 from palpate.datasets import ContourFile
-from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
+from palpate.render import MeshObject, Palm, closed_contour, mend, open_contour, render
 from palpate.render.errors import MeshError, PalpateWarning
 
 LEVEL = np.array([[0, 0, 0.2, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]])  # a palm parallel to the array
@@ -207,3 +207,19 @@ def test_other_warnings_of_loading_are_in_the_table(tmp_path):
     path = tmp_path / "cube.ply"
     trimesh.Trimesh(CUBE[0] - [0, 0, 0.4], CUBE[1], process=False).export(path)
     assert "reaches behind the array" in answer("info", path)["warned"]
+
+
+def test_a_union_that_lost_a_body_is_not_believed(monkeypatch, device):
+    """Fault injected: the smaller of two boxes is missing from what comes back; the contour is right all the same."""
+
+    def without_smallest(vertices, parts, sign, around):
+        largest = max(parts, key=lambda part: np.ptp(vertices[part].reshape(-1, 3), axis=0).max())
+        used, faces = np.unique(largest, return_inverse=True)
+        return vertices[used], faces.reshape(-1, 3)
+
+    monkeypatch.setattr(mend, "unite", without_smallest)
+    with pytest.warns(PalpateWarning, match="points lie inside the union and not inside its bodies, or the reverse"):
+        thing = MeshObject(*joined(CUBE, box(0.02, (0.04, 0.0, 0.2))))
+    assert not thing.is_simple
+    length = render(thing, Palm(0.4, 0.4), LEVEL, closed_contour(), device=device).length()
+    assert length == pytest.approx([4 * 0.08 + 2 * 0.01], abs=1e-6)

@@ -19,6 +19,8 @@ from .part_reader import PartReader
 from .reader import ContourFile
 from .schema import (
     CONTOURS,
+    DIGESTS,
+    FIELDS,
     HAND,
     KIND_NAMES,
     METRICS,
@@ -86,6 +88,7 @@ def _check_open(file: ContourFile) -> list[str]:
     check.fields(OBJECT)
     check.fields(HAND)
     check.header(header)
+    check.digests(header)
     try:
         for part, pose_count in parts:
             check = _PartCheck(part, findings, "" if file.sealed else f"{part.path.name}: ")
@@ -122,10 +125,23 @@ class _PartCheck:
             stored, found = get_json(part, "/", "recipe"), header.recipe
             if changed := recipe_differences(stored, {**found, "format": stored.get("format", "absent")}):
                 self._tell(f"/: recipe is not of what the file holds: {'; '.join(changed)}")
+            part.require_attributes()
             if part.text("/object", "hash") != header.object_hash:
                 self._tell("/object: hash is not of vertices and faces")
             if problem := hand_problem(header.hand, header.hand_arrays):
                 self._tell(problem)
+        except ContourFileError as error:
+            self.findings.tell(str(error))
+
+    def digests(self, part: Hdf5Reader) -> None:
+        """Whether every dataset that is known has digests, where the file has any."""
+        try:
+            if (table := part.digest_table) is None:
+                return
+            self._layout(DIGESTS)
+            known = [spec.path for spec in FIELDS if spec.path in part]
+            for path in (path for path in known if path not in table.datasets):
+                self._tell(f"{path}: has no digest")
         except ContourFileError as error:
             self.findings.tell(str(error))
 

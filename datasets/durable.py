@@ -68,10 +68,9 @@ def append_at(
     """
     handle = os.open(path, os.O_WRONLY | os.O_CLOEXEC | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
     try:
-        size = os.fstat(handle).st_size
-        if size < end and not fresh:
-            raise OSError(errno.EIO, f"{path.name} has {size} bytes, of {end} that were written: it was cut off")
-        if size != end:  # what a write left that failed or was killed; or a file just made
+        if not fresh:
+            require_size(handle, path, end)
+        if os.fstat(handle).st_size != end:  # what a write left that failed or was killed; or a file just made
             os.ftruncate(handle, end)
         _write_at(handle, end, buffers)
         _write_at(handle, 0, [front])
@@ -84,6 +83,13 @@ def append_at(
         raise
     finally:
         os.close(handle)
+
+
+def require_size(handle: int, path: Path, end: int) -> None:
+    """Refuse an open file that has fewer bytes than were written; raises OSError."""
+    size = os.fstat(handle).st_size
+    if size < end:
+        raise OSError(errno.EIO, f"{path.name} has {size} bytes, of {end} that were written: it was cut off")
 
 
 def copy_range(source: Path, path: Path, first: int, stop: int, *, fresh: bool = False) -> None:

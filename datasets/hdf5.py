@@ -12,6 +12,7 @@ import re
 import secrets
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
 from types import TracebackType
@@ -20,9 +21,10 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from .digests import ATTRIBUTE, Digests, DigestTable, attribute_digest, block_digests
 from .errors import ContourFileError
 from .index import leaf_of_one
-from .schema import CHUNK_ROWS, Field
+from .schema import CHUNK_ROWS, DIGESTS, Field
 
 h5py: Any = importlib.import_module("h5py")
 
@@ -33,12 +35,13 @@ FILL = {"f": np.nan, "i": -1, "u": 255}
 """A chunk that was never written must show: no field has one of these values by right."""
 
 _CHECKSUM_BYTES = 4
+_BLOCK_ROWS = 1 << 17
 
 Attribute = str | int | float | NDArray[Any]
 
 
 class Hdf5Reader:
-    """An HDF5 file opened for reading.
+    """An HDF5 file opened for reading. Rows that the file has digests of are proven by them whenever they are read.
 
     Raises:
         ContourFileError: From every method, where the file is missing, foreign, truncated or damaged.
@@ -47,6 +50,8 @@ class Hdf5Reader:
     def __init__(self, path: str | PathLike[str]) -> None:
         self.path = Path(path)
         self._datasets: dict[str, Any] = {}
+        self._block_digests: dict[str, Digests | None] = {}
+        self._kept: dict[str, tuple[int, NDArray[Any]]] = {}  # of each dataset, the block that was read last
         with _failures(str(self.path)):
             try:
                 with self.path.open("rb") as stream:
@@ -64,6 +69,7 @@ class Hdf5Reader:
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
         self._datasets.clear()
+        self._kept.clear()
         self._file.close()
 
     def __enter__(self) -> Self:
@@ -116,8 +122,95 @@ class Hdf5Reader:
         """Rows `first` to `stop` (all) of a dataset."""
         with _failures(f"{self.path}: {name}"):
             dataset: Any = self._dataset(name)
-            rows = np.asarray(dataset[first:stop])
-            return rows.astype(rows.dtype.newbyteorder("="), copy=False)
+            digests = self._digests_of(name)
+            if digests is None or not len(digests):
+                rows = np.asarray(dataset[first:stop])
+                return rows.astype(rows.dtype.newbyteorder("="), copy=False)
+            begin, end, _ = slice(first, stop).indices(len(dataset))
+            return self._proven(name, dataset, digests, begin, max(begin, end))
+
+    @cached_property
+    def digest_table(self) -> DigestTable | None:
+        """Digests that the file has of its datasets and attributes; None where it has none."""
+        if self.attribute("/", ATTRIBUTE) is None:
+            return None
+        try:
+            return DigestTable(self.text("/", ATTRIBUTE))
+        except (ValueError, RecursionError) as error:
+            raise ContourFileError(f"{self.path}: attribute {ATTRIBUTE} of / is damaged: {error}") from error
+
+    def require_attributes(self) -> None:
+        """Refuse attributes that are not those which the file has digests of."""
+        table = self.digest_table
+        for group, digests in ({} if table is None else table.attributes).items():
+            for key, digest in digests.items():
+                value = self.attribute(group, key)
+                if value is None or attribute_digest(value) != digest:
+                    raise ContourFileError(f"{self.path}: attribute {key} of {group} is not what was written")
+
+    def require_rows(self, name: str) -> None:
+        """Read all rows of a dataset in bounded memory, refusing those that are not what was written."""
+        _, shape = self.layout(name)
+        for first in range(0, shape[0], _BLOCK_ROWS):
+            self.read(name, first, first + _BLOCK_ROWS)
+
+    def chunk_addresses(self, name: str) -> list[int]:
+        """Where the chunks of a dataset lie in the file [byte], in the order of its rows."""
+        with _failures(f"{self.path}: {name}"):
+            identity: Any = self._dataset(name).id
+            if self._dataset(name).chunks is None:  # it has no elements
+                return []
+            chunks: list[tuple[tuple[int, ...], int]] = []
+
+            def note(chunk: Any) -> None:
+                chunks.append((chunk.chunk_offset, chunk.byte_offset))
+
+            if hasattr(identity, "chunk_iter"):  # h5py has it with HDF5 1.12.3 and newer
+                identity.chunk_iter(note)
+            else:
+                for k in range(identity.get_num_chunks()):
+                    note(identity.get_chunk_info(k))
+            return [address for _, address in sorted(chunks)]
+
+    def _proven(self, name: str, dataset: Any, digests: Digests, begin: int, end: int) -> NDArray[Any]:
+        """Rows, read in whole blocks, each of which is what was written."""
+        table = cast(DigestTable, self.digest_table)
+        block_rows = table.block_rows
+        first, stop = begin // block_rows, -(-end // block_rows)
+        kept = self._kept.get(name)
+        if kept is not None and (kept[0], stop) == (first, first + 1):
+            return kept[1][begin - first * block_rows : end - first * block_rows].copy()
+        rows = np.asarray(dataset[first * block_rows : stop * block_rows])
+        differing = np.flatnonzero(block_digests(rows, block_rows) != digests[first:stop])
+        if len(differing):
+            row = (first + int(differing[0])) * block_rows
+            raise ContourFileError(
+                f"{self.path}: {name} is damaged: rows {row} to {min(row + block_rows, len(dataset))} "
+                "are not what was written, by their digest"
+            )
+        rows = rows.astype(rows.dtype.newbyteorder("="), copy=False)
+        asked = rows[begin - first * block_rows : end - first * block_rows]
+        if stop != first + 1:
+            return asked
+        self._kept[name] = first, rows
+        return asked.copy()
+
+    def _digests_of(self, name: str) -> Digests | None:
+        """Digests of a dataset's blocks; None where the file has none of it."""
+        if name not in self._block_digests:
+            self._block_digests[name] = self._read_digests(name)
+        return self._block_digests[name]
+
+    def _read_digests(self, name: str) -> Digests | None:
+        table = self.digest_table if name != DIGESTS.path else None
+        if table is None or name not in table.datasets:
+            return None
+        shape = tuple(int(size) for size in self._dataset(name).shape)
+        first, stop = table.block_range(name, shape)
+        digests = np.asarray(self._dataset(DIGESTS.path)[first:stop], np.uint64)
+        if not table.is_dataset(name, shape, digests):
+            raise ContourFileError(f"{self.path}: the digests of {name} are not what was written")
+        return digests
 
     def attribute(self, name: str, key: str) -> Attribute | None:
         """An attribute of a group or dataset; None if it is not there."""
@@ -163,15 +256,29 @@ class Hdf5Reader:
             )
 
 
-_FORMAT = ("v108", "v108")
+FORMAT = ("v108", "v108")
 """HDF5 1.8's format, which every reader of today reads: its object headers carry checksums, so that damage to them is
 an error; with older headers libhdf5 can read for ever. Not newer: those mark a file as open for writing."""
 
 
-def _fixed(text: str) -> Any:
+def fixed_text(text: str) -> Any:
     """Text of fixed length: HDF5 keeps it in the checksummed header, not in a heap without checksum."""
     raw = text.encode()
     return np.array(raw, h5py.string_dtype("utf-8", max(1, len(raw))))
+
+
+def create_dataset(file: Any, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> None:
+    """Make a dataset of a final shape without content, in chunks with checksums; one without elements is contiguous."""
+    chunked: dict[str, Any] = {}
+    if 0 not in shape:
+        chunked = {"chunks": (min(CHUNK_ROWS, shape[0]), *shape[1:]), "fletcher32": True}
+        if gzip:
+            chunked |= {"compression": "gzip", "compression_opts": gzip, "shuffle": True}
+    dataset: Any = file.create_dataset(
+        spec.path, shape=shape, dtype=spec.dtype, fillvalue=FILL[spec.dtype.kind], track_times=False, **chunked
+    )
+    dataset.attrs["units"] = fixed_text(spec.unit)
+    dataset.attrs["frame"] = fixed_text(spec.frame)
 
 
 class Hdf5Image:
@@ -184,7 +291,7 @@ class Hdf5Image:
             driver="core",
             backing_store=False,
             block_size=1 << 16,
-            libver=_FORMAT,
+            libver=FORMAT,
         )
 
     def __enter__(self) -> Self:
@@ -199,24 +306,15 @@ class Hdf5Image:
         """Set attributes of a group, which is made if it is not there, or of a dataset."""
         target: Any = self._file.require_group(name) if name not in self._file else self._file[name]
         for key, value in values.items():
-            target.attrs[key] = _fixed(value) if isinstance(value, str) else value
+            target.attrs[key] = fixed_text(value) if isinstance(value, str) else value
 
-    def reserve(self, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> None:
+    def reserve(self, spec: Field, shape: tuple[int, ...]) -> None:
         """Make a dataset of a final shape without content, in chunks with checksums."""
-        chunked: dict[str, Any] = {}
-        if shape[0] > 0 and 0 not in shape:
-            chunked = {"chunks": (min(CHUNK_ROWS, shape[0]), *shape[1:]), "fletcher32": True}
-            if gzip:
-                chunked |= {"compression": "gzip", "compression_opts": gzip, "shuffle": True}
-        dataset: Any = self._file.create_dataset(
-            spec.path, shape=shape, dtype=spec.dtype, fillvalue=FILL[spec.dtype.kind], track_times=False, **chunked
-        )
-        dataset.attrs["units"] = _fixed(spec.unit)
-        dataset.attrs["frame"] = _fixed(spec.frame)
+        create_dataset(self._file, spec, shape)
 
-    def reserve_index(self, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> None:
+    def reserve_index(self, spec: Field, shape: tuple[int, ...]) -> None:
         """Make a dataset whose chunks lie elsewhere: one byte stands for the first, so that its index has a root."""
-        self.reserve(spec, shape, gzip=gzip)
+        self.reserve(spec, shape)
         self._file[spec.path].id.write_direct_chunk((0,) * len(shape), b"\0")
 
     def index_root(self, spec: Field, image: bytes | bytearray) -> int:

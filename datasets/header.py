@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .errors import ContourFileError
 from .hdf5 import Attribute, Hdf5Reader
 from .header_hand import require_hand, require_quaternions
-from .schema import FORMAT_NAME, FORMAT_VERSION, HAND, MOTION, OBJECT, Arrays, validate_fields
+from .schema import DIGESTS_SINCE, FORMAT_NAME, FORMAT_VERSION, HAND, MOTION, OBJECT, Arrays, validate_fields
 
 
 class TextSource(Protocol):
@@ -285,6 +285,8 @@ def refuse_foreign(file: Hdf5Reader) -> None:
         raise ContourFileError(
             f"{file.path} has format version {major}.{minor}, newer than this palpate reads ({FORMAT_VERSION[0]}.x)"
         )
+    if (major, minor) >= DIGESTS_SINCE and file.digest_table is None:
+        raise ContourFileError(f"{file.path}: attribute digests of / is missing, which format {major}.{minor} has")
 
 
 def _digest(*arrays: NDArray[Any]) -> str:

@@ -91,6 +91,12 @@ class PartReader:
             pieces.append(rows.tail(index)[max(begin - base, 0) : end - base])
         return np.concatenate(pieces)
 
+    def require_rows(self, name: str) -> None:
+        """Read all rows of a dataset, a chunk at a time, refusing those that are not what was written."""
+        _, shape = self.layout(name)
+        for first in range(0, shape[0], CHUNK_ROWS):
+            self.read(name, first, first + CHUNK_ROWS)
+
     def _field(self, name: str) -> Field:
         if name not in self._index:
             raise ContourFileError(f"{self.path}: {name} is missing or not a dataset")
@@ -104,10 +110,10 @@ class PartReader:
             content = os.pread(self._handle, chunk_bytes(spec), self.part.rows.addresses[index][chunk])
         except OSError as error:
             raise ContourFileError(f"{self.path}: {spec.path} cannot be read: {error.strerror or error}") from error
-        rows = decoded(spec, content)
+        rows = decoded(spec, content, self.part.rows.digest(index, chunk))
         if rows is None:
             raise ContourFileError(
-                f"{self.path}: {spec.path} is damaged: the checksum of a chunk does not match, or it is truncated"
+                f"{self.path}: {spec.path} is damaged: a chunk is not what was written, or it is truncated"
             )
         self._kept[index] = (chunk, rows)
         return rows

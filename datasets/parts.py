@@ -4,7 +4,8 @@ A part is two files. `poses-FIRST.rows` becomes OUT.h5: room for HDF5's metadata
 header (in the first part; the others leave room), then chunks (`rows.py`), never touched again. `poses-FIRST.log` says
 what of it is done: a record for the part, then one for each range of poses written, with the rows that are in no chunk
 yet. A record is the length and CRC-32 of its content and the CRC-32 of these two (uint32, little endian), then its
-content: length of a JSON (uint32), the JSON, and for a range the field of each chunk (uint8) and the tails (`Growth`).
+content: length of a JSON (uint32), the JSON, and for a range the field of each chunk (uint8), the digest of each
+(uint64) and the tails (`Growth`).
 
 | end of a log                        | what it means                                                     |
 |-------------------------------------|-------------------------------------------------------------------|
@@ -38,6 +39,7 @@ _PATTERN = re.compile(r"poses-(\d{12})\.log")
 _PREFIX = struct.Struct("<III")
 _GUARDED = 8  # bytes of the prefix that its last number guards
 _LENGTH = struct.Struct("<I")
+_DIGESTS = "xxh3-64"
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ class Part:
     begun_end: int
     """Where its first record ends [byte]."""
     log_end: int
+    digested: bool = True
+    """Whether its log has digests of chunks; those of format 1.1 and older have not."""
     commits: list[Commit] = field(default_factory=list[Commit])
     problem: str | None = None
     """What is wrong with the part beyond its last commit."""
@@ -98,7 +102,8 @@ class Part:
         """
         growth, chunks = self.rows.grown(contours, metrics)
         head = {"stop": stop, "counts": growth.counts, "chunks": len(growth.order), "timing": dict(timing)}
-        record = _record(head, growth.order.tobytes(), *(tail.tobytes() for tail in growth.tails))
+        digests = growth.digests.astype("<u8").tobytes()
+        record = _record(head, growth.order.tobytes(), digests, *(tail.tobytes() for tail in growth.tails))
         if chunks:
             append_at(self.path, self.rows.end, chunks)
         append_at(self.log, self.log_end, [record])
@@ -108,15 +113,15 @@ class Part:
         """Take over a commit that was read back; raises ValueError or KeyError where it means nothing."""
         counts = [int(count) for count in head["counts"]]
         order = np.frombuffer(content, np.uint8, int(head["chunks"]))
-        sizes = np.array([chunk_bytes(spec) for spec in self.rows.fields], np.int64)[order]
+        digests = np.frombuffer(content, "<u8", len(order) if self.digested else 0, len(order))
         tails: list[NDArray[Any]] = []
-        begin = len(order)
+        begin = len(order) + digests.nbytes
         for spec, count in zip(self.rows.fields, self.rows.tail_counts(counts), strict=True):
             width = int(np.prod(row_shape(spec), dtype=np.int64))
             tail = np.frombuffer(content, spec.dtype, count * width, begin).reshape(count, *row_shape(spec))
             tails.append(tail)
             begin += tail.nbytes
-        self._accept(int(head["stop"]), Growth(counts, order, sizes, tails), dict(head["timing"]), log_end)
+        self._accept(int(head["stop"]), Growth(counts, order, digests, tails), dict(head["timing"]), log_end)
 
     def _accept(self, stop: int, growth: Growth, timing: dict[str, float], log_end: int) -> None:
         self.rows.accept(growth)
@@ -139,7 +144,14 @@ def part_logs(folder: Path) -> list[Path]:
 def begin_part(folder: Path, first: int, recipe: str, begin: int, *, optional: tuple[str, ...]) -> Part:
     """A part without poses, on the disk, whose rows begin at `begin` bytes; raises OSError."""
     log = folder / f"poses-{first:012d}{LOG_SUFFIX}"
-    head = {"recipe": recipe, "first": first, "begin": begin, "optional": list(optional), "chunk_rows": CHUNK_ROWS}
+    head = {
+        "recipe": recipe,
+        "first": first,
+        "begin": begin,
+        "optional": list(optional),
+        "chunk_rows": CHUNK_ROWS,
+        "digests": _DIGESTS,
+    }
     record = _record(head)
     part = Part(log, first, recipe, Rows(row_fields(optional), begin), len(record), len(record))
     append_at(part.path, begin, [], fresh=True)
@@ -207,15 +219,19 @@ def verified_part(part: Part) -> Part:
 
 def _first_damaged(part: Part) -> int | None:
     """Address of the first chunk that is not what was written; None if all are."""
-    chunks = sorted((address, index) for index, addresses in enumerate(part.rows.addresses) for address in addresses)
+    chunks = sorted(
+        (address, index, number)
+        for index, addresses in enumerate(part.rows.addresses)
+        for number, address in enumerate(addresses)
+    )
     if not chunks:
         return None
     try:
         with part.path.open("rb") as stream:
-            for address, index in chunks:
+            for address, index, number in chunks:
                 spec = part.rows.fields[index]
                 stream.seek(address)
-                if decoded(spec, stream.read(chunk_bytes(spec))) is None:
+                if decoded(spec, stream.read(chunk_bytes(spec)), part.rows.digest(index, number)) is None:
                     return address
     except OSError:
         return chunks[0][0]
@@ -226,7 +242,9 @@ def _begun(log: Path, head: Mapping[str, Any], end: int) -> Part:
     if head["chunk_rows"] != CHUNK_ROWS:
         raise ValueError(f"chunks of {head['chunk_rows']} rows")
     rows = Rows(row_fields([str(name) for name in head["optional"]]), int(head["begin"]))
-    return Part(log, int(head["first"]), str(head["recipe"]), rows, end, end)
+    if head.get("digests", _DIGESTS) != _DIGESTS:
+        raise ValueError(f"digests by {head['digests']}")
+    return Part(log, int(head["first"]), str(head["recipe"]), rows, end, end, digested="digests" in head)
 
 
 def _record(head: Mapping[str, Any], *content: bytes) -> bytes:

@@ -41,12 +41,15 @@ class ContourFile:
     Where `path` does not exist but the work folder beside it does, the pose ranges done so far are read: `sealed` is
     False, `done` says which, and asking for any other pose raises. What a writer does later is not seen.
 
+    Rows are proven by the file's digests whenever they are read, where it has any (format 1.2 and newer). `verify`
+    reads and proves everything first.
+
     Raises:
         ContourFileError: From every method: missing, empty, truncated, foreign or damaged files, a newer major
             version, poses out of range or not done yet. The message names the file and why.
     """
 
-    def __init__(self, path: str | PathLike[str]) -> None:
+    def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
         self.path = Path(path)
         self.sealed, self._header_file, parts, self.problems = _open(self.path)
         """Sentences on what of an unfinished file is damaged; resuming renders it again."""
@@ -60,6 +63,8 @@ class ContourFile:
                 self._pieces = [_Piece(0, self.pose_count, self._header_file)]
             else:
                 self._pieces = [_Piece(part.part.first, part.part.stop, part) for part in parts]
+            if verify:
+                self.require_whole()
         except ContourFileError:
             self.close()
             raise
@@ -77,6 +82,25 @@ class ContourFile:
         self._header_file.close()
         for piece in self._pieces:
             piece.rows.close()
+
+    def require_whole(self) -> None:
+        """Read everything once, in bounded memory, and refuse what is not what was written, by its digest.
+
+        Rows are proven whenever they are read; this proves also those that nobody asks for, and the attributes. It
+        proves against accidents: whoever changes a file can write other digests. Raises ContourFileError also where a
+        file has no digests: formats 1.0 and 1.1 had none.
+        """
+        file = self._header_file
+        if file.digest_table is None:
+            raise ContourFileError(f"{self.path} has no digests that prove its content: format 1.2 brought them")
+        file.require_attributes()
+        for name in file.digest_table.datasets:
+            file.require_rows(name)
+        if not self.sealed:
+            for rows, _ in self.parts()[1]:
+                for spec in (*CONTOURS, *METRICS):
+                    if spec.path in rows:
+                        rows.require_rows(spec.path)
 
     def require_unchanged(self) -> None:
         """Refuse to go on with a sealed file that was changed since it was opened."""

@@ -7,7 +7,6 @@ are the tail.
 
 from __future__ import annotations
 
-import zlib
 from array import array
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .checksum import fletcher32
+from .digests import content_digest
 from .durable import Buffer
 from .schema import CHUNK_ROWS, CONTOURS, METRICS, Field
 
@@ -42,8 +42,8 @@ class Growth:
     """Rows of each field that there are with them."""
     order: NDArray[np.uint8]
     """The field of each chunk that became whole."""
-    sizes: NDArray[np.int64]
-    """Its size, checksum included [byte]."""
+    digests: NDArray[np.uint64]
+    """XXH3-64 of it as it lies in the file, checksum included; empty where an older palpate wrote it."""
     tails: list[NDArray[Any]]
     """Rows of each field that came with them and are in no whole chunk."""
 
@@ -55,13 +55,12 @@ class Rows:
     fields: tuple[Field, ...]
     end: int
     """Where the next chunk goes [byte]."""
-    gzip: int = 0
     counts: list[int] = field(default_factory=list[int])
     """Rows of each field."""
     addresses: list[array[int]] = field(default_factory=list["array[int]"])
     """Of each whole chunk of each field [byte]."""
-    sizes: list[array[int]] = field(default_factory=list["array[int]"])
-    """The same of their sizes, checksums included [byte]."""
+    digests: list[array[int]] = field(default_factory=list["array[int]"])
+    """The same of their digests; empty where an older palpate wrote them."""
     tails: list[list[NDArray[Any]]] = field(default_factory=list[list[NDArray[Any]]])
     """Of each field, in pieces."""
 
@@ -69,7 +68,7 @@ class Rows:
         for _ in self.fields:
             self.counts.append(0)
             self.addresses.append(array("q"))
-            self.sizes.append(array("q"))
+            self.digests.append(array("Q"))
             self.tails.append([])
 
     def count(self, dim: str) -> int:
@@ -90,25 +89,31 @@ class Rows:
         content = [self._chunks(index, counts, rows) for index, rows in enumerate(columns)]
         taken = [self.counts[index] // CHUNK_ROWS for index in range(len(columns))]
         parts = [content[index][chunk - taken[index]] for index, chunk in whole]
-        sizes = [len(rows) + len(checksum) for rows, checksum in parts]
+        digests = np.array([content_digest(*part) for part in parts], np.uint64)
         buffers: list[Buffer] = [buffer for part in parts for buffer in part]
         order = np.array([index for index, _ in whole], np.uint8)
         tails = [rows[begin:] for rows, begin in zip(columns, self._tail_begins(counts), strict=True)]
-        return Growth(counts, order, np.array(sizes, np.int64), tails), buffers
+        return Growth(counts, order, digests, tails), buffers
 
     def accept(self, growth: Growth) -> None:
         """Take over what was added: its chunks lie behind the others by now."""
-        addresses = self.end + np.cumsum(growth.sizes) - growth.sizes
-        self.end += int(growth.sizes.sum())
+        sizes = np.array([chunk_bytes(spec) for spec in self.fields], np.int64)[growth.order]
+        addresses = self.end + np.cumsum(sizes) - sizes
+        self.end += int(sizes.sum())
         for index, tail in enumerate(growth.tails):
             own = growth.order == index
             if own.any():
                 self.addresses[index].frombytes(addresses[own].tobytes())
-                self.sizes[index].frombytes(growth.sizes[own].tobytes())
+                if len(growth.digests):
+                    self.digests[index].frombytes(growth.digests[own].tobytes())
                 self.tails[index].clear()
             if len(tail):
                 self.tails[index].append(np.array(tail))  # of its own: a view would keep all rows alive
         self.counts = list(growth.counts)
+
+    def digest(self, index: int, chunk: int) -> int | None:
+        """XXH3-64 of a whole chunk of a field; None where an older palpate wrote it."""
+        return self.digests[index][chunk] if self.digests[index] else None
 
     def tail(self, index: int) -> NDArray[Any]:
         """Rows of a field beyond its last whole chunk."""
@@ -156,7 +161,7 @@ class Rows:
         order = np.lexsort((chunk_of, field_of, np.concatenate(poses)))
         return [(int(field_of[k]), int(chunk_of[k])) for k in order]
 
-    def _chunks(self, index: int, counts: Sequence[int], new: NDArray[Any]) -> list[tuple[Buffer, Buffer]]:
+    def _chunks(self, index: int, counts: Sequence[int], new: NDArray[Any]) -> list[tuple[memoryview, bytes]]:
         """Contents and checksums of the chunks of a field that become whole."""
         spec, old, count = self.fields[index], self.counts[index], counts[index] // CHUNK_ROWS * CHUNK_ROWS
         if count <= old // CHUNK_ROWS * CHUNK_ROWS:
@@ -164,7 +169,7 @@ class Rows:
         begun = old % CHUNK_ROWS
         first = [] if begun == 0 else [np.concatenate([self.tail(index), new[: CHUNK_ROWS - begun]])]
         rest = new[CHUNK_ROWS - begun if begun else 0 : count - old]
-        return [part for rows in (*first, rest) for part in encoded(spec, rows, CHUNK_ROWS, self.gzip)]
+        return [part for rows in (*first, rest) for part in encoded(spec, rows, CHUNK_ROWS)]
 
 
 def _pose_of(
@@ -186,34 +191,33 @@ def row_shape(spec: Field) -> tuple[int, ...]:
     return tuple(size for size in spec.dims[1:] if isinstance(size, int))
 
 
-def encoded(spec: Field, rows: NDArray[Any], chunk_rows: int, gzip: int) -> list[tuple[Buffer, Buffer]]:
-    """Chunks as HDF5's filters leave them, rows and checksum: shuffled and deflated if asked for, then summed.
-
-    rows: of whole chunks; what is not deflated stays where it is.
-    """
+def encoded(spec: Field, rows: NDArray[Any], chunk_rows: int) -> list[tuple[memoryview, bytes]]:
+    """Chunks as HDF5's filter leaves them: rows, which stay where they are, and checksum. rows: of whole chunks."""
     if rows.size == 0:
         return []
     contents = np.ascontiguousarray(rows, spec.dtype).reshape(len(rows) // chunk_rows, -1).view(np.uint8)
-    if not gzip:
-        return list(zip((content.data for content in contents), _checksums(contents), strict=True))
-    shuffled = [np.ascontiguousarray(content.reshape(-1, spec.dtype.itemsize).T) for content in contents]
-    deflated = [zlib.compress(content.data, gzip) for content in shuffled]
-    return [(content, _checksums(np.frombuffer(content, np.uint8)[None])[0]) for content in deflated]
+    return list(zip((content.data for content in contents), _checksums(contents), strict=True))
 
 
 def _checksums(contents: NDArray[np.uint8]) -> list[bytes]:
     return [checksum.tobytes() for checksum in fletcher32(contents).astype("<u4")]
 
 
-def decoded(spec: Field, content: bytes) -> NDArray[Any] | None:
-    """Rows of an uncompressed chunk of `CHUNK_ROWS`; None if its checksum does not match."""
-    rows = np.frombuffer(content, np.uint8)
-    size = chunk_bytes(spec)
-    if len(rows) != size or _checksums(rows[None, :-CHECKSUM_BYTES])[0] != content[-CHECKSUM_BYTES:]:
+def decoded(spec: Field, content: bytes, digest: int | None) -> NDArray[Any] | None:
+    """Rows of a chunk of `CHUNK_ROWS`; None if it is not what was written.
+
+    digest: XXH3-64 of the chunk; None where an older palpate wrote it, then its checksum decides.
+    """
+    chunk = np.frombuffer(content, np.uint8)
+    if len(chunk) != chunk_bytes(spec):
         return None
-    return rows[:-CHECKSUM_BYTES].view(spec.dtype).reshape(-1, *row_shape(spec))
+    if digest is None:
+        whole = _checksums(chunk[None, :-CHECKSUM_BYTES])[0] == content[-CHECKSUM_BYTES:]
+    else:
+        whole = content_digest(content) == digest
+    return chunk[:-CHECKSUM_BYTES].view(spec.dtype).reshape(-1, *row_shape(spec)) if whole else None
 
 
 def chunk_bytes(spec: Field) -> int:
-    """Size of a whole chunk that is not compressed, checksum included."""
+    """Size of a whole chunk, checksum included [byte]."""
     return CHUNK_ROWS * spec.dtype.itemsize * int(np.prod(row_shape(spec), dtype=np.int64)) + CHECKSUM_BYTES

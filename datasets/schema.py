@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 from .errors import ContourFileError
 
 FORMAT_NAME = "palpate contours"
-FORMAT_VERSION = (1, 1)
+FORMAT_VERSION = (1, 2)
 """Major: readers of an older major refuse the file. Minor: something was added that older readers may ignore."""
+
+DIGESTS_SINCE = (1, 2)
+"""Version that brought digests of content."""
 
 CHUNK_ROWS = 8192
 """Rows of an HDF5 chunk: 98 kB of points; larger ones slow down reading single poses, smaller ones the writing."""
@@ -65,7 +68,7 @@ class Field:
         return str(self.dims[0]).endswith("+ 1")
 
 
-_F4, _F8, _I4, _I8, _U1 = (np.dtype(code) for code in ("<f4", "<f8", "<i4", "<i8", "u1"))
+_F4, _F8, _I4, _I8, _U1, _U8 = (np.dtype(code) for code in ("<f4", "<f8", "<i4", "<i8", "u1", "<u8"))
 
 CONTOURS = (
     Field("contours", "points", _F4, ("point", 3), "m", "array"),
@@ -104,6 +107,8 @@ TIMING = (
     Field("timing", "stop", _I8, ("chunk",)),
     Field("timing", "seconds", _F8, ("chunk", "stage"), "s"),
 )
+DIGESTS = Field("digests", "block", _U8, ("block",))
+"""Digests of the blocks of all other datasets (digests.py)."""
 FIELDS = (*CONTOURS, *METRICS, *HEADER, *TIMING)
 
 

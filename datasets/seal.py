@@ -1,23 +1,39 @@
 """Making rows an ordinary HDF5 file.
 
-One part that begins with pose 0 is sealed where it lies: nothing is copied, and what is done stays done until the name
-changes. Several parts, or gzip, are copied into rows of their own first.
+| rows                                                       | how they are sealed                             |
+|------------------------------------------------------------|-------------------------------------------------|
+| of one part that begins with pose 0, metadata fit the room | in place: nothing is copied, metadata are added |
+| of several parts, or to be compressed, or with long texts  | libhdf5 copies them, in blocks                  |
+
+Either way what is done stays done until the name changes.
 """
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from .assembly import ROOM, Assembly, write_assembly
-from .durable import append_at, copy_range
+from .assembly import Assembly, write_assembly
+from .digests import Digests, block_digests
+from .durable import require_size
+from .errors import ContourFileError
+from .hdf5 import Hdf5Reader
+from .hdf5_output import hdf5_output
 from .header import FileHeader, header_attributes, json_text
+from .parts import Part
 from .reader import ContourFile, Timing
-from .rows import Rows, row_fields
-from .schema import HEADER, TIMING, Field
+from .rows import Rows, chunk_bytes, decoded, row_fields
+from .schema import CHUNK_ROWS, CONTOURS, HEADER, METRICS, TIMING, Field
+
+_ROOM_STEP = 1 << 12
+_ROOM_TO_SPARE = 1 << 14
+"""Bytes of room for what is not known before the first pose: the names of the stages that were timed."""
 
 
 @dataclass(frozen=True)
@@ -30,48 +46,131 @@ class Frame:
     """Where rows begin; motion and mesh lie between the two, as in header.h5."""
 
 
-def frame_of(header: FileHeader) -> Frame:
-    """The frame of a file with this header."""
-    texts = sum(len(str(value)) for values in header_attributes(header).values() for value in values.values())
-    room = ROOM + (2 * texts // ROOM) * ROOM
+def new_frame(header: FileHeader) -> Frame:
+    """The frame of a new file with this header: its room takes the metadata of a file with every optional field."""
+    rows = Rows(row_fields([spec.name for spec in (*CONTOURS, *METRICS) if spec.optional]), 0)
+    for index in range(len(rows.fields)):  # one chunk each: then each has an index
+        rows.counts[index] = CHUNK_ROWS
+        rows.addresses[index].append(0)
+    once, timing = np.zeros(1, np.int64), np.zeros((1, 1))
+    digests = [np.zeros(1, np.uint64) for _ in rows.fields]
+    assembly = _assembly_of(rows, digests, header, Timing(["stage"], once, once, timing), Frame(0, 0))
+    room = -(-(assembly.metadata_size() + _ROOM_TO_SPARE) // _ROOM_STEP) * _ROOM_STEP
     return Frame(room, _add_arrays(Assembly(room), header, room))
 
 
-def write_header(path: Path, header: FileHeader) -> None:
+def read_frame(header_file: Hdf5Reader, header: FileHeader) -> Frame:
+    """The frame that the writer of header.h5 chose; raises ContourFileError."""
+    first = _arrays(header)[0][0].path  # a motion has at least one pose, so it has a chunk
+    room = header_file.chunk_addresses(first)[0]
+    return Frame(room, _add_arrays(Assembly(room), header, room))
+
+
+def write_header(path: Path, header: FileHeader) -> Frame:
     """Write a file with a header alone; when this returns, it is on the disk. Raises OSError."""
-    room = frame_of(header).room
-    assembly = _begun(header, room)
+    frame = new_frame(header)
+    assembly = _begun(header, frame.room)
     for spec, array in _arrays(header):
         assembly.add(spec, array)
-    write_assembly(path, assembly, room, room, fresh=True)
+    if not write_assembly(path, assembly, frame.room, frame.room, fresh=True):
+        raise AssertionError(f"metadata of a header do not fit {frame.room} bytes")
+    return frame
 
 
-def seal_rows(path: Path, rows: Rows, header: FileHeader, timing: Timing, frame: Frame) -> None:
-    """Make a file of rows, behind motion and mesh, an HDF5 file; when this returns, it is on the disk.
+def seal_in_place(part: Part, header: FileHeader, timing: Timing, frame: Frame) -> bool:
+    """Make a part, behind motion and mesh, an HDF5 file; when this returns, it is on the disk.
 
-    Raises OSError where the disk is full or fails: what lies between the room and `rows.end` is as it was.
+    Its chunks are read once more and compared with its log. Returns False, having written nothing, where the metadata
+    do not fit the room.
+
+    Raises:
+        OSError: The disk is full or fails: what lies between the room and the end of the rows is as it was.
+        ContourFileError: A chunk is not what was written.
     """
-    assembly = _begun(header, rows.end)
-    _add_arrays(assembly, header, frame.room)
-    assembly.add_rows(rows)
-    assembly.attributes("/timing", {"stages": json_text({"stages": timing.stages}, "timing")})
-    for spec, column in zip(TIMING, timing[1:], strict=True):
-        assembly.add(spec, column)
-    write_assembly(path, assembly, rows.end, frame.room)
+    rows = part.rows
+    assembly = _assembly_of(rows, list(_reread(part)), header, timing, frame)
+    if not write_assembly(part.path, assembly, rows.end, frame.room):
+        return False
+    with Hdf5Reader(part.path) as file:
+        for index, spec in enumerate(rows.fields):
+            found = file.chunk_addresses(spec.path)[: len(rows.addresses[index])]
+            if found != rows.addresses[index].tolist():
+                raise ContourFileError(f"{part.path}: the index of {spec.path} is not of the chunks written")
+    return True
 
 
-def copy_rows(path: Path, source: ContourFile, header_path: Path, frame: Frame, *, gzip: int) -> Rows:
-    """Motion, mesh and rows of a file of several parts, all poses of it done, in a new file.
+def copy_sealed(path: Path, source: ContourFile, header: FileHeader, *, gzip: int) -> None:
+    """Write motion, mesh and all rows as a new HDF5 file, and read it once more.
 
     Raises OSError, ContourFileError.
     """
-    copy_range(header_path, path, frame.room, frame.begin, fresh=True)
-    rows = Rows(row_fields(source.optional), frame.begin, gzip)
-    for first, stop in source.blocks():
-        growth, chunks = rows.grown(source.contours(first, stop), source.metrics(first, stop))
-        append_at(path, rows.end, chunks, durable=False)  # sealing makes it so
-        rows.accept(growth)
-    return rows
+    fields = row_fields(source.optional)
+    counts = {"pose": source.pose_count, "polyline": source.polyline_count, "point": source.point_count}
+    with hdf5_output(path, gzip=gzip) as output:
+        for name, values in _attributes(header, timing := source.timing()).items():
+            output.attributes(name, values)
+        for spec, array in _arrays(header):
+            output.add(spec, array)
+        for spec in fields:
+            dim = str(spec.dims[0]).removesuffix(" + 1")
+            output.begin(spec, (counts[dim] + int(spec.is_offset), *(int(size) for size in spec.dims[1:])))
+        offset = {"pose_start": 0, "polyline_start": 0}
+        for first, stop in source.blocks():
+            arrays = source.contours(first, stop) | source.metrics(first, stop)
+            for spec in fields:
+                output.append(spec, _continued(spec, arrays, offset, first))
+            offset["pose_start"] += len(arrays["polyline_patch"])
+            offset["polyline_start"] += len(arrays["points"])
+        for spec, column in zip(TIMING, timing[1:], strict=True):
+            output.add(spec, column)
+    with ContourFile(path) as copied:
+        copied.require_whole()
+
+
+def _continued(spec: Field, arrays: dict[str, NDArray[Any]], offset: dict[str, int], first: int) -> NDArray[Any]:
+    """Rows of a field as they go on behind those before; a block that is not the first has its 0 left out."""
+    if spec.name not in arrays:  # this block is of a part without it
+        return np.full(len(arrays["points"]), spec.absent, spec.dtype)
+    rows = arrays[spec.name]
+    return rows[int(first > 0) :] + offset[spec.name] if spec.is_offset else rows
+
+
+def _reread(part: Part) -> Iterator[Digests]:
+    """Digests of the content of each field's whole chunks, read from the disk; raises ContourFileError, OSError."""
+    handle = os.open(part.path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        require_size(handle, part.path, part.rows.end)
+        for index, spec in enumerate(part.rows.fields):
+            size = chunk_bytes(spec)
+            digests: list[Digests] = []
+            for number, address in enumerate(part.rows.addresses[index]):
+                content = os.pread(handle, size, address)
+                rows = decoded(spec, content, part.rows.digest(index, number))
+                if rows is None:
+                    first = number * CHUNK_ROWS
+                    raise ContourFileError(
+                        f"{part.path}: rows {first} to {first + CHUNK_ROWS} of {spec.path} are not what was written; "
+                        "--resume renders them again"
+                    )
+                digests.append(block_digests(rows, CHUNK_ROWS))
+            yield np.concatenate([np.zeros(0, np.uint64), *digests])
+    finally:
+        os.close(handle)
+
+
+def _assembly_of(rows: Rows, digests: list[Digests], header: FileHeader, timing: Timing, frame: Frame) -> Assembly:
+    assembly = _begun(header, rows.end)
+    for name, values in _attributes(header, timing).items():
+        assembly.attributes(name, values)
+    _add_arrays(assembly, header, frame.room)
+    assembly.add_rows(rows, digests)
+    for spec, column in zip(TIMING, timing[1:], strict=True):
+        assembly.add(spec, column)
+    return assembly
+
+
+def _attributes(header: FileHeader, timing: Timing) -> dict[str, dict[str, Any]]:
+    return header_attributes(header) | {"/timing": {"stages": json_text({"stages": timing.stages}, "timing")}}
 
 
 def _begun(header: FileHeader, end: int) -> Assembly:
@@ -84,7 +183,7 @@ def _begun(header: FileHeader, end: int) -> Assembly:
 def _add_arrays(assembly: Assembly, header: FileHeader, address: int) -> int:
     """Give a file motion and mesh, which lie there from an address on; where they end."""
     for spec, array in _arrays(header):
-        address = assembly.add_written(spec, array.shape, address)
+        address = assembly.add_written(spec, array, address)
     return address
 
 

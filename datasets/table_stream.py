@@ -148,7 +148,7 @@ class TableWriter:
     def _placed(self, column: _Growing, name: str, rows: NDArray[Any], chunk_rows: int) -> list[Buffer]:
         """Whole chunks as they go behind all others."""
         buffers: list[Buffer] = []
-        for part in encoded(Field("", name, column.dtype, (ROW,)), rows, chunk_rows, 0):
+        for part in encoded(Field("", name, column.dtype, (ROW,)), rows, chunk_rows):
             column.addresses.append(self._end)
             column.sizes.append(sum(map(len, part)))
             self._end += column.sizes[-1]

@@ -27,13 +27,14 @@ from numpy.typing import NDArray
 
 from .durable import TEMPORARY_SUFFIX, FolderLock, copy_range, discard, publish, sync
 from .errors import ContourFileError
+from .hdf5 import Hdf5Reader
 from .header import FileHeader, recipe_differences, recipe_hash
 from .parts import HEADER_NAME, Part, begin_part, part_logs, work_folder
 from .reader import ContourFile
 from .recovery import part_files, take_over_parts
 from .rows import optional_fields
 from .schema import CONTOURS, METRICS, validate_fields
-from .seal import Frame, copy_rows, frame_of, seal_rows, write_header
+from .seal import Frame, copy_sealed, read_frame, seal_in_place, write_header
 
 _SEALING_NAME = "sealed.h5" + TEMPORARY_SUFFIX
 
@@ -154,14 +155,15 @@ class ContourWriter:
     def seal(self, *, gzip: int = 0) -> None:
         """Make OUT.h5 of what is done, replacing an old one, and remove the work folder.
 
-        Poses written in order lie in their final place: metadata are added. Otherwise, and with gzip, all is copied, in
-        blocks. Takes a few megabytes.
+        Poses written in order lie in their final place: metadata are added. Otherwise, and with gzip, libhdf5 copies
+        them, in blocks. Either way all is read once more and compared with what was written. Takes a few megabytes.
 
         Args:
             gzip: 0 stores points as they are; 1 to 9 compress (25 % smaller, some 50 times slower).
 
         Raises:
-            ContourFileError: Poses are missing; the disk has no room, or fails. What is done stays done.
+            ContourFileError: Poses are missing; the disk has no room, or fails; what lies there is not what was
+                written. What is done stays done.
         """
         if self._complete:
             return
@@ -180,18 +182,17 @@ class ContourWriter:
         if self._published:  # and then the sync of its name failed: the parts are gone into it
             sync(self.path.parent)
             return
-        if len(self._parts) == 1 and not gzip:
-            part = self._parts[0]
-            with ContourFile(self._folder) as file:
-                seal_rows(part.path, part.rows, self._header, file.timing(), self._frame)
+        with ContourFile(self._folder) as file:
+            timing = file.timing()
+        part = self._parts[0]
+        if len(self._parts) == 1 and not gzip and seal_in_place(part, self._header, timing, self._frame):
             self._refuse_unlike(part.path)
             self._publish(part.path)
             return
         copy = self._folder / _SEALING_NAME
         try:
             with ContourFile(self._folder) as file:
-                rows = copy_rows(copy, file, self._folder / HEADER_NAME, self._frame, gzip=gzip)
-                seal_rows(copy, rows, self._header, file.timing(), self._frame)
+                copy_sealed(copy, file, self._header, gzip=gzip)
             self._refuse_unlike(copy)
             self._publish(copy)
         except (OSError, ContourFileError):
@@ -257,12 +258,11 @@ class ContourWriter:
     def _write_header(self) -> None:
         temporary = self._folder / (HEADER_NAME + TEMPORARY_SUFFIX)
         try:
-            write_header(temporary, self._header)
+            self._frame = write_header(temporary, self._header)
             publish(temporary, self._folder / HEADER_NAME)
         except OSError:
             discard(temporary)
             raise
-        self._frame = frame_of(self._header)
 
     def _resume(self) -> bool:
         """Take over what is there, by the table above; False if there is nothing."""
@@ -277,7 +277,8 @@ class ContourWriter:
         with ContourFile(self._folder) as old:
             self._refuse_differing(old)
             self._header = old.header()  # one run, one header: also its device and time of creation
-        self._frame = frame_of(self._header)
+        with Hdf5Reader(self._folder / HEADER_NAME) as file:
+            self._frame = read_frame(file, self._header)
         if self._is_sealed_as(self._header.created):
             self._finish_with(self.path)
         else:

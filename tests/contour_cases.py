@@ -1,15 +1,18 @@
 """Headers, ragged batches and crashes for the tests of the contour file; batches are plain NumPy."""
 
+import json
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
+import xxhash
 
-from palpate.datasets import assembly, hdf5, part_reader, parts
+from palpate.datasets import assembly, hdf5, hdf5_output, part_reader, parts, seal
 from palpate.datasets import rows as rows_module
 from palpate.datasets.header import FileHeader
 from palpate.datasets.schema import PRUNED_NAMES
@@ -181,10 +184,43 @@ def killed_at(step: int) -> Iterator[None]:
 def small_chunks(rows: int = 7) -> Iterator[None]:
     """Many HDF5 chunks in a few rows."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (assembly, hdf5, part_reader, parts, rows_module):
+        for module in (assembly, hdf5, hdf5_output, part_reader, parts, rows_module, seal):
             patch.setattr(module, "CHUNK_ROWS", rows)
         yield
 
 
 def _offsets(counts: np.ndarray) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def content_digests(path: Path) -> dict[str, str]:
+    """Digests of a file's datasets but those of /timing, which differ from run to run."""
+    with h5py.File(path) as file:
+        digests = json.loads(file.attrs["digests"])["datasets"]
+    return {name: digest for name, (_, digest) in digests.items() if not name.startswith("/timing/")}
+
+
+def redigest(path: Path) -> None:
+    """Give a file that was changed the digests of what it holds now, by the words of docs/file-format.md."""
+    with h5py.File(path, "r+") as file:
+        table = json.loads(file.attrs["digests"])
+        blocks: list[int] = []
+        for name in table["datasets"]:
+            rows = file[name][...] if name in file else np.zeros(0)
+            firsts = range(0, len(rows) if rows.size else 0, table["block_rows"])
+            own = [xxhash.xxh3_64_intdigest(rows[k : k + table["block_rows"]].tobytes()) for k in firsts]
+            described = json.dumps([name, list(rows.shape)]).encode()
+            content = described + np.array(own, "<u8").tobytes()
+            table["datasets"][name] = [len(blocks), xxhash.xxh3_128_hexdigest(content)]
+            blocks += own
+        for group, names in table["attributes"].items():
+            for key in names:
+                value = file[group].attrs.get(key)
+                content = value if isinstance(value, bytes) else np.asarray(value).tobytes()
+                names[key] = xxhash.xxh3_64_hexdigest(content)
+        attributes = dict(file["/digests/block"].attrs)
+        del file["/digests/block"]
+        made = file.create_dataset("/digests/block", data=np.array(blocks, "<u8"), fletcher32=True)
+        made.attrs.update(attributes)
+        text = json.dumps(table).encode()
+        file.attrs["digests"] = np.array(text, h5py.string_dtype("utf-8", len(text)))

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 import trimesh
+from contour_cases import redigest
 from typer.testing import CliRunner
 
 from palpate.datasets import ContourFile, HandMotion, check_file, static_pose
@@ -254,6 +255,7 @@ def test_json_has_no_nan_even_where_a_file_has(rendered, tmp_path):
     path.write_bytes(rendered.read_bytes())
     with h5py.File(path, "r+") as file:
         file["/motion/time"][-1] = np.nan
+    redigest(path)
     told = json.loads(run("info", path, "--json").stdout, parse_constant=lambda word: pytest.fail(word))
     assert told["duration"] is None
     refused(FAILED, "/motion/time does not increase", "play", path, "--clock", "virtual")

@@ -1,0 +1,152 @@
+"""HDF5 files written by libhdf5, which never meets a full disk: a stream between the two keeps what goes wrong.
+
+libhdf5 crashes the process where a file cannot be flushed when it is closed. So the stream takes every write, and the
+first one that the system refuses is raised once libhdf5 has closed the file.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .digests import ATTRIBUTE, BlockDigester, Digests, digests_text
+from .hdf5 import FORMAT, Attribute, create_dataset, fixed_text, h5py
+from .schema import CHUNK_ROWS, DIGESTS, Field
+
+
+class Hdf5Output:
+    """A contour file to be filled from front to back: datasets of a final shape, whose rows come a few at a time."""
+
+    def __init__(self, file: Any, gzip: int) -> None:
+        self._file = file
+        self._gzip = gzip
+        self._written: dict[Field, int] = {}
+        self._digesters: dict[Field, BlockDigester] = {}
+        self._attributes: dict[str, dict[str, Attribute]] = {}
+
+    def attributes(self, name: str, values: dict[str, Attribute]) -> None:
+        """Give a group attributes."""
+        self._attributes.setdefault(name, {}).update(values)
+
+    def begin(self, spec: Field, shape: tuple[int, ...]) -> None:
+        """Make a dataset of a final shape."""
+        create_dataset(self._file, spec, shape, gzip=self._gzip)
+        self._written[spec], self._digesters[spec] = 0, BlockDigester(CHUNK_ROWS)
+
+    def append(self, spec: Field, rows: NDArray[Any]) -> None:
+        """Write the next rows of a dataset."""
+        if rows.size:
+            first = self._written[spec]
+            self._file[spec.path][first : first + len(rows)] = rows
+            self._written[spec] += len(rows)
+            self._digesters[spec].add(rows)
+
+    def add(self, spec: Field, array: NDArray[Any]) -> None:
+        """Write a whole dataset."""
+        self.begin(spec, array.shape)
+        self.append(spec, array)
+
+    def finish(self) -> None:
+        """Write digests and attributes."""
+        digests: dict[Field, Digests] = {spec: digester.finish() for spec, digester in self._digesters.items()}
+        datasets = {spec.path: (self._file[spec.path].shape, own) for spec, own in digests.items()}
+        text = digests_text(datasets, self._attributes, CHUNK_ROWS)
+        self.add(DIGESTS, np.concatenate([np.zeros(0, np.uint64), *digests.values()]))
+        self.attributes("/", {ATTRIBUTE: text})
+        for name, values in self._attributes.items():
+            target: Any = self._file.require_group(name)
+            for key, value in values.items():
+                target.attrs[key] = fixed_text(value) if isinstance(value, str) else value
+
+
+@contextmanager
+def hdf5_output(path: Path, *, gzip: int = 0) -> Generator[Hdf5Output, None, None]:
+    """Write a new file, or anew; when this returns, it is on the disk. gzip: 0 does not compress, 9 most.
+
+    Raises OSError where the disk is full or fails.
+    """
+    stream = _Stream(path)
+    try:
+        file: Any = h5py.File(stream, "w", libver=FORMAT)
+        try:
+            output = Hdf5Output(file, gzip)
+            yield output
+            output.finish()
+        finally:
+            file.close()
+        stream.sync()
+    except Exception as error:
+        if stream.failure is not None and stream.failure is not error:
+            raise stream.failure from error  # what libhdf5 makes of it says less
+        raise
+    finally:
+        stream.close()
+
+
+class _Stream:
+    """What libhdf5 writes to. After the first failure nothing is written, and libhdf5 is not told."""
+
+    def __init__(self, path: Path) -> None:
+        self.failure: OSError | None = None
+        flags = os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW
+        self._handle = os.open(path, flags, 0o666)
+        self._at = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        begin = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: os.fstat(self._handle).st_size}[whence]
+        self._at = begin + offset
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def read(self, size: int = -1) -> bytes:
+        """h5py tells a stream from a path by it, and reads by `readinto`."""
+        raise NotImplementedError(size)
+
+    def readinto(self, buffer: memoryview) -> int:
+        count = os.preadv(self._handle, [buffer], self._at)
+        self._at += count
+        return count
+
+    def write(self, content: memoryview) -> int:
+        left = memoryview(content)
+        with self._kept_failure():
+            while left and self.failure is None:
+                count = os.pwrite(self._handle, left, self._at + len(content) - len(left))
+                if count == 0:
+                    raise OSError(errno.EIO, "nothing was written")
+                left = left[count:]
+        self._at += len(content)
+        return len(content)
+
+    def truncate(self, size: int) -> int:
+        with self._kept_failure():
+            os.ftruncate(self._handle, size)
+        return size
+
+    def flush(self) -> None:
+        """libhdf5 asks for it; `sync` does it."""
+
+    def sync(self) -> None:
+        """Have all on the disk; raises OSError, also of what was written before."""
+        if self.failure is not None:
+            raise self.failure
+        os.fsync(self._handle)
+
+    def close(self) -> None:
+        os.close(self._handle)
+
+    @contextmanager
+    def _kept_failure(self) -> Generator[None, None, None]:
+        try:
+            yield
+        except OSError as error:
+            self.failure = self.failure or error

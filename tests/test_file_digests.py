@@ -1,0 +1,281 @@
+"""Digests prove what Fletcher-32 cannot; the outside truth is XXH3, by the xxhash library, of what h5py reads."""
+
+import json
+import struct
+import subprocess
+import sys
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+from contour_cases import (
+    assert_same,
+    content_digests,
+    everything,
+    make_contours,
+    make_header,
+    make_metrics,
+    redigest,
+    small_chunks,
+    write_file,
+    write_ranges,
+)
+
+from palpate.datasets.check import check_file
+from palpate.datasets.errors import ContourFileError
+from palpate.datasets.parts import part_logs
+from palpate.datasets.reader import ContourFile
+from palpate.datasets.schema import FIELDS
+from palpate.datasets.writer import ContourWriter
+
+
+@pytest.fixture
+def contours():
+    return make_contours(30, intensity=True, dwell=True)
+
+
+@pytest.fixture
+def sealed(tmp_path, contours):
+    with small_chunks():
+        write_file(tmp_path / "out.h5", contours, chunk=11, **everything(30))
+    return tmp_path / "out.h5"
+
+
+def test_digests_are_those_of_the_documented_bytes(sealed):
+    """`redigest` follows docs/file-format.md with h5py and xxhash alone."""
+    with h5py.File(sealed) as file:
+        before, blocks = json.loads(file.attrs["digests"]), file["/digests/block"][...]
+    redigest(sealed)
+    with h5py.File(sealed) as file:
+        assert json.loads(file.attrs["digests"]) == before
+        np.testing.assert_array_equal(file["/digests/block"][...], blocks)
+    assert set(before["datasets"]) == {spec.path for spec in FIELDS}
+
+
+@pytest.mark.parametrize("gzip", [0, 1])
+def test_a_copy_by_libhdf5_has_the_digests_of_one_in_place(tmp_path, contours, sealed, gzip):
+    with small_chunks(), ContourWriter(tmp_path / "b.h5", make_header(30, **everything(30))) as writer:
+        write_ranges(writer, contours, [(11, 30), (0, 11)])
+        writer.seal(gzip=gzip)
+    assert check_file(tmp_path / "b.h5") == []
+    assert content_digests(tmp_path / "b.h5") == content_digests(sealed)
+
+
+def read_all(file):
+    return file.contours(), file.metrics(), file.header(), file.timing()
+
+
+HAVE_ZEROS = [spec for spec in FIELDS if spec.name in ("polyline_start", "pose_start", "faces", "vertices")]
+
+
+@pytest.mark.parametrize(
+    ("damage", "spec"),
+    [*(("zeros", spec) for spec in FIELDS), *(("other zeros", spec) for spec in HAVE_ZEROS)],
+    ids=lambda value: getattr(value, "path", value),
+)
+def test_what_passes_fletcher_32_is_refused(sealed, contours, spec, damage):
+    """A chunk of zeros has the checksum 0, and 0xFFFF counts as 0x0000."""
+    with h5py.File(sealed) as file:
+        chunk = file[spec.path].id.get_chunk_info(0)
+    content = bytearray(sealed.read_bytes())
+    begin, end = chunk.byte_offset, chunk.byte_offset + chunk.size
+    if damage == "zeros":
+        content[begin:end] = bytes(end - begin)
+    else:
+        words = np.frombuffer(bytes(content[begin : end - 4 - chunk.size % 2]), "<u2").copy()
+        assert (words == 0).any()
+        words[words == 0] = 0xFFFF
+        content[begin : begin + words.nbytes] = words.tobytes()
+    assert bytes(content) != sealed.read_bytes()
+    sealed.write_bytes(content)
+    problems = check_file(sealed)
+    assert any(spec.path in problem and "not what was written" in problem for problem in problems), problems
+    with ContourFile(sealed) as file, pytest.raises(ContourFileError, match=f"{spec.path} is damaged"):
+        read_all(file)
+    with pytest.raises(ContourFileError, match=f"{spec.path} is damaged"):
+        ContourFile(sealed, verify=True)
+
+
+def test_verifying_a_whole_file_reads_it(sealed, contours):
+    with ContourFile(sealed, verify=True) as file:
+        assert_same(file.contours(), contours)
+
+
+@pytest.mark.parametrize(
+    ("group", "key"), [("/", "strategy"), ("/", "created"), ("/object", "name"), ("/motion", "offset")]
+)
+def test_an_attribute_that_was_changed_is_found(sealed, group, key):
+    with h5py.File(sealed, "r+") as file:
+        value = file[group].attrs[key]
+        file[group].attrs.modify(key, b"{}" if isinstance(value, bytes) else value + 1.0)
+    message = f"attribute {key} of {group} is not what was written"
+    assert any(message in problem for problem in check_file(sealed))
+    with pytest.raises(ContourFileError, match=message):
+        ContourFile(sealed, verify=True)
+
+
+def test_digests_that_were_zeroed_are_found(sealed):
+    with h5py.File(sealed, "r+") as file:
+        file["/digests/block"][...] = 0
+    with (
+        ContourFile(sealed) as file,
+        pytest.raises(ContourFileError, match="the digests of /contours/pose_start are not"),
+    ):
+        file.contours()
+
+
+def test_a_file_without_digests_is_read_if_it_is_older_than_they(sealed, contours):
+    with h5py.File(sealed, "r+") as file:
+        del file.attrs["digests"]
+        del file["/digests"]
+    with pytest.raises(ContourFileError, match=r"attribute digests of / is missing, which format 1\.2 has"):
+        ContourFile(sealed)
+    with h5py.File(sealed, "r+") as file:
+        file.attrs["version"] = np.array([1, 1], np.int32)
+    with ContourFile(sealed) as file:
+        assert_same(file.contours(), contours)
+        with pytest.raises(ContourFileError, match="has no digests that prove its content"):
+            file.require_whole()
+
+
+@pytest.mark.parametrize("broken", ["[]", "{", '{"block_rows": 0, "datasets": {}, "attributes": {}}', "[" * 100_000])
+def test_digests_that_are_none_are_refused(sealed, broken):
+    with h5py.File(sealed, "r+") as file:
+        file.attrs["digests"] = np.array(broken.encode(), h5py.string_dtype("utf-8", len(broken)))
+    with pytest.raises(ContourFileError, match="digests of / is damaged"):
+        ContourFile(sealed)
+
+
+def zero_a_chunk(path):
+    with ContourFile(path) as file:
+        rows = file.parts()[1][0][0].part.rows
+    address = rows.addresses[0][0]
+    content = bytearray(rows_path(path).read_bytes())
+    content[address : address + 7 * 12 + 4] = bytes(7 * 12 + 4)
+    rows_path(path).write_bytes(content)
+
+
+def rows_path(path):
+    return path.with_name(path.name + ".partial") / "poses-000000000000.rows"
+
+
+def test_sealing_refuses_a_chunk_of_zeros_and_resuming_renders_it_again(tmp_path, contours):
+    path = tmp_path / "out.h5"
+    with small_chunks():
+        with ContourWriter(path, make_header(30)) as writer:
+            write_ranges(writer, contours, [(0, 10), (10, 20), (20, 30)])
+            zero_a_chunk(path)
+            with ContourFile(path) as file, pytest.raises(ContourFileError, match="points is damaged"):
+                file.contours()
+            with pytest.raises(ContourFileError, match="rows 0 to 7 of /contours/points are not what was written"):
+                writer.seal()
+        assert not path.exists()
+        with ContourWriter(path, make_header(30), mode="resume") as writer:
+            assert len(writer.repairs) == 1
+            write_ranges(writer, contours, writer.missing())
+            writer.seal()
+    with ContourFile(path, verify=True) as file:
+        assert_same(file.contours(), contours)
+
+
+def test_a_log_without_digests_is_read(tmp_path, contours, monkeypatch):
+    """Format 1.1 had none; its records have nothing between the chunks' fields and the tails."""
+    path = tmp_path / "out.h5"
+    with small_chunks():
+        with ContourWriter(path, make_header(30)) as writer:
+            write_ranges(writer, contours, [(0, 10), (10, 20)])
+        log = part_logs(rows_path(path).parent)[0]
+        log.write_bytes(without_digests(log.read_bytes()))
+        with ContourFile(path) as file:
+            assert file.done == [(0, 20)]
+            whole = file.contours(0, 20)
+            assert file.parts()[1][0][0].part.rows.digest(0, 0) is None
+    np.testing.assert_array_equal(whole["points"], contours["points"][: len(whole["points"])])
+
+
+def without_digests(log):
+    """Records as format 1.1 wrote them (docs/file-format.md)."""
+    made, at = b"", 0
+    while at < len(log):
+        (size,) = struct.unpack_from("<I", log, at)
+        payload = log[at + 12 : at + 12 + size]
+        at += 12 + size
+        (length,) = struct.unpack_from("<I", payload)
+        head, rest = json.loads(payload[4 : 4 + length]), payload[4 + length :]
+        head.pop("digests", None)
+        chunks = head.get("chunks", 0)
+        text = json.dumps(head).encode()
+        payload = struct.pack("<I", len(text)) + text + rest[:chunks] + rest[chunks + 8 * chunks :]
+        prefix = struct.pack("<II", len(payload), zlib.crc32(payload))
+        made += prefix + struct.pack("<I", zlib.crc32(prefix)) + payload
+    return made
+
+
+@pytest.mark.parametrize("size", [10_000, 41_000, 60_000, 66_000, 300_000, 3_000_000])
+def test_texts_of_any_length_are_sealed(tmp_path, contours, size):
+    """Texts of 41 to 65 kB could never be sealed; longer ones HDF5 keeps elsewhere."""
+    path = tmp_path / "out.h5"
+    header = make_header(30, strategy={"raw": "mesh", "note": "x" * size}, hand={"kind": "palm", "note": "y" * size})
+    with ContourWriter(path, header) as writer:
+        write_ranges(writer, contours, [(0, 30)])
+        writer.seal()
+    assert check_file(path) == []
+    with ContourFile(path, verify=True) as file:
+        assert file.strategy["note"] == "x" * size
+        assert_same(file.contours(), contours)
+
+
+def test_a_long_list_of_stages_is_sealed(tmp_path, contours):
+    """The room for metadata does not count on it, so libhdf5 copies the rows."""
+    path = tmp_path / "out.h5"
+    stages = {f"stage {k} {'x' * 200}": 0.5 for k in range(200)}
+    with ContourWriter(path, make_header(30)) as writer:
+        writer.write(0, 30, contours, make_metrics(contours), stages)
+        writer.seal()
+    assert check_file(path) == []
+    with ContourFile(path, verify=True) as file:
+        assert file.timing().stages == list(stages)
+
+
+DAMAGE = """
+import sys
+from pathlib import Path
+import numpy as np
+from palpate.datasets.errors import ContourFileError
+from palpate.datasets.reader import ContourFile
+
+def read(path):
+    with ContourFile(path) as file:
+        header = file.header()
+        arrays = file.contours() | file.metrics() | header.arrays()
+        return {name: rows.tobytes() for name, rows in arrays.items()} | {"recipe": header.recipe}
+
+whole, damaged = Path(sys.argv[1]).read_bytes(), Path(sys.argv[1] + "-damaged.h5")
+right, rng = read(sys.argv[1]), np.random.default_rng(int(sys.argv[2]))
+counts = {"right": 0, "refused": 0, "wrong": 0}
+for trial in range(int(sys.argv[3])):
+    content = bytearray(whole)
+    at = int(rng.integers(0, len(whole)))
+    if trial % 3 == 0:
+        content[at] ^= 1 << int(rng.integers(8))
+    else:
+        size = int(rng.choice([8, 64, 512, 4096]))
+        content[at : at + size] = (b"\\0" if trial % 3 == 1 else b"\\xff") * len(content[at : at + size])
+    damaged.write_bytes(content)
+    try:
+        counts["right" if read(damaged) == right else "wrong"] += 1
+    except ContourFileError:
+        counts["refused"] += 1
+print(counts)
+"""
+
+
+def test_damage_anywhere_is_refused_or_changes_nothing(sealed):
+    """Bits and blocks all over the file, libhdf5's own structures among them; in a process that may crash."""
+    command = [sys.executable, "-P", "-c", DAMAGE, str(sealed), "1", "400"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    counts = json.loads(done.stdout.replace("'", '"'))
+    assert counts["wrong"] == 0, counts
+    assert counts["refused"] > 100, counts

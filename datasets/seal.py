@@ -73,7 +73,7 @@ def write_header(path: Path, header: FileHeader) -> Frame:
     for spec, array in _arrays(header):
         assembly.add(spec, array)
     if not write_assembly(path, assembly, frame.room, frame.room, fresh=True):
-        raise AssertionError(f"metadata of a header do not fit {frame.room} bytes")
+        raise ContourFileError(f"{path}: metadata of the header take more than the {frame.room} bytes kept for them")
     return frame
 
 

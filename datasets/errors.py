@@ -9,6 +9,13 @@ class ContourFileError(DatasetError):
     """A contour file cannot be read, written or resumed; the message names the file and why."""
 
 
+class Hdf5Error(DatasetError, ValueError):
+    """An HDF5 file holds what palpate's never do; the message names the path inside the file, the value and the bound.
+
+    Whoever reads the file puts its name before the message.
+    """
+
+
 class MotionError(DatasetError, ValueError):
     """A hand motion is malformed; the message names the row and the value."""
 

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from .digests import ATTRIBUTE, Digests, block_digests, digests_text
 from .durable import Buffer, append_at
-from .hdf5 import FILL, Attribute, Hdf5Image
+from .hdf5_image import FILL, Hdf5Image
+from .hdf5_opening import Attribute
 from .index import ChunkTable, index_nodes, with_end
 from .rows import CHECKSUM_BYTES, Rows, encoded
 from .schema import CHUNK_ROWS, DIGESTS, Field

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from .durable import FolderLock
 from .errors import ContourFileError
 from .hdf5 import Hdf5Reader
-from .header import get_header, get_json, recipe_differences
+from .header import get_header, get_texts, recipe_differences
 from .header_hand import NORM_TOLERANCE, hand_problem
 from .part_reader import PartReader
-from .reader import ContourFile
+from .reader import ContourFile, get_timing
 from .schema import (
     CONTOURS,
     DIGESTS,
@@ -94,6 +94,8 @@ def _check_open(file: ContourFile) -> list[str]:
             check = _PartCheck(part, findings, "" if file.sealed else f"{part.path.name}: ")
             check.fields((*CONTOURS, *METRICS), pose_count)
             check.fields(TIMING)
+            if "/timing/seconds" in check.shapes:
+                get_timing(part)
         if not findings.rows and len(findings.sentences) == int(not file.sealed) + len(file.problems):
             _check_contours(file, findings)  # only fields that are right by themselves can be compared
     except ContourFileError as error:
@@ -122,7 +124,7 @@ class _PartCheck:
         try:
             header = get_header(part)
             header.validate()
-            stored, found = get_json(part, "/", "recipe"), header.recipe
+            stored, found = get_texts(part, "/", "recipe"), header.recipe
             if changed := recipe_differences(stored, {**found, "format": stored.get("format", "absent")}):
                 self._tell(f"/: recipe is not of what the file holds: {'; '.join(changed)}")
             part.require_attributes()

@@ -20,6 +20,8 @@ import numpy as np
 import xxhash
 from numpy.typing import NDArray
 
+from .json_text import parse_json
+
 Digests = NDArray[np.uint64]
 """Shape [block]."""
 
@@ -103,7 +105,7 @@ class DigestTable:
     """The root's attribute `digests` read back; raises ValueError where it is not one."""
 
     def __init__(self, text: str) -> None:
-        found: Any = json.loads(text)
+        found: Any = parse_json(text)
         try:
             self.block_rows = int(found["block_rows"])
             datasets: dict[str, tuple[int, str]] = found["datasets"]

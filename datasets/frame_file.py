@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .durable import TEMPORARY_SUFFIX, discard, publish, sync, write_temporary
-from .hdf5 import Attribute, h5py
+from .hdf5_opening import Attribute
+from .hdf5_structure import h5py
 
 _FORMAT = ("v108", "v108")  # readers of today all read it
 _SLACK = 1 << 20  # [byte] for HDF5's own lists, given back in the end

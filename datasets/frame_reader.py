@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from os import PathLike
 from types import TracebackType
@@ -13,6 +12,8 @@ from numpy.typing import NDArray
 
 from .errors import ContourFileError
 from .hdf5 import Hdf5Reader
+from .header import get_version
+from .json_text import parse_json
 
 FOCAL_POINTS, DRIVES = "palpate focal points", "palpate drives"
 VERSION_MAJOR = 1
@@ -92,7 +93,7 @@ class FrameReader:
     def described(self, group: str, name: str) -> Any:
         """An attribute that is JSON (`recipe` of "/", `names` of "/array"), as its values; None if it is none."""
         try:
-            return json.loads(self._file.text(group, name))
+            return parse_json(self._file.text(group, name), allow_nan=True)
         except (ContourFileError, ValueError):
             return None
 
@@ -134,10 +135,7 @@ class FrameReader:
         found = _known_format(self._file)
         if found is None:
             raise ContourFileError(f"{self.path} holds neither focal points nor drives of a sweep")
-        version = self._file.attribute("/", "version")
-        if not isinstance(version, np.ndarray) or version.shape != (2,) or version.dtype.kind not in "iu":
-            raise ContourFileError(f"{self.path}: attribute version of / is missing or not [major, minor]")
-        if (major := int(version[0])) > VERSION_MAJOR:
+        if (major := get_version(self._file)[0]) > VERSION_MAJOR:
             newer = f"newer than this palpate reads ({VERSION_MAJOR}.x)"
             raise ContourFileError(f"{self.path} has version {major}, {newer}")
         return found
@@ -146,7 +144,7 @@ class FrameReader:
         dtype, shape = self._file.layout(rows.path)
         several = self.format == FOCAL_POINTS and len(shape) == rows.row_rank + 2
         fits = len(shape) == rows.row_rank + 1 + several and rows.width in (None, shape[-1])
-        if dtype.kind != "f" or not fits or 0 in shape:
+        if dtype != np.float32 or not fits or 0 in shape:
             raise ContourFileError(f"{self.path}: {rows.path} is {dtype} {list(shape)}, which no frames are")
         return shape
 

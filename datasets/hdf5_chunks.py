@@ -18,56 +18,57 @@ _INFLATED_MOST = 1 << 26
 """[byte] that a chunk may become without having been tried."""
 
 
-def require_allocated(dataset: Any, own: Declared, file_bytes: int) -> None:
-    """Raise Hdf5Error unless every element that a dataset declares is stored in the file.
+def require_room(dataset: Any, own: Declared, file_bytes: int) -> None:
+    """Raise Hdf5Error where a dataset declares more than the file can hold: a few bytes would declare any rows.
 
-    HDF5 gives fill values for what is not: a few bytes would declare any number of rows.
+    HDF5 gives fill values for what was never written. Nothing is read for this.
 
     dataset: `h5py.h5d.DatasetID`. file_bytes: size of the file.
     """
     if not own.nbytes:
         return
     if own.layout == "chunked":
-        _require_chunks(dataset, own, file_bytes)
+        if (count := _chunk_count(own)) * _INDEX_BYTES > file_bytes:
+            raise Hdf5Error(f"{own.path} declares {count} chunks, which a file of {file_bytes} bytes cannot hold")
         return
     stored = int(dataset.get_storage_size())
     begin = 0 if own.layout == "compact" else dataset.get_offset()
     if begin is None or stored != own.nbytes or begin + stored > file_bytes:
-        where = "" if begin is None else f" from byte {begin} on of {file_bytes}"
-        raise Hdf5Error(f"{own.path} is damaged: it declares {own.nbytes} bytes, {stored} are stored{where}")
+        where = "nowhere" if begin is None else f"from byte {begin} on of {file_bytes}"
+        raise Hdf5Error(f"{own.path} is damaged: it declares {own.nbytes} bytes, {stored} are stored {where}")
 
 
-def _require_chunks(dataset: Any, own: Declared, file_bytes: int) -> None:
-    """Look through the index of chunks, which has no checksum: libhdf5 dies of some that are damaged."""
-    expected = math.prod(-(-size // chunk) for size, chunk in zip(own.shape, own.chunk, strict=True))
-    if expected * _INDEX_BYTES > file_bytes:
-        raise Hdf5Error(f"{own.path} declares {expected} chunks, which a file of {file_bytes} bytes cannot hold")
-    if not hasattr(dataset, "chunk_iter"):  # h5py has it with HDF5 1.12.3 and newer
+def _chunk_count(own: Declared) -> int:
+    return math.prod(-(-size // chunk) for size, chunk in zip(own.shape, own.chunk, strict=True))
+
+
+def require_chunks(dataset: Any, own: Declared, file_bytes: int) -> None:
+    """Raise Hdf5Error unless each chunk of a dataset lies in the file by itself, and becomes no more than it may.
+
+    The index of chunks has no checksum: libhdf5 dies of some that are damaged.
+    """
+    if own.layout != "chunked" or not own.nbytes or not hasattr(dataset, "chunk_iter"):  # HDF5 1.12.3 and newer
         return
     nominal = math.prod(own.chunk) * own.item_bytes
     least, most = _stored_bounds(own, nominal)
     unchecked = 1 << own.filters.index("fletcher32") if "fletcher32" in own.filters else 0
+    count = _chunk_count(own)
     places: list[tuple[int, ...]] = []
-    stored = 0
-    large: list[tuple[int, ...]] = []
+    extents: list[tuple[int, int]] = []
 
     def look(chunk: Any) -> bool | None:
-        nonlocal stored
-        sound = least <= chunk.size <= min(most, file_bytes - chunk.byte_offset) and not chunk.filter_mask & unchecked
-        if sound:
+        if least <= chunk.size <= min(most, file_bytes - chunk.byte_offset) and not chunk.filter_mask & unchecked:
             places.append(chunk.chunk_offset)
-            stored += chunk.size
-            if "gzip" in own.filters and chunk.size * _DEFLATE_RATIO > _INFLATED_MOST:
-                large.append(chunk.chunk_offset)
-        return True if len(places) > expected else None  # anything but None ends the iteration
+            extents.append((chunk.byte_offset, chunk.size))
+        return True if len(places) > count else None  # anything but None ends the iteration
 
     dataset.chunk_iter(look)
-    if _distinct(places, own) != expected or stored > file_bytes:
-        raise Hdf5Error(
-            f"{own.path} is damaged: {_distinct(places, own)} of its {expected} chunks can be where its index says"
-        )
-    for place in large:
-        _refuse_bomb(dataset, own, place, nominal)
+    found = _apart(places, extents, own)
+    if found != count:
+        raise Hdf5Error(f"{own.path} is damaged: {found} of its {count} chunks can be where its index says")
+    for place, (_, size) in zip(places, extents, strict=True) if "gzip" in own.filters else ():
+        if size * _DEFLATE_RATIO > _INFLATED_MOST:
+            _refuse_bomb(dataset, own, place, nominal)
 
 
 def _stored_bounds(own: Declared, nominal: int) -> tuple[int, int]:
@@ -78,13 +79,14 @@ def _stored_bounds(own: Declared, nominal: int) -> tuple[int, int]:
     return nominal + checksum, nominal + checksum
 
 
-def _distinct(places: list[tuple[int, ...]], own: Declared) -> int:
-    """How many chunks of the dataset's grid the places are; -1 where there are more than it has."""
+def _apart(places: list[tuple[int, ...]], extents: list[tuple[int, int]], own: Declared) -> int:
+    """How many chunks are of the dataset's grid, each once, and overlap no other in the file."""
     if not places:
         return 0
-    offsets = np.array(places, np.uint64)
+    offsets, stored = np.array(places, np.uint64), np.array(sorted(extents), np.uint64)
     inside = (offsets < np.array(own.shape, np.uint64)) & (offsets % np.array(own.chunk, np.uint64) == 0)
-    return len(np.unique(offsets[inside.all(axis=1)], axis=0)) if inside.all() else -1
+    count = len(np.unique(offsets[inside.all(axis=1)], axis=0))
+    return min(count, len(places) - int(np.count_nonzero(stored[:-1].sum(axis=1) > stored[1:, 0])))
 
 
 def _refuse_bomb(dataset: Any, own: Declared, place: tuple[int, ...], nominal: int) -> None:
@@ -102,3 +104,20 @@ def _refuse_bomb(dataset: Any, own: Declared, place: tuple[int, ...], nominal: i
         raise Hdf5Error(f"{own.path} is damaged: chunk {list(place)} cannot be inflated: {error}") from None
     if len(inflated) > most:
         raise Hdf5Error(f"{own.path} is damaged: chunk {list(place)} inflates to more than its {nominal} bytes")
+
+
+def chunk_addresses(dataset: Any) -> list[int]:
+    """Where the chunks of a dataset lie in its file [byte], in the order of its rows; none where it has no chunks."""
+    if dataset.chunks is None:
+        return []
+    chunks: list[tuple[tuple[int, ...], int]] = []
+
+    def note(chunk: Any) -> None:
+        chunks.append((chunk.chunk_offset, chunk.byte_offset))
+
+    if hasattr(dataset.id, "chunk_iter"):  # h5py has it with HDF5 1.12.3 and newer
+        dataset.id.chunk_iter(note)
+    else:
+        for k in range(dataset.id.get_num_chunks()):
+            note(dataset.id.get_chunk_info(k))
+    return [address for _, address in sorted(chunks)]

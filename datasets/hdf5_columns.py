@@ -5,10 +5,9 @@ What goes wrong is a SweepStoreError that names the file.
 
 from __future__ import annotations
 
-import io
 import os
 import secrets
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
@@ -17,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .durable import TEMPORARY_SUFFIX, Buffer, append_at, discard, publish
-from .errors import SweepStoreError
-from .hdf5 import FAILURES, h5py, reason_of
+from .errors import Hdf5Error, SweepStoreError
+from .hdf5 import FAILURES, reason_of
+from .hdf5_opening import StrictFile, open_hdf5
+from .hdf5_structure import h5py
 
 Values = Sequence[Any] | NDArray[Any]
 """A column: an array, or a list of str, float, int, bool and None."""
@@ -131,13 +132,12 @@ def put_column(group: Any, name: str, array: NDArray[Any], unit: str = "") -> An
     return dataset
 
 
-def take_column(dataset: Any) -> NDArray[Any]:
-    """A column of an open HDF5 file, as `column_array` gave it."""
-    if h5py.check_string_dtype(dataset.dtype) is not None:
-        return np.asarray(dataset.asstr()[...], object)
-    array: NDArray[Any] = np.asarray(dataset[...])
-    array = array.astype(array.dtype.newbyteorder("="), copy=False)
-    return array.astype(np.bool_) if dataset.attrs.get("dtype") == BOOL else array
+def take_column(file: StrictFile, path: str) -> NDArray[Any]:
+    """A column of an open HDF5 file, as `column_array` gave it; raises Hdf5Error for what is no column."""
+    if len(shape := file.declared(path).shape) != 1:
+        raise Hdf5Error(f"{path} has shape {list(shape)}, expected one dimension")
+    array = file.read(path)
+    return array.astype(np.bool_) if file.attribute(path, "dtype") == BOOL else array
 
 
 @contextmanager
@@ -188,23 +188,12 @@ def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
 
 
 @contextmanager
-def open_columns(path: Path, content: bytes | None = None) -> Generator[Any, None, None]:
-    """An HDF5 file open for reading, from the disk or from its bytes; failures within name it (SweepStoreError)."""
-    with failures_named(path), _opened(path, content) as file:
+def open_columns(
+    path: Path, content: bytes | None = None, *, unread: Collection[str] = ()
+) -> Generator[StrictFile, None, None]:
+    """An HDF5 file open for reading, see `open_hdf5`; failures within name it (SweepStoreError)."""
+    with failures_named(path), open_hdf5(path, content, unread=unread) as file:
         yield file
-
-
-def _opened(path: Path, content: bytes | None) -> Any:
-    if content is not None:
-        return h5py.File(io.BytesIO(content), "r")
-    try:
-        return h5py.File(
-            os.fspath(path), "r", locking=False
-        )  # files are replaced, never changed: a lock keeps others out
-    except OSError as error:
-        if "locking flag" not in str(error):
-            raise
-        return h5py.File(os.fspath(path), "r")  # this process has it open already, by xarray, say, with a lock
 
 
 @contextmanager
@@ -216,5 +205,7 @@ def failures_named(path: Path) -> Generator[None, None, None]:
         raise
     except FileNotFoundError:
         raise SweepStoreError(f"{path} does not exist") from None
+    except Hdf5Error as error:
+        raise SweepStoreError(f"{path}: {error}") from None
     except FAILURES as error:
         raise SweepStoreError(f"{path} {reason_of(error, 'read')}") from error

@@ -3,7 +3,7 @@
     with open_hdf5(path) as opened:            # or open_hdf5(path, content) for bytes that are in memory already
         opened.datasets["/rows"].shape         # what the structure declares; no data is read for it
         opened.read("/rows", first, stop)        # all of the rows are known to be in the file, and to fit into memory
-        opened.file["/"].attrs["format"]       # an h5py.File, whose attributes are plain values of bounded size
+        opened.attribute("/", "format")        # plain values of bounded size
 
 Every refusal is an `Hdf5Error`; its message names the path inside the file, the value and the bound, but not the file:
 the caller puts the file's name before it. What h5py raises for damage (`hdf5.FAILURES`) passes through.
@@ -14,10 +14,12 @@ this process holds open in h5py, for reading or for writing, can be read too; an
 
 from __future__ import annotations
 
+import errno
+import math
 import os
 import stat
+from collections.abc import Collection
 from os import PathLike
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -25,30 +27,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import Hdf5Error
-from .hdf5_chunks import require_allocated
-from .hdf5_structure import ATTRIBUTE_BYTES_MOST, Declared, h5py, walk
+from .hdf5_chunks import require_chunks, require_room
+from .hdf5_structure import ATTRIBUTE_BYTES_MOST, OF_SCALES, Declared, h5py, walk
 
 MEMORY_MOST = 1 << 30
 """[byte] that one read may take, plus 8 times the file's size: what is compressed grows when it is read."""
 
+Attribute = str | int | float | NDArray[Any]
+"""Value of an attribute."""
+
 _PIECE_MOST = 2 * ATTRIBUTE_BYTES_MOST  # [byte] that the walk reads at once
 _WALK_MOST = 1 << 26  # [byte] that the walk reads, plus 4 times the file's size: structure that leads in a circle ends
-_VLEN = np.dtype([("length", "<u4"), ("address", "<u8"), ("index", "<u4")])  # how HDF5 stores a text's place
+_VLEN = np.dtype([("length", "<u4"), ("place", "<u4", 3)])  # of a text of any length, VLEN_BYTES
 
 
-def open_hdf5(path: str | PathLike[str], content: bytes | None = None) -> StrictFile:
+def open_hdf5(path: str | PathLike[str], content: bytes | None = None, *, unread: Collection[str] = ()) -> StrictFile:
     """Open a file and look at its structure.
 
     content: the file's bytes, if they are in memory already; `path` is only its name then.
+    unread: paths of datasets that nobody will read, so that they may declare rows that were never written.
 
     Raises:
-        FileNotFoundError, PermissionError: As the system says.
+        OSError: As the system says: FileNotFoundError, IsADirectoryError, PermissionError.
         Hdf5Error: Something else than a regular file, an empty file, or a structure that is refused.
         Exception: What h5py raises for a foreign or damaged file (`hdf5.FAILURES`).
     """
     source = _Memory(content) if content is not None else _Handle(path)
     try:
-        return StrictFile(source)
+        return StrictFile(source, unread)
     except BaseException:
         source.close()
         raise
@@ -57,21 +63,25 @@ def open_hdf5(path: str | PathLike[str], content: bytes | None = None) -> Strict
 class StrictFile:
     """An HDF5 file whose structure was looked at; use it in a `with`."""
 
-    def __init__(self, source: _Source) -> None:
-        self._source = source
+    def __init__(self, source: _Source, unread: Collection[str]) -> None:
+        self._source, self._unread = source, frozenset(unread)
         if source.size == 0:
             raise Hdf5Error("the file is empty")
         source.left = _WALK_MOST + 4 * source.size
         self.file: Any = h5py.File(source, "r")
         """The `h5py.File`."""
         try:
-            self.structure = walk(self.file.id)
+            self.structure = walk(self.file.id, self._require_room)
             """Everything that it declares."""
         except BaseException:
             self.file.close()
             raise
         source.left = None
         self._opened: dict[str, Any] = {}
+
+    def _require_room(self, dataset: Any, own: Declared) -> None:
+        if own.path not in self._unread:
+            require_room(dataset, own, self._source.size)
 
     def __enter__(self) -> Self:
         return self
@@ -96,13 +106,18 @@ class StrictFile:
         """Size [bytes] and time of the last change [ns] of the file that was opened."""
         return self._source.state()
 
+    def declared(self, path: str) -> Declared:
+        """What a dataset's header declares; raises Hdf5Error where there is none."""
+        if path not in self.datasets or path in self._unread:
+            raise Hdf5Error(f"{path} is missing or not a dataset")
+        return self.datasets[path]
+
     def dataset(self, path: str) -> Any:
         """The `h5py.Dataset` of a path; raises Hdf5Error where there is none, or its bytes are not all in the file."""
         if path not in self._opened:  # opening one takes longer than reading a pose of it
-            if path not in self.datasets:
-                raise Hdf5Error(f"{path} is missing or not a dataset")
+            own = self.declared(path)
             dataset: Any = self.file[path]
-            require_allocated(dataset.id, self.datasets[path], self._source.size)
+            require_chunks(dataset.id, own, self._source.size)
             self._opened[path] = dataset
         return self._opened[path]
 
@@ -124,9 +139,40 @@ class StrictFile:
         values: NDArray[Any] = np.asarray(dataset[first:stop])
         return values.astype(values.dtype.newbyteorder("="), copy=False)
 
+    def attribute(self, path: str, key: str) -> Attribute | None:
+        """An attribute of a group or dataset; None if it is not there. Raises Hdf5Error for text that is not UTF-8."""
+        if key not in self.structure.attributes.get(path, ()):
+            return None
+        if key in OF_SCALES:
+            raise Hdf5Error(f"attribute {key} of {path} is HDF5's own")
+        stored: Any = self.file[path].attrs[key]
+        value: Any = stored.item() if hasattr(stored, "item") and stored.ndim == 0 else stored
+        try:
+            if isinstance(value, bytes):
+                value = value.decode()
+            elif isinstance(value, str):
+                value.encode()  # h5py gives what is not UTF-8 as half characters, which nothing can show
+        except (UnicodeDecodeError, UnicodeEncodeError) as error:
+            raise Hdf5Error(f"attribute {key} of {path} is not UTF-8: {error.reason} at {error.start}") from None
+        return value
+
+    def number(self, path: str, key: str) -> float | None:
+        """An attribute that is a finite number, None if it is not there; raises Hdf5Error for any other."""
+        value = self.attribute(path, key)
+        if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
+            raise Hdf5Error(f"attribute {key} of {path} is {_brief(value)}, expected a finite number")
+        return None if value is None else float(value)
+
+    def whole(self, path: str, key: str) -> int | None:
+        """An attribute that is a whole number, None if it is not there; raises Hdf5Error for any other."""
+        value = self.attribute(path, key)
+        if value is not None and not isinstance(value, int):
+            raise Hdf5Error(f"attribute {key} of {path} is {_brief(value)}, expected a whole number")
+        return value
+
     def require_all_stored(self) -> None:
         """Look at the chunks of every dataset; raises Hdf5Error as `dataset`."""
-        for path in self.datasets:
+        for path in self.datasets.keys() - self._unread:
             self.dataset(path)
 
     def _refuse_long_texts(self, dataset: Any, own: Declared) -> None:
@@ -139,6 +185,11 @@ class StrictFile:
         total = int(places["length"].sum(dtype=np.uint64))
         if total > self._source.size:
             raise Hdf5Error(f"{own.path} has texts of {total} bytes, more than the file's {self._source.size}")
+
+
+def _brief(value: object) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= 80 else f"{shown[:80]}..."
 
 
 class _Source:
@@ -210,14 +261,14 @@ class _Handle(_Source):
     """A regular file; raises Hdf5Error for anything else."""
 
     def __init__(self, path: str | PathLike[str]) -> None:
-        self._path = Path(path)
         # O_NONBLOCK: opening a FIFO would wait for a writer; regular files know no such wait
         self._handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         state = os.fstat(self._handle)
         if not stat.S_ISREG(state.st_mode):
             self.close()
-            kind = "a folder" if stat.S_ISDIR(state.st_mode) else "no regular file"
-            raise Hdf5Error(f"it is {kind}, expected a file")
+            if stat.S_ISDIR(state.st_mode):
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+            raise Hdf5Error("the file is a pipe, a device or a socket, expected a regular file")
         self.size = state.st_size
 
     def _fill(self, view: memoryview) -> None:

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .digests import ATTRIBUTE, BlockDigester, Digests, digests_text
-from .hdf5 import FORMAT, Attribute, create_dataset, fixed_text, h5py
+from .hdf5_image import FORMAT, create_dataset, fixed_text
+from .hdf5_opening import Attribute
+from .hdf5_structure import h5py
 from .schema import CHUNK_ROWS, DIGESTS, Field
 
 

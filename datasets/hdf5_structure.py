@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +26,7 @@ from .errors import Hdf5Error
 
 # h5py has no type information, so all of it is `Any`.
 h5py: Any = importlib.import_module("h5py")
-_h5a, _h5d, _h5g, _h5l, _h5o = h5py.h5a, h5py.h5d, h5py.h5g, h5py.h5l, h5py.h5o
+_h5, _h5a, _h5d, _h5g, _h5l, _h5o = h5py.h5, h5py.h5a, h5py.h5d, h5py.h5g, h5py.h5l, h5py.h5o
 _h5s, _h5t, _h5z = h5py.h5s, h5py.h5t, h5py.h5z
 
 DEPTH_MOST = 8
@@ -42,6 +42,9 @@ ATTRIBUTES_MOST = 1024
 """Attributes of an object."""
 ATTRIBUTE_BYTES_MOST = 1 << 24
 """[byte] of an attribute: a strategy's JSON, or a dimension's list of the columns that have it."""
+
+VLEN_BYTES = 16
+"""[byte] of a text of any length where it stands among others: its length, and its place in the file."""
 
 _FILTERS = {_h5z.FILTER_DEFLATE: "gzip", _h5z.FILTER_SHUFFLE: "shuffle", _h5z.FILTER_FLETCHER32: "fletcher32"}
 _FILTERS[_h5z.FILTER_LZF] = "lzf"
@@ -61,7 +64,7 @@ _CLASSES = {
     _h5t.VLEN: "variable-length array",
     _h5t.ARRAY: "array",
 }
-_OF_SCALES = (b"DIMENSION_LIST", b"REFERENCE_LIST")
+OF_SCALES = ("DIMENSION_LIST", "REFERENCE_LIST")
 """Attributes that HDF5's dimension scales have, as tables do: references, which palpate never reads."""
 
 
@@ -103,10 +106,10 @@ class Structure:
     """Names of the attributes of each group and dataset, by path; the root is "/"."""
 
 
-def walk(file_id: Any) -> Structure:
+def walk(file_id: Any, require: Callable[[Any, Declared], None]) -> Structure:
     """Look at every group, dataset and attribute of an open file; raises Hdf5Error at the first that is refused.
 
-    file_id: `h5py.h5f.FileID`.
+    file_id: `h5py.h5f.FileID`. require: refuses a dataset, `h5py.h5d.DatasetID`, by what it declares.
     """
     structure = Structure({}, {})
     root = _h5g.open(file_id, b"/")
@@ -125,6 +128,7 @@ def walk(file_id: Any) -> Structure:
                 pending.append((path, opened, depth + 1))
             elif isinstance(opened, _h5d.DatasetID):
                 structure.datasets[path] = _declared(opened, path)
+                require(opened, structure.datasets[path])
             else:
                 raise Hdf5Error(f"{path} is neither a group nor a dataset, but a {type(opened).__name__}")
             structure.attributes[path] = _attributes(opened, path)
@@ -147,7 +151,8 @@ def _links(group: Any, parent: str) -> Iterator[tuple[bytes, int]]:
         links.append((name, int(info.type), info.u))
         return True if len(links) > OBJECTS_MOST else None  # anything but None ends the iteration
 
-    group.links.iterate(note, info=True)
+    tracked = int(group.get_create_plist().get_link_creation_order()) & h5py.h5p.CRT_ORDER_TRACKED
+    group.links.iterate(note, idx_type=_h5.INDEX_CRT_ORDER if tracked else _h5.INDEX_NAME, info=True)
     if len(links) > OBJECTS_MOST:
         raise Hdf5Error(f"{parent} holds more than {OBJECTS_MOST} objects")
     for name, kind, address in links:
@@ -186,7 +191,8 @@ def _declared(dataset: Any, path: str) -> Declared:
         found = "no dataspace" if shape is None else f"{len(shape)} dimensions"
         raise Hdf5Error(f"{path} has {found}, expected at most {RANK_MOST} dimensions")
     chunk = tuple(map(int, plist.get_chunk())) if layout == _h5d.CHUNKED else ()
-    own = Declared(path, dtype, shape, _LAYOUTS[layout], chunk, _filters(plist, path), int(kind.get_size()))
+    item_bytes = VLEN_BYTES if dtype.kind == "O" and kind.is_variable_str() else int(kind.get_size())
+    own = Declared(path, dtype, shape, _LAYOUTS[layout], chunk, _filters(plist, path), item_bytes)
     if math.prod(chunk) * own.item_bytes > CHUNK_BYTES_MOST:
         raise Hdf5Error(f"{path} has chunks of {list(chunk)} items, expected at most {CHUNK_BYTES_MOST} bytes each")
     if own.is_text and layout == _h5d.CHUNKED and 0 not in shape:
@@ -250,7 +256,7 @@ def _attributes(owner: Any, path: str) -> tuple[str, ...]:
 
 def _require_attribute(attribute: Any, name: bytes, what: str) -> None:
     kind = attribute.get_type()
-    if not (name in _OF_SCALES and int(kind.get_class()) in (_h5t.VLEN, _h5t.COMPOUND)):
+    if not (name.decode() in OF_SCALES and int(kind.get_class()) in (_h5t.VLEN, _h5t.COMPOUND)):
         _require_plain(kind, what)
     shape = _shape(attribute.get_space(), what)
     if shape is None or len(shape) > 1:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from .errors import ContourFileError
 from .hdf5 import Attribute, Hdf5Reader
 from .header_hand import require_hand, require_quaternions
+from .json_text import parse_json
 from .schema import DIGESTS_SINCE, FORMAT_NAME, FORMAT_VERSION, HAND, MOTION, OBJECT, Arrays, validate_fields
 
 
@@ -221,8 +222,6 @@ def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
 
 def get_header(file: Hdf5Reader) -> FileHeader:
     """Read the header back, arrays included; raises ContourFileError where it is missing or damaged."""
-    seed, offset = file.attribute("/", "seed"), file.attribute("/motion", "offset")
-    inserted, raw_error = file.attribute("/", "poses_inserted"), file.attribute("/", "raw_error")
     return FileHeader(
         pose=file.read("/motion/pose"),
         time=file.read("/motion/time") if "/motion/time" in file else None,
@@ -231,17 +230,17 @@ def get_header(file: Hdf5Reader) -> FileHeader:
         faces=file.read("/object/faces"),
         hand=get_json(file, "/hand", "description"),
         strategy=get_json(file, "/", "strategy"),
-        versions=get_json(file, "/", "versions"),
+        versions=get_texts(file, "/", "versions"),
         device=file.text("/", "device"),
         placement=get_json(file, "/object", "placement"),
         representation=get_representation(file),
         moved=file.read("/object/moved") if "/object/moved" in file else None,
         hand_arrays={spec.name: file.read(spec.path) for spec in HAND if spec.path in file},
         object_attributes=get_json(file, "/object", "attributes"),
-        time_offset=float(offset) if isinstance(offset, int | float) else 0.0,
-        seed=seed if isinstance(seed, int) else None,
-        inserted=inserted if isinstance(inserted, int) else 0,
-        raw_error=float(raw_error) if isinstance(raw_error, int | float) else None,
+        time_offset=file.number("/motion", "offset") or 0.0,
+        seed=file.whole("/", "seed"),
+        inserted=file.whole("/", "poses_inserted") or 0,
+        raw_error=file.number("/", "raw_error"),
         created=file.text("/", "created"),
     )
 
@@ -249,12 +248,31 @@ def get_header(file: Hdf5Reader) -> FileHeader:
 def get_json(file: TextSource, name: str, key: str) -> dict[str, Any]:
     """A JSON object kept in an attribute; raises ContourFileError where it is missing or not one."""
     try:
-        value: Any = json.loads(file.text(name, key))
+        value: Any = parse_json(file.text(name, key))
     except ValueError as error:
         raise ContourFileError(f"{file.path}: attribute {key} of {name} is not JSON: {error}") from error
     if not isinstance(value, dict):
         raise ContourFileError(f"{file.path}: attribute {key} of {name} is not a JSON object")
     return cast(dict[str, Any], value)
+
+
+def get_texts(file: TextSource, name: str, key: str) -> dict[str, str]:
+    """A JSON object of texts kept in an attribute; raises ContourFileError as `get_json`."""
+    values = get_json(file, name, key)
+    if odd := next((key for key, value in values.items() if not isinstance(value, str)), None):
+        raise ContourFileError(f"{file.path}: attribute {key} of {name} has no text for {odd!r}")
+    return values
+
+
+def get_version(file: Hdf5Reader) -> tuple[int, int]:
+    """Major and minor version of a file's format; raises ContourFileError where it is missing or impossible."""
+    version = file.attribute("/", "version")
+    if not isinstance(version, np.ndarray) or version.shape != (2,) or version.dtype.kind not in "iu":
+        raise ContourFileError(f"{file.path}: attribute version of / is missing or not [major, minor]")
+    major, minor = (int(number) for number in version)
+    if major < 1 or minor < 0:
+        raise ContourFileError(f"{file.path} has format version {major}.{minor}, the first was 1.0")
+    return major, minor
 
 
 def get_representation(file: Hdf5Reader) -> dict[str, Any]:
@@ -277,10 +295,7 @@ def refuse_foreign(file: Hdf5Reader) -> None:
         told = _OTHER_FILES.get(found) if isinstance(found, str) else None
         what = f"it holds {told}" if told else f"its root has no format {FORMAT_NAME!r}"
         raise ContourFileError(f"{file.path} is HDF5, but not a contour file: {what}")
-    version = file.attribute("/", "version")
-    if not isinstance(version, np.ndarray) or version.shape != (2,) or version.dtype.kind not in "iu":
-        raise ContourFileError(f"{file.path}: attribute version of / is missing or not [major, minor]")
-    major, minor = version.tolist()
+    major, minor = get_version(file)
     if major > FORMAT_VERSION[0]:
         raise ContourFileError(
             f"{file.path} has format version {major}.{minor}, newer than this palpate reads ({FORMAT_VERSION[0]}.x)"

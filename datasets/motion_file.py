@@ -10,19 +10,20 @@
 | not UTF-8                            | refused                                                           |
 """
 
-import importlib
 import io
-import math
 import os
 from array import array
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import MotionError
+from .errors import Hdf5Error, MotionError
+from .hdf5 import FAILURES
+from .hdf5_opening import StrictFile, open_hdf5
+from .hdf5_structure import h5py
 
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 TIME_COLUMN = "time"
@@ -157,33 +158,30 @@ def _clock(time: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
 
 
 def _rows_from_hdf5(path: Path) -> MotionRows:
-    # h5py has no types: everything of it is Any, and stays inside this function and `_hdf5_bytes`.
-    h5py: Any = importlib.import_module("h5py")
-    with path.open("rb"):
-        pass  # h5py's own message for a missing or forbidden file names no cause a user knows
     try:
-        with h5py.File(path, "r") as file:
-            group: Any = file.get("motion")
-            if group is None or "pose" not in group:
+        with open_hdf5(path) as file:
+            if "/motion/pose" not in file.datasets:
                 raise MotionError("an HDF5 file without /motion/pose")
-            pose = _dataset(group, "pose")
-            time = _dataset(group, "time") if "time" in group else None
-            seed = _whole(group.attrs.get("seed", file.attrs.get("seed")))
-            offset = _number(group.attrs.get("offset", 0.0))
-    except (OSError, KeyError, RuntimeError) as error:  # what h5py raises for a foreign or a damaged file
+            pose = _numbers(file, "/motion/pose", 2)
+            time = _numbers(file, "/motion/time", 1) if "/motion/time" in file.datasets else None
+            seed = file.whole("/motion" if "seed" in file.structure.attributes["/motion"] else "/", "seed")
+            return MotionRows(time, pose, file.number("/motion", "offset") or 0.0, seed, row_place)
+    except Hdf5Error as error:
+        raise MotionError(str(error)) from None
+    except (MotionError, FileNotFoundError, IsADirectoryError, PermissionError):
+        raise
+    except FAILURES as error:
         raise MotionError(f"not a readable HDF5 file ({error})") from error
-    return MotionRows(time, pose, offset, seed, row_place)
 
 
-def _dataset(group: Any, name: str) -> NDArray[np.float64]:
-    try:
-        return np.asarray(group[name][()], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise MotionError(f"/motion/{name} is not an array of numbers") from None
+def _numbers(file: StrictFile, name: str, rank: int) -> NDArray[np.float64]:
+    own = file.declared(name)
+    if own.is_text or len(own.shape) != rank:
+        raise MotionError(f"{name} is not an array of numbers of {rank} dimensions, but {own.dtype} {list(own.shape)}")
+    return file.read(name).astype(np.float64, copy=False)
 
 
 def _hdf5_bytes(rows: MotionRows) -> bytes:
-    h5py: Any = importlib.import_module("h5py")
     image = io.BytesIO()
     with h5py.File(image, "w") as file:
         file.attrs.update({"format": "palpate motion", "version": np.array([1, 0], dtype=np.int32)})
@@ -197,16 +195,3 @@ def _hdf5_bytes(rows: MotionRows) -> bytes:
             time: Any = group.create_dataset("time", data=rows.time, fletcher32=True)
             time.attrs["units"] = "s"
     return image.getvalue()
-
-
-def _number(value: Any) -> float:
-    """A number that an attribute holds; NaN, which no motion accepts, where it holds something else."""
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return math.nan
-
-
-def _whole(value: Any) -> int | None:
-    """A whole number that an attribute holds; None where it holds something else: a seed is only a note."""
-    return int(cast(int, value)) if isinstance(value, (int, np.integer)) else None

@@ -13,11 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ContourFileError
-from .hdf5 import Hdf5Reader
-from .header import FileHeader, get_header, get_json, get_representation, recipe_hash, refuse_foreign
+from .hdf5 import Hdf5Reader, require_fitting
+from .header import (
+    FileHeader,
+    get_header,
+    get_json,
+    get_representation,
+    get_texts,
+    get_version,
+    recipe_hash,
+    refuse_foreign,
+)
 from .part_reader import PartReader
 from .parts import HEADER_NAME, readable_parts, work_folder
-from .schema import CONTOURS, HAND, METRICS, Arrays, Field
+from .schema import CONTOURS, HAND, METRICS, MOTION, Arrays, Field
 
 _BLOCK_POSES = 1 << 16
 
@@ -54,11 +63,14 @@ class ContourFile:
         self.sealed, self._header_file, parts, self.problems = _open(self.path)
         """Sentences on what of an unfinished file is damaged; resuming renders it again."""
         self._pieces: list[_Piece] = []
+        self._fitting: set[tuple[Path, tuple[Field, ...]]] = set()
         try:
             refuse_foreign(self._header_file)
             _, shape = self._header_file.layout("/motion/pose")
             self.pose_count = shape[0]
             """Number of poses of the motion, done or not."""
+            if self.pose_count == 0:
+                raise ContourFileError(f"{self._header_file.path}: /motion/pose has no rows")
             if self.sealed:
                 self._pieces = [_Piece(0, self.pose_count, self._header_file)]
             else:
@@ -155,21 +167,21 @@ class ContourFile:
     @cached_property
     def recipe(self) -> dict[str, str]:
         """What decides the data, field by field (`FileHeader.recipe`)."""
-        return cast(dict[str, str], get_json(self._header_file, "/", "recipe"))
+        return get_texts(self._header_file, "/", "recipe")
 
     @cached_property
     def attributes(self) -> dict[str, Any]:
         """Format name and version, software versions, device, time of creation; seed and inserted poses, if any."""
         file = self._header_file
-        version = cast(NDArray[np.int32], file.attribute("/", "version"))
         attributes: dict[str, Any] = {
             "format": file.text("/", "format"),
-            "version": [int(number) for number in version],
-            "versions": get_json(file, "/", "versions"),
+            "version": list(get_version(file)),
+            "versions": get_texts(file, "/", "versions"),
             "device": file.text("/", "device"),
             "created": file.text("/", "created"),
         }
-        notes = {name: file.attribute("/", name) for name in ("seed", "poses_inserted", "raw_error")}
+        notes = {name: file.whole("/", name) for name in ("seed", "poses_inserted")}
+        notes |= {"raw_error": file.number("/", "raw_error")}
         return attributes | {name: value for name, value in notes.items() if value is not None}
 
     def header(self) -> FileHeader:
@@ -181,6 +193,7 @@ class ContourFile:
 
         `time` is float64 [pose]. Poses are there before their contours are done.
         """
+        self._require_fitting(self._header_file, MOTION, self.pose_count)
         names = ("pose", "time") if "/motion/time" in self._header_file else ("pose",)
         return {name: self._header_file.read(f"/motion/{name}", first, stop) for name in names}
 
@@ -211,7 +224,8 @@ class ContourFile:
         Gives the arrays of `/contours` by name (docs/file-format.md), offsets from 0; optional ones only where the
         file has them. Raises ContourFileError where a pose of the range is not done.
         """
-        pieces = [self._contours_of(piece, *poses) for piece, *poses in self._parts(first, stop)]
+        parts = self._parts(first, stop, CONTOURS)
+        pieces = [self._contours_of(piece, *poses) for piece, *poses in parts]
         return join_contours(pieces)
 
     def blocks(self, *, point_limit: int = 1 << 20) -> Iterator[tuple[int, int]]:
@@ -236,7 +250,7 @@ class ContourFile:
 
         What prune stages removed [m] only where the file has it.
         """
-        parts, optional = self._parts(first, stop), self.optional
+        parts, optional = self._parts(first, stop, METRICS), self.optional
         wanted = [spec for spec in METRICS if not spec.optional or spec.name in optional]
         return {
             spec.name: np.concatenate([np.zeros(0, spec.dtype), *(self._metric(spec, *part) for part in parts)])
@@ -253,8 +267,8 @@ class ContourFile:
         """How long each chunk took by stage; chunks in the order of their poses."""
         return join_timing([get_timing(self._checked(piece)) for piece in self._pieces])
 
-    def _parts(self, first: int, stop: int | None) -> list[tuple[_Piece, int, int]]:
-        """Pieces that make up a pose range, each with the rows in it."""
+    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[_Piece, int, int]]:
+        """Pieces that make up a pose range, each with the rows in it; the numbers of rows of the fields fit."""
         stop = self.pose_count if stop is None else stop
         if not 0 <= first <= stop <= self.pose_count:
             raise ContourFileError(
@@ -264,12 +278,19 @@ class ContourFile:
         reached = first
         for piece in self._pieces:
             if piece.first <= reached < min(stop, piece.stop):
+                self._require_fitting(piece.rows, fields, piece.stop - piece.first)
                 end = min(stop, piece.stop)
                 parts.append((piece, reached - piece.first, end - piece.first))
                 reached = end
         if reached < stop:
             raise ContourFileError(f"{self.path}: pose {reached} of {first} to {stop} is not done yet")
         return parts
+
+    def _require_fitting(self, rows: Hdf5Reader | PartReader, fields: tuple[Field, ...], poses: int) -> None:
+        """`require_fitting`, once for a file."""
+        if (rows.path, fields) not in self._fitting:
+            require_fitting(rows, fields, poses)
+            self._fitting.add((rows.path, fields))
 
     def _contours_of(self, piece: _Piece, first: int, stop: int) -> Arrays:
         file = self._checked(piece)
@@ -329,8 +350,16 @@ def join_contours(pieces: list[Arrays]) -> Arrays:
 
 def get_timing(file: Hdf5Reader | PartReader) -> Timing:
     """The /timing of one file."""
-    stages = cast(list[str], get_json(file, "/timing", "stages").get("stages", []))
-    return Timing(stages, file.read("/timing/first"), file.read("/timing/stop"), file.read("/timing/seconds"))
+    stages: object = get_json(file, "/timing", "stages").get("stages", [])
+    seconds = file.read("/timing/seconds")
+    if (
+        not isinstance(stages, list)
+        or [type(stage) for stage in cast(list[object], stages)] != [str] * seconds.shape[1]
+    ):
+        raise ContourFileError(
+            f"{file.path}: attribute stages of /timing does not name the {seconds.shape[1]} columns of /timing/seconds"
+        )
+    return Timing(cast(list[str], stages), file.read("/timing/first"), file.read("/timing/stop"), seconds)
 
 
 def join_timing(pieces: list[Timing]) -> Timing:

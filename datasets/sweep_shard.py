@@ -19,7 +19,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from .errors import SweepStoreError
+from .errors import Hdf5Error, SweepStoreError
 from .hdf5_columns import (
     Columns,
     Values,
@@ -31,6 +31,8 @@ from .hdf5_columns import (
     take_column,
     write_whole,
 )
+from .hdf5_opening import StrictFile
+from .json_text import parse_json
 
 FORMAT_NAME = "palpate shard"
 FORMAT_VERSION = 1
@@ -73,7 +75,7 @@ class Shard:
     @cached_property
     def rows(self) -> tuple[ShardRow, ...]:
         """The rows with their payloads decoded."""
-        return tuple(ShardRow(*place, json.loads(text)) for place, text in zip(self.places, self.payloads, strict=True))
+        return tuple(ShardRow(*place, _payload(text)) for place, text in zip(self.places, self.payloads, strict=True))
 
 
 def write_shard(
@@ -143,13 +145,13 @@ def read_shard(path: str | Path, *, columns: bool = True) -> Shard:
     path = Path(path)
     content, digest = _checked(path)
     with open_columns(path, content) as file:
-        maker: Any = file.attrs.get("maker")
+        maker = file.attribute("/", "maker")
         places = tuple(_places(file))
-        payloads = tuple(bytes(file["payloads"][...]).decode().split("\n")) if places else ()
+        payloads = tuple(_text(file, "/payloads").split("\n")) if places else ()
         if len(payloads) != len(places):
             raise SweepStoreError(f"{path} is damaged: {len(places)} rows have {len(payloads)} payloads")
-        names = {str(name) for name in file["columns"]} if "columns" in file else set[str]()
-        with_columns = tuple([str(number) in names for number in range(len(places))])
+        _refuse_unknown(file, len(places))
+        with_columns = tuple([f"/columns/{number}" in file.structure.attributes for number in range(len(places))])
         own = [_columns(file, number) if has and columns else None for number, has in enumerate(with_columns)]
         return Shard(None if maker is None else str(maker), places, payloads, tuple(own), with_columns, digest)
 
@@ -185,13 +187,52 @@ def _digest(content: memoryview) -> bytes:
     return hashlib.blake2b(content, digest_size=32).digest()
 
 
-def _places(file: Any) -> list[tuple[str, str, int]]:
-    return [(group, key, int(part)) for group, key, part in json.loads(bytes(file["rows"][...]))]
+def _places(file: StrictFile) -> list[tuple[str, str, int]]:
+    rows: Any = parse_json(_text(file, "/rows"))
+    if not isinstance(rows, list):
+        raise Hdf5Error("/rows is no list of [group, key, part]")
+    return [_place(row, number) for number, row in enumerate(cast("list[Any]", rows))]
 
 
-def _columns(file: Any, number: int) -> Columns:
-    group: Any = file[f"columns/{number}"]
-    return {str(name): take_column(dataset) for name, dataset in group.items()}
+def _place(row: Any, number: int) -> tuple[str, str, int]:
+    match row:
+        case [str() as group, str() as key, int() as part] if not isinstance(part, bool) and part >= 0:
+            return group, key, part
+        case _:
+            raise Hdf5Error(f"/rows has no [group, key, part] at place {number}")
+
+
+def _refuse_unknown(file: StrictFile, row_count: int) -> None:
+    for path in file.datasets.keys() - {"/rows", "/payloads"}:
+        match path.split("/"):
+            case ["", "columns", number, _] if number.isdecimal() and int(number) < row_count:
+                pass
+            case _:
+                raise Hdf5Error(f"{path} is nothing that a shard of {row_count} rows has")
+
+
+def _text(file: StrictFile, path: str) -> str:
+    """A text that is stored as its UTF-8 bytes."""
+    own = file.declared(path)
+    if own.dtype != np.uint8 or len(own.shape) != 1:
+        raise Hdf5Error(f"{path} is {own.dtype} {list(own.shape)}, expected bytes in one dimension")
+    return file.read(path).tobytes().decode()
+
+
+def _payload(text: str) -> Mapping[str, Any]:
+    """A row's payload; raises SweepStoreError, without a file's name."""
+    try:
+        value: Any = parse_json(text, allow_nan=True)
+    except ValueError as error:
+        raise SweepStoreError(f"a shard's payload is not JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise SweepStoreError(f"a shard's payload is no JSON object, but {type(value).__name__}")
+    return cast("dict[str, Any]", value)
+
+
+def _columns(file: StrictFile, number: int) -> Columns:
+    group = f"/columns/{number}/"
+    return {path.removeprefix(group): take_column(file, path) for path in file.datasets if path.startswith(group)}
 
 
 @contextmanager
@@ -208,7 +249,7 @@ def shard_columns(path: Path) -> Generator[ColumnReader, None, None]:
 class ColumnReader:
     """Columns of an open shard."""
 
-    def __init__(self, path: Path, file: Any) -> None:
+    def __init__(self, path: Path, file: StrictFile) -> None:
         self._path = path
         self._file = file
         self._places = _places(file)

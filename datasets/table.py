@@ -23,6 +23,8 @@ from .hdf5_columns import (
     take_column,
     write_whole,
 )
+from .hdf5_opening import StrictFile
+from .json_text import parse_json
 
 FORMAT_NAME = "palpate table"
 FORMAT_VERSION = 1
@@ -31,6 +33,8 @@ ROW = "row"
 
 PARQUET = ".parquet"
 """What the name of a Parquet file ends with; every other name is HDF5."""
+
+_SCALE = (f"/{ROW}",)  # `TableWriter` gives the dimension a length and no values
 
 _METADATA = "palpate"
 """Key of a Parquet schema's metadata, JSON of the attributes."""
@@ -99,9 +103,13 @@ def load_table(path: str | Path) -> Columns:
         table = _parquet_table(path)
         _parquet_attributes(path, table.schema)
         return {str(name): _numpy(table.column(name)) for name in table.column_names}
-    with open_columns(path) as file:
-        _refuse_foreign(path, file.attrs)
-        return {str(name): take_column(dataset) for name, dataset in file.items() if name != ROW}
+    with open_columns(path, unread=_SCALE) as file:
+        _refuse_foreign(path, _attributes(file))
+        columns = {own.path[1:]: take_column(file, own.path) for own in file.datasets.values() if own.path[1:] != ROW}
+    if len({len(column) for column in columns.values()}) > 1 or any("/" in name for name in columns):
+        found = ", ".join(f"{name}: {len(column)}" for name, column in list(columns.items())[:8])
+        raise SweepStoreError(f"{path} is damaged: columns of a table have equally many rows, not {found}")
+    return columns
 
 
 def table_attributes(path: str | Path) -> dict[str, Any]:
@@ -109,9 +117,10 @@ def table_attributes(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     if path.suffix == PARQUET:
         return _parquet_attributes(path, _parquet_schema(path))
-    with open_columns(path) as file:
-        _refuse_foreign(path, file.attrs)
-        return {str(key): _undescribed(value) for key, value in file.attrs.items()}
+    with open_columns(path, unread=_SCALE) as file:
+        attributes = _attributes(file)
+    _refuse_foreign(path, attributes)
+    return attributes
 
 
 def column_units(path: str | Path) -> dict[str, str]:
@@ -120,9 +129,14 @@ def column_units(path: str | Path) -> dict[str, str]:
     if path.suffix == PARQUET:
         fields: list[Any] = list(_parquet_schema(path))
         return {str(own.name): own.metadata[b"units"].decode() for own in fields if b"units" in (own.metadata or {})}
-    with open_columns(path) as file:
-        _refuse_foreign(path, file.attrs)
-        return {str(name): str(own.attrs["units"]) for name, own in file.items() if "units" in own.attrs}
+    with open_columns(path, unread=_SCALE) as file:
+        _refuse_foreign(path, _attributes(file))
+        units = {name[1:]: file.attribute(name, "units") for name in file.datasets}
+    return {name: unit for name, unit in units.items() if isinstance(unit, str)}
+
+
+def _attributes(file: StrictFile) -> dict[str, Any]:
+    return {key: file.attribute("/", key) for key in file.structure.attributes["/"]}
 
 
 def _write(path: Path, content: memoryview) -> None:
@@ -144,14 +158,12 @@ def described(attributes: Attributes) -> dict[str, str | int | float]:
     return {"format": FORMAT_NAME, "version": FORMAT_VERSION, **own}
 
 
-def _undescribed(value: Any) -> Any:
-    return cast("Any", value.item()) if isinstance(value, np.generic) else value
-
-
 def _refuse_foreign(path: Path, attributes: Any) -> None:
-    if attributes.get("format") != FORMAT_NAME:
-        raise SweepStoreError(f"{path} is not a {FORMAT_NAME}: its attribute format is {attributes.get('format')!r}")
-    version = int(attributes.get("version", 0))
+    found, version = attributes.get("format"), attributes.get("version")
+    if not isinstance(found, str) or found != FORMAT_NAME:  # an array would be compared number by number
+        raise SweepStoreError(f"{path} is not a {FORMAT_NAME}: its attribute format is {found!r}")
+    if not isinstance(version, int) or version < 1:
+        raise SweepStoreError(f"{path} is damaged: its attribute version is {version!r}, expected 1 or more")
     if version > FORMAT_VERSION:
         raise SweepStoreError(
             f"{path} has format version {version}, this palpate reads up to {FORMAT_VERSION}: a newer one wrote it"
@@ -180,7 +192,7 @@ def _parquet_schema(path: Path) -> Any:
 def _parquet_attributes(path: Path, schema: Any) -> dict[str, Any]:
     with failures_named(path):
         metadata = cast("dict[bytes, bytes]", schema.metadata or {})
-        attributes = cast("dict[str, Any]", json.loads(metadata.get(_METADATA.encode(), b"{}")))
+        attributes = cast("dict[str, Any]", parse_json(metadata.get(_METADATA.encode(), b"{}"), allow_nan=True))
     _refuse_foreign(path, attributes)
     return attributes
 

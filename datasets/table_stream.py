@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from .durable import Buffer, append_at, discard, publish
 from .errors import SweepStoreError
-from .hdf5 import FILL
 from .hdf5_columns import BOOL, CHUNK_ROWS, Columns, Values, column_arrays, image_of, new_image, temporary_name
+from .hdf5_image import FILL
 from .index import ChunkTable, index_nodes, leaf_of_one, with_end
 from .rows import encoded
 from .schema import Field

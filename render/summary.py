@@ -75,7 +75,8 @@ def summarise(path: str | Path) -> dict:
             out["removed_mean"] = {
                 stage: total / max(done, 1) for stage, total in removed.items() if f"removed_{stage}" in file.optional
             }
-        if "close" in file.strategy.get("transform", []):
+        transform = file.strategy.get("transform")
+        if isinstance(transform, list) and "close" in transform:
             out["r"] = length_ratio(totals[0], totals[1])
         if file.sealed:
             out["bytes"] = Path(path).stat().st_size

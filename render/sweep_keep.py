@@ -24,7 +24,8 @@ from ..datasets.check import check_file
 from ..datasets.durable import FolderLock, discard, write_file
 from ..datasets.errors import ContourFileError
 from ..datasets.frame_file import FrameField, FrameFile
-from ..datasets.hdf5 import Attribute, is_of_system
+from ..datasets.hdf5 import is_of_system
+from ..datasets.hdf5_opening import Attribute
 from ..datasets.motion import HandMotion
 from ..datasets.parts import work_folder
 from ..datasets.reader import ContourFile

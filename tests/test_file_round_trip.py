@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 
 from palpate.datasets.check import check_file, contour_lengths
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.hdf5 import Hdf5Image
+from palpate.datasets.hdf5_image import Hdf5Image
 from palpate.datasets.reader import ContourFile
 from palpate.datasets.schema import FIELDS
 from palpate.datasets.writer import ContourWriter

@@ -117,7 +117,10 @@ def test_what_cannot_be_done_with_them_names_what_they_are(tmp_path):
         (lambda file: file["focus"].pop("position"), "/focus/position is missing"),
         (lambda file: file.attrs.__setitem__("version", np.array([2, 0])), "version 2, newer than this palpate reads"),
         (
-            lambda file: file["focus"].move("intensity", "x") or file["focus"].create_dataset("intensity", (5,), "f4"),
+            lambda file: (
+                file["focus"].move("intensity", "x")
+                or file["focus"].create_dataset("intensity", data=np.zeros(5, "f4"))
+            ),
             "fit",
         ),
     ],

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from sweep_recipes import explored, random_motion, recipe_of, recorded, sampling_of, task_of
 
-from palpate.datasets import HandMotion, hdf5
+from palpate.datasets import HandMotion, hdf5_opening
 from palpate.datasets.check import check_file
 from palpate.datasets.durable import FolderLock
 from palpate.datasets.frame_file import FrameField, FrameFile
@@ -151,7 +151,7 @@ def test_damaged_contours_are_set_aside_and_rendered_again(tmp_path, rendered, g
 def test_contours_that_the_system_lets_nobody_read_are_no_damage(tmp_path, rendered, monkeypatch, group, number, lasts):
     recipe, _ = rendered
     kept = tmp_path / payload(tmp_path, recipe, "keep-contours")["path"]
-    content, read, failures = kept.read_bytes(), hdf5.Hdf5Reader._dataset, []
+    content, read, failures = kept.read_bytes(), hdf5_opening.StrictFile.dataset, []
 
     def fail(file, name):
         if name == "/contours/points" and (lasts or not failures):
@@ -159,7 +159,7 @@ def test_contours_that_the_system_lets_nobody_read_are_no_damage(tmp_path, rende
             raise OSError(number, os.strerror(number))
         return read(file, name)
 
-    monkeypatch.setattr(hdf5.Hdf5Reader, "_dataset", fail)
+    monkeypatch.setattr(hdf5_opening.StrictFile, "dataset", fail)
     outcome = run_task(task_of(tmp_path, [recipe], (group,), name="b"), "cpu", worker="here")
     assert failures
     assert f"{kept}: /contours/points " in outcome.error

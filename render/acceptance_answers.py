@@ -3,11 +3,9 @@
 import sys
 from typing import NamedTuple, TextIO
 
-from rich.markup import escape
-
-from . import console
 from .acceptance_steps import Answer, Step
 from .errors import RenderError, StrategyError
+from .terminal import errors, tell
 
 AT_ALL_TIMES = "? plays it again, s REASON skips the step, q ends; the report is kept"
 
@@ -38,7 +36,7 @@ class Questioner:
 
     def note(self, line: str) -> None:
         """Show a line."""
-        console.errors.print(escape(line))
+        tell(line)
 
     def ready(self, step: Step) -> Reply | None:
         """Wait until a person is ready for the step, if it plays something: None to play. A script is always ready."""
@@ -87,7 +85,7 @@ class Questioner:
         """The next line, without blanks at its ends; a script's empty lines are left out."""
         while True:
             if self.is_person:
-                console.errors.print(prompt, end="")
+                errors.print(prompt, end="", markup=False)
             text = "" if self._stream is None else self._stream.readline()
             if text == "":
                 raise InputEnded(f"the input ended before step {step.name!r} was answered")

@@ -20,6 +20,7 @@ from .bench_turns import BenchOptions
 from .errors import StrategyError
 from .peers import find_peers, one_core, peer_names
 from .strategy import PRESETS
+from .terminal import plain
 
 SCREEN_WIDTH = 130  # columns that the tables need; a narrower terminal wraps them
 PACKAGES = ("palpate", "warp-lang", "numpy", "shapely")
@@ -100,7 +101,7 @@ def run_bench(options: dict, *, as_json: bool) -> int:
         show_curve(curve, screen)
     if report.first_use:
         show_first_use(report.first_use, screen)
-    screen.print(f"{report.date}, {report.machine['cpu']}, {report.machine['device']}")
+    screen.print(plain(f"{report.date}, {report.machine['cpu']}, {report.machine['device']}"))
     return console.DONE
 
 

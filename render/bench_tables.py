@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from .bench_curve import Curve
 from .bench_first_use import FirstUse
 from .bench_rows import Row
 from .bench_turns import PeerRow
+from .terminal import plain
 
 
 def show_rows(rows: Sequence[Row], console: Console) -> None:
@@ -20,22 +20,41 @@ def show_rows(rows: Sequence[Row], console: Console) -> None:
         peer = f"{row.peer_ratio:.3g} {row.peer}" if row.peer else "-"
         cells = (row.object, f"{row.triangles:,}", row.strategy.upper(), f"{row.poses:,}", f"{100 * row.hit:.1f} %")
         figures = (row.vertices_per_pose, row.polylines_per_pose, row.us, row.poses_per_second)
-        table.add_row(*cells, *(_short(figure) for figure in figures), escape(peer), _short(row.floor_ratio))
+        table.add_row(
+            *map(
+                plain,
+                (
+                    *cells,
+                    *(_short(figure) for figure in figures),
+                    peer,
+                    _short(row.floor_ratio),
+                ),
+            )
+        )
     console.print(table)
     if any(row.peers for row in rows):
         console.print(_peer_table(rows))
         for line in _remarks(rows):
-            console.print(escape(line))
+            console.print(plain(line))
     stages = _table("share of the time", ("object", "", "stages"))
     for row in rows:
         told = ", ".join(f"{stage} {100 * share:.0f} %" for stage, share in row.stages.items())
-        stages.add_row(row.object, row.strategy.upper(), told)
+        stages.add_row(
+            *map(
+                plain,
+                (
+                    row.object,
+                    row.strategy.upper(),
+                    told,
+                ),
+            )
+        )
     console.print(stages)
     for row in rows:
         if row.peak_bytes is not None:
             share = row.peak_bytes / max(row.result_bytes, 1)
             told = f"{row.peak_bytes / 1e6:.1f} MB at the peak, {share:.3g} x results"
-            console.print(f"{row.object} {row.strategy.upper()}: {told}")
+            console.print(plain(f"{row.object} {row.strategy.upper()}: {told}"))
 
 
 def show_curve(curve: Curve, console: Console) -> None:
@@ -46,24 +65,34 @@ def show_curve(curve: Curve, console: Console) -> None:
     )
     for point in curve.points:
         figures = (point.segments_per_pose, point.us, point.ns_per_segment, point.seconds)
-        table.add_row(f"{point.triangles:,}", f"{point.poses:,}", *(_short(figure) for figure in figures))
+        table.add_row(
+            *map(
+                plain,
+                (
+                    f"{point.triangles:,}",
+                    f"{point.poses:,}",
+                    *(_short(figure) for figure in figures),
+                ),
+            )
+        )
     console.print(table)
     for name, slope, theory in (
         ("all points", curve.slope, curve.slope_theory),
         ("upper half", curve.slope_large, curve.slope_large_theory),
     ):
         if slope is not None and theory is not None:
-            console.print(f"slope of {name}: {slope:.3f}; theory: {theory:.3f}")
+            console.print(plain(f"slope of {name}: {slope:.3f}; theory: {theory:.3f}"))
     if curve.left_out:
-        console.print(f"left out, would take too long: {'; '.join(curve.left_out)}")
+        console.print(plain(f"left out, would take too long: {'; '.join(curve.left_out)}"))
 
 
 def show_first_use(first: FirstUse, console: Console) -> None:
     """Three figures."""
-    console.print(
+    told = (
         f"first use: palpate render cube, 1,000 poses: cold {first.cold:.2f} s, warm {first.warm:.2f} s; "
         f"palpate --help: {first.help:.2f} s"
     )
+    console.print(plain(told))
 
 
 def _peer_table(rows: Sequence[Row]) -> Table:
@@ -72,7 +101,16 @@ def _peer_table(rows: Sequence[Row]) -> Table:
     table = _table("peers, us a pose (x ours)", ("object", "", *names))
     for row in rows:
         found = {peer.name: peer for peer in row.peers}
-        table.add_row(row.object, row.strategy.upper(), *(_cell(found[name]) for name in names))
+        table.add_row(
+            *map(
+                plain,
+                (
+                    row.object,
+                    row.strategy.upper(),
+                    *(_cell(found[name]) for name in names),
+                ),
+            )
+        )
     return table
 
 
@@ -95,11 +133,15 @@ def _remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def _table(title: str, columns: Sequence[str]) -> Table:
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    table = Table(title=plain(title), title_justify="left", box=None, padding=(0, 2, 0, 0))
     for place, column in enumerate(columns):
         text = column in ("object", "", "stages")
-        table.add_column(escape(column), justify="left" if text or place == 0 else "right", no_wrap=column != "stages")
+        table.add_column(plain(column), justify="left" if text or place == 0 else "right", no_wrap=column != "stages")
     return table
+
+
+def _add(table: Table, *cells: str) -> None:
+    table.add_row(*map(plain, cells))
 
 
 def _short(value: float) -> str:

@@ -390,6 +390,6 @@ def main() -> None:
     if sys.stdout is not None and not sys.stdout.isatty():
         os.environ.setdefault("COLUMNS", "120")  # tables and help in pipes and logs
     try:
-        app()
+        sys.exit(console.parsed(app))
     except KeyboardInterrupt:  # before a command runs, or after: it tells of its own
         sys.exit(console.fail("interrupted", console.FAILED, False))

@@ -6,32 +6,32 @@ import os
 import sys
 import tempfile
 import threading
+import traceback
 import warnings
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
-from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
 from ..datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
 from ..device.report import LiveStatistics, PlayReport
 from .errors import PalpateWarning, PlacementError, PlanError, RenderError, RepairError, StrategyError
 from .loading_progress import Watch, unwatched
+from .terminal import errors, show_table, tell, visible
 
 TOLD_WARNINGS = (PalpateWarning, RecordingWarning)
 
 DONE, FAILED, MISUSED = 0, 1, 2
 
+DESCRIPTION = TextColumn("{task.description}", markup=False)
+
 LOADING_SILENT = 1.0  # [s]; what loads in less needs no bar
 
 MISUSES = (StrategyError, PlacementError, RepairError, PlanError, NotStoreError, UnknownArrayError, UpdateRateError)
 """Errors that are about what was asked, not about what happened."""
-
-errors = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def start_warp() -> None:
@@ -99,21 +99,21 @@ def say(
     if as_json:
         sys.stdout.write(json_line(values))
         return
-    table = Table(title=title, show_header=False, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    rows: list[tuple[str, str]] = []
     for name, value in values.items():
         if told is not None and name not in told:
             continue
         if value is not None:
             unit = f" {UNITS[name]}" if name in UNITS else ""
-            table.add_row(escape(name.replace("_", " ")), escape(shown(value) + unit))
+            rows.append((name.replace("_", " "), shown(value) + unit))
         elif name in unknown:
-            table.add_row(escape(name.replace("_", " ")), "not known")
-    Console(highlight=False, soft_wrap=True).print(table)
+            rows.append((name.replace("_", " "), "not known"))
+    show_table(title, rows)
 
 
 def json_line(values: object) -> str:
-    """One line of JSON; numbers that JSON has no word for (NaN, infinity) become null."""
-    return json.dumps(finite(values), allow_nan=False) + "\n"
+    """One line of JSON, all of it ASCII; numbers that JSON has no word for (NaN, infinity) become null."""
+    return json.dumps(finite(values), allow_nan=False).replace("\x7f", "\\u007f") + "\n"  # the control character left
 
 
 def finite(value: object) -> object:
@@ -150,9 +150,9 @@ def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], No
     if quiet or not errors.is_terminal:
         yield lambda done, total: None
         return
-    columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (DESCRIPTION, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=errors, transient=True) as progress:
-        task = progress.add_task(title, total=None)
+        task = progress.add_task(visible(title), total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
@@ -165,15 +165,15 @@ def loading_bar(title: str, *, quiet: bool) -> Iterator[Watch]:
     if quiet or not errors.is_terminal:
         yield unwatched
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (DESCRIPTION, BarColumn(), TimeElapsedColumn())
     progress = Progress(*columns, console=errors, transient=True)
-    task = progress.add_task(escape(title), total=None)
+    task = progress.add_task(visible(title), total=None)
     timer = threading.Timer(LOADING_SILENT, progress.start)
     timer.daemon = True
     timer.start()
     try:
         yield lambda stage, done, total: progress.update(
-            task, description=escape(f"{title}: {stage}"), completed=done, total=total if done else None
+            task, description=visible(f"{title}: {stage}"), completed=done, total=total if done else None
         )
     finally:
         timer.cancel()
@@ -192,13 +192,13 @@ def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatisti
     def begin() -> None:
         nonlocal begun
         if not begun:
-            errors.print(escape(title))
+            tell(title)
             begun = True
 
     if quiet or not errors.is_terminal:
         yield lambda live, total: begin()
         return
-    told = TextColumn("{task.fields[told]}")
+    told = TextColumn("{task.fields[told]}", markup=False)
     with Progress(BarColumn(), MofNCompleteColumn(), told, console=errors, transient=True) as progress:
         task = progress.add_task("frames", total=None, told="")
 
@@ -213,6 +213,24 @@ def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatisti
         yield show
 
 
+def parsed(app: Callable[..., object]) -> int:
+    """The exit code of a typer app; what typer says of wrong arguments, and a traceback, are made visible."""
+    try:
+        code = app(standalone_mode=False)
+    except Exception as error:
+        message = getattr(error, "message", None)
+        if not hasattr(error, "format_message") or not isinstance(message, str):  # none of typer's
+            for line in "".join(traceback.format_exception(error)).splitlines():
+                tell(line)
+            return FAILED
+        shown: Any = error
+        if sys.argv[1:]:  # without any it is the help, which has several lines
+            shown.message = visible(message)
+        shown.show()
+        return int(shown.exit_code)
+    return code if isinstance(code, int) else DONE
+
+
 def run(command: Callable[[], object], *, as_json: bool) -> int:
     """Run a command and turn what goes wrong into one sentence and an exit code; no traceback for a user's mistake."""
     try:
@@ -220,7 +238,7 @@ def run(command: Callable[[], object], *, as_json: bool) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what the interpreter flushes in the end
-        errors.print("[bold red]error:[/] standard output was closed before the results were written")
+        tell("standard output was closed before the results were written", "error")
         return FAILED
     return code
 
@@ -233,7 +251,9 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
         try:
             code = command()
         except (RenderError, DatasetError, DeviceError) as error:
-            return fail(str(error), MISUSED if isinstance(error, MISUSES) else FAILED, as_json, _report_of(error))
+            faults = error.args if isinstance(error, PlanError) else ()
+            code = MISUSED if isinstance(error, MISUSES) else FAILED
+            return fail(str(error), code, as_json, _report_of(error), lines=faults)
         except PlayInterrupted as error:
             return fail(str(error), FAILED, as_json, _report_of(error))
         except KeyboardInterrupt:
@@ -248,16 +268,21 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
     return code if isinstance(code, int) else DONE
 
 
-def fail(message: str, code: int, as_json: bool, report: PlayReport | None = None) -> int:
-    """Say what went wrong."""
-    errors.print(f"[bold red]error:[/] {escape(message)}")
+def fail(
+    message: str, code: int, as_json: bool, report: PlayReport | None = None, *, lines: Sequence[object] = ()
+) -> int:
+    """Say what went wrong. lines: the message's, where it has several."""
+    first, *rest = lines or (message,)
+    tell(first, "error")
+    for line in rest:
+        tell(line)
     if as_json:
         late = [late_warning(report)] if report and report.is_late else []
         played = {"report": report.as_dict(), "warnings": late} if report else {}
         sys.stdout.write(json_line({"error": message, **played}))
     elif report:
         after = "" if report.off_after is None else f"off frames taken {report.off_after:.3g} s after the end; "
-        errors.print(f"played until then: {report.frames} frames; {after}{told_of_off(report)}")
+        tell(f"played until then: {report.frames} frames; {after}{told_of_off(report)}")
         if report.is_late:
             warn(late_warning(report))
     return code
@@ -285,7 +310,7 @@ def late_warning(report: PlayReport) -> str:
 
 def warn(sentence: str) -> None:
     """Warn on standard error."""
-    errors.print(f"[yellow]warning:[/] {escape(sentence)}")
+    tell(sentence, "warning")
 
 
 def _report_of(error: BaseException) -> PlayReport | None:
@@ -294,4 +319,4 @@ def _report_of(error: BaseException) -> PlayReport | None:
 
 def _show_warning(message: Warning | str, category: type[Warning], *rest: object) -> None:
     del category, rest
-    errors.print(f"[yellow]warning:[/] {escape(str(message))}")
+    tell(message, "warning")

@@ -19,6 +19,7 @@ from .scene import is_exact
 from .solid import Solid
 from .strategy import load_strategy
 from .summary import summarise, summarise_frames
+from .terminal import tell
 from .workers import worker_devices
 
 SUFFIXES = (".h5", ".hdf5")
@@ -69,8 +70,8 @@ def warn_if_apart(thing: Solid, motion: HandMotion, drawn: int, *, way: str) -> 
     if drawn:
         return
     low, high = motion.pose[:, :3].min(axis=0), motion.pose[:, :3].max(axis=0)
-    console.errors.print(
-        f"[yellow]warning:[/] no pose meets the object: it reaches from {console.shown(thing.bounds[0].tolist())} to "
+    console.warn(
+        f"no pose meets the object: it reaches from {console.shown(thing.bounds[0].tolist())} to "
         f"{console.shown(thing.bounds[1].tolist())} m, the palms' centres from {console.shown(low.tolist())} to "
         f"{console.shown(high.tolist())} m; see {way}"
     )
@@ -80,7 +81,7 @@ def warn_if_removed(summary: dict) -> None:
     """Warn that nothing is left to draw, with the stages that removed it."""
     if not summary["poses_drawn"]:
         removed = ", ".join(f"{stage} {length:.3g} m" for stage, length in summary["removed_mean"].items() if length)
-        console.errors.print(f"[yellow]warning:[/] the prune stages removed every contour (mean a pose: {removed})")
+        console.warn(f"the prune stages removed every contour (mean a pose: {removed})")
 
 
 def run_render(options: dict, *, as_json: bool) -> int:
@@ -147,7 +148,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
         return console.fail(message, console.FAILED, as_json)
     seconds = perf_counter() - started
     for repair in recording.repairs:
-        console.errors.print(f"[yellow]warning:[/] {repair}")
+        console.warn(repair)
     summary = {**summarise(job.out), "poses_rendered": recording.rendered, "seconds": seconds}
     if detail is not None:
         summary |= {"detail": asdict(detail)}
@@ -177,8 +178,8 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
         return
     summary = summarise(file)
     if not summary["sealed"]:
-        console.errors.print(
-            f"[yellow]warning:[/] {file} is still being written, or was interrupted: "
+        console.warn(
+            f"{file} is still being written, or was interrupted: "
             f"{summary['poses_done']} of {summary['poses']} poses are done (palpate render --resume goes on)"
         )
     console.say(summary, as_json=as_json, title=str(file))
@@ -191,7 +192,7 @@ def run_check(file: Path, *, as_json: bool) -> int:
         console.say({"path": str(file), "whole": not problems, "problems": problems}, as_json=True, title="")
     elif problems:
         for problem in problems:
-            console.errors.print(f"[bold red]error:[/] {problem}", markup=True)
+            tell(problem, "error")
     else:
         console.say({"whole": "yes"}, as_json=False, title=str(file))
     return console.FAILED if problems else console.DONE

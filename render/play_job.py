@@ -6,7 +6,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import warp as wp
-from rich.markup import escape
 
 from ..datasets.frame_reader import FOCAL_POINTS, frame_format
 from ..datasets.ptlist import write_ptlist
@@ -24,6 +23,7 @@ from .rig import PlacedArray, load_rig
 from .sampling import PRESETS, Sampler, SamplingStrategy, joined, load_sampling, says_rate
 from .sampling_strategy import JUMP_LENGTH
 from .source import ContourSource
+from .terminal import tell
 
 POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
 TOLD_OF_PLAYING = (
@@ -203,7 +203,7 @@ def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
     if not notes and len(found) == len(array_names()):
         notes.append("nothing on USB has the ids of an array's chip, and there is no serial adapter")
     notes.append("an autd3 cannot be listed: --serial names the network interface that it hangs on")
-    console.errors.print(f"[yellow]note:[/] {escape('; '.join(notes))}")
+    tell("; ".join(notes), "note")
 
 
 def run_sampling(name: str | None, *, as_json: bool) -> None:

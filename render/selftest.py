@@ -12,6 +12,7 @@ from .playback import Connection
 from .rig import load_rig
 from .sampling import FocalPoints, SamplingStrategy
 from .source import PointSource
+from .terminal import tell
 
 MODULATION = 200.0  # [Hz], where Pacinian corpuscles are most sensitive
 RADIUS = 0.02  # [m]; 7 m/s around it is 56 turns a second
@@ -72,7 +73,7 @@ def run_selftest(options: dict, *, as_json: bool) -> None:
     with ending_on_signals(), connection.all_of(arrays) as links:
         for name, told in STIMULI.items():
             if not as_json:
-                console.errors.print(f"{told}: hold a palm {height:g} m above the array for {seconds:g} s")
+                tell(f"{told}: hold a palm {height:g} m above the array for {seconds:g} s")
             frames = FrameSource(PointSource(stimulus(name, height, seconds, sampling)), Driver(models))
             results[name] = play_together(links, frames, update_rate=sampling.update_rate)
     values = {

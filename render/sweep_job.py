@@ -8,10 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
 from ..datasets.sweep_store import SweepStore
 from . import console
 from .errors import PlanError, SweepError
@@ -25,6 +21,7 @@ from .sweep_refusals import refuse_baseline, refuse_tables
 from .sweep_results import Results
 from .sweep_run import SweepReport, run_sweep
 from .sweep_task import Engine
+from .terminal import show_table, tell, write
 from .workers import WORKERS_MOST
 
 if TYPE_CHECKING:
@@ -212,7 +209,7 @@ def _say(report: SweepReport, outputs: dict[str, str], comparison: Comparison | 
         **outputs,
     }
     for note in report.notes:
-        console.errors.print(f"[yellow]warning:[/] {escape(note)}")
+        console.warn(note)
     if as_json:
         values["failures"] = [vars(failure) for failure in report.failures]
         values["notes"] = list(report.notes)
@@ -235,7 +232,7 @@ def _show_failures(failures: Sequence[Failure]) -> None:
 
 def _show_comparison(comparison: Comparison) -> None:
     for sentence in comparison.sentences():
-        console.errors.print(escape(sentence))
+        tell(sentence)
     rows = comparison.rows(SHOWN)
     _show("what moved", ("recipe", "metric", "was", "is", "change"), rows, len(comparison.moved))
 
@@ -243,15 +240,9 @@ def _show_comparison(comparison: Comparison) -> None:
 def _show(title: str, names: Sequence[str], rows: Sequence[Sequence[str]], count: int) -> None:
     if not rows:
         return
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for name in names:
-        table.add_column(name, overflow="fold")
-    for row in rows:
-        table.add_row(*(escape(word) for word in row))
-    out = Console(highlight=False, stderr=True)
-    out.print(table)
+    show_table(title, rows, names, to_errors=True)
     if count > len(rows):
-        out.print(f"and {count - len(rows)} more (--json has all)")
+        tell(f"and {count - len(rows)} more (--json has all)")
 
 
 # ---- what it would cost
@@ -281,7 +272,7 @@ def _say_estimate(told: Estimate, *, as_json: bool) -> int:
         console.say(told.as_dict(), as_json=True, title="")
     else:
         for sentence in told.sentences():
-            Console(highlight=False, soft_wrap=True).print(escape(sentence))
+            write(sentence)
     for problem in told.problems:
-        console.errors.print(f"[yellow]warning:[/] {escape(problem)}")
+        console.warn(problem)
     return console.DONE

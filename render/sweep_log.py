@@ -87,7 +87,7 @@ def sweep_bar(*, quiet: bool) -> Iterator[Callable[[SweepProgress], None]]:
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    told = TextColumn("{task.fields[told]}")
+    told = TextColumn("{task.fields[told]}", markup=False)
     columns = (TextColumn("recipes"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), told)
     with Progress(*columns, console=console.errors, transient=True) as bar:
         task = bar.add_task("recipes", total=None, told="")

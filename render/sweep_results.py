@@ -14,8 +14,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
-
 from ..datasets.durable import FolderLock
 from ..datasets.schema import PRUNED_NAMES, removed_name
 from ..datasets.sweep_store import SweepStore
@@ -150,7 +148,7 @@ def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:
 
 
 def _warn_no_figure(why: str) -> None:
-    console.errors.print(f"[yellow]warning:[/] no figure: {escape(why)}")
+    console.warn(f"no figure: {why}")
 
 
 def _discard(path: Path) -> None:

@@ -20,17 +20,7 @@ def show_rows(rows: Sequence[Row], console: Console) -> None:
         peer = f"{row.peer_ratio:.3g} {row.peer}" if row.peer else "-"
         cells = (row.object, f"{row.triangles:,}", row.strategy.upper(), f"{row.poses:,}", f"{100 * row.hit:.1f} %")
         figures = (row.vertices_per_pose, row.polylines_per_pose, row.us, row.poses_per_second)
-        table.add_row(
-            *map(
-                plain,
-                (
-                    *cells,
-                    *(_short(figure) for figure in figures),
-                    peer,
-                    _short(row.floor_ratio),
-                ),
-            )
-        )
+        _add(table, *cells, *(_short(figure) for figure in figures), peer, _short(row.floor_ratio))
     console.print(table)
     if any(row.peers for row in rows):
         console.print(_peer_table(rows))
@@ -39,16 +29,7 @@ def show_rows(rows: Sequence[Row], console: Console) -> None:
     stages = _table("share of the time", ("object", "", "stages"))
     for row in rows:
         told = ", ".join(f"{stage} {100 * share:.0f} %" for stage, share in row.stages.items())
-        stages.add_row(
-            *map(
-                plain,
-                (
-                    row.object,
-                    row.strategy.upper(),
-                    told,
-                ),
-            )
-        )
+        _add(stages, row.object, row.strategy.upper(), told)
     console.print(stages)
     for row in rows:
         if row.peak_bytes is not None:
@@ -65,16 +46,7 @@ def show_curve(curve: Curve, console: Console) -> None:
     )
     for point in curve.points:
         figures = (point.segments_per_pose, point.us, point.ns_per_segment, point.seconds)
-        table.add_row(
-            *map(
-                plain,
-                (
-                    f"{point.triangles:,}",
-                    f"{point.poses:,}",
-                    *(_short(figure) for figure in figures),
-                ),
-            )
-        )
+        _add(table, f"{point.triangles:,}", f"{point.poses:,}", *(_short(figure) for figure in figures))
     console.print(table)
     for name, slope, theory in (
         ("all points", curve.slope, curve.slope_theory),
@@ -101,16 +73,7 @@ def _peer_table(rows: Sequence[Row]) -> Table:
     table = _table("peers, us a pose (x ours)", ("object", "", *names))
     for row in rows:
         found = {peer.name: peer for peer in row.peers}
-        table.add_row(
-            *map(
-                plain,
-                (
-                    row.object,
-                    row.strategy.upper(),
-                    *(_cell(found[name]) for name in names),
-                ),
-            )
-        )
+        _add(table, row.object, row.strategy.upper(), *(_cell(found[name]) for name in names))
     return table
 
 

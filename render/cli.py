@@ -14,6 +14,7 @@ try:
     from .cli_arrays import Array, Calibration, Emulate, Serial, Uncalibrated, Watchdog
     from .cli_selftest import selftest
     from .cli_sweep import sweep
+    from .cli_trust import AllowCode, trust
 except KeyboardInterrupt:  # nothing has begun
     sys.exit("error: interrupted")
 
@@ -156,6 +157,7 @@ def render(
     workers: Annotated[str, typer.Option(metavar="N", help=WORKERS_HELP)] = "auto",
     memory: Annotated[int | None, typer.Option(min=5, help=MEMORY_HELP)] = None,
     gzip: Annotated[int, typer.Option(min=0, max=9, help="Compress the file: 0 not, 9 most.")] = 0,
+    allow_code: AllowCode = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted rendering.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file once the new one is whole.")] = False,
     json: Json = False,
@@ -184,6 +186,7 @@ def render(
         "workers": workers,
         "memory": None if memory is None else memory * 10**6,
         "gzip": gzip,
+        "allow_code": allow_code,
         "resume": resume,
         "overwrite": overwrite,
     }
@@ -213,6 +216,7 @@ def voxelise(
 
 
 app.command()(sweep)
+app.command()(trust)
 
 
 @app.command()

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from . import console
+from .cli_trust import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
 SCHEDULER_HELP = "A cluster: tcp://HOST:PORT of a Dask scheduler, local, slurm, or another of dask-jobqueue."
@@ -42,6 +43,7 @@ def sweep(
         list[Path] | None, typer.Option(metavar="OUT", help="The table once more: .h5 or .parquet. May be repeated.")
     ] = None,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the store's summary.png.")] = True,
+    allow_code: AllowCode = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
     """Make every combination that a plan names, what is there already left out, and a table of what came of it."""
@@ -58,6 +60,7 @@ def sweep(
         "tolerances": tolerance or [],
         "tables": table or [],
         "figure": figure,
+        "allow_code": allow_code,
     }
 
     def command() -> object:

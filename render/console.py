@@ -18,7 +18,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from ..datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ..device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
 from ..device.report import LiveStatistics, PlayReport
-from .errors import PalpateWarning, PlacementError, PlanError, RenderError, RepairError, StrategyError
+from .errors import (
+    PalpateWarning,
+    PlacementError,
+    PlanError,
+    RenderError,
+    RepairError,
+    StrategyError,
+    UntrustedCodeError,
+)
 from .loading_progress import Watch, unwatched
 from .terminal import errors, show_table, tell, visible
 
@@ -30,7 +38,16 @@ DESCRIPTION = TextColumn("{task.description}", markup=False)
 
 LOADING_SILENT = 1.0  # [s]; what loads in less needs no bar
 
-MISUSES = (StrategyError, PlacementError, RepairError, PlanError, NotStoreError, UnknownArrayError, UpdateRateError)
+MISUSES = (
+    StrategyError,
+    PlacementError,
+    RepairError,
+    PlanError,
+    UntrustedCodeError,
+    NotStoreError,
+    UnknownArrayError,
+    UpdateRateError,
+)
 """Errors that are about what was asked, not about what happened."""
 
 

@@ -9,7 +9,9 @@ RenderError
 ├── SweepError                   a sweep that cannot be made, or not by this worker
 │   └── PlanError (ValueError)   a plan with a value that cannot be
 ├── PlacementError (ValueError)  a placement that cannot be applied
-└── RepairError (ValueError)     an option of loading a mesh that cannot be
+├── RepairError (ValueError)     an option of loading a mesh that cannot be
+├── UntrustedCodeError           code that data name, and that nobody has permitted
+└── TrustStoreError              a store of accepted code that cannot be used
 """
 
 
@@ -50,7 +52,21 @@ class SweepError(RenderError):
 
 
 class PlanError(SweepError, ValueError):
-    """A plan of a sweep with an unknown key or an impossible value; the message names file, line and key."""
+    """A plan of a sweep with an unknown key or an impossible value; the message names file, line and key.
+
+    Several faults, given as several arguments, are told one a line.
+    """
+
+    def __str__(self) -> str:
+        return "\n".join(str(fault) for fault in self.args)
+
+
+class UntrustedCodeError(RenderError, ValueError):
+    """Code that data name and that nobody has permitted to run; the message lists all of it."""
+
+
+class TrustStoreError(RenderError):
+    """The store of accepted code cannot be read or written, or others could write it."""
 
 
 class PalpateWarning(UserWarning):

@@ -9,15 +9,9 @@
 """
 
 import hashlib
-import importlib
-import importlib.util
 import inspect
-import linecache
-import sys
 import warnings
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -26,7 +20,9 @@ import warp as wp
 from ..kernels.field import Field
 from ..kernels.function import Placed, raw_value
 from ..kernels.probe import lattice_of, probe_nodes, probe_points
-from .errors import ImplicitError, PalpateWarning
+from .errors import ImplicitError, PalpateWarning, UntrustedCodeError
+from .trust import UNNAMED, AllowCode, Namer
+from .user_code import Source, find_file, find_installed, run_all
 
 TRIED = 64  # cells along the longest side of the bounds where a function is tried
 TRIED_LEAST = 8  # along the others
@@ -37,59 +33,37 @@ JUMP = 1e-3  # share of the difference over a cell's edge: less is rounding
 _NOTED: dict[str, tuple[Any, str]] = {}  # by a module's name its spec, new with a reload, and its file's SHA-256 then
 
 
-def load_function(spec: str) -> Any:
+def load_function(spec: str, *, allow_code: AllowCode = False, namer: Namer = UNNAMED) -> Any:
     """The Warp function that "package.module:function" or "file.py:function" names.
 
-    A file is imported anew once it has changed; a package's module is refused then, since Python keeps the old one.
-    Raises ImplicitError for that, and for what cannot be imported or is not there.
+    allow_code: whether its module may be run where this process has not imported it yet, see `trust`. namer: what names
+    it. A file is run anew once it has changed; a package's module is refused then, since Python keeps the old one.
+    Raises UntrustedCodeError without permission, ImplicitError for what cannot be imported or is not there.
     """
     where, _, name = spec.rpartition(":")
-    if not where or not name:
-        raise ImplicitError(f"{spec!r}: must be package.module:function or file.py:function")
     try:
-        module = module_of(Path(where)) if where.endswith(".py") else _unchanged(importlib.import_module(where))
-    except ImplicitError:
+        (module,) = run_all([find_function_code(spec, namer)], allow_code)
+    except (ImplicitError, UntrustedCodeError):
         raise
     except (Exception, SystemExit) as error:  # a module's own code can raise anything
         raise ImplicitError(f"{where}: cannot be imported ({type(error).__name__}: {error})") from error
+    if not where.endswith(".py"):
+        module = _unchanged(module)
     if not hasattr(module, name):
         known = [key for key, value in vars(module).items() if isinstance(value, wp.Function) and value.func]
         raise ImplicitError(f"{where}: has no {name!r}; its Warp functions are {', '.join(known) or 'none'}")
     return getattr(module, name)
 
 
-def module_of(path: Path) -> Any:
-    """A file's module, imported once as long as the file stays as it is."""
-    if not path.is_file():
-        raise ImportError("no such file")
-    content = path.read_bytes()
-    told = b"%b\0%b" % (str(path.resolve()).encode(), hashlib.sha256(content).digest())
-    name = f"palpate_function_{path.stem}_{hashlib.sha256(told).hexdigest()[:16]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path, loader=_Loader(name, str(path), content))
-    if spec is None or spec.loader is None:
-        raise ImportError("no such file")
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    linecache.cache.pop(str(path), None)  # Warp compiles what stands there
+def find_function_code(spec: str, namer: Namer = UNNAMED) -> Source:
+    """The code that holds a function, none of which is run; raises ImplicitError for what is no name, or not there."""
+    where, _, name = spec.rpartition(":")
+    if not where or not name:
+        raise ImplicitError(f"{spec!r}: must be package.module:function or file.py:function")
     try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
-
-
-class _Loader(SourceFileLoader):
-    """Runs the bytes that a module is named by: Python's own cache tells versions of one second and size not apart."""
-
-    def __init__(self, fullname: str, path: str, content: bytes) -> None:
-        super().__init__(fullname, path)
-        self._content = content
-
-    def get_code(self, fullname: str) -> CodeType:
-        """Compiled from the source."""
-        return self.source_to_code(self._content, self.path)
+        return find_file(Path(where), namer) if where.endswith(".py") else find_installed(where, namer)
+    except (ImportError, OSError) as error:
+        raise ImplicitError(f"{where}: cannot be imported ({type(error).__name__}: {error})") from error
 
 
 def _unchanged(module: Any) -> Any:

@@ -21,10 +21,12 @@ from .function import load_function, source_of, takes_double, try_function
 from .isosurface import isosurface
 from .objects import Placement, axis_rotation, up_rotation, warn_of_place
 from .program import WHOLE, Frame, compile_expression, expression_bounds
+from .trust import AllowCode
 
 OUTLINE = 96  # cells along the longest side of the mesh to look at
 FIRST_CELLS = 16  # a side, of the search for an inside
 FINEST = 1e-6  # [m]; half the diagonal of its smallest cells
+NEEDS_BOUNDS = "a function needs bounds, [lowest, highest] in metres"
 CELLS_KEPT = 50_000  # of one pass, the most promising ones
 
 
@@ -36,9 +38,11 @@ class ImplicitObject:
     bounds: lowest and highest coordinates [m], own coordinates, shape [2, 3]; what leaves them is cut off there. A
     function needs them, an expression where it has none of its own (a half-space).
     placement: as for meshes, about the bounds' box. hand: it is one, in the hand frame, so it may lie about the origin.
+    allow_code: whether the module that a function's name is of may be run; a function itself needs no permission.
 
     Warns (PalpateWarning) of a size that suggests millimetres, an object behind the array, and a function cut off.
-    Raises ImplicitError for what has no inside, no bounds, or, of functions, see `function`.
+    Raises UntrustedCodeError for a name whose module nobody has permitted to run (`trust`), ImplicitError for what has
+    no inside, no bounds, or, of functions, see `function`.
     """
 
     def __init__(
@@ -49,8 +53,12 @@ class ImplicitObject:
         placement: Placement | None = None,
         name: str | None = None,
         hand: bool = False,
+        allow_code: AllowCode = False,
     ) -> None:
-        self.name, source = name or name_of(source), resolved(source)
+        self.name = name or name_of(source)
+        if isinstance(source, str) and is_function_name(source) and bounds is None:  # before its module is run
+            raise ImplicitError(f"{self.name}: {NEEDS_BOUNDS}")
+        source = resolved(source, allow_code)
         self.placement = placement or Placement()
         given = None if bounds is None else checked_bounds(bounds, self.name)
         self.expression = source if isinstance(source, Expression) else None
@@ -69,7 +77,7 @@ class ImplicitObject:
         else:
             if given is None:
                 takes_double(self.function, self.name)
-                raise ImplicitError(f"{self.name}: a function needs bounds, [lowest, highest] in metres")
+                raise ImplicitError(f"{self.name}: {NEEDS_BOUNDS}")
             self._tried = try_function(self.function, given, self.name)
             self._own_bounds, self._frame = given, placed_frame(self.placement, given)
             self.bounds = box_of_box(self._frame, given)
@@ -85,9 +93,10 @@ class ImplicitObject:
         placement: Placement | None = None,
         name: str | None = None,
         hand: bool = False,
+        allow_code: AllowCode = False,
     ) -> "ImplicitObject":
         """Load a JSON file's expression, or a function by name: see the class."""
-        return cls(source, bounds=bounds, placement=placement, name=name, hand=hand)
+        return cls(source, bounds=bounds, placement=placement, name=name, hand=hand, allow_code=allow_code)
 
     def _judge_place(self) -> None:
         warn_of_place(self.name, self.bounds, "for millimetres use --scale 0.001 (scale = 0.001)")
@@ -165,11 +174,12 @@ def is_function_name(source: str | Path) -> bool:
     return isinstance(source, str) and ":" in source and not Path(source).is_file()
 
 
-def resolved(source: Any) -> Any:
+def resolved(source: Any, allow_code: AllowCode = False) -> Any:
     """The expression or function that a path or a name stands for."""
-    if isinstance(source, str | Path):
-        return load_function(str(source)) if is_function_name(source) else load_expression(source)
-    return source
+    if not isinstance(source, str | Path):
+        return source
+    is_function = is_function_name(source)
+    return load_function(str(source), allow_code=allow_code) if is_function else load_expression(source)
 
 
 def checked_bounds(bounds: Any, name: str) -> np.ndarray:

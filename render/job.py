@@ -52,6 +52,7 @@ class RenderJob:
     workers: str
     memory: int | None
     gzip: int
+    allow_code: bool
     resume: bool
     overwrite: bool
 
@@ -93,14 +94,15 @@ def run_render(options: dict, *, as_json: bool) -> int:
         raise StrategyError(f"{job.out}: a contour file must end in {' or '.join(SUFFIXES)}")
     console.start_warp()
     devices = worker_devices(job.device, worker_count(job.workers))
-    strategy = load_strategy(job.strategy)
+    strategy = load_strategy(job.strategy, allow_code=job.allow_code)
     if job.step is not None:
         strategy = replace(strategy, step=job.step)
     if job.flush is not None:
         strategy = replace(strategy, flush=job.flush)
     with console.loading_bar(job.thing, quiet=as_json) as watch:
         options = {"volume": job.volume, "mesh": job.mesh, "bounds": job.bounds}
-        whole = load_solid(job.thing, Placement(**job.placement), **options, watch=watch)
+        placement = Placement(**job.placement)
+        whole = load_solid(job.thing, placement, **options, allow_code=job.allow_code, watch=watch)
     thing, detail = simplified(whole, job.simplify)
     if strategy.needs_closed:
         thing.require_closed()

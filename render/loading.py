@@ -38,6 +38,7 @@ from .mesh_hand import MeshHand
 from .objects import MeshObject, Placement
 from .plane_hand import PlaneHand
 from .solid import Solid
+from .trust import AllowCode
 from .voxel_files import UNITS, is_volume
 from .voxel_values import KINDS
 from .voxels import VoxelObject
@@ -55,13 +56,16 @@ def load_solid(
     volume: dict[str, Any] | None = None,
     mesh: dict[str, Any] | None = None,
     bounds: tuple[float, ...] | None = None,
+    allow_code: AllowCode = False,
     watch: Watch = unwatched,
 ) -> Solid:
     """An object of any kind, by the table above.
 
     volume: options of `VoxelObject.load`, mesh: those of `MeshObject.load`; None among them is an option not given.
-    bounds: of a function [m]. watch: takes the stages of loading a mesh.
-    Raises MeshError for what cannot be loaded, StrategyError for options of another kind of object.
+    bounds: of a function [m]. allow_code: whether the module of a function may be run, see `trust`.
+    watch: takes the stages of loading a mesh.
+    Raises UntrustedCodeError for a function without that permission, MeshError for what cannot be loaded, StrategyError
+    for options of another kind of object.
     """
     repair = {name: value for name, value in (mesh or {}).items() if value is not None}
     given = {name: value for name, value in (volume or {}).items() if value is not None}
@@ -74,7 +78,7 @@ def load_solid(
     if is_function_name(source) or Path(source).suffix == ".json":
         refuse_options(repair, "of a mesh", source)
         box = None if bounds is None else np.array(bounds).reshape(2, 3)
-        return ImplicitObject.load(source, bounds=box, placement=placement)
+        return ImplicitObject.load(source, bounds=box, placement=placement, allow_code=allow_code)
     refuse_options({"bounds": bounds}, "of a function", source)
     return MeshObject.load(source, placement=placement, watch=watch, **repair)
 

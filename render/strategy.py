@@ -1,21 +1,19 @@
 """Intersection strategies: raw intersection -> pruning -> transformation, as data (Mulot et al. 2024, section 3)."""
 
 import json
-import sys
-from collections.abc import Callable, Iterable, Iterator, MutableMapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, replace
-from importlib import import_module
-from importlib.machinery import PathFinder
 from pathlib import Path
-from threading import RLock
 from typing import Any
 
 from ..kernels.patch import FLUSH_MOST
-from .errors import StrategyError
+from .errors import StrategyError, UntrustedCodeError
 from .fields import load_by_name, read_fields, require_number
 from .stage_option import Value
-from .stages import Stage, find_stage, load_built_in
+from .stages import ROLES, Stage, find_stage, known_stages, load_built_in
 from .transform_order import require_order
+from .trust import AllowCode, Code, Namer, require_permission
+from .user_code import Source, find_module, run_all
 
 FIELDS = ("raw", "prune", "transform", "step", "flush", "modules")
 STEP_LOWEST, STEP_HIGHEST = 1e-5, 0.1  # of marching [m]
@@ -34,7 +32,7 @@ class IntersectionStrategy:
     | `transform` | what is made of the rest, in this order | nothing |
     | `step` | grid step of marching [m] | a quarter of the focal width |
     | `flush` | how near to a patch's plane or side counts as on it [m] | three float32 spacings at the pose |
-    | `modules` | Python modules that register stages of one's own | none |
+    | `modules` | Python modules that register stages of one's own, run with permission (`trust`) | none |
 
     On a patch's plane counts as on its +n side, on a patch's side as outside. `flush` is of planes: a skin has none.
     "close" needs raw "section" and "outside" before it. A stage may be listed again with other options.
@@ -149,13 +147,12 @@ class IntersectionStrategy:
         return json.dumps(self.described())
 
     @classmethod
-    def from_json(cls, text: str) -> "IntersectionStrategy":
-        """Read back what `to_json` wrote; missing fields take their defaults. Imports the modules that it names."""
-        values = read_fields(text, FIELDS, "strategy")
-        for field in ("prune", "transform", "modules"):
-            require_list(f"strategy: {field}", values.get(field, []))
-        import_modules(values.get("modules", ()))
-        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+    def from_json(cls, text: str, *, allow_code: AllowCode = False) -> "IntersectionStrategy":
+        """Read back what `to_json` wrote; missing fields take their defaults.
+
+        allow_code: whether modules that it names, found on Python's path, may be run: see `load_strategy`.
+        """
+        return read_strategy(text, None, allow_code=allow_code)
 
 
 def open_contour() -> IntersectionStrategy:
@@ -202,8 +199,6 @@ class Presets(MutableMapping[str, Callable[[], IntersectionStrategy]]):
 PRESETS = Presets(oc=open_contour, cc=closed_contour)
 """By name; modules of stages may add theirs."""
 
-_PATH_LOCK = RLock()  # a module may load a strategy while it is imported
-
 
 def require_list(name: str, value: object) -> None:
     """Refuse what is no list, a text for one."""
@@ -213,58 +208,95 @@ def require_list(name: str, value: object) -> None:
 
 def require_module(name: object) -> str:
     """A module's name, or StrategyError."""
-    if not isinstance(name, str) or not name:
+    if not isinstance(name, str) or not all(part.isidentifier() for part in name.split(".")):
         raise StrategyError(f"modules: must be names of Python modules, not {name!r}")
     return name
 
 
-def import_modules(names: Iterable[object], folder: Path | None = None) -> None:
-    """Import modules that register stages, looked for in a folder first.
+def strategy_code(text: str, folder: Path | None, path: str = "") -> list[Source]:
+    """The modules that a strategy's JSON names, found and not run, once all else that can be judged was.
 
-    Raises StrategyError, naming the module, for one that cannot be imported, and for one whose name a module of another
-    file has already.
+    folder: of the file, where they are looked for first. path: of the file, for messages.
+    Raises StrategyError for what is no strategy, and a module that is not there.
     """
-    for name in map(require_module, names):
-        with _PATH_LOCK:
-            path = [] if folder is None else [str(folder)]
-            _refuse_another(name, path)
-            sys.path[:0] = path
-            try:
-                import_module(name)
-            except StrategyError:
-                raise
-            except (Exception, SystemExit) as error:  # whatever a user's module raises
-                raise StrategyError(f"modules: cannot import {name!r} ({type(error).__name__}: {error})") from error
-            finally:
-                for entry in path:
-                    if entry in sys.path:  # the module may have taken it out
-                        sys.path.remove(entry)
+    values = read_fields(text, FIELDS, "strategy")
+    for field in ("prune", "transform", "modules"):
+        require_list(f"strategy: {field}", values.get(field, []))
+    names = [require_module(name) for name in values.get("modules", ())]
+    if names:
+        _require_readable(values)
+    found: list[Source] = []
+    for name in names:
+        try:
+            found.append(find_module(name, folder, Namer.of(path, text)))
+        except (ImportError, OSError) as error:
+            raise StrategyError(f"modules: cannot import {name!r} ({type(error).__name__}: {error})") from error
+    return found
 
 
-def _refuse_another(name: str, path: list[str]) -> None:
-    """Raise StrategyError if a module of this name is there already, but not from the file that is meant."""
-    top = name.partition(".")[0]
-    loaded = getattr(sys.modules.get(top), "__file__", None)
-    meant = None if not path else PathFinder.find_spec(top, path)
-    if loaded is None or meant is None or meant.origin is None:
-        return
-    if Path(loaded).resolve() != Path(meant.origin).resolve():
-        raise StrategyError(f"modules: {name!r} is {meant.origin} here, but {loaded} has that name already: rename one")
+def _require_readable(values: Mapping[str, Any]) -> None:
+    """Refuse what is wrong whatever stages the modules register: they are not run for a strategy that is none."""
+    for role in ROLES:
+        given = values.get(role, "section" if role == "raw" else [])
+        for stage in [Stage.read(one, role) for one in ([given] if role == "raw" else given)]:
+            if entry := known_stages(role).get(stage.name):
+                entry.check(stage)
+    for name, low, high in (("step", STEP_LOWEST, STEP_HIGHEST), ("flush", 0.0, FLUSH_HIGHEST)):
+        if values.get(name) is not None:
+            require_number(name, values[name], low, high, unit="m")
 
 
-def load_strategy(source: str) -> IntersectionStrategy:
+def read_strategy(
+    text: str, folder: Path | None, *, allow_code: AllowCode = False, path: str = ""
+) -> "IntersectionStrategy":
+    """A strategy from JSON, its modules run first: see `strategy_code`, and `load_strategy` for what is raised."""
+    sources = strategy_code(text, folder, path)
+    require_permission([source.code for source in sources], allow_code)
+    for source in sources:
+        try:
+            run_all([source], allow_code)
+        except (StrategyError, UntrustedCodeError):
+            raise
+        except (Exception, SystemExit) as error:  # whatever a user's module raises
+            name = source.code.name
+            raise StrategyError(f"modules: cannot import {name!r} ({type(error).__name__}: {error})") from error
+    values = read_fields(text, FIELDS, "strategy")
+    return IntersectionStrategy(
+        **{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+    )
+
+
+def load_strategy(source: str, *, allow_code: AllowCode = False) -> IntersectionStrategy:
     """A strategy by preset name (oc, cc, ...) or from a JSON file.
 
     Modules that the file names are looked for beside it, then on Python's path.
-    Raises StrategyError for what is neither, or no strategy.
+    allow_code: whether they may be run, see `trust`; False: those that `palpate trust` has accepted.
+    Raises UntrustedCodeError for modules without permission, StrategyError for what is neither, or no strategy.
     """
     load_built_in()
-    folder = Path(source).resolve().parent
+    path = Path(source).resolve()
 
     def read(text: str) -> IntersectionStrategy:
-        modules = read_fields(text, FIELDS, "strategy").get("modules", ())
-        if isinstance(modules, list):
-            import_modules(modules, folder)
-        return IntersectionStrategy.from_json(text)
+        return read_strategy(text, path.parent, allow_code=allow_code, path=str(path))
 
     return load_by_name(source, PRESETS, read, "strategy")
+
+
+def draft_strategy(path: str) -> tuple[dict[str, Any], list[Code]]:
+    """A file's strategy as far as it is known before its modules are run, as `described` gives it, and their code.
+
+    Raises StrategyError for a file that is no strategy, whatever the modules register.
+    """
+
+    def read(text: str) -> tuple[dict[str, Any], list[Code]]:
+        place = Path(path).resolve()
+        code = [source.code for source in strategy_code(text, place.parent, str(place))]
+        values = read_fields(text, FIELDS, "strategy")
+        stages = {
+            role: [Stage.read(stage, role).described() for stage in values.get(role, [])]
+            for role in ("prune", "transform")
+        }
+        raw = Stage.read(values.get("raw", "section"), "raw").described()
+        return {**values, "raw": raw, **stages}, code
+
+    return load_by_name(path, {}, read, "strategy")

@@ -75,10 +75,12 @@ class Estimate:
     """Why the sweep is made only with `--yes`; None if it is made without."""
     problems: tuple[str, ...] = ()
     """Why families could not be sampled: they will fail."""
+    code: tuple[str, ...] = ()
+    """Code that a sweep runs, and an estimate does not: recipes with it are neither sampled nor known to be done."""
 
     def as_dict(self) -> dict[str, Any]:
         """For `--json`."""
-        return vars(self) | {"problems": list(self.problems)}
+        return vars(self) | {"problems": list(self.problems), "code": list(self.code)}
 
     def sentences(self) -> list[str]:
         """For people."""
@@ -95,6 +97,8 @@ class Estimate:
             of = f"{self.families_sampled} of {self.families} combinations of object, hand and strategy"
             workers = f"{self.workers} worker{'s' if self.workers > 1 else ''}"
             out.append(f"time: about {clock_time(self.seconds)} with {workers}, an estimate from samples of {of}")
+        if self.code:
+            out.append(f"code that a sweep would run, and this did not: {'; '.join(self.code)}")
         if self.refusal is not None:
             out.append(f"refused without --yes: {self.refusal}")
         return out
@@ -214,6 +218,7 @@ def estimate(plan: Plan, missing: Missing, folder: Path, *, devices: Sequence[st
         families=len(stretches),
         families_sampled=len(samples.rates),
         refusal=_refusal(plan, folder, counts),
+        code=tuple(code.title for code in plan.code),
         problems=tuple(dict.fromkeys((*(failure.sentence for failure in missing.failures), *samples.problems))),
     )
 
@@ -241,6 +246,8 @@ class _Sampler:
         return self
 
     def _sample(self, family: str, stretches: Sequence[Stretch]) -> None:
+        if any(names_code(Recipe.from_json(want.recipe)) for stretch in stretches for want in stretch.wants):
+            return  # an estimate runs none
         self._timed(stretches, self._first)  # loads, compiles
         took = self._timed(stretches, self._poses)
         if took is not None:
@@ -290,6 +297,11 @@ def sample_pieces(stretches: Sequence[Stretch], poses: int) -> tuple[tuple[Piece
         if count >= poses:
             break
     return tuple(pieces), count
+
+
+def names_code(recipe: Recipe) -> bool:
+    """Whether making a recipe runs code that it names."""
+    return recipe.thing.get("function") is not None or bool(recipe.strategy["described"].get("modules"))
 
 
 def shortened(recipe: Recipe, poses: int) -> Recipe:

@@ -14,7 +14,7 @@ from .errors import PlanError, SweepError
 from .sweep_estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
 from .sweep_log import SweepProgress, sweep_bar
 from .sweep_missing import Counts, Failure, Key, Missing
-from .sweep_plan import Plan, load_plans
+from .sweep_plan import Plan, draft_plans
 from .sweep_poses import pose_count
 from .sweep_recipe import maker
 from .sweep_refusals import refuse_baseline, refuse_tables
@@ -61,6 +61,7 @@ class SweepJob:
     tolerances: list[str]
     tables: list[Path]
     figure: bool
+    allow_code: bool
 
     @property
     def folder(self) -> Path:
@@ -121,15 +122,18 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
     job = SweepJob(**options)
     job.require_sense()
     check = _check_of(job)
-    plan = load_plans(job.plans, job.overrides)
-    if check is not None:
-        refuse_baseline(check.baseline, check.tolerances, plan)
+    plan = draft_plans(job.plans, job.overrides)
     if job.scheduler is not None:
         from .sweep_cluster import require_scheduler
 
         require_scheduler(job.scheduler, devices=job.device_of(plan), workers=job.workers_of(plan))
     if job.dry_run:
         return _say_estimate(_estimated(job, plan), as_json=as_json)
+    if plan.recipe_count > RECIPES_MOST and not job.yes:
+        refuse_too_large(plan, job.folder)
+    plan = plan.with_code(job.allow_code)
+    if check is not None:
+        refuse_baseline(check.baseline, check.tolerances, plan)
     report = _made(job, plan, as_json=as_json)
     if report is None:
         return console.FAILED
@@ -161,8 +165,6 @@ def _check_of(job: SweepJob) -> Check | None:
 def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
     """Run the sweep; None if it was interrupted, which is said."""
     last = SweepProgress(0, plan.recipe_count, 0, 0.0, None)
-    if plan.recipe_count > RECIPES_MOST and not job.yes:
-        refuse_too_large(plan, job.folder)
 
     def approve(counts: Counts) -> None:
         if not job.yes:

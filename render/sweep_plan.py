@@ -22,14 +22,15 @@ from .fields import told
 from .sweep_axes import DEFAULT_SOURCES, KEYS, MODELS, AxisTable, require_agreement, require_playable
 from .sweep_constraint import Constraint, constraint_of
 from .sweep_lines import Place, key_lines, line_of
+from .sweep_overrides import CONSTRAINTS, put_override, unknown_key
 from .sweep_product import Axis, Product, tell_apart
 from .sweep_recipe import KEPT, METRICS, Recipe, groups_of
 from .sweep_sources import Shelf, with_own_names
-from .sweep_values import Choice, Fault, near, refuse
+from .sweep_values import Choice, Fault, refuse
+from .trust import AllowCode, Code, Namer, require_permission
 from .workers import WORKERS_MOST
 
 DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
-CONSTRAINTS = ("exclude", "only")
 
 
 def _names(known: tuple[str, ...]) -> BeforeValidator:
@@ -93,6 +94,7 @@ class _Document:
     text: str
     tables: dict[str, Any]
     lines: Mapping[Place, int]
+    warns: bool = True
     overrides: dict[Place, str] = field(default_factory=dict)
     """What `--set` said, by the key that it is about."""
     faults: list[str] = field(default_factory=list)
@@ -111,7 +113,8 @@ class _Document:
 
     def warn(self, place: Place, sentence: str) -> None:
         """Warn (PalpateWarning) of something that the sweep goes on with."""
-        warnings.warn(f"{self.where(place)}: {sentence}", PalpateWarning, stacklevel=4)
+        if self.warns:
+            warnings.warn(f"{self.where(place)}: {sentence}", PalpateWarning, stacklevel=4)
 
     def validated(self, model: type[BaseModel], table: object, place: Place, shelf: Shelf | None = None) -> Any:
         """A table as its model has it; None, with its faults noted, if it is none."""
@@ -130,17 +133,10 @@ class _Document:
 def _sentence(error: Any, own: object, model: type[BaseModel], place: Place) -> str:
     """What is wrong, of one of pydantic's errors."""
     if error["type"] == "extra_forbidden":
-        return _unknown(str(error["loc"][-1]), [*model.model_fields, *([] if place else [*KEYS, *CONSTRAINTS])])
+        return unknown_key(str(error["loc"][-1]), [*model.model_fields, *([] if place else [*KEYS, *CONSTRAINTS])])
     if error["type"] == "missing":
         return "is missing"
     return own.sentence if isinstance(own, Fault) else str(error["msg"])
-
-
-def _unknown(key: str, known: Sequence[str]) -> str:
-    """That a key is unknown, and which is meant or whose it is."""
-    owners = [axis for axis, keys in KEYS.items() if key in keys]
-    meant = f" (it is a key of {' and '.join(owners)})" if owners else near(key, known)
-    return f"unknown key{meant}; known: {', '.join(known)}"
 
 
 @dataclass(frozen=True)
@@ -158,6 +154,26 @@ class Plan:
     texts: Mapping[str, str]
     """Text of each plan file, by path."""
     overrides: tuple[str, ...] = ()
+    code: tuple[Code, ...] = ()
+    """That strategies and objects name."""
+    is_draft: bool = False
+    """Whether none of it has been run, so that the recipes it is for are not known whole."""
+
+    def with_code(self, allow_code: AllowCode) -> "Plan":
+        """The plan once the code that it names was run; itself if there is none.
+
+        Raises UntrustedCodeError, which lists all code, before any of it is run; PlanError if it is no good.
+        """
+        if not self.code or not self.is_draft:
+            return self
+        require_permission(self.code, allow_code)
+        documents = [_document(Path(path), text, self.overrides, warns=False) for path, text in self.texts.items()]
+        return _joined(documents, self.overrides, allow_code)
+
+    @property
+    def granted(self) -> frozenset[str]:
+        """SHA-256 of the files of code that were run, which workers may run, too."""
+        return frozenset() if self.is_draft else frozenset(sha256 for code in self.code for _, sha256 in code.files)
 
     @property
     def recipe_count(self) -> int:
@@ -201,26 +217,42 @@ class Plan:
         }
 
 
-def load_plans(paths: Sequence[str | Path], overrides: Sequence[str] = ()) -> Plan:
-    """Read plans, check them whole, and join them.
+def load_plans(paths: Sequence[str | Path], overrides: Sequence[str] = (), *, allow_code: AllowCode = False) -> Plan:
+    """Read plans, check them whole, and join them; code that they name is run in the end, if all else is in order.
 
     overrides: "key=value" as `--set` takes them, for every plan: `motion.seed={first=1,count=5}`; values are TOML, a
-    bare word is a text. Warns (PalpateWarning) of values listed twice and of constraints that match nothing.
+    bare word is a text. allow_code: whether that code may be run, see `trust`.
+    Warns (PalpateWarning) of values listed twice and of constraints that match nothing.
     Raises PlanError, one line a fault with file, line and key, for plans that cannot be, and for ones that leave no
-    recipe.
+    recipe; UntrustedCodeError, which lists all of it, for code that may not be run.
+    """
+    return draft_plans(paths, overrides).with_code(allow_code)
+
+
+def draft_plans(paths: Sequence[str | Path], overrides: Sequence[str] = ()) -> Plan:
+    """The same without running any code that the plans name: a strategy with stages of such code is not judged whole.
+
+    So its recipes have other keys than those that are made; raises PlanError as `load_plans` does.
     """
     if not paths:
         raise PlanError("no plan given: a sweep needs at least one PLAN.toml")
+    return _joined([_document(Path(path), _text(Path(path)), overrides) for path in paths], overrides, None)
+
+
+def _joined(documents: Sequence[_Document], overrides: Sequence[str], allow_code: AllowCode | None) -> Plan:
+    """One plan of all; None: of which no code is run."""
     digests: dict[str, str] = {}
-    documents = [_read(Path(path), overrides) for path in paths]
-    read = [_judged(document, Shelf(document.path.absolute().parent, digests)) for document in documents]
+    shelves = [
+        Shelf(d.path.absolute().parent, digests, Namer.of(d.path.resolve(), d.text), allow_code) for d in documents
+    ]
+    read = [_judged(document, shelf) for document, shelf in zip(documents, shelves, strict=True)]
     faults = [fault for document in documents for fault in document.faults]
     tables = [pair[0] for pair in read if pair is not None]
     products = [pair[1] for pair in read if pair is not None]
     if not faults:
         faults = [_no_recipe(d) for d, product in zip(documents, products, strict=True) if product.is_empty]
     if faults:
-        raise PlanError("\n".join(dict.fromkeys(faults)))
+        raise PlanError(*dict.fromkeys(faults))
     if len(products) > 1:
         tell_apart(products)
     groups = {group for t in tables for group in groups_of(t.metrics, t.per_pose, t.keep)}
@@ -232,6 +264,8 @@ def load_plans(paths: Sequence[str | Path], overrides: Sequence[str] = ()) -> Pl
         workers=_agreed("workers", tables, documents),
         texts={str(document.path): document.text for document in documents},
         overrides=tuple(overrides),
+        code=tuple(dict.fromkeys(code for shelf in shelves for code in shelf.code)),
+        is_draft=allow_code is None,
     )
 
 
@@ -248,13 +282,17 @@ def _agreed(name: str, tables: Sequence[PlanTable], documents: Sequence[_Documen
     return next(iter(said.values()), PlanTable.model_fields[name].default)
 
 
-def _read(path: Path, overrides: Sequence[str]) -> _Document:
-    """A plan's tables with overrides in place."""
+def _text(path: Path) -> str:
+    """A plan's text."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
         raise PlanError(f"{path}: cannot be read ({why}){_hint_of_quotes(path)}") from error
+
+
+def _document(path: Path, text: str, overrides: Sequence[str], *, warns: bool = True) -> _Document:
+    """A plan's tables with overrides in place."""
     try:
         tables = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
@@ -262,9 +300,12 @@ def _read(path: Path, overrides: Sequence[str]) -> _Document:
         found = re.match(r"line (\d+)", at)
         line = found[1] if found else str(text.count("\n") + 1)
         raise PlanError(f"{path}:{line}: not TOML: {fault} ({at or 'somewhere)'}") from error
-    document = _Document(path, text, tables, key_lines(text))
+    document = _Document(path, text, tables, key_lines(text), warns)
     for override in overrides:
-        _override(document, override)
+        try:
+            document.overrides[put_override(tables, override, list(PlanTable.model_fields))] = f"--set {override}"
+        except Fault as fault:
+            document.faults.append(f"--set {override}: {fault.sentence}")
     return document
 
 
@@ -274,45 +315,6 @@ def _hint_of_quotes(path: Path) -> str:
     if path.exists() or "=" not in str(path) or key.split(".")[0] not in (*PlanTable.model_fields, *KEYS, *CONSTRAINTS):
         return ""
     return f"; of --set it needs quotes, or the shell takes braces and blanks apart: --set '{key}={{...}}'"
-
-
-def _override(document: _Document, override: str) -> None:
-    """Put what one `--set` says into a plan's tables."""
-    key, equals, text = override.partition("=")
-    place = tuple(part.strip() for part in key.split("."))
-    if not equals or not all(place):
-        return document.faults.append(f"--set {override}: must be key=value, such as motion.seed=3")
-    top, tables = place[0], document.tables
-    known = [*PlanTable.model_fields, *KEYS, *CONSTRAINTS]
-    if top not in known or len(place) > (2 if top in KEYS else 1):
-        return document.faults.append(f"--set {override}: {_unknown('.'.join(place), known)}")
-    try:
-        value = _value(text)
-    except ValueError as error:
-        fault = str(error).partition(" (at line")[0]
-        return document.faults.append(f"--set {override}: not a TOML value ({fault}); texts may need quotes")
-    document.overrides[place] = f"--set {override}"
-    if len(place) == 1:
-        tables[top] = value
-        return None
-    inner = tables.setdefault(top, {})
-    for table in inner if isinstance(inner, list) else [inner]:
-        if isinstance(table, dict):
-            table[place[1]] = value
-    return None
-
-
-def _value(text: str) -> Any:
-    """A TOML value; a bare word is a text."""
-    try:
-        values = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
-        if re.fullmatch(r"[^\s\[\]{}\"'#=]+", text.strip()):
-            return text.strip()
-        raise
-    if set(values) != {"value"}:
-        raise ValueError("more than one value")
-    return values["value"]
 
 
 def _judged(document: _Document, shelf: Shelf) -> tuple[PlanTable, Product] | None:

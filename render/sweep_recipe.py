@@ -12,12 +12,12 @@ Keys are made like this, so that any program can make them again:
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import unquote
 
 from .errors import PlanError
@@ -161,6 +161,34 @@ class Recipe:
         }
 
 
+class SweepPlan(Protocol):
+    """What a run needs of a `Plan`."""
+
+    @property
+    def name(self) -> str:
+        """In the log."""
+        ...
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """What is made of each recipe."""
+        ...
+
+    @property
+    def recipe_count(self) -> int:
+        """At most so many."""
+        ...
+
+    @property
+    def granted(self) -> frozenset[str]:
+        """SHA-256 of the files of code that its recipes name and workers may run."""
+        ...
+
+    def recipes(self) -> Iterator[Recipe]:
+        """Each once."""
+        ...
+
+
 def _spread(name: str, values: Sequence[float] | None, ends: tuple[str, ...] = ("x", "y", "z")) -> dict[str, Any]:
     """One column for each number of a list."""
     return {f"{name}_{end}": None if values is None else values[k] for k, end in enumerate(ends)}
@@ -288,15 +316,16 @@ def path_of(source: str) -> str:
         return source
     if where.endswith(".py"):
         return where
-    from importlib.util import find_spec  # imports the packages that the module is in
+    from .trust import UNNAMED
+    from .user_code import find_installed
 
     try:
-        spec = find_spec(where)
+        files = find_installed(where, UNNAMED).code.files
     except (ImportError, ValueError, AttributeError) as error:
         raise PlanError(f"{source}: there is no module {where!r} ({error})") from error
-    if spec is None or spec.origin is None or not spec.has_location:
+    if not files:
         raise PlanError(f"{source}: there is no module {where!r} with a file")
-    return spec.origin
+    return files[-1][0]
 
 
 def _digest_file(path: Path) -> str:

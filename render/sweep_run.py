@@ -5,10 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
 
 from ..datasets.errors import SweepStoreError
 from ..datasets.sweep_manifest import NAME as MANIFEST
@@ -21,7 +20,7 @@ from .sweep_log import LOG, SweepLog, SweepProgress
 from .sweep_missing import Counts, Failure, Key, Missing
 from .sweep_pace import Pace, device_kind
 from .sweep_poses import pose_count
-from .sweep_recipe import Recipe, maker
+from .sweep_recipe import Recipe, SweepPlan, maker
 from .sweep_schedule import STORAGE_SENTENCES, Schedule
 from .sweep_task import Engine, Outcome
 
@@ -29,29 +28,6 @@ WAIT = 0.5  # [s] for an outcome, before what takes too long is looked at, and C
 IDLE = 0.02  # [s] between looks when nobody has anything to do
 HOLD = 1.0  # [s] shards lie whole in the store before they are recorded together: each time waits for the disk
 PROBE_BYTES = 1 << 20  # that must fit on the store's disk, or it counts as full
-
-
-class SweepPlan(Protocol):
-    """What a run needs of a `Plan`."""
-
-    @property
-    def name(self) -> str:
-        """In the log."""
-        ...
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """What is made of each recipe."""
-        ...
-
-    @property
-    def recipe_count(self) -> int:
-        """At most so many."""
-        ...
-
-    def recipes(self) -> Iterator[Recipe]:
-        """Each once."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -225,7 +201,12 @@ class _Run:
             )
             pace = Pace(device_kind(engine.devices))
             schedule = Schedule(
-                missing, pace, worker_count=len(engine.devices), store=str(self._store.folder), run=self._log.run
+                missing,
+                pace,
+                worker_count=len(engine.devices),
+                store=str(self._store.folder),
+                run=self._log.run,
+                code=self._plan.granted,
             )
             with interrupt_between() as raise_if_interrupted:
                 while not schedule.is_done:

@@ -23,9 +23,10 @@ from .sampling import SamplingStrategy
 from .scene import Scene
 from .solid import Solid
 from .stage_source import has_own_stages, stage_sources
-from .strategy import IntersectionStrategy, import_modules
+from .strategy import IntersectionStrategy, read_strategy
 from .sweep_poses import ARTICULATED, EXPLORATION, RANDOM, HostPoses, Poses, RandomPoses, require_unchanged
 from .sweep_recipe import PARTS, Recipe, RecipePart
+from .trust import AllowCode
 
 Thing = TypeVar("Thing")
 THINGS_KEPT = 8
@@ -96,13 +97,15 @@ class Workshop:
         self._scenes: Kept[tuple[Scene, bool]] = Kept(BYTES_KEPT, lambda kept: SCENE_BYTES + hand_bytes(kept[0].hand))
         self._placed: Kept[tuple[Hand, Poses]] = Kept(BYTES_KEPT, _pose_bytes)
 
-    def rendering(self, recipe: Recipe) -> Rendering:
-        """The scene and the poses of a recipe."""
-        thing = self._things.get(recipe.digest(["thing"]), lambda: _load_thing(recipe.thing))
+    def rendering(self, recipe: Recipe, *, allow_code: AllowCode = frozenset()) -> Rendering:
+        """The scene and the poses of a recipe. allow_code: which code that it names may be run, by default none."""
+        thing = self._things.get(recipe.digest(["thing"]), lambda: _load_thing(recipe.thing, allow_code))
         hand, poses = self._hand_and_poses(recipe, thing)
         posed = () if hand.pose_count is None else ("motion",)  # whose rows a posed hand has
         family = recipe.digest(["thing", "hand", "strategy", *posed])
-        scene, has_own = self._scenes.get(family, lambda: _scene_of(thing, hand, strategy_of(recipe.strategy)))
+        scene, has_own = self._scenes.get(
+            family, lambda: _scene_of(thing, hand, strategy_of(recipe.strategy, allow_code))
+        )
         if has_own:
             _require_planned(scene.strategy, recipe.strategy)
         return Rendering(recipe.key("contours"), title_of(recipe), scene, family, poses, has_own)
@@ -182,12 +185,11 @@ def random_poses_of(motion: dict[str, Any]) -> RandomPoses:
 
 
 @lru_cache(maxsize=64)
-def _strategy_from(text: str, source: str) -> IntersectionStrategy:
+def _strategy_from(text: str, source: str, allow_code: AllowCode) -> IntersectionStrategy:
     described: dict[str, Any] = json.loads(text)
     described.pop("sources", None)
-    if described.get("modules"):
-        import_modules(described["modules"], Path(source).resolve().parent)
-    return IntersectionStrategy.from_json(json.dumps(described))
+    path = Path(source).resolve()
+    return read_strategy(json.dumps(described), path.parent, allow_code=allow_code, path=str(path))
 
 
 def _require_planned(made: IntersectionStrategy, strategy: dict[str, Any]) -> None:
@@ -199,9 +201,9 @@ def _require_planned(made: IntersectionStrategy, strategy: dict[str, Any]) -> No
         )
 
 
-def strategy_of(strategy: dict[str, Any]) -> IntersectionStrategy:
+def strategy_of(strategy: dict[str, Any], allow_code: AllowCode = frozenset()) -> IntersectionStrategy:
     """The intersection strategy of a recipe; modules are looked for beside its file."""
-    made = _strategy_from(json.dumps(strategy["described"]), strategy["source"])
+    made = _strategy_from(json.dumps(strategy["described"]), strategy["source"], allow_code)
     _require_planned(made, strategy)
     step = strategy.get("step")
     return made if step is None else replace(made, step=step)
@@ -230,7 +232,7 @@ def _scene_of(thing: Solid, hand: Hand, strategy: IntersectionStrategy) -> tuple
     return Scene.of(thing, hand, strategy), has_own_stages(strategy)
 
 
-def _load_thing(thing: dict[str, Any]) -> Solid:
+def _load_thing(thing: dict[str, Any], allow_code: AllowCode) -> Solid:
     require_unchanged(thing["source"], thing.get("sha256"))
     at, bounds = thing.get("at"), thing.get("bounds")
     placement = Placement(
@@ -246,6 +248,7 @@ def _load_thing(thing: dict[str, Any]) -> Solid:
         volume=thing.get("volume") or {},
         mesh=thing.get("mesh") or {},
         bounds=None if bounds is None else tuple(bounds),
+        allow_code=allow_code,
     )
     return simplified(solid, thing.get("simplify"))[0]
 

@@ -91,14 +91,25 @@ class Job:
 class Schedule:
     """Cuts what is missing into tasks. store: folder as workers see it; run: names the run's tasks, unique in a store.
 
+    code: SHA-256 of the files of code that workers may run.
+
     Times are seconds of any one clock.
     """
 
-    def __init__(self, missing: Missing, pace: Pace, *, worker_count: int, store: str, run: str) -> None:
+    def __init__(
+        self,
+        missing: Missing,
+        pace: Pace,
+        *,
+        worker_count: int,
+        store: str,
+        run: str,
+        code: frozenset[str] = frozenset(),
+    ) -> None:
         self.missing, self.pace = missing, pace
         self.worker_count = worker_count
         """May change as workers come and go."""
-        self._store, self._run = store, run
+        self._store, self._run, self._code = store, run, code
         self._jobs: dict[int, Job] = {}
         self._again: deque[tuple[Unit, ...]] = deque()
         self._number = 0
@@ -155,7 +166,7 @@ class Schedule:
         job.numbers.add(number)
         self._jobs[number] = job
         pieces = tuple(Piece(want.recipe, want.groups, unit.first, unit.stop) for unit, want in job.pieces())
-        return Task(number, pieces, self._store, f"{self._run}-{number:06d}")
+        return Task(number, pieces, self._store, f"{self._run}-{number:06d}", self._code)
 
     def _cut(self) -> list[Unit]:
         """Units for one task, from the front."""

@@ -35,9 +35,10 @@ from .sampling_presets import load_sampling
 from .sampling_strategy import GROUPS, SamplingStrategy
 from .stage_source import require_unedited, stage_sources
 from .stages import Stage, find_stage
-from .strategy import PRESETS, IntersectionStrategy, load_strategy
+from .strategy import PRESETS, IntersectionStrategy, draft_strategy, load_strategy
 from .sweep_recipe import digest_source
 from .sweep_values import Fault, Values, refuse
+from .trust import UNNAMED, AllowCode, Code, Namer
 from .voxel_files import is_volume
 
 HANDS = ("palm", "planes", "skin")
@@ -72,7 +73,8 @@ class Source:
     """Path as the plan has it, for where names are alike."""
     sha256: str | None = None
     loaded: Any = field(default=None, compare=False)
-    """What was read of it: JSON of a strategy, of a sampling strategy or of arrays; a function's name."""
+    """What was read of it: JSON of a strategy (in a draft without digests of stages), of a sampling strategy or of
+    arrays; a function's name."""
 
 
 @dataclass
@@ -81,6 +83,12 @@ class Shelf:
 
     folder: Path
     digests: dict[str, str] = field(default_factory=dict)
+    namer: Namer = UNNAMED
+    """The plan."""
+    allow_code: AllowCode | None = None
+    """Whether code that is named may be run; None: a draft is made, for which none is."""
+    code: list[Code] = field(default_factory=list)
+    """All that was named."""
 
     def digest(self, source: str) -> str:
         """SHA-256, see `digest_source`."""
@@ -182,11 +190,13 @@ def _object(text: str, shelf: Shelf) -> Source:
     if text in names:
         return Source("built-in", text, text)
     if ":" in text and not shelf.file(text).is_file():
-        from .function import load_function
+        from .function import find_function_code, load_function
 
         where, _, function = text.rpartition(":")
         full = f"{shelf.file(where)}:{function}" if where.endswith(".py") else text
-        load_function(full)
+        shelf.code.append(find_function_code(full, shelf.namer).code)
+        if shelf.allow_code is not None:
+            load_function(full, allow_code=shelf.allow_code, namer=shelf.namer)
         return Source("function", full, function, text, shelf.digest(full), function)
     kind = "volume" if is_volume(text) else "expression" if text.endswith(".json") else "mesh"
     source = _file(text, shelf, names, "built-in object", kind)
@@ -219,7 +229,13 @@ def _strategy(text: str, shelf: Shelf) -> Source:
         source = Source("preset", text.lower(), text.lower())
     else:
         source = _file(text, shelf, tuple(PRESETS), "strategy", "file")
-    return replace(source, loaded=described_strategy(load_strategy(source.source)))
+        draft, code = draft_strategy(source.source)
+        shelf.code += code
+        if code and shelf.allow_code is None:
+            return replace(source, loaded=draft)
+    return replace(
+        source, loaded=described_strategy(load_strategy(source.source, allow_code=shelf.allow_code or False))
+    )
 
 
 def _sampling(text: str, shelf: Shelf) -> Source:

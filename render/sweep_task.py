@@ -38,6 +38,8 @@ class Task:
     """Folder of the store, as every worker sees it."""
     name: str
     """Of the shard: unique in the store's history, so that nobody writes over another's."""
+    code: frozenset[str] = frozenset()
+    """SHA-256 of files of code that recipes name and that may be run: those that the parent ran."""
 
 
 @dataclass(frozen=True)

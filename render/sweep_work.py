@@ -132,7 +132,7 @@ def _write(task: Task, work: Work) -> str | None:
 
 def _make(task: Task, work: Work) -> None:
     """All pieces, the cut groups first."""
-    workshop = workshop_on(work.device)
+    workshop, allowed = workshop_on(work.device), task.code
     portions: dict[tuple[str, int], Portion] = {}
     whole: dict[str, list[tuple[int, Piece, Recipe, Rendering]]] = {}
     for number, piece in enumerate(task.pieces):
@@ -140,7 +140,7 @@ def _make(task: Task, work: Work) -> None:
         try:
             recipe = read_recipe(piece.recipe)
             title = recipe.title
-            rendering = workshop.rendering(recipe)
+            rendering = workshop.rendering(recipe, allow_code=allowed)
         except Exception as error:  # of a user's module, too
             work.fail([number], title, error)
             continue

@@ -9,7 +9,7 @@ from palpate.device.array import array_model
 from palpate.render.drive import DriveStrategy
 from palpate.render.sampling import SamplingStrategy, load_sampling
 from palpate.render.stage_source import stage_sources
-from palpate.render.strategy import load_strategy
+from palpate.render.strategy import draft_strategy, load_strategy
 from palpate.render.sweep_recipe import Recipe
 from palpate.render.sweep_task import Piece, Task
 
@@ -54,7 +54,7 @@ def recorded(source, *, rate=None, alignment=None):
 
 
 def strategy_of(source="cc", step=None):
-    strategy = load_strategy(str(source))
+    strategy = load_strategy(str(source), allow_code=True)
     sources = stage_sources(strategy)
     described = strategy.described() | ({"sources": sources} if sources else {})
     return {"source": str(source), "name": Path(source).stem, "described": described, "step": step}
@@ -89,4 +89,10 @@ CUT = ("contours", "frequency")
 def task_of(store, recipes, groups=CUT, *, parts=1, number=0, name=None):
     """One piece a recipe, all of their parts."""
     pieces = tuple(Piece(recipe.to_json(), tuple(groups), 0, parts) for recipe in recipes)
-    return Task(number, pieces, str(store), name or f"shard-{number}")
+    return Task(number, pieces, str(store), name or f"shard-{number}", code_of(recipes))
+
+
+def code_of(recipes):
+    """SHA-256 of the modules' files that strategies of recipes name: what the parent of a sweep would grant."""
+    files = {recipe.strategy["source"] for recipe in recipes if recipe.strategy["described"].get("modules")}
+    return frozenset(sha256 for file in files for code in draft_strategy(file)[1] for _, sha256 in code.files)

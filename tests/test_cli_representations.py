@@ -64,7 +64,7 @@ def played(path):
 
 
 OBJECTS = {"mesh": ["dog"], "voxels": ["cube.npz"], "expression": ["solid.json"]}
-OBJECTS["function"] = ["ball.py:ball", "--bounds", -0.05, -0.05, 0.15, 0.05, 0.05, 0.25]
+OBJECTS["function"] = ["ball.py:ball", "--allow-code", "--bounds", -0.05, -0.05, 0.15, 0.05, 0.05, 0.25]
 
 
 @pytest.mark.parametrize("hand", ["palm", "planes", "skin"])

@@ -169,8 +169,8 @@ def test_files_and_names_are_loaded(tmp_path, monkeypatch):
     assert (one.name, one.identity) == ("ball", made(functions.ball, AROUND).identity)
     module = tmp_path / "blob.py"
     module.write_text("import warp as wp\n\n@wp.func\ndef blob(x: wp.vec3) -> float:\n    return wp.length(x) - 0.04\n")
-    two = ImplicitObject.load(f"{module}:blob", bounds=AROUND, placement=UP)
-    assert ImplicitObject.load(f"{module}:blob", bounds=AROUND, placement=UP).function is two.function
+    two = ImplicitObject.load(f"{module}:blob", bounds=AROUND, placement=UP, allow_code=True)
+    assert ImplicitObject.load(f"{module}:blob", bounds=AROUND, placement=UP, allow_code=True).function is two.function
     for name, message in [
         (f"{module}:none", "has no 'none'; its Warp functions are blob"),
         (f"{tmp_path}/other.py:blob", "cannot be imported .ImportError: no such file"),
@@ -179,11 +179,11 @@ def test_files_and_names_are_loaded(tmp_path, monkeypatch):
         (str(tmp_path / "none.json"), "none.json: cannot be read"),
     ]:
         with pytest.raises(ImplicitError, match=message):
-            ImplicitObject.load(name, bounds=AROUND)
+            ImplicitObject.load(name, bounds=AROUND, allow_code=True)
     bad = tmp_path / "bad.py"
     bad.write_text("raise RuntimeError('unfit')\n")
     with pytest.raises(ImplicitError, match=r"cannot be imported .RuntimeError: unfit"):
-        ImplicitObject.load(f"{bad}:blob", bounds=AROUND)
+        ImplicitObject.load(f"{bad}:blob", bounds=AROUND, allow_code=True)
 
 
 def test_files_whose_paths_look_alike_keep_their_own_functions(tmp_path):
@@ -191,7 +191,7 @@ def test_files_whose_paths_look_alike_keep_their_own_functions(tmp_path):
     for path, radius in ((tmp_path / "a_b.py", 0.04), (tmp_path / "a" / "b.py", 0.02)):
         text = f"import warp as wp\n@wp.func\ndef f(x: wp.vec3) -> float:\n    return wp.length(x) - {radius}\n"
         path.write_text(text)
-        thing = ImplicitObject(f"{path}:f", bounds=[[-0.05] * 3, [0.05] * 3], hand=True)
+        thing = ImplicitObject(f"{path}:f", bounds=[[-0.05] * 3, [0.05] * 3], hand=True, allow_code=True)
         found = probe_points(thing.field_on("cpu"), np.array([[0.03, 0.0, 0.0]]), device="cpu")
         np.testing.assert_allclose(found, 0.03 - radius, atol=1e-8)
 
@@ -199,7 +199,7 @@ def test_files_whose_paths_look_alike_keep_their_own_functions(tmp_path):
 def test_a_file_that_ends_the_program_is_refused(tmp_path):
     (tmp_path / "ends.py").write_text("raise SystemExit(3)\n")
     with pytest.raises(ImplicitError, match=r"ends\.py: cannot be imported \(SystemExit: 3\)"):
-        ImplicitObject(f"{tmp_path / 'ends.py'}:f", bounds=[[-1] * 3, [1] * 3])
+        ImplicitObject(f"{tmp_path / 'ends.py'}:f", bounds=[[-1] * 3, [1] * 3], allow_code=True)
 
 
 def test_identity_is_of_what_decides_where_the_surface_is():
@@ -224,7 +224,7 @@ def test_a_constant_that_a_function_reads_counts_to_its_identity(tmp_path):
             f"import warp as wp\n\nR = wp.constant({radius})\n\n@wp.func\ndef f(x: wp.vec3) -> float:\n"
             "    return wp.length(x) - R\n"
         )
-        of.add(ImplicitObject.load(f"{module}:f", bounds=AROUND, placement=UP).identity)
+        of.add(ImplicitObject.load(f"{module}:f", bounds=AROUND, placement=UP, allow_code=True).identity)
     assert len(of) == 2
 
 

@@ -40,7 +40,10 @@ def test_an_edited_stage_is_another_recipe(tmp_path):
     (tmp_path / f"{module}.py").write_text(STAGE % ("level", module))
     strategy = {"modules": [module], "prune": ["outside"], "transform": ["close", f"weaken-{module}"]}
     (tmp_path / "own.json").write_text(json.dumps(strategy))
-    own, motion = load_strategy(str(tmp_path / "own.json")), HandMotion(None, static_pose([0, 0, 0.2]).pose)
+    own, motion = (
+        load_strategy(str(tmp_path / "own.json"), allow_code=True),
+        HandMotion(None, static_pose([0, 0, 0.2]).pose),
+    )
     path = tmp_path / "a.h5"
     record(path, MeshObject.load("cube"), Palm(), motion, own)
     with ContourFile(path) as file:

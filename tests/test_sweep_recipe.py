@@ -37,7 +37,7 @@ def folder(tmp_path):
 def one(folder, text):
     path = folder / "plan.toml"
     path.write_text(text)
-    (recipe,) = load_plans([path]).recipes()
+    (recipe,) = load_plans([path], allow_code=True).recipes()
     return recipe
 
 

@@ -99,6 +99,7 @@ def test_a_stage_of_ones_own_may_have_its_words_changed_and_tells_what_it_remove
         "--workers",
         "1",
         "--no-figure",
+        "--allow-code",
         "--json",
     ]
     told = []

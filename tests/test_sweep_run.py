@@ -27,6 +27,10 @@ class StandInPlan:
     name: str = "plan"
 
     @property
+    def granted(self):
+        return frozenset()
+
+    @property
     def recipe_count(self):
         return len(self.wanted)
 

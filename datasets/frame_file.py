@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .durable import TEMPORARY_SUFFIX, discard, publish, sync, write_temporary
+from .hdf5_columns import image_of
 from .hdf5_opening import Attribute
 from .hdf5_structure import h5py
 
@@ -141,8 +142,7 @@ def _image(attributes: Mapping[str, Mapping[str, Attribute]], arrays: Mapping[st
         for name, values in attributes.items():
             group: Any = file.require_group(name)
             group.attrs.update(values)
-        file.flush()
-        return bytes(file.id.get_file_image())
+        return bytes(image_of(file))
 
 
 def _locked(path: Path) -> int:

@@ -20,6 +20,7 @@ from .errors import Hdf5Error, SweepStoreError
 from .hdf5 import FAILURES, reason_of
 from .hdf5_opening import StrictFile, open_hdf5
 from .hdf5_structure import h5py
+from .index import with_checksum
 
 Values = Sequence[Any] | NDArray[Any]
 """A column: an array, or a list of str, float, int, bool and None."""
@@ -34,6 +35,7 @@ BOOL = "bool"
 """Attribute `dtype` of a column of 0 and 1 that is true and false, as xarray has it."""
 
 _FORMAT = ("v108", "v108")  # object headers with checksums, and files that every reader of today reads
+_SUPERBLOCK_BYTES = 48
 _INT_LEAST, _INT_MOST = -(1 << 63), (1 << 63) - 1
 
 
@@ -159,9 +161,15 @@ def new_image() -> Generator[Any, None, None]:
 
 
 def image_of(file: Any) -> memoryview:
-    """The bytes of an image so far."""
+    """The bytes of an image so far.
+
+    libhdf5 before version 2.0 clears the flag of a file that is being written in the copy that it gives, and leaves a
+    checksum of the flag set, so that no reader opens the copy: the checksum is computed again.
+    """
     file.flush()
-    return memoryview(file.id.get_file_image())
+    image: bytes = file.id.get_file_image()
+    superblock = with_checksum(image[:_SUPERBLOCK_BYTES])
+    return memoryview(image if image.startswith(superblock) else superblock + image[_SUPERBLOCK_BYTES:])
 
 
 def temporary_name(path: Path) -> Path:

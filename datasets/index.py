@@ -70,8 +70,12 @@ def index_nodes(table: ChunkTable, address: int) -> tuple[bytes, list[bytes]]:
 
 def with_end(superblock: bytes, end: int) -> bytes:
     """A superblock (version 2, its first 48 bytes) that says where the file ends."""
-    changed = superblock[:_END_AT] + struct.pack("<Q", end) + superblock[_END_AT + 8 : _CHECKSUM_AT]
-    return changed + struct.pack("<I", lookup3(changed))
+    return with_checksum(superblock[:_END_AT] + struct.pack("<Q", end) + superblock[_END_AT + 8 :])
+
+
+def with_checksum(superblock: bytes) -> bytes:
+    """A superblock (version 2, its first 48 bytes) with the checksum that belongs to it."""
+    return superblock[:_CHECKSUM_AT] + struct.pack("<I", lookup3(superblock[:_CHECKSUM_AT]))
 
 
 def _node(level: int, entries: np.ndarray, right_key: bytes, siblings: tuple[int, int], size: int) -> bytes:

@@ -1,5 +1,8 @@
 """What is written past libhdf5 is what it would have written: checksums, the superblock's end, indices of chunks."""
 
+import io
+from types import SimpleNamespace
+
 import h5py
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ from contour_cases import small_chunks
 from palpate.datasets.assembly import Assembly, write_assembly
 from palpate.datasets.checksum import fletcher32, lookup3
 from palpate.datasets.hdf5 import Hdf5Reader
+from palpate.datasets.hdf5_columns import image_of
 from palpate.datasets.index import NO_ADDRESS, ChunkTable, index_nodes
 from palpate.datasets.schema import CONTOURS
 
@@ -36,14 +40,28 @@ def test_fletcher32_of_several_contents_is_that_of_each(rng):
         fletcher32(np.zeros((1, (1 << 24) + 1), np.uint8))
 
 
-def test_lookup3_is_that_of_libhdf5_and_of_its_author():
+def test_lookup3_is_that_of_libhdf5_and_of_its_author(tmp_path):
     assert lookup3(b"") == 0xDEADBEEF
     assert lookup3(b"Four score and seven years ago") == 0x17770551
-    with h5py.File("image", "w", driver="core", backing_store=False, libver=("v108", "v108")) as file:
+    with h5py.File(tmp_path / "a.h5", "w", libver=("v108", "v108")) as file:
         file.create_group("a")
-        file.flush()
-        image = file.id.get_file_image()
+    image = (tmp_path / "a.h5").read_bytes()
     assert lookup3(image[:44]) == int.from_bytes(image[44:48], "little")
+
+
+def test_an_image_with_the_checksum_of_another_flag_is_given_the_right_one():
+    """libhdf5 1.14 gives such: the flag (byte 11) says that nobody writes the file, the checksum is of the flag set."""
+    with h5py.File("image", "w", driver="core", backing_store=False, libver=("v108", "v108")) as file:
+        file.attrs["x"] = 7
+        file.flush()
+        right = file.id.get_file_image()
+    of_another = lookup3(right[:11] + b"\1" + right[12:44])
+    wrong = right[:44] + of_another.to_bytes(4, "little") + right[48:]
+    with pytest.raises(OSError, match="checksum"):
+        h5py.File(io.BytesIO(wrong), "r")
+    given = SimpleNamespace(flush=lambda: None, id=SimpleNamespace(get_file_image=lambda: wrong))
+    with h5py.File(io.BytesIO(image_of(given)), "r") as file:
+        assert file.attrs["x"] == 7
 
 
 @pytest.mark.parametrize("chunk_count", [1, 63, 64, 65, 128, 4096, 4097, 9000])

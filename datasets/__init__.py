@@ -1,5 +1,8 @@
 """Files on disk and things to render: contour files, hand motions, built-in objects."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from .check import check_file
 from .hand_recording import HandRecording
 from .hand_shape import HandShape, hand_shape
@@ -28,3 +31,13 @@ __all__ = [
     "static_pose",
     "write_ptlist",
 ]
+
+if TYPE_CHECKING:
+    __version__: str
+else:  # hidden from type checkers, which would take every name for one that it gives
+
+    def __getattr__(name: str) -> str:
+        """`__version__`, read when it is asked for: finding it takes longer than some imports do (PEP 562)."""
+        if name != "__version__":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return import_module("importlib.metadata").version("palpate")

@@ -7,6 +7,9 @@ with open_link(model) as link:
 ```
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from .array import ArrayModel, FocalZone, UsbIdentity, array_model, array_names
 from .clock import Clock, MonotonicClock, VirtualClock
 from .codec import encode_frames, off_frame
@@ -82,3 +85,13 @@ __all__ = [
     "open_link",
     "udev_rule",
 ]
+
+if TYPE_CHECKING:
+    __version__: str
+else:  # hidden from type checkers, which would take every name for one that it gives
+
+    def __getattr__(name: str) -> str:
+        """`__version__`, read when it is asked for: finding it takes longer than some imports do (PEP 562)."""
+        if name != "__version__":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return import_module("importlib.metadata").version("palpate")

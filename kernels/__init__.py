@@ -5,6 +5,7 @@ interface: it checks, launches and returns arrays on the device of its inputs.
 """
 
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 # Poses to contours of a mesh on patches.
 RENDER_STAGES = ("flush", "trace", "events", "seek", "close", "draw", "plane_loops", "measure")
@@ -36,6 +37,16 @@ STAGES = (
     *SWEEP_STAGES,
     *DRIVE_STAGES,
 )
+
+if TYPE_CHECKING:
+    __version__: str
+else:  # hidden from type checkers, which would take every name for one that it gives
+
+    def __getattr__(name: str) -> str:
+        """`__version__`, read when it is asked for: finding it takes longer than some imports do (PEP 562)."""
+        if name != "__version__":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return import_module("importlib.metadata").version("palpate")
 
 
 def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> None:

@@ -4,6 +4,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    __version__: str
+
     from .batch import render
     from .contours import ContourBatch
     from .detail import simplify
@@ -107,7 +109,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """What `__all__` names (PEP 562)."""
+    """What `__all__` names, and `__version__` (PEP 562)."""
+    if name == "__version__":
+        return import_module("importlib.metadata").version("palpate")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = globals()[name] = getattr(import_module(f".{_HOMES[name]}", __name__), name)

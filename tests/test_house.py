@@ -2,6 +2,9 @@
 
 import ast
 import re
+import subprocess
+import sys
+import tomllib
 from importlib import import_module
 from importlib.metadata import files, version
 from pathlib import Path
@@ -73,6 +76,24 @@ def test_precompiling_covers_every_kernel_module():
     from palpate.kernels import STAGES
 
     assert {p.stem for p in SOURCES if "@wp.kernel\n" in p.read_text()} == set(STAGES)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_each_package_has_the_version_of_the_project(package):
+    module = import_module(f"palpate.{package}")
+    assert module.__version__ == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    with pytest.raises(AttributeError, match=f"module 'palpate.{package}' has no attribute 'nothing'"):
+        _ = module.nothing
+
+
+@pytest.mark.parametrize("package", ["kernels", "render"])
+def test_a_package_that_imports_little_does_not_read_the_metadata_until_asked(package):
+    """Reading them takes some ten times as long as importing these two."""
+    code = (
+        f"import sys, palpate.{package} as p; early = 'importlib.metadata' in sys.modules; print(early, p.__version__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", version("palpate")]
 
 
 def test_the_installed_package_has_every_module():

@@ -19,13 +19,16 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from .digests import ATTRIBUTE, BlockDigester, Digests, block_digests, digests_text
 from .durable import TEMPORARY_SUFFIX, discard, publish, sync, write_temporary
 from .hdf5_columns import image_of
+from .hdf5_image import fixed_text
 from .hdf5_opening import Attribute
 from .hdf5_structure import h5py
 
 _FORMAT = ("v108", "v108")  # readers of today all read it
-_SLACK = 1 << 20  # [byte] for HDF5's own lists, given back in the end
+_SLACK = 1 << 20  # [byte] for HDF5's own lists and digests, given back in the end
+_BLOCK_ROWS = 256  # frames of a digest: reading one reads all of these
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,9 @@ class FrameFile:
         self._lock = -1
         self._file: Any = None
         self._datasets: dict[str, Any] = {}
-        image = _image(attributes, arrays or {})
+        self._digesters = {field.path: BlockDigester(_BLOCK_ROWS) for field in fields}
+        self._attributes, self._arrays = attributes, arrays or {}
+        image = _image(attributes, self._arrays)
         rows = sum(4 * frame_count * int(np.prod(field.row_shape, dtype=np.int64)) for field in fields)
         try:
             _remove_abandoned(path)
@@ -95,18 +100,31 @@ class FrameFile:
             raise ValueError(f"{self.path}: frames up to {stop} of {sorted(rows)} do not fit {self.frame_count}")
         for name, values in rows.items():
             self._datasets[name][self._at : stop] = values
+            self._digesters[name].add(np.asarray(values, "<f4"))
         self._at = stop
 
     def publish(self) -> int:
         """Have the file on the disk under its name; returns its bytes. Raises ValueError if frames are missing."""
         if self._at != self.frame_count:
             raise ValueError(f"{self.path}: has {self._at} frames, {self.frame_count} were announced")
+        self._write_digests()
         self._close()
         sync(self._temporary)
         size = self._temporary.stat().st_size
         publish(self._temporary, self.path)
         self._release()
         return size
+
+    def _write_digests(self) -> None:
+        """Digests of all datasets and attributes, as those of contour files (docs/file-format.md)."""
+        digests: dict[str, tuple[tuple[int, ...], Digests]] = {
+            name: (array.shape, block_digests(array, _BLOCK_ROWS)) for name, array in self._arrays.items() if array.ndim
+        }
+        for name, digester in self._digesters.items():
+            digests[name] = self._datasets[name].shape, digester.finish()
+        self._file["/digests/block"] = np.concatenate([own for _, own in digests.values()])
+        text = digests_text(digests, self._attributes, _BLOCK_ROWS)
+        self._file.attrs[ATTRIBUTE] = fixed_text(text)
 
     def discard(self) -> None:
         """Remove what was written, unless it is published; once more does nothing."""

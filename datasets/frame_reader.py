@@ -52,6 +52,7 @@ class FrameReader:
         self.path = self._file.path
         try:
             self.format = self._format()
+            self._file.require_attributes()
             """FOCAL_POINTS or DRIVES."""
             self._fields = _FIELDS[self.format]
             rows, levels = (self._shape(own) for own in self._fields)

@@ -216,6 +216,7 @@ def redigest(path: Path) -> None:
         for group, names in table["attributes"].items():
             for key in names:
                 value = file[group].attrs.get(key)
+                value = value.encode() if isinstance(value, str) else value
                 content = value if isinstance(value, bytes) else np.asarray(value).tobytes()
                 names[key] = xxhash.xxh3_64_hexdigest(content)
         attributes = dict(file["/digests/block"].attrs)

@@ -5,6 +5,7 @@ import json
 import h5py
 import numpy as np
 import pytest
+from contour_cases import redigest
 from test_cli import FAILED, MISUSED, answer, refused, run
 
 from palpate.datasets.errors import ContourFileError
@@ -129,6 +130,7 @@ def test_damage_is_found_and_named(tmp_path, change, told):
     path, _ = focal_points(tmp_path / "a.h5")
     with h5py.File(path, "r+") as file:
         change(file)
+    redigest(path)  # a writer that does such a thing gives digests of what it wrote
     (problem,) = check_frames(path)
     assert told in problem
     result = run("check", path, "--json")
@@ -150,6 +152,7 @@ def test_a_recipe_that_is_no_object_is_told_of_in_one_sentence(tmp_path, recipe)
     path, _ = focal_points(tmp_path / "a.h5", count=10)
     with h5py.File(path, "r+") as file:
         file.attrs["recipe"] = recipe
+    redigest(path)
     refused(FAILED, "attribute recipe of / is no JSON object", "info", path)
 
 
@@ -157,8 +160,26 @@ def test_parts_of_a_recipe_that_are_none_are_left_out(tmp_path):
     path, _ = focal_points(tmp_path / "a.h5", count=10)
     with h5py.File(path, "r+") as file:
         file.attrs["recipe"] = json.dumps(RECIPE | {"thing": [1], "hand": 3})
+    redigest(path)
     told = answer("info", path)
     assert ("object" in told, "hand" in told, told["motion"]) == (False, False, "my motion")
+
+
+@pytest.mark.parametrize(("name", "row"), [("focus/position", 2000), ("focus/intensity", 3), ("digests/block", 0)])
+def test_rows_that_were_changed_are_refused(tmp_path, name, row):
+    path, _ = focal_points(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        file[name][row] = file[name][row] * 0 + 1
+    (problem,) = check_frames(path)
+    assert "not what was written" in problem
+    assert run("play", path, "--clock", "virtual").exit_code == FAILED
+
+
+def test_an_attribute_that_was_changed_is_refused(tmp_path):
+    path, _ = focal_points(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        file["focus"].attrs["update_rate"] = RATE * 2
+    assert "attribute update_rate of /focus is not what was written" in check_frames(path)[0]
 
 
 def test_a_truncated_file_is_found(tmp_path):

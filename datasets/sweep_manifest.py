@@ -11,17 +11,19 @@ import contextlib
 import os
 import sqlite3
 import threading
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, cast
 
+from .content_digest import text_digest
 from .durable import discard, sync
 from .errors import SweepStoreError
 from .hdf5_columns import temporary_name
 
 NAME = "store.sqlite"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""Version 1 has no digests: it is read as it is, and gets them when it is opened for writing."""
 APPLICATION_ID = 0x70616C70
 """In the file's header: `palp`."""
 
@@ -55,7 +57,42 @@ SELECT maker.maker, part."group", part.key, part.part, part.payload,
 FROM part JOIN maker ON maker.id = part.maker LEFT JOIN column_file ON column_file.id = part.column_file;
 """
 
+_DIGESTS = """
+ALTER TABLE maker ADD COLUMN digest BLOB;
+ALTER TABLE part ADD COLUMN digest BLOB;
+ALTER TABLE failure ADD COLUMN digest BLOB;
+CREATE TABLE tally (
+    maker INTEGER NOT NULL REFERENCES maker, "group" TEXT NOT NULL, key TEXT NOT NULL, parts INTEGER NOT NULL,
+    PRIMARY KEY (maker, "group", key)
+) WITHOUT ROWID;
+INSERT INTO tally SELECT maker, "group", key, count(*) FROM part GROUP BY maker, "group", key;
+CREATE TRIGGER part_comes AFTER INSERT ON part BEGIN
+    INSERT OR IGNORE INTO tally VALUES (new.maker, new."group", new.key, 0);
+    UPDATE tally SET parts = parts + 1 WHERE maker = new.maker AND "group" = new."group" AND key = new.key;
+END;
+CREATE TRIGGER part_goes AFTER DELETE ON part BEGIN
+    UPDATE tally SET parts = parts - 1 WHERE maker = old.maker AND "group" = old."group" AND key = old.key;
+    DELETE FROM tally WHERE maker = old.maker AND "group" = old."group" AND key = old.key AND parts = 0;
+END;
+"""
+"""What version 2 adds: a digest in every row that is believed, and how many parts each key has, counted apart."""
+
+_FILL = """
+UPDATE maker SET digest = digest_of(maker);
+UPDATE failure SET digest = digest_of((SELECT maker FROM maker WHERE id = failure.maker), recipe, sentence);
+UPDATE part SET digest = digest_of(
+    (SELECT maker FROM maker WHERE id = part.maker), "group", key, part,
+    (SELECT name FROM column_file WHERE id = part.column_file), column_row, payload
+);
+"""
+
 Mode = Literal["create", "read"]
+
+
+def row_digest(*fields: str | bytes | int | None) -> bytes:
+    """Digest of a row: of a part its maker, group, key, part, file of columns, row in there and payload."""
+    texts = [own if type(own) is bytes else b"" if own is None else str(own).encode() for own in fields]
+    return text_digest(texts)
 
 
 class Manifest:
@@ -68,12 +105,17 @@ class Manifest:
         self.path = folder / NAME
         self._mode: Mode = mode
         self._lock = threading.RLock()
+        self.adopted: int | None = None
+        """Parts that had no digest when this was opened for writing, and have one now; None if all had."""
         if mode == "create" and not self.path.exists():
             self._make(maker)
         with self._named():
             self._connection = _connected(self.path, mode)
         try:
-            self._refuse_foreign()
+            self.version = self._required_version()
+            """Of the format."""
+            if self.version < FORMAT_VERSION and mode == "create":
+                self._add_digests()
         except SweepStoreError:
             self._connection.close()
             raise
@@ -113,19 +155,59 @@ class Manifest:
         with self._lock, self._named():
             return self._connection.executemany(statement, rows).rowcount if rows else 0
 
-    def among(self, statement: str, values: Sequence[Any], keys: Sequence[str]) -> Iterable[list[tuple[Any, ...]]]:
-        """Rows of a statement whose last `IN ({})` takes keys: a batch for some hundred keys at a time."""
+    def among(
+        self, statements: Sequence[str], values: Sequence[Any], keys: Sequence[str]
+    ) -> Iterator[list[list[tuple[Any, ...]]]]:
+        """Rows of statements whose last `IN ({})` takes keys, some hundred keys at a time.
+
+        Of each batch, the rows of every statement, of one moment: nobody writes between two of them.
+        """
         for first in range(0, len(keys), _VARIABLES_MOST):
             some = keys[first : first + _VARIABLES_MOST]
-            yield self.run(statement.format(",".join("?" * len(some))), (*values, *some))
+            marks = ",".join("?" * len(some))
+            with self._lock, self._named(), self._moment():
+                run = self._connection.execute
+                found = [run(statement.format(marks), (*values, *some)).fetchall() for statement in statements]
+            yield found
+
+    @contextmanager
+    def _moment(self) -> Generator[None, None, None]:
+        """A transaction that reads, or the one that is open."""
+        if self._connection.in_transaction:
+            yield
+            return
+        self._connection.execute("BEGIN")
+        try:
+            yield
+        finally:
+            self._connection.execute("COMMIT")
 
     def number_of(self, table: str, column: str, name: str) -> int:
         """The id of a name in a table of names, which is entered if it is not there."""
         rows = self.run(f"SELECT id FROM {table} WHERE {column} = ?", (name,))
         if not rows:
-            self.run(f"INSERT OR IGNORE INTO {table} ({column}) VALUES (?)", (name,))
+            more, values = (", digest", (name, row_digest(name))) if table == "maker" else ("", (name,))
+            marks = ", ".join("?" * len(values))
+            self.run(f"INSERT OR IGNORE INTO {table} ({column}{more}) VALUES ({marks})", values)
             rows = self.run(f"SELECT id FROM {table} WHERE {column} = ?", (name,))
         return int(rows[0][0])
+
+    def damaged(self, what: str) -> SweepStoreError:
+        """An error that says what is damaged beyond one row, and the way out."""
+        return SweepStoreError(f"{self.path} is damaged ({what}){_WAY_OUT}")
+
+    def _add_digests(self) -> None:
+        """Make version 2 of version 1: what it holds is believed this once, and proven from now on."""
+        with self.transaction():
+            if int(self.run("PRAGMA user_version")[0][0]) == FORMAT_VERSION:  # another parent's just now
+                self.version = FORMAT_VERSION
+                return
+            self._connection.create_function("digest_of", -1, row_digest, deterministic=True)
+            for statement in _statements(_DIGESTS + _FILL):
+                self.run(statement)
+            self.run(f"PRAGMA user_version={FORMAT_VERSION}")
+            self.adopted = int(self.run("SELECT count(*) FROM part")[0][0])
+        self.version = FORMAT_VERSION
 
     def _make(self, maker: str | None) -> None:
         """Make a manifest under another name, then link it: it is never there without its tables."""
@@ -135,19 +217,21 @@ class Manifest:
                 connection = sqlite3.connect(temporary, isolation_level=None)
                 with contextlib.closing(connection):
                     connection.executescript(
-                        f"PRAGMA journal_mode=MEMORY; PRAGMA synchronous=FULL; BEGIN; {_SCHEMA}"
+                        f"PRAGMA journal_mode=MEMORY; PRAGMA synchronous=FULL; BEGIN; {_SCHEMA} {_DIGESTS}"
                         f"PRAGMA application_id={APPLICATION_ID}; PRAGMA user_version={FORMAT_VERSION};"
                     )
                     if maker is not None:
-                        connection.execute("INSERT INTO maker (maker) VALUES (?)", (maker,))
+                        connection.execute(
+                            "INSERT INTO maker (maker, digest) VALUES (?, ?)", (maker, row_digest(maker))
+                        )
                     connection.execute("COMMIT")
                 _link(temporary, self.path)
                 sync(self.path.parent)
         finally:
             discard(temporary)
 
-    def _refuse_foreign(self) -> None:
-        """Refuse what is no manifest, a damaged one, and one of a newer version."""
+    def _required_version(self) -> int:
+        """The format's version; refuses what is no manifest, a damaged one, and one of a newer version."""
         application = int(self.run("PRAGMA application_id")[0][0])
         version = int(self.run("PRAGMA user_version")[0][0])
         if application != APPLICATION_ID:
@@ -159,7 +243,14 @@ class Manifest:
                 f"{self.path} has format version {version}, this palpate reads up to {FORMAT_VERSION}: "
                 "a newer one wrote it; update palpate, or name another store"
             )
-        self.run("SELECT count(*) FROM maker")  # reads the schema
+        names = {str(name) for (name,) in self.run("SELECT name FROM sqlite_master")}  # reads the schema
+        if ("tally" in names or "part_comes" in names) != (version == FORMAT_VERSION):
+            raise self.damaged(f"its tables are not those of version {version}")
+        if version == FORMAT_VERSION:
+            for maker, digest in self.run("SELECT CAST(maker AS BLOB), digest FROM maker"):
+                if maker is None or row_digest(maker) != digest:
+                    raise self.damaged(f"the name of a maker: {maker!r:.80}")
+        return version
 
     @contextmanager
     def _named(self) -> Generator[None, None, None]:
@@ -167,6 +258,8 @@ class Manifest:
             yield
         except sqlite3.Error as error:
             raise SweepStoreError(f"{self.path} {_reason(error)}") from error
+        except UnicodeDecodeError as error:  # of a name, or of SQLite's own sentence about one
+            raise self.damaged(str(error)) from error
         except OSError as error:
             raise SweepStoreError(f"{error.filename or self.path} cannot be written: {error.strerror}") from error
 
@@ -174,6 +267,16 @@ class Manifest:
 _WAY_OUT = (
     ": move it away and run the sweep again; per-pose columns and kept files are taken over, metrics are made anew"
 )
+
+
+def _statements(script: str) -> Iterator[str]:
+    """Statements of a script, one by one: `executescript` would end the transaction."""
+    statement = ""
+    for line in script.splitlines():
+        statement += line + "\n"
+        if sqlite3.complete_statement(statement):
+            yield statement
+            statement = ""
 
 
 def _connected(path: Path, mode: Mode) -> sqlite3.Connection:
@@ -192,6 +295,7 @@ def _connected(path: Path, mode: Mode) -> sqlite3.Connection:
             connection.execute("PRAGMA synchronous=FULL")
         else:
             connection.execute("PRAGMA query_only=ON")
+        connection.execute("PRAGMA cell_size_check=ON")
         connection.execute("PRAGMA cache_size=-65536")  # KiB
     except BaseException:
         connection.close()
@@ -214,7 +318,7 @@ def _reason(error: sqlite3.Error) -> str:
     """What SQLite says, in a user's words."""
     text = str(error)
     code = cast("str", getattr(error, "sqlite_errorname", ""))
-    if code.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
+    if code.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")) or "Could not decode" in text or "malformed" in text:
         return f"is damaged ({text}){_WAY_OUT}"
     if code.startswith("SQLITE_BUSY"):
         return f"has been held by another process for {BUSY_SECONDS:.0f} s"

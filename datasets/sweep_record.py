@@ -14,7 +14,7 @@ from pathlib import Path
 
 from .durable import TEMPORARY_SUFFIX, discard, is_locked, sync
 from .errors import SweepStoreError
-from .sweep_manifest import Manifest
+from .sweep_manifest import Manifest, row_digest
 from .sweep_shard import Shard, read_shard
 
 SHARDS = "shards"
@@ -117,15 +117,21 @@ class Recorder:
     def _insert(self, path: Path, content: Shard) -> tuple[int, bool]:
         """Enter the rows of a shard that are new: how many, and whether the manifest now names its columns."""
         manifest = self._manifest
-        maker = manifest.number_of("maker", "maker", content.maker if content.maker is not None else self._maker)
+        name = content.maker if content.maker is not None else self._maker
+        maker = manifest.number_of("maker", "maker", name)
         manifest.run("INSERT OR IGNORE INTO shard (name) VALUES (?)", (path.name,))
         has_columns = any(content.with_columns)
-        file = manifest.number_of("column_file", "name", content.digest + SHARD_SUFFIX) if has_columns else None
+        kept = content.digest + SHARD_SUFFIX
+        file = manifest.number_of("column_file", "name", kept) if has_columns else None
         count = manifest.changed_by(
-            'INSERT OR IGNORE INTO part (maker, "group", key, part, payload, column_file, column_row) '
-            "VALUES (?, ?, ?, ?, ?, ?, ?)",
+            'INSERT OR IGNORE INTO part (maker, "group", key, part, payload, column_file, column_row, digest) '
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
             [
-                (maker, *place, payload, *((file, number) if has else (None, None)))
+                (
+                    *(maker, *place, payload),
+                    *((file, number) if has else (None, None)),
+                    row_digest(name, *place, *((kept, number) if has else (None, None)), payload),
+                )
                 for number, (place, payload, has) in enumerate(
                     zip(content.places, content.payloads, content.with_columns, strict=True)
                 )

@@ -2,14 +2,12 @@
 
 `/rows` is UTF-8 JSON, a list of [group, key, part]; `/payloads` has the payload of each, one line of JSON after
 another, as the manifest takes them; `/columns/<number of the row>/<name>` are per-pose columns. Behind the HDF5 file
-come 56 bytes: `palpate shard 1` and a newline, the file's length (uint64) and its BLAKE2b-256.
+comes a trailer (`content_digest.py`); a shard that a store keeps is named by its digest.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-import struct
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +17,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from .content_digest import content_trailer, read_whole, require_whole
 from .errors import Hdf5Error, SweepStoreError
 from .hdf5_columns import (
     Columns,
@@ -37,8 +36,9 @@ from .json_text import parse_json
 FORMAT_NAME = "palpate shard"
 FORMAT_VERSION = 1
 
-_MARK = b"palpate shard "
-_TRAILER = struct.Struct("<16sQ32s")
+_KIND = "shard"
+_PARTS_MOST = 1 << 63  # what SQLite holds
+_ROWS_MOST = 1 << 28  # [byte] of /rows: millions of parts
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,7 @@ def write_shard(
                 for name, array in column_arrays(own).items():
                     put_column(group, name, array)
         image = image_of(file)
-    trailer = _TRAILER.pack(_MARK + b"%d\n" % FORMAT_VERSION, len(image), _digest(image))
-    write_whole(path, image, trailer, durable=False)
+    write_whole(path, image, content_trailer(_KIND, FORMAT_VERSION, image), durable=False)
 
 
 def json_text(value: Any) -> str:
@@ -143,9 +142,11 @@ def read_shard(path: str | Path, *, columns: bool = True) -> Shard:
         SweepStoreError: It is missing, damaged, no shard, or of a newer version.
     """
     path = Path(path)
-    content, digest = _checked(path)
+    content, digest = read_whole(path, _KIND, FORMAT_VERSION)
     with open_columns(path, content) as file:
         maker = file.attribute("/", "maker")
+        if not isinstance(maker, str | None):
+            raise Hdf5Error(f"/ has the attribute maker {str(maker)[:80]}, expected text")
         places = tuple(_places(file))
         payloads = tuple(_text(file, "/payloads").split("\n")) if places else ()
         if len(payloads) != len(places):
@@ -153,53 +154,29 @@ def read_shard(path: str | Path, *, columns: bool = True) -> Shard:
         _refuse_unknown(file, len(places))
         with_columns = tuple([f"/columns/{number}" in file.structure.attributes for number in range(len(places))])
         own = [_columns(file, number) if has and columns else None for number, has in enumerate(with_columns)]
-        return Shard(None if maker is None else str(maker), places, payloads, tuple(own), with_columns, digest)
-
-
-def _checked(path: Path) -> tuple[bytes, str]:
-    """The content of a shard's file, and its digest."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise SweepStoreError(f"{path} does not exist") from None
-    except OSError as error:
-        raise SweepStoreError(f"{path} cannot be read: {error.strerror}") from error
-    if len(content) < _TRAILER.size:
-        raise SweepStoreError(f"{path} is damaged: {len(content)} bytes are no shard")
-    mark, size, digest = _TRAILER.unpack_from(content, len(content) - _TRAILER.size)
-    _refuse_foreign(path, mark)
-    if size != len(content) - _TRAILER.size or _digest(memoryview(content)[:size]) != digest:
-        raise SweepStoreError(f"{path} is damaged: its checksum does not match")
-    return content, digest.hex()
-
-
-def _refuse_foreign(path: Path, mark: bytes) -> None:
-    version = mark.rstrip(b"\0").removeprefix(_MARK).strip()
-    if not mark.startswith(_MARK) or not version.isdigit():
-        raise SweepStoreError(f"{path} is damaged, or no shard: its last bytes are not a shard's")
-    if int(version) > FORMAT_VERSION:
-        raise SweepStoreError(
-            f"{path} has format version {int(version)}, this palpate reads up to {FORMAT_VERSION}: a newer one wrote it"
-        )
-
-
-def _digest(content: memoryview) -> bytes:
-    return hashlib.blake2b(content, digest_size=32).digest()
+        return Shard(maker, places, payloads, tuple(own), with_columns, digest)
 
 
 def _places(file: StrictFile) -> list[tuple[str, str, int]]:
-    rows: Any = parse_json(_text(file, "/rows"))
+    """Group, key and part of each row."""
+    try:
+        rows: Any = parse_json(_text(file, "/rows"), text_most=_ROWS_MOST)
+    except Hdf5Error:
+        raise
+    except ValueError as error:
+        raise Hdf5Error(f"/rows is not JSON: {error}") from error
     if not isinstance(rows, list):
-        raise Hdf5Error("/rows is no list of [group, key, part]")
+        raise Hdf5Error(f"/rows is {type(rows).__name__}, expected a list of [group, key, part]")
     return [_place(row, number) for number, row in enumerate(cast("list[Any]", rows))]
 
 
 def _place(row: Any, number: int) -> tuple[str, str, int]:
     match row:
-        case [str() as group, str() as key, int() as part] if not isinstance(part, bool) and part >= 0:
+        case [str() as group, str() as key, int() as part] if not isinstance(part, bool) and 0 <= part < _PARTS_MOST:
             return group, key, part
         case _:
-            raise Hdf5Error(f"/rows has no [group, key, part] at place {number}")
+            shown = str(cast(object, row))[:80]
+            raise Hdf5Error(f"/rows has {shown} at place {number}, expected group, key, and part below {_PARTS_MOST}")
 
 
 def _refuse_unknown(file: StrictFile, row_count: int) -> None:
@@ -232,18 +209,30 @@ def _payload(text: str) -> Mapping[str, Any]:
 
 def _columns(file: StrictFile, number: int) -> Columns:
     group = f"/columns/{number}/"
-    return {path.removeprefix(group): take_column(file, path) for path in file.datasets if path.startswith(group)}
+    columns = {path.removeprefix(group): take_column(file, path) for path in file.datasets if path.startswith(group)}
+    count = len(next(iter(columns.values()), ()))
+    for name, column in columns.items():
+        if len(column) != count:
+            raise Hdf5Error(f"{group}{name} has {len(column)} rows, expected {count} as the first column")
+    return columns
 
 
 @contextmanager
 def shard_columns(path: Path) -> Generator[ColumnReader, None, None]:
-    """Columns of a shard, row by row, without reading the others; chunks' checksums are checked.
+    """Columns of a shard of a store, row by row, without decoding the others; `require_named` proves it before.
 
     Raises:
         SweepStoreError: It is missing or damaged.
     """
     with open_columns(path) as file:
         yield ColumnReader(path, file)
+
+
+def require_named(path: Path) -> None:
+    """Prove a shard of a store, every byte of it, by the digest that is its name; raises SweepStoreError."""
+    digest = require_whole(path, _KIND, FORMAT_VERSION)
+    if path.stem != digest:
+        raise SweepStoreError(f"{path} is damaged: its content has the digest {digest}, not the one that names it")
 
 
 class ColumnReader:

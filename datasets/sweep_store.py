@@ -7,7 +7,6 @@ docs/sweep-store.md tells the same to readers of other languages.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,9 +19,10 @@ import numpy as np
 from .durable import discard
 from .errors import NotStoreError, SweepStoreError
 from .hdf5_columns import Columns
-from .sweep_manifest import NAME, Manifest, Mode
+from .sweep_manifest import NAME, Manifest, Mode, row_digest
+from .sweep_parts import PartRow, Parts, payload_of
 from .sweep_record import COLUMNS, SHARDS, Read, Recorder
-from .sweep_shard import shard_columns
+from .sweep_shard import require_named, shard_columns
 
 TEMPORARY_SECONDS = 900.0
 """Age of a temporary file at which its writer is taken for dead; writing one takes seconds."""
@@ -59,23 +59,44 @@ class SweepStore:
         self.folder = Path(folder).absolute()
         self.mode: Mode = mode
         self.damaged: list[str] = []
-        """One sentence for each damaged shard that was met and set aside."""
+        """One sentence for each damage that was met: a shard set aside, parts that count as not done."""
         if mode == "create" and maker is None:
             raise SweepStoreError(f"{self.folder}: what is recorded needs a maker")
         _refuse_other_folder(self.folder, mode)
         if mode == "create":
             _make_folder(self.folder)
+        self._note_lost_manifest()
         self._manifest = Manifest(self.folder, mode, maker)
+        if self._manifest.adopted:
+            self.damaged.append(
+                f"{self._manifest.path} carried no digests: its {self._manifest.adopted} parts are believed as they "
+                "are, and proven from now on"
+            )
         try:
             if mode == "create":
                 for name in (SHARDS, COLUMNS):
                     _make_folder(self.folder / name)
             self.maker = maker if maker is not None else next(reversed(self.makers()), "")
             self._maker = self._maker_number(self.maker)
+            self._parts = Parts(self._manifest, self._maker, self.maker)
+            self._proven: dict[Path, tuple[int, int, int]] = {}
             self._recorder = Recorder(self.folder, self._manifest, self.maker, self.damaged)
         except BaseException:
             self.close()
             raise
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether the manifest carries digests; one of version 1, opened for reading, is believed as it is."""
+        return self._parts.are_proven
+
+    def _note_lost_manifest(self) -> None:
+        """Say that a folder had a manifest once, which is gone."""
+        if self.mode == "create" and (self.folder / SHARDS).is_dir() and not (self.folder / NAME).exists():
+            self.damaged.append(
+                f"{self.folder / NAME} is missing, so a new one is made: per-pose columns and kept files are taken "
+                "over, metrics are made anew"
+            )
 
     def close(self) -> None:
         """Close the manifest; closing twice does nothing."""
@@ -95,39 +116,50 @@ class SweepStore:
             "SELECT maker.maker, count(part.id) FROM maker LEFT JOIN part ON part.maker = maker.id "
             "GROUP BY maker.id ORDER BY max(part.id), maker.id"
         )
-        return {str(maker): int(count) for maker, count in rows}
+        found = {str(maker): int(count) for maker, count in rows}
+        if self._manifest.version > 1:
+            statement = (
+                "SELECT maker.maker, total(parts) FROM maker LEFT JOIN tally ON tally.maker = maker.id GROUP BY 1"
+            )
+            counted = {str(maker): int(count) for maker, count in self._manifest.run(statement)}
+            if counted != found:
+                raise self._manifest.damaged(f"makers have {found} parts, and {counted} were recorded")
+        return found
 
     def done(self, keys: Sequence[Key]) -> dict[Key, set[int]]:
         """Parts that are there of each (group, key), all keys asked for, in their order; an empty set for nothing.
 
         A part that left a file is there as long as that is, with its bytes; else it counts as not done from now on
-        (mode "create").
+        (mode "create"). So does a part whose row in the manifest is damaged, which `damaged` tells.
+
+        Raises:
+            SweepStoreError: The manifest is damaged beyond that; mode "read": or at all.
         """
         found: dict[Key, set[int]] = {key: set() for key in keys}
         for group, own in _by_group(found):
-            if group.startswith(KEPT):
-                for key, part in self._kept(group, sorted(own)):
-                    found[group, key].add(part)
-                continue
-            statement = 'SELECT key, part FROM part INDEXED BY part_of WHERE maker = ? AND "group" = ? AND key IN ({})'
-            for rows in self._manifest.among(statement, (self._maker, group), sorted(own)):  # along the index
-                for key, part in rows:
-                    found[group, key].add(part)
+            lost: list[PartRow] = []
+            for rows, damaged in self._parts.of(group, own):
+                if damaged:
+                    self._forget_damaged(group, damaged)
+                for row in rows:
+                    if group.startswith(KEPT) and not self._has_file(payload_of(row, self._manifest.path)):
+                        lost.append(row)
+                    else:
+                        found[group, row.key].add(row.part)
+            if self.mode == "create":
+                self._parts.forget(lost)
         return found
 
-    def _kept(self, group: str, keys: Sequence[str]) -> Iterator[tuple[str, int]]:
-        """Key and part of which the file is there; the others are forgotten if this may write."""
-        statement = 'SELECT key, part, payload, id FROM part WHERE maker = ? AND "group" = ? AND key IN ({})'
-        lost: list[tuple[int, str]] = []
-        for rows in self._manifest.among(statement, (self._maker, group), keys):
-            for key, part, payload, number in rows:
-                if self._has_file(json.loads(payload)):
-                    yield key, part
-                else:
-                    lost.append((number, payload))
-        if lost and self.mode == "create":
-            with self._manifest.transaction():  # unless another process has just made it again
-                self._manifest.changed_by("DELETE FROM part WHERE id = ? AND payload = ?", lost)
+    def _forget_damaged(self, group: str, rows: Sequence[PartRow]) -> None:
+        """Have parts made again whose rows are damaged."""
+        sentence = (
+            f"{self._manifest.path} is damaged: {len(rows)} parts of {group} do not have their digests, "
+            f"part {rows[0].part} of {rows[0].key} first"
+        )
+        if self.mode == "read":
+            raise SweepStoreError(f"{sentence}; run the sweep again: it makes them anew")
+        self._parts.forget(rows)
+        self.damaged.append(f"{sentence}; they count as not done")
 
     def _has_file(self, payload: dict[str, Any]) -> bool:
         """Whether the file that a payload tells of is there in full; none may have been made."""
@@ -136,21 +168,28 @@ class SweepStore:
             return True
         try:
             return os.stat(f"{self.folder}/{path}").st_size == payload.get("bytes")
-        except OSError:
+        except (OSError, ValueError):  # a name with a null character
             return False
 
     def results(self, keys: Sequence[Key]) -> Iterator[tuple[str, str, int, dict[str, Any]]]:
         """Group, key, part and payload of every part that is there, group by group, keys as asked for, parts upwards.
 
-        A key asked for twice comes once.
+        A key asked for twice comes once. Raises SweepStoreError where the manifest is damaged.
         """
-        statement = 'SELECT key, part, payload FROM part WHERE maker = ? AND "group" = ? AND key IN ({})'
         for group, own in _by_group(dict.fromkeys(keys)):
             number = {key: place for place, key in enumerate(own)}
-            for rows in self._manifest.among(statement, (self._maker, group), own):
-                rows.sort(key=lambda row: (number[row[0]], row[1]))
-                for key, part, payload in rows:
-                    yield group, key, part, json.loads(payload)
+            for rows in self._whole_rows(group, own):
+                rows.sort(key=lambda row: (number[row.key], row.part))
+                for row in rows:
+                    yield group, row.key, row.part, payload_of(row, self._manifest.path)
+
+    def _whole_rows(self, group: str, keys: Sequence[str]) -> Iterator[list[PartRow]]:
+        """Rows of keys, all of them whole."""
+        for rows, damaged in self._parts.of(group, keys):
+            if damaged:
+                self._forget_damaged(group, damaged)
+                raise SweepStoreError(f"{self.damaged[-1]} from now on: run the sweep again")
+            yield rows
 
     def columns(self, key: str, *, group: str = "poses") -> Columns:
         """Per-pose columns of a rendering and sampling, all parts that are there, one behind another.
@@ -166,12 +205,8 @@ class SweepStore:
 
     def column_parts(self, key: str, *, group: str = "poses") -> Iterator[tuple[int, Columns]]:
         """The same part by part, as few in memory as that takes: part and its columns; raises as `columns`."""
-        rows = self._manifest.run(
-            "SELECT part.part, column_file.name, part.column_row FROM part JOIN column_file "
-            'ON column_file.id = part.column_file WHERE maker = ? AND "group" = ? AND key = ? ORDER BY part',
-            (self._maker, group, key),
-        )
-        places = [_Place(int(part), str(name), int(row)) for part, name, row in rows]
+        rows = [row for batch in self._whole_rows(group, [key]) for row in batch]
+        places = [_Place(row.part, row.file.decode(), row.row) for row in rows if row.file and row.row is not None]
         first = 0
         while first < len(places):
             stop = first + 1
@@ -184,15 +219,29 @@ class SweepStore:
         """Columns of parts that lie in one file."""
         path = self.folder / COLUMNS / places[0].file
         try:
+            self._require_named(path)
             with shard_columns(path) as reader:
                 for place in places:
                     yield place.part, reader.columns(place.row, group, key, place.part)
         except SweepStoreError as error:
             if self.mode == "read":
-                raise
+                raise SweepStoreError(f"{error}; remove it and run the sweep again: its parts are made anew") from error
             count = self._recorder.forget_file(path.name)
             again = f"; its {count} parts count as not done from now on: run the sweep again"
             raise SweepStoreError(f"{error}{again}") from error
+
+    def _require_named(self, path: Path) -> None:
+        """Prove a file of columns by its name, once as long as nobody touches it."""
+        try:
+            state = path.stat()
+        except FileNotFoundError:
+            raise SweepStoreError(f"{path} does not exist") from None
+        except (OSError, ValueError) as error:
+            raise SweepStoreError(f"{path} cannot be read: {error}") from error
+        touched = (state.st_ino, state.st_size, state.st_mtime_ns)
+        if self._proven.get(path) != touched:
+            require_named(path)
+            self._proven[path] = touched
 
     def record(self, shard: str | Path) -> int:
         """Take a shard into the manifest, in one transaction; how many of its parts were not there yet.
@@ -234,18 +283,36 @@ class SweepStore:
     def record_failure(self, recipe: str, sentence: str) -> None:
         """Note that a recipe (its hash) could not be made, and why; a later note of the same recipe replaces it."""
         with self._manifest.transaction():
-            self._manifest.run("INSERT OR REPLACE INTO failure VALUES (?, ?, ?)", (self._maker, recipe, sentence))
+            digest = row_digest(self.maker, recipe, sentence)
+            values = (self._maker, recipe, sentence, digest)
+            self._manifest.run("INSERT OR REPLACE INTO failure VALUES (?, ?, ?, ?)", values)
 
     def forget_failures(self, recipes: Sequence[str]) -> None:
         """Forget why these recipes could not be made: they are tried again, or were made."""
         with self._manifest.transaction():
             statement = "DELETE FROM failure WHERE maker = ? AND recipe IN ({})"
-            for _ in self._manifest.among(statement, (self._maker,), recipes):
+            for _ in self._manifest.among([statement], (self._maker,), recipes):
                 pass
 
     def failed(self) -> dict[str, str]:
-        """Recipes (their hashes) that could not be made by this maker, and why."""
-        return dict(self._manifest.run("SELECT recipe, sentence FROM failure WHERE maker = ?", (self._maker,)))
+        """Recipes (their hashes) that could not be made by this maker, and why.
+
+        A damaged note is forgotten, which `damaged` tells; mode "read": it raises SweepStoreError.
+        """
+        digest = "digest" if self.is_proven else "NULL"
+        statement = f"SELECT rowid, CAST(recipe AS BLOB), CAST(sentence AS BLOB), {digest} FROM failure WHERE maker = ?"
+        found: dict[str, str] = {}
+        for number, recipe, sentence, own in self._manifest.run(statement, (self._maker,)):
+            if not self.is_proven or row_digest(self.maker, recipe, sentence) == own:
+                found[recipe.decode(errors="replace")] = sentence.decode(errors="replace")
+                continue
+            lost = f"{self._manifest.path} is damaged: why recipe {recipe.decode(errors='replace')} could not be made"
+            if self.mode == "read":
+                raise SweepStoreError(f"{lost} is lost; run the sweep again")
+            with self._manifest.transaction():
+                self._manifest.run("DELETE FROM failure WHERE rowid = ?", (number,))
+            self.damaged.append(f"{lost} is lost")
+        return found
 
     def prune(self) -> int:
         """Remove what other makers have made, and files of columns that nothing refers to; how many parts."""

@@ -15,6 +15,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from .content_digest import file_trailer
 from .durable import Buffer, append_at, discard, publish
 from .errors import SweepStoreError
 from .hdf5_columns import BOOL, CHUNK_ROWS, Columns, Values, column_arrays, image_of, new_image, temporary_name
@@ -22,7 +23,7 @@ from .hdf5_image import FILL
 from .index import ChunkTable, index_nodes, leaf_of_one, with_end
 from .rows import encoded
 from .schema import Field
-from .table import ROW, Attributes, described
+from .table import FORMAT_VERSION, KIND, ROW, Attributes, described, proven
 
 _SUPERBLOCK_BYTES = 48
 _ROOM_STEP = 4096
@@ -57,7 +58,7 @@ class TableWriter:
     def __init__(self, path: str | Path, attributes: Attributes, *, units: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
         self.row_count = 0
-        self._attributes = described(attributes)
+        self._attributes = proven(described(attributes))
         self._units = dict(units or {})
         self._temporary = temporary_name(self.path)
         self._columns: dict[str, _Growing] | None = None
@@ -203,9 +204,11 @@ class TableWriter:
 
     def _write(self, buffers: list[Buffer], *, front: bytes = b"", is_last: bool = False, fresh: bool = False) -> None:
         try:
-            append_at(self._temporary, self._written, buffers, front=front, durable=is_last, fresh=fresh)
+            append_at(self._temporary, self._written, buffers, front=front, durable=False, fresh=fresh)
             self._written += sum(map(len, buffers))
             if is_last:
+                trailer = file_trailer(KIND, FORMAT_VERSION, self._temporary)
+                append_at(self._temporary, self._written, [trailer])
                 publish(self._temporary, self.path)
         except OSError as error:
             raise SweepStoreError(f"{self.path} cannot be written: {error.strerror or error}") from error

@@ -247,8 +247,11 @@ def info(
 
 
 @app.command()
-def check(file: Annotated[Path, typer.Argument(metavar="FILE", help=KEPT_HELP)], json: Json = False) -> None:
-    """Check that a contour file, or what a sweep keeps, is whole: exit 0 if it is, 1 if not."""
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE|STORE", help=KEPT_HELP + " Or a sweep's store, or a table.")],
+    json: Json = False,
+) -> None:
+    """Check that a contour file, a sweep's store or what it keeps is whole: exit 0 if it is, 1 if not."""
     _run("job", "run_check", file, as_json=json)
 
 

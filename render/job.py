@@ -7,6 +7,7 @@ from time import perf_counter
 from ..datasets.check import check_file
 from ..datasets.frame_reader import check_frames, frame_format
 from ..datasets.motion import HandMotion
+from ..datasets.sweep_check import check_store, is_sweep_data
 from . import console
 from .errors import StrategyError
 from .figure import draw_figure
@@ -189,14 +190,20 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
 
 def run_check(file: Path, *, as_json: bool) -> int:
     """Check; 0 whole, 1 not."""
-    problems = check_file(file) if frame_format(file) is None else check_frames(file)
+    unproven: list[str] = []
+    if is_sweep_data(file):
+        found = check_store(file)
+        problems, unproven = found.problems, found.unproven
+    else:
+        problems = check_file(file) if frame_format(file) is None else check_frames(file)
     if as_json:
-        console.say({"path": str(file), "whole": not problems, "problems": problems}, as_json=True, title="")
+        told = {"path": str(file), "whole": not problems, "problems": problems}
+        console.say(told | ({"unproven": unproven} if unproven else {}), as_json=True, title="")
     elif problems:
         for problem in problems:
             tell(problem, "error")
     else:
-        console.say({"whole": "yes"}, as_json=False, title=str(file))
+        console.say({"whole": "yes", "without digests": "; ".join(unproven) or None}, as_json=False, title=str(file))
     return console.FAILED if problems else console.DONE
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..datasets.durable import FolderLock
+from ..datasets.errors import SweepStoreError
 from ..datasets.schema import PRUNED_NAMES, removed_name
 from ..datasets.sweep_store import SweepStore
 from . import console
@@ -42,6 +43,7 @@ class Results:
         self._stamp = {"plan": plan.described()["digest"], "maker": maker()}
         self._tables = (TABLE, *([POSES] if "poses" in plan.groups else []))
         self._is_fresh = is_complete and not has_news and _stamped(folder) == self._stamp | self._sizes()
+        self._is_fresh = self._is_fresh and _is_whole(folder / TABLE)
         self.files = {"table": str(folder / TABLE)}
         """By what they are."""
 
@@ -161,6 +163,18 @@ def _size(path: Path) -> int:
         return path.stat().st_size
     except OSError:
         return -1
+
+
+def _is_whole(table: Path) -> bool:
+    """Whether a table has its digest; a damaged one is written again, which is said."""
+    from ..datasets.table import table_attributes
+
+    try:
+        table_attributes(table)
+    except SweepStoreError as error:
+        console.errors.print(f"[yellow]warning:[/] {escape(str(error))}; it is written again")
+        return False
+    return True
 
 
 def _stamped(folder: Path) -> dict[str, Any] | None:

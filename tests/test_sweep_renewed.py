@@ -131,6 +131,18 @@ def test_what_a_store_has_lost_is_written_again(tmp_path, name, how):
     assert name == "summary.png" or lost.read_bytes() == before
 
 
+def test_a_damaged_table_of_the_same_length_is_written_again_which_is_said(tmp_path):
+    path = plan(tmp_path, "oc")
+    table = Path(sweep(path)["table"])
+    before = table.read_bytes()
+    for at in (len(before) // 2, len(before) - 20):
+        table.write_bytes(before[:at] + bytes([before[at] ^ 1]) + before[at + 1 :])
+        again = run("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure")
+        assert again.exit_code == 0, again.output
+        assert "table.h5 is damaged: its checksum does not match; it is written again" in " ".join(again.stderr.split())
+        assert table.read_bytes() == before
+
+
 def test_a_picture_that_fails_is_told_and_costs_nothing_else(tmp_path, monkeypatch):
     from palpate.render import sweep_figure
 

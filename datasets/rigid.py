@@ -7,6 +7,9 @@ not known is NaN, and what comes of it is NaN too.
 import numpy as np
 from numpy.typing import NDArray
 
+POSITION_FARTHEST = 1e6
+"""Positions lie this near to the array [m]: float32 steps by 6 cm there, about a hand, so none farther is meant."""
+
 Numbers = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import glob
 import os
+import secrets
+import time
 from collections import deque
 from collections.abc import Sequence
 from itertools import islice
@@ -20,6 +23,11 @@ Buffer = memoryview | bytes | bytearray
 TEMPORARY_SUFFIX = ".tmp"
 """Ends the names of files still being written; such a file found later was left by a killed process."""
 
+ABANDONED_SECONDS = 3600.0
+"""A temporary file that was last written to so long ago was left by a killed process."""
+
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC  # nobody's file, and through nobody's link
+
 
 def write_file(path: Path, content: memoryview) -> None:
     """Write a file such that `path` never shows a part of it; when this returns, it survives a power cut.
@@ -27,7 +35,8 @@ def write_file(path: Path, content: memoryview) -> None:
     Raises:
         OSError: As the system says (ENOSPC, EFBIG, EDQUOT, ...); nothing is left behind.
     """
-    temporary = path.with_name(path.name + TEMPORARY_SUFFIX)
+    remove_abandoned(path)
+    temporary = temporary_name(path)
     try:
         write_temporary(temporary, content)
         publish(temporary, path)
@@ -36,9 +45,22 @@ def write_file(path: Path, content: memoryview) -> None:
         raise
 
 
+def temporary_name(path: Path) -> Path:
+    """Another name beside a file for while it is written, one that nobody can guess and plant a link at."""
+    return path.with_name(f"{path.name}.{secrets.token_hex(6)}{TEMPORARY_SUFFIX}")
+
+
+def remove_abandoned(path: Path) -> None:
+    """Remove what killed processes have left of a file, by names of `temporary_name`."""
+    for name in glob.glob(f"{glob.escape(str(path))}.{'[0-9a-f]' * 12}{TEMPORARY_SUFFIX}"):
+        with contextlib.suppress(OSError):  # another process has removed it
+            if time.time() - os.lstat(name).st_mtime >= ABANDONED_SECONDS:
+                os.unlink(name)
+
+
 def write_temporary(path: Path, content: memoryview) -> None:
-    """Write a new file, or anew, and have it on the disk when this returns; raises OSError."""
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+    """Write a new file, and have it on the disk when this returns; raises OSError, also where the name is taken."""
+    handle = os.open(path, _NEW, 0o666)
     try:
         while content:
             content = content[os.write(handle, content) :]
@@ -66,7 +88,8 @@ def append_at(
         OSError: As the system says, or the file has fewer than `end` bytes; it has its first `end` bytes as before,
             but for the front.
     """
-    handle = os.open(path, os.O_WRONLY | os.O_CLOEXEC | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
+    flags = os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
+    handle = os.open(path, flags | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
     try:
         if not fresh:
             require_size(handle, path, end)
@@ -98,7 +121,8 @@ def copy_range(source: Path, path: Path, first: int, stop: int, *, fresh: bool =
     fresh: the other one is a new file, or begins anew; else it must be there.
     """
     with source.open("rb") as stream:
-        handle = os.open(path, os.O_WRONLY | os.O_CLOEXEC | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
+        flags = os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
+        handle = os.open(path, flags | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
         try:
             while first < stop:
                 block = os.pread(stream.fileno(), min(_BLOCK_BYTES, stop - first), first)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .digests import ATTRIBUTE, BlockDigester, Digests, block_digests, digests_text
-from .durable import TEMPORARY_SUFFIX, discard, publish, sync, write_temporary
+from .durable import TEMPORARY_SUFFIX, discard, publish, sync, temporary_name, write_temporary
 from .hdf5_columns import image_of
 from .hdf5_image import fixed_text
 from .hdf5_opening import Attribute
@@ -65,7 +64,7 @@ class FrameFile:
         self.path = path
         self.frame_count = frame_count
         # a name of its own: two workers may write the same file at once, when one of them was taken for dead
-        self._temporary = path.with_name(f"{path.name}.{secrets.token_hex(6)}{TEMPORARY_SUFFIX}")
+        self._temporary = temporary_name(path)
         self._at = 0
         self._lock = -1
         self._file: Any = None

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .durable import TEMPORARY_SUFFIX, Buffer, append_at, discard, publish
+from .durable import Buffer, append_at, discard, publish, temporary_name
 from .errors import Hdf5Error, SweepStoreError
 from .hdf5 import FAILURES, reason_of
 from .hdf5_opening import StrictFile, open_hdf5
@@ -170,11 +170,6 @@ def image_of(file: Any) -> memoryview:
     image: bytes = file.id.get_file_image()
     superblock = with_checksum(image[:_SUPERBLOCK_BYTES])
     return memoryview(image if image.startswith(superblock) else superblock + image[_SUPERBLOCK_BYTES:])
-
-
-def temporary_name(path: Path) -> Path:
-    """Another name beside a file for while it is written, a new one each time: two processes may write it at once."""
-    return path.with_name(f"{path.name}.{secrets.token_hex(6)}{TEMPORARY_SUFFIX}")
 
 
 def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import MotionError
 from .exploration import FLOOR, MARGIN, Progress, exploration_path, unheard
 from .motion_file import MotionRows, read_rows, row_place, write_rows
+from .rigid import POSITION_FARTHEST
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """Quaternion xyzw of a hand above the array: palm down, fingers pointing away from the user (+y of the array)."""
@@ -31,6 +32,7 @@ POSES_MOST = 1e9
 SEED_MOST = 2**63 - 1
 """A seed fits an HDF5 integer."""
 
+_ROWS_AT_ONCE = 65536  # checked in float64, which for all of them would take twice the memory
 _NORM_ROUNDING = 1e-7  # all a unit quaternion loses in float32; left alone, so that reading back changes no bit
 
 
@@ -77,7 +79,7 @@ class HandMotion:
     def _interval(self) -> float | None:
         if self.time is None or len(self) < 2:
             return None
-        return float(np.median(np.diff(self.time)))
+        return float(np.median(np.diff(self.time), overwrite_input=True))
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "HandMotion":
@@ -86,11 +88,15 @@ class HandMotion:
         The suffix decides: .csv, .h5, .hdf5. Raises MotionError naming the path and, in a CSV, the line.
         """
         rows = read_rows(Path(path))
+        motion = object.__new__(cls)  # without __post_init__, which would check and copy all of it once more
         try:
-            time, pose, offset = _checked(rows.time, rows.pose, rows.offset, rows.place)
+            time, pose, offset = _checked(rows.time, rows.pose, rows.offset, rows.place, copy=False)
         except MotionError as error:
             raise MotionError(f"{path}: {error}") from None
-        return cls(time, pose, offset, rows.seed)
+        values = {"time": time, "pose": pose, "offset": offset, "seed": rows.seed, "inserted": 0}
+        for name, value in values.items():
+            object.__setattr__(motion, name, value)
+        return motion
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the motion as CSV or HDF5 by the suffix (.csv, .h5, .hdf5), whole or not at all.
@@ -150,29 +156,47 @@ def _numbers(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.
 
 
 def _checked(
-    time: ArrayLike | None, pose: ArrayLike, offset: float, place: Callable[[int], str]
+    time: ArrayLike | None, pose: ArrayLike, offset: float, place: Callable[[int], str], *, copy: bool = True
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float32], float]:
-    checked_pose = _checked_pose(pose, place)
+    """A motion's arrays as `HandMotion` keeps them; copy=False: in the same memory where they have the right type."""
+    checked_pose = _checked_pose(pose, place, copy=copy)
     if not math.isfinite(offset):
         raise MotionError(f"offset must be finite, got {offset!r} s")
     if time is None:
         return None, checked_pose, float(offset)
-    checked_time, shift = _checked_time(time, checked_pose.shape[0], place)
+    checked_time, shift = _checked_time(time, checked_pose.shape[0], place, copy=copy)
     return checked_time, checked_pose, float(offset) + shift
 
 
-def _checked_pose(pose: ArrayLike, place: Callable[[int], str]) -> NDArray[np.float32]:
+def _checked_pose(pose: ArrayLike, place: Callable[[int], str], *, copy: bool) -> NDArray[np.float32]:
     try:
-        rows = np.array(pose, dtype=np.float64)
-    except (TypeError, ValueError):
+        given = np.asarray(pose)
+        rows = given if given.dtype.kind == "f" and given.itemsize in (4, 8) else np.array(pose, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         raise MotionError("pose must be numbers of shape [pose, 7]") from None
     if rows.ndim != 2 or rows.shape[1] != 7:
         raise MotionError(f"pose must have shape [pose, 7], got {list(rows.shape)}")
     if rows.shape[0] == 0:
         raise MotionError("a motion needs at least one pose, got none")
+    checked = np.empty(rows.shape, np.float32) if copy or rows.dtype != np.float32 else rows.view(np.float32)
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        block = np.array(rows[first : first + _ROWS_AT_ONCE], dtype=np.float64)
+        _normalise(block, lambda row, first=first: place(first + row))
+        checked[first : first + len(block)] = block
+    checked.setflags(write=False)
+    return checked
+
+
+def _normalise(rows: NDArray[np.float64], place: Callable[[int], str]) -> None:
+    """Refuse rows that are no poses; quaternions that are not of length 1 become so."""
     bad = _first(~(np.abs(rows) <= np.finfo(np.float32).max).all(axis=1))  # a NaN compares false
     if bad is not None:
         raise MotionError(f"{place(bad)}: pose {rows[bad].tolist()} is not finite")
+    bad = _first((np.abs(rows[:, :3]) > POSITION_FARTHEST).any(axis=1))
+    if bad is not None:
+        raise MotionError(
+            f"{place(bad)}: position {rows[bad, :3].tolist()} m must lie within {POSITION_FARTHEST:g} m of the array"
+        )
     norm: NDArray[np.float64] = np.linalg.norm(rows[:, 3:], axis=1)
     bad = _first(np.abs(norm - 1.0) > NORM_TOLERANCE)
     if bad is not None:
@@ -180,23 +204,22 @@ def _checked_pose(pose: ArrayLike, place: Callable[[int], str]) -> NDArray[np.fl
         raise MotionError(f"{place(bad)}: {name}; it must be 1 within {NORM_TOLERANCE:g}")
     loose = np.abs(norm - 1.0) > _NORM_ROUNDING
     rows[loose, 3:] /= norm[loose, None]
-    checked = rows.astype(np.float32)
-    checked.setflags(write=False)
-    return checked
 
 
-def _checked_time(time: ArrayLike, pose_count: int, place: Callable[[int], str]) -> tuple[NDArray[np.float64], float]:
+def _checked_time(
+    time: ArrayLike, pose_count: int, place: Callable[[int], str], *, copy: bool
+) -> tuple[NDArray[np.float64], float]:
     try:
-        clock = np.array(time, dtype=np.float64)
-    except (TypeError, ValueError):
+        clock = np.asarray(time, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         raise MotionError("time must be numbers of shape [pose]") from None
     if clock.shape != (pose_count,):
         raise MotionError(f"time must have shape [{pose_count}], one value a pose, got {list(clock.shape)}")
     bad = _first(~np.isfinite(clock))
     if bad is not None:
         raise MotionError(f"{place(bad)}: time {float(clock[bad])!r} s is not finite")
-    shifted = clock - clock[0]
-    bad = _first(np.diff(shifted) <= 0.0)
+    shifted = np.ascontiguousarray(clock) if clock[0] == 0.0 and not copy else clock - clock[0]
+    bad = _first(shifted[1:] <= shifted[:-1])
     if bad is not None:
         before, after = float(clock[bad]), float(clock[bad + 1])
         name = "repeats" if before == after else "is not after"

@@ -11,7 +11,6 @@
 """
 
 import io
-import os
 from array import array
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .bounded_file import open_regular, read_content, require_bytes, text_lines
+from .durable import write_file
 from .errors import Hdf5Error, MotionError
 from .hdf5 import FAILURES
 from .hdf5_opening import StrictFile, open_hdf5
@@ -27,6 +28,7 @@ from .hdf5_structure import h5py
 
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 TIME_COLUMN = "time"
+_ROWS_AT_ONCE = 65536  # of a CSV, after which what they take is counted
 _SUFFIX_CSV = (".csv",)
 _SUFFIX_HDF5 = (".h5", ".hdf5")
 
@@ -62,6 +64,8 @@ def read_rows(path: Path) -> MotionRows:
         raise MotionError(f"{path}: {error}") from None
     except OSError as error:
         raise MotionError(f"{path}: cannot be read as a motion: {error}") from error
+    except MemoryError:
+        raise MotionError(f"{path}: cannot be read as a motion: it takes more memory than there is") from None
 
 
 def write_rows(path: Path, rows: MotionRows, *, overwrite: bool) -> None:
@@ -70,14 +74,10 @@ def write_rows(path: Path, rows: MotionRows, *, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise MotionError(f"{path}: exists already; overwrite=True replaces it")
     content = _csv_bytes(rows) if form == "csv" else _hdf5_bytes(rows)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
-        partial.write_bytes(content)
-        partial.replace(path)
+        write_file(path, memoryview(content))
     except OSError as error:
         raise MotionError(f"{path}: cannot be written: {error}") from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _form(path: Path) -> str:
@@ -91,26 +91,45 @@ def _form(path: Path) -> str:
 
 
 def _rows_from_csv(path: Path) -> MotionRows:
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # -sig: spreadsheets put a byte order mark first
-    except UnicodeDecodeError as error:
-        raise MotionError(f"byte {error.start} is not UTF-8 text") from None
-    # Not splitlines: form feeds and Unicode separators end no line in an editor. read_text has turned CRLF into LF.
-    filled = [(number, line) for number, line in enumerate(text.split("\n"), start=1) if line.strip()]
-    if not filled:
+    columns: tuple[str, ...] = ()
+    numbers, line_number = array("d"), array("q")
+    with open_regular(path) as stream:
+        try:
+            # Not splitlines: form feeds and Unicode separators end no line in an editor.
+            for number, line in enumerate(text_lines(stream), start=1):
+                if not line.strip():
+                    continue
+                if not columns:
+                    columns = _columns(number, line)
+                    continue
+                numbers.extend(_row_numbers(number, line, columns))
+                line_number.append(number)
+                if len(line_number) % _ROWS_AT_ONCE == 0:
+                    require_bytes(8 * (len(numbers) + len(line_number)), "the table in it")
+        except UnicodeDecodeError:
+            raise MotionError(f"byte {_not_text(path)} is not UTF-8 text") from None
+        except MotionError:
+            raise
+        except ValueError as error:
+            raise MotionError(str(error)) from None
+    if not columns:
         raise MotionError("empty file")
-    columns = _columns(*filled[0])
-    numbers = array("d")
-    for number, line in filled[1:]:
-        numbers.extend(_row_numbers(number, line, columns))
     table = np.frombuffer(numbers, dtype=np.float64).reshape(-1, len(columns))
     timed = columns[0] == TIME_COLUMN
-    line_number = [number for number, _ in filled[1:]]
 
     def place(row: int) -> str:
         return f"line {line_number[row]}"
 
     return MotionRows(table[:, 0] if timed else None, table[:, 1:] if timed else table, 0.0, None, place)
+
+
+def _not_text(path: Path) -> int:
+    """The first byte of a file that is not UTF-8; reading by lines tells its place in a block only."""
+    try:
+        read_content(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        return error.start
+    return 0
 
 
 def _columns(number: int, line: str) -> tuple[str, ...]:
@@ -174,11 +193,13 @@ def _rows_from_hdf5(path: Path) -> MotionRows:
         raise MotionError(f"not a readable HDF5 file ({error})") from error
 
 
-def _numbers(file: StrictFile, name: str, rank: int) -> NDArray[np.float64]:
+def _numbers(file: StrictFile, name: str, rank: int) -> NDArray[Any]:
+    """As they are stored where that is float32 or float64: a copy in float64 would take twice the memory."""
     own = file.declared(name)
     if own.is_text or len(own.shape) != rank:
         raise MotionError(f"{name} is not an array of numbers of {rank} dimensions, but {own.dtype} {list(own.shape)}")
-    return file.read(name).astype(np.float64, copy=False)
+    values = file.read(name)
+    return values if values.dtype.kind == "f" and values.itemsize >= 4 else values.astype(np.float64)
 
 
 def _hdf5_bytes(rows: MotionRows) -> bytes:

@@ -15,8 +15,10 @@ def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None) ->
     name, bounds: of the object, [m], shape [2, 3]; poses: of the hand, and of the object if it moves, shape [pose, 7].
     For functions that scripts call.
     """
-    places = [bounds, *(pose[:, :3] for pose in poses if pose is not None)]
-    largest = max(float(np.abs(place).max(initial=0.0, where=np.isfinite(place))) for place in places)
+    largest = float(np.abs(bounds).max(initial=0.0, where=np.isfinite(bounds)))
+    for pose in poses:
+        if pose is not None and len(pose):  # finite, and without copies: there may be 1e8 of them
+            largest = max(largest, float(pose[:, :3].max()), -float(pose[:, :3].min()))
     spacing = float(np.spacing(np.float32(largest)))
     if spacing > SPACING_MOST:
         warnings.warn(

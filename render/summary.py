@@ -41,8 +41,7 @@ def summarise(path: str | Path) -> dict:
                 drawn += int(np.count_nonzero(metrics["length"]))
                 longest = max(longest, float(metrics["length"].max(initial=0.0)))
         mean = totals / max(done, 1)
-        motion = file.motion()
-        time = motion.get("time")
+        time = _times(file)
         thing = file.object()
         speed = SamplingStrategy().speed
         out = {
@@ -53,7 +52,9 @@ def summarise(path: str | Path) -> dict:
             "poses_drawn": drawn,
             "polylines": file.polyline_count,
             "points": file.point_count,
-            "duration": None if time is None or len(time) < 2 else float(time[-1] + np.median(np.diff(time))),
+            "duration": None
+            if time is None or len(time) < 2
+            else float(time[-1] + np.median(np.diff(time), overwrite_input=True)),
             "length_mean": mean[0],
             "length_mean_drawn": totals[0] / drawn if drawn else None,
             "length_longest": longest,
@@ -82,6 +83,17 @@ def summarise(path: str | Path) -> dict:
             out["bytes"] = Path(path).stat().st_size
             out["bytes_per_pose"] = out["bytes"] / max(file.pose_count, 1)
         return out
+
+
+def _times(file: ContourFile) -> np.ndarray | None:
+    """Times of all poses [s], shape [pose], without the poses, which take more memory; None for poses without time."""
+    spans = [(a, min(file.pose_count, a + POSES_AT_ONCE)) for a in range(0, file.pose_count, POSES_AT_ONCE)]
+    if "time" not in file.motion(*spans[0]):
+        return None
+    time = np.empty(file.pose_count)
+    for first, stop in spans:
+        time[first:stop] = file.motion(first, stop)["time"]
+    return time
 
 
 def summarise_frames(path: str | Path) -> dict:

@@ -95,6 +95,7 @@ def test_quaternion_near_unit_is_normalised_and_a_float32_unit_left_alone():
         (changed(1, 0, np.nan), r"row 1: pose \[nan.* is not finite"),
         (changed(2, 4, -np.inf), r"row 2: pose .*-inf.* is not finite"),
         (changed(0, 2, 1e39), r"row 0: pose .*1e\+39.* is not finite"),  # infinite as float32
+        (changed(3, 1, -1.1e6), r"row 3: position \[0\.1, -1100000\.0, 0\.3\] m must lie within 1e\+06 m of the array"),
         (np.zeros((0, 7)), r"at least one pose"),
         (np.zeros((3, 6)), r"shape \[pose, 7\], got \[3, 6\]"),
         (np.array(FLAT), r"shape \[pose, 7\], got \[7\]"),

@@ -97,10 +97,11 @@ def demo(
     clock: Annotated[str, typer.Option(help="Play in real time (monotonic), or as fast as it goes (virtual).")] = (
         "monotonic"
     ),
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
     json: Json = False,
 ) -> None:
     """Run the main job: explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
-    _run("demo", "run_demo", folder, clock, as_json=json)
+    _run("demo", "run_demo", folder, clock, overwrite, as_json=json)
 
 
 @app.command()
@@ -208,11 +209,12 @@ def voxelise(
     ] = (0.0, 0.0, 0.0),
     at: Annotated[Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")] = None,
     device: Annotated[str, typer.Option(help="cpu, cuda:0, or auto: the first GPU if there is one.")] = "auto",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
     json: Json = False,
 ) -> None:
     """Turn a mesh into voxels: the way out for open meshes."""
     placement = {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at}
-    _run("volume_job", "run_voxelise", mesh, out, spacing, kind, sign, placement, device, as_json=json)
+    _run("volume_job", "run_voxelise", mesh, out, spacing, kind, sign, placement, device, overwrite, as_json=json)
 
 
 app.command()(sweep)
@@ -224,10 +226,11 @@ def strategies(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="PICTURE", help="Draw them side by side: PNG, SVG or PDF.")
     ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
     json: Json = False,
 ) -> None:
     """List intersection strategies and the stages that they are made of."""
-    _run("strategy_job", "run_strategies", out, as_json=json)
+    _run("strategy_job", "run_strategies", out, overwrite, as_json=json)
 
 
 @app.command()
@@ -259,10 +262,11 @@ def check(
 def figure(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Contour files of one object and motion.")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="PICTURE", help="PNG, SVG or PDF to write.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
     json: Json = False,
 ) -> None:
     """Draw contours on the object, the palm, length and draw frequency over time."""
-    _run("job", "run_figure", files, out, as_json=json)
+    _run("job", "run_figure", files, out, overwrite, as_json=json)
 
 
 @app.command()

@@ -42,6 +42,7 @@ def sweep(
     table: Annotated[
         list[Path] | None, typer.Option(metavar="OUT", help="The table once more: .h5 or .parquet. May be repeated.")
     ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that --table names.")] = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the store's summary.png.")] = True,
     allow_code: AllowCode = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
@@ -59,6 +60,7 @@ def sweep(
         "baseline": baseline,
         "tolerances": tolerance or [],
         "tables": table or [],
+        "overwrite": overwrite,
         "figure": figure,
         "allow_code": allow_code,
     }

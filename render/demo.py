@@ -6,6 +6,7 @@ from time import perf_counter
 from ..datasets.errors import ContourFileError
 from ..datasets.motion import exploration
 from . import console
+from .errors import StrategyError
 from .figure import draw_figure
 from .hands import Palm
 from .objects import MeshObject
@@ -14,10 +15,17 @@ from .recorder import record
 from .strategy import closed_contour, open_contour
 from .summary import summarise
 
+FOLDER = Path("palpate-demo")
+"""The demonstration's own folder, whose files it replaces."""
+NAMES = ("motion.csv", "tube-oc.h5", "tube-cc.h5", "tube.png")
 
-def run_demo(folder: Path, clock: str, *, as_json: bool) -> None:
+
+def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> None:
     """Explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
     started = perf_counter()
+    there = [folder / name for name in NAMES if (folder / name).exists()]
+    if there and folder != FOLDER and not overwrite:
+        raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
     connection = Connection(clock=clock)
     console.start_warp()
     try:
@@ -34,7 +42,7 @@ def run_demo(folder: Path, clock: str, *, as_json: bool) -> None:
             record(files[label], thing, hand, motion, strategy, mode="overwrite", progress=progress)
     rendered = perf_counter() - started
     picture = folder / "tube.png"
-    draw_figure(files, picture)
+    draw_figure(files, picture, overwrite=True)
     with console.playback_line("playing CC; Ctrl-C stops it", quiet=as_json) as line:
         playback = play_file(files["CC"], connection=connection, watch=line).as_dict()
     summary = summarise(files["CC"])

@@ -1,9 +1,12 @@
 """A picture of what was rendered: contours on the object, the palm, length and draw frequency over time."""
 
+import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..datasets.durable import write_file
 from ..datasets.errors import ContourFileError
 from ..datasets.reader import ContourFile
 from ..datasets.rigid import rotated
@@ -34,17 +37,34 @@ def shown_poses(length: np.ndarray, normal: np.ndarray, count: int = POSES_SHOWN
     return np.array([i for i in best if seen[i] > 0] or [0])
 
 
-def draw_figure(paths: dict[str, Path], picture: Path, *, sampling: SamplingStrategy | None = None) -> None:
+def require_picture(picture: Path, *, overwrite: bool) -> None:
+    """Raise StrategyError for a name that is none of a picture, and for a file that is there unless `overwrite`."""
+    if picture.suffix not in SUFFIXES:
+        raise StrategyError(f"{picture}: a picture must end in one of {', '.join(SUFFIXES)}")
+    if picture.exists() and not overwrite:
+        raise StrategyError(f"{picture}: exists; --overwrite (overwrite=True) replaces it")
+
+
+def save_picture(figure: Any, picture: Path, *, dpi: int) -> None:
+    """Write a matplotlib figure whole or not at all; raises OSError."""
+    content = io.BytesIO()
+    figure.savefig(content, dpi=dpi, format=picture.suffix.lower().removeprefix("."))
+    write_file(picture, content.getbuffer())
+
+
+def draw_figure(
+    paths: dict[str, Path], picture: Path, *, sampling: SamplingStrategy | None = None, overwrite: bool = False
+) -> None:
     """Draw one picture of renderings of the same object and motion, by label, into a PNG, SVG or PDF.
 
-    The contours shown are those of the last file. Raises StrategyError for another kind of picture, and for files of
-    different objects or motions; ContourFileError where a file cannot be read, or the picture not be written.
+    The contours shown are those of the last file. Raises StrategyError for another kind of picture, for one that is
+    there unless `overwrite`, and for files of different objects or motions; ContourFileError where a file cannot be
+    read, or the picture not be written.
     """
     import matplotlib as mpl  # 0.7 s that only pictures cost
     from matplotlib.figure import Figure
 
-    if picture.suffix not in SUFFIXES:
-        raise StrategyError(f"{picture}: a picture must end in one of {', '.join(SUFFIXES)}")
+    require_picture(picture, overwrite=overwrite)
     _refuse_unlike(list(paths.values()))
     sampling = sampling or SamplingStrategy()
     with mpl.rc_context({"font.size": 8, "axes.spines.top": False, "axes.spines.right": False}):
@@ -78,7 +98,7 @@ def draw_figure(paths: dict[str, Path], picture: Path, *, sampling: SamplingStra
         handles, labels = length_axes.get_legend_handles_labels()
         bottom.legend(handles, labels, loc="outside upper right", frameon=False, ncols=len(paths))
         try:
-            figure.savefig(picture, dpi=120)
+            save_picture(figure, picture, dpi=120)
         except OSError as error:
             raise ContourFileError(f"{picture}: the picture cannot be written ({error.strerror or error})") from error
 

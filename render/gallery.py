@@ -11,7 +11,7 @@ from ..datasets.errors import ContourFileError
 from .batch import render
 from .contours import HAND, MADE, ContourBatch
 from .errors import StrategyError
-from .figure import COLOURS, SUFFIXES
+from .figure import COLOURS, require_picture, save_picture
 from .hands import Palm, PatchFrames
 from .mesh_hand import MeshHand
 from .objects import MeshObject
@@ -77,16 +77,18 @@ def shown_block(hand: Palm) -> MeshHand:
     return MeshHand(vertices.astype(np.float32), faces, glabrous=palm, name="block")
 
 
-def draw_gallery(picture: Path, *, names: Sequence[str] | None = None, device: str = "cpu") -> None:
+def draw_gallery(
+    picture: Path, *, names: Sequence[str] | None = None, device: str = "cpu", overwrite: bool = False
+) -> None:
     """Draw every preset on the same object and palm into a PNG, SVG or PDF; `names`: only these.
 
-    Raises StrategyError for another kind of picture or an unknown name; ContourFileError where it cannot be written.
+    Raises StrategyError for another kind of picture, one that is there unless `overwrite`, or an unknown name;
+    ContourFileError where it cannot be written.
     """
     import matplotlib as mpl  # 0.7 s that only pictures cost
     from matplotlib.figure import Figure
 
-    if picture.suffix not in SUFFIXES:
-        raise StrategyError(f"{picture}: a picture must end in one of {', '.join(SUFFIXES)}")
+    require_picture(picture, overwrite=overwrite)
     lines = dict(strategy_rows())
     for name in names or ():
         if name not in lines:
@@ -121,7 +123,7 @@ def draw_gallery(picture: Path, *, names: Sequence[str] | None = None, device: s
             axes.annotate("\n".join(told), **place, fontsize=6.5, color="#444444", va="bottom")
         _draw_legend(panels[len(shown)])
         try:
-            figure.savefig(picture, dpi=110)
+            save_picture(figure, picture, dpi=110)
         except OSError as error:
             raise ContourFileError(f"{picture}: the picture cannot be written ({error.strerror or error})") from error
 

@@ -207,7 +207,7 @@ def run_check(file: Path, *, as_json: bool) -> int:
     return console.FAILED if problems else console.DONE
 
 
-def run_figure(files: list[Path], out: Path, *, as_json: bool) -> None:
+def run_figure(files: list[Path], out: Path, overwrite: bool, *, as_json: bool) -> None:
     """Draw."""
-    draw_figure({path.stem: path for path in files}, out)
+    draw_figure({path.stem: path for path in files}, out, overwrite=overwrite)
     console.say({"picture": str(out)}, as_json=as_json, title="figure")

@@ -3,17 +3,19 @@
 from pathlib import Path
 
 from . import console
+from .figure import require_picture
 from .gallery import draw_gallery, strategy_rows
 from .stages import ROLES, known_stages
 
 
-def run_strategies(out: Path | None, *, as_json: bool) -> None:
+def run_strategies(out: Path | None, overwrite: bool, *, as_json: bool) -> None:
     """List strategies and stages, and draw them if a picture is asked for."""
     stages = {role: {name: entry.line for name, entry in known_stages(role).items()} for role in ROLES}
     told: dict = {"strategies": dict(strategy_rows()), "stages": stages}
     if out is not None:
+        require_picture(out, overwrite=overwrite)
         console.start_warp()
-        draw_gallery(out)
+        draw_gallery(out, overwrite=overwrite)
         told["picture"] = str(out)
     if as_json:
         console.say(told, as_json=True, title="strategies")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .errors import SweepError
-from .figure import SUFFIXES
+from .figure import SUFFIXES, save_picture
 from .sweep_layout import Axis, Layout, choose_layout, is_missing
 from .sweep_table import AXIS_UNITS
 
@@ -58,7 +58,7 @@ def draw_sweep(
         raise SweepError(f"{picture}: a picture must end in one of {COMMA.join(SUFFIXES)}")
     figure = sweep_figure(columns, name=name)
     try:
-        figure.savefig(picture, dpi=120)
+        save_picture(figure, picture, dpi=120)
     except OSError as error:
         raise SweepError(f"{picture}: the picture cannot be written ({error.strerror or error})") from error
 

@@ -60,6 +60,7 @@ class SweepJob:
     baseline: Path | None
     tolerances: list[str]
     tables: list[Path]
+    overwrite: bool
     figure: bool
     allow_code: bool
 
@@ -79,7 +80,7 @@ class SweepJob:
     def require_sense(self) -> None:
         """Raise PlanError or StrategyError for options that cannot be, whether or not there is anything to make."""
         self.worker_count()
-        refuse_tables(self.tables)
+        refuse_tables(self.tables, overwrite=self.overwrite)
         if self.dry_run:
             given = {"--baseline": self.baseline, "--table": self.tables, "--scheduler": self.scheduler}
             for option, value in given.items():

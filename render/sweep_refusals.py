@@ -20,13 +20,15 @@ TABLE_SUFFIXES = (".h5", ".hdf5", ".parquet")
 RECIPES_FIRST = 1000  # of a plan; a baseline of the same plan has some of these
 
 
-def refuse_tables(tables: Sequence[Path]) -> None:
-    """Raise PlanError for a table that cannot be written: of another form, a folder, Parquet without PyArrow."""
+def refuse_tables(tables: Sequence[Path], *, overwrite: bool) -> None:
+    """Raise PlanError for a table that cannot be written: of another form, there already, Parquet without PyArrow."""
     for table in tables:
         if table.suffix not in TABLE_SUFFIXES:
             raise PlanError(f"--table {table}: a table must end in {', '.join(TABLE_SUFFIXES)}")
         if table.is_dir():
             raise PlanError(f"--table {table}: is a folder")
+        if table.exists() and not overwrite:
+            raise PlanError(f"--table {table}: exists; --overwrite replaces it")
         if table.suffix == ".parquet" and importlib.util.find_spec("pyarrow") is None:
             raise PlanError(f"--table {table}: Parquet needs PyArrow: pip install 'palpate[parquet]'")
 

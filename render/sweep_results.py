@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..datasets.durable import FolderLock
+from ..datasets.durable import FolderLock, discard, write_file
 from ..datasets.errors import SweepStoreError
 from ..datasets.schema import PRUNED_NAMES, removed_name
 from ..datasets.sweep_store import SweepStore
@@ -68,7 +67,7 @@ class Results:
             with locked(self._folder):
                 if not self._is_fresh:
                     self._write_store_table()
-                    _discard(picture)  # of other results
+                    discard(picture)  # of other results
                 if figure:
                     _draw(picture, self.columns, self._plan)
         for path in tables:
@@ -79,7 +78,7 @@ class Results:
             self.files["figure"] = str(picture)
 
     def _write_store_table(self) -> None:
-        _discard(self._folder / STAMP)
+        discard(self._folder / STAMP)
         _write_table(self._folder / TABLE, self.columns, self._plan)
         if "poses" in self._plan.groups:
             from ..datasets.table_stream import write_blocks
@@ -137,25 +136,16 @@ def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:
     """A sweep of which nothing can be drawn has no figure, which is said; whatever it is, results are worth more."""
     from .sweep_figure import draw_sweep  # matplotlib
 
-    temporary = figure.with_name(f"{figure.stem}.tmp{figure.suffix}")
     try:
-        draw_sweep(columns, temporary, name=plan.name)
-        os.replace(temporary, figure)
+        draw_sweep(columns, figure, name=plan.name)
     except (RenderError, OSError) as error:
-        _discard(temporary)
         _warn_no_figure(str(error))
     except Exception as error:  # matplotlib's, of names or numbers that nobody thought of
-        _discard(temporary)
         _warn_no_figure(f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}")
 
 
 def _warn_no_figure(why: str) -> None:
     console.warn(f"no figure: {why}")
-
-
-def _discard(path: Path) -> None:
-    with contextlib.suppress(OSError):
-        path.unlink()
 
 
 def _size(path: Path) -> int:
@@ -186,7 +176,5 @@ def _stamped(folder: Path) -> dict[str, Any] | None:
 
 
 def _write_stamp(folder: Path, content: dict[str, Any]) -> None:
-    temporary = folder / f"{STAMP}.tmp"
     with contextlib.suppress(OSError):  # without it the table is written again
-        temporary.write_text(json.dumps(content))
-        os.replace(temporary, folder / STAMP)
+        write_file(folder / STAMP, memoryview(json.dumps(content).encode()))

@@ -319,7 +319,7 @@ class _Run:
         self._refuse_removed()
         probe = self._store.folder / f"probe-{self._log.run}.tmp"
         try:
-            with probe.open("wb") as file:
+            with probe.open("xb") as file:
                 file.write(bytes(PROBE_BYTES))
                 file.flush()
                 os.fsync(file.fileno())

@@ -16,7 +16,16 @@ VOXELISED_KINDS = ("distance", "occupancy")
 
 
 def run_voxelise(
-    mesh: str, out: Path, spacing: float, kind: str, sign: str, placement: dict, device: str, *, as_json: bool
+    mesh: str,
+    out: Path,
+    spacing: float,
+    kind: str,
+    sign: str,
+    placement: dict,
+    device: str,
+    overwrite: bool,
+    *,
+    as_json: bool,
 ) -> None:
     """Voxelise, write, say what came of it."""
     require_choice("--kind", kind, VOXELISED_KINDS)
@@ -25,12 +34,22 @@ def run_voxelise(
         raise StrategyError(f"--spacing must be a positive length in metres, not {spacing}")
     if not out.name.lower().endswith(tuple(WRITERS)):
         raise StrategyError(f"{out}: voxels are written to {', '.join(WRITERS)}")
+    if out.exists() and not overwrite:
+        raise StrategyError(f"{out}: exists; --overwrite replaces it")
     console.start_warp()
     started = perf_counter()
     place, name = Placement(**placement), worker_devices(device, 1)[0]
     with console.loading_bar(mesh, quiet=as_json) as watch:
         told = voxelise_file(
-            mesh, out, spacing=spacing, placement=place, kind=kind, sign=sign, device=name, watch=watch
+            mesh,
+            out,
+            spacing=spacing,
+            placement=place,
+            kind=kind,
+            sign=sign,
+            device=name,
+            watch=watch,
+            overwrite=overwrite,
         )
     seconds = perf_counter() - started
     console.say({**told, "bytes": out.stat().st_size, "seconds": seconds}, as_json=as_json, title=str(out))

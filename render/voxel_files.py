@@ -1,17 +1,32 @@
 """Volumes from files and into files: NumPy, NRRD, NIfTI, NanoVDB."""
 
-import contextlib
-import os
+import io
+import logging
+import math
+import secrets
 import struct
 import warnings
-import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import warp as wp
 
+from ..datasets.array_file import ONLY, array_shape, read_arrays
+from ..datasets.bounded_file import (
+    FileBoundError,
+    bunzipped,
+    file_beside,
+    gunzipped,
+    inflated,
+    open_regular,
+    read_content,
+    read_limited,
+    require_bytes,
+)
+from ..datasets.durable import write_temporary
 from ..kernels.voxelise import gather_volume
 from .errors import PalpateWarning, VoxelError
 from .fields import told
@@ -41,6 +56,10 @@ SUFFIXES = (".npy", ".npz", ".nrrd", ".nhdr", ".nii", ".nii.gz", ".nvdb")
 GRID_CLASS = 632  # byte of a NanoVDB grid that says what it holds
 TREE = 672  # byte where its tree starts: offsets of leaves, lower and upper nodes and root, which starts with its box
 LEVEL_SET, FOG = 1, 2
+ZIPPED = b"\x01\x00"  # NanoVDB's codec for zlib
+UNPACKED = {"gzip": gunzipped, "gz": gunzipped, "bzip2": bunzipped, "bz2": bunzipped}  # of NRRD's encodings
+NIFTI2 = (struct.pack("<i", 540), struct.pack(">i", 540))  # how files of NIfTI-2 begin
+SCALED_BYTES = 8  # of a value that a NIfTI file has a factor for: it becomes float64
 CLASS_KINDS = {LEVEL_SET: ("distance", 0.0), FOG: ("intensity", 0.5)}
 
 
@@ -84,45 +103,20 @@ def grid_of(arrays: Any, unit: str) -> np.ndarray | None:
     return scaled(affine_of(**{"spacing": None, "origin": None, "direction": None, "affine": None, **given}), unit)
 
 
-def numpy_shape(stream: IO[bytes]) -> tuple[int, ...]:
-    """Shape of the array that a stream of the .npy format starts with; raises ValueError where none does."""
-    read = np.lib.format.read_array_header_1_0
-    if np.lib.format.read_magic(stream) != (1, 0):  # 2.0 and 3.0 differ from each other in the names of fields only
-        read = np.lib.format.read_array_header_2_0
-    return read(stream)[0]
-
-
-def values_shape(path: Path) -> tuple[int, ...]:
-    """Shape of the values by the header alone; () where there is none, which whoever reads the file will say."""
-    with contextlib.suppress(ValueError, KeyError, zipfile.BadZipFile):
-        if not zipfile.is_zipfile(path):
-            with path.open("rb") as stream:
-                return numpy_shape(stream)
-        with zipfile.ZipFile(path) as arrays, arrays.open("values.npy") as stream:
-            return numpy_shape(stream)
-    return ()
-
-
 def read_numpy(path: Path, unit: str | None) -> VolumeFile:
     """An .npy file (values), or an .npz file with values and spacing, origin, direction or affine, and kind, level."""
-    require_room(values_shape(path))
-    with open(path, "rb") as file:
-        try:
-            loaded = np.load(file, allow_pickle=False)
-        except ValueError as error:
-            if "pickle" not in str(error):
-                raise
-            raise VoxelError("holds Python objects, or is no NumPy file: such are never loaded") from error
-        if isinstance(loaded, np.ndarray):
-            return VolumeFile(loaded, None)
-        if "values" not in loaded:
-            raise VoxelError(f"has no array 'values' (but {', '.join(loaded.files) or 'nothing'})")
-        return VolumeFile(
-            loaded["values"],
-            grid_of(loaded, unit or "m"),
-            str(loaded["kind"]) if "kind" in loaded else None,
-            float(loaded["level"]) if "level" in loaded else None,
-        )
+    require_room(array_shape(path, "values"))
+    found = read_arrays(path)
+    if ONLY in found:
+        return VolumeFile(found[ONLY], None)
+    if "values" not in found:
+        raise VoxelError(f"has no array 'values' (but {', '.join(found) or 'nothing'})")
+    return VolumeFile(
+        found["values"],
+        grid_of(found, unit or "m"),
+        str(found["kind"]) if "kind" in found else None,
+        float(found["level"]) if "level" in found else None,
+    )
 
 
 def nrrd_units(header: Any, field: str, unit: str | None) -> np.ndarray:
@@ -159,27 +153,91 @@ def nrrd_affine(header: Any, unit: str | None) -> np.ndarray | None:
 
 
 def read_nrrd(path: Path, unit: str | None) -> VolumeFile:
-    """A NRRD file, attached or detached header."""
+    """A NRRD file, attached or detached header; its data within the budget, and in its own folder."""
     nrrd = imported("nrrd", "pynrrd")
-    header = nrrd.read_header(str(path))
-    require_room(tuple(header["sizes"]))
-    values, header = nrrd.read(str(path))
+    with open_regular(path) as file:
+        header = nrrd.read_header(file)
+        require_room(tuple(header["sizes"]))
+        name = header.pop("data file", header.pop("datafile", None))
+        data = read_limited(file, "its data") if name is None else read_content(file_beside(path, str(name)))
+    content, header = nrrd_content(data, header)
+    values = nrrd.read_data(header, content)
+    if content.read(1):
+        raise VoxelError(f"holds more data than its sizes {list(header['sizes'])} say")
     return VolumeFile(without_ones(values), nrrd_affine(header, unit))
+
+
+def nrrd_content(data: bytes, header: Any) -> tuple[io.BytesIO, Any]:
+    """Data as the header tells them, unpacked; and the header of them, without what was done.
+
+    Lines are skipped before unpacking, bytes behind it: that is how the format, and pynrrd, has it.
+    """
+    packing = str(header.get("encoding", "")).lower()
+    unpack = UNPACKED.get(packing)
+    if unpack is None:
+        return io.BytesIO(data), header
+    lines = int(header.get("line skip", header.get("lineskip", 0)))
+    for _ in range(min(lines, data.count(b"\n"))):
+        data = data.partition(b"\n")[2]
+    kept = {key: value for key, value in header.items() if key not in ("line skip", "lineskip")}
+    return io.BytesIO(unpack(data)), {**kept, "encoding": "raw"}
 
 
 def read_nifti(path: Path, unit: str | None) -> VolumeFile:
     """A NIfTI file, as its sform or qform says."""
     nibabel = imported("nibabel", "nibabel")
-    image = nibabel.load(path)
-    require_room(image.shape)
+    with open_regular(path) as file, silenced(nibabel.imageglobals.logger):
+        content: IO[bytes] = file
+        if path.name.lower().endswith(".gz"):
+            content = io.BytesIO(gunzipped(read_limited(file, "it")))
+        kind = nibabel.Nifti2Image if content.read(4) in NIFTI2 else nibabel.Nifti1Image
+        content.seek(0)
+        image = kind.from_file_map({"image": nibabel.FileHolder(fileobj=content)})
+        require_room(image.shape)
+        scaling = image.dataobj.slope, image.dataobj.inter
+        itemsize = image.get_data_dtype().itemsize if scaling == (1, 0) else SCALED_BYTES
+        require_bytes(math.prod(image.shape) * itemsize, "what its values hold")
+        values = np.asanyarray(image.dataobj)
+        if isinstance(values, np.memmap):  # a file that is cut off while it is mapped kills the process
+            values = np.array(values)
     said = image.header.get_xyzt_units()[0]
-    affine = scaled(image.affine, unit or UNIT_NAMES.get(said, "mm"))
-    return VolumeFile(without_ones(np.asanyarray(image.dataobj)), affine)
+    return VolumeFile(without_ones(values), scaled(image.affine, unit or UNIT_NAMES.get(said, "mm")))
+
+
+@contextmanager
+def silenced(logger: logging.Logger) -> Iterator[None]:
+    """Without what a library logs: nibabel's checks print what a header holds, control characters too."""
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
+
+
+def nanovdb_content(content: bytes) -> bytes:
+    """A NanoVDB file of one grid with nothing packed, within the budget; others as they are.
+
+    Warp unpacks at one go whatever there is: https://www.openvdb.org/documentation/doxygen/NanoVDB_MainPage.html
+    """
+    if len(content) < 192 or content[14:16] == b"\0\0":
+        return content
+    if content[14:16] != ZIPPED:
+        raise VoxelError("is packed by a codec other than zip: nanovdb_convert --zip packs it anew")
+    if (grids := struct.unpack_from("<H", content, 12)[0]) != 1:
+        raise VoxelError(f"has {grids} grids; a file with one is needed")
+    begin = 192 + struct.unpack_from("<I", content, 152)[0]
+    if begin + 8 > len(content):
+        raise VoxelError("ends before its grid")
+    unpacked = inflated(content[begin + 8 : begin + 8 + struct.unpack_from("<Q", content, begin)[0]])
+    front = bytearray(content[:begin])
+    struct.pack_into("<H", front, 14, 0)
+    struct.pack_into("<Q", front, 24, len(unpacked))
+    return bytes(front) + unpacked
 
 
 def read_nanovdb(path: Path, unit: str | None) -> VolumeFile:
     """The grid of a NanoVDB file: the box of its active voxels and a layer around it, looked up voxel by voxel."""
-    volume = wp.Volume.load_from_nvdb(path.read_bytes(), device="cpu")
+    volume = wp.Volume.load_from_nvdb(nanovdb_content(read_content(path)), device="cpu")
     info = volume.get_grid_info()
     if info.grid_count > 1:
         raise VoxelError(f"has {info.grid_count} grids; a file with one is needed")
@@ -235,11 +293,11 @@ def read_volume(path: str | Path, unit: str | None = None) -> VolumeFile:
     if reader is None:
         way = " (OpenVDB's nanovdb_convert makes .nvdb of .vdb)" if path.suffix == ".vdb" else ""
         raise VoxelError(f"{path}: is no volume by its name, which should end in {', '.join(SUFFIXES)}{way}")
-    if not path.is_file():
+    if not path.exists():
         raise VoxelError(f"{path}: no such file")
     try:
         return reader(path, unit)
-    except VoxelError as error:
+    except (VoxelError, FileBoundError) as error:
         raise VoxelError(f"{path}: {error}") from error
     except Exception as error:  # readers of many formats, each with errors of its own
         what = " ".join([f"{type(error).__name__}:", *str(error).split()]).removesuffix(":")
@@ -310,18 +368,22 @@ WRITERS: dict[str, Callable[["VoxelObject", Path], None]] = {
 }
 
 
-def save_voxels(voxels: "VoxelObject", path: str | Path) -> None:
+def save_voxels(voxels: "VoxelObject", path: str | Path, *, overwrite: bool = False) -> None:
     """Write voxels, as placed: .npz, .npy (values only), .nrrd, .nii, .nii.gz, or .nvdb (along the axes only).
 
     Values that are signed are written as they are, occupancy and labels as 0 and 1. Raises VoxelError for another name,
-    and for what the format cannot hold. A file of that name is replaced once the new one is whole.
+    for what the format cannot hold, and for a file that is there unless `overwrite`, which replaces it once the new one
+    is whole.
     """
     path = Path(path)
     end = next((end for end in WRITERS if path.name.lower().endswith(end)), None)
     if end is None:
         raise VoxelError(f"{path}: voxels are written to {', '.join(WRITERS)}")
-    new = path.with_name(f".{path.name[: -len(end)]}.{os.getpid()}{end}")
+    if path.exists() and not overwrite:
+        raise VoxelError(f"{path}: exists; --overwrite (overwrite=True) replaces it")
+    new = path.with_name(f".{path.name[: -len(end)]}.{secrets.token_hex(6)}{end}")
     try:
+        write_temporary(new, memoryview(b""))
         WRITERS[end](voxels, new)
         new.replace(path)
     except OSError as error:

@@ -256,6 +256,7 @@ def voxelise_file(
     sign: str = "auto",
     device: str | None = None,
     watch: Watch = unwatched,
+    overwrite: bool = False,
 ) -> dict[str, Any]:
     """Voxelise a built-in object or a mesh file into a file of voxels; returns what it says about itself, for JSON."""
     from .voxel_files import save_voxels
@@ -263,5 +264,5 @@ def voxelise_file(
     thing = MeshObject.load(source, placement=placement, watch=watch)
     watch("voxels", 0, 1)
     voxels = voxelise(thing, spacing=spacing, kind=kind, margin=margin, band=band, sign=sign, device=device)
-    save_voxels(voxels, out)
+    save_voxels(voxels, out, overwrite=overwrite)
     return {**voxels.described(), "file": str(out)}

@@ -68,8 +68,10 @@ def rendered(motion, tmp_path_factory):
 
 
 def test_demo_runs_the_main_job_again_and_again(tmp_path):
-    for _ in range(2):
-        told = answer("demo", "--folder", tmp_path / "demo", "--clock", "virtual")
+    words = ("demo", "--folder", tmp_path / "demo", "--clock", "virtual")
+    answer(*words)
+    refused(MISUSED, "--overwrite", *words)  # the folder is not the demonstration's own
+    told = answer(*words, "--overwrite")
     assert told["poses"] == 2700
     assert told["frames"] == 300_000
     assert told["board_underruns"] == 0
@@ -138,7 +140,11 @@ def test_selftest_plays_a_point_and_a_circle():
 
 def test_figure_is_drawn_of_files_of_one_object_and_motion(rendered, motion, tmp_path):
     run("render", "tube", motion, "-o", tmp_path / "oc.h5", "--strategy", "oc")
-    assert run("figure", tmp_path / "oc.h5", rendered, "-o", tmp_path / "picture.png").exit_code == 0
+    (tmp_path / "picture.png").write_bytes(b"precious")
+    words = ("figure", tmp_path / "oc.h5", rendered, "-o", tmp_path / "picture.png")
+    refused(MISUSED, "picture.png: exists; --overwrite", *words)
+    assert (tmp_path / "picture.png").read_bytes() == b"precious"
+    assert run(*words, "--overwrite").exit_code == 0
     assert (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
     run("render", "cube", motion, "-o", tmp_path / "cube.h5")
     refused(MISUSED, "another object", "figure", rendered, tmp_path / "cube.h5", "-o", tmp_path / "two.png")

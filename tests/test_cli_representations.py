@@ -118,7 +118,11 @@ def test_an_open_mesh_is_refused_with_the_way_out_that_works(tmp_path, monkeypat
     )
     refused("palpate voxelise", "render", tmp_path / "bowl.off", "sink.csv", "-o", tmp_path / "a.h5")
     volume = tmp_path / "bowl.npz"
-    answer("voxelise", tmp_path / "bowl.off", "-o", volume, "--spacing", "0.002", "--device", "cpu")
+    words = ("voxelise", tmp_path / "bowl.off", "-o", volume, "--spacing", "0.002", "--device", "cpu")
+    volume.write_bytes(b"precious")
+    refused("bowl.npz: exists; --overwrite", *words)
+    assert volume.read_bytes() == b"precious"
+    answer(*words, "--overwrite")
     assert answer("render", volume, "sink.csv", "-o", tmp_path / "b.h5")["poses_drawn"] > 5
 
 
@@ -153,7 +157,9 @@ def test_contours_that_stages_removed_are_told_from_poses_that_meet_nothing(fold
 
 def test_strategies_are_listed_and_drawn_and_each_can_be_rendered(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
-    told = answer("strategies", "-o", tmp_path / "all.png")
+    (tmp_path / "all.png").write_bytes(b"precious")
+    refused("all.png: exists; --overwrite", "strategies", "-o", tmp_path / "all.png")
+    told = answer("strategies", "-o", tmp_path / "all.png", "--overwrite")
     assert (tmp_path / "all.png").stat().st_size > 50_000
     assert set(told["stages"]) == {"raw", "prune", "transform"}
     for name in told["strategies"]:

@@ -120,7 +120,8 @@ def test_rows_of_poses_and_kept_files(tmp_path):
 
 def test_a_change_is_caught_against_a_baseline(tmp_path):
     path = plan(tmp_path / "a.toml")
-    sweep(path, "--table", tmp_path / "old.h5", "--table", tmp_path / "old.parquet")
+    (tmp_path / "old.h5").write_bytes(b"of an earlier sweep")
+    sweep(path, "--overwrite", "--table", tmp_path / "old.h5", "--table", tmp_path / "old.parquet")
     for old in ("old.h5", "old.parquet", "a.sweep"):
         told = sweep(path, "--store", tmp_path / "b.sweep", "--baseline", tmp_path / old)
         assert told["comparison"]["kept"] is True

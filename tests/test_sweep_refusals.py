@@ -80,6 +80,8 @@ def test_tables_and_schedulers_that_cannot_be(path, tmp_path):
     store = tmp_path / "a.sweep"
     (tmp_path / "t.h5").mkdir()
     refused_before(store, "is a folder", path, "--table", tmp_path / "t.h5")
+    (tmp_path / "old.h5").write_bytes(b"precious")
+    refused_before(store, "old.h5: exists; --overwrite replaces it", path, "--table", tmp_path / "old.h5")
     refused_before(store, "unknown scheduler 'slrum'", path, "--scheduler", "slrum", "--workers", "2")
     refused_before(store, "how many jobs", path, "--scheduler", "slurm")
     refused_before(store, "one device", path, "--scheduler", "tcp://127.0.0.1:1", "--device", "cuda:0,cuda:1")

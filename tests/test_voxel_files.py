@@ -28,7 +28,10 @@ def test_what_is_saved_is_loaded_again(end, kind, tmp_path, rng, device):
     thing = balled(ball() if kind == "distance" else ball() < 0, kind=kind, placement=placement)
     path = tmp_path / f"ball{end}"
     path.write_bytes(b"what was there before")
-    save_voxels(thing, path)
+    with pytest.raises(VoxelError, match="exists; --overwrite"):
+        save_voxels(thing, path)
+    assert path.read_bytes() == b"what was there before"
+    save_voxels(thing, path, overwrite=True)
     said = None if end in (".npz", ".nvdb") or kind == "occupancy" else kind
     again = VoxelObject.load(path, kind=said)
     points = rng.uniform(*thing.bounds, size=(400, 3))

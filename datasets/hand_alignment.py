@@ -18,9 +18,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .durable import write_file
 from .errors import RecordingError
 from .hand_json import Json, items, number, read_json
-from .rigid import Numbers, quaternion_of
+from .rigid import POSITION_FARTHEST, Numbers, quaternion_of
 
 Y_UP = (0.0, 0.0, 0.0, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """A tracker at the array's centre whose y is up, x to the right and z towards the user (a Leap lying flat, OpenXR)."""
@@ -52,11 +53,17 @@ def alignment_pose(alignment: Alignment) -> Numbers:
     raise RecordingError(f"{name}: has {sorted(content)}, must have position and orientation, or matrix")
 
 
-def write_alignment(path: str | PathLike[str], alignment: Alignment) -> None:
-    """Write an alignment as JSON. Raises RecordingError where it is none, or the file cannot be written."""
+def write_alignment(path: str | PathLike[str], alignment: Alignment, *, overwrite: bool = False) -> None:
+    """Write an alignment as JSON.
+
+    Raises RecordingError where it is none, where the file is there unless `overwrite`, or cannot be written.
+    """
     pose = alignment_pose(alignment).tolist()
+    if Path(path).exists() and not overwrite:
+        raise RecordingError(f"{path}: exists already; overwrite=True replaces it")
+    text = json.dumps({"position": pose[:3], "orientation": pose[3:]}) + "\n"
     try:
-        Path(path).write_text(json.dumps({"position": pose[:3], "orientation": pose[3:]}) + "\n", encoding="utf-8")
+        write_file(Path(path), memoryview(text.encode()))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error}") from error
 
@@ -65,7 +72,7 @@ def _content(path: Path) -> dict[str, Json]:
     try:
         content = read_json(path)
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read as an alignment: {error.strerror}") from None
+        raise RecordingError(f"{path}: cannot be read as an alignment: {error.strerror or error}") from None
     except RecordingError as error:
         raise RecordingError(f"{path}: not an alignment: {error}") from None
     if not isinstance(content, dict):
@@ -90,6 +97,9 @@ def _pose(value: ArrayLike, name: str, shapes: tuple[tuple[int, ...], ...] = ((7
         raise RecordingError(f"{name}: must have shape {wanted}, got {list(numbers.shape)}")
     if not np.isfinite(numbers).all():
         raise RecordingError(f"{name}: {numbers.tolist()} is not finite")
+    place = numbers[:3] if numbers.shape == (7,) else numbers[:3, 3]
+    if (np.abs(place) > POSITION_FARTHEST).any():
+        raise RecordingError(f"{name}: position {place.tolist()} m must lie within {POSITION_FARTHEST:g} m")
     return _from_matrix(numbers, name) if numbers.shape == (4, 4) else _from_pose(numbers, name)
 
 

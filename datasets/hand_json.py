@@ -4,13 +4,17 @@ Vectors are lists or objects with x, y, z (and w); null and NaN are values that 
 """
 
 import csv
+import io
 import json
 import math
+import reprlib
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from . import bounded_file
+from .bounded_file import read_content, require_parsable
 from .errors import RecordingError
 from .rigid import Numbers
 
@@ -25,15 +29,13 @@ Json = Any
 def read_json(path: Path) -> Json:
     """The content of a JSON file. Raises RecordingError naming line and column where it breaks off."""
     try:
-        return json.loads(path.read_text(encoding="utf-8-sig"))
+        return bounded_file.read_json(path)
     except UnicodeDecodeError as error:
         raise RecordingError(f"byte {error.start} is not UTF-8 text") from None
     except json.JSONDecodeError as error:
         raise RecordingError(f"line {error.lineno} column {error.colno}: not JSON: {error.msg}") from None
-    except ValueError:  # an integer of thousands of digits
-        raise RecordingError("not JSON that can be read: a number has too many digits") from None
-    except RecursionError:
-        raise RecordingError("nested too deeply") from None
+    except ValueError as error:  # an integer of thousands of digits; nested too deeply
+        raise RecordingError(f"not JSON that can be read: {error}") from None
 
 
 def entry(node: Json, name: str, place: str) -> Json:
@@ -165,7 +167,9 @@ def read_table(path: Path) -> Table:
     rows: list[list[str]] = []
     lines: list[int] = []
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        content = read_content(path)
+        require_parsable(content)
+        with io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             for row in reader:
                 if not any(cell.strip() for cell in row):
@@ -195,5 +199,5 @@ def _measure(value: float) -> float:
 
 
 def _shown(node: Json) -> str:
-    text = repr(node)
+    text = reprlib.repr(node)  # of what is nested as deeply as may be, too
     return text if len(text) <= 40 else f"{text[:40]}..."

@@ -15,7 +15,7 @@ from .hand_frames import BREADTH_SHARE, knuckle_width, side_from_axes
 from .hand_gaps import hold_joints, resample_joints
 from .hand_joints import JOINT_COUNT, JOINT_NAMES, Joint
 from .motion import NORM_TOLERANCE, HandMotion
-from .rigid import Numbers, is_finite, pose_inverse, pose_product, rotated
+from .rigid import POSITION_FARTHEST, Numbers, is_finite, pose_inverse, pose_product, rotated
 
 GAP_MOST = 0.1
 """Joints that are missing for longer than this [s] are not held or bridged."""
@@ -201,6 +201,7 @@ def _checked_pose(pose: Numbers, valid: NDArray[np.bool_] | None) -> tuple[Numbe
     flag = finite if valid is None else _checked_flags("valid", valid, finite.shape)
     _refuse(flag & ~finite, rows, "is said to be valid, but is not finite: {}")
     rows[~flag] = np.nan
+    _refuse(np.abs(rows[..., :3]).max(axis=2) > POSITION_FARTHEST, rows, f"is beyond {POSITION_FARTHEST:g} m: {{}}")
     norm = np.linalg.norm(rows[..., 3:], axis=2)
     _refuse(
         np.abs(norm - 1.0) > NORM_TOLERANCE, norm, f"has quaternion norm {{:.6g}}; it must be 1 within {NORM_TOLERANCE}"

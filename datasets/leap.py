@@ -5,14 +5,13 @@ reaches from `prev_joint` (nearer to the wrist) to `next_joint`. The palm's axes
 """
 
 import math
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .array_file import ONLY, read_arrays
 from .errors import RecordingError
 from .hand_clip import SIDES, Clip, Sighting, frame_place, line_place, unknown_joints
 from .hand_frames import PALM_RADIUS_SHARE, axes_from
@@ -20,8 +19,6 @@ from .hand_joints import DIGITS, ENDS_JOINTS, LEAP_BONES, LEAP_DIGITS, Joint, le
 from .hand_json import LENGTH_UNITS, TIME_UNITS, Json, Table, entry, items, number, optional, unit_factor, vector
 from .rigid import Numbers, quaternion_of, rotated
 
-# what zipfile, zlib and NumPy raise for damaged archives
-_BROKEN = (zipfile.BadZipFile, zlib.error, ValueError, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
 _PALM_VECTORS = ("position", "normal", "direction")
 
 TIP_RADIUS_SHARE = 0.85
@@ -127,14 +124,13 @@ def leap_arrays(path: Path) -> Clip:
 
 def _read_archive(path: Path) -> dict[str, NDArray[Any]]:
     """Arrays of a .npz by name; OSError where there is no such file."""
-    with path.open("rb") as file:
-        if not zipfile.is_zipfile(file):
-            raise RecordingError("not a NumPy archive of arrays (.npz)")
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except _BROKEN as error:
+        found = read_arrays(path)
+    except ValueError as error:
         raise RecordingError(f"not a NumPy archive of arrays: {error}") from None
+    if ONLY in found:
+        raise RecordingError("not a NumPy archive of arrays (.npz)")
+    return found
 
 
 def _hand(hand: Json, frame: int, length: float) -> Sighting:

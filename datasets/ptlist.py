@@ -23,12 +23,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .bounded_file import read_text, require_bytes
 from .durable import write_file
 from .errors import DatasetError
 
 HEADER = ("number of steps", "sample rate", "maximum intensity")
 COLUMNS = ("x", "y", "z", "intensity")
 REACH = 10.0  # [m] no focal point is farther away: another unit
+_LINE_BYTES = 200  # that a line takes as a text of its own, and as a row of numbers
 _SEPARATORS = re.compile(r"[,;\s]+")
 
 
@@ -59,7 +61,9 @@ def read_ptlist(path: str | Path, *, unit: float = 1.0) -> PointList:
     path = Path(path)
     _require_unit(unit)
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        text = read_text(path)
+        require_bytes(_LINE_BYTES * (text.count("\n") + 1) + len(text), "what its lines hold")
+        lines = text.splitlines()
     except FileNotFoundError:
         raise PointListError(f"{path}: no such point list") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -52,6 +52,10 @@ def load_recording(
         raise RecordingError(f"{source}: {error}") from None
     except OSError as error:
         raise RecordingError(f"{source}: cannot be read: {error.strerror or error}") from None
+    except MemoryError:
+        raise RecordingError(f"{source}: cannot be read: it takes more memory than there is") from None
+    except RecursionError:
+        raise RecordingError(f"{source}: cannot be read: nested too deeply") from None
     return recording if alignment is None else recording.transformed(alignment)
 
 

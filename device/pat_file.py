@@ -17,7 +17,9 @@ not lines.
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -177,9 +179,16 @@ class _Lines:
         return whole
 
 
+def _unblocked(path: str, flags: int) -> int:
+    """Open a file without waiting, as a pipe would for its writer."""
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
 def _text_lines(path: Path) -> list[str]:
     try:
-        with path.open("rb") as file:
+        with open(path, "rb", opener=_unblocked) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise CalibrationError(f"{path}: is no regular file, so it is no board file")
             content = file.read(_SIZE_MOST + 1)
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from error

@@ -10,6 +10,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
+from ..datasets.bounded_file import FileBoundError, parse_json, read_text
 from .errors import ImplicitError
 from .expression import (
     DEEPEST,
@@ -68,11 +69,9 @@ def expression_from_json(text: str) -> Expression:
     Raises ImplicitError for what is no JSON or no expression.
     """
     try:
-        described = json.loads(text)
-    except ValueError as error:  # no JSON, or a number of thousands of digits
+        described = parse_json(text)
+    except (ValueError, FileBoundError) as error:  # no JSON, nested too deeply, too large
         raise ImplicitError(f"expression: not JSON ({error})") from error
-    except RecursionError as error:
-        raise ImplicitError(f"expression: more than {DEEPEST} operators above one another") from error
     return expression_from(described)
 
 
@@ -88,7 +87,7 @@ def load_expression(path: str | Path) -> Expression:
     """
     path = Path(path)
     try:
-        return expression_from_json(path.read_text(encoding="utf-8"))
+        return expression_from_json(read_text(path))
     except (OSError, UnicodeDecodeError) as error:
         raise ImplicitError(f"{path}: cannot be read ({error})") from error
     except ImplicitError as error:

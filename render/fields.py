@@ -1,12 +1,12 @@
 """Strategies as people write them: their fields read from JSON, checked, and refused by name, value and bound."""
 
-import json
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from ..datasets.bounded_file import FileBoundError, parse_json, read_text
 from .errors import StrategyError
 
 T = TypeVar("T")
@@ -47,8 +47,8 @@ def told(value: object) -> str:
 def read_fields(text: str, known: Collection[str], name: str) -> dict[str, Any]:
     """The fields of a JSON object, if it has no others; `name` is what it describes."""
     try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        values = parse_json(text)
+    except (ValueError, FileBoundError) as error:
         raise StrategyError(f"{name}: not JSON ({error})") from error
     return known_fields(values, known, name)
 
@@ -68,9 +68,9 @@ def load_by_name(source: str, presets: Mapping[str, Callable[[], T]], read: Call
     if source.lower() in presets:
         return presets[source.lower()]()
     path = Path(source)
-    if not path.is_file():
+    if not path.exists():
         raise StrategyError(f"unknown {name} {source!r}: neither a preset ({', '.join(presets)}) nor a JSON file")
     try:
-        return read(path.read_text(encoding="utf-8-sig"))
+        return read(read_text(path))
     except (StrategyError, UnicodeDecodeError, OSError) as error:
         raise StrategyError(f"{path}: {error}") from error

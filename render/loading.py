@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ..datasets.bounded_file import open_regular
 from ..datasets.errors import MotionError
 from ..datasets.hand_recording import HandRecording
 from ..datasets.hand_shape import hand_shape
@@ -45,6 +46,7 @@ from .voxels import VoxelObject
 
 EXPLORATION = "exploration"
 EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
+HEADER_BYTES = 65536  # of a CSV, in which its header is
 SOLID_HAND_STEP = 0.002  # [m]; of the mesh of a hand that is given as a solid: finer than any focus
 POSE_HEADERS = ("time,x,y,z", "x,y,z")  # how a CSV of poses begins, and a recording's does not
 
@@ -122,8 +124,9 @@ def is_recording(source: str) -> bool:
         return True
     if path.suffix.lower() != ".csv" or not path.is_file():
         return False
-    with path.open(errors="replace") as lines:
-        first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    with open_regular(path) as file:
+        lines = file.read(HEADER_BYTES).decode(errors="replace").splitlines()
+    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
     return not first.replace(" ", "").startswith(POSE_HEADERS)
 
 

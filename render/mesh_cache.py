@@ -20,7 +20,8 @@ from time import perf_counter
 
 import numpy as np
 
-from ..datasets.durable import discard
+from ..datasets.array_file import read_arrays
+from ..datasets.durable import discard, temporary_name, write_temporary
 from .loading_progress import Watch, unwatched
 from .mend import Mended, Repair, mend_mesh
 from .mesh_report import MeshReport
@@ -47,7 +48,7 @@ SOURCES = (  # of palpate, that decide how a mesh is repaired
     "render/mesh_union.py",
     "render/mesh_welding.py",
 )
-ENTRY = re.compile(r"[0-9a-f]{64}\.npz|\.[0-9a-f]{64}\.\d+\.tmp")  # and what a killed process left of one
+ENTRY = re.compile(r"[0-9a-f]{64}\.npz|\.[0-9a-f]{64}\.[0-9a-f]+\.tmp")  # and what a killed process left of one
 LIBRARIES = ("manifold3d", "numpy", "scipy", "warp-lang")
 
 
@@ -118,9 +119,9 @@ def entry_key(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> str:
 def read_entry(path: Path) -> Mended | None:
     """A repaired mesh; None if there is none or it is damaged, which is then removed."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as entry:
-            vertices, faces = entry["vertices"], entry["faces"]
-            solid_count, report = int(entry["solid_count"]), MeshReport(**json.loads(str(entry["report"])))
+        entry = read_arrays(path)
+        vertices, faces = entry["vertices"], entry["faces"]
+        solid_count, report = int(entry["solid_count"]), MeshReport(**json.loads(str(entry["report"])))
         sound = vertices.ndim == faces.ndim == 2 and vertices.shape[1] == faces.shape[1] == 3
         if not (sound and 0 <= solid_count <= len(faces) and faces.min() >= 0 and faces.max() < len(vertices)):
             raise ValueError(f"{path} holds no mesh")
@@ -146,10 +147,10 @@ def write_entry(path: Path, mended: Mended) -> None:
         solid_count=np.array(mended.solid_count),
         report=np.array(json.dumps(asdict(mended.report), default=np.generic.item)),
     )
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp")
+    temporary = temporary_name(path.with_name(f".{path.stem}"))
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        temporary.write_bytes(content.getbuffer())
+        write_temporary(temporary, content.getbuffer())
         os.replace(temporary, path)
         drop_oldest(path.parent)
     except OSError:

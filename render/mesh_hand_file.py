@@ -2,11 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from ..datasets.array_file import ONLY, read_arrays
+from ..datasets.bounded_file import read_text
 from .errors import MeshError, PlacementError
+from .mesh_file import load_scene, mesh_arrays
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 WRIST = "wrist"  # a WebXR hand's root joint: its axes are the hand's
@@ -34,17 +37,20 @@ def read_hand(path: Path) -> ReadHand:
     """
     import trimesh  # half a second that other hands need not wait for
 
-    if not path.is_file():
+    if not path.exists():
         raise MeshError(f"{path}: no such file")
+    scene = load_scene(path)
     try:
-        scene: Any = trimesh.load_scene(str(path), process=False, skip_materials=True)
         mesh = scene.to_mesh() if scene.geometry else trimesh.Trimesh()
-        nodes = {str(name): np.asarray(scene.graph[name][0]) for name in scene.graph.nodes}
+        vertices, faces = mesh_arrays(mesh)
+        nodes = {str(name): np.asarray(scene.graph[name][0], np.float64) for name in scene.graph.nodes}
+        if not all(turn.shape == (4, 4) and np.isfinite(turn).all() for turn in nodes.values()):
+            raise ValueError("the transform of a node is not finite")
     except Exception as error:  # readers of many formats, each with errors of its own
         raise MeshError(f"{path}: cannot be read as a mesh ({type(error).__name__}: {error})") from error
-    if len(mesh.faces) == 0:
+    if len(faces) == 0:
         raise MeshError(f"{path}: has no triangles ({path.stat().st_size} bytes)")
-    return ReadHand(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64), nodes)
+    return ReadHand(vertices, faces, nodes)
 
 
 def axes_of(read: ReadHand, back: str | None, fingers: str | None) -> np.ndarray:
@@ -144,10 +150,10 @@ def region_of(vertices: np.ndarray, faces: np.ndarray, glabrous: Glabrous, angle
         length = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
         return np.asarray(glabrous(vertices[faces].mean(axis=1), normal / length))
     path = Path(glabrous)
-    if not path.is_file():
+    if not path.exists():
         raise MeshError(f'{path}: no such file; glabrous is "palm", "all", a mask, a function or a file of 0 and 1')
     try:
-        mask = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, ndmin=1)
-    except (ValueError, OSError) as error:
+        mask = read_arrays(path)[ONLY] if path.suffix == ".npy" else np.loadtxt(read_text(path).splitlines(), ndmin=1)
+    except (ValueError, KeyError, OSError, MemoryError) as error:
         raise MeshError(f"{path}: cannot be read as a mask of faces ({error})") from error
     return mask if mask.dtype.kind == "b" else np.where(np.isin(mask, (0, 1)), mask, 2).astype(np.int64)

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..datasets.shapes import shape_names
 from .errors import PalpateWarning
-from .interrupt import interrupt_between
 from .loading_progress import Watch, unwatched
+from .mesh_file import SUFFIXES
 from .objects import SIZE_LARGEST, MeshObject, Placement
 
 ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth away
@@ -18,12 +18,7 @@ ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth
 
 def is_mesh_name(source: str) -> bool:
     """Whether a file's name, or a built-in one, is that of a mesh."""
-    with interrupt_between() as interrupted:
-        import trimesh  # half a second that contour files need not wait for; it swallows Ctrl-C on the way
-
-        interrupted()
-    suffix = Path(source).suffix.lower().lstrip(".")
-    return source in shape_names() or (suffix not in ("h5", "hdf5") and suffix in trimesh.available_formats())
+    return source in shape_names() or Path(source).suffix.lower() in SUFFIXES
 
 
 def mesh_facts(source: str, options: dict[str, Any], watch: Watch = unwatched) -> dict[str, Any]:

@@ -145,21 +145,24 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     with interrupt_between() as interrupted:
         import trimesh  # half a second that built-in objects need not wait for; it swallows Ctrl-C on the way
 
+        from .mesh_file import load_scene, mesh_arrays
+
         interrupted()
-    if not path.is_file():
+    if not path.exists():
         raise MeshError(f"{path}: no such file; built-in objects are {', '.join(shape_names())}")
+    scene = load_scene(path)
     try:
-        scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
         nodes = scene.graph.nodes_geometry
         transform, name = scene.graph[nodes[0]] if len(nodes) == 1 else (None, None)
         mesh = scene.geometry.get(name)
         if not isinstance(mesh, trimesh.Trimesh) or not np.array_equal(transform, np.eye(4)):
             mesh = scene.to_mesh() if scene.geometry else trimesh.Trimesh()  # copies and hashes all of it, ten times
+        vertices, faces = mesh_arrays(mesh)
     except Exception as error:  # readers of many formats, each with errors of its own
         raise MeshError(f"{path}: cannot be read as a mesh ({type(error).__name__}: {error})") from error
-    if len(mesh.faces) == 0:
+    if len(faces) == 0:
         raise MeshError(f"{path}: has no triangles ({path.stat().st_size} bytes)")
-    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    return vertices, faces
 
 
 class MeshObject:

@@ -1,9 +1,9 @@
 """The arrays of a playback: one by name, or several that stand somewhere, from a JSON file."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..datasets.bounded_file import read_json
 from ..device.array import ArrayModel, array_model
 from .errors import StrategyError
 
@@ -33,10 +33,10 @@ def load_rig(
         return (PlacedArray(array_model(source, calibration=calibration, baud=baud), serial),)
     path = Path(source)
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
+        entries = read_json(path)
     except OSError as error:
         raise StrategyError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise StrategyError(f"{path}: not JSON ({error})") from error
     if not isinstance(entries, list) or not entries:
         raise StrategyError(

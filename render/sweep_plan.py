@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 
+from ..datasets.bounded_file import read_text, require_parsable
 from ..device.errors import DeviceError
 from .errors import PalpateWarning, PlanError, RenderError
 from .fields import told
@@ -285,7 +286,9 @@ def _agreed(name: str, tables: Sequence[PlanTable], documents: Sequence[_Documen
 def _text(path: Path) -> str:
     """A plan's text."""
     try:
-        return path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
+        require_parsable(text)
+        return text
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
         raise PlanError(f"{path}: cannot be read ({why}){_hint_of_quotes(path)}") from error

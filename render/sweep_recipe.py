@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import unquote
 
+from ..datasets.bounded_file import file_beside, open_regular, read_content, read_json
 from .errors import PlanError
 
 FORMAT = "palpate recipe 1"
@@ -329,31 +330,32 @@ def path_of(source: str) -> str:
 
 
 def _digest_file(path: Path) -> str:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _companions(path: Path) -> list[Path]:
     """Files beside one that hold a part of what it says; raises ValueError where it cannot be told."""
     if path.suffix.lower() == ".gltf":
-        buffers = json.loads(path.read_text(encoding="utf-8"))["buffers"]
+        buffers = read_json(path)["buffers"]
         names = [buffer.get("uri", "data:") for buffer in buffers]
-        return [path.parent / unquote(name) for name in names if not name.startswith("data:")]
+        return [file_beside(path, unquote(name)) for name in names if not name.startswith("data:")]
     return _nrrd_data(path) if path.suffix.lower() == ".nhdr" else []
 
 
 def _nrrd_data(path: Path) -> list[Path]:
     """Data files of a detached NRRD header: one, a list of several, or numbered ones."""
-    lines = path.read_text(encoding="ascii", errors="replace").splitlines()
+    lines = read_content(path).decode("ascii", errors="replace").splitlines()
     for place, line in enumerate(lines):
         field, _, value = (text.strip() for text in line.partition(":"))
         if field.lower() not in ("data file", "datafile"):
             continue
         words = value.split()
         if words[:1] == ["LIST"]:
-            return [path.parent / name.strip() for name in lines[place + 1 :] if name.strip()]
+            return [file_beside(path, name.strip()) for name in lines[place + 1 :] if name.strip()]
         if len(words) >= 4 and "%" in words[0]:
             first, last, step = (int(word) for word in words[1:4])
-            return [path.parent / (words[0] % number) for number in range(first, last + (1 if step > 0 else -1), step)]
-        return [path.parent / value]
+            numbers = range(first, last + (1 if step > 0 else -1), step)
+            return [file_beside(path, words[0] % number) for number in numbers]
+        return [file_beside(path, value)]
     return []

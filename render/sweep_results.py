@@ -162,7 +162,7 @@ def _is_whole(table: Path) -> bool:
     try:
         table_attributes(table)
     except SweepStoreError as error:
-        console.errors.print(f"[yellow]warning:[/] {escape(str(error))}; it is written again")
+        console.warn(f"{error}; it is written again")
         return False
     return True
 

@@ -125,7 +125,7 @@ def test_a_folder_that_cannot_be_written_and_a_full_disk_give_no_error(tmp_path,
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_bytes", full)
+        patch.setattr(mesh_cache, "write_temporary", full)
         MeshObject(*two_boxes())
     assert list(folder.iterdir()) == []
     assert len(repairs) == 2

@@ -299,6 +299,8 @@ def test_alignment_moves_everything_and_reads_back_from_its_file(tmp_path, rng):
         ([0, 0, 0, 0, 0, 0, 0.9], "quaternion norm 0.9"),
         ([0, 0, 0], r"shape \[7\] or \[4, 4\], got \[3\]"),
         ([0, 0, math.nan, 0, 0, 0, 1], "not finite"),
+        ([0, 1e30, 0, 0, 0, 0, 1], r"position \[0\.0, 1e\+30, 0\.0\] m must lie within 1e\+06 m"),
+        (np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2e6], [0, 0, 0, 1]]), "must lie within"),
         ("nowhere.json", "nowhere.json: cannot be read"),
     ],
 )

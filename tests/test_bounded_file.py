@@ -1,0 +1,460 @@
+"""Files of strangers: pipes, bombs, lying headers and names that lead elsewhere are refused, in one sentence."""
+
+import bz2
+import gzip
+import io
+import json
+import os
+import struct
+import sys
+import tracemalloc
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.datasets.array_file import ONLY, read_arrays
+from palpate.datasets.bounded_file import (
+    LIMIT_VARIABLE,
+    FileBoundError,
+    bunzipped,
+    file_beside,
+    gunzipped,
+    inflated,
+    open_regular,
+    parse_json,
+    read_content,
+    read_text,
+    unzipped,
+)
+from palpate.datasets.durable import ABANDONED_SECONDS, temporary_name, write_file, write_temporary
+from palpate.datasets.errors import MotionError, RecordingError, SweepStoreError
+from palpate.datasets.hand_alignment import alignment_pose
+from palpate.datasets.motion import HandMotion
+from palpate.datasets.ptlist import PointListError, read_ptlist
+from palpate.datasets.recording_file import load_recording
+from palpate.datasets.table import load_table, write_parquet
+from palpate.device.pat_file import CalibrationError, read_pat
+from palpate.render.errors import ImplicitError, MeshError, PlanError, StrategyError, VoxelError
+from palpate.render.expression_file import load_expression
+from palpate.render.loading import is_recording
+from palpate.render.mesh_hand_file import read_hand, region_of
+from palpate.render.objects import read_mesh
+from palpate.render.rig import load_rig
+from palpate.render.sampling_presets import load_sampling
+from palpate.render.strategy import load_strategy
+from palpate.render.sweep_plan import load_plans
+from palpate.render.sweep_recipe import digest_source
+from palpate.render.voxel_files import read_volume
+
+LIMIT = 2_000_000  # of these tests [byte]
+BOMB = bytes(20 * LIMIT)
+READERS = {
+    "a.csv": (HandMotion.load, MotionError),
+    "b.csv": (load_recording, RecordingError),
+    "a.npz": (load_recording, RecordingError),
+    "a.json": (load_recording, RecordingError),
+    "b.json": (alignment_pose, RecordingError),
+    "c.json": (load_expression, ImplicitError),
+    "d.json": (lambda path: load_strategy(str(path)), StrategyError),
+    "e.json": (lambda path: load_sampling(str(path)), StrategyError),
+    "f.json": (lambda path: load_rig(str(path)), StrategyError),
+    "a.toml": (lambda path: load_plans([path], []), PlanError),
+    "a.ptlist": (read_ptlist, PointListError),
+    "a.parquet": (load_table, SweepStoreError),
+    "a.pat": (read_pat, CalibrationError),
+    "a.stl": (read_mesh, MeshError),
+    "a.glb": (read_hand, MeshError),
+    "b.zip": (read_mesh, MeshError),
+    "a.txt": (lambda path: region_of(np.zeros((3, 3)), np.zeros((1, 3)), path, 90.0), MeshError),
+    "a.npy": (read_volume, VoxelError),
+    "v.npz": (read_volume, VoxelError),
+    "a.nrrd": (read_volume, VoxelError),
+    "a.nii": (read_volume, VoxelError),
+    "a.nii.gz": (read_volume, VoxelError),
+    "a.nvdb": (read_volume, VoxelError),
+    "g.stl": (lambda path: digest_source(str(path)), PlanError),
+}
+
+
+@pytest.fixture(autouse=True)
+def limit(monkeypatch):
+    monkeypatch.setenv(LIMIT_VARIABLE, str(LIMIT // 10**6))
+
+
+@pytest.fixture
+def peak():
+    """Memory that Python and NumPy have taken at most since the test began [byte]."""
+    pytest.importorskip("trimesh")  # which takes more than any of these files may
+    tracemalloc.start()
+    yield lambda: tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+
+# --- what is opened ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_pipe_is_refused_by_every_reader_without_waiting_for_its_writer(name, tmp_path):
+    read, error = READERS[name]
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(error, match=r"regular file|is_recording"):
+        read(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", sorted(set(READERS) - {"a.pat"}))
+def test_a_file_beyond_the_budget_is_refused_before_it_is_read(name, tmp_path, peak):
+    read, error = READERS[name]
+    with (tmp_path / name).open("wb") as file:
+        file.truncate(400 * LIMIT)
+    with pytest.raises(error, match=f"more than the {LIMIT} that one file may: {LIMIT_VARIABLE}=800"):
+        read(tmp_path / name)
+    assert peak() < 10 * LIMIT
+
+
+def test_devices_sockets_folders_and_pipes_are_no_regular_files(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in ("/dev/null", tmp_path / "pipe"):
+        with pytest.raises(FileBoundError, match="is no regular file"):
+            open_regular(path)
+    with pytest.raises(OSError, match="directory"):
+        open_regular(tmp_path)
+    assert not is_recording(str(tmp_path / "pipe"))
+
+
+def test_a_limit_that_is_no_number_of_megabytes_is_named(tmp_path, monkeypatch):
+    (tmp_path / "a").write_bytes(b"x")
+    for text in ("0", "-1", "2.5", "many", "9" * 40):
+        monkeypatch.setenv(LIMIT_VARIABLE, text)
+        with pytest.raises(FileBoundError, match=f"{LIMIT_VARIABLE} must be a whole number of megabytes"):
+            read_content(tmp_path / "a")
+    monkeypatch.delenv(LIMIT_VARIABLE)
+    assert read_content(tmp_path / "a") == b"x"
+
+
+@given(st.text())
+def test_text_is_read_as_python_reads_it(text):
+    path = f"/dev/shm/palpate-{os.getpid()}" if os.path.isdir("/dev/shm") else f"text-{os.getpid()}"
+    try:
+        with open(path, "w", encoding="utf-8-sig", newline="") as file:
+            file.write(text)
+        with open(path, encoding="utf-8-sig") as file:
+            assert read_text(path) == file.read()
+    finally:
+        os.unlink(path)
+
+
+# --- what is unpacked ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("pack", "unpack"), [(gzip.compress, gunzipped), (bz2.compress, bunzipped), (zlib.compress, inflated)]
+)
+def test_what_unpacks_to_more_than_the_budget_is_refused_within_it(pack, unpack, peak):
+    packed = pack(BOMB)
+    assert unpack(pack(b"palpate")) == b"palpate"
+    with pytest.raises(FileBoundError, match="what is packed in it takes"):
+        unpack(packed)
+    with pytest.raises(ValueError, match="damaged where it is packed"):
+        unpack(b"\x1f\x8b" + packed[3:40])
+    assert peak() < 5 * LIMIT + len(packed)
+
+
+def lying(content, size):
+    """A zip file whose central directory and local header say another size."""
+    out = bytearray(content)
+    for sign, place in ((b"PK\x01\x02", 24), (b"PK\x03\x04", 22)):
+        struct.pack_into("<I", out, out.index(sign) + place, size)
+    return bytes(out)
+
+
+def zipped(members):
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, member in members.items():
+            archive.writestr(name, member)
+    return content.getvalue()
+
+
+def test_a_zip_that_says_too_little_of_its_size_takes_no_more_memory(peak):
+    bomb = zipped({"a.stl": BOMB})
+    with pytest.raises(FileBoundError, match=f"what is packed in it takes {len(BOMB)} bytes"):
+        unzipped(bomb)
+    with pytest.raises(ValueError, match="damaged zip file"):
+        unzipped(lying(bomb, 100))
+    many = zipped({f"{k}": bytes(LIMIT // 3) for k in range(4)})
+    with pytest.raises(FileBoundError, match="what is packed in it"):
+        unzipped(many)
+    assert peak() < 8 * LIMIT
+
+
+@pytest.mark.parametrize("read", [read_volume, load_recording])
+@pytest.mark.parametrize("name", ["values", "affine", "t"])
+def test_arrays_are_judged_by_their_headers(read, name, tmp_path, peak):
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, **{"values": np.zeros((3, 3, 3)), "affine": np.eye(4), name: np.zeros(10 * LIMIT, "u1")})
+    assert path.stat().st_size < LIMIT
+    with pytest.raises((VoxelError, RecordingError), match="what its arrays hold takes"):
+        read(path)
+    assert peak() < 45 * LIMIT  # tracemalloc counts the arrays that this test made, too
+
+
+def test_an_array_of_another_size_than_its_file_is_refused_before_it_is_made(tmp_path):
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (100000, 100000, 10), }"
+    content = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header) + 1) + header + b"\n" + bytes(64)
+    (tmp_path / "a.npy").write_bytes(content)
+    (tmp_path / "a.npz").write_bytes(zipped({"t.npy": content}))
+    for name in ("a.npy", "a.npz"):
+        with pytest.raises(ValueError, match=r"does not fit the 14\d bytes"):
+            read_arrays(tmp_path / name)
+    np.save(tmp_path / "b.npy", np.arange(6.0).reshape(2, 3).T)
+    np.testing.assert_array_equal(read_arrays(tmp_path / "b.npy")[ONLY], np.arange(6.0).reshape(2, 3).T)
+
+
+def test_volumes_that_are_packed_are_judged_too(tmp_path):
+    nibabel, nrrd = pytest.importorskip("nibabel"), pytest.importorskip("nrrd")
+    small = (np.ones((9, 9, 9)), np.eye(4))
+    image = nibabel.Nifti1Image(*small).to_bytes()
+    (tmp_path / "a.nii.gz").write_bytes(gzip.compress(image + BOMB))
+    nrrd.write(str(tmp_path / "a.nrrd"), small[0])
+    head = (tmp_path / "a.nrrd").read_bytes().partition(b"\n\n")[0] + b"\n\n"
+    (tmp_path / "a.nrrd").write_bytes(head + gzip.compress(BOMB))
+    for name in ("a.nii.gz", "a.nrrd"):
+        with pytest.raises(VoxelError, match="what is packed in it takes"):
+            read_volume(tmp_path / name)
+    (tmp_path / "b.nrrd").write_bytes(head + gzip.compress(bytes(8 * 9**3 + 1)))
+    with pytest.raises(VoxelError, match="more data than its sizes"):
+        read_volume(tmp_path / "b.nrrd")
+    large = nibabel.Nifti1Image(np.zeros((80, 80, 80), np.int16), np.eye(4))
+    large.header.set_slope_inter(2.0, 1.0)  # so that each of 2 bytes becomes one of 8
+    (tmp_path / "c.nii.gz").write_bytes(gzip.compress(large.to_bytes()))
+    with pytest.raises(VoxelError, match=f"what its values hold takes {8 * 80**3} bytes"):
+        read_volume(tmp_path / "c.nii.gz")
+
+
+def test_a_packed_grid_of_nanovdb_is_judged(tmp_path):
+    front = struct.pack("<QIHH", 0x324244566F6E614E, 32 << 21, 1, 1) + bytes(176)
+    packed = zlib.compress(BOMB)
+    (tmp_path / "a.nvdb").write_bytes(front + struct.pack("<Q", len(packed)) + packed)
+    with pytest.raises(VoxelError, match="what is packed in it takes"):
+        read_volume(tmp_path / "a.nvdb")
+
+
+def test_a_parquet_table_of_one_value_a_billion_times_is_judged_by_its_rows(tmp_path):
+    pytest.importorskip("pyarrow")
+    write_parquet(tmp_path / "a.parquet", {"a": np.zeros(3 * LIMIT)}, {})
+    assert (tmp_path / "a.parquet").stat().st_size < LIMIT
+    with pytest.raises(SweepStoreError, match="its table takes"):
+        load_table(tmp_path / "a.parquet")
+    write_parquet(tmp_path / "b.parquet", {"a": ["x" * 20_000] * 10_000, "b": ["y", None] * 5_000}, {})
+    columns = load_table(tmp_path / "b.parquet")  # 200 MB, were each text one of its own
+    assert len({id(text) for text in columns["a"]}) == 1
+    assert columns["a"][7] == "x" * 20_000
+    assert list(columns["b"][:2]) == ["y", ""]
+
+
+# --- what is parsed ------------------------------------------------------------------------------
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats(allow_nan=False) | st.integers() | st.text(max_size=30),
+        lambda inner: st.lists(inner) | st.dictionaries(st.text(max_size=9), inner),
+    )
+)
+def test_json_is_what_it_was(value):
+    assert parse_json(json.dumps(value)) == value
+
+
+@pytest.mark.parametrize("unit", ["[],", "{},", '{"":0},', "0.5,", '"ab",', "[0],"])
+def test_json_takes_no_more_memory_than_it_is_refused_for(unit, monkeypatch, peak):
+    text = f"[{unit * (LIMIT // len(unit))}0]"
+    assert len(text) < LIMIT + 10
+    with pytest.raises(FileBoundError, match="what its text holds takes") as caught:
+        parse_json(text)
+    told = int(str(caught.value).partition("takes ")[2].split()[0])
+    monkeypatch.setenv(LIMIT_VARIABLE, "1000")
+    before = sys.getsizeof(text)
+    assert parse_json(text)
+    assert peak() - 2 * before <= told < 5 * (peak() + before)
+
+
+@pytest.mark.parametrize("name", ["a.json", "b.json", "c.json", "d.json", "e.json", "f.json"])
+def test_json_nested_too_deeply_is_named(name, tmp_path):
+    read, error = READERS[name]
+    for text in ("[" * 9_000, '{"of":' * 9_000, "[" * 9_000 + "]" * 9_000, "[" * 900 + "]" * 900):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(error):
+            read(tmp_path / name)
+    (tmp_path / name).write_text("[" * 9_000 + "]" * 9_000)
+    with pytest.raises(error, match="nested too deeply"):
+        read(tmp_path / name)
+
+
+def test_a_line_without_an_end_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_bytes(b"x,y,z,qx,qy,qz,qw\n" + b"0," * (LIMIT // 3))
+    with pytest.raises(MotionError, match="line 2: has more than 1048576 characters"):
+        HandMotion.load(tmp_path / "a.csv")
+
+
+def test_a_csv_of_short_numbers_is_counted_as_the_table_it_becomes(tmp_path):
+    (tmp_path / "a.csv").write_bytes(b"x,y,z,qx,qy,qz,qw\n" + b"0,0,0,0,0,0,1\n" * (LIMIT // 15))
+    with pytest.raises(MotionError, match="the table in it takes"):
+        HandMotion.load(tmp_path / "a.csv")
+
+
+# --- what another file names ---------------------------------------------------------------------
+
+
+def test_a_name_leads_to_no_other_folder(tmp_path):
+    folder, secret = tmp_path / "in", tmp_path / "secret"
+    (folder / "below").mkdir(parents=True)
+    for path in (secret, folder / "a", folder / "below" / "b"):
+        path.write_bytes(b"x")
+    (folder / "link").symlink_to(secret)
+    (folder / "inner").symlink_to(folder / "a")
+    (folder / "loop").symlink_to(folder / "loop")
+    os.mkfifo(folder / "pipe")
+    for name in ("../secret", str(secret), str(folder / "a"), "link", "below/../../secret"):
+        with pytest.raises(FileBoundError, match="must lie in the folder of head"):
+            file_beside(folder / "head.nhdr", name)
+    for name in ("pipe", "missing", "below", "", "loop", "a\0b", "n" * 300):
+        with pytest.raises(FileBoundError, match="names the file"):
+            file_beside(folder / "head.nhdr", name)
+    assert file_beside(folder / "head.nhdr", "below/b") == folder / "below" / "b"
+    assert file_beside(folder / "head.nhdr", "inner") == folder / "a"
+
+
+@pytest.mark.parametrize("name", ["../secret.raw", "/dev/zero", "link.raw", "pipe.raw"])
+def test_headers_of_volumes_and_scenes_name_files_of_their_folder_only(name, tmp_path):
+    pytest.importorskip("nrrd")
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (tmp_path / "secret.raw").write_bytes(bytes(27 * 8))
+    (folder / "link.raw").symlink_to(tmp_path / "secret.raw")
+    os.mkfifo(folder / "pipe.raw")
+    head = f"NRRD0004\ntype: double\ndimension: 3\nsizes: 3 3 3\nencoding: raw\nendian: little\ndata file: {name}\n\n"
+    (folder / "a.nhdr").write_text(head)
+    (folder / "a.gltf").write_text(json.dumps({**GLTF, "buffers": [{"uri": name, "byteLength": 48}]}))
+    for path, read, error in (("a.nhdr", read_volume, VoxelError), ("a.gltf", read_mesh, MeshError)):
+        with pytest.raises(error, match=r"names the file .*(folder|regular)"):
+            read(folder / path)
+        with pytest.raises(PlanError, match=r"names the file .*(folder|regular)"):
+            digest_source(str(folder / path))
+
+
+# --- scenes --------------------------------------------------------------------------------------
+
+GLTF = {
+    "asset": {"version": "2.0"},
+    "scene": 0,
+    "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+    "accessors": [
+        {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5125, "count": 3, "type": "SCALAR"},
+    ],
+    "bufferViews": [
+        {"buffer": 0, "byteOffset": 0, "byteLength": 36},
+        {"buffer": 0, "byteOffset": 36, "byteLength": 12},
+    ],
+    "buffers": [{"uri": "a b.bin", "byteLength": 48}],
+}
+TRIANGLE = struct.pack("<9f3I", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 2)
+PLAIN = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
+
+
+def glb(tree, content=TRIANGLE):
+    """A GLB file by its specification: a header, a chunk of JSON, a chunk of bytes."""
+    tree = {**tree, "buffers": [{"byteLength": len(content)}]}
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    size = 12 + 8 + len(text) + 8 + len(content)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(content), b"BIN\0") + content
+    return struct.pack("<4sII", b"glTF", 2, size) + chunks
+
+
+def test_a_scene_of_files_and_of_an_archive_is_read(tmp_path):
+    (tmp_path / "a b.bin").write_bytes(TRIANGLE)
+    (tmp_path / "a.gltf").write_text(json.dumps(GLTF).replace("a b.bin", "a%20b.bin"))
+    (tmp_path / "b.glb").write_bytes(glb(GLTF))
+    archive = {"a.gltf": json.dumps(GLTF), "a b.bin": TRIANGLE, "b.glb": glb(GLTF), "readme.txt": "no mesh"}
+    (tmp_path / "c.zip").write_bytes(zipped(archive))
+    for name, count in (("a.gltf", 1), ("b.glb", 1), ("c.zip", 2)):
+        vertices, faces = read_mesh(tmp_path / name)
+        assert (len(vertices), len(faces)) == (3 * count, count)
+        assert vertices.max() == 1
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"accessors": [PLAIN, {"componentType": 5125, "count": 10**12, "type": "SCALAR"}]}, "its arrays hold takes"),
+        ({"accessors": [*GLTF["accessors"], {**PLAIN, "count": 10**6}]}, "its arrays hold takes"),
+        ({"bufferViews": [*GLTF["bufferViews"], *[{"buffer": 0, "byteLength": 1000}] * 5000]}, "its arrays hold"),
+        ({"meshes": [{"primitives": GLTF["meshes"][0]["primitives"] * 100}]}, "its arrays hold takes"),
+        (
+            {"nodes": [{"mesh": 0}] * 300, "scenes": [{"nodes": [*range(300)]}]},
+            "copies",
+        ),
+        ({"accessors": [{**PLAIN, "count": -1}] * 2}, "whole number"),
+        ({"accessors": [{**PLAIN, "count": 1e300}] * 2}, "takes"),
+        ({"accessors": 3}, "cannot be read as a mesh"),
+        ({"nodes": [{"mesh": 0, "matrix": [float("nan")] * 16}]}, "cannot be read"),
+    ],
+)
+def test_a_scene_that_multiplies_is_refused(changed, said, tmp_path, monkeypatch):
+    monkeypatch.setenv(LIMIT_VARIABLE, "5")
+    many = {
+        "accessors": [PLAIN, {**GLTF["accessors"][1], "count": 3000}],
+        "bufferViews": [GLTF["bufferViews"][0], {"buffer": 0, "byteOffset": 36, "byteLength": 12_000}],
+    }
+    content = TRIANGLE[:36] + TRIANGLE[36:] * 1000
+    (tmp_path / "a.glb").write_bytes(glb({**GLTF, **many}, content))
+    assert read_hand(tmp_path / "a.glb").faces.shape == (1000, 3)
+    (tmp_path / "a.glb").write_bytes(glb({**GLTF, **many, **changed}, content))
+    with pytest.raises(MeshError, match=said):
+        read_hand(tmp_path / "a.glb")
+
+
+def test_text_meshes_are_judged_by_the_memory_that_parsing_takes(tmp_path, peak):
+    (tmp_path / "a.off").write_bytes(b"OFF\n30000 1 0\n" + b"0 0 1\n" * 30_000 + b"3 0 1 2\n")
+    (tmp_path / "a.zip").write_bytes(zipped({"a.off": (tmp_path / "a.off").read_bytes()}))
+    for name in ("a.off", "a.zip"):
+        with pytest.raises(MeshError, match="what its text holds takes"):
+            read_mesh(tmp_path / name)
+    assert peak() < 3 * LIMIT
+
+
+# --- what is written -----------------------------------------------------------------------------
+
+
+def test_a_file_is_written_past_every_link_that_was_planted(tmp_path, monkeypatch):
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"precious")
+    path = tmp_path / "a.txt"
+    for name in ("a.txt.tmp", f"a.txt.{os.getpid()}.tmp", f"a.txt.{os.getpid()}.partial"):
+        (tmp_path / name).symlink_to(victim)
+    write_file(path, memoryview(b"new"))
+    assert (path.read_bytes(), victim.read_bytes()) == (b"new", b"precious")
+    monkeypatch.setattr("palpate.datasets.durable.secrets.token_hex", lambda n: "00" * n)  # as if it were guessed
+    temporary_name(path).symlink_to(victim)
+    with pytest.raises(FileExistsError):
+        write_temporary(temporary_name(path), memoryview(b"new"))
+    assert victim.read_bytes() == b"precious"
+
+
+def test_what_killed_writers_left_is_removed_by_the_next_one_and_nothing_else(tmp_path):
+    path = tmp_path / "a[1]*.txt"
+    left, fresh, other = temporary_name(path), temporary_name(path), tmp_path / "a[1]*.txt.thesis.tmp"
+    for name in (left, fresh, other):
+        name.write_bytes(b"half")
+    old = os.stat(left).st_mtime - ABANDONED_SECONDS - 60
+    for name in (left, other):
+        os.utime(name, (old, old))
+    write_file(path, memoryview(b"new"))
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([path.name, fresh.name, other.name])

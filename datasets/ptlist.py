@@ -132,7 +132,7 @@ def _header(lines: list[str]) -> tuple[int, float, float, int]:
     if len(numbers) != len(HEADER):
         raise PointListError(f"line {body}: the header must be {', '.join(HEADER)}, not {len(numbers)} numbers")
     count, rate, peak = numbers
-    if not (count >= 1 and count == round(count)):
+    if not (1 <= count < np.inf and count == round(count)):
         raise PointListError(f"the number of steps must be whole and at least 1, not {count:g}")
     if not (np.isfinite(rate) and rate > 0):
         raise PointListError(f"the sample rate must be positive, not {rate:g} Hz")

@@ -256,6 +256,15 @@ def test_a_parquet_table_of_one_value_a_billion_times_is_judged_by_its_rows(tmp_
     assert list(columns["b"][:2]) == ["y", ""]
 
 
+def test_a_parquet_text_that_is_no_utf_8_is_named(tmp_path):
+    pytest.importorskip("pyarrow")
+    write_parquet(tmp_path / "a.parquet", {"a": ["palpate"]}, {})
+    content = (tmp_path / "a.parquet").read_bytes()
+    (tmp_path / "a.parquet").write_bytes(content.replace(b"palpate", b"\xff" * 7, 1))
+    with pytest.raises(SweepStoreError, match=r"a\.parquet cannot be read"):
+        load_table(tmp_path / "a.parquet")
+
+
 # --- what is parsed ------------------------------------------------------------------------------
 
 

@@ -71,6 +71,7 @@ def test_positions_may_be_in_another_unit(tmp_path):
         ),
         ("1.5,40000,1\n0,0,0,1\n", "the number of steps must be whole and at least 1, not 1.5"),
         ("nan,40000,1\n0,0,0,1\n", "the number of steps must be whole and at least 1, not nan"),
+        ("inf,40000,1\n0,0,0,1\n", "the number of steps must be whole and at least 1, not inf"),
         ("0,40000,1\n", "the number of steps must be whole and at least 1, not 0"),
         ("1,0,1\n0,0,0,1\n", "the sample rate must be positive, not 0 Hz"),
         ("1,40000,2\n0,0,0,1\n", "the maximum intensity must lie in 0..1, not 2"),

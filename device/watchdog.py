@@ -101,7 +101,7 @@ class Watchdog:
 
     def __enter__(self) -> Self:
         self._process = process = subprocess.Popen(
-            [sys.executable, "-m", "palpate.device.watchdog"],
+            [sys.executable, "-P", "-m", "palpate.device.watchdog"],  # -P: no module of the current folder is imported
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             bufsize=0,
@@ -304,7 +304,9 @@ def _log(charge: _Charge, sentence: str) -> None:
 
 
 def _append(charge: _Charge, sentence: str) -> None:
-    line = f"{time.strftime('%Y-%m-%dT%H:%M:%S%z')} palpate watchdog of array {charge.who}: {sentence}\n"
+    news = f"palpate watchdog of array {charge.who}: {sentence}"
+    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in news)  # names of devices come from others
+    line = f"{time.strftime('%Y-%m-%dT%H:%M:%S%z')} {shown}\n"
     if charge.log is None:
         sys.stderr.write(line)
         sys.stderr.flush()

@@ -18,8 +18,8 @@ import re
 import signal
 import threading
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,7 @@ ADDRESS = re.compile(r"^[\w.-]+:\d+$")
 INSTALL = "sweeps on a cluster need Dask: pip install 'palpate[cluster]'"
 COMPARED = ("python", "dask", "distributed", "msgpack", "cloudpickle")  # what must understand each other
 NEEDED = ("cores", "memory")  # of a job, which nobody else can know
+SAFE_PATH = "PYTHONSAFEPATH"  # does what -P does
 SILENT = logging.CRITICAL + 1
 
 
@@ -54,6 +55,8 @@ class Connection:
     cluster: Any = None
     """What we started, so what we close; None for somebody's."""
     is_client_ours: bool = True
+    restore: Callable[[], object] = lambda: None
+    """Undoes what starting it has changed in this process."""
 
     def close(self) -> None:
         """Close what we started, whatever runs there; leave what we found."""
@@ -61,6 +64,7 @@ class Connection:
             self.client.close()
         if self.cluster is not None:
             _close_cluster(self.cluster)
+        self.restore()
 
 
 def connect_cluster(
@@ -116,7 +120,9 @@ def _start_here(devices: str, workers: int | None, patience: float) -> Connectio
     names = _devices_here(devices)
     each = workers or (len(os.sched_getaffinity(0)) if names == ["cpu"] else 1)
     word = "cpu" if names == ["cpu"] else "cuda:0"  # each sees its own GPU only
+    security = _new_keys()
     bound = {"host": HOST, "dashboard": False, "dashboard_address": f"{HOST}:0"}  # 0: any port that is free
+    bound |= {"protocol": "tls://", "security": security}
     options = bound | {"nthreads": 1, "memory_limit": 0, "silence_logs": SILENT}
     options |= {"preload": f"{__package__}.sweep_dask_work", "preload_argv": []}
     spec = {
@@ -126,8 +132,22 @@ def _start_here(devices: str, workers: int | None, patience: float) -> Connectio
     }
     # Whoever is lost is the schedule's to try again: it knows which tasks were begun, Dask does not.
     ours = {"cls": Scheduler, "options": bound | {"port": 0, "allowed_failures": 0}}
-    cluster = SpecCluster(workers=spec, scheduler=ours, silence_logs=SILENT)
-    return Connection(_client(patience, address=cluster), "local", word, len(spec), patience, cluster)
+    with ExitStack() as stack:
+        stack.callback(_put_safe_path())
+        cluster = SpecCluster(workers=spec, scheduler=ours, security=security, silence_logs=SILENT)
+        client = _client(patience, address=cluster)
+        return Connection(client, "local", word, len(spec), patience, cluster, restore=stack.pop_all().close)
+
+
+def _put_safe_path() -> Callable[[], object]:
+    """Have all that this process starts from now on import nothing from the current folder; gives what undoes it.
+
+    Python starts workers and what watches over their semaphores as `python -c`, to which no option can be given.
+    """
+    if os.environ.get(SAFE_PATH):
+        return lambda: None
+    os.environ[SAFE_PATH] = "1"
+    return lambda: os.environ.pop(SAFE_PATH, None)
 
 
 def _devices_here(devices: str) -> list[str]:
@@ -175,6 +195,7 @@ def _find(address: str, devices: str, workers: int, patience: float) -> Connecti
 def _start_jobs(word: str, devices: str, workers: int | None, patience: float) -> Connection:
     """Jobs of a queueing system, each of which is a worker, by the user's jobqueue.yaml."""
     import dask.config
+    from distributed.security import Security
 
     system = _job_system(word, workers)
     missing = [key for key in NEEDED if dask.config.get(f"jobqueue.{word}.{key}", None) is None]
@@ -183,13 +204,33 @@ def _start_jobs(word: str, devices: str, workers: int | None, patience: float) -
     cluster = None
     try:
         with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
-            cluster = system()
+            configured = Security()  # by distributed.yaml
+            prologue = dask.config.get(f"jobqueue.{word}.job-script-prologue", None) or []
+            keys = dask.config.get(f"jobqueue.{word}.shared-temp-directory", None) or "~"  # files that only we can read
+            cluster = system(
+                security=configured if configured.tls_ca_file else _new_keys(),
+                shared_temp_directory=keys,
+                job_script_prologue=[*prologue, f"export {SAFE_PATH}=1"],
+            )
         cluster.scale(jobs=workers)
         return Connection(_client(patience, address=cluster), word, devices, 1, patience, cluster)
     except (ValueError, TypeError, OSError, RuntimeError) as error:
         if cluster is not None:
-            cluster.close()
+            _close_cluster(cluster)
         raise SweepError(f"{word} cannot run workers: {_one_line(error)} (jobqueue.yaml)") from error
+
+
+def _new_keys() -> Any:
+    """Keys for one cluster, kept in memory.
+
+    Without them, whoever reaches the scheduler's or a worker's port runs code there, other users of this host too.
+    """
+    from distributed.security import Security
+
+    try:
+        return Security.temporary()
+    except ImportError as error:
+        raise PlanError(INSTALL) from error
 
 
 def _job_system(word: str, workers: int | None) -> Any:
@@ -227,6 +268,9 @@ def _close_cluster(cluster: Any) -> None:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
     closing.join()
+    for name in ("_job_ca_file", "_job_cert", "_job_key"):  # dask-jobqueue leaves its files of keys open
+        if (file := getattr(cluster, name, None)) is not None:
+            file.close()
 
 
 def _client(patience: float, **where: Any) -> Any:

@@ -31,6 +31,7 @@ SINGLE = (
     "VECLIB_MAXIMUM_THREADS",
 )
 """Libraries that would take all cores in each worker; how many they take can also change the last bits of a sum."""
+# Until it has the parent's path, -P keeps modules of the current folder from being imported.
 BOOT = (
     "import sys; sys.path[:] = sys.argv[4:]; "
     f"from {sweep_child.__name__} import main; main(int(sys.argv[2]), int(sys.argv[3]))"
@@ -69,7 +70,7 @@ class WorkerProcess:
         """Start a process and tell it what it is; raises SweepError if the system has no room for one."""
         here, there = socket.socketpair()
         words = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `end`
-        command = [sys.executable, "-c", BOOT, f"palpate sweep worker {index} on {device}", str(there.fileno())]
+        command = [sys.executable, "-P", "-c", BOOT, f"palpate sweep worker {index} on {device}", str(there.fileno())]
         # Ctrl-C is for this process; blocked here, it is blocked there from the first instruction on.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 from distributed import Client, LocalCluster
+from distributed.security import Security
 from sweep_dask_work import make_task, work
 
 from palpate.render.errors import PalpateWarning, SweepError
@@ -124,7 +125,7 @@ def test_a_killed_worker_loses_the_task_that_it_had_begun_and_no_other(crowd, wo
     told = outcomes_of(engine, tasks)
     assert [n for n, outcome in told.items() if outcome.is_lost] == [3]
     assert [n for n, outcome in told.items() if outcome.error] == [3]
-    assert "tcp://127.0.0.1" in told[3].error
+    assert "tls://127.0.0.1" in told[3].error
     assert socket.gethostname() in told[3].error
     assert ("badly (it left cpu unusable)" if "spoil" in word else "task 3") in told[3].error
     until(lambda: len(engine.devices) == 2)  # there is another in its place
@@ -337,6 +338,15 @@ def test_words_that_cannot_be_are_refused(store, words, says):
         DaskEngine(**words, work=work).start(store)
 
 
+def test_a_cluster_of_ours_lets_nobody_in_without_its_keys(crowd):
+    """Whoever can connect can run code: other users of this host reach 127.0.0.1, too."""
+    address = crowd[0]._connection.cluster.scheduler_address
+    assert address.startswith("tls://127.0.0.1:")
+    for where, keys in ((address.replace("tls", "tcp"), None), (address, Security.temporary())):
+        with pytest.raises((OSError, TimeoutError)):
+            Client(where, security=keys, timeout=2)
+
+
 def test_without_the_extra_the_command_that_installs_it_is_told(store, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(SweepError, match=r"pip install 'palpate\[cluster\]'"):
@@ -350,6 +360,7 @@ SCANCEL = "#!/bin/sh\nfor job; do kill -9 -- -$job; done\necho $* >>{0}/cancelle
 def test_slurm_jobs_are_submitted_by_jobqueue_yaml_and_cancelled_in_the_end(tmp_path, store, monkeypatch):
     """Slurm's two commands are stand-ins that run the job script here."""
     import dask.config
+    import dask_jobqueue  # noqa: F401 - its configuration
 
     for name, text in {"sbatch": SBATCH, "scancel": SCANCEL}.items():
         (tmp_path / name).write_text(text.format(tmp_path))
@@ -357,12 +368,19 @@ def test_slurm_jobs_are_submitted_by_jobqueue_yaml_and_cancelled_in_the_end(tmp_
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     of_user = {"cores": 1, "processes": 1, "memory": "1GiB", "queue": "gpus", "walltime": "01:00:00"}
     of_user |= {"scheduler-options": {"host": "127.0.0.1", "dashboard_address": ":0"}, "local-directory": str(tmp_path)}
+    of_user |= {"shared-temp-directory": str(tmp_path), "job-script-prologue": ["export MINE=1"]}
     with dask.config.set({"jobqueue.slurm": dask.config.get("jobqueue.slurm") | of_user}):
         with started(store, "slurm", workers=1, patience=LIMIT) as engine:
             assert engine.name == "dask slurm"
             told = outcomes_of(engine, [make_task(n, "text", store=store) for n in (1, 2)])
             assert [outcome.error for outcome in told.values()] == [None, None]
-        assert "#SBATCH -p gpus" in (tmp_path / "job.sh").read_text()
+            keys = sorted(tmp_path.glob(".dask-jobqueue*"))
+            assert [path.stat().st_mode & 0o777 for path in keys] == [0o600] * 3
+        script = (tmp_path / "job.sh").read_text()
+        assert "#SBATCH -p gpus" in script
+        assert "export MINE=1\nexport PYTHONSAFEPATH=1\n" in script
+        assert "tls://127.0.0.1" in script
+        assert not any(path.exists() for path in keys)
         until((tmp_path / "cancelled").exists)
 
 

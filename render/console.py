@@ -27,6 +27,7 @@ from .errors import (
     StrategyError,
     UntrustedCodeError,
 )
+from .kernel_cache import require_private_cache
 from .loading_progress import Watch, unwatched
 from .terminal import errors, show_table, tell, visible
 
@@ -55,21 +56,25 @@ def start_warp() -> None:
     """Start Warp without its greeting, and without the line it writes where there is no CUDA driver.
 
     That line comes from native code, past every setting; whatever else is written meanwhile is passed on.
+    The cache of kernels is made for this user alone; raises KernelCacheError for one that others can write.
     """
     wp.config.log_level = wp.LOG_WARNING
     sys.stderr.flush()
     kept = os.dup(2)
+    before = os.umask(0o077)
     with tempfile.TemporaryFile() as caught:
         os.dup2(caught.fileno(), 2)
         try:
             wp.init()
         finally:
+            os.umask(before)
             os.dup2(kept, 2)
             os.close(kept)
         caught.seek(0)
         for line in caught.read().decode(errors="replace").splitlines(keepends=True):
             if "find or load the NVIDIA CUDA driver" not in line:
                 sys.stderr.write(line)
+    require_private_cache()
 
 
 UNITS = {

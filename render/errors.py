@@ -11,7 +11,8 @@ RenderError
 ├── PlacementError (ValueError)  a placement that cannot be applied
 ├── RepairError (ValueError)     an option of loading a mesh that cannot be
 ├── UntrustedCodeError           code that data name, and that nobody has permitted
-└── TrustStoreError              a store of accepted code that cannot be used
+├── TrustStoreError              a store of accepted code that cannot be used
+└── KernelCacheError             a cache of compiled kernels that others can write
 """
 
 
@@ -67,6 +68,10 @@ class UntrustedCodeError(RenderError, ValueError):
 
 class TrustStoreError(RenderError):
     """The store of accepted code cannot be read or written, or others could write it."""
+
+
+class KernelCacheError(RenderError):
+    """Others can write the folder from which compiled kernels are run."""
 
 
 class PalpateWarning(UserWarning):

@@ -20,7 +20,7 @@ from palpate.datasets.writer import ContourWriter
 COUNT = 9
 MORE = int(os.environ.get("PALPATE_FAULTS", "0"))
 ORDERS = {"in order": [(0, 3), (3, 4), (4, 9)], "any order": [(4, 9), (0, 3), (3, 4)]}
-TRIES = 5
+TRIES = 8
 CONTOURS, HEADER = make_contours(COUNT), make_header(COUNT)
 
 

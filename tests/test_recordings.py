@@ -69,7 +69,7 @@ def remade(recording, **fields):
 
 
 def test_rigid_motions_are_those_of_scipy(rng):
-    a, b = Rotation.random(50, rng=rng), Rotation.random(50, rng=rng)
+    a, b = Rotation.random(50, rng), Rotation.random(50, rng)
     x, share = rng.normal(size=(50, 3)), rng.random((50, 1))
     assert np.allclose(rigid.rotated(a.as_quat(), x), a.apply(x), atol=1e-14)
     assert np.allclose(rigid.matrix_of(a.as_quat()), a.as_matrix(), atol=1e-14)
@@ -277,7 +277,7 @@ def test_resampling_is_exact_at_frames_and_never_bridges_a_long_gap():
 
 def test_alignment_moves_everything_and_reads_back_from_its_file(tmp_path, rng):
     made = sample_recording(frame_count=3)
-    pose = np.concatenate([rng.normal(size=3), Rotation.random(rng=rng).as_quat()])
+    pose = np.concatenate([rng.normal(size=3), Rotation.random(None, rng).as_quat()])
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
     write_alignment(tmp_path / "a.json", pose)

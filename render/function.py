@@ -11,6 +11,7 @@
 import hashlib
 import inspect
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,9 +62,10 @@ def find_function_code(spec: str, namer: Namer = UNNAMED) -> Source:
     if not where or not name:
         raise ImplicitError(f"{spec!r}: must be package.module:function or file.py:function")
     try:
-        return find_file(Path(where), namer) if where.endswith(".py") else find_installed(where, namer)
+        source = find_file(Path(where), namer) if where.endswith(".py") else find_installed(where, namer)
     except (ImportError, OSError) as error:
         raise ImplicitError(f"{where}: cannot be imported ({type(error).__name__}: {error})") from error
+    return replace(source, code=replace(source.code, name=f"{source.code.name}:{name}"))
 
 
 def _unchanged(module: Any) -> Any:

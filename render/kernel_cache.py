@@ -18,7 +18,7 @@ def require_private_cache() -> None:
     folder and what it lies in are not judged.
     """
     folder = Path(wp.config.kernel_cache_dir or "").resolve()
-    home = Path.home().resolve()
+    home = Path(os.path.expanduser("~")).resolve()
     inside = [path for path in folder.parents if not home.is_relative_to(path)]
     outside = [] if folder.is_relative_to(home) else [path for path in folder.parents if home.is_relative_to(path)]
     for path in (folder, *inside, *outside):

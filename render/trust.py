@@ -11,6 +11,7 @@ process has imported already: loading it runs nothing.
 """
 
 import hashlib
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -48,7 +49,7 @@ class Code:
     """Code that data name, found and read; none of it was run."""
 
     name: str
-    """As the data have it: a module, or `file.py`."""
+    """As the data have it: a module, `file.py:function`, `package.module:function`; or a file alone."""
     files: tuple[tuple[str, str], ...]
     """Path and SHA-256 of each file that would run: of a module in packages, theirs come first."""
     namer: Namer = UNNAMED
@@ -60,6 +61,14 @@ class Code:
         """SHA-256 of the files' content, the name, and the text of what names them: what `palpate trust` accepts."""
         lines = [FORMAT, self.namer.sha256, self.name if self.namer.sha256 else "", *(sha for _, sha in self.files)]
         return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+    @property
+    def acceptable(self) -> str:
+        """What `palpate trust` is given to accept it; empty for a text that is no file's."""
+        if self.namer.sha256:
+            return self.namer.path
+        is_file = self.name.rpartition(":")[0].endswith(".py") or self.name.endswith(".py")
+        return self.files[-1][0] if is_file and self.files else self.name
 
     @property
     def title(self) -> str:
@@ -89,8 +98,9 @@ def require_permission(codes: Sequence[Code], allow_code: AllowCode) -> None:
 def _refusal(codes: Sequence[Code]) -> str:
     """What would run, and how to permit it."""
     titles = "; ".join(dict.fromkeys(code.title for code in codes))
-    namers = list(dict.fromkeys(code.namer.path or code.files[0][0] for code in codes if code.namer.path or code.files))
+    words = dict.fromkeys(code.acceptable for code in codes)
+    accepts = f", `palpate trust {shlex.join(words)}` accepts it as it is now" if all(words) else ""
     return (
         f"this would run code: {titles}. Read it first: it can do all that you can. --allow-code (allow_code=True in "
-        f"Python) runs it this once, `palpate trust {' '.join(namers)}` accepts it as it is now"
+        f"Python) runs it this once{accepts}"
     )

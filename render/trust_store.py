@@ -36,9 +36,15 @@ class Accepted:
 
 
 def store_folder() -> Path:
-    """Where the store is, or will be; a relative `XDG_CONFIG_HOME` is ignored, as its specification asks."""
+    """Where the store is, or will be; a relative `XDG_CONFIG_HOME` is ignored, as its specification asks.
+
+    Raises TrustStoreError where there is no home folder either.
+    """
     given = Path(os.environ.get("XDG_CONFIG_HOME", ""))
-    return (given if given.is_absolute() else Path.home() / ".config") / "palpate" / "trust"
+    folder = given if given.is_absolute() else Path(os.path.expanduser("~")) / ".config"
+    if not folder.is_absolute():
+        raise TrustStoreError("there is no home folder for the store of accepted code: set XDG_CONFIG_HOME")
+    return folder / "palpate" / "trust"
 
 
 def accepted() -> frozenset[str]:

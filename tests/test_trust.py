@@ -16,7 +16,7 @@ from palpate.datasets import HandMotion, static_pose
 from palpate.render import ImplicitObject, MeshObject, load_strategy
 from palpate.render.cli import app
 from palpate.render.console import DONE, FAILED, MISUSED
-from palpate.render.errors import PlanError, StrategyError, TrustStoreError, UntrustedCodeError
+from palpate.render.errors import ImplicitError, PlanError, StrategyError, TrustStoreError, UntrustedCodeError
 from palpate.render.strategy import IntersectionStrategy, draft_strategy
 from palpate.render.sweep_plan import draft_plans, load_plans
 from palpate.render.sweep_work import run_task
@@ -114,7 +114,7 @@ def test_finding_a_module_in_a_package_imports_no_package(folder, ran, monkeypat
     assert "__init__.py" in str(caught.value)
     assert "shapes.py" in str(caught.value)
     text = BALL_TABLE.replace("ball.py", f"{package.name}.shapes")
-    assert [code.name for code in draft_plans([plan(folder, text)]).code] == [f"{package.name}.shapes"]
+    assert [code.name for code in draft_plans([plan(folder, text)]).code] == [f"{package.name}.shapes:ball"]
     assert not ran()
     assert package.name not in sys.modules
 
@@ -299,6 +299,29 @@ def fresh_render(folder):
     ]
 
 
+def test_what_to_accept_is_told_as_a_shell_takes_it(folder):
+    """Whoever copies the line must not run what a file's name says."""
+    evil = "$(touch ran).json"
+    (folder / evil).write_text((folder / "own.json").read_text())
+    for source, told in ((evil, f"palpate trust '{folder / evil}'"), ("own.json", f"palpate trust {folder}/own.json")):
+        with pytest.raises(UntrustedCodeError) as caught:
+            load_strategy(source)
+        assert told in str(caught.value)
+    with pytest.raises(UntrustedCodeError) as caught:  # a text is no file that could be accepted
+        IntersectionStrategy.from_json('{"modules": ["antigravity"]}')
+    assert "palpate trust" not in str(caught.value)
+
+
+def test_an_installed_module_is_accepted_by_its_name(folder):
+    """With the package that it is in."""
+    with pytest.raises(UntrustedCodeError, match=r"palpate trust wsgiref\.headers:f"):
+        ImplicitObject("wsgiref.headers:f", bounds=[[-1] * 3, [1] * 3])
+    assert run("trust", "wsgiref.headers:f").exit_code == DONE
+    assert [Path(file).name for file in entries()[0].files] == ["__init__.py", "headers.py"]
+    with pytest.raises(ImplicitError, match="has no 'f'"):
+        ImplicitObject("wsgiref.headers:f", bounds=[[-1] * 3, [1] * 3])
+
+
 def test_an_accepted_file_is_not_accepted_where_other_data_name_it(folder):
     assert run("trust", "ball.py").exit_code == DONE
     assert render("--bounds", *BOX, thing="ball.py:ball").exit_code == DONE
@@ -380,6 +403,9 @@ def test_a_relative_config_folder_is_ignored(monkeypatch, folder):
     monkeypatch.setenv("XDG_CONFIG_HOME", "here")
     monkeypatch.setenv("HOME", str(folder / "home"))
     assert store_folder() == folder / "home" / ".config" / "palpate" / "trust"
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # a user without a home folder
+    with pytest.raises(TrustStoreError, match="no home folder"):
+        accepted()
 
 
 def test_code_given_as_an_object_needs_no_permission(folder):

@@ -76,6 +76,18 @@ def check_file(path: str | PathLike[str]) -> list[str]:
         return [str(error)]
 
 
+def unproven_content(path: str | PathLike[str]) -> list[str]:
+    """What of a file of contours or frames no digest proves: all of it where it is older than digests, else nothing.
+
+    Empty for a file that is not sealed, or cannot be read.
+    """
+    try:
+        with Hdf5Reader(path) as file:
+            return [] if file.digest_table is not None else ["everything, which is older than digests"]
+    except ContourFileError:
+        return []
+
+
 def _check_open(file: ContourFile) -> list[str]:
     findings = _Findings()
     if not file.sealed:

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from .errors import Hdf5Error
 from .hdf5_chunks import require_chunks, require_room
+from .hdf5_heap import collection_size, refuse_endless_heap
 from .hdf5_structure import ATTRIBUTE_BYTES_MOST, OF_SCALES, Declared, h5py, walk
 
 MEMORY_MOST = 1 << 30
@@ -220,19 +221,27 @@ class _Source:
         """h5py calls this; there is nothing to write."""
 
     def readinto(self, buffer: Any) -> int:
-        """Fill a buffer; raises OSError where the file ends before, or the walk reads too much."""
+        """Fill a buffer; raises OSError where the file ends before, Hdf5Error where the walk reads too much."""
         view = memoryview(buffer).cast("B")
         if self.left is not None:
             self.left -= len(view)
-            if len(view) > _PIECE_MOST or self.left < 0:
-                raise OSError(f"its structure takes more bytes than expected ({len(view)} at {self._at})")
+            if len(view) > _PIECE_MOST:
+                bound = f"expected at most {_PIECE_MOST}"
+                raise Hdf5Error(f"a piece of the file's structure has {len(view)} bytes at byte {self._at}, {bound}")
+            if self.left < 0:
+                raise Hdf5Error("the file's structure leads in a circle, or is far larger than the file")
         if self._at + len(view) > self.size:
             raise OSError(f"truncated file: bytes {self._at} to {self._at + len(view)} of {self.size} are asked for")
-        self._fill(view)
+        self._fill(self._at, view)
+        if 0 < (size := collection_size(view)) <= self.size - self._at:
+            collection = memoryview(bytearray(size))  # of a long one libhdf5 reads the rest later, without its head
+            self._fill(self._at, collection)
+            refuse_endless_heap(collection)
         self._at += len(view)
         return len(view)
 
-    def _fill(self, view: memoryview) -> None:
+    def _fill(self, at: int, view: memoryview) -> None:
+        """Fill with the bytes from `at` on, which there are."""
         raise NotImplementedError
 
     def state(self) -> tuple[int, int]:
@@ -250,8 +259,8 @@ class _Memory(_Source):
         self._content = memoryview(content)
         self.size = len(content)
 
-    def _fill(self, view: memoryview) -> None:
-        view[:] = self._content[self._at : self._at + len(view)]
+    def _fill(self, at: int, view: memoryview) -> None:
+        view[:] = self._content[at : at + len(view)]
 
     def state(self) -> tuple[int, int]:
         return self.size, 0
@@ -271,12 +280,12 @@ class _Handle(_Source):
             raise Hdf5Error("the file is a pipe, a device or a socket, expected a regular file")
         self.size = state.st_size
 
-    def _fill(self, view: memoryview) -> None:
+    def _fill(self, at: int, view: memoryview) -> None:
         done = 0
         while done < len(view):
-            count = os.preadv(self._handle, [view[done:]], self._at + done)
+            count = os.preadv(self._handle, [view[done:]], at + done)
             if count == 0:
-                raise OSError(f"truncated file: it ends at byte {self._at + done}, and had {self.size} when opened")
+                raise OSError(f"truncated file: it ends at byte {at + done}, and had {self.size} when opened")
             done += count
 
     def state(self) -> tuple[int, int]:

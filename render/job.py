@@ -4,10 +4,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-from ..datasets.check import check_file
+from ..datasets.check import check_file, unproven_content
 from ..datasets.frame_reader import check_frames, frame_format
 from ..datasets.motion import HandMotion
 from ..datasets.sweep_check import check_store, is_sweep_data
+from ..datasets.unknown_content import unknown_content
 from . import console
 from .errors import StrategyError
 from .figure import draw_figure
@@ -190,20 +191,23 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
 
 def run_check(file: Path, *, as_json: bool) -> int:
     """Check; 0 whole, 1 not."""
-    unproven: list[str] = []
+    unknown: list[str] = []  # no problem: a newer minor version may add to the format
     if is_sweep_data(file):
         found = check_store(file)
         problems, unproven = found.problems, found.unproven
     else:
         problems = check_file(file) if frame_format(file) is None else check_frames(file)
+        unproven, unknown = unproven_content(file), unknown_content(file)
     if as_json:
-        told = {"path": str(file), "whole": not problems, "problems": problems}
+        told = {"path": str(file), "whole": not problems, "problems": problems, "unknown": unknown}
         console.say(told | ({"unproven": unproven} if unproven else {}), as_json=True, title="")
-    elif problems:
-        for problem in problems:
-            tell(problem, "error")
-    else:
+        return console.FAILED if problems else console.DONE
+    for problem in problems:
+        tell(problem, "error")
+    if not problems:
         console.say({"whole": "yes", "without digests": "; ".join(unproven) or None}, as_json=False, title=str(file))
+    for sentence in unknown:
+        console.warn(f"{file}: {sentence}, and nothing reads it")
     return console.FAILED if problems else console.DONE
 
 

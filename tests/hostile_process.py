@@ -141,18 +141,23 @@ def main():
     folder = Path(sys.argv[1])
     names = sys.argv[2:] or list(CASES)
     warnings.simplefilter("ignore")
-    for name in ("contours", "frames"):  # Warp's kernels are loaded once
-        (folder / f"{name}.h5").write_bytes(sound(name))
-        assert attempt("play", folder / f"{name}.h5", name) == "done", attempt("play", folder / f"{name}.h5", name)
+    for kind, operations in OPERATIONS.items():
+        path = folder / f"{kind}.h5"
+        path.write_bytes(sound(kind))
+        for operation in operations:  # here and not in a child: Warp's kernels are loaded once
+            report(f"sound {kind}", operation, attempt(operation, path, kind), None, 0, 0.0)
     for number, name in enumerate(names):
         path = folder / f"{number}.h5"
         write_case(name, path)
         for operation in OPERATIONS[CASES[name].kind]:
             outcome, used, seconds = in_child(operation, path, CASES[name].kind)
-            short = judge(CASES[name], operation, outcome, used)
-            told = {"case": name, "operation": operation, "outcome": outcome, "short": short}
-            sys.stdout.write(json.dumps(told | {"bytes": used, "seconds": round(seconds, 2)}) + "\n")
-            sys.stdout.flush()
+            report(name, operation, outcome, judge(CASES[name], operation, outcome, used), used, seconds)
+
+
+def report(case, operation, outcome, short, used, seconds):
+    told = {"case": case, "operation": operation, "outcome": outcome, "short": short}
+    sys.stdout.write(json.dumps(told | {"bytes": used, "seconds": round(seconds, 2)}) + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

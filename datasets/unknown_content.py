@@ -1,0 +1,73 @@
+"""What a file of contours or of frames holds beside what its format names.
+
+A newer minor version, or somebody else, may have put it there: it is no fault, and nothing of it is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Set
+from os import PathLike
+
+from .digests import ATTRIBUTE
+from .errors import ContourFileError
+from .frame_reader import DRIVES, FOCAL_POINTS
+from .hdf5 import Hdf5Reader
+from .schema import DIGESTS, FIELDS, FORMAT_NAME
+
+_OF_FIELDS = frozenset({"units", "frame"})
+_CONTOURS: Mapping[str, Set[str]] = {
+    "/": {"format", "version", "strategy", "versions", "recipe", "device", "created", "seed", "raw_error"}
+    | {"poses_inserted", ATTRIBUTE},
+    "/digests": set[str](),
+    "/contours": set[str](),
+    "/metrics": set[str](),
+    "/motion": {"offset"},
+    "/object": {"name", "hash", "placement", "attributes", "representation"},
+    "/hand": {"description"},
+    "/timing": {"stages"},
+    **{spec.path: _OF_FIELDS for spec in (*FIELDS, DIGESTS)},
+}
+_OF_FRAMES = {"format", "version", "recipe", "maker", "sampling", ATTRIBUTE}
+_PROOF: Mapping[str, Set[str]] = {"/digests": set[str](), DIGESTS.path: set[str]()}
+_KNOWN: Mapping[str, Mapping[str, Set[str]]] = {
+    FORMAT_NAME: _CONTOURS,
+    FOCAL_POINTS: {
+        "/": _OF_FRAMES,
+        "/focus": {"update_rate", "frame"},
+        **dict.fromkeys(("/focus/position", "/focus/intensity"), _OF_FIELDS),
+        **_PROOF,
+    },
+    DRIVES: {
+        "/": _OF_FRAMES,
+        "/drive": {"update_rate", "strategy"},
+        "/array": {"names", "identities", "transducers", "carrier"},
+        **dict.fromkeys(("/drive/delay", "/drive/amplitude", "/array/position", "/array/normal"), _OF_FIELDS),
+        **_PROOF,
+    },
+}
+"""Names of the attributes of each group and dataset, by format and path."""
+
+
+def unknown_content(path: str | PathLike[str]) -> list[str]:
+    """Groups, datasets and attributes that a file's format does not name, a sentence each; a group stands for its own.
+
+    Empty for a file that is not sealed, or cannot be read: `check_file` and `check_frames` say so.
+    """
+    try:
+        with Hdf5Reader(path) as file:
+            known = _KNOWN.get(str(file.attribute("/", "format")))
+            return [] if known is None else _unknown(file.structure.attributes, known)
+    except ContourFileError:
+        return []
+
+
+def _unknown(found: Mapping[str, tuple[str, ...]], known: Mapping[str, Set[str]]) -> list[str]:
+    sentences: list[str] = []
+    for path in sorted(found):
+        parent = path.rpartition("/")[0] or "/"
+        if path in known:
+            names = [name for name in found[path] if name not in known[path]]
+            sentences += [f"attribute {name} of {path} is not of this format" for name in sorted(names)]
+        elif parent in known:
+            sentences.append(f"{path} is not of this format")
+    return sentences

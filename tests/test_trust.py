@@ -91,7 +91,7 @@ def test_a_strategys_modules_are_listed_and_not_run(folder, ran):
 
 
 def test_a_named_function_is_not_run(ran):
-    with pytest.raises(UntrustedCodeError, match=r"ball\.py \(.*SHA-256"):
+    with pytest.raises(UntrustedCodeError, match=r"ball\.py:ball \(.*SHA-256"):
         ImplicitObject("ball.py:ball", bounds=[[-1] * 3, [1] * 3])
     assert (render("--bounds", *BOX, thing="ball.py:ball").exit_code, ran()) == (MISUSED, False)
 

@@ -16,7 +16,7 @@ from .hdf5 import Hdf5Reader
 from .header import get_header, get_texts, recipe_differences
 from .header_hand import NORM_TOLERANCE, hand_problem
 from .part_reader import PartReader
-from .reader import ContourFile, get_timing
+from .reader import ContourFile
 from .schema import (
     CONTOURS,
     DIGESTS,
@@ -32,6 +32,7 @@ from .schema import (
     count_problems,
     shape_problem,
 )
+from .timing import get_timing
 
 LENGTH_TOLERANCE = (1e-6, 1e-7)
 """Stored and recomputed lengths agree within this, relative and absolute [m]."""

@@ -102,8 +102,10 @@ class _Stream:
         self._at = 0
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        begin = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: os.fstat(self._handle).st_size}[whence]
-        self._at = begin + offset
+        size = 0
+        with self._kept_failure():
+            size = os.fstat(self._handle).st_size
+        self._at = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: size}[whence] + offset
         return self._at
 
     def tell(self) -> int:
@@ -114,7 +116,9 @@ class _Stream:
         raise NotImplementedError(size)
 
     def readinto(self, buffer: memoryview) -> int:
-        count = os.preadv(self._handle, [buffer], self._at)
+        count = 0
+        with self._kept_failure():
+            count = os.preadv(self._handle, [buffer], self._at)
         self._at += count
         return count
 

@@ -27,9 +27,10 @@ from .hdf5 import Hdf5Reader
 from .hdf5_output import hdf5_output
 from .header import FileHeader, header_attributes, json_text
 from .parts import Part
-from .reader import ContourFile, Timing
+from .reader import ContourFile
 from .rows import Rows, chunk_bytes, decoded, row_fields
 from .schema import CHUNK_ROWS, CONTOURS, HEADER, METRICS, TIMING, Field
+from .timing import Timing
 
 _ROOM_STEP = 1 << 12
 _ROOM_TO_SPARE = 1 << 14

@@ -39,10 +39,7 @@ MOTION_HELP = (
     "synthetic one."
 )
 HAND_HELP = "palm: one rectangle; planes: palm and phalanges; skin: palpate's own hand; or a file of a hand's mesh."
-INTERPOLATE_HELP = (
-    "Insert poses until contours move by no more than this from pose to pose; v / f_s leaves one focal point without "
-    "pauses, sections and continuity finish no hop there."
-)
+INTERPOLATE_HELP = "Insert poses until contours move by no more than this from pose to pose; v / f_s leaves no hops."
 FLUSH_HELP = "How near to a patch's plane or side counts as on it; by default three float32 spacings at the pose."
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
@@ -54,12 +51,10 @@ Inside = Annotated[str | None, typer.Option(help="Of a volume: above or below, w
 Spacing = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Of a volume, instead of the file's [m].")]
 Unit = Annotated[str | None, typer.Option(help="Of a volume file's lengths: m, cm, mm, um.")]
 SolidRule = Annotated[
-    str | None, typer.Option(help="Of a mesh: what is inside, by winding number: winding (above 0), even-odd.")
+    str | None, typer.Option(help="Of a mesh: inside by winding number: winding (above 0), even-odd.")
 ]
 Weld = Annotated[float | None, typer.Option(metavar="METRES", help="Of a mesh: merge vertices this close.")]
-FillHoles = Annotated[
-    float | None, typer.Option(metavar="METRES", help="Of a mesh: close holes whose rim is at most this long.")
-]
+FillHoles = Annotated[float | None, typer.Option(metavar="METRES", help="Of a mesh: close holes of at most this rim.")]
 KEPT_HELP = "Contour file, or focal points or drives of a sweep."
 DURATION_HELP = "Stop after this time [s] if the motion has not ended; a static pose needs it."
 
@@ -224,7 +219,7 @@ app.command()(trust)
 @app.command()
 def strategies(
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="PICTURE", help="Draw them side by side: PNG, SVG or PDF.")
+        Path | None, typer.Option("-o", "--out", metavar="PICTURE", help="Draw them: PNG, SVG, PDF.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
     json: Json = False,
@@ -236,9 +231,7 @@ def strategies(
 @app.command()
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE|MESH", help=KEPT_HELP + " Or a mesh, or a built-in object.")],
-    scale: Annotated[
-        float | None, typer.Option(help="Of a mesh: factor on its coordinates (0.001: millimetres).")
-    ] = None,
+    scale: Annotated[float | None, typer.Option(help="Of a mesh: factor on its coordinates (0.001: mm).")] = None,
     solid: SolidRule = None,
     weld: Weld = None,
     fill_holes: FillHoles = None,

@@ -87,7 +87,7 @@ def test_the_examples_of_the_docs_run(tmp_path):
         "from palpate.render.strategy import load_strategy\n"
         f"assert IntersectionStrategy.from_json({first!r}).needs_closed\n"
         "assert batch.polyline_count > 0 and set(batch.kind.tolist()) == {2}\n"
-        "striped = render(tube, Palm(), motion, load_strategy('mine.json'))\n"
+        "striped = render(tube, Palm(), motion, load_strategy('mine.json', allow_code=True))\n"
         f"assert IntersectionStrategy.from_json({flush!r}).flush == 1e-6\n"
         f"{far}assert points.shape == batch.points.shape and abs(points.mean(axis=0)[2] - 0.2) < 0.1\n"
         "assert 0 <= striped.intensity.min() < 0.2 < 0.8 < striped.intensity.max() <= 1\n"

@@ -98,9 +98,14 @@ def read_text(path: str | os.PathLike[str]) -> str:
         return stream.read()
 
 
-def read_limited(stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File, what: str) -> bytes:
-    """All that a stream gives, block by block; raises FileBoundError once it is more than the budget."""
+def read_limited(stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File, what: str, declared: int | None = None) -> bytes:
+    """All that a stream gives; raises FileBoundError once it is more than the budget, or than is declared."""
     limit = byte_limit()
+    if declared is not None and declared < limit:
+        content = stream.read(declared + 1)
+        if len(content) > declared:
+            raise FileBoundError(f"{what} takes more than the {declared} bytes that are declared")
+        return content
     content = bytearray()
     while block := stream.read(min(_BLOCK_BYTES, limit + 1 - len(content))):
         content += block
@@ -109,14 +114,15 @@ def read_limited(stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File, what: str) -> 
     return bytes(content)
 
 
-def gunzipped(content: bytes) -> bytes:
-    """What gzip has packed; raises FileBoundError for more than the budget, ValueError where it is damaged."""
-    return _unpacked(gzip.open(io.BytesIO(content)))
+def gunzipped(content: bytes, declared: int | None = None) -> bytes:
+    """What gzip has packed; raises FileBoundError for more than the budget or than declared, ValueError where it is
+    damaged."""
+    return _unpacked(gzip.open(io.BytesIO(content)), declared)
 
 
-def bunzipped(content: bytes) -> bytes:
+def bunzipped(content: bytes, declared: int | None = None) -> bytes:
     """What bzip2 has packed; raises as `gunzipped`."""
-    return _unpacked(bz2.open(io.BytesIO(content)))
+    return _unpacked(bz2.open(io.BytesIO(content)), declared)
 
 
 def inflated(content: bytes) -> bytes:
@@ -130,10 +136,10 @@ def inflated(content: bytes) -> bytes:
     return unpacked
 
 
-def _unpacked(stream: gzip.GzipFile | bz2.BZ2File) -> bytes:
+def _unpacked(stream: gzip.GzipFile | bz2.BZ2File, declared: int | None) -> bytes:
     try:
         with stream:
-            return read_limited(stream, "what is packed in it")
+            return read_limited(stream, "what is packed in it", declared)
     except FileBoundError:
         raise
     except (*_BROKEN, OSError) as error:

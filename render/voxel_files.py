@@ -58,6 +58,7 @@ TREE = 672  # byte where its tree starts: offsets of leaves, lower and upper nod
 LEVEL_SET, FOG = 1, 2
 ZIPPED = b"\x01\x00"  # NanoVDB's codec for zlib
 UNPACKED = {"gzip": gunzipped, "gz": gunzipped, "bzip2": bunzipped, "bz2": bunzipped}  # of NRRD's encodings
+NRRD_BYTES_MOST = 8  # of one value: float64, and integers of 64 bits
 NIFTI2 = (struct.pack("<i", 540), struct.pack(">i", 540))  # how files of NIfTI-2 begin
 SCALED_BYTES = 8  # of a value that a NIfTI file has a factor for: it becomes float64
 CLASS_KINDS = {LEVEL_SET: ("distance", 0.0), FOG: ("intensity", 0.5)}
@@ -180,7 +181,9 @@ def nrrd_content(data: bytes, header: Any) -> tuple[io.BytesIO, Any]:
     for _ in range(min(lines, data.count(b"\n"))):
         data = data.partition(b"\n")[2]
     kept = {key: value for key, value in header.items() if key not in ("line skip", "lineskip")}
-    return io.BytesIO(unpack(data)), {**kept, "encoding": "raw"}
+    skip = int(header.get("byte skip", header.get("byteskip", 0)))  # -1: whatever is before the last bytes
+    declared = None if skip < 0 else skip + NRRD_BYTES_MOST * math.prod(int(size) for size in header["sizes"])
+    return io.BytesIO(unpack(data, declared)), {**kept, "encoding": "raw"}
 
 
 def read_nifti(path: Path, unit: str | None) -> VolumeFile:

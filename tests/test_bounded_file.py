@@ -222,12 +222,23 @@ def test_volumes_that_are_packed_are_judged_too(tmp_path):
     nrrd.write(str(tmp_path / "a.nrrd"), small[0])
     head = (tmp_path / "a.nrrd").read_bytes().partition(b"\n\n")[0] + b"\n\n"
     (tmp_path / "a.nrrd").write_bytes(head + gzip.compress(BOMB))
-    for name in ("a.nii.gz", "a.nrrd"):
-        with pytest.raises(VoxelError, match="what is packed in it takes"):
+    for name, bound in (
+        ("a.nii.gz", f"{len(BOMB)}|{LIMIT}"),
+        ("a.nrrd", f"more than the {8 * 9**3} bytes that are declared"),
+    ):
+        with pytest.raises(VoxelError, match=f"what is packed in it takes.*({bound})"):
             read_volume(tmp_path / name)
     (tmp_path / "b.nrrd").write_bytes(head + gzip.compress(bytes(8 * 9**3 + 1)))
-    with pytest.raises(VoxelError, match="more data than its sizes"):
+    with pytest.raises(VoxelError, match="more than the 5832 bytes that are declared"):
         read_volume(tmp_path / "b.nrrd")
+    whole = np.arange(27.0).tobytes()
+    raw = head.replace(b"gzip", b"raw").replace(b"9 9 9", b"3 3 3")
+    (tmp_path / "d.nrrd").write_bytes(raw + whole + b"more")
+    with pytest.raises(VoxelError, match="more data than its sizes"):
+        read_volume(tmp_path / "d.nrrd")
+    last = head.replace(b"9 9 9", b"3 3 3\nbyte skip: -1")  # the data are the last bytes of what is packed
+    (tmp_path / "e.nrrd").write_bytes(last + gzip.compress(b"before" + whole))
+    assert read_volume(tmp_path / "e.nrrd").values.T.tobytes() == whole
     large = nibabel.Nifti1Image(np.zeros((80, 80, 80), np.int16), np.eye(4))
     large.header.set_slope_inter(2.0, 1.0)  # so that each of 2 bytes becomes one of 8
     (tmp_path / "c.nii.gz").write_bytes(gzip.compress(large.to_bytes()))

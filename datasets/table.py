@@ -167,7 +167,8 @@ def is_table(path: str | Path) -> bool:
         if has_trailer(path, KIND):
             return True
         with open_columns(path, unread=_SCALE) as file:
-            return file.attribute("/", "format") == FORMAT_NAME
+            said = file.attribute("/", "format")
+            return isinstance(said, str) and said == FORMAT_NAME
     except SweepStoreError:
         return False
 

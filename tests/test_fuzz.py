@@ -29,7 +29,6 @@ def raising(error):
     return read
 
 
-@pytest.mark.xfail(reason="loaders of HDF5 and others are being mended: to be removed with the last of them")
 def test_damaged_inputs_of_every_loader_are_read_or_refused_in_a_sentence(tmp_path):
     told = tmp_path / "told.json"
     out = ["--cases", str(CASES), "--seed", str(SEED), "--out", tmp_path / "failures", "--json", told]

@@ -212,7 +212,7 @@ def fuzz(options: argparse.Namespace, names: list[str], scratch: Path) -> Tally:
 
 def main(arguments: list[str] | None = None) -> int:
     options = options_of(arguments)
-    os.environ |= {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1", "PALPATE_CACHE": "off"}
+    os.environ |= {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1", "PALPATE_CACHE": "off", "PALPATE_READ_MB": "256"}
     from fuzz_child import BY_NAME, Case, quieten, temporary_folder
     from fuzz_formats import make_seeds
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import xxhash
@@ -110,7 +110,8 @@ class DigestTable:
             self.block_rows = int(found["block_rows"])
             datasets: dict[str, tuple[int, str]] = found["datasets"]
             self.datasets = {path: (int(first), str(digest)) for path, (first, digest) in datasets.items()}
-            self.attributes = cast(dict[str, dict[str, str]], dict(found["attributes"]))
+            groups: dict[str, dict[str, str]] = found["attributes"]
+            self.attributes = {group: {key: str(own) for key, own in keys.items()} for group, keys in groups.items()}
         except (TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"not digests: {error}") from error
         if self.block_rows < 1 or any(first < 0 for first, _ in self.datasets.values()):

@@ -109,24 +109,29 @@ def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> S
     vertices, faces = weld(vertices, faces)
     tolerance = rounding_of(vertices)
     vertices, faces = weld_close(vertices, faces, max(repair.weld, tolerance))
-    welded_count = used_count - len(vertices)
     faces = sorted_faces(faces)
-    if len(faces) == 0:
-        why = f"--weld merges what is {repair.weld:.3g} of the file's units apart"
-        if repair.weld <= tolerance:
-            why = f"float32 cannot tell what is {tolerance:.3g} of the file's units apart, for this size and place"
-        raise MeshError(f"all {given_count} triangles have a corner twice, and so no surface is left: {why}")
+    require_surface(faces, "have a corner twice", given_count, tolerance, repair)
     whole_count = len(faces)
     faces, flat_count = without_slivers(vertices, faces, tolerance)
     dropped = given_count - whole_count + len(faces)
+    require_surface(faces, "are flat or have a corner twice", given_count, tolerance, repair)
     faces = without_repeats(vertices, faces, tolerance)
     report = MeshReport(
         triangles=given_count,
-        vertices_welded=welded_count,
+        vertices_welded=used_count - len(vertices),
         faces_dropped=dropped - len(faces),
         faces_flat=flat_count,
     )
     return Surface(vertices, faces, report, tolerance)
+
+
+def require_surface(faces: np.ndarray, all_are: str, given_count: int, tolerance: float, repair: Repair) -> None:
+    """Raise MeshError where no triangle is left."""
+    if len(faces) == 0:
+        why = f"--weld merges what is {repair.weld:.3g} of the file's units apart"
+        if repair.weld <= tolerance:
+            why = f"float32 cannot tell what is {tolerance:.3g} of the file's units apart, for this size and place"
+        raise MeshError(f"all {given_count} triangles {all_are}, and so no surface is left: {why}")
 
 
 def without_repeats(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> np.ndarray:

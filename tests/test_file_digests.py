@@ -139,7 +139,16 @@ def test_a_file_without_digests_is_read_if_it_is_older_than_they(sealed, contour
             file.require_whole()
 
 
-@pytest.mark.parametrize("broken", ["[]", "{", '{"block_rows": 0, "datasets": {}, "attributes": {}}', "[" * 100_000])
+_NONE = [
+    "[]",
+    "{",
+    '{"block_rows": 0, "datasets": {}, "attributes": {}}',
+    '{"block_rows": 1, "datasets": {}, "attributes": {"/": "x"}}',
+    "[" * 100_000,
+]
+
+
+@pytest.mark.parametrize("broken", _NONE)
 def test_digests_that_are_none_are_refused(sealed, broken):
     with h5py.File(sealed, "r+") as file:
         file.attrs["digests"] = np.array(broken.encode(), h5py.string_dtype("utf-8", len(broken)))

@@ -256,6 +256,11 @@ def test_repeated_triangles_are_dropped():
         ([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]], r"1 vertices are not finite, the first is vertex 2"),
         ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 3]], r"face 0 names vertex \[0, 1, 3\], but there are 3"),
         ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 1]], "all 1 triangles have a corner twice"),
+        (
+            [[0, 0, 0], [1, 0, 0], [0.5, 0, 0], [0.5, 0, 0]],
+            [[0, 1, 2], [1, 0, 3]],
+            "all 2 triangles are flat .*float32 cannot tell",
+        ),
         ([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], r"\[vertex, 3\]"),
     ],
 )

@@ -311,6 +311,23 @@ def test_metadata_of_parquet_that_changed_are_found(tmp_path):
         load_table(path)
 
 
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (pyarrow.array([[1], [2]]), "column name is of list<.*>, expected bool, numbers or text"),
+        (pyarrow.array([b"a", b"b"]), "column name is of binary, expected bool, numbers or text"),
+        (pyarrow.array(["a", None]), "the digest of its columns does not match"),
+    ],
+)
+def test_a_column_of_parquet_that_palpate_never_writes_is_refused(tmp_path, values, message):
+    path = tmp_path / "t.parquet"
+    write_parquet(path, {"name": np.array(["a", "b"], object)}, {})
+    own = parquet.read_schema(path).metadata
+    parquet.write_table(pyarrow.table({"name": values}).replace_schema_metadata(own), path)
+    with pytest.raises(SweepStoreError, match=message):
+        load_table(path)
+
+
 def sealed(path):
     """Put a right trailer behind a shard, as somebody does who makes one by hand."""
     content = path.read_bytes()

@@ -61,8 +61,10 @@ def require_bytes(count: int, what: str) -> None:
         )
 
 
-def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+def open_regular(path: str | os.PathLike[str], *, bounded: bool = True) -> BinaryIO:
     """Open a regular file for reading; a pipe or a device is refused at once, where `open` would wait for its writer.
+
+    bounded: refuse also what is larger than the budget; without it, the caller reads in blocks.
 
     Raises:
         FileBoundError: It is no regular file, or larger than the budget.
@@ -73,7 +75,8 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
         status = os.fstat(stream.fileno())
         if not stat.S_ISREG(status.st_mode):
             raise FileBoundError("is no regular file")
-        require_bytes(status.st_size, "it")
+        if bounded:
+            require_bytes(status.st_size, "it")
     except BaseException:
         stream.close()
         raise

@@ -33,6 +33,7 @@ from .schema import (
     shape_problem,
 )
 from .timing import get_timing
+from .unknown_content import unproven_attributes
 
 LENGTH_TOLERANCE = (1e-6, 1e-7)
 """Stored and recomputed lengths agree within this, relative and absolute [m]."""
@@ -159,6 +160,10 @@ class _PartCheck:
             known = [spec.path for spec in FIELDS if spec.path in part]
             for path in (path for path in known if path not in table.datasets):
                 self._tell(f"{path}: has no digest")
+            for path in sorted(table.datasets.keys() - part.structure.datasets.keys()):
+                self._tell(f"{path!r}: has a digest, but is no dataset of the file")
+            for sentence in unproven_attributes(part):
+                self._tell(sentence)
         except ContourFileError as error:
             self.findings.tell(str(error))
 

@@ -30,7 +30,7 @@ class PartReader:
         self._kept: dict[int, tuple[int, NDArray[Any]]] = {}  # of each field, the chunk that was read last
         self._timing = timing_columns(part)
         try:
-            self._handle = os.open(part.path, os.O_RDONLY | os.O_CLOEXEC)
+            self._handle = os.open(part.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
             raise ContourFileError(f"{part.path} cannot be read: {error.strerror or error}") from error
 

@@ -3,8 +3,7 @@
 A part is two files. `poses-FIRST.rows` becomes OUT.h5: room for HDF5's metadata, motion and mesh as they lie in the
 header (in the first part; the others leave room), then chunks (`rows.py`), never touched again. `poses-FIRST.log` says
 what of it is done: a record for the part, then one for each range of poses written, with the rows that are in no chunk
-yet. A record is the length and CRC-32 of its content and the CRC-32 of these two (uint32, little endian), then its
-content: length of a JSON (uint32), the JSON, and for a range the field of each chunk (uint8), the digest of each
+yet (`part_log.py`). The binary data of a range's record are the field of each chunk (uint8), the digest of each
 (uint64) and the tails (`Growth`).
 
 | end of a log                        | what it means                                                     |
@@ -16,29 +15,25 @@ content: length of a JSON (uint32), the JSON, and for a range the field of each 
 
 from __future__ import annotations
 
-import json
 import re
-import struct
-import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .bounded_file import open_regular
 from .durable import append_at, write_file
 from .errors import ContourFileError
+from .part_log import counts_of, number, record, records, timing_of
 from .rows import Growth, Rows, chunk_bytes, decoded, row_fields, row_shape
 from .schema import CHUNK_ROWS
 
 HEADER_NAME = "header.h5"
 LOG_SUFFIX, ROWS_SUFFIX = ".log", ".rows"
 _PATTERN = re.compile(r"poses-(\d{12})\.log")
-_PREFIX = struct.Struct("<III")
-_GUARDED = 8  # bytes of the prefix that its last number guards
-_LENGTH = struct.Struct("<I")
 _DIGESTS = "xxh3-64"
 
 
@@ -103,16 +98,16 @@ class Part:
         growth, chunks = self.rows.grown(contours, metrics)
         head = {"stop": stop, "counts": growth.counts, "chunks": len(growth.order), "timing": dict(timing)}
         digests = growth.digests.astype("<u8").tobytes()
-        record = _record(head, growth.order.tobytes(), digests, *(tail.tobytes() for tail in growth.tails))
+        done = record(head, growth.order.tobytes(), digests, *(tail.tobytes() for tail in growth.tails))
         if chunks:
             append_at(self.path, self.rows.end, chunks)
-        append_at(self.log, self.log_end, [record])
-        self._accept(stop, growth, dict(timing), self.log_end + len(record))
+        append_at(self.log, self.log_end, [done])
+        self._accept(stop, growth, dict(timing), self.log_end + len(done))
 
     def accept(self, head: Mapping[str, Any], content: memoryview, log_end: int) -> None:
         """Take over a commit that was read back; raises ValueError or KeyError where it means nothing."""
-        counts = [int(count) for count in head["counts"]]
-        order = np.frombuffer(content, np.uint8, int(head["chunks"]))
+        order = np.frombuffer(content, np.uint8, number(head["chunks"]))
+        counts = counts_of(head["counts"], order, self.rows.counts)
         digests = np.frombuffer(content, "<u8", len(order) if self.digested else 0, len(order))
         tails: list[NDArray[Any]] = []
         begin = len(order) + digests.nbytes
@@ -121,7 +116,8 @@ class Part:
             tail = np.frombuffer(content, spec.dtype, count * width, begin).reshape(count, *row_shape(spec))
             tails.append(tail)
             begin += tail.nbytes
-        self._accept(int(head["stop"]), Growth(counts, order, digests, tails), dict(head["timing"]), log_end)
+        stop, timing = number(head["stop"], self.stop + 1), timing_of(head["timing"])
+        self._accept(stop, Growth(counts, order, digests, tails), timing, log_end)
 
     def _accept(self, stop: int, growth: Growth, timing: dict[str, float], log_end: int) -> None:
         self.rows.accept(growth)
@@ -143,7 +139,7 @@ def part_logs(folder: Path) -> list[Path]:
 
 def begin_part(folder: Path, first: int, recipe: str, begin: int, *, optional: tuple[str, ...]) -> Part:
     """A part without poses, on the disk, whose rows begin at `begin` bytes; raises OSError."""
-    log = folder / f"poses-{first:012d}{LOG_SUFFIX}"
+    log = folder / f"{_stem(first)}{LOG_SUFFIX}"
     head = {
         "recipe": recipe,
         "first": first,
@@ -152,10 +148,10 @@ def begin_part(folder: Path, first: int, recipe: str, begin: int, *, optional: t
         "chunk_rows": CHUNK_ROWS,
         "digests": _DIGESTS,
     }
-    record = _record(head)
-    part = Part(log, first, recipe, Rows(row_fields(optional), begin), len(record), len(record))
+    begun = record(head)
+    part = Part(log, first, recipe, Rows(row_fields(optional), begin), len(begun), len(begun))
     append_at(part.path, begin, [], fresh=True)
-    write_file(log, memoryview(record))  # its folder's fsync keeps both names
+    write_file(log, memoryview(begun))  # its folder's fsync keeps both names
     return part
 
 
@@ -164,23 +160,22 @@ def read_part(log: Path, *, limit: int | None = None) -> Part:
 
     Raises ContourFileError where not even its first record can be read, or its rows are gone.
     """
-    try:
-        content = memoryview(log.read_bytes())[:limit]
-    except OSError as error:
-        raise ContourFileError(f"{log} cannot be read: {error.strerror or error}") from error
     part: Part | None = None
     problem: str | None = None
     try:
-        for head, rest, end in _records(content):
-            if part is None:
-                part = _begun(log, head, end)
-            else:
-                part.accept(head, rest, end)
-    except (ValueError, KeyError, TypeError, IndexError):  # what json, struct and a record of something else raise
+        with open_regular(log, bounded=False) as stream:
+            for head, rest, end in records(stream, limit):
+                if part is None:
+                    part = _begun(log, head, end)
+                else:
+                    part.accept(head, rest, end)
+    except OSError as error:
+        raise ContourFileError(f"{log} cannot be read: {error.strerror or error}") from error
+    except (ValueError, KeyError, TypeError):  # what a record of something else raises
         problem = "is truncated or damaged"
     if part is None:
         raise ContourFileError(f"{log} is truncated or damaged")
-    if not part.path.exists():
+    if not part.path.is_file():
         raise ContourFileError(f"{log} has lost its rows")
     part.problem = problem
     return part
@@ -227,7 +222,7 @@ def _first_damaged(part: Part) -> int | None:
     if not chunks:
         return None
     try:
-        with part.path.open("rb") as stream:
+        with open_regular(part.path, bounded=False) as stream:
             for address, index, number in chunks:
                 spec = part.rows.fields[index]
                 stream.seek(address)
@@ -241,32 +236,14 @@ def _first_damaged(part: Part) -> int | None:
 def _begun(log: Path, head: Mapping[str, Any], end: int) -> Part:
     if head["chunk_rows"] != CHUNK_ROWS:
         raise ValueError(f"chunks of {head['chunk_rows']} rows")
-    rows = Rows(row_fields([str(name) for name in head["optional"]]), int(head["begin"]))
+    rows = Rows(row_fields([str(name) for name in head["optional"]]), number(head["begin"]))
     if head.get("digests", _DIGESTS) != _DIGESTS:
         raise ValueError(f"digests by {head['digests']}")
-    return Part(log, int(head["first"]), str(head["recipe"]), rows, end, end, digested="digests" in head)
+    first = number(head["first"])
+    if log.stem != _stem(first):
+        raise ValueError(f"first pose {first}")
+    return Part(log, first, str(head["recipe"]), rows, end, end, digested="digests" in head)
 
 
-def _record(head: Mapping[str, Any], *content: bytes) -> bytes:
-    text = json.dumps(head).encode()
-    payload = b"".join([_LENGTH.pack(len(text)), text, *content])
-    prefix = struct.pack("<II", len(payload), zlib.crc32(payload))
-    return prefix + _LENGTH.pack(zlib.crc32(prefix)) + payload
-
-
-def _records(content: memoryview) -> Iterator[tuple[dict[str, Any], memoryview, int]]:
-    """JSON and content of each whole record, and where it ends; raises ValueError at a damaged one."""
-    end = 0
-    while len(content) - end >= _PREFIX.size:
-        size, crc, guard = _PREFIX.unpack_from(content, end)
-        if zlib.crc32(content[end : end + _GUARDED]) != guard:
-            raise ValueError("CRC of a prefix")
-        begin, end = end + _PREFIX.size, end + _PREFIX.size + size
-        if end > len(content):
-            return
-        if zlib.crc32(content[begin:end]) != crc:
-            raise ValueError("CRC")
-        (length,) = _LENGTH.unpack_from(content, begin)
-        begin += _LENGTH.size
-        head = cast(dict[str, Any], json.loads(bytes(content[begin : begin + length])))
-        yield head, content[begin + length : end], end
+def _stem(first: int) -> str:
+    return f"poses-{first:012d}"

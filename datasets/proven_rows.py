@@ -34,7 +34,7 @@ class ProvenRows:
             raise Hdf5Error(f"attribute {ATTRIBUTE} of / is damaged: {error}") from error
 
     def read(self, path: str, first: int, stop: int | None) -> NDArray[Any]:
-        """Rows `first` to `stop` (all) of a dataset; those without digests as they are."""
+        """Rows `first` to `stop` (all) of a dataset; those of a file without digests as they are."""
         digests = self._digests_of(path)
         if digests is None or not len(digests):
             return self._opened.read(path, first, stop)
@@ -69,18 +69,18 @@ class ProvenRows:
         return rows[asked].copy()
 
     def _digests_of(self, path: str) -> Digests | None:
-        """Digests of a dataset's blocks; None where the file has none of it."""
+        """Digests of a dataset's blocks; None where the file has no digests."""
         if path not in self._digests:
             self._digests[path] = self._read_digests(path)
         return self._digests[path]
 
     def _read_digests(self, path: str) -> Digests | None:
         table = self.table if path != DIGESTS.path else None
-        if table is None or path not in table.datasets:
-            return None
         shape = self._opened.declared(path).shape
-        if not shape:
+        if table is None or not shape:
             return None
+        if path not in table.datasets:
+            raise Hdf5Error(f"{path} has no digest, which every dataset of a file with digests has")
         first, stop = table.block_range(path, shape)
         digests = np.asarray(self._opened.read(DIGESTS.path, first, stop), np.uint64)
         if not table.is_dataset(path, shape, digests):

@@ -14,6 +14,7 @@ Blank lines are skipped but counted as lines.
 """
 
 import io
+import os
 import re
 from collections.abc import Callable
 from itertools import islice
@@ -81,15 +82,23 @@ def read_ptlist(path: str | Path, *, unit: float = 1.0) -> PointList:
 
 
 def write_ptlist(
-    path: str | Path, position: ArrayLike, intensity: ArrayLike, update_rate: float, *, unit: float = 1.0
+    path: str | Path,
+    position: ArrayLike,
+    intensity: ArrayLike,
+    update_rate: float,
+    *,
+    unit: float = 1.0,
+    overwrite: bool = False,
 ) -> None:
     """Write focal points as a .PTLIST file that `read_ptlist` reads back to the last bit of float32.
 
     position: [m], shape [sample, 3]. intensity: 0..1, shape [sample]. unit: of the file's positions [m].
-    The file is whole or not there. Raises PointListError for what `read_ptlist` would refuse, naming the row, and for
-    several focal points at once, which the format cannot hold.
+    The file is whole or not there. Raises PointListError for what `read_ptlist` would refuse, naming the row, for
+    several focal points at once, which the format cannot hold, and for a file that is there, unless `overwrite`.
     """
     path = Path(path)
+    if os.path.lexists(path) and not overwrite:
+        raise PointListError(f"{path}: exists; overwrite=True replaces it")
     _require_unit(unit)
     where, strength = np.asarray(position, np.float64), np.asarray(intensity, np.float64)
     if where.ndim != 2 or where.shape[1] != 3 or strength.shape != where.shape[:1]:

@@ -26,8 +26,9 @@ from .header import (
 )
 from .part_reader import PartReader
 from .parts import HEADER_NAME, readable_parts, work_folder
-from .schema import CONTOURS, HAND, METRICS, MOTION, Arrays, Field
+from .schema import CONTOURS, FIELDS, HAND, METRICS, MOTION, Arrays, Field
 from .timing import Timing, get_timing, join_timing
+from .unknown_content import unproven_attributes
 
 _BLOCK_POSES = 1 << 16
 
@@ -94,7 +95,9 @@ class ContourFile:
         if file.digest_table is None:
             raise ContourFileError(f"{self.path} has no digests that prove its content: format 1.2 brought them")
         file.require_attributes()
-        for name in file.digest_table.datasets:
+        if sentences := unproven_attributes(file):
+            raise ContourFileError(f"{self.path}: {sentences[0]}")
+        for name in dict.fromkeys([*(spec.path for spec in FIELDS if spec.path in file), *file.digest_table.datasets]):
             file.require_rows(name)
         if not self.sealed:
             for rows, _ in self.parts()[1]:

@@ -61,6 +61,19 @@ def unknown_content(path: str | PathLike[str]) -> list[str]:
         return []
 
 
+def unproven_attributes(file: Hdf5Reader) -> list[str]:
+    """Attributes of groups that the format names and no digest proves, though the file has digests; a sentence each."""
+    known, table = _KNOWN.get(str(file.attribute("/", "format")), {}), file.digest_table
+    found = {} if table is None else file.structure.attributes
+    return [
+        f"attribute {name} of {path} has no digest"
+        for path in sorted(found.keys() & known.keys() - file.structure.datasets.keys())
+        for name in sorted(found[path])
+        if name in known[path] and name != ATTRIBUTE and table is not None
+        if name not in table.attributes.get(path, {})
+    ]
+
+
 def _unknown(found: Mapping[str, tuple[str, ...]], known: Mapping[str, Set[str]]) -> list[str]:
     sentences: list[str] = []
     for path in sorted(found):

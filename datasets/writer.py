@@ -6,9 +6,11 @@
 | yes    | no     | no    | compares with OUT.h5; nothing is missing                               |
 | any    | no     | yes   | refuses: nothing tells what the parts belong to                        |
 | yes    | same   | any   | killed after sealing: compares, nothing is missing, removes the folder |
-| any    | other  | any   | compares with the header, goes on with the poses missing               |
+| yes    | other  | any   | as the next line if the run may overwrite, else refuses                |
+| no     | other  | any   | compares with the header, goes on with the poses missing               |
 
-header, parts: in the work folder OUT.h5.partial; "same": its header is of the run that made OUT.h5.
+header, parts: in the work folder OUT.h5.partial; "same": its header is of the run that made OUT.h5; a file `overwrite`
+beside them says that the run may replace OUT.h5.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .durable import TEMPORARY_SUFFIX, FolderLock, copy_range, discard, publish, sync
+from .durable import TEMPORARY_SUFFIX, FolderLock, append_at, copy_range, discard, publish, sync
 from .errors import ContourFileError
 from .hdf5 import Hdf5Reader
 from .header import FileHeader, recipe_differences, recipe_hash
@@ -37,6 +39,7 @@ from .schema import CONTOURS, METRICS, validate_fields
 from .seal import Frame, copy_sealed, read_frame, seal_in_place, write_header
 
 _SEALING_NAME = "sealed.h5" + TEMPORARY_SUFFIX
+_OVERWRITE_NAME = "overwrite"
 
 
 class ContourWriter:
@@ -200,6 +203,7 @@ class ContourWriter:
             raise
 
     def _publish(self, made: Path) -> None:
+        self._refuse_stranger()
         os.replace(made, self.path)
         self._published = True
         sync(self.path.parent)
@@ -221,6 +225,14 @@ class ContourWriter:
                 "--resume keeps it if it is of the same rendering"
             )
 
+    def _refuse_stranger(self) -> None:
+        """Refuse to replace what is there without permission, which a run keeps beside its parts."""
+        if os.path.lexists(self.path) and not (self._folder / _OVERWRITE_NAME).exists():
+            raise ContourFileError(
+                f"{self.path} was made by somebody else while {self._folder} is unfinished: move it away and go on "
+                "with --resume, or begin anew with --overwrite"
+            )
+
     def _begin(self, mode: str) -> None:
         fresh = self._make_folder()
         try:
@@ -230,6 +242,7 @@ class ContourWriter:
                 self._refuse_unfinished(fresh)
             if mode == "overwrite":
                 self._clear_folder()
+                append_at(self._folder / _OVERWRITE_NAME, 0, [], fresh=True)
             if mode != "resume" or not self._resume():
                 self._write_header()
         except BlockingIOError:
@@ -251,6 +264,8 @@ class ContourWriter:
         try:
             self._folder.mkdir()
         except FileExistsError:
+            if self._folder.is_symlink() or not self._folder.is_dir():
+                raise ContourFileError(f"{self._folder} is no folder of its own, but a file or a link") from None
             return False
         sync(self._folder.parent)
         return True
@@ -266,11 +281,11 @@ class ContourWriter:
 
     def _resume(self) -> bool:
         """Take over what is there, by the table above; False if there is nothing."""
-        self._clear_temporary()
         if not (self._folder / HEADER_NAME).exists():
             if part_logs(self._folder):
                 raise ContourFileError(f"{self._folder} has lost its header and cannot be resumed, use --overwrite")
             if not self.path.exists():
+                self._clear_temporary()
                 return False
             self._finish_with(self.path)
             return True
@@ -282,6 +297,8 @@ class ContourWriter:
         if self._is_sealed_as(self._header.created):
             self._finish_with(self.path)
         else:
+            self._refuse_stranger()
+            self._clear_temporary()
             self._parts, self.repairs = take_over_parts(self._folder, self._recipe_hash)
             for part in self._parts:
                 self._give_arrays(part)
@@ -370,7 +387,8 @@ class ContourWriter:
         self._clear_temporary()
         for path in part_files(self._folder):
             path.unlink()
-        (self._folder / HEADER_NAME).unlink(missing_ok=True)
+        for name in (_OVERWRITE_NAME, HEADER_NAME):
+            (self._folder / name).unlink(missing_ok=True)
 
     def _remove_folder(self) -> None:
         # The file is whole by now; a folder that cannot go (something else lies in it) harms nobody.

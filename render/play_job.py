@@ -112,7 +112,7 @@ def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json
             raise StrategyError(f"{file}: {source.frame_count} focal points, but a point list holds {POINTS_MOST}")
         focus = joined(list(source))
     rate = sampler.strategy.update_rate
-    write_ptlist(out, focus.position, focus.intensity, rate)
+    write_ptlist(out, focus.position, focus.intensity, rate, overwrite=overwrite)
     jumps = sum(sampler.count.jumps.values())
     values = {"points": len(focus.intensity), "update_rate": rate, "jumps": jumps, "path": str(out)}
     console.say(values, as_json=as_json, title=str(out))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xxhash
 
-from palpate.datasets import assembly, hdf5_image, hdf5_output, part_reader, parts, seal
+from palpate.datasets import assembly, hdf5_image, hdf5_output, part_log, part_reader, parts, seal
 from palpate.datasets import rows as rows_module
 from palpate.datasets.header import FileHeader
 from palpate.datasets.schema import PRUNED_NAMES
@@ -184,7 +184,7 @@ def killed_at(step: int) -> Iterator[None]:
 def small_chunks(rows: int = 7) -> Iterator[None]:
     """Many HDF5 chunks in a few rows."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (assembly, hdf5_image, hdf5_output, part_reader, parts, rows_module, seal):
+        for module in (assembly, hdf5_image, hdf5_output, part_log, part_reader, parts, rows_module, seal):
             patch.setattr(module, "CHUNK_ROWS", rows)
         yield
 

@@ -273,7 +273,7 @@ def test_leftovers_of_a_kill_are_removed_and_other_peoples_files_are_not(begun, 
     assert list(folder.glob("*.rows"))
     (folder / "notes.txt").write_text("mine")
     with ContourWriter(begun, make_header(10), mode="resume"):
-        assert sorted(path.name for path in folder.iterdir()) == ["header.h5", "lock", "notes.txt"]
+        assert sorted(path.name for path in folder.iterdir()) == ["header.h5", "lock", "notes.txt", "overwrite"]
     resume_and_seal(begun, contours)
     assert [path.name for path in folder.iterdir()] == ["notes.txt"]
 

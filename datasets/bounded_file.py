@@ -27,8 +27,13 @@ LIMIT_VARIABLE = "PALPATE_READ_MB"
 LIMIT_DEFAULT = 3_000_000_000
 """The same without it [byte]: the largest volume that Warp holds, in float32; or 60 million triangles of STL."""
 
+ANY_SIZE = 1 << 63
+"""[byte] that no file exceeds."""
+
 LINE_MOST = 1 << 20
 """Characters of one line of text."""
+CODE_MOST = 16_000_000
+"""Bytes of one file of source code, a hundred times the longest that people write."""
 
 _BLOCK_BYTES = 1 << 20
 _BROKEN = (zipfile.BadZipFile, zlib.error, gzip.BadGzipFile, EOFError, RuntimeError, NotImplementedError, ValueError)
@@ -61,13 +66,13 @@ def require_bytes(count: int, what: str) -> None:
         )
 
 
-def open_regular(path: str | os.PathLike[str], *, bounded: bool = True) -> BinaryIO:
+def open_regular(path: str | os.PathLike[str], most: int | None = None) -> BinaryIO:
     """Open a regular file for reading; a pipe or a device is refused at once, where `open` would wait for its writer.
 
-    bounded: refuse also what is larger than the budget; without it, the caller reads in blocks.
+    most: bytes that it may hold; None: the budget. `ANY_SIZE` is for callers that read in blocks.
 
     Raises:
-        FileBoundError: It is no regular file, or larger than the budget.
+        FileBoundError: It is no regular file, or larger than that.
         OSError: As the system says.
     """
     stream = open(path, "rb", opener=_unblocked)  # noqa: SIM115 - the caller closes it
@@ -75,8 +80,10 @@ def open_regular(path: str | os.PathLike[str], *, bounded: bool = True) -> Binar
         status = os.fstat(stream.fileno())
         if not stat.S_ISREG(status.st_mode):
             raise FileBoundError("is no regular file")
-        if bounded:
+        if most is None:
             require_bytes(status.st_size, "it")
+        elif status.st_size > most:
+            raise FileBoundError(f"it takes {status.st_size} bytes, more than the {most} that such a file may")
     except BaseException:
         stream.close()
         raise
@@ -92,6 +99,12 @@ def read_content(path: str | os.PathLike[str]) -> bytes:
     """All bytes of a regular file within the budget; raises as `open_regular`."""
     with open_regular(path) as stream:
         return read_limited(stream, "it")
+
+
+def read_code(path: str | os.PathLike[str]) -> bytes:
+    """All bytes of a regular file of source code, at most CODE_MOST; raises as `open_regular`."""
+    with open_regular(path, CODE_MOST) as stream:
+        return stream.read(CODE_MOST)
 
 
 def read_text(path: str | os.PathLike[str]) -> str:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .bounded_file import open_regular
+from .bounded_file import ANY_SIZE, open_regular
 from .durable import append_at, write_file
 from .errors import ContourFileError
 from .part_log import counts_of, number, record, records, timing_of
@@ -163,7 +163,7 @@ def read_part(log: Path, *, limit: int | None = None) -> Part:
     part: Part | None = None
     problem: str | None = None
     try:
-        with open_regular(log, bounded=False) as stream:
+        with open_regular(log, ANY_SIZE) as stream:
             for head, rest, end in records(stream, limit):
                 if part is None:
                     part = _begun(log, head, end)
@@ -222,7 +222,7 @@ def _first_damaged(part: Part) -> int | None:
     if not chunks:
         return None
     try:
-        with open_regular(part.path, bounded=False) as stream:
+        with open_regular(part.path, ANY_SIZE) as stream:
             for address, index, number in chunks:
                 spec = part.rows.fields[index]
                 stream.seek(address)

@@ -322,7 +322,7 @@ def path_of(source: str) -> str:
 
     try:
         files = find_installed(where, UNNAMED).code.files
-    except (ImportError, ValueError, AttributeError) as error:
+    except (ImportError, OSError, ValueError, AttributeError) as error:
         raise PlanError(f"{source}: there is no module {where!r} ({error})") from error
     if not files:
         raise PlanError(f"{source}: there is no module {where!r} with a file")

@@ -37,7 +37,10 @@ def code_of(file: str) -> list[Code]:
     if not path.is_file():
         raise StrategyError(f"{file}: there is no such file")
     if path.suffix == ".py":
-        return [find_file(path, UNNAMED).code]
+        try:
+            return [find_file(path, UNNAMED).code]
+        except OSError as error:
+            raise StrategyError(f"{file}: cannot be read ({error.strerror or error})") from error
     if path.suffix == ".toml":
         from .sweep_plan import draft_plans
 

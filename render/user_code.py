@@ -18,11 +18,12 @@ import re
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from importlib.machinery import ModuleSpec
+from importlib.machinery import EXTENSION_SUFFIXES, ModuleSpec
 from pathlib import Path
 from threading import RLock
 from types import ModuleType
 
+from ..datasets.bounded_file import read_code, read_content
 from .trust import AllowCode, Code, Namer, require_permission
 
 _LOCK = RLock()  # a module may load a strategy while it is imported
@@ -44,7 +45,8 @@ class Source:
 
 
 def find_module(name: str, folder: Path | None, namer: Namer) -> Source:
-    """A module that a strategy names, beside its file or on Python's path; raises ImportError if there is none."""
+    """A module that a strategy names, beside its file or on Python's path; raises ImportError if there is none, and
+    OSError for one that cannot be read."""
     beside = None if folder is None or "." in name else folder / f"{name}.py"
     if beside is not None and beside.is_file():
         return _of_file(beside, name, namer, own=_private_name(beside))
@@ -52,21 +54,21 @@ def find_module(name: str, folder: Path | None, namer: Namer) -> Source:
 
 
 def find_file(path: Path, namer: Namer) -> Source:
-    """A Python file that a function is in; one that was edited becomes another module. Raises ImportError."""
+    """A Python file that a function is in; one that was edited becomes another module. Raises ImportError, OSError."""
     if not path.is_file():
         raise ImportError("no such file")
-    content = path.read_bytes()
+    content = read_code(path)
     return _of_file(path, path.name, namer, own=_private_name(path, content), content=content)
 
 
 def find_installed(name: str, namer: Namer) -> Source:
-    """A module on Python's path, found without importing the packages that it is in; raises ImportError."""
+    """A module on Python's path, found without importing the packages that it is in; raises ImportError, OSError."""
     if name in sys.modules:
         own = getattr(sys.modules[name], "__file__", None)
         files = [Path(own)] if own else []
     else:
         files = [Path(spec.origin) for spec in _specs(name) if spec.has_location and spec.origin]
-    digests = tuple((str(file), _sha256(file.read_bytes())) for file in files if file.is_file())
+    digests = tuple((str(file), _sha256(_read_installed(file))) for file in files if file.is_file())
     return Source(Code(name, digests, namer, is_loaded=name in sys.modules), name)
 
 
@@ -78,7 +80,7 @@ def run_all(sources: Iterable[Source], allow_code: AllowCode) -> list[ModuleType
 
 
 def _of_file(path: Path, name: str, namer: Namer, *, own: str, content: bytes | None = None) -> Source:
-    content = path.read_bytes() if content is None else content
+    content = read_code(path) if content is None else content
     imported = sys.modules.get(name)
     file = getattr(imported, "__file__", None)
     if file is not None and Path(file).resolve() == path.resolve():  # by the user, under its own name
@@ -109,6 +111,11 @@ def _run(source: Source) -> ModuleType:
             del sys.modules[source.module]
             raise
         return module
+
+
+def _read_installed(path: Path) -> bytes:
+    """A module's file; a compiled one may be larger than source code."""
+    return read_content(path) if path.name.endswith(tuple(EXTENSION_SUFFIXES)) else read_code(path)
 
 
 def _specs(name: str) -> list[ModuleSpec]:

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from palpate.datasets.array_file import ONLY, read_arrays
 from palpate.datasets.bounded_file import (
+    CODE_MOST,
     LIMIT_VARIABLE,
     FileBoundError,
     bunzipped,
@@ -48,6 +49,7 @@ from palpate.render.sampling_presets import load_sampling
 from palpate.render.strategy import load_strategy
 from palpate.render.sweep_plan import load_plans
 from palpate.render.sweep_recipe import digest_source
+from palpate.render.trust_job import code_of
 from palpate.render.voxel_files import read_volume
 
 LIMIT = 2_000_000  # of these tests [byte]
@@ -113,6 +115,17 @@ def test_a_file_beyond_the_budget_is_refused_before_it_is_read(name, tmp_path, p
     with pytest.raises(error, match=f"more than the {LIMIT} that one file may: {LIMIT_VARIABLE}=800"):
         read(tmp_path / name)
     assert peak() < 10 * LIMIT
+
+
+@pytest.mark.parametrize("name", ["notes.py:ball", "notes.py", "strategy.json"])
+def test_a_file_of_code_is_bounded_before_anybody_permits_it(name, tmp_path, peak):
+    """Under the budget of data, as code is listed in dry runs too."""
+    with (tmp_path / "notes.py").open("wb") as file:
+        file.truncate(CODE_MOST + 1)
+    (tmp_path / "strategy.json").write_text('{"raw": "section", "modules": ["notes"]}')
+    with pytest.raises((ImplicitError, StrategyError), match=f"more than the {CODE_MOST} that"):
+        code_of(str(tmp_path / name))
+    assert peak() < CODE_MOST
 
 
 def test_devices_sockets_folders_and_pipes_are_no_regular_files(tmp_path):

@@ -74,7 +74,7 @@ class Code:
     def title(self) -> str:
         """In sentences."""
         files = ", ".join(f"{path}, SHA-256 {sha256[:16]}" for path, sha256 in self.files)
-        return f"{self.name} ({files or 'built into Python'})"
+        return f"{self.name} ({files or 'no file: a part of Python itself, or a folder'})"
 
 
 def require_permission(codes: Sequence[Code], allow_code: AllowCode) -> None:

@@ -18,10 +18,11 @@ import re
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from importlib.machinery import EXTENSION_SUFFIXES, ModuleSpec
+from importlib.machinery import EXTENSION_SUFFIXES, BuiltinImporter, FrozenImporter, ModuleSpec, NamespaceLoader
 from pathlib import Path
 from threading import RLock
 from types import ModuleType
+from typing import Any
 
 from ..datasets.bounded_file import read_code, read_content
 from .trust import AllowCode, Code, Namer, require_permission
@@ -63,13 +64,17 @@ def find_file(path: Path, namer: Namer) -> Source:
 
 def find_installed(name: str, namer: Namer) -> Source:
     """A module on Python's path, found without importing the packages that it is in; raises ImportError, OSError."""
-    if name in sys.modules:
-        own = getattr(sys.modules[name], "__file__", None)
-        files = [Path(own)] if own else []
+    is_loaded = name in sys.modules
+    if is_loaded:
+        module = sys.modules[name]
+        found = [(getattr(module, "__file__", None), getattr(module.__spec__, "loader", None))]
     else:
-        files = [Path(spec.origin) for spec in _specs(name) if spec.has_location and spec.origin]
-    digests = tuple((str(file), _sha256(_read_installed(file))) for file in files if file.is_file())
-    return Source(Code(name, digests, namer, is_loaded=name in sys.modules), name)
+        found = [_origin(spec) for spec in _specs(name)]
+    contents = [(origin, _read_installed(Path(origin), loader)) for origin, loader in found if origin]
+    if not is_loaded and (unread := [origin for origin, content in contents if content is None]):
+        raise ImportError(f"{name!r} comes from {unread[0]}, which cannot be read, so nobody can judge it")
+    digests = tuple((origin, _sha256(content)) for origin, content in contents if content is not None)
+    return Source(Code(name, digests, namer, is_loaded), name)
 
 
 def run_all(sources: Iterable[Source], allow_code: AllowCode) -> list[ModuleType]:
@@ -113,9 +118,21 @@ def _run(source: Source) -> ModuleType:
         return module
 
 
-def _read_installed(path: Path) -> bytes:
-    """A module's file; a compiled one may be larger than source code."""
-    return read_content(path) if path.name.endswith(tuple(EXTENSION_SUFFIXES)) else read_code(path)
+def _read_installed(path: Path, loader: Any) -> bytes | None:
+    """The bytes that a module is made of, also within a ZIP; None where its loader does not give them."""
+    if path.is_file():  # a compiled one may be larger than source code
+        return read_content(path) if path.name.endswith(tuple(EXTENSION_SUFFIXES)) else read_code(path)
+    try:
+        return loader.get_data(str(path))
+    except (AttributeError, OSError):
+        return None
+
+
+def _origin(spec: ModuleSpec) -> tuple[str | None, Any]:
+    """Where a module's bytes are, and what reads them; None for what is in Python itself, and for a mere folder."""
+    is_pythons = spec.loader in (BuiltinImporter, FrozenImporter)
+    is_folder = spec.loader is None or isinstance(spec.loader, NamespaceLoader)
+    return None if is_pythons or is_folder else spec.origin or "no file", spec.loader
 
 
 def _specs(name: str) -> list[ModuleSpec]:

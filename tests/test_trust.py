@@ -1,11 +1,13 @@
 """Code that data name runs only where a person said so, and is then what that person saw."""
 
 import hashlib
+import importlib.machinery
 import json
 import os
 import stat
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -320,6 +322,52 @@ def test_an_installed_module_is_accepted_by_its_name(folder):
     assert [Path(file).name for file in entries()[0].files] == ["__init__.py", "headers.py"]
     with pytest.raises(ImplicitError, match="has no 'f'"):
         ImplicitObject("wsgiref.headers:f", bounds=[[-1] * 3, [1] * 3])
+
+
+@pytest.fixture
+def archive(folder, monkeypatch):
+    """Writes a package of one module, with a text, into a ZIP on Python's path."""
+    path = folder / "code.zip"
+    name = f"zipped_{folder.name}"
+
+    def write(text):
+        with zipfile.ZipFile(path, "w") as out:
+            out.writestr(f"{name}/__init__.py", "")
+            out.writestr(f"{name}/shapes.py", text)
+        importlib.invalidate_caches()
+        return f"{name}.shapes:ball"
+
+    write("")
+    monkeypatch.syspath_prepend(path)
+    return write
+
+
+def test_a_module_in_a_zip_is_accepted_as_it_is_and_no_other(folder, archive, ran):
+    text = (folder / "ball.py").read_text()
+    name = archive(text)
+    with pytest.raises(UntrustedCodeError, match=r"code\.zip/.*shapes\.py, SHA-256 " + sha256_of(text)[:16]):
+        ImplicitObject(name, bounds=[[-1] * 3, [1] * 3])
+    assert run("trust", name).exit_code == DONE
+    assert [Path(file).name for file in entries()[0].files] == ["__init__.py", "shapes.py"]
+    archive(text.replace("0.04", "0.03"))
+    with pytest.raises(UntrustedCodeError):
+        ImplicitObject(name, bounds=[[-1] * 3, [1] * 3])
+    assert not ran()
+
+
+def test_a_module_whose_bytes_nobody_can_read_is_refused(monkeypatch):
+    class Finder:
+        @staticmethod
+        def find_spec(name, path=None, target=None):
+            return importlib.machinery.ModuleSpec(name, Finder, origin="afar") if name == "remote_shapes" else None
+
+    monkeypatch.setattr(sys, "meta_path", [Finder, *sys.meta_path])
+    with pytest.raises(StrategyError, match="comes from afar, which cannot be read"):
+        IntersectionStrategy.from_json('{"modules": ["remote_shapes"]}', allow_code=True)
+
+
+def sha256_of(text):
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def test_an_accepted_file_is_not_accepted_where_other_data_name_it(folder):

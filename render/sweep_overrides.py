@@ -1,10 +1,10 @@
 """What `--set KEY=VALUE` says, put into a plan's tables; and unknown keys, with the one that is meant."""
 
 import re
-import tomllib
 from collections.abc import Sequence
 from typing import Any
 
+from ..datasets.bounded_file import parse_toml
 from .sweep_axes import KEYS
 from .sweep_lines import Place
 from .sweep_values import near, refuse
@@ -49,8 +49,8 @@ def put_override(tables: dict[str, Any], override: str, plain: Sequence[str]) ->
 def _value(text: str) -> Any:
     """A TOML value; a bare word is a text."""
     try:
-        values = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
+        values = parse_toml(f"value = {text}")
+    except ValueError:
         if re.fullmatch(r"[^\s\[\]{}\"'#=]+", text.strip()):
             return text.strip()
         raise

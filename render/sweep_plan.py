@@ -7,7 +7,6 @@ together, one a line.
 import hashlib
 import json
 import re
-import tomllib
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 
-from ..datasets.bounded_file import read_text, require_parsable
+from ..datasets.bounded_file import parse_toml, read_text, require_parsable
 from ..device.errors import DeviceError
 from .errors import PalpateWarning, PlanError, RenderError
 from .fields import told
@@ -297,8 +296,8 @@ def _text(path: Path) -> str:
 def _document(path: Path, text: str, overrides: Sequence[str], *, warns: bool = True) -> _Document:
     """A plan's tables with overrides in place."""
     try:
-        tables = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
+        tables = parse_toml(text)
+    except ValueError as error:
         fault, _, at = str(error).partition(" (at ")
         found = re.match(r"line (\d+)", at)
         line = found[1] if found else str(text.count("\n") + 1)

@@ -7,6 +7,7 @@ import json
 import os
 import struct
 import sys
+import tomllib
 import tracemalloc
 import zipfile
 import zlib
@@ -27,6 +28,7 @@ from palpate.datasets.bounded_file import (
     inflated,
     open_regular,
     parse_json,
+    parse_toml,
     read_content,
     read_text,
     unzipped,
@@ -47,8 +49,10 @@ from palpate.render.objects import read_mesh
 from palpate.render.rig import load_rig
 from palpate.render.sampling_presets import load_sampling
 from palpate.render.strategy import load_strategy
+from palpate.render.sweep_overrides import put_override
 from palpate.render.sweep_plan import load_plans
 from palpate.render.sweep_recipe import digest_source
+from palpate.render.sweep_values import Fault
 from palpate.render.trust_job import code_of
 from palpate.render.voxel_files import read_volume
 
@@ -325,6 +329,31 @@ def test_json_nested_too_deeply_is_named(name, tmp_path):
     (tmp_path / name).write_text("[" * 9_000 + "]" * 9_000)
     with pytest.raises(error, match="nested too deeply"):
         read(tmp_path / name)
+
+
+@pytest.mark.parametrize("part", ["a.", "a . ", '"a" .', "'.'.", r'"\"".'])
+@pytest.mark.parametrize("place", ["{}", "[{}]", "[[{}]]", "x = {{ y = 1, {} = 2 }}"])
+def test_a_key_of_many_parts_is_refused_before_it_takes_memory(part, place, tmp_path, monkeypatch, peak):
+    key = part * 3000 + "b"
+    monkeypatch.setattr("tomllib.loads", pytest.fail)
+    (tmp_path / "plan.toml").write_text("\n" + place.format(key) + ("" if "[" in place or "x" in place else " = 1"))
+    with pytest.raises(PlanError, match=r"plan\.toml:2: not TOML: a key has more than 32 parts"):
+        load_plans([tmp_path / "plan.toml"])
+    with pytest.raises(Fault, match="more than 32 parts"):
+        put_override({}, f"name = {{ {key} = 1 }}", ["name"])
+    assert peak() < LIMIT
+
+
+def test_toml_is_what_it_was():
+    """Up to the bound, and whatever looks alike: numbers, ellipses, texts; and in linear time what nearly is a key."""
+    key = ".".join(["a"] * 32)
+    for text in (f"{key} = 1", "x = [" + "1.5, " * 999 + "]", f"x = '{'.' * 999}' # {'and so on ... ' * 99}"):
+        assert parse_toml(text) == tomllib.loads(text)
+    for text in ("a" * 10**6, '"' + r"\"" * 10**6, "a" + " " * 10**6, "'" * 10**6, '"a"' * 10**6, "[" * 10**6):
+        with pytest.raises(ValueError, match=r"."):
+            parse_toml(text)
+    with pytest.raises(ValueError, match="holds 16777217 characters"):
+        parse_toml("#" * ((1 << 24) + 1))
 
 
 def test_a_line_without_an_end_is_refused(tmp_path):

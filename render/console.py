@@ -27,7 +27,7 @@ from .errors import (
     StrategyError,
     UntrustedCodeError,
 )
-from .kernel_cache import require_private_cache
+from .kernel_cache import require_private_cache, unusable_cache
 from .loading_progress import Watch, unwatched
 from .terminal import errors, show_table, tell, visible
 
@@ -56,7 +56,8 @@ def start_warp() -> None:
     """Start Warp without its greeting, and without the line it writes where there is no CUDA driver.
 
     That line comes from native code, past every setting; whatever else is written meanwhile is passed on.
-    The cache of kernels is made for this user alone; raises KernelCacheError for one that others can write.
+    The cache of kernels is made for this user alone; raises KernelCacheError for one that others can
+    write, or that cannot be made.
     """
     wp.config.log_level = wp.LOG_WARNING
     sys.stderr.flush()
@@ -66,6 +67,10 @@ def start_warp() -> None:
         os.dup2(caught.fileno(), 2)
         try:
             wp.init()
+        except OSError as error:
+            if error.filename is None:  # of Warp's own libraries
+                raise
+            raise unusable_cache(error) from error
         finally:
             os.umask(before)
             os.dup2(kept, 2)

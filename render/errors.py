@@ -12,7 +12,7 @@ RenderError
 ├── RepairError (ValueError)     an option of loading a mesh that cannot be
 ├── UntrustedCodeError           code that data name, and that nobody has permitted
 ├── TrustStoreError              a store of accepted code that cannot be used
-└── KernelCacheError             a cache of compiled kernels that others can write
+└── KernelCacheError             a cache of compiled kernels that others can write, or that cannot be made
 """
 
 
@@ -71,7 +71,7 @@ class TrustStoreError(RenderError):
 
 
 class KernelCacheError(RenderError):
-    """Others can write the folder from which compiled kernels are run."""
+    """Others can write the folder from which compiled kernels are run, or it cannot be made."""
 
 
 class PalpateWarning(UserWarning):

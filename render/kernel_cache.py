@@ -10,6 +10,8 @@ import warp as wp
 
 from .errors import KernelCacheError
 
+_REMEDY = "set WARP_CACHE_PATH to a folder that only you can write, such as one in your home folder"
+
 
 def require_private_cache() -> None:
     """Raise KernelCacheError if somebody else can put kernels into Warp's cache, which Warp must have set by now.
@@ -23,10 +25,12 @@ def require_private_cache() -> None:
     outside = [] if folder.is_relative_to(home) else [path for path in folder.parents if home.is_relative_to(path)]
     for path in (folder, *inside, *outside):
         if fault := _fault(path, is_cache=path == folder):
-            raise KernelCacheError(
-                f"{path} {fault}, so the compiled kernels in {folder} may be anybody's: set WARP_CACHE_PATH to a "
-                "folder that only you can write, such as one in your home folder"
-            )
+            raise KernelCacheError(f"{path} {fault}, so the compiled kernels in {folder} may be anybody's: {_REMEDY}")
+
+
+def unusable_cache(error: OSError) -> KernelCacheError:
+    """What to raise where Warp could not make the folder."""
+    return KernelCacheError(f"{error.filename}: compiled kernels cannot be kept there ({error.strerror}): {_REMEDY}")
 
 
 def _fault(path: Path, *, is_cache: bool) -> str | None:

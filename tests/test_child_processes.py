@@ -120,6 +120,17 @@ def test_links_to_a_folder_of_others_are_followed_before_it_is_judged(cache, tmp
         require_private_cache()
 
 
+@pytest.mark.parametrize("place", ["/dev/null/x", "{}/file"])
+def test_a_cache_that_cannot_be_made_is_named_with_the_remedy(place, tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    words = [*PALPATE, "render", "cube", "exploration", "-o", str(tmp_path / "a.h5")]
+    environment = os.environ | {"WARP_CACHE_PATH": place.format(tmp_path)}
+    done = subprocess.run(words, env=environment, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "compiled kernels cannot be kept there (Not a directory): set WARP_CACHE_PATH" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_a_new_cache_is_its_users_alone_and_a_shared_one_ends_the_command(tmp_path):
     made, shared = tmp_path / "made", tmp_path / "shared"
     shared.mkdir()

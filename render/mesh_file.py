@@ -105,6 +105,7 @@ def parsed(content: bytes, suffix: str, files: NamedFiles) -> Any:
         require_gltf(parse_json(gltf_text(content) if suffix == ".glb" else content.decode("utf-8-sig")))
     elif is_text(content, suffix):
         require_bytes(WORD_BYTES * (content.count(b" ") + content.count(b"\n")), "what its text holds")
+        content = content if suffix == ".ply" else utf8_of(content, suffix)
     return trimesh.load_scene(
         io.BytesIO(content), file_type=suffix[1:], resolver=files, process=False, skip_materials=True
     )
@@ -115,6 +116,25 @@ def is_text(content: bytes, suffix: str) -> bool:
     if suffix == ".stl":
         return len(content) < 84 or len(content) != 84 + 50 * struct.unpack_from("<I", content, 80)[0]
     return suffix != ".ply" or b"format ascii" in content[: content.find(b"end_header")]
+
+
+def utf8_of(content: bytes, suffix: str) -> bytes:
+    """The text of an OBJ, OFF or ASCII STL file in UTF-8, as trimesh reads others with charset_normalizer alone.
+
+    Another encoding is read as Latin-1: only comments and names have letters beyond ASCII. Raises ValueError for what
+    is no text.
+    """
+    try:
+        content.decode()
+    except UnicodeDecodeError:
+        if suffix == ".stl" and len(content) >= 84:
+            count = struct.unpack_from("<I", content, 80)[0]
+            told = f"is neither text nor the {84 + 50 * count} bytes of the {count} triangles that its header tells"
+            raise ValueError(f"{told}, but {len(content)} bytes") from None
+        if b"\0" in content:
+            raise ValueError("is no text: it holds NUL bytes") from None
+        return content.decode("latin-1").encode()
+    return content
 
 
 def gltf_text(content: bytes) -> str:

@@ -44,6 +44,7 @@ from palpate.device.pat_file import CalibrationError, read_pat
 from palpate.render.errors import ImplicitError, MeshError, PlanError, StrategyError, VoxelError
 from palpate.render.expression_file import load_expression
 from palpate.render.loading import is_recording
+from palpate.render.mesh_file import load_scene
 from palpate.render.mesh_hand_file import read_hand, region_of
 from palpate.render.objects import read_mesh
 from palpate.render.rig import load_rig
@@ -481,6 +482,30 @@ def test_a_scene_that_multiplies_is_refused(changed, said, tmp_path, monkeypatch
     (tmp_path / "a.glb").write_bytes(glb({**GLTF, **many, **changed}, content))
     with pytest.raises(MeshError, match=said):
         read_hand(tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.stl", bytes(80) + b"\xff" * 420, "neither text nor the 214748364834 bytes of the 4294967295 triangles"),
+        ("a.obj", b"v 0 0 0\n\xff\0", "no text: it holds NUL"),
+        ("a.off", b"OFF\xff\0\n", "no text: it holds NUL"),
+    ],
+)
+def test_a_mesh_that_is_no_text_and_nothing_else_is_told_so(name, content, said, tmp_path):
+    """Without the guesser of encodings, which trimesh has an error for that names a package."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MeshError, match=said):
+        read_mesh(tmp_path / name)
+
+
+def test_a_mesh_with_letters_of_another_encoding_is_read(tmp_path):
+    mesh = "# Gr\xf6\xdfe\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    (tmp_path / "a.obj").write_text(mesh, encoding="latin-1")
+    (tmp_path / "b.obj").write_text(mesh, encoding="utf-8")
+    found = [load_scene(tmp_path / name).to_geometry() for name in ("a.obj", "b.obj")]
+    for key in ("vertices", "faces"):
+        np.testing.assert_array_equal(getattr(found[0], key), getattr(found[1], key))
 
 
 def test_text_meshes_are_judged_by_the_memory_that_parsing_takes(tmp_path, peak):

@@ -66,8 +66,10 @@ def exploration_path(bounds: Array, time: Array, seed: int, progress: Progress =
     """
     space = _space(bounds)
     control = _control_points(space, np.random.default_rng(seed), int(time[-1] / INTERVAL) + 4, progress)
-    blocks = [_spline(control, time[first : first + _BLOCK]) for first in range(0, len(time), _BLOCK)]
-    return np.concatenate(blocks)
+    poses = np.empty((len(time), 7))
+    for first in range(0, len(time), _BLOCK):
+        poses[first : first + _BLOCK] = _spline(control, time[first : first + _BLOCK])
+    return poses
 
 
 def _space(bounds: Array) -> _Space:

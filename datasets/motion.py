@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .bounded_file import FileBoundError, require_bytes
 from .errors import MotionError
 from .exploration import FLOOR, MARGIN, Progress, exploration_path, unheard
 from .motion_file import MotionRows, read_rows, row_place, write_rows
@@ -28,7 +29,9 @@ NORM_TOLERANCE = 1e-3
 BOUNDS_FARTHEST = 100.0
 """An exploration is of an object this near to the array [m]; farther is a mistake of units."""
 POSES_MOST = 1e9
-"""Poses of one exploration: 36 GB of them."""
+"""Poses of one exploration, whatever the budget."""
+POSE_BYTES, SECOND_BYTES = 100, 1600
+"""What an exploration takes while it is made [byte]: of each pose, and of each second, whose path is drawn; measured."""
 SEED_MOST = 2**63 - 1
 """A seed fits an HDF5 integer."""
 
@@ -124,7 +127,8 @@ def exploration(
     bounds: the object's smallest and largest x y z [m], shape [2, 3]. duration [s]; rate: poses a second [Hz].
     progress: called now and then with how much is done, and how much there is.
     The model is told in `exploration_path`. The path depends on bounds and seed alone: duration and rate only sample
-    it, at k / rate < duration. Raises MotionError for a bad argument, and where the object leaves no room above 60 mm.
+    it, at k / rate < duration. Raises MotionError for a bad argument, where the object leaves no room above 60 mm, and
+    for a motion that takes more memory than one file may hold (`PALPATE_READ_MB`).
     """
     box = _numbers(bounds, "bounds", (2, 3))
     if not (np.abs(box) <= BOUNDS_FARTHEST).all() or (box[0] > box[1]).any():
@@ -141,6 +145,11 @@ def exploration(
     if duration * rate > POSES_MOST:
         raise MotionError(f"{duration:g} s at {rate:g} Hz are more than {POSES_MOST:g} poses")
     count = max(1, math.ceil(duration * rate - 1e-9))  # 1e-9: 0.1 s x 30 Hz is three poses
+    try:
+        size = POSE_BYTES * count + SECOND_BYTES * math.ceil(duration)
+        require_bytes(size, f"a motion of {count} poses (duration {duration:g} s at rate {rate:g} Hz)")
+    except FileBoundError as error:
+        raise MotionError(str(error)) from error
     time = np.arange(count) / rate
     return _motion(time, exploration_path(box, time, seed, progress), seed=seed)
 

@@ -1,11 +1,18 @@
 """The synthetic exploration: smooth, as fast as a person, in its workspace, from every side, a function of its seed."""
 
+import re
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from palpate.datasets.bounded_file import LIMIT_VARIABLE
 from palpate.datasets.errors import MotionError
 from palpate.datasets.motion import exploration
+from palpate.render import MeshObject
+from palpate.render.errors import StrategyError
+from palpate.render.loading import load_motion
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
 SEEDS = range(25)
@@ -135,3 +142,26 @@ def test_exploration_refuses_bad_arguments(change, said):
     arguments = {"bounds": BOUNDS, "duration": 1.0, "seed": 1, **change}
     with pytest.raises(MotionError, match=said):
         exploration(arguments.pop("bounds"), **arguments)
+
+
+@pytest.mark.parametrize(("duration", "rate"), [(1e7, 90.0), (1e8, 1e-3)])
+def test_an_exploration_beyond_memory_is_refused_before_it_is_made(duration, rate, monkeypatch):
+    """By its poses, or by the path that its duration takes."""
+    monkeypatch.setattr("palpate.datasets.motion.exploration_path", pytest.fail)
+    with pytest.raises(MotionError, match=r"\(duration .* s at rate .* Hz\) takes .* more than the 3000000000"):
+        exploration(BOUNDS, duration=duration, rate=rate, seed=1)
+    with pytest.raises(StrategyError, match="exploration: a motion of"):
+        load_motion("exploration", MeshObject.load("cube"), {"duration": duration, "rate": rate})
+
+
+@pytest.mark.parametrize(("duration", "rate"), [(30.0, 1e4), (700.0, 1.0)])
+def test_an_exploration_takes_no_more_memory_than_it_is_refused_for(duration, rate, monkeypatch):
+    tracemalloc.start()
+    exploration(BOUNDS, duration=duration, rate=rate, seed=1)
+    taken = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    with pytest.raises(MotionError, match=LIMIT_VARIABLE) as caught:
+        exploration(BOUNDS, duration=duration, rate=rate, seed=1)
+    told = int(re.search(r"takes (\d+) bytes", str(caught.value))[1])
+    assert 0.5 * told < taken < 1.25 * told  # and a block of poses at once

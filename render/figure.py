@@ -96,7 +96,9 @@ def draw_figure(
         for axes in (length_axes, frequency_axes):
             axes.set_xlabel("pose" if time is None else "time [s]")
         handles, labels = length_axes.get_legend_handles_labels()
-        bottom.legend(handles, labels, loc="outside upper right", frameon=False, ncols=len(paths))
+        legend = bottom.legend(handles, labels, loc="outside upper right", frameon=False, ncols=len(paths))
+        for text in legend.get_texts():
+            text.set_parse_math(False)  # names of files are no formulas; the ticks of the logarithmic axis are
         try:
             save_picture(figure, picture, dpi=120)
         except OSError as error:

@@ -98,7 +98,7 @@ def draw_gallery(
     frames = hand.frames(POSE)
     section = _flat(render(thing, hand, POSE, IntersectionStrategy(), device=device), frames)
     rows = -(-(len(shown) + 1) // COLUMNS)
-    with mpl.rc_context({"font.size": 7}):
+    with mpl.rc_context({"font.size": 7, "text.parse_math": False}):
         figure = Figure(figsize=(10.0, 2.2 * rows))
         figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.985))  # titles reach higher than it thinks
         panels = figure.subplots(rows, COLUMNS, squeeze=False).ravel()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from implicit_functions import ball
@@ -85,7 +86,10 @@ def test_a_still_and_a_moving_object_are_not_drawn_in_one_picture(tmp_path):
     for first, second in (("still", "moving"), ("moving", "still")):
         with pytest.raises(StrategyError, match=f"{second}.h5 is of another object motion than .*{first}.h5"):
             draw_figure({first: paths[first], second: paths[second]}, tmp_path / "picture.png")
-    draw_figure({name: paths[name] for name in ("moving", "again")}, tmp_path / "picture.png")
+    names = {r"a$\frac$": "moving", "b$": "again"}  # of files, which are no formulas
+    with mpl.rc_context({"svg.fonttype": "none"}):
+        draw_figure({shown: paths[name] for shown, name in names.items()}, tmp_path / "text.svg")
+    assert all(shown in (tmp_path / "text.svg").read_text() for shown in names)
 
 
 def test_the_focal_width_is_that_where_a_moving_object_is():

@@ -31,7 +31,7 @@ BOUNDS_FARTHEST = 100.0
 POSES_MOST = 1e9
 """Poses of one exploration, whatever the budget."""
 POSE_BYTES, SECOND_BYTES = 100, 1600
-"""What an exploration takes while it is made [byte]: of each pose, and of each second, whose path is drawn; measured."""
+"""What an exploration takes while it is made [byte]: for each pose, and for each second of its path; measured."""
 SEED_MOST = 2**63 - 1
 """A seed fits an HDF5 integer."""
 

@@ -169,21 +169,26 @@ def read_nrrd(path: Path, unit: str | None) -> VolumeFile:
 
 
 def nrrd_content(data: bytes, header: Any) -> tuple[io.BytesIO, Any]:
-    """Data as the header tells them, unpacked; and the header of them, without what was done.
-
-    Lines are skipped before unpacking, bytes behind it: that is how the format, and pynrrd, has it.
-    """
-    packing = str(header.get("encoding", "")).lower()
-    unpack = UNPACKED.get(packing)
-    if unpack is None:
-        return io.BytesIO(data), header
-    lines = int(header.get("line skip", header.get("lineskip", 0)))
-    for _ in range(min(lines, data.count(b"\n"))):
-        data = data.partition(b"\n")[2]
+    """Data without the lines to skip, then unpacked; and the header without that. Bytes are left for pynrrd to skip."""
+    data = after_lines(data, int(header.get("line skip", header.get("lineskip", 0))))
     kept = {key: value for key, value in header.items() if key not in ("line skip", "lineskip")}
+    unpack = UNPACKED.get(str(header.get("encoding", "")).lower())
+    if unpack is None:
+        return io.BytesIO(data), kept
     skip = int(header.get("byte skip", header.get("byteskip", 0)))  # -1: whatever is before the last bytes
     declared = None if skip < 0 else skip + NRRD_BYTES_MOST * math.prod(int(size) for size in header["sizes"])
     return io.BytesIO(unpack(data, declared)), {**kept, "encoding": "raw"}
+
+
+def after_lines(data: bytes, count: int) -> bytes:
+    """Data without their first lines."""
+    most = data.count(b"\n")
+    if not 0 <= count <= most:
+        raise VoxelError(f"line skip must be 0 to {most}, as many lines as the data have, not {count}")
+    content = io.BytesIO(data)
+    for _ in range(count):
+        content.readline()
+    return content.read()
 
 
 def read_nifti(path: Path, unit: str | None) -> VolumeFile:

@@ -1,5 +1,6 @@
 """Volumes from files of every kind and into them: what comes back, and what is refused in one sentence."""
 
+import gzip
 import importlib.util
 import sys
 from pathlib import Path
@@ -149,6 +150,36 @@ def test_nrrd_spaces_and_units_are_those_of_nifti(tmp_path):
     with pytest.raises(VoxelError, match="space units inch are not known"):
         read_volume(tmp_path / "d.nrrd")
     assert read_volume(tmp_path / "d.nrrd", "cm").affine is not None
+
+
+SKIPS = {  # what is before the data, as the format's definition says: lines first, then bytes, once unpacked
+    "raw": [(b"a\nb\n", b"", "line skip: 2\n"), (b"a\n", b"xyz", "line skip: 1\nbyte skip: 3\n")],
+    "gzip": [(b"a\nb\n", b"xyz", "lineskip: 2\nbyteskip: 3\n"), (b"a\n", b"x" * 99, "line skip: 1\nbyte skip: -1\n")],
+    "text": [(b"a 1\nb 2\n", b"", "line skip: 2\n")],
+}
+SKIPS["raw"].append((b"a\n", b"x\n" * 99, "line skip: 1\nbyte skip: -1\n"))
+
+
+@pytest.mark.parametrize(("encoding", "lines", "leading", "fields"), [(k, *v) for k in SKIPS for v in SKIPS[k]])
+def test_nrrd_skips_lines_and_then_bytes(encoding, lines, leading, fields, tmp_path):
+    pytest.importorskip("nrrd")
+    values = np.arange(27, dtype=np.uint8).reshape(3, 3, 3)
+    held = b" ".join(b"%d" % x for x in values.ravel()) if encoding == "text" else leading + values.tobytes()
+    data = lines + (gzip.compress(held) if encoding == "gzip" else held)
+    header = f"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 3 3 3\nencoding: {encoding}\n"
+    (tmp_path / "a.nrrd").write_bytes(f"{header}{fields}\n".encode() + data)
+    np.testing.assert_array_equal(read_volume(tmp_path / "a.nrrd").values.T, values)
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip", "text"])
+@pytest.mark.parametrize("count", [-1, 4, 999_999_999_999])
+def test_nrrd_of_fewer_lines_than_are_skipped_is_refused_at_once(encoding, count, tmp_path, monkeypatch):
+    nrrd = pytest.importorskip("nrrd")
+    monkeypatch.setattr(nrrd, "read_data", lambda *given: pytest.fail("lines are skipped one by one"))
+    header = f"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 3 3 3\nencoding: {encoding}\nline skip: {count}\n\n"
+    (tmp_path / "a.nrrd").write_bytes(header.encode() + b"1 2\n" * 3)
+    with pytest.raises(VoxelError, match=f"line skip must be 0 to 3, as many lines as the data have, not {count}"):
+        read_volume(tmp_path / "a.nrrd")
 
 
 def test_nifti_of_four_axes_or_other_units(tmp_path):

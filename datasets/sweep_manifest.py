@@ -16,10 +16,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, cast
 
+from .bounded_file import FileBoundError
 from .content_digest import text_digest
 from .durable import discard, sync
 from .errors import SweepStoreError
 from .hdf5_columns import temporary_name
+from .sqlite_opening import open_database
 
 NAME = "store.sqlite"
 FORMAT_VERSION = 2
@@ -280,15 +282,10 @@ def _statements(script: str) -> Iterator[str]:
 
 
 def _connected(path: Path, mode: Mode) -> sqlite3.Connection:
-    # A reader who may write undoes what a killed parent left half done; one who may not just reads.
-    access = "rw" if mode == "create" or (os.access(path.parent, os.W_OK) and os.access(path, os.W_OK)) else "ro"
-    connection = sqlite3.connect(
-        f"{path.absolute().as_uri()}?mode={access}",
-        uri=True,
-        timeout=BUSY_SECONDS,
-        isolation_level=None,
-        check_same_thread=False,
-    )
+    try:
+        connection = open_database(path, writes=mode == "create", busy_seconds=BUSY_SECONDS)
+    except FileBoundError as error:
+        raise SweepStoreError(str(error)) from error
     try:
         if mode == "create":
             connection.execute("PRAGMA journal_mode=TRUNCATE")
@@ -322,6 +319,8 @@ def _reason(error: sqlite3.Error) -> str:
         return f"is damaged ({text}){_WAY_OUT}"
     if code.startswith("SQLITE_BUSY"):
         return f"has been held by another process for {BUSY_SECONDS:.0f} s"
+    if code == "SQLITE_READONLY_ROLLBACK":  # while it was being read; `open_database` would have taken a copy
+        return "has a transaction that another process left unfinished just now: try again"
     if code.startswith("SQLITE_FULL"):
         return "cannot be written: the disk is full; what was recorded before is safe"
     if code.startswith(("SQLITE_READONLY", "SQLITE_PERM")):

@@ -8,6 +8,7 @@ systems nor in folders that cannot be written. It is truncated, not removed, at 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import sqlite3
 import threading
@@ -245,9 +246,13 @@ class Manifest:
                 f"{self.path} has format version {version}, this palpate reads up to {FORMAT_VERSION}: "
                 "a newer one wrote it; update palpate, or name another store"
             )
-        names = {str(name) for (name,) in self.run("SELECT name FROM sqlite_master")}  # reads the schema
-        if ("tally" in names or "part_comes" in names) != (version == FORMAT_VERSION):
-            raise self.damaged(f"its tables are not those of version {version}")
+        if version not in (1, FORMAT_VERSION):
+            raise self.damaged(f"its version is {version}")
+        with self._named():
+            differing = _schema_of(self._connection) ^ _schema(version)
+        if differing:
+            name = min((str(own[1]) for own in differing), key=lambda own: (own.startswith("sqlite_"), own))
+            raise self.damaged(f"its tables are not those of version {version}: {name!r:.80} differs")
         if version == FORMAT_VERSION:
             for maker, digest in self.run("SELECT CAST(maker AS BLOB), digest FROM maker"):
                 if maker is None or row_digest(maker) != digest:
@@ -269,6 +274,24 @@ class Manifest:
 _WAY_OUT = (
     ": move it away and run the sweep again; per-pose columns and kept files are taken over, metrics are made anew"
 )
+
+
+_Schema = frozenset[tuple[object, ...]]
+_ENTRIES = "SELECT type, name, tbl_name, sql FROM sqlite_master"
+
+
+def _schema_of(connection: sqlite3.Connection) -> _Schema:
+    """Tables, indexes, views and triggers of a database, whatever spaces their definitions have."""
+    rows: list[tuple[object, ...]] = connection.execute(_ENTRIES).fetchall()
+    return frozenset(tuple(" ".join(own.split()) if isinstance(own, str) else own for own in row) for row in rows)
+
+
+@functools.cache
+def _schema(version: int) -> _Schema:
+    """What a manifest of a version has: a view or trigger of a stranger would be run as the query that it is."""
+    with contextlib.closing(sqlite3.connect(":memory:", isolation_level=None)) as connection:
+        connection.executescript(_SCHEMA + (_DIGESTS if version == FORMAT_VERSION else ""))
+        return _schema_of(connection)
 
 
 def _statements(script: str) -> Iterator[str]:

@@ -128,7 +128,10 @@ def test_rows_that_changed_places_are_found(folder):
 @pytest.mark.parametrize(
     "loss",
     [
-        ("DROP TRIGGER part_goes", "DELETE FROM part WHERE id = 7"),
+        (
+            "DELETE FROM part WHERE id = 7",  # its trigger counts that, as no damage does
+            "UPDATE tally SET parts = parts + 1 WHERE key = 'key1-0' AND \"group\" = 'contours'",
+        ),
         ("UPDATE tally SET parts = parts - 1 WHERE key = 'key1-0'",),
         ("DELETE FROM tally WHERE key = 'key1-1'",),
         ("UPDATE part SET key = 'other' WHERE id = 7",),
@@ -231,6 +234,30 @@ def test_a_version_that_does_not_fit_the_tables_is_refused(folder):
     for mode in ("read", "create"):
         with pytest.raises(SweepStoreError, match="its tables are not those of version 1"):
             SweepStore(folder, maker=MAKER, mode=mode)
+
+
+ENDLESS = "WITH RECURSIVE n(x) AS (VALUES (1) UNION ALL SELECT x + 1 FROM n) SELECT x AS id, x AS name FROM n"
+
+
+@pytest.mark.parametrize(
+    ("name", "statements"),
+    [
+        ("shard", ["DROP TABLE shard", f"CREATE VIEW shard AS {ENDLESS}"]),
+        (
+            "column_file",
+            ["ALTER TABLE column_file RENAME TO x", f"CREATE VIEW column_file AS {ENDLESS}"],
+        ),
+        ("more", ["CREATE TRIGGER more AFTER INSERT ON part BEGIN DELETE FROM part; END"]),
+        ("part_goes", ["DROP TRIGGER part_goes"]),
+        ("failure", ["ALTER TABLE failure ADD COLUMN cost AS (length(sentence))"]),
+    ],
+)
+def test_a_manifest_with_other_tables_views_or_triggers_is_refused_by_their_name(folder, name, statements):
+    in_manifest(folder, "PRAGMA legacy_alter_table = ON", *statements)
+    for mode in ("read", "create"):
+        with pytest.raises(SweepStoreError, match=f"its tables are not those of version 2: '{name}' differs"):
+            SweepStore(folder, maker=MAKER, mode=mode)
+    assert any(f"'{name}' differs" in text for text in check_store(folder).problems)
 
 
 def test_digests_are_what_the_document_says(folder):

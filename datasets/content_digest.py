@@ -8,10 +8,13 @@ write, a cut copy. Whoever changes a file on purpose writes another digest behin
 from __future__ import annotations
 
 import hashlib
+import os
 import struct
 from collections.abc import Iterable
 from pathlib import Path
+from typing import BinaryIO
 
+from .bounded_file import open_regular
 from .durable import Buffer
 from .errors import SweepStoreError
 
@@ -51,10 +54,8 @@ def read_whole(path: Path, kind: str, version: int) -> tuple[bytes, str]:
 def require_whole(path: Path, kind: str, version: int) -> str:
     """Prove a file with a trailer, read in blocks; the digest of its content; raises as `read_whole`."""
     try:
-        total = path.stat().st_size
-        with path.open("rb") as stream:
-            stream.seek(max(0, total - TRAILER.size))
-            last = stream.read(TRAILER.size)
+        with open_regular(path, bounded=False) as stream:
+            total, last = _end_of(stream)
         size, digest = _parsed(path, last, total, kind, version)
         found = _file_digest(path, size)
     except OSError as error:
@@ -67,9 +68,8 @@ def require_whole(path: Path, kind: str, version: int) -> str:
 def has_trailer(path: Path, kind: str) -> bool:
     """Whether a file ends with a trailer of a kind; raises SweepStoreError for one that cannot be read."""
     try:
-        with path.open("rb") as stream:
-            stream.seek(max(0, path.stat().st_size - TRAILER.size))
-            return stream.read(TRAILER.size).startswith(_mark(kind))
+        with open_regular(path, bounded=False) as stream:
+            return _end_of(stream)[1].startswith(_mark(kind))
     except OSError as error:
         raise _unreadable(path, error) from error
 
@@ -83,9 +83,16 @@ def _mark(kind: str) -> bytes:
     return f"palpate {kind} ".encode()
 
 
+def _end_of(stream: BinaryIO) -> tuple[int, bytes]:
+    """How many bytes a file has, and those of its trailer."""
+    total = stream.seek(0, os.SEEK_END)
+    stream.seek(max(0, total - TRAILER.size))
+    return total, stream.read(TRAILER.size)
+
+
 def _file_digest(path: Path, size: int) -> bytes:
     digest = hashlib.blake2b(digest_size=32)
-    with path.open("rb") as stream:
+    with open_regular(path, bounded=False) as stream:
         while size > 0 and (block := stream.read(min(size, _BLOCK_BYTES))):
             digest.update(block)
             size -= len(block)
@@ -111,7 +118,8 @@ def _parsed(path: Path, last: bytes, total: int, kind: str, version: int) -> tup
 
 def _bytes_of(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        with open_regular(path, bounded=False) as stream:
+            return stream.read()
     except OSError as error:
         raise _unreadable(path, error) from error
 

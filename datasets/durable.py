@@ -8,6 +8,7 @@ import fcntl
 import glob
 import os
 import secrets
+import stat
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -168,10 +169,23 @@ def discard(path: Path) -> None:
         path.unlink()
 
 
+def open_own(path: Path, flags: int) -> int:
+    """Open a regular file that palpate writes, through nobody's link, without waiting for the other end of a pipe.
+
+    Raises:
+        OSError: As the system says, or it is no regular file.
+    """
+    handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, 0o666)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "is no regular file", str(path))
+    return handle
+
+
 def is_locked(path: Path) -> bool:
     """Whether some process holds a lock on a file at this moment."""
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        handle = open_own(path, os.O_RDONLY)
     except OSError:
         return False
     try:
@@ -188,13 +202,14 @@ class FolderLock:
 
     Raises:
         BlockingIOError: Another process (or another lock of this one) holds it.
+        OSError: As the system says, or the file to lock is no regular file.
     """
 
     NAME = "lock"
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / self.NAME
-        self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        self._handle = open_own(self._path, os.O_RDWR | os.O_CREAT)
         try:
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._refuse_if_replaced()

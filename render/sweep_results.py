@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..datasets.bounded_file import read_json
 from ..datasets.durable import FolderLock, discard, write_file
 from ..datasets.errors import SweepStoreError
 from ..datasets.schema import PRUNED_NAMES, removed_name
@@ -170,7 +171,7 @@ def _is_whole(table: Path) -> bool:
 def _stamped(folder: Path) -> dict[str, Any] | None:
     """What the store's table was made of."""
     try:
-        return json.loads((folder / STAMP).read_bytes())
+        return read_json(folder / STAMP)
     except (OSError, ValueError):
         return None
 

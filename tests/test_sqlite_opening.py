@@ -10,9 +10,14 @@ import pytest
 from sweep_damage import make_store
 from sweep_store_rows import MAKER
 
+from palpate.datasets.durable import FolderLock, is_locked
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.sweep_check import check_store
+from palpate.datasets.sweep_check import check_store, is_sweep_data
+from palpate.datasets.sweep_shard import read_shard
 from palpate.datasets.sweep_store import SweepStore
+from palpate.render.errors import SweepError
+from palpate.render.sweep_log import LOG, SweepLog
+from palpate.render.sweep_results import STAMP, _stamped, locked
 
 MAGIC = bytes.fromhex("d9d505f920a163d7")
 MODES = pytest.mark.parametrize("mode", ["read", "create"])
@@ -106,3 +111,40 @@ def test_what_is_no_regular_file_is_refused_at_once(folder, mode, suffix, plant)
     plant(path)
     with pytest.raises(SweepStoreError, match=rf"store.sqlite{suffix} is no regular file"):
         SweepStore(folder, maker=MAKER, mode=mode)
+
+
+@pytest.mark.parametrize("name", ["shards/x.h5", "columns/x.h5", "contours/x.h5", "x.h5", "table.h5", "lock"])
+def test_a_pipe_in_a_store_keeps_check_waiting_for_nobody(folder, name):
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / name).unlink(missing_ok=True)
+    os.mkfifo(folder / name)
+    if name.startswith("columns"):  # which the manifest names
+        own = next(path for path in (folder / "columns").iterdir() if path.name != "x.h5")
+        os.replace(folder / name, own)
+        name = f"columns/{own.name}"
+    problems = check_store(folder).problems
+    assert [f"{folder / name}" in text and "regular file" in text for text in problems] == [True] * (name != "lock")
+    assert not is_sweep_data(folder / name)
+    assert not is_locked(folder / name)
+    with pytest.raises(SweepStoreError, match="is no regular file"):
+        read_shard(folder / name)
+
+
+@pytest.mark.parametrize("plant", [os.mkfifo, lambda path: path.symlink_to(path.with_name("thesis.tex"))])
+def test_log_lock_and_stamp_are_regular_files_of_the_store(tmp_path, plant):
+    (tmp_path / "thesis.tex").write_text("{}")
+    for name in (LOG, STAMP, FolderLock.NAME):
+        plant(tmp_path / name)
+    reader = os.open(tmp_path / LOG, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        with SweepLog(tmp_path / LOG) as log:
+            log.write("start")
+        assert os.read(reader, 100) in (b"", b"{}")
+    finally:
+        os.close(reader)
+    with pytest.raises(OSError, match=r"regular file|symbolic link"):
+        FolderLock(tmp_path)
+    with pytest.raises(SweepError, match="its table cannot be written"), locked(tmp_path):
+        pass
+    assert _stamped(tmp_path) in (None, {})
+    assert (tmp_path / "thesis.tex").read_text() == "{}"

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
-from .bounded_file import open_regular
+from .bounded_file import ANY_SIZE, open_regular
 from .durable import Buffer
 from .errors import SweepStoreError
 
@@ -54,7 +54,7 @@ def read_whole(path: Path, kind: str, version: int) -> tuple[bytes, str]:
 def require_whole(path: Path, kind: str, version: int) -> str:
     """Prove a file with a trailer, read in blocks; the digest of its content; raises as `read_whole`."""
     try:
-        with open_regular(path, bounded=False) as stream:
+        with open_regular(path, ANY_SIZE) as stream:
             total, last = _end_of(stream)
         size, digest = _parsed(path, last, total, kind, version)
         found = _file_digest(path, size)
@@ -68,7 +68,7 @@ def require_whole(path: Path, kind: str, version: int) -> str:
 def has_trailer(path: Path, kind: str) -> bool:
     """Whether a file ends with a trailer of a kind; raises SweepStoreError for one that cannot be read."""
     try:
-        with open_regular(path, bounded=False) as stream:
+        with open_regular(path, ANY_SIZE) as stream:
             return _end_of(stream)[1].startswith(_mark(kind))
     except OSError as error:
         raise _unreadable(path, error) from error
@@ -92,7 +92,7 @@ def _end_of(stream: BinaryIO) -> tuple[int, bytes]:
 
 def _file_digest(path: Path, size: int) -> bytes:
     digest = hashlib.blake2b(digest_size=32)
-    with open_regular(path, bounded=False) as stream:
+    with open_regular(path, ANY_SIZE) as stream:
         while size > 0 and (block := stream.read(min(size, _BLOCK_BYTES))):
             digest.update(block)
             size -= len(block)
@@ -118,7 +118,7 @@ def _parsed(path: Path, last: bytes, total: int, kind: str, version: int) -> tup
 
 def _bytes_of(path: Path) -> bytes:
     try:
-        with open_regular(path, bounded=False) as stream:
+        with open_regular(path, ANY_SIZE) as stream:
             return stream.read()
     except OSError as error:
         raise _unreadable(path, error) from error

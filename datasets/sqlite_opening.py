@@ -15,7 +15,7 @@ import stat
 import tempfile
 from pathlib import Path
 
-from .bounded_file import FileBoundError, open_regular
+from .bounded_file import ANY_SIZE, FileBoundError, open_regular
 
 _BESIDE = ("", "-journal", "-wal", "-shm")
 _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")  # also ends a journal that names a super-journal
@@ -71,7 +71,7 @@ def _require_own_files(path: Path) -> None:
             raise FileBoundError(f"{own} is no regular file")
     journal = Path(f"{path}-journal")
     try:
-        with open_regular(journal, bounded=False) as stream:
+        with open_regular(journal, ANY_SIZE) as stream:
             size = stream.seek(0, os.SEEK_END)
             stream.seek(max(0, size - len(_JOURNAL_MAGIC)))
             names_another = size >= _NAMED_LEAST and stream.read() == _JOURNAL_MAGIC

@@ -44,6 +44,16 @@ def content_digest(*buffers: memoryview | bytes | bytearray) -> int:
     return digest.intdigest()
 
 
+def growing_digests(*buffers: memoryview) -> list[int]:
+    """XXH3-64 of the first buffer, of it and the next, and so on: each byte is looked at once."""
+    digest = xxhash.xxh3_64()
+    out: list[int] = []
+    for buffer in buffers:
+        digest.update(buffer)
+        out.append(digest.intdigest())
+    return out
+
+
 class BlockDigester:
     """Digests of the blocks of a dataset whose rows come a few at a time."""
 

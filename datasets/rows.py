@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .checksum import fletcher32
-from .digests import content_digest
+from .digests import content_digest, growing_digests
 from .durable import Buffer
 from .schema import CHUNK_ROWS, CONTOURS, METRICS, Field
 
@@ -216,6 +216,17 @@ def decoded(spec: Field, content: bytes, digest: int | None) -> NDArray[Any] | N
     else:
         whole = content_digest(content) == digest
     return chunk[:-CHECKSUM_BYTES].view(spec.dtype).reshape(-1, *row_shape(spec)) if whole else None
+
+
+def proven_digest(content: memoryview, spec: Field, digest: int | None) -> int | None:
+    """XXH3-64 of the rows of a chunk of `CHUNK_ROWS`; None if it is not what was written (`decoded`)."""
+    if digest is None:
+        rows = decoded(spec, bytes(content), None)
+        return None if rows is None else content_digest(rows.data)
+    if len(content) != chunk_bytes(spec):
+        return None
+    of_rows, of_all = growing_digests(content[:-CHECKSUM_BYTES], content[-CHECKSUM_BYTES:])
+    return of_rows if of_all == digest else None
 
 
 def chunk_bytes(spec: Field) -> int:

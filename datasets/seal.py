@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assembly import Assembly, write_assembly
-from .digests import Digests, block_digests
+from .bounded_file import ANY_SIZE, open_regular
+from .digests import Digests
 from .durable import require_size
 from .errors import ContourFileError
 from .hdf5 import Hdf5Reader
@@ -28,7 +29,7 @@ from .hdf5_output import hdf5_output
 from .header import FileHeader, header_attributes, json_text
 from .parts import Part
 from .reader import ContourFile
-from .rows import Rows, chunk_bytes, decoded, row_fields
+from .rows import Rows, chunk_bytes, proven_digest, row_fields
 from .schema import CHUNK_ROWS, CONTOURS, HEADER, METRICS, TIMING, Field
 from .timing import Timing
 
@@ -138,25 +139,22 @@ def _continued(spec: Field, arrays: dict[str, NDArray[Any]], offset: dict[str, i
 
 def _reread(part: Part) -> Iterator[Digests]:
     """Digests of the content of each field's whole chunks, read from the disk; raises ContourFileError, OSError."""
-    handle = os.open(part.path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        require_size(handle, part.path, part.rows.end)
+    with open_regular(part.path, ANY_SIZE) as stream:
+        require_size(stream.fileno(), part.path, part.rows.end)
         for index, spec in enumerate(part.rows.fields):
-            size = chunk_bytes(spec)
-            digests: list[Digests] = []
+            content = memoryview(bytearray(chunk_bytes(spec)))
+            digests = np.zeros(len(part.rows.addresses[index]), np.uint64)
             for number, address in enumerate(part.rows.addresses[index]):
-                content = os.pread(handle, size, address)
-                rows = decoded(spec, content, part.rows.digest(index, number))
-                if rows is None:
+                count = os.preadv(stream.fileno(), [content], address)
+                rows_digest = proven_digest(content[:count], spec, part.rows.digest(index, number))
+                if rows_digest is None:
                     first = number * CHUNK_ROWS
                     raise ContourFileError(
                         f"{part.path}: rows {first} to {first + CHUNK_ROWS} of {spec.path} are not what was written; "
                         "--resume renders them again"
                     )
-                digests.append(block_digests(rows, CHUNK_ROWS))
-            yield np.concatenate([np.zeros(0, np.uint64), *digests])
-    finally:
-        os.close(handle)
+                digests[number] = rows_digest
+            yield digests
 
 
 def _assembly_of(rows: Rows, digests: list[Digests], header: FileHeader, timing: Timing, frame: Frame) -> Assembly:

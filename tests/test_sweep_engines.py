@@ -233,7 +233,7 @@ def test_a_worker_that_dies_loses_the_task_it_had_begun_and_no_other(engine, tmp
 
 def test_a_worker_killed_from_outside_is_replaced(engine, tmp_path):
     submit(engine, tasks_of(tmp_path, "rest 60", *["rest 0.02"] * 6))
-    await_true(lambda: 0 in engine.running())
+    await_true(lambda: 0 in engine.running() and 0 in dict(said(tmp_path)))  # sent, and begun
     victim = dict(said(tmp_path))[0]
     os.kill(victim, signal.SIGKILL)
     outcomes = gather(engine, 7)

@@ -31,6 +31,8 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """Compile every kernel in this one process, before workers that would all do it at once."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's `&` does that, and processes of tests inherit it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "stress: many poses on large meshes; seconds each")
     if not hasattr(config, "workerinput"):
         from palpate.kernels import compile_kernels

@@ -32,6 +32,8 @@ LIMIT_DEFAULT = 3_000_000_000
 ANY_SIZE = 1 << 63
 """[byte] that no file exceeds."""
 
+DEPTH_MOST = 512
+"""Lists and objects of JSON in each other."""
 LINE_MOST = 1 << 20
 """Characters of one line of text."""
 CODE_MOST = 16_000_000
@@ -253,13 +255,27 @@ def parse_json(text: str) -> Any:
     """
     require_parsable(text)
     try:
-        return json.loads(text)
+        value = json.loads(text)
     except RecursionError:
         raise ValueError("nested too deeply") from None
     except json.JSONDecodeError:
         raise
     except ValueError:  # Python's bound on the digits of an integer
         raise ValueError("a number has too many digits") from None
+    _require_shallow(value)
+    return value
+
+
+def _require_shallow(value: Any) -> None:
+    """Refuse depth that what comes after could not follow; Python 3.13 parses far more than 3.11 did."""
+    level: list[Any] = [value] if isinstance(value, list | dict) else []
+    below: list[Any]
+    for _ in range(DEPTH_MOST):
+        below = [own.values() if isinstance(own, dict) else own for own in level]
+        level = [item for items in below for item in items if isinstance(item, list | dict)]
+        if not level:
+            return
+    raise ValueError("nested too deeply")
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:

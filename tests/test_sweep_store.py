@@ -292,6 +292,7 @@ def test_reading_changes_nothing(store):
 
 AS_NOBODY = """
 import os, sys
+import urllib.parse  # Python 3.13 imports it when a path becomes a URI, and nobody may not read Python's folder
 from palpate.datasets.sweep_store import SweepStore, SweepStoreError
 os.setgid(65534); os.setuid(65534)
 with SweepStore(sys.argv[1], mode="read") as store:

@@ -32,7 +32,7 @@ LIMIT_DEFAULT = 3_000_000_000
 ANY_SIZE = 1 << 63
 """[byte] that no file exceeds."""
 
-DEPTH_MOST = 512
+DEPTH_MOST = 900
 """Lists and objects of JSON in each other."""
 LINE_MOST = 1 << 20
 """Characters of one line of text."""

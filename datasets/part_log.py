@@ -52,7 +52,7 @@ def records(stream: BinaryIO, limit: int | None = None) -> Iterator[Record]:
         if zlib.crc32(payload) != crc:
             raise ValueError("CRC")
         begin = _LENGTH.size + _LENGTH.unpack_from(payload)[0]
-        head = parse_json(payload[_LENGTH.size : begin])
+        head = parse_json(payload[_LENGTH.size : begin], allow_nan=True)  # a stage's time may be NaN
         if not isinstance(head, dict):
             raise ValueError("no JSON object")
         yield cast("dict[str, Any]", head), memoryview(payload)[begin:], end

@@ -229,8 +229,8 @@ class ContourWriter:
         """Refuse to replace what is there without permission, which a run keeps beside its parts."""
         if os.path.lexists(self.path) and not (self._folder / _OVERWRITE_NAME).exists():
             raise ContourFileError(
-                f"{self.path} was made by somebody else while {self._folder} is unfinished: move it away and go on "
-                "with --resume, or begin anew with --overwrite"
+                f"{self.path} is not of the unfinished rendering in {self._folder}, which may not replace it: move it "
+                "away and go on with --resume, or begin anew with --overwrite"
             )
 
     def _begin(self, mode: str) -> None:

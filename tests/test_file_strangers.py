@@ -9,7 +9,7 @@ from itertools import islice
 import h5py
 import numpy as np
 import pytest
-from contour_cases import assert_same, make_contours, make_header, redigest, write_file, write_ranges
+from contour_cases import assert_same, make_contours, make_header, make_metrics, redigest, write_file, write_ranges
 
 from palpate.datasets.check import check_file
 from palpate.datasets.errors import ContourFileError
@@ -97,6 +97,17 @@ def test_a_log_that_says_the_impossible_ends_where_it_says_it(begun, number, cha
         assert "is truncated or damaged" in writer.repairs[0]
 
 
+def test_a_time_that_is_no_number_loses_no_poses(tmp_path):
+    path, contours = tmp_path / "out.h5", make_contours(4)
+    with ContourWriter(path, make_header(4)) as writer:
+        writer.write(0, 4, contours, make_metrics(contours), {"trace": float("nan")})
+    with ContourWriter(path, make_header(4), mode="resume") as writer:
+        assert (writer.missing(), writer.repairs) == ([], ())
+        writer.seal()
+    with ContourFile(path, verify=True) as file:
+        assert np.isnan(file.timing().seconds).all()
+
+
 def test_a_log_of_six_gigabytes_of_nothing_is_refused_without_reading_it(begun):
     os.truncate(log_of(begun), 6 << 30)
     assert [problem for problem in check_file(begun) if "truncated or damaged after pose 6" in problem]
@@ -118,10 +129,12 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, mode):
     with ContourWriter(path, make_header(10), mode=mode) as writer:
         write_ranges(writer, contours, [(0, 10)])
         path.write_text("somebody's")
-        with pytest.raises(ContourFileError, match=r"out.h5 was made by somebody else .*move it away.*--resume"):
+        with pytest.raises(
+            ContourFileError, match=r"out.h5 is not of the unfinished rendering .*move it away.*--resume"
+        ):
             writer.seal()
         assert path.read_text() == "somebody's"
-    with pytest.raises(ContourFileError, match="was made by somebody else"):
+    with pytest.raises(ContourFileError, match="is not of the unfinished rendering"):
         ContourWriter(path, make_header(10), mode="resume")
     path.rename(tmp_path / "theirs")
     with ContourWriter(path, make_header(10), mode="resume") as writer:

@@ -3,7 +3,7 @@
     python benchmarks/sweeps.py devices --devices cpu cpu > cpu.jsonl
     python benchmarks/sweeps.py devices --devices cuda:0 cuda:1 --poses 4000000000 > cuda.jsonl
     python benchmarks/sweeps.py parent                                   # seconds of the parent a part
-    python benchmarks/sweep_projection.py cpu.jsonl cuda.jsonl --parent 1e-4 --picture docs/sweep-scaling.png
+    python benchmarks/sweep_projection.py cpu.jsonl cuda.jsonl --parent 1e-4 --picture docs/measured/sweep-scaling.png
 
 On paper a sweep of N poses on n devices takes start + max(N / (n rate), parts x parent): workers share nothing but the
 parent, which takes down every part, one after the other, while they go on. `rate` is one device's, measured;

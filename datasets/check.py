@@ -1,4 +1,4 @@
-"""Whether a contour file is whole: every chunk read, every rule of docs/file-format.md tried, in bounded memory."""
+"""Whether a contour file is whole: each chunk is read, each rule of docs/formats/file-format.md tried."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class FrameFile:
         return size
 
     def _write_digests(self) -> None:
-        """Digests of all datasets and attributes, as those of contour files (docs/file-format.md)."""
+        """Digests of all datasets and attributes, as those of contour files (docs/formats/file-format.md)."""
         digests: dict[str, tuple[tuple[int, ...], Digests]] = {
             name: (array.shape, block_digests(array, _BLOCK_ROWS)) for name, array in self._arrays.items() if array.ndim
         }

@@ -1,4 +1,4 @@
-"""Files of frames that a sweep keeps (docs/sweep-files.md), read by frame range: focal points, and drives of arrays."""
+"""Files of frames that a sweep keeps (docs/formats/sweep-files.md), read by frame range: focal points, and drives."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Bone(NamedTuple):
 
 
 def leap_json(content: Json) -> Clip:
-    """All hands of a LeapC recording as JSON; docs/recordings.md tells its shape."""
+    """All hands of a LeapC recording as JSON; docs/formats/recordings.md tells its shape."""
     head: Json = {} if isinstance(content, list) else content
     frames = items(content if isinstance(content, list) else entry(content, "frames", "file"), "frames")
     length = unit_factor(head, "length_unit", LENGTH_UNITS, "mm")
@@ -57,7 +57,7 @@ def leap_json(content: Json) -> Clip:
 
 
 def leap_table(table: Table) -> Clip:
-    """All hands of a Leap CSV: a row for each hand in each frame; docs/recordings.md tells the columns."""
+    """All hands of a Leap CSV: a row for each hand in each frame; docs/formats/recordings.md tells the columns."""
     clock = table.numbers(["timestamp"])[:, 0] * TIME_UNITS["us"]
     ids, sides = table.texts("hand_id"), table.texts("type")
     palm = {name: table.numbers(_xyz(f"palm_{name}")) for name in _PALM_VECTORS}

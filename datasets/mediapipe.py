@@ -24,7 +24,7 @@ _NO_PLACE = (
 
 
 def landmarks_json(content: Json, image_mirrored: bool | None) -> Clip:
-    """All hands of a recording; docs/recordings.md tells its shape. image_mirrored: None takes the file's word."""
+    """All hands of a recording (docs/formats/recordings.md has its shape). image_mirrored: None keeps the file's value."""
     length = unit_factor(content, "length_unit", LENGTH_UNITS, "m")
     second = unit_factor(content, "time_unit", TIME_UNITS, None)
     said = truth(optional(content, "image_mirrored", "file"), "image_mirrored")
@@ -47,7 +47,7 @@ def landmarks_json(content: Json, image_mirrored: bool | None) -> Clip:
 
 
 def landmarks_table(table: Table, image_mirrored: bool | None) -> Clip:
-    """All hands of a CSV: a row for each landmark of each hand in each frame; docs/recordings.md tells the columns."""
+    """All hands of a CSV with a row for each landmark of each hand in each frame (docs/formats/recordings.md)."""
     clock = table.time().tolist()
     wrist_columns = [f"wrist_{axis}" for axis in "xyz"]
     if not table.has(wrist_columns[0]):

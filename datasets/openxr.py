@@ -33,7 +33,7 @@ _STATIC_MATRIX, _STATIC_RADIUS = "m", "r"
 
 
 def joints_json(content: Json) -> Clip:
-    """All hands of an OpenXR or WebXR recording; docs/recordings.md tells its shape."""
+    """All hands of an OpenXR or WebXR recording; docs/formats/recordings.md tells its shape."""
     length = unit_factor(content, "length_unit", LENGTH_UNITS, "m")
     second = unit_factor(content, "time_unit", TIME_UNITS, None)
     time: list[float] = []
@@ -65,7 +65,7 @@ def static_poses(content: Json) -> Clip:
 
 
 def joints_table(table: Table) -> Clip:
-    """All hands of a CSV: a row for each joint of each hand in each frame; docs/recordings.md tells the columns."""
+    """All hands of a CSV with a row for each joint of each hand in each frame (docs/formats/recordings.md)."""
     clock = table.time().tolist()
     values = table.numbers(["x", "y", "z", "qx", "qy", "qz", "qw", "radius"])
     valid = table.numbers(["valid"])[:, 0] if table.has("valid") else np.ones(len(values))

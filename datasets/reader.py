@@ -212,7 +212,7 @@ class ContourFile:
     def contours(self, first: int = 0, stop: int | None = None) -> Arrays:
         """Contours of poses `first` to `stop` (all), as one batch by itself.
 
-        Gives the arrays of `/contours` by name (docs/file-format.md), offsets from 0; optional ones only where the
+        Gives the arrays of `/contours` by name (docs/formats/file-format.md), offsets from 0; optional ones only if the
         file has them. Raises ContourFileError where a pose of the range is not done.
         """
         parts = self._parts(first, stop, CONTOURS)

@@ -36,7 +36,7 @@ def load_recording(
     alignment: Alignment | None = None,
     image_mirrored: bool | None = None,
 ) -> HandRecording:
-    """Read one hand of a recording; docs/recordings.md tells each file's shape.
+    """Read one hand of a recording; docs/formats/recordings.md tells each file's shape.
 
     format: one of `FORMATS`; None: what the file says or looks like. hand: `left`, `right` or an id; needed only where
     the file has several. alignment: tracker frame -> array frame (see `HandRecording.transformed`); None leaves the

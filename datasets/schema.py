@@ -1,6 +1,6 @@
 """The contour file's format: its datasets as tables, and arrays checked against them.
 
-docs/file-format.md tells the same to readers of other languages; a test holds the two together.
+docs/formats/file-format.md tells the same to readers of other languages; a test holds the two together.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Workers leave shards in `shards/`; parents take them into the manifest (`sweep_manifest.py`), which is the only truth
 about what is done. A shard with per-pose columns then goes to `columns/`, named by its content; others are removed.
-docs/sweep-store.md tells the same to readers of other languages.
+docs/formats/sweep-store.md tells the same to readers of other languages.
 """
 
 from __future__ import annotations

@@ -264,7 +264,7 @@ def _facing_up(name: str, position: NDArray[np.float32], wire_order: NDArray[np.
 
 @cache
 def _emulator() -> ArrayModel:
-    """The fictional board of docs/emulator.md."""
+    """The fictional board of docs/formats/emulator.md."""
     # its wire runs along columns like a snake: columns from +x to -x, the first from +y down, the next up, in turn
     column, step = np.divmod(np.arange(256), 16)
     order = np.where(column % 2 == 0, 15 - step, step) * 16 + (15 - column)
@@ -281,7 +281,7 @@ def _emulator() -> ArrayModel:
 
 @cache
 def _pat16() -> ArrayModel:
-    """A UCL/OpenMPD board as its published board files have it; each single one needs its own (docs/boards.md)."""
+    """A UCL/OpenMPD board as its published board files have it; each single one needs its own (docs/guide/boards.md)."""
     return _facing_up(
         "pat16",
         _flat_grid(16, 16, _PITCH),

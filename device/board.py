@@ -1,4 +1,4 @@
-"""Model of the fictional board `emulator`, written from docs/emulator.md alone: bytes in, frames played.
+"""Model of the fictional board `emulator`, written from docs/formats/emulator.md alone: bytes in, frames played.
 
 It shares no code with the codec or the array model, so that a mistake in one of them shows.
 """

@@ -42,7 +42,7 @@ def emulated_backend(
 def emulated_backend(
     name: str, *, clock: Clock | None = None, record: int = 0, serials: Sequence[str] | None = None, baud: float = BAUD
 ) -> EmulatedBus[EmulatedBoard] | EmulatedPorts:
-    """A bus for pyusb, or serial ports, with models of a board; docs/emulator.md has what they model.
+    """A bus for pyusb, or serial ports, with models of a board; docs/formats/emulator.md has what they model.
 
     The boards have been switched on for a while; one that is plugged in again is fresh from power-up.
 

@@ -21,7 +21,7 @@ _SET_DIVIDER, _GET_STATUS, _CLEAR = 0x01, 0x02, 0x03
 
 
 class EmulatorUsb(Peripheral[Board]):
-    """The USB side of the board `emulator`, as docs/emulator.md has it."""
+    """The USB side of the board `emulator`, as docs/formats/emulator.md has it."""
 
     def __init__(self, serial: str, board: Board) -> None:
         descriptors = Descriptors(

@@ -1,6 +1,6 @@
 """Model of the FTDI chip in front of a PAT board: vendor requests, the bytes in the chip, status packets.
 
-Written from what is published about the chip (docs/emulator.md lists it); it shares no code with the driver.
+Written from what is published about the chip (docs/formats/emulator.md lists it); it shares no code with the driver.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The link to a UCL/OpenMPD board: frames through an FT232H in FIFO mode. The board never answers (docs/boards.md)."""
+"""The link to a UCL/OpenMPD board: frames through an FT232H; the board never answers (docs/guide/boards.md)."""
 
 from __future__ import annotations
 

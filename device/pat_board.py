@@ -3,7 +3,7 @@
 Written from the board's published gateware (RMResearch/OpenMPD_Hardware, FPGA_3.4.2/src: ParallelReceiver,
 FrameBufferController, CommandReader); each branch below names the state of that gateware that it stands for. It shares
 no code with the codec, the link or the array model, so that a mistake in one of them shows. Which transducer hangs on
-which pin differs from board to board and is no part of this model. docs/emulator.md states the rule in words.
+which pin differs from board to board and is no part of this model. docs/formats/emulator.md states the rule in words.
 """
 
 from __future__ import annotations

@@ -147,7 +147,7 @@ class PlayReport:
             return f"array {self.array} may still be emitting: switch it off"
         return (
             f"array {self.array} took the off frames and never answers: it is off if no byte was lost on the way to it "
-            "and its firmware is the one that docs/boards.md names"
+            "and its firmware is the one that docs/guide/boards.md names"
         )
 
     @property

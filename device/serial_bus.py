@@ -1,6 +1,6 @@
 """Emulated serial ports with SonicSurface boards behind them: adapters, the driver's buffer, plugs, faults.
 
-What passes through here is bytes; nothing here knows what they mean. docs/emulator.md has what is modelled.
+What passes through here is bytes; nothing here knows what they mean. docs/formats/emulator.md has what is modelled.
 """
 
 from __future__ import annotations

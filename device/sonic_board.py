@@ -1,6 +1,6 @@
 """Model of a SonicSurface board: UART bytes in, half-period pulses on 256 transducers.
 
-Written from what is published about that board (docs/emulator.md lists it); it shares no code with the codec or the
+Written from what is published about that board (docs/formats/emulator.md lists it); it shares no code with codec or the
 array model, so that a mistake in one of them shows.
 """
 

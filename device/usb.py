@@ -1,4 +1,4 @@
-"""The link to a board with the protocol of docs/emulator.md, over pyusb."""
+"""The link to a board with the protocol of docs/formats/emulator.md, over pyusb."""
 
 from __future__ import annotations
 

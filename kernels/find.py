@@ -9,7 +9,7 @@ from .piece import room_for_excess, room_for_sections
 from .seek import seek_pieces
 from .trace import trace_pieces
 
-TRACED_LARGEST = {"cpu": 5000, "cuda": 8000}  # [triangle]; measured (docs/performance.md): larger ones are sought
+TRACED_LARGEST = {"cpu": 5000, "cuda": 8000}  # [triangle]; measured (docs/measured/performance.md): larger: seek
 METHODS = ("trace", "seek")
 
 

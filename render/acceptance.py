@@ -1,4 +1,4 @@
-"""`palpate selftest --acceptance`: leads a person through a first hour with a real board (docs/first-contact.md)."""
+"""`palpate selftest --acceptance`: a person's first hour with a real board (docs/guide/first-contact.md)."""
 
 import signal
 from collections.abc import Iterator

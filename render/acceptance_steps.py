@@ -1,6 +1,6 @@
 """The steps of a first hour with a real board, as data: what is played, what is asked, what each wrong answer means.
 
-docs/first-contact.md is the same for people; a test holds that both agree.
+docs/guide/first-contact.md is the same for people; a test holds that both agree.
 """
 
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ _WIRING = (
     "`_sonicsurface` in device/array.py; autd3: `_autd3` there."
 )
 _OFFSETS = "pat16: `--calibration` with the board's own file, line 6 of which has the phase offsets."
-_NOTHING = "`palpate devices` and the supply; pat16: the mode of its FT232H (docs/first-contact.md, failure 3)."
+_NOTHING = "`palpate devices` and the supply; pat16: the mode of its FT232H (docs/guide/first-contact.md, failure 3)."
 
 _SILENT = Step(
     "silent",

@@ -271,7 +271,7 @@ def play(
     baud: Annotated[int | None, typer.Option(help="Of a sonicsurface with unusual firmware [Bd].")] = None,
     emulate: Emulate = False,
     sampling: Annotated[
-        str | None, typer.Option(metavar="NAME|FILE", help="Sampling strategy: a preset (docs/sampling.md) or JSON.")
+        str | None, typer.Option(metavar="NAME|FILE", help="Sampling: a preset (docs/guide/sampling.md) or JSON.")
     ] = None,
     speed: Annotated[float | None, typer.Option(help="Of the focal point [m/s], by default 7.")] = None,
     update_rate: Annotated[

@@ -17,7 +17,7 @@ def selftest(
     emulate: Emulate = False,
     acceptance: Annotated[
         Path | None,
-        typer.Option(metavar="REPORT.json", help="Lead through a first hour with a board (docs/first-contact.md)."),
+        typer.Option(metavar="REPORT.json", help="A first hour with a board, led (docs/guide/first-contact.md)."),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the report.")] = False,
     height: Annotated[float | None, typer.Option(help="Of the hand above the array [m], by default 0.2.")] = None,

@@ -8,7 +8,7 @@ import typer
 from . import console
 
 AllowCode = Annotated[
-    bool, typer.Option("--allow-code", help="Run code that the strategy, the object or the plan names: docs/trust.md.")
+    bool, typer.Option("--allow-code", help="Run code that strategy, object or plan names: docs/guide/trust.md.")
 ]
 FILE_HELP = "Strategy (.json), plan (.toml), Python file, or package.module:function; read what they name first."
 

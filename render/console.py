@@ -108,7 +108,7 @@ UNITS = {
     "absence_max": "s",
     "height": "m",
 }
-"""What stands behind a value in a table; machines have docs/command-line.md."""
+"""What stands behind a value in a table; machines have docs/guide/command-line.md."""
 
 
 def say(

@@ -41,7 +41,7 @@ class ContourBatch:
     dwell: Array | None = None
     """Pause of the focal point at each point [s]; None means none; float32, shape [point]."""
     raw_error: float | None = None
-    """How far the raw intersection can be from the exact one [m], but for what docs/architecture.md lists under "Grids"
+    """How far the raw intersection can be from the exact one [m], except what docs/develop/architecture.md lists under "Grids"
     (what is thinner than a step); see `Scene.raw_error`; None where that is not known.
     It is no array, so `by_name` and `arrays` leave it out."""
 

@@ -28,7 +28,7 @@ SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an objec
 _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by identity, while an object has them
 POOL_KEPT = 0.5  # of a GPU's memory, kept for the next batch: giving it back at every wait costs milliseconds
 TRIANGLES_ANNOUNCED = 2_000_000  # before as many are repaired, it is said how long that takes
-REPAIR_SECONDS, REPAIR_GIGABYTES = 8.0, 0.6  # a million triangles; measured, docs/performance.md
+REPAIR_SECONDS, REPAIR_GIGABYTES = 8.0, 0.6  # a million triangles; measured, docs/measured/performance.md
 SOLID_RULES = ("winding", "even-odd")
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 

@@ -1,6 +1,6 @@
 """Peers: published libraries that cut a mesh by a plane, brought to the output that palpate gives.
 
-Which there are, whether they are installed, and whether what they give is right. docs/bench.md tells how each is used.
+Which there are, whether they are installed, and whether what they give is right. docs/measured/bench.md: how each is used.
 """
 
 import os

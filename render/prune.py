@@ -9,7 +9,7 @@
 | hidden | what too little of the array can see past the rest of the hand |
 
 Every length that depends on what can be felt is by default a multiple of the focal width, FWHM of p^2 across the focus
-(`focal_width`): docs/pruning.md has the numbers and where they come from.
+(`focal_width`): docs/guide/pruning.md has the numbers and where they come from.
 """
 
 import math

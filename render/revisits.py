@@ -1,7 +1,7 @@
 """Revisit rate: how often a place on the skin is drawn, counted on focal points and hand poses alone.
 
 In each interval one place that a focal point draws is picked. The watch looks up how long ago that place was visited
-before. A visit is a run of drawn samples with a focal point near the place. docs/sampling.md has the definition.
+before. A visit is a run of drawn samples with a focal point near the place. docs/guide/sampling.md has the definition.
 """
 
 import math

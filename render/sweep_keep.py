@@ -1,4 +1,4 @@
-"""What a sweep keeps beside its numbers: contour files, focal points, drives; docs/sweep-files.md tells their content.
+"""What a sweep keeps beside its numbers: contour files, focal points, drives (docs/formats/sweep-files.md).
 
 | file | written | after a kill |
 |---|---|---|

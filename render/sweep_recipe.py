@@ -65,7 +65,7 @@ class RecipePart:
 
 @dataclass(frozen=True)
 class Recipe:
-    """What is rendered how. Each part is a JSON object with every default filled in; docs/sweep-plan.md tells its keys.
+    """What is rendered how. Each part is a JSON object with every default filled in (docs/guide/sweep-plan.md has its keys).
 
     `source` is a built-in name or an absolute path (`path.py:function`, `package.module:function`), `name` what is
     shown. Lengths in metres, times in seconds, rotations in degree.

@@ -96,7 +96,7 @@ class VoxelObject:
         name: str | None = None,
         hand: bool = False,
     ) -> "VoxelObject":
-        """Load .npy, .npz, .nrrd, .nhdr, .nii, .nii.gz or .nvdb; docs/voxels.md says what each holds.
+        """Load .npy, .npz, .nrrd, .nhdr, .nii, .nii.gz or .nvdb; docs/guide/voxels.md says what each holds.
 
         unit: of the file's lengths, "m", "cm", "mm" or "um"; None: as the file says, else mm for NRRD and NIfTI, m for
         the others. spacing: [m], instead of the file's (its origin and directions are then left out, so a unit has no

@@ -201,7 +201,7 @@ def content_digests(path: Path) -> dict[str, str]:
 
 
 def redigest(path: Path) -> None:
-    """Give a file that was changed the digests of what it holds now, by the words of docs/file-format.md."""
+    """Give a file that was changed the digests of what it holds now, by the words of docs/formats/file-format.md."""
     with h5py.File(path, "r+") as file:
         table = json.loads(file.attrs["digests"])
         blocks: list[int] = []

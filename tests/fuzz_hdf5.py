@@ -14,7 +14,7 @@ import numpy as np
 from fuzz_mutations import CONTROL, DEEP, PIPE, strange_json
 
 TRAILER = struct.Struct("<16sQ32s")
-"""Of a shard, by docs/sweep-store.md: mark, length, BLAKE2b-256."""
+"""Of a shard, by docs/formats/sweep-store.md: mark, length, BLAKE2b-256."""
 
 STRANGE_ATTRIBUTES: tuple[Callable[[], Any], ...] = (
     lambda: 0,

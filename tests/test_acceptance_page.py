@@ -10,7 +10,7 @@ from palpate.device.report import PlayReport
 from palpate.render.acceptance_steps import STEPS, steps_for
 
 ROOT = Path(__file__).parent.parent
-PAGE = (ROOT / "docs" / "first-contact.md").read_text()
+PAGE = (ROOT / "docs/guide/first-contact.md").read_text()
 SHORT = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 WRONG = [(step, answer) for step in STEPS for answer in step.answers[1:]]
 IN_TURN = [  # failures of issue 13, the likeliest first

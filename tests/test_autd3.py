@@ -222,6 +222,6 @@ def test_off_frame_is_the_one_the_controller_sends():
 
 
 def test_the_package_takes_firmware_of_its_own_series_only():
-    # docs/boards.md says which firmware that is; the vendor's package knows.
+    # docs/guide/boards.md says which firmware that is; the vendor's package knows.
     assert vendor.FirmwareVersion.SUPPORTED_SERIES == (0, 12)
     assert not vendor.ClientConfig().require_supported_firmware  # so it has to be asked for, as `Controller` does

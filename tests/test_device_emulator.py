@@ -1,4 +1,4 @@
-"""The emulated board and bus, through pyusb itself, as docs/emulator.md tells them."""
+"""The emulated board and bus, through pyusb itself, as docs/formats/emulator.md tells them."""
 
 from __future__ import annotations
 

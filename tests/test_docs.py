@@ -19,7 +19,7 @@ NOT_RUN = {
     "emulator.md": "an outline with gaps",
     "sampling.md": "plays in real time",
 }
-WITH_PYTHON = [p for p in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))] if BLOCK.search(p.read_text())]
+WITH_PYTHON = [p for p in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))] if BLOCK.search(p.read_text())]
 
 DOCUMENTS = [path for path in WITH_PYTHON if path.name not in NOT_RUN]
 
@@ -51,7 +51,7 @@ def test_python_in_documents_runs(document, folder):
 
 
 def test_what_a_shell_would_take_apart_is_quoted():
-    for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "render").glob("*.py")]:
+    for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "render").rglob("*.py")]:
         assert not re.findall(r"--set [\w.]+=[^\s`'\"]*[{\[].*", path.read_text()), path.name
 
 

@@ -54,7 +54,7 @@ def test_decoded_bytes_of_several_foci_have_the_asked_pressures():
     assert np.abs(elsewhere).mean() < 0.3 * np.abs(field).mean()
 
 
-# docs/sampling.md: rms error of amplitudes by the number of points
+# docs/guide/sampling.md: rms error of amplitudes by the number of points
 DOCUMENTED = {
     "naive": [0.207, 0.181, 0.195, 0.212, 0.222, 0.227, 0.238],
     "gs-pat": [0.092, 0.037, 0.042, 0.048, 0.053, 0.059, 0.061],

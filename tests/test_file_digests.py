@@ -43,7 +43,7 @@ def sealed(tmp_path, contours):
 
 
 def test_digests_are_those_of_the_documented_bytes(sealed):
-    """`redigest` follows docs/file-format.md with h5py and xxhash alone."""
+    """`redigest` follows docs/formats/file-format.md with h5py and xxhash alone."""
     with h5py.File(sealed) as file:
         before, blocks = json.loads(file.attrs["digests"]), file["/digests/block"][...]
     redigest(sealed)
@@ -204,7 +204,7 @@ def test_a_log_without_digests_is_read(tmp_path, contours, monkeypatch):
 
 
 def without_digests(log):
-    """Records as format 1.1 wrote them (docs/file-format.md)."""
+    """Records as format 1.1 wrote them (docs/formats/file-format.md)."""
     made, at = b"", 0
     while at < len(log):
         (size,) = struct.unpack_from("<I", log, at)

@@ -30,7 +30,7 @@ from palpate.datasets.reader import ContourFile
 from palpate.datasets.schema import FIELDS
 from palpate.datasets.writer import ContourWriter
 
-DOCUMENT = Path(__file__).parent.parent / "docs" / "file-format.md"
+DOCUMENT = Path(__file__).parent.parent / "docs/formats/file-format.md"
 
 STRUCTURE = """\
 / created device digests format recipe seed strategy version versions

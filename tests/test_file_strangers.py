@@ -18,7 +18,7 @@ from palpate.datasets.writer import ContourWriter
 
 
 def record(head, content=b""):
-    """A record as docs/file-format.md describes it, made here without palpate's own code."""
+    """A record as docs/formats/file-format.md describes it, made here without palpate's own code."""
     text = head if isinstance(head, bytes) else json.dumps(head).encode()
     payload = struct.pack("<I", len(text)) + text + content
     prefix = struct.pack("<II", len(payload), zlib.crc32(payload))

@@ -61,7 +61,7 @@ def test_bad_pictures_and_unknown_strategies_are_refused(tmp_path):
         draw_gallery(tmp_path / "missing" / "gallery.png", names=["oc"])
 
 
-DOCS = Path(__file__).parent.parent / "docs" / "strategies.md"
+DOCS = Path(__file__).parent.parent / "docs/guide/strategies.md"
 
 
 def test_the_docs_list_every_preset_and_transform_stage_with_every_option():

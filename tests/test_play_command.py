@@ -20,7 +20,7 @@ from palpate.render import source as source_module
 from palpate.render.cli import app
 
 MAIN = "from palpate.render.cli import main; main()"
-STORM = int(os.environ.get("PALPATE_STORM", "12"))  # 240 were run for docs/tiers.md
+STORM = int(os.environ.get("PALPATE_STORM", "12"))  # 240 were run for docs/develop/tiers.md
 
 
 @pytest.fixture(scope="module")

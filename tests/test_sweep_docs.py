@@ -19,7 +19,7 @@ from palpate.render.sweep_poses import pose_count
 from palpate.render.sweep_table import METRICS, is_metric
 
 ROOT = Path(__file__).parent.parent
-SWEEP, CI = (ROOT / "docs" / name for name in ("sweep.md", "sweep-ci.md"))
+SWEEP, CI = (ROOT / "docs/guide" / name for name in ("sweep.md", "sweep-ci.md"))
 
 
 def blocks(document, language):

@@ -19,7 +19,7 @@ from palpate.render.sweep_axes import KEYS
 from palpate.render.sweep_plan import load_plans
 from palpate.render.sweep_product import LOOKED_AT, SPELT_OUT
 
-DOCUMENT = Path(__file__).parent.parent / "docs" / "sweep-plan.md"
+DOCUMENT = Path(__file__).parent.parent / "docs/guide/sweep-plan.md"
 SHORT = '[object]\nsource = "cube"\n'
 
 

@@ -405,7 +405,7 @@ def test_the_manifest_reads_as_documented(store):
 
 
 def test_the_document_tells_the_tables_that_there_are(store):
-    text = (Path(__file__).parent.parent / "docs" / "sweep-store.md").read_text()
+    text = (Path(__file__).parent.parent / "docs/formats/sweep-store.md").read_text()
     with sqlite3.connect(store.folder / "store.sqlite") as connection:
         query = "SELECT name, type FROM sqlite_master WHERE type IN ('table', 'view')"
         names = [name for name, _ in connection.execute(query)]

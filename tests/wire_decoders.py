@@ -1,4 +1,4 @@
-"""Decoders of each board's frames, written from docs/boards.md and docs/emulator.md alone, place by place."""
+"""Decoders of each board's frames, written from docs/guide/boards.md and docs/formats/emulator.md alone."""
 
 from __future__ import annotations
 

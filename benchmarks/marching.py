@@ -24,12 +24,12 @@ import warp as wp
 from poses import random_poses
 from turns import Case, Curves, copying, installed, measure_curves
 
-from palpate.kernels.brick import bricked_field
-from palpate.kernels.dense import dense_field, pad_outside
-from palpate.kernels.draw import Contours
-from palpate.kernels.march import march_patches
-from palpate.kernels.measure import measure_contours
-from palpate.render.hands import Palm, frames_at
+from palpate.kernels.fields.bricked_grid import bricked_field
+from palpate.kernels.fields.dense_grid import dense_field, pad_outside
+from palpate.kernels.march.contours import march_patches
+from palpate.kernels.metrics.measure import measure_contours
+from palpate.kernels.section.contour_writing import Contours
+from palpate.render.hands.hand import Palm, frames_at
 
 PALM = Palm()
 SIDE = 0.15  # of the volume [m]

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from palpate.datasets import exploration
+from palpate.datasets.motions import exploration
 from palpate.render import MeshObject, Palm, SamplingStrategy
-from palpate.render.bench_objects import bench_object
-from palpate.render.instant import POSE_INTERVAL, Instant, PoseContours
-from palpate.render.intersect import intersect
-from palpate.render.strategy import PRESETS
+from palpate.render.bench.cases import bench_object
+from palpate.render.intersection.mesh_section import intersect
+from palpate.render.playback.live import POSE_INTERVAL, Instant, PoseContours
+from palpate.render.strategies.intersection_strategy import PRESETS
 
 BAR = 1000.0  # [us] p99
 OBJECTS = ("cube", "tube", "dog", "sphere", "blob-100k")

@@ -17,7 +17,7 @@ import usb.backend.libusb1
 
 from palpate.device import ArrayModel, EmulatorBackend, Link, Player, array_model, encode_frames
 from palpate.device.discovery import open_link
-from palpate.device.limits import Limits
+from palpate.device.playing.limits import Limits
 
 CONTENT_FRAMES = 4096  # played round and round
 BLOCK = 128  # frames: writes of 64 KiB
@@ -31,7 +31,7 @@ def main(options: dict[str, Any]) -> None:
 
 def first_frames(path: str) -> dict[str, Any]:
     """From the call of `play_file` until the emulated board has bytes [s], the first time in a process and later."""
-    from palpate.render.playback import Connection, play_file
+    from palpate.render.playback.file_playback import Connection, play_file
 
     def once() -> float:
         bus = EmulatorBackend()

@@ -22,17 +22,17 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parent))
 from poses import random_poses
 
-from palpate.datasets.motion import HandMotion
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.schema import CHUNK_ROWS, CONTOURS, METRICS
-from palpate.datasets.writer import ContourWriter
-from palpate.render.batch import Chunk, rendered_chunks
-from palpate.render.hands import Palm
-from palpate.render.objects import MeshObject
-from palpate.render.recorder import file_header, metrics_of, record
-from palpate.render.scene import Scene
-from palpate.render.strategy import closed_contour
-from palpate.render.workers import worker_devices
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
+from palpate.datasets.motions.hand_motion import HandMotion
+from palpate.datasets.storage.schema import CHUNK_ROWS, CONTOURS, METRICS
+from palpate.render.hands.hand import Palm
+from palpate.render.intersection.batch_rendering import Chunk, rendered_chunks
+from palpate.render.intersection.file_recording import file_header, metrics_of, record
+from palpate.render.intersection.scene import Scene
+from palpate.render.objects.mesh.solid_mesh import MeshObject
+from palpate.render.runtime.span_workers import worker_devices
+from palpate.render.strategies.intersection_strategy import closed_contour
 
 THINGS = ("cube", "tube")
 

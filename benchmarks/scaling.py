@@ -20,12 +20,12 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parent))
 from poses import random_poses
 
-from palpate.render.batch import rendered_chunks
-from palpate.render.hands import Palm
-from palpate.render.objects import MeshObject
-from palpate.render.scene import Scene
-from palpate.render.strategy import closed_contour
-from palpate.render.workers import GPU_WORKERS
+from palpate.render.hands.hand import Palm
+from palpate.render.intersection.batch_rendering import rendered_chunks
+from palpate.render.intersection.scene import Scene
+from palpate.render.objects.mesh.solid_mesh import MeshObject
+from palpate.render.runtime.span_workers import GPU_WORKERS
+from palpate.render.strategies.intersection_strategy import closed_contour
 
 
 def workers_on(devices: list[str]) -> list[str]:

@@ -22,16 +22,16 @@ import warp as wp
 from poses import random_poses
 from turns import Case, Curves, copying, installed, measure_curves
 
-from palpate.datasets.hand_shape import hand_shape
+from palpate.datasets.hand_model.shape import hand_shape
 from palpate.datasets.rigid import rotated
-from palpate.datasets.shapes import shape
-from palpate.kernels.draw import Contours
-from palpate.kernels.measure import measure_contours
-from palpate.kernels.skin import skin_contours
-from palpate.kernels.skin_sign import WORD
-from palpate.kernels.solid import mesh_field
-from palpate.render.mesh_hand import MeshHand
-from palpate.render.objects import MeshObject
+from palpate.datasets.shapes.built_in import shape
+from palpate.kernels.fields.mesh_inside import mesh_field
+from palpate.kernels.metrics.measure import measure_contours
+from palpate.kernels.section.contour_writing import Contours
+from palpate.kernels.skin.curves import skin_contours
+from palpate.kernels.skin.sign import WORD
+from palpate.render.hands.mesh_hand import MeshHand
+from palpate.render.objects.mesh.solid_mesh import MeshObject
 
 VTK_POSES = 20  # a run: it takes milliseconds each
 

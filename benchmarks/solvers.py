@@ -21,10 +21,10 @@ import numpy as np
 import warp as wp
 from turns import Case, installed, seconds_by_turns
 
-from palpate.kernels.focus import focus_phases, focus_table
-from palpate.kernels.solve import solve_points
-from palpate.kernels.wave import transducers_on
-from palpate.render.drive import focus_delays
+from palpate.kernels.driving.focus import focus_phases, focus_table
+from palpate.kernels.driving.solve import solve_points
+from palpate.kernels.driving.wave import transducers_on
+from palpate.render.playback.drive import focus_delays
 
 SOUND_SPEED = 340.0  # [m/s]; AUTD3's
 WAVELENGTH = SOUND_SPEED / 40e3  # [m]

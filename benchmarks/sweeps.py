@@ -35,18 +35,18 @@ import numpy as np
 import warp as wp
 from turns import seconds_by_turns
 
-from palpate.kernels.random_pose import random_poses
-from palpate.render.batch import rendered_chunks
-from palpate.render.hands import Palm
-from palpate.render.intersect import intersect
-from palpate.render.objects import MeshObject
-from palpate.render.scene import Scene
-from palpate.render.strategy import closed_contour
-from palpate.render.sweep_engine import InProcess
-from palpate.render.sweep_plan import load_plans
-from palpate.render.sweep_processes import Processes
-from palpate.render.sweep_run import run_sweep
-from palpate.render.sweep_task import PART, Engine
+from palpate.kernels.metrics.random_pose import random_poses
+from palpate.render.hands.hand import Palm
+from palpate.render.intersection.batch_rendering import rendered_chunks
+from palpate.render.intersection.mesh_section import intersect
+from palpate.render.intersection.scene import Scene
+from palpate.render.objects.mesh.solid_mesh import MeshObject
+from palpate.render.strategies.intersection_strategy import closed_contour
+from palpate.render.sweeps.sweep_engine import InProcess
+from palpate.render.sweeps.sweep_plan import load_plans
+from palpate.render.sweeps.sweep_processes import Processes
+from palpate.render.sweeps.sweep_run import run_sweep
+from palpate.render.sweeps.sweep_task import PART, Engine
 
 BATCH = 4_000_000  # poses; of the bare kernels
 CUBE = {"size": 0.13, "at": (0.0, 0.0, 0.2)}
@@ -222,7 +222,7 @@ def finished(folder: Path, recipe_count: int, rounds: int) -> dict:
     plan = folder / "plan.toml"
     seeds = f"seed = {{ first = 1, count = {recipe_count} }}"
     plan.write_text(f'[object]\nsource = "cube"\n[motion]\nsource = "random"\ncount = 1\n{seeds}\n')
-    command = [sys.executable, "-c", "from palpate.render.cli import main; main()", "sweep", str(plan)]
+    command = [sys.executable, "-c", "from palpate.render.cli.app import main; main()", "sweep", str(plan)]
     seconds = []
     for _ in range(rounds + 1):
         started = perf_counter()

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from palpate.render.bench_measure import OwnTurn
-from palpate.render.bench_objects import bench_object, random_poses
-from palpate.render.bench_rows import measure_trial
-from palpate.render.bench_turns import BenchOptions, Trial
+from palpate.render.bench.cases import bench_object, random_poses
+from palpate.render.bench.clocks import OwnTurn
+from palpate.render.bench.rows import measure_trial
+from palpate.render.bench.turns import BenchOptions, Trial
 
 
 @dataclass(frozen=True)

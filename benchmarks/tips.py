@@ -18,10 +18,10 @@ import numpy as np
 import warp as wp
 from poses import random_poses
 
-from palpate.kernels.draw import Contours
-from palpate.kernels.march import march_patches
+from palpate.kernels.march.contours import march_patches
+from palpate.kernels.section.contour_writing import Contours
 from palpate.render import ImplicitObject, Palm, Placement
-from palpate.render.expression import Expression, box, cylinder, half_space, sphere, torus
+from palpate.render.objects.functions.expression import Expression, box, cylinder, half_space, sphere, torus
 
 STEP = 0.0025
 

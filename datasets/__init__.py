@@ -3,16 +3,16 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from .check import check_file
-from .hand_recording import HandRecording
-from .hand_shape import HandShape, hand_shape
-from .hand_skinning import posed_vertices
-from .motion import HandMotion, exploration, static_pose
-from .ptlist import read_ptlist, write_ptlist
-from .reader import ContourFile
-from .recording_file import load_recording
-from .shapes import shape, shape_names
-from .writer import ContourWriter
+from .contour_file.check import check_file
+from .contour_file.reader import ContourFile
+from .contour_file.writer import ContourWriter
+from .focus_files.ptlist import read_ptlist, write_ptlist
+from .hand_model.shape import HandShape, hand_shape
+from .hand_model.skinning import posed_vertices
+from .motions.hand_motion import HandMotion, exploration, static_pose
+from .recordings.files import load_recording
+from .recordings.recording import HandRecording
+from .shapes.built_in import shape, shape_names
 
 __all__ = [
     "ContourFile",

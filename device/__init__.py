@@ -11,10 +11,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from .array import ArrayModel, FocalZone, UsbIdentity, array_model, array_names
+from .boards.emulator.link import UsbLink
+from .boards.emulator.usb_side import EmulatorBackend, Fault, FaultKind
 from .clock import Clock, MonotonicClock, VirtualClock
 from .codec import encode_frames, off_frame
 from .discovery import ArrayInfo, find_arrays, find_serial_arrays, open_link, udev_rule
-from .emulator import EmulatorBackend, Fault, FaultKind
 from .errors import (
     DeviceBusyError,
     DeviceError,
@@ -33,11 +34,10 @@ from .errors import (
     UpdateRateError,
     WatchdogError,
 )
-from .limits import Limits
 from .link import BoardStatus, Link
-from .player import Player
+from .playing.limits import Limits
+from .playing.player import Player
 from .report import Lateness, LiveStatistics, PlayReport, QueueDepth, Underrun
-from .usb import UsbLink
 
 __all__ = [
     "ArrayInfo",

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .array_name import ALIASES, canonical_name
+from .boards.pat16.board_file import CalibrationError, read_pat
 from .errors import UpdateRateError
-from .pat_file import CalibrationError, read_pat
 
 _Number = TypeVar("_Number", bound=np.generic)
 
@@ -281,7 +281,7 @@ def _emulator() -> ArrayModel:
 
 @cache
 def _pat16() -> ArrayModel:
-    """A UCL/OpenMPD board as its published board files have it; each single one needs its own (docs/guide/boards.md)."""
+    """A UCL/OpenMPD board as published board files describe it; each board needs its own (docs/guide/boards.md)."""
     return _facing_up(
         "pat16",
         _flat_grid(16, 16, _PITCH),

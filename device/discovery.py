@@ -9,18 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .array import ArrayModel, array_model, array_names
+from .boards.emulator.link import UsbLink
+from .boards.pat16.board_file import read_pat
+from .boards.pat16.link import PatLink
+from .boards.sonicsurface.link import SonicLink
 from .clock import Clock
 from .link import Link
-from .lookup import DeviceStrings, candidates, driver_is_bound, matches, strings_of
-from .pat16 import PatLink
-from .pat_file import read_pat
-from .pyserial import SystemPorts
-from .pyusb import Backend, UsbDevice, UsbError, claim, dispose
-from .serial_line import PortInfo, SerialPorts
-from .serial_lookup import likely_ports, no_permission
-from .sonicsurface import SonicLink
-from .transport import TransportKind
-from .usb import UsbLink
+from .transports.pyserial import SystemPorts
+from .transports.pyusb import Backend, UsbDevice, UsbError, claim, dispose
+from .transports.serial_line import PortInfo, SerialPorts
+from .transports.serial_lookup import likely_ports, no_permission
+from .transports.transport import TransportKind
+from .transports.usb_lookup import DeviceStrings, candidates, driver_is_bound, matches, strings_of
 
 UDEV_FILE = "/etc/udev/rules.d/70-palpate.rules"
 """Where udev looks for rules of ours; its number must be below 73 for `uaccess` to work."""
@@ -121,7 +121,7 @@ def open_link(
             model, serial=serial, backend=bus, clock=clock, transport=transport, uncalibrated=uncalibrated
         )
     if model.name == "autd3":
-        from .autd3 import open_autd3  # an optional package stands behind it
+        from .boards.autd3.link import open_autd3  # an optional package stands behind it
 
         return open_autd3(model, address=serial)
     return UsbLink.open(model, serial=serial, backend=bus, clock=clock, transport=transport)

@@ -8,25 +8,47 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 # Poses to contours of a mesh on patches.
-RENDER_STAGES = ("flush", "trace", "events", "seek", "close", "draw", "plane_loops", "measure")
+RENDER_STAGES = (
+    "flush",
+    "section.scan_search",
+    "section.clip_events",
+    "section.tree_search",
+    "section.joining",
+    "section.contour_writing",
+    "section.plane_loops",
+    "metrics.measure",
+)
 FIELD_STAGES = (
-    "march_sample",
-    "march_grid",
-    "march_lines",
-    "march_turn",
-    "march_follow",
-    "march_walk",
-    "skin",
-    "skin_walk",
-    "solid",
-    "move",
+    "march.sample",
+    "march.grid",
+    "march.lines",
+    "march.turn",
+    "march.follow",
+    "march.walk",
+    "skin.curves",
+    "skin.walk",
+    "fields.mesh_inside",
+    "stages.move",
 )  # of others
-POINT_STAGES = ("contact", "overlap", "tour")  # to paths through points
-FOLLOWING_STAGES = ("cut", "joint", "prune", "prune_close", "prune_hidden", "simplify", "depth", "nearest")
-MOTION_STAGES = ("contour_shift",)  # from pose to pose
-OBJECT_STAGES = ("crossing", "nesting", "voxelise")  # what is made of objects before
-SWEEP_STAGES = ("random_pose", "tally", "tally_pieces")  # poses made where they are used, and sums over them
-DRIVE_STAGES = ("focus", "solve", "slew")  # focal points to phases
+POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths through points
+FOLLOWING_STAGES = (
+    "stages.cut",
+    "stages.joint",
+    "stages.prune",
+    "stages.prune_crowded",
+    "stages.prune_hidden",
+    "stages.simplify",
+    "solids.depth",
+    "solids.nearest",
+)
+MOTION_STAGES = ("metrics.contour_shift",)  # from pose to pose
+OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
+SWEEP_STAGES = (
+    "metrics.random_pose",
+    "metrics.tally",
+    "section.tally_undrawn",
+)  # poses made where they are used, and sums over them
+DRIVE_STAGES = ("driving.focus", "driving.solve", "driving.slew")  # focal points to phases
 STAGES = (
     *RENDER_STAGES,
     *FIELD_STAGES,
@@ -57,7 +79,7 @@ def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> No
     """
     import warp as wp
 
-    from .ragged import BLOCK
+    from .offsets import BLOCK
 
     for stage in stages:  # a CPU has blocks of one
         block = 1 if wp.get_device(device).is_cpu else BLOCK

@@ -9,8 +9,8 @@ from .patch import EXACT, Patch
 wp.set_module_options(EXACT)
 
 FLUSH_RATE = 3.0 * 2.0**-23
-"""Default flush for each metre of the largest coordinate: three float32 spacings (docs/measured/performance.md: what was
-measured: a resting palm needs 1.4, that of an object that moves 2.1)."""
+"""Default flush for each metre of the largest coordinate: three float32 spacings.
+Measured (docs/measured/performance.md): a resting palm needs 1.4, that of an object that moves 2.1."""
 
 
 @wp.kernel

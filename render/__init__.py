@@ -6,56 +6,64 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     __version__: str
 
-    from .batch import render
-    from .contours import ContourBatch
-    from .detail import simplify
-    from .drive import Driver, DriveStrategy, drive_focus
-    from .flat_planes import flat_hand
+    from .contour_batch import ContourBatch
     from .focal_spot import focal_width
-    from .hands import Palm
-    from .implicit import ImplicitObject
-    from .instant import Instant
-    from .mesh_hand import MeshHand
-    from .objects import MeshObject, Placement
-    from .patch_points import array_points
-    from .plane_hand import HandPatch, PatchJoint, PlaneHand
-    from .playback import Connection, play_file
-    from .recorder import record
-    from .rig import PlacedArray, load_rig
-    from .sampling import FocalPoints, Sampler, SamplingStrategy, dwell_map, load_sampling, preset, sample_contours
-    from .scene import Scene
-    from .several_hands import together
-    from .stages import Stage, register_point_function, register_prune, register_transform
-    from .strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
-    from .summary import summarise
-    from .voxeliser import voxelise
-    from .voxels import VoxelObject
+    from .hands.combined_hands import together
+    from .hands.flat_hand import flat_hand
+    from .hands.hand import Palm
+    from .hands.mesh_hand import MeshHand
+    from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand
+    from .intersection.batch_rendering import render
+    from .intersection.file_recording import record
+    from .intersection.patch_points import array_points
+    from .intersection.scene import Scene
+    from .objects.functions.implicit_object import ImplicitObject
+    from .objects.level_of_detail import simplify
+    from .objects.mesh.solid_mesh import MeshObject, Placement
+    from .objects.voxels.voxel_object import VoxelObject
+    from .objects.voxels.voxeliser import voxelise
+    from .playback.drive import Driver, DriveStrategy, drive_focus
+    from .playback.file_playback import Connection, play_file
+    from .playback.live import Instant
+    from .playback.placed_arrays import PlacedArray, load_rig
+    from .reports.file_summary import summarise
+    from .sampling.contour_sampling import (
+        FocalPoints,
+        Sampler,
+        SamplingStrategy,
+        dwell_map,
+        load_sampling,
+        preset,
+        sample_contours,
+    )
+    from .stages.registry import Stage, register_point_function, register_prune, register_transform
+    from .strategies.intersection_strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
 
 _ROOMS = {
-    "batch": "render",
-    "contours": "ContourBatch",
-    "detail": "simplify",
-    "drive": "Driver DriveStrategy drive_focus",
-    "flat_planes": "flat_hand",
+    "contour_batch": "ContourBatch",
     "focal_spot": "focal_width",
-    "hands": "Palm",
-    "implicit": "ImplicitObject",
-    "instant": "Instant",
-    "mesh_hand": "MeshHand",
-    "objects": "MeshObject Placement",
-    "patch_points": "array_points",
-    "plane_hand": "HandPatch PatchJoint PlaneHand",
-    "playback": "Connection play_file",
-    "recorder": "record",
-    "rig": "PlacedArray load_rig",
-    "sampling": "FocalPoints Sampler SamplingStrategy dwell_map load_sampling preset sample_contours",
-    "scene": "Scene",
-    "several_hands": "together",
-    "stages": "Stage register_point_function register_prune register_transform",
-    "strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
-    "summary": "summarise",
-    "voxeliser": "voxelise",
-    "voxels": "VoxelObject",
+    "hands.combined_hands": "together",
+    "hands.flat_hand": "flat_hand",
+    "hands.hand": "Palm",
+    "hands.mesh_hand": "MeshHand",
+    "hands.plane_hand": "HandPatch PatchJoint PlaneHand",
+    "intersection.batch_rendering": "render",
+    "intersection.file_recording": "record",
+    "intersection.patch_points": "array_points",
+    "intersection.scene": "Scene",
+    "objects.functions.implicit_object": "ImplicitObject",
+    "objects.level_of_detail": "simplify",
+    "objects.mesh.solid_mesh": "MeshObject Placement",
+    "objects.voxels.voxel_object": "VoxelObject",
+    "objects.voxels.voxeliser": "voxelise",
+    "playback.drive": "Driver DriveStrategy drive_focus",
+    "playback.file_playback": "Connection play_file",
+    "playback.live": "Instant",
+    "playback.placed_arrays": "PlacedArray load_rig",
+    "reports.file_summary": "summarise",
+    "sampling.contour_sampling": "FocalPoints Sampler SamplingStrategy dwell_map load_sampling preset sample_contours",
+    "stages.registry": "Stage register_point_function register_prune register_transform",
+    "strategies.intersection_strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
 }
 """What each module has that scripts use: it is imported when that is asked for, as a command needs few of them."""
 

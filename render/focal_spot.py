@@ -9,7 +9,7 @@ import numpy as np
 from ..datasets.rigid import rotated
 from ..device.array import ArrayModel, array_model
 from .errors import StrategyError
-from .fields import require_number
+from .validation import require_number
 
 PISTON_RADIUS = 4.5e-3  # [m]; of a 40 kHz transducer of 10 mm, as simulators have it
 SPEED_OF_SOUND = 343.0  # [m/s]

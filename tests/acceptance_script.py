@@ -5,9 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.device.bus import emulated_backend
-from palpate.render import acceptance_frames, console, playback
-from palpate.render.acceptance import run_acceptance
+from palpate.device.emulation.emulated_backend import emulated_backend
+from palpate.render.playback.file_playback import file_playback as playback
+from palpate.render.selftest.acceptance import run_acceptance
+from palpate.render.selftest.stimuli import frames as acceptance_frames
+from palpate.render.terminal.foreign_text import console
 
 EXPECTED = {
     "silent": "silent", "corner": "corner", "corner-x": "near-right", "corner-y": "far-left", "focus": "right-near",

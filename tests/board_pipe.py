@@ -6,9 +6,9 @@ from array import array
 from collections import deque
 from collections.abc import Callable
 
-from palpate.device.bus import EmulatedBus
-from palpate.device.libusb import CANCELLED, COMPLETED, Completion
-from palpate.device.pat_board import PatBoard
+from palpate.device.boards.pat16.model import PatBoard
+from palpate.device.emulation.emulated_backend import EmulatedBus
+from palpate.device.transports.libusb import CANCELLED, COMPLETED, Completion
 
 
 class BoardPipe:

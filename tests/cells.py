@@ -8,11 +8,11 @@ import trimesh
 from expression_oracle import value as oracle_value
 
 from palpate.render import MeshObject, Palm
-from palpate.render.contours import ContourBatch
-from palpate.render.expression import box, capsule, cylinder, sphere
-from palpate.render.implicit import ImplicitObject
-from palpate.render.isosurface import isosurface
-from palpate.render.voxeliser import voxelise
+from palpate.render.contour_batch import ContourBatch
+from palpate.render.objects.functions.expression import box, capsule, cylinder, sphere
+from palpate.render.objects.functions.implicit_object import ImplicitObject
+from palpate.render.objects.isosurface import isosurface
+from palpate.render.objects.voxels.voxeliser import voxelise
 
 MIDDLE = (0.0, 0.0, 0.2)
 SOLIDS = ("cube", "sphere", "tube", "dog")

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 import xxhash
 
-from palpate.datasets import assembly, hdf5_image, hdf5_output, part_log, part_reader, parts, seal
-from palpate.datasets import rows as rows_module
-from palpate.datasets.header import FileHeader
-from palpate.datasets.schema import PRUNED_NAMES
-from palpate.datasets.writer import ContourWriter
+from palpate.datasets.contour_file import assembly, part_log, part_reader, parts, seal
+from palpate.datasets.contour_file import rows as rows_module
+from palpate.datasets.contour_file.header import FileHeader
+from palpate.datasets.contour_file.writer import ContourWriter
+from palpate.datasets.storage import hdf5_image, hdf5_output
+from palpate.datasets.storage.schema import PRUNED_NAMES
 
 Batch = dict[str, np.ndarray]
 

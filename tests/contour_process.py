@@ -9,9 +9,9 @@ from pathlib import Path
 
 from contour_cases import make_contours, make_header, write_ranges
 
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.writer import ContourWriter
 
 
 def say(*words: object) -> None:

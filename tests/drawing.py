@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from palpate.kernels.close import join_pieces
-from palpate.kernels.draw import draw_contours
-from palpate.kernels.find import find_pieces
-from palpate.kernels.measure import measure_contours
+from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.patch import ON, Patch
-from palpate.kernels.surface import HalfEdges, upload_surface
+from palpate.kernels.section.contour_writing import draw_contours
+from palpate.kernels.section.half_edges import HalfEdges, upload_surface
+from palpate.kernels.section.joining import join_pieces
+from palpate.kernels.section.piece_search import find_pieces
 
 METHODS = ("trace", "seek")
 STRATEGIES = {"raw": (False, False), "oc": (True, False), "cc": (True, True)}  # whether bounded, whether closed

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.render import expression as ex
-from palpate.render.expression_file import KINDS
+from palpate.render.objects.functions.expression_json import KINDS
+from palpate.render.objects.mesh.solid_mesh.functions import expression as ex
 
 
 def value(e, x):

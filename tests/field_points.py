@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from palpate.kernels.field import MODULE, root_function
+from palpate.kernels.fields.field import MODULE, root_function
 
 
 @cache

@@ -23,7 +23,13 @@ from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
-PRELOADED = ["fuzz_child", "palpate.render.job", "palpate.render.play_job", "palpate.render.sweep_plan", "trimesh"]
+PRELOADED = [
+    "fuzz_child",
+    "palpate.render.cli.file_commands",
+    "palpate.render.cli.play_commands",
+    "palpate.render.sweeps.sweep_plan",
+    "trimesh",
+]
 CASE_SECONDS, AGAIN_SECONDS = 5.0, 25.0
 """How long a case may take; one that took longer is tried again, alone, before it is called a hang."""
 PREPARE_SECONDS = 600.0

@@ -16,7 +16,7 @@ def command(*arguments: object) -> str:
     """Standard output and error of a command that ends with 0; Refused with its sentence where it ends with 1 or 2."""
     from typer.testing import CliRunner
 
-    from palpate.render.cli import app
+    from palpate.render.cli.app import app
 
     os.environ["PALPATE_TRACEBACK"] = "1"  # raw errors come through
     result = CliRunner().invoke(app, [str(a) for a in arguments])
@@ -34,7 +34,7 @@ def command(*arguments: object) -> str:
 
 def rendered_seeds(folder: Path) -> None:
     """What the commands read together: an object, a motion, a strategy."""
-    from palpate.datasets import exploration
+    from palpate.datasets.motions import exploration
 
     for name in ("motion", "strategy", "object", "hand"):
         own = folder / name
@@ -72,7 +72,7 @@ def run_on_contours(path: Path) -> Any:
 
 
 def playable_seeds(folder: Path) -> None:
-    from palpate.datasets import exploration
+    from palpate.datasets.motions import exploration
     from palpate.render import MeshObject, Palm, closed_contour, record
 
     cube = MeshObject.load("cube")

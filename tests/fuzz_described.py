@@ -68,7 +68,7 @@ def read_hand(path: Path) -> Any:
 def volume_seeds(folder: Path) -> None:
     from voxel_cases import ball, balled
 
-    from palpate.render.voxel_files import save_voxels
+    from palpate.render.objects.voxels.files import save_voxels
 
     shape = (9, 8, 10)
     thing = balled(ball(shape, (0.01, 0.01, 0.01)), spacing=0.01)
@@ -94,8 +94,8 @@ def read_volume(path: Path) -> Any:
 
 
 def cache_seeds(folder: Path) -> None:
-    from palpate.render.mend import Repair, mend_mesh
-    from palpate.render.mesh_cache import write_entry
+    from palpate.render.objects.mesh.cache import write_entry
+    from palpate.render.objects.mesh.repair import Repair, mend_mesh
 
     mesh = box()
     write_entry(
@@ -104,7 +104,7 @@ def cache_seeds(folder: Path) -> None:
 
 
 def read_cache(path: Path) -> Any:
-    from palpate.render.mesh_cache import read_entry
+    from palpate.render.objects.mesh.cache import read_entry
 
     found = read_entry(path)
     if found is None:
@@ -143,7 +143,7 @@ def read_strategy(path: Path) -> Any:
 
 
 def sampling_seeds(folder: Path) -> None:
-    from palpate.render.sampling import PRESETS
+    from palpate.render.sampling.contour_sampling import PRESETS
 
     for name, made in list(PRESETS.items())[:4]:
         (folder / f"{name}.json").write_text(made().to_json())
@@ -158,7 +158,7 @@ def read_sampling(path: Path) -> Any:
 def text_seeds(folder: Path) -> None:
     from sweep_rows import recipe
 
-    from palpate.device.limits import Limits
+    from palpate.device.playing.limits import Limits
     from palpate.render import DriveStrategy
 
     (folder / "drive.json").write_text(DriveStrategy().to_json())
@@ -168,9 +168,9 @@ def text_seeds(folder: Path) -> None:
 
 def read_texts(path: Path) -> Any:
     """Descriptions that other files hold, as text."""
-    from palpate.device.limits import Limits
+    from palpate.device.playing.limits import Limits
     from palpate.render import DriveStrategy
-    from palpate.render.sweep_recipe import Recipe
+    from palpate.render.sweeps.sweep_recipe import Recipe
 
     try:
         text = path.read_text(encoding="utf-8")
@@ -207,7 +207,7 @@ def plan_seeds(folder: Path) -> None:
 
 
 def read_plan(folder: Path) -> Any:
-    from palpate.render.sweep_plan import load_plans
+    from palpate.render.sweeps.sweep_plan import load_plans
 
     return load_plans([folder / "study.toml"]).described()
 

@@ -120,7 +120,7 @@ def read_motion(path: Path) -> Any:
 
 
 def recording_seeds(folder: Path) -> None:
-    from palpate.datasets.recording_sample import write_sample
+    from palpate.datasets.recordings.sample import write_sample
 
     for form in ("leap", "openxr", "webxr", "mediapipe"):
         for suffix in (".json", ".csv"):
@@ -140,14 +140,14 @@ def read_recording(path: Path) -> Any:
 
 
 def alignment_seeds(folder: Path) -> None:
-    from palpate.datasets.hand_alignment import write_alignment
+    from palpate.datasets.recordings.alignment import write_alignment
 
     write_alignment(folder / "pose.json", [0, 0.1, 0, 0.70710678, 0, 0, 0.70710678])
     (folder / "matrix.json").write_text('{"matrix": [[1,0,0,0],[0,0,-1,0.12],[0,1,0,0],[0,0,0,1]]}')
 
 
 def read_alignment(path: Path) -> Any:
-    from palpate.datasets.hand_alignment import alignment_pose
+    from palpate.datasets.recordings.alignment import alignment_pose
 
     pose = alignment_pose(path)
     refuse_far(pose[:3])
@@ -161,7 +161,7 @@ COLUMNS = {"pose": np.arange(300), "length": np.linspace(0, 1, 300, dtype=np.flo
 
 
 def table_seeds(folder: Path) -> None:
-    from palpate.datasets.table import write_parquet, write_table
+    from palpate.datasets.sweeps.table import write_parquet, write_table
 
     columns = {
         "recipe_hash": [f"h{k}" for k in range(20)],
@@ -176,7 +176,7 @@ def table_seeds(folder: Path) -> None:
 
 
 def stream_seeds(folder: Path) -> None:
-    from palpate.datasets.table_stream import TableWriter
+    from palpate.datasets.sweeps.table_stream import TableWriter
 
     with TableWriter(folder / "stream.h5", {"maker": "me"}, units={"length": "m"}) as table:
         for _ in range(3):
@@ -184,8 +184,8 @@ def stream_seeds(folder: Path) -> None:
 
 
 def read_table(path: Path) -> Any:
-    from palpate.datasets.table import column_units, load_table, table_attributes
-    from palpate.render.sweep_compare import load_baseline
+    from palpate.datasets.sweeps.table import column_units, load_table, table_attributes
+    from palpate.render.sweeps.sweep_compare import load_baseline
 
     found = load_table(path), table_attributes(path), column_units(path)
     if "recipe_hash" in found[0]:
@@ -198,20 +198,20 @@ def damage_table(path: Path, rng: Any) -> str:
 
 
 def shard_rows() -> tuple[list[Any], list[Any]]:
-    from palpate.datasets.sweep_shard import ShardRow
+    from palpate.datasets.sweeps.sweep_shard import ShardRow
 
     rows = [ShardRow("contours", "k", 0, {"poses": 3, "name": "ü"}), ShardRow("poses", "k", 1, {"stat": [1, 0.5]})]
     return rows, [None, COLUMNS]
 
 
 def shard_seeds(folder: Path) -> None:
-    from palpate.datasets.sweep_shard import write_shard
+    from palpate.datasets.sweeps.sweep_shard import write_shard
 
     write_shard(folder / "a.h5", *shard_rows(), maker=MAKER)
 
 
 def read_a_shard(path: Path) -> Any:
-    from palpate.datasets.sweep_shard import read_shard, shard_columns
+    from palpate.datasets.sweeps.sweep_shard import read_shard, shard_columns
 
     shard = read_shard(path)
     found = {"rows": [vars(row) for row in shard.rows], "columns": list(shard.columns)}
@@ -221,8 +221,8 @@ def read_a_shard(path: Path) -> Any:
 
 
 def store_seeds(folder: Path) -> None:
-    from palpate.datasets.sweep_shard import ShardRow, write_shard
-    from palpate.datasets.sweep_store import SweepStore
+    from palpate.datasets.sweeps.sweep_shard import ShardRow, write_shard
+    from palpate.datasets.sweeps.sweep_store import SweepStore
 
     own = folder / "a.sweep"
     with SweepStore(own, maker=MAKER) as store:
@@ -238,7 +238,7 @@ def store_seeds(folder: Path) -> None:
 
 def read_store(folder: Path) -> Any:
     """All that a store gives back; parts that it says are not done may be missing, and no others."""
-    from palpate.datasets.sweep_store import SweepStore
+    from palpate.datasets.sweeps.sweep_store import SweepStore
 
     keys = [("poses", "k"), *(("contours", f"k{k}") for k in range(60))]
     with SweepStore(folder, maker=MAKER) as store:
@@ -259,7 +259,7 @@ def damage_store(path: Path, rng: Any) -> str:
 
 
 def frame_seeds(folder: Path) -> None:
-    from palpate.datasets.frame_file import FrameField, FrameFile
+    from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 
     rng = np.random.default_rng(1)
     about = {"version": np.array([1, 0], np.int32), "recipe": '{"thing": {"name": "my thing"}}'}
@@ -278,7 +278,7 @@ def frame_seeds(folder: Path) -> None:
 
 
 def read_frames(path: Path) -> Any:
-    from palpate.datasets.frame_reader import FOCAL_POINTS, FrameReader, check_frames
+    from palpate.datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, check_frames
 
     problems = check_frames(path)
     with FrameReader(path) as file:

@@ -20,10 +20,10 @@ import numpy as np
 from contour_cases import everything, make_contours, write_file
 from h5py import h5d, h5p, h5s, h5t, h5z
 
-from palpate.datasets.frame_file import FrameField, FrameFile
-from palpate.datasets.motion import HandMotion
-from palpate.datasets.sweep_shard import ShardRow, write_shard
-from palpate.datasets.table import write_table
+from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
+from palpate.datasets.motions.hand_motion import HandMotion
+from palpate.datasets.sweeps.sweep_shard import ShardRow, write_shard
+from palpate.datasets.sweeps.table import write_table
 
 POSES = 30
 OPERATIONS = {

@@ -21,15 +21,15 @@ from hostile_hdf5 import CASES, OPERATIONS, sound, write_case
 
 from palpate.datasets import ContourFile, HandMotion, check_file
 from palpate.datasets.errors import DatasetError
-from palpate.datasets.frame_reader import FrameReader, check_frames, frame_format
-from palpate.datasets.sweep_shard import read_shard, shard_columns
-from palpate.datasets.table import column_units, load_table, table_attributes
+from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames, frame_format
+from palpate.datasets.sweeps.sweep_shard import read_shard, shard_columns
+from palpate.datasets.sweeps.table import column_units, load_table, table_attributes
+from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock
-from palpate.device.emulator import EmulatorBackend
 from palpate.device.errors import DeviceError
 from palpate.render.errors import RenderError
-from palpate.render.playback import Connection, play_file
-from palpate.render.summary import summarise, summarise_frames
+from palpate.render.playback.file_playback import Connection, play_file
+from palpate.render.reports.file_summary import summarise, summarise_frames
 
 LIMIT = 10.0
 """[s] that an operation on a file of 300 kB may take, on a busy machine."""

@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 from oracles import rotation
 
-from palpate.kernels.field import Field, distance_ball
-from palpate.kernels.march import march_patches
-from palpate.render.contours import ContourBatch
-from palpate.render.hands import Palm
+from palpate.kernels.fields.field import Field, distance_ball
+from palpate.kernels.march.contours import march_patches
+from palpate.render.contour_batch import ContourBatch
+from palpate.render.hands.hand import Palm
 
 CENTER = np.array([0.003, -0.002, 0.2])
 FLAT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]

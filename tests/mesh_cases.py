@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.datasets.shapes import shape
+from palpate.datasets.shapes.built_in import shape
 
 MIDDLE = np.array([0.0, 0.0, 0.2])
 

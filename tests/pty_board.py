@@ -9,8 +9,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from palpate.device.boards.sonicsurface.model import BAUD, SonicBoard
 from palpate.device.clock import MonotonicClock
-from palpate.device.sonic_board import BAUD, SonicBoard
 
 
 class PtyBoard:

@@ -7,10 +7,10 @@ import warp as wp
 from mesh_cases import MESHES
 from oracles import rotation, walk
 
-from palpate.kernels.skin import skin_contours
-from palpate.kernels.solid import mesh_field
-from palpate.kernels.surface import HalfEdges, upload_surface
-from palpate.render.contours import ContourBatch
+from palpate.kernels.fields.mesh_inside import mesh_field
+from palpate.kernels.section.half_edges import HalfEdges, upload_surface
+from palpate.kernels.skin.curves import skin_contours
+from palpate.render.contour_batch import ContourBatch
 
 
 @lru_cache

@@ -18,10 +18,10 @@ import numpy as np
 from sweep_store_rows import MAKER, places_of, write_rows
 
 from palpate.datasets.errors import DatasetError
-from palpate.datasets.sweep_shard import read_shard
-from palpate.datasets.sweep_store import SweepStore
-from palpate.datasets.table import column_units, load_table, table_attributes, write_parquet, write_table
-from palpate.datasets.table_stream import write_blocks
+from palpate.datasets.sweeps.sweep_shard import read_shard
+from palpate.datasets.sweeps.sweep_store import SweepStore
+from palpate.datasets.sweeps.table import column_units, load_table, table_attributes, write_parquet, write_table
+from palpate.datasets.sweeps.table_stream import write_blocks
 
 BLOCKS = (16, 64, 512, 4096)
 RECIPE_SHARDS, LEFT_SHARDS = 18, 2

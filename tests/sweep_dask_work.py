@@ -7,8 +7,8 @@ import threading
 import time
 from pathlib import Path
 
-from palpate.render import sweep_dask_work
-from palpate.render.sweep_task import Outcome, Piece, Task
+from palpate.render.sweeps import sweep_dask_work
+from palpate.render.sweeps.sweep_task import Outcome, Piece, Task
 
 
 def make_task(number, *words, store, name=None):

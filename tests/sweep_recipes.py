@@ -6,12 +6,12 @@ from hashlib import sha256
 from pathlib import Path
 
 from palpate.device.array import array_model
-from palpate.render.drive import DriveStrategy
-from palpate.render.sampling import SamplingStrategy, load_sampling
-from palpate.render.stage_source import stage_sources
-from palpate.render.strategy import draft_strategy, load_strategy
-from palpate.render.sweep_recipe import Recipe
-from palpate.render.sweep_task import Piece, Task
+from palpate.render.playback.drive import DriveStrategy
+from palpate.render.sampling.contour_sampling import SamplingStrategy, load_sampling
+from palpate.render.strategies.intersection_strategy import draft_strategy, load_strategy
+from palpate.render.strategies.user_stage_sources import stage_sources
+from palpate.render.sweeps.sweep_recipe import Recipe
+from palpate.render.sweeps.sweep_task import Piece, Task
 
 
 def digest(source):

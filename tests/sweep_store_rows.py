@@ -12,10 +12,10 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from palpate.datasets import sweep_record
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.sweep_shard import ShardRow, write_shard
-from palpate.datasets.sweep_store import SweepStore
+from palpate.datasets.sweeps import sweep_record
+from palpate.datasets.sweeps.sweep_shard import ShardRow, write_shard
+from palpate.datasets.sweeps.sweep_store import SweepStore
 
 MAKER = "palpate 0.1.0 test"
 

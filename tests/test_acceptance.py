@@ -11,16 +11,18 @@ from typer.testing import CliRunner
 from umockdev_session import write_pat_file
 
 from palpate.device.array import array_model
-from palpate.device.bus import emulated_backend
 from palpate.device.clock import VirtualClock
+from palpate.device.emulation.emulated_backend import emulated_backend
+from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.errors import DeviceNotFoundError, DeviceStallError
-from palpate.device.faults import Fault, FaultKind
-from palpate.render import acceptance_board, acceptance_report, playback
-from palpate.render.acceptance_board import PATIENCE, BoardSession
-from palpate.render.acceptance_steps import STEPS
-from palpate.render.cli import app
-from palpate.render.playback import Connection
-from palpate.render.rig import PlacedArray
+from palpate.render.cli.app import app
+from palpate.render.playback.file_playback import Connection
+from palpate.render.playback.file_playback import file_playback as playback
+from palpate.render.playback.placed_arrays import PlacedArray
+from palpate.render.selftest.board import PATIENCE, BoardSession
+from palpate.render.selftest.steps import STEPS
+from palpate.render.selftest.stimuli import board as acceptance_board
+from palpate.render.selftest.stimuli import report as acceptance_report
 
 DONE, FAILED, MISUSED = 0, 1, 2
 WRONG = [(step, answer) for step in STEPS for answer in step.answers if answer.key != EXPECTED[step.name]]
@@ -332,7 +334,7 @@ def test_patience_ends(monkeypatch):
 def test_the_command_reads_answers_from_a_pipe_as_it_stands_in_the_page(path):
     """The page's own line, in a process of its own."""
     done = subprocess.run(
-        [sys.executable, "-P", "-c", "from palpate.render.cli import main; main()", "selftest", "--acceptance",
+        [sys.executable, "-P", "-c", "from palpate.render.cli.app import main; main()", "selftest", "--acceptance",
          str(path), "--array", "sonicsurface", "--emulate", "--clock", "virtual"],
         input="\n".join(answers_of("sonicsurface")), capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip

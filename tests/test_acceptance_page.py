@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.device.report import PlayReport
-from palpate.render.acceptance_steps import STEPS, steps_for
+from palpate.render.selftest.steps import STEPS, steps_for
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs/guide/first-contact.md").read_text()

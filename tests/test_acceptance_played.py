@@ -13,7 +13,7 @@ from acceptance_script import answers_of, emitting, shorten, spend_hour, steps_o
 from board_field import CARRIER, FOCUS, SPEED_OF_SOUND, brightest_point
 from wire_decoders import DECODERS, GRID
 
-from palpate.device.player import Player
+from palpate.device.playing.player import Player
 
 MOST = 12_000  # frames of a stimulus: 1.2 s at 10 kHz, more than a turn
 QUARTER = 42.0  # [mm]: mean of 5.25, 15.75, ... 78.75

@@ -9,10 +9,10 @@ import sys
 import pytest
 from acceptance_script import Emulated, answers_of, shorten, spend_hour, steps_of
 
-from palpate.render.acceptance_frames import Stimulus
+from palpate.render.selftest.frames import Stimulus
 
 FAILED = 1
-COMMAND = [sys.executable, "-P", "-c", "from palpate.render.cli import main; main()", "selftest", "--emulate"]
+COMMAND = [sys.executable, "-P", "-c", "from palpate.render.cli.app import main; main()", "selftest", "--emulate"]
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from palpate.device.array import array_model
-from palpate.device.autd3 import BANK_FRAMES_MAX, Autd3Link
+from palpate.device.boards.autd3.link import BANK_FRAMES_MAX, Autd3Link
 from palpate.device.codec import encode_frames, off_frame
 from palpate.device.errors import DeviceTimeoutError, FrameError, LinkError, UpdateRateError
 
 vendor = pytest.importorskip("autd3", reason="the vendor's package autd3 is not installed")
 pytest.importorskip("autd3_emulator", reason="the vendor's package autd3-emulator is not installed")
-client = pytest.importorskip("palpate.device.autd3_client")
+client = pytest.importorskip("palpate.device.boards.autd3.vendor_client")
 recorder = pytest.importorskip("autd3_recorder")
 assert_plays, is_emitting = recorder.assert_plays, recorder.is_emitting
 

@@ -13,22 +13,22 @@ from array import array
 import numpy as np
 import pytest
 
-from palpate.datasets.motion import HandMotion, exploration
-from palpate.datasets.reader import ContourFile
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.motions.hand_motion import HandMotion, exploration
 from palpate.device.array import array_model
-from palpate.device.autd3 import Autd3Link, open_autd3
+from palpate.device.boards.autd3.link import Autd3Link, open_autd3
 from palpate.device.codec import encode_frames
 from palpate.device.discovery import open_link
 from palpate.device.errors import DeviceLostError, DeviceNotFoundError, NoBackendError
-from palpate.device.player import Player
+from palpate.device.playing.player import Player
 from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, render
-from palpate.render.drive import drive_focus
-from palpate.render.recorder import record
-from palpate.render.sampling import FocalPoints, Sampler, SamplingStrategy, sample_contours
+from palpate.render.intersection.file_recording import record
+from palpate.render.playback.drive import drive_focus
+from palpate.render.sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy, sample_contours
 
 vendor = pytest.importorskip("autd3", reason="the vendor's package autd3 is not installed")
 pytest.importorskip("autd3_emulator", reason="the vendor's package autd3-emulator is not installed")
-client = pytest.importorskip("palpate.device.autd3_client")
+client = pytest.importorskip("palpate.device.boards.autd3.vendor_client")
 recorder = pytest.importorskip("autd3_recorder")
 
 MODEL = array_model("autd3")
@@ -188,7 +188,7 @@ _HOST = """
 import sys
 from array import array
 from palpate.device.array import array_model
-from palpate.device.autd3 import open_autd3
+from palpate.device.boards.autd3.link import open_autd3
 from palpate.device.errors import LinkError
 frames = array("B", bytes([128]) * 498 * 1500)
 with open_autd3(array_model("autd3"), address=sys.argv[1]) as link:
@@ -225,7 +225,7 @@ def test_what_is_not_there_is_named():
 
 
 def test_without_the_package_the_command_that_installs_it_is_named(monkeypatch):
-    monkeypatch.delitem(sys.modules, "palpate.device.autd3_client", raising=False)
+    monkeypatch.delitem(sys.modules, "palpate.device.boards.autd3.vendor_client", raising=False)
     monkeypatch.setitem(sys.modules, "autd3", None)
     with pytest.raises(NoBackendError, match=re.escape("pip install 'palpate[autd3]'")):
         open_autd3(MODEL)

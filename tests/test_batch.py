@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.datasets.errors import MotionError
-from palpate.datasets.motion import HandMotion
-from palpate.datasets.shapes import shape_names
+from palpate.datasets.motions.hand_motion import HandMotion
+from palpate.datasets.shapes.built_in import shape_names
 from palpate.render import (
     ContourBatch,
     IntersectionStrategy,
@@ -19,10 +19,10 @@ from palpate.render import (
     record,
     render,
 )
-from palpate.render.batch import POINT_BYTES, rendered_chunks
-from palpate.render.contours import HAND, OBJECT, join_batches, object_part
+from palpate.render.contour_batch import HAND, OBJECT, join_batches, object_part
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.scene import Scene
+from palpate.render.intersection.batch_rendering import POINT_BYTES, rendered_chunks
+from palpate.render.intersection.scene import Scene
 
 OBJECTS = {name: MeshObject.load(name) for name in shape_names()}
 PALM = Palm()

@@ -11,10 +11,8 @@ import trimesh
 import warp as wp
 from typer.testing import CliRunner
 
-from palpate.render import bench_curve, bench_first_use, bench_measure
-from palpate.render.bench_curve import pose_curve, power, triangle_curve
-from palpate.render.bench_first_use import measure_first_use
-from palpate.render.bench_measure import (
+from palpate.render.bench.cases import bench_object, bench_poses, blob, random_poses
+from palpate.render.bench.clocks import (
     COPY_COUNT,
     Clocks,
     CopyTurn,
@@ -25,15 +23,19 @@ from palpate.render.bench_measure import (
     interleaved,
     memory_peak,
 )
-from palpate.render.bench_objects import bench_object, bench_poses, blob, random_poses
-from palpate.render.bench_turns import BenchOptions
-from palpate.render.cli import app
-from palpate.render.contours import ContourBatch
+from palpate.render.bench.curves import pose_curve, power, triangle_curve
+from palpate.render.bench.first_use import measure_first_use
+from palpate.render.bench.peers import one_core
+from palpate.render.bench.report import clocks as bench_measure
+from palpate.render.bench.report import curves as bench_curve
+from palpate.render.bench.report import first_use as bench_first_use
+from palpate.render.bench.turns import BenchOptions
+from palpate.render.cli.app import app
+from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import RenderError, StrategyError
-from palpate.render.hands import Palm
-from palpate.render.intersect import intersect
-from palpate.render.peers import one_core
-from palpate.render.strategy import closed_contour
+from palpate.render.hands.hand import Palm
+from palpate.render.intersection.mesh_section import intersect
+from palpate.render.strategies.intersection_strategy import closed_contour
 
 
 @pytest.fixture(autouse=True)

@@ -8,17 +8,18 @@ import pytest
 import warp as wp
 from typer.testing import CliRunner
 
-from palpate.render import bench_measure, bench_turns
-from palpate.render.bench_measure import Clocks
-from palpate.render.bench_objects import bench_object, random_poses
-from palpate.render.bench_rows import measure_trial
-from palpate.render.bench_sections import PalmFrames, Polylines, clipped, offsets, rings_of
-from palpate.render.bench_turns import BenchOptions, PeerTurn, Trial
-from palpate.render.cli import app
-from palpate.render.hands import Palm
-from palpate.render.intersect import intersect
-from palpate.render.peers import Declined, Peer, check_peer, find_peers, peer_classes
-from palpate.render.strategy import load_strategy
+from palpate.render.bench.cases import bench_object, random_poses
+from palpate.render.bench.clocks import Clocks
+from palpate.render.bench.peers import Declined, Peer, check_peer, find_peers, peer_classes
+from palpate.render.bench.report import clocks as bench_measure
+from palpate.render.bench.report import turns as bench_turns
+from palpate.render.bench.rows import measure_trial
+from palpate.render.bench.section_completion import PalmFrames, Polylines, clipped, offsets, rings_of
+from palpate.render.bench.turns import BenchOptions, PeerTurn, Trial
+from palpate.render.cli.app import app
+from palpate.render.hands.hand import Palm
+from palpate.render.intersection.mesh_section import intersect
+from palpate.render.strategies.intersection_strategy import load_strategy
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from throughput import OBJECTS
@@ -201,7 +202,7 @@ def test_peers_get_poses_from_all_of_the_motion():
 
 
 def test_command_shows_tables(monkeypatch):
-    monkeypatch.setattr("palpate.render.bench.find_peers", lambda wanted: ([_mirror()], find_peers("none")[1]))
+    monkeypatch.setattr("palpate.render.bench.report.find_peers", lambda wanted: ([_mirror()], find_peers("none")[1]))
     options = ("--objects=cube", "--strategies=oc", "--poses=50", "--repeats=1", "--peers=vtk")
     result = CliRunner().invoke(app, ["bench", *options], catch_exceptions=False)
     assert result.exit_code == 0, result.output

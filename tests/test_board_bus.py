@@ -15,11 +15,11 @@ import pytest
 import usb.core
 import usb.util
 
-import palpate.device.bus
-from palpate.device.bus import EmulatedBus, emulated_backend
+import palpate.device.emulation.emulated_backend
 from palpate.device.clock import VirtualClock
+from palpate.device.emulation.emulated_backend import EmulatedBus, emulated_backend
+from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.errors import UnknownArrayError
-from palpate.device.faults import Fault, FaultKind
 
 OUT, IN = 0x40, 0xC0
 RESET, FLOW, BAUD, LINE, SET_LATENCY, GET_LATENCY, BIT_MODE = 0, 2, 3, 4, 9, 0x0A, 0x0B
@@ -80,7 +80,7 @@ def raised(code: int, call: Callable[[], object]) -> None:
 
 def test_boards_are_written_from_documents_alone() -> None:
     # Followed through: nothing that a board, chip or bus imports may lead to a codec, an array model or a link.
-    folder = Path(palpate.device.bus.__file__).parent
+    folder = Path(palpate.device.emulation.emulated_backend.__file__).parent
     waiting, reached = ["bus"], set()
     while waiting:
         module = waiting.pop()
@@ -98,7 +98,7 @@ def test_boards_are_written_from_documents_alone() -> None:
 @pytest.mark.parametrize("module", ["board", "pat_board", "sonic_board", "ftdi_chip", "peripheral", "clock"])
 def test_models_need_no_usb_library(module: str) -> None:
     # So that another interpreter can run them behind another bus.
-    tree = ast.parse((Path(palpate.device.bus.__file__).parent / f"{module}.py").read_text())
+    tree = ast.parse((Path(palpate.device.emulation.emulated_backend.__file__).parent / f"{module}.py").read_text())
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
             assert node.module not in ("pyusb", "usb_bus", "bus")

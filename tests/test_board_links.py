@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.device.array import array_model
-from palpate.device.bus import EmulatedBus, emulated_backend
+from palpate.device.boards.pat16.model import pulses
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.discovery import open_link
-from palpate.device.pat_board import pulses
-from palpate.device.serial_bus import EmulatedPorts
+from palpate.device.emulation.emulated_backend import EmulatedBus, emulated_backend
+from palpate.device.emulation.serial_bus import EmulatedPorts
 
 NAMES = ("emulator", "pat16", "sonicsurface")
 OUT_ENDPOINT = {"emulator": 0x01, "pat16": 0x02}

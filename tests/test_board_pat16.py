@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.device.array import array_model
+from palpate.device.boards.pat16.model import PatBoard, decode_frames, pulses
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames, off_frame, with_divider
-from palpate.device.pat_board import PatBoard, decode_frames, pulses
 
 FRAME = 512
 TICK = 25_000  # [ns]

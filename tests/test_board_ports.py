@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import palpate.device.serial_bus
+import palpate.device.emulation.serial_bus
 from palpate.device.clock import VirtualClock
-from palpate.device.faults import Fault, FaultKind
-from palpate.device.serial_bus import ADAPTER_BYTES, DRIVER_BYTES, EmulatedPorts
-from palpate.device.serial_line import SerialPort
+from palpate.device.emulation.faults import Fault, FaultKind
+from palpate.device.emulation.serial_bus import ADAPTER_BYTES, DRIVER_BYTES, EmulatedPorts
+from palpate.device.transports.serial_line import SerialPort
 
 BAUD = 230_400
 BYTE_NS = 10e9 / BAUD
@@ -54,7 +54,7 @@ def raised(code: int, call: Callable[[], object]) -> None:
 
 def test_they_know_nothing_of_pyserial() -> None:
     for module in ("serial_bus", "serial_line", "sonic_board"):
-        tree = ast.parse((Path(palpate.device.serial_bus.__file__).parent / f"{module}.py").read_text())
+        tree = ast.parse((Path(palpate.device.emulation.serial_bus.__file__).parent / f"{module}.py").read_text())
         imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level}
         assert imported <= {"clock", "faults", "serial_line", "sonic_board"}
 

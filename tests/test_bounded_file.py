@@ -33,29 +33,29 @@ from palpate.datasets.bounded_file import (
     read_text,
     unzipped,
 )
-from palpate.datasets.durable import ABANDONED_SECONDS, temporary_name, write_file, write_temporary
 from palpate.datasets.errors import MotionError, RecordingError, SweepStoreError
-from palpate.datasets.hand_alignment import alignment_pose
-from palpate.datasets.motion import HandMotion
-from palpate.datasets.ptlist import PointListError, read_ptlist
-from palpate.datasets.recording_file import load_recording
-from palpate.datasets.table import load_table, write_parquet
-from palpate.device.pat_file import CalibrationError, read_pat
+from palpate.datasets.focus_files.ptlist import PointListError, read_ptlist
+from palpate.datasets.motions.hand_motion import HandMotion
+from palpate.datasets.recordings.alignment import alignment_pose
+from palpate.datasets.recordings.files import load_recording
+from palpate.datasets.storage.durable import ABANDONED_SECONDS, temporary_name, write_file, write_temporary
+from palpate.datasets.sweeps.table import load_table, write_parquet
+from palpate.device.boards.pat16.board_file import CalibrationError, read_pat
+from palpate.render.cli.trust_commands import code_of
 from palpate.render.errors import ImplicitError, MeshError, PlanError, StrategyError, VoxelError
-from palpate.render.expression_file import load_expression
-from palpate.render.loading import is_recording
-from palpate.render.mesh_file import load_scene
-from palpate.render.mesh_hand_file import read_hand, region_of
-from palpate.render.objects import read_mesh
-from palpate.render.rig import load_rig
-from palpate.render.sampling_presets import load_sampling
-from palpate.render.strategy import load_strategy
-from palpate.render.sweep_overrides import put_override
-from palpate.render.sweep_plan import load_plans
-from palpate.render.sweep_recipe import digest_source
-from palpate.render.sweep_values import Fault
-from palpate.render.trust_job import code_of
-from palpate.render.voxel_files import read_volume
+from palpate.render.hands.mesh_hand_file import read_hand, region_of
+from palpate.render.intersection.named_inputs import is_recording
+from palpate.render.objects.functions.expression_json import load_expression
+from palpate.render.objects.mesh.files import load_scene
+from palpate.render.objects.mesh.solid_mesh import read_mesh
+from palpate.render.objects.voxels.files import read_volume
+from palpate.render.playback.placed_arrays import load_rig
+from palpate.render.sampling.presets import load_sampling
+from palpate.render.strategies.intersection_strategy import load_strategy
+from palpate.render.sweeps.sweep_overrides import put_override
+from palpate.render.sweeps.sweep_plan import load_plans
+from palpate.render.sweeps.sweep_recipe import digest_source
+from palpate.render.sweeps.sweep_values import Fault
 
 LIMIT = 2_000_000  # of these tests [byte]
 BOMB = bytes(20 * LIMIT)
@@ -528,7 +528,9 @@ def test_a_file_is_written_past_every_link_that_was_planted(tmp_path, monkeypatc
         (tmp_path / name).symlink_to(victim)
     write_file(path, memoryview(b"new"))
     assert (path.read_bytes(), victim.read_bytes()) == (b"new", b"precious")
-    monkeypatch.setattr("palpate.datasets.durable.secrets.token_hex", lambda n: "00" * n)  # as if it were guessed
+    monkeypatch.setattr(
+        "palpate.datasets.storage.durable.secrets.token_hex", lambda n: "00" * n
+    )  # as if it were guessed
     temporary_name(path).symlink_to(victim)
     with pytest.raises(FileExistsError):
         write_temporary(temporary_name(path), memoryview(b"new"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.kernels.brick import (
+from palpate.kernels.fields.bricked_grid import (
     BRICK,
     Bricked,
     brick_reach,
@@ -14,8 +14,8 @@ from palpate.kernels.brick import (
     bricked_root,
     bricked_value,
 )
-from palpate.kernels.dense import Dense, dense_field, dense_value, pad_outside
-from palpate.kernels.field import root_of
+from palpate.kernels.fields.dense_grid import Dense, dense_field, dense_value, pad_outside
+from palpate.kernels.fields.field import root_of
 from palpate.kernels.patch import EXACT
 
 wp.set_module_options(EXACT)

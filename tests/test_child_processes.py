@@ -11,10 +11,10 @@ import pytest
 import warp as wp
 
 from palpate.device import WatchdogError, array_model
-from palpate.device.watchdog import Watchdog
-from palpate.render import kernel_cache
+from palpate.device.playing.watchdog import Watchdog
 from palpate.render.errors import KernelCacheError
-from palpate.render.kernel_cache import require_private_cache
+from palpate.render.runtime import kernel_cache
+from palpate.render.runtime.kernel_cache import require_private_cache
 
 PALPATE = [str(Path(sys.executable).with_name("palpate"))]  # not by -P, which children would inherit
 PLANTED = """numpy pickle socket struct selectors subprocess tempfile threading distributed dask multiprocessing logging
@@ -135,7 +135,7 @@ def test_a_new_cache_is_its_users_alone_and_a_shared_one_ends_the_command(tmp_pa
     made, shared = tmp_path / "made", tmp_path / "shared"
     shared.mkdir()
     shared.chmod(0o777)
-    start = "import os; os.umask(0); from palpate.render.console import start_warp; start_warp()"
+    start = "import os; os.umask(0); from palpate.render.terminal.console import start_warp; start_warp()"
     subprocess.run([sys.executable, "-c", start], env=os.environ | {"WARP_CACHE_PATH": str(made)}, check=True)
     for folder in (made, made / wp.config.version):
         assert folder.stat().st_mode & 0o777 == 0o700

@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.datasets.hand_shape import hand_shape
+from palpate.datasets.hand_model.shape import hand_shape
 from palpate.render import IntersectionStrategy, MeshHand, MeshObject, Palm, Stage, render
-from palpate.render.contours import join_batches
-from palpate.render.flat_planes import flat_hand
-from palpate.render.stages import known_stages
-from palpate.render.strategy import PRESETS
+from palpate.render.contour_batch import join_batches
+from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.stages.registry import known_stages
+from palpate.render.strategies.intersection_strategy import PRESETS
 
 COUNT = 22
 MANY = IntersectionStrategy(

@@ -18,15 +18,15 @@ from contour_cases import redigest
 from typer.testing import CliRunner
 
 from palpate.datasets import ContourFile, HandMotion, check_file, static_pose
+from palpate.datasets.contour_file.parts import read_part
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.parts import read_part
+from palpate.device.boards.emulator.usb_side import EmulatorBackend, Fault, FaultKind
 from palpate.device.clock import VirtualClock
-from palpate.device.emulator import EmulatorBackend, Fault, FaultKind
-from palpate.render import playback
-from palpate.render.cli import app
+from palpate.render.cli.app import app
+from palpate.render.playback.file_playback import file_playback as playback
 
 FAILED, MISUSED = 1, 2
-PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli import main; main()"]
+PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli.app import main; main()"]
 
 
 def run(*arguments):
@@ -244,7 +244,7 @@ def test_bad_objects_motions_and_options_are_refused(motion, tmp_path):
 
 
 def test_faults_of_its_own_are_one_sentence_too(rendered, monkeypatch):
-    from palpate.render import job
+    from palpate.render.cli.app import file_commands as job
 
     def broken(path):
         raise KeyError("planted")
@@ -349,7 +349,7 @@ def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monke
 
 def test_second_player_on_the_same_array_is_refused(rendered, monkeypatch):
     from palpate.device.array import array_model
-    from palpate.device.usb import UsbLink
+    from palpate.device.boards.emulator.link import UsbLink
 
     bus = EmulatorBackend(clock=VirtualClock())
     monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)
@@ -475,6 +475,6 @@ def assert_same_data(one, two):
 
 
 def test_nothing_heavy_is_imported_before_it_is_needed():
-    code = "import sys, palpate.render.cli; print({'matplotlib', 'trimesh', 'manifold3d'} & set(sys.modules))"
+    code = "import sys, palpate.render.cli.app; print({'matplotlib', 'trimesh', 'manifold3d'} & set(sys.modules))"
     out = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "set()"

@@ -8,12 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.datasets import ContourFile, HandMotion, check_file, load_recording, static_pose
-from palpate.datasets.recording_sample import write_sample
+from palpate.datasets.recordings.sample import write_sample
 from palpate.render import play_file
-from palpate.render.cli import app
-from palpate.render.expression import box, sphere
-from palpate.render.expression_file import expression_to_json
-from palpate.render.playback import Connection
+from palpate.render.cli.app import app
+from palpate.render.objects.functions.expression import box, sphere
+from palpate.render.objects.functions.expression_json import expression_to_json
+from palpate.render.playback.file_playback import Connection
 
 FAILED, MISUSED = 1, 2
 DOWN = static_pose([0, 0, 0.2]).pose[0, 3:]

@@ -8,11 +8,11 @@ from mesh_cases import CLOSED, MESHES, MIDDLE, comb, egg_box, generic_poses, mov
 from oracles import cut_mesh, is_degenerate, rotation, soup_length
 from scipy.spatial.transform import Rotation
 
-from palpate.kernels.find import find_pieces, method_for
-from palpate.kernels.measure import measure_contours
-from palpate.kernels.piece import SLOTS
-from palpate.kernels.ragged import PointLimitError
-from palpate.kernels.surface import MASK_WORDS, TRAIL_LARGEST
+from palpate.kernels.metrics.measure import measure_contours
+from palpate.kernels.offsets import PointLimitError
+from palpate.kernels.section.half_edges import MASK_WORDS, TRAIL_LARGEST
+from palpate.kernels.section.piece_search import find_pieces, method_for
+from palpate.kernels.section.pieces import SLOTS
 
 HALF = np.array([0.0425, 0.03])
 TOLERANCE = 1e-5  # [m]

@@ -8,8 +8,8 @@ import trimesh
 from mesh_cases import CLOSED, built_in, merged, moved, soup
 from triangle_oracle import triangles_cross
 
-from palpate.kernels import crossing as crossing_module
-from palpate.kernels.crossing import find_crossings
+from palpate.kernels.solids import crossing as crossing_module
+from palpate.kernels.solids.crossing import find_crossings
 
 APART = 64.0  # between the middles of two pairs: a power of 2, so that grids stay grids
 

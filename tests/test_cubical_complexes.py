@@ -19,8 +19,8 @@ from voxel_complexes import (
 )
 
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
-from palpate.render.mend import mend_mesh
-from palpate.render.mesh_report import MeshReport
+from palpate.render.objects.mesh.repair import mend_mesh
+from palpate.render.objects.mesh.report import MeshReport
 
 SETS = 8  # of complexes, so that one that fails is found soon
 

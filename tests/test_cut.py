@@ -5,11 +5,11 @@ import pytest
 import warp as wp
 from contour_random import kinds_agree, random_batch
 
-from palpate.kernels.cut import cut_contours, divide_segments, measure_removed
+from palpate.kernels.stages.cut import cut_contours, divide_segments, measure_removed
 from palpate.render import ContourBatch
-from palpate.render.cut import cut_batch
 from palpate.render.errors import StrategyError
-from palpate.render.stage_check import checked_batch
+from palpate.render.stages.segment_removal import cut_batch
+from palpate.render.stages.user_output_check import checked_batch
 
 
 def runs_of(kept, closed):

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from field_points import roots_between, values_at
 
-from palpate.kernels.dense import dense_field, pad_outside
+from palpate.kernels.fields.dense_grid import dense_field, pad_outside
 
 TURNED = np.array([[0.0, -0.8, 0.6], [1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
 GRIDS = {

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from palpate.device.array import array_model, array_names
 from palpate.device.array_name import ALIASES, canonical_name
+from palpate.device.boards.pat16.board_file import CalibrationError
 from palpate.device.errors import UnknownArrayError, UpdateRateError
-from palpate.device.pat_file import CalibrationError
 
 GRID = [round(-78.75 + 10.5 * step, 2) for step in range(16)]
 # published lists of wiring, as comma-separated text: OpenMPD's board files, SonicSurface.py

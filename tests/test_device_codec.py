@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from wire_decoders import DECODERS, Drive
 
 from palpate.device.array import ArrayModel, array_model, array_names
-from palpate.device.board import decode_frames, slot_position
+from palpate.device.boards.emulator.model import decode_frames, slot_position
 from palpate.device.codec import duty, encode_frames, is_emitting, off_frame, switched_count, with_divider
 from palpate.device.errors import FrameError, UnknownArrayError, UpdateRateError
 

@@ -10,24 +10,24 @@ import pytest
 import usb.core
 from test_device_array import board_lines, write
 
-from palpate.device import lookup
 from palpate.device.array import array_model, array_names
-from palpate.device.bus import emulated_backend
+from palpate.device.boards.emulator.link import UsbLink
+from palpate.device.boards.pat16.board_file import CalibrationError
+from palpate.device.boards.pat16.ftdi import FtdiPort
+from palpate.device.boards.pat16.link import PatLink
+from palpate.device.boards.sonicsurface.link import SonicLink
 from palpate.device.clock import VirtualClock
 from palpate.device.discovery import UDEV_FILE, find_arrays, find_serial_arrays, open_link, udev_rule
+from palpate.device.emulation.emulated_backend import emulated_backend
+from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.errors import (
     DeviceBusyError,
     DeviceNotFoundError,
     DevicePermissionError,
     NoBackendError,
 )
-from palpate.device.faults import Fault, FaultKind
-from palpate.device.ftdi import FtdiPort
-from palpate.device.lookup import DeviceStrings
-from palpate.device.pat16 import PatLink
-from palpate.device.pat_file import CalibrationError
-from palpate.device.sonicsurface import SonicLink
-from palpate.device.usb import UsbLink
+from palpate.device.transports import usb_lookup as lookup
+from palpate.device.transports.usb_lookup import DeviceStrings
 
 USB_BOARDS = ["emulator", "pat16"]
 EACH_BOARD = pytest.mark.parametrize("name", USB_BOARDS)
@@ -129,7 +129,9 @@ def test_without_libusb_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_strangers_device_with_the_shared_test_ids_is_no_array(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.device.lookup.strings_of", lambda _: DeviceStrings("somebody", "a keyboard", "1"))
+    monkeypatch.setattr(
+        "palpate.device.transports.usb_lookup.strings_of", lambda _: DeviceStrings("somebody", "a keyboard", "1")
+    )
     bus = emulated_backend("emulator", clock=VirtualClock())
     with pytest.raises(DeviceNotFoundError, match="array emulator was not found: plug it in"):
         open_link(array_model("emulator"), backend=bus)

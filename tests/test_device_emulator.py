@@ -16,7 +16,7 @@ import usb.util
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import palpate.device.emulator
+import palpate.device.boards.emulator.usb_side
 from palpate.device import EmulatorBackend, Fault, FaultKind, VirtualClock
 
 FRAME = 512
@@ -71,7 +71,7 @@ def imported_modules(path: Path) -> set[str]:
 
 def test_the_emulator_knows_nothing_of_codec_array_or_drive() -> None:
     # Followed through: what it imports of this package must not lead there either.
-    folder = Path(palpate.device.emulator.__file__).parent
+    folder = Path(palpate.device.boards.emulator.usb_side.__file__).parent
     waiting, reached = ["emulator"], set()
     while waiting:
         name = waiting.pop()

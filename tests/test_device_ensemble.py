@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from palpate.device import EmulatorBackend, Fault, FaultKind, Link, PlayInterrupted, array_model, open_link
-from palpate.device.ensemble import play_together
 from palpate.device.errors import DeviceTimeoutError, LinkError, UpdateRateError
+from palpate.device.playing.ensemble import play_together
 
 RATE = 10e3
 WIRE = array("B", np.full((100, 512), 200, np.uint8).tobytes())

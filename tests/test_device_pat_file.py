@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from test_device_array import board_lines, write
 
 from palpate.device.array import array_model
+from palpate.device.boards.pat16.board_file import CalibrationError, PatFile, read_pat
 from palpate.device.errors import DeviceError
-from palpate.device.pat_file import CalibrationError, PatFile, read_pat
 
 PINS, OFFSETS, FACTORS = 5, 6, 7  # line of each list of numbers in a file of seven lines
 NAMES = {PINS: "the pins", OFFSETS: "the phase offsets", FACTORS: "the amplitude factors"}

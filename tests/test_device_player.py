@@ -32,7 +32,7 @@ from palpate.device import (
     VirtualClock,
     array_model,
 )
-from palpate.device.limits import Guard
+from palpate.device.playing.limits import Guard
 
 FRAME = 512
 MODEL = array_model("emulator")
@@ -284,7 +284,7 @@ def test_stop_does_not_wait_for_the_end_of_a_long_block(bus: EmulatorBackend, li
 def test_an_array_that_does_not_say_it_is_off_is_an_error(
     bus: EmulatorBackend, link: UsbLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.device.writer.wait_silent", lambda link, period_ns: False)
+    monkeypatch.setattr("palpate.device.playing.writer.wait_silent", lambda link, period_ns: False)
     player = Player(link)
 
     def blocks() -> Iterator[bytes]:

@@ -31,8 +31,8 @@ from palpate.device import (
     encode_frames,
     open_link,
 )
-from palpate.device.bus import EmulatedBus, emulated_backend
-from palpate.device.serial_bus import EmulatedPorts
+from palpate.device.emulation.emulated_backend import EmulatedBus, emulated_backend
+from palpate.device.emulation.serial_bus import EmulatedPorts
 
 BOARDS = ("emulator", "pat16", "sonicsurface")
 USB_BOARDS = ("emulator", "pat16")

@@ -23,8 +23,8 @@ from palpate.device import (
     open_link,
 )
 from palpate.device.codec import duty, is_emitting
-from palpate.device.limits import Guard
 from palpate.device.link import Link
+from palpate.device.playing.limits import Guard
 
 MODEL = array_model("emulator")
 RATE = 10_000 / 63  # divider 252: little data for much time

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.device.timeline import Timeline
+from palpate.device.playing.timeline import Timeline
 
 PERIOD = 100_000  # 10 kHz [ns]
 

@@ -13,13 +13,13 @@ import usb.core
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock
-from palpate.device.emulator import EmulatorBackend
 from palpate.device.errors import DeviceLostError, DeviceStallError, DeviceTimeoutError, LinkError
-from palpate.device.libusb import CANCELLED, COMPLETED, BulkQueue, Completion, is_queueable
-from palpate.device.queued import QueuedTransport
-from palpate.device.sync import SyncTransport
-from palpate.device.transport import open_transport
+from palpate.device.transports.libusb import CANCELLED, COMPLETED, BulkQueue, Completion, is_queueable
+from palpate.device.transports.queued import QueuedTransport
+from palpate.device.transports.sync import SyncTransport
+from palpate.device.transports.transport import open_transport
 
 STALL, NO_DEVICE = 4, 5
 

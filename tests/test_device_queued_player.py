@@ -20,9 +20,9 @@ from palpate.device import (
     VirtualClock,
     array_model,
 )
-from palpate.device.libusb import CANCELLED, COMPLETED, Completion
-from palpate.device.pyusb import claim
-from palpate.device.queued import QueuedTransport
+from palpate.device.transports.libusb import CANCELLED, COMPLETED, Completion
+from palpate.device.transports.pyusb import claim
+from palpate.device.transports.queued import QueuedTransport
 
 FRAME = 512
 RATE = 10e3

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from pty_board import PtyBoard, pty_board
 
-from palpate.datasets.ptlist import write_ptlist
+from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device import (
     DeviceBusyError,
     DeviceLostError,
@@ -34,9 +34,9 @@ from palpate.device import (
     find_serial_arrays,
     open_link,
 )
-from palpate.device.serial_transport import SerialTransport
+from palpate.device.transports.serial_transport import SerialTransport
 from palpate.render import play_file
-from palpate.render.rig import load_rig
+from palpate.render.playback.placed_arrays import load_rig
 
 comports = pytest.importorskip("serial.tools.list_ports", reason="pyserial is a test extra")
 FAST = 1_462_857  # [Bd], of SonicSurface's firmware compiled with divisor 7
@@ -270,7 +270,7 @@ def test_a_file_is_played_to_a_named_port(board: PtyBoard, tmp_path: Path) -> No
 PLAYER = """
 import sys, numpy as np
 from palpate.device import Player, array_model, encode_frames, open_link
-from palpate.device.watchdog import Watchdog
+from palpate.device.playing.watchdog import Watchdog
 model = array_model("sonicsurface")
 wire = encode_frames(np.zeros((50, 256)), np.ones(50), array=model)
 with open_link(model, serial=sys.argv[1]) as link, Watchdog(link):

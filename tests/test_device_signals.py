@@ -11,7 +11,7 @@ import threading
 import pytest
 
 from palpate.device import EmulatorBackend, Player, UsbLink, VirtualClock, array_model
-from palpate.device.signals import ending_on_signals
+from palpate.device.playing.signals import ending_on_signals
 
 PLAYS_FOREVER = """
 import json, signal, sys, threading, time

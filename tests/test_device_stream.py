@@ -9,7 +9,7 @@ import pytest
 
 from palpate.device import BoardStatus, VirtualClock, array_model
 from palpate.device.codec import off_frame
-from palpate.device.stream import PIECE_BYTES, StreamLink
+from palpate.device.transports.stream import PIECE_BYTES, StreamLink
 
 MODEL = array_model("pat16")
 FRAME = MODEL.frame_bytes

@@ -67,7 +67,7 @@ def test_an_array_that_may_not_be_opened_is_listed_as_such(bus: EmulatorBackend)
 
 
 def test_a_strangers_device_with_the_shared_test_ids_is_no_array(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.device.emulator.PRODUCT_STRING", "a keyboard")
+    monkeypatch.setattr("palpate.device.boards.emulator.usb_side.PRODUCT_STRING", "a keyboard")
     bus = EmulatorBackend(clock=VirtualClock())
     assert find_arrays(backend=bus) == ()
     with pytest.raises(DeviceNotFoundError, match="plug it in"):

@@ -14,8 +14,8 @@ import pytest
 import umockdev_session
 
 from palpate.device import DeviceBusyError, UsbLink, VirtualClock, WatchdogError, array_model, encode_frames, open_link
-from palpate.device.bus import emulated_backend
-from palpate.device.watchdog import EXIT_FAILED, EXIT_GOODBYE, EXIT_OFF, Watchdog, keep_watch, switch_off
+from palpate.device.emulation.emulated_backend import emulated_backend
+from palpate.device.playing.watchdog import EXIT_FAILED, EXIT_GOODBYE, EXIT_OFF, Watchdog, keep_watch, switch_off
 
 
 class Watched:
@@ -150,8 +150,8 @@ IS_SUSPENDED = """
 import os, signal, subprocess, sys
 from pathlib import Path
 from palpate.device import Player, array_model, open_link
-from palpate.device.pyusb import libusb_backend
-from palpate.device.watchdog import Watchdog
+from palpate.device.transports.pyusb import libusb_backend
+from palpate.device.playing.watchdog import Watchdog
 
 log = Path(sys.argv[1])
 waker = "import os, signal, sys, time; time.sleep(1.0); os.kill(int(sys.argv[1]), signal.SIGCONT); time.sleep(0.2)"

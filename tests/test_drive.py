@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from palpate.datasets.motion import exploration
+from palpate.datasets.motions.hand_motion import exploration
 from palpate.device.array import array_model
-from palpate.device.board import decode_frames, slot_position
+from palpate.device.boards.emulator.model import decode_frames, slot_position
+from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
-from palpate.device.emulator import EmulatorBackend
 from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, open_contour, render
-from palpate.render.drive import drive_focus
 from palpate.render.errors import RenderError
-from palpate.render.playback import Connection, play_file
-from palpate.render.recorder import record
-from palpate.render.sampling import FocalPoints, SamplingStrategy
+from palpate.render.intersection.file_recording import record
+from palpate.render.playback.drive import drive_focus
+from palpate.render.playback.file_playback import Connection, play_file
+from palpate.render.sampling.contour_sampling import FocalPoints, SamplingStrategy
 
 WAVENUMBER = 2 * np.pi * 40e3 / 343.0
 RADIUS = 0.0045  # [m] of a transducer

@@ -7,10 +7,10 @@ from field_oracles import pressure_of, wave_matrix
 from scipy.special import j1
 
 from palpate.device.array import array_model
-from palpate.device.board import decode_frames, slot_position
+from palpate.device.boards.emulator.model import decode_frames, slot_position
 from palpate.device.codec import encode_frames
-from palpate.render.drive import Driver, DriveStrategy, drive_focus
-from palpate.render.sampling import FocalPoints
+from palpate.render.playback.drive import Driver, DriveStrategy, drive_focus
+from palpate.render.sampling.contour_sampling import FocalPoints
 
 POINT = np.array([0.03, -0.02, 0.2])  # [m]
 UP = np.array([[0.0, 0.0, 1.0]])

@@ -7,10 +7,10 @@ from drive_cases import RADIUS, SOLVERS, WAVELENGTH, flat_array, random_foci, ti
 from field_oracles import amplitude_error, limit_slew, lock_gauge, solve_frame, unit, wave_matrix
 from scipy.special import j1
 
-from palpate.kernels import slew
-from palpate.kernels.focus import focus_phases, focus_table
-from palpate.kernels.solve import SIZES, solve_points
-from palpate.kernels.wave import piston_polynomial, transducers_on
+from palpate.kernels.driving import slew
+from palpate.kernels.driving.focus import focus_phases, focus_table
+from palpate.kernels.driving.solve import SIZES, solve_points
+from palpate.kernels.driving.wave import piston_polynomial, transducers_on
 
 ARRAYS = {"flat": flat_array, "tilted": tilted_array}
 

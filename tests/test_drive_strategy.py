@@ -8,11 +8,11 @@ from drive_cases import RADIUS, WAVELENGTH, random_foci, turned
 from field_oracles import pressure_of, wave_matrix
 
 from palpate.device.array import array_model
-from palpate.kernels.solve import solve_points
-from palpate.render import drive as drive_module
-from palpate.render.drive import SOLVERS, Driver, DriveStrategy, drive_focus
+from palpate.kernels.driving.solve import solve_points
 from palpate.render.errors import StrategyError
-from palpate.render.sampling import FocalPoints
+from palpate.render.playback.drive import SOLVERS, Driver, DriveStrategy, drive_focus
+from palpate.render.playback.file_playback import drive as drive_module
+from palpate.render.sampling.contour_sampling import FocalPoints
 
 EMULATOR = array_model("emulator")
 

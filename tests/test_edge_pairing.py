@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from palpate.kernels.edge_pairing import OPEN, twins_of
+from palpate.kernels.section.edge_pairing import OPEN, twins_of
 
 # Directions across an edge, by growing angle: integers, so that equal directions are equal whatever the radius
 ROUND = np.array(

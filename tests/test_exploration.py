@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from palpate.datasets.bounded_file import LIMIT_VARIABLE
 from palpate.datasets.errors import MotionError
-from palpate.datasets.motion import exploration
+from palpate.datasets.motions.hand_motion import exploration
 from palpate.render import MeshObject
 from palpate.render.errors import StrategyError
-from palpate.render.loading import load_motion
+from palpate.render.intersection.named_inputs import load_motion
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
 SEEDS = range(25)
@@ -147,7 +147,7 @@ def test_exploration_refuses_bad_arguments(change, said):
 @pytest.mark.parametrize(("duration", "rate"), [(1e7, 90.0), (1e8, 1e-3)])
 def test_an_exploration_beyond_memory_is_refused_before_it_is_made(duration, rate, monkeypatch):
     """By its poses, or by the path that its duration takes."""
-    monkeypatch.setattr("palpate.datasets.motion.exploration_path", pytest.fail)
+    monkeypatch.setattr("palpate.datasets.motions.hand_motion.exploration_path", pytest.fail)
     with pytest.raises(MotionError, match=r"\(duration .* s at rate .* Hz\) takes .* more than the 3000000000"):
         exploration(BOUNDS, duration=duration, rate=rate, seed=1)
     with pytest.raises(StrategyError, match="exploration: a motion of"):

@@ -8,10 +8,10 @@ from expression_oracle import bounded_expressions, expressions, solids, value
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.kernels.probe import probe_points
-from palpate.kernels.tree import STACK, tree_field
+from palpate.kernels.fields.expression_tree import STACK, tree_field
+from palpate.kernels.fields.probe import probe_points
 from palpate.render.errors import ImplicitError
-from palpate.render.expression import (
+from palpate.render.objects.functions.expression import (
     DEEPEST,
     LARGEST,
     Difference,
@@ -27,8 +27,13 @@ from palpate.render.expression import (
     torus,
     union,
 )
-from palpate.render.expression_file import expression_from, expression_from_json, expression_to_json, load_expression
-from palpate.render.program import compile_expression, expression_bounds
+from palpate.render.objects.functions.expression_compiler import compile_expression, expression_bounds
+from palpate.render.objects.functions.expression_json import (
+    expression_from,
+    expression_from_json,
+    expression_to_json,
+    load_expression,
+)
 
 AT = np.random.default_rng(5).uniform(-0.3, 0.3, (400, 3))
 NEAR = 1e-12  # [m]

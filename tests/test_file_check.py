@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from contour_cases import everything, make_contours, make_header, redigest, small_chunks, write_file, write_ranges
 
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.parts import part_logs
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.parts import part_logs
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.schema import FIELDS
-from palpate.datasets.writer import ContourWriter
+from palpate.datasets.storage.schema import FIELDS
 
 
 @pytest.fixture
@@ -257,7 +257,7 @@ def test_damage_in_a_file_being_written_is_told_and_not_read(path):
 DAMAGE = """
 import sys
 from pathlib import Path
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
 whole = Path(sys.argv[1]).read_bytes()
 damaged = Path(sys.argv[1] + "-damaged.h5")
 for first in range(0, min(len(whole), 9000), 61):

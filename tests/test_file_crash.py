@@ -23,10 +23,10 @@ from contour_cases import (
     write_ranges,
 )
 
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.writer import ContourWriter
 
 PROCESS = Path(__file__).parent / "contour_process.py"
 RANGES = [(0, 3), (3, 4), (4, 9)]

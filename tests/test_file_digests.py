@@ -22,12 +22,12 @@ from contour_cases import (
     write_ranges,
 )
 
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.parts import part_logs
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.parts import part_logs
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.schema import FIELDS
-from palpate.datasets.writer import ContourWriter
+from palpate.datasets.storage.schema import FIELDS
 
 
 @pytest.fixture
@@ -252,7 +252,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.reader import ContourFile
+from palpate.datasets.contour_file.reader import ContourFile
 
 def read(path):
     with ContourFile(path) as file:

@@ -12,10 +12,10 @@ import pytest
 from contour_cases import assert_same, cut_contours, make_contours, make_header, small_chunks, write_file, write_ranges
 from disk_faults import Faults, stood_in_for
 
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.writer import ContourWriter
 
 COUNT = 9
 MORE = int(os.environ.get("PALPATE_FAULTS", "0"))

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from contour_cases import make_contours, make_header, redigest, write_file
 
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.hand_shape import hand_shape
-from palpate.datasets.reader import ContourFile
-from palpate.render.hands import hand_from
-from palpate.render.mesh_hand import MeshHand
-from palpate.render.plane_hand import HandPatch, PlaneHand
+from palpate.datasets.hand_model.shape import hand_shape
+from palpate.render.hands.hand import hand_from
+from palpate.render.hands.mesh_hand import MeshHand
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 
 POSES = 3
 STILL = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (POSES, 1))

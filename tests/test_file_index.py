@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from contour_cases import small_chunks
 
-from palpate.datasets.assembly import Assembly, write_assembly
-from palpate.datasets.checksum import fletcher32, lookup3
-from palpate.datasets.hdf5 import Hdf5Reader
-from palpate.datasets.hdf5_columns import image_of
-from palpate.datasets.index import NO_ADDRESS, ChunkTable, index_nodes
-from palpate.datasets.schema import CONTOURS
+from palpate.datasets.contour_file.assembly import Assembly, write_assembly
+from palpate.datasets.storage.checksum import fletcher32, lookup3
+from palpate.datasets.storage.chunk_index import NO_ADDRESS, ChunkTable, index_nodes
+from palpate.datasets.storage.hdf5 import Hdf5Reader
+from palpate.datasets.storage.hdf5_columns import image_of
+from palpate.datasets.storage.schema import CONTOURS
 
 ROOM = 1 << 17
 POINTS, KIND = CONTOURS[0], CONTOURS[1]

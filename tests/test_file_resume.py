@@ -20,11 +20,11 @@ from contour_cases import (
     write_ranges,
 )
 
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.parts import part_logs, read_part
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.parts import part_logs, read_part
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.writer import ContourWriter
 
 PROCESS = Path(__file__).parent / "contour_process.py"
 OTHER_POSE = np.tile(np.array([0, 0, 1, 0, 0, 0, 1], np.float32), (10, 1))

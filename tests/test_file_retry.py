@@ -5,12 +5,12 @@ import os
 import pytest
 from contour_cases import assert_same, cut_contours, make_contours, make_header, small_chunks, write_ranges
 
-from palpate.datasets import writer as writer_module
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file import writer as writer_module
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.parts import part_logs, work_folder
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.parts import part_logs, work_folder
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.writer import ContourWriter
 
 RANGES = [(0, 3), (3, 4), (4, 9)]
 

@@ -23,12 +23,12 @@ from contour_cases import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.datasets.check import check_file, contour_lengths
+from palpate.datasets.contour_file.check import check_file, contour_lengths
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.hdf5_image import Hdf5Image
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.schema import FIELDS
-from palpate.datasets.writer import ContourWriter
+from palpate.datasets.storage.hdf5_image import Hdf5Image
+from palpate.datasets.storage.schema import FIELDS
 
 DOCUMENT = Path(__file__).parent.parent / "docs/formats/file-format.md"
 

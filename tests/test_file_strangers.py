@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from contour_cases import assert_same, make_contours, make_header, make_metrics, redigest, write_file, write_ranges
 
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.writer import ContourWriter
 
 
 def record(head, content=b""):

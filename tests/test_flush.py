@@ -15,13 +15,13 @@ from oracles import cut_mesh
 from scipy.spatial.transform import Rotation
 from test_sweep_tally_pieces import empty
 
-from palpate.datasets.shapes import shape
+from palpate.datasets.shapes.built_in import shape
 from palpate.kernels.flush import settle_patches
 from palpate.render import ImplicitObject, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
-from palpate.render.expression import box
-from palpate.render.instant import PoseContours
-from palpate.render.plane_hand import HandPatch, PlaneHand
-from palpate.render.scene import Scene
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.scene import Scene
+from palpate.render.objects.functions.expression import box
+from palpate.render.playback.live import PoseContours
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*reaches behind the array:palpate.render.errors.PalpateWarning")
 

@@ -9,17 +9,17 @@ from contour_cases import redigest
 from test_cli import FAILED, MISUSED, answer, refused, run
 
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.frame_file import FrameField, FrameFile
-from palpate.datasets.frame_reader import FrameReader, check_frames, frame_format
+from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
+from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames, frame_format
 from palpate.device.array import array_model
+from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
-from palpate.device.emulator import EmulatorBackend
-from palpate.render.drive import Driver
 from palpate.render.errors import StrategyError
-from palpate.render.playback import Connection, play_file
-from palpate.render.sampling import FocalPoints, SamplingStrategy
-from palpate.render.source import BLOCK, KeptSource
+from palpate.render.playback.drive import Driver
+from palpate.render.playback.file_playback import Connection, play_file
+from palpate.render.playback.focus_source import BLOCK, KeptSource
+from palpate.render.sampling.contour_sampling import FocalPoints, SamplingStrategy
 
 RATE, COUNT = 5000.0, 2 * BLOCK + 7
 VIRTUAL = Connection(clock="virtual")

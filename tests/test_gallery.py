@@ -10,9 +10,9 @@ import pytest
 
 from palpate.datasets.errors import ContourFileError
 from palpate.render.errors import StrategyError
-from palpate.render.gallery import draw_gallery, shown_object, stage_rows, strategy_rows
-from palpate.render.stages import known_stages
-from palpate.render.strategy import PRESETS
+from palpate.render.reports.strategy_gallery import draw_gallery, shown_object, stage_rows, strategy_rows
+from palpate.render.stages.registry import known_stages
+from palpate.render.strategies.intersection_strategy import PRESETS
 
 
 def test_every_preset_and_every_stage_is_listed_with_a_line():
@@ -84,7 +84,7 @@ def test_the_examples_of_the_docs_run(tmp_path):
     (tmp_path / "mine.json").write_text(second)
     json.loads(first)
     script = rendered + (
-        "from palpate.render.strategy import load_strategy\n"
+        "from palpate.render.strategies.intersection_strategy import load_strategy\n"
         f"assert IntersectionStrategy.from_json({first!r}).needs_closed\n"
         "assert batch.polyline_count > 0 and set(batch.kind.tolist()) == {2}\n"
         "striped = render(tube, Palm(), motion, load_strategy('mine.json', allow_code=True))\n"

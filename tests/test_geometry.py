@@ -8,7 +8,7 @@ import trimesh
 from oracles import COUNTED, SHIFT, cut_mesh, cut_mesh_trimesh, default_flush, is_degenerate
 from scipy.spatial.transform import Rotation
 
-from palpate.datasets.shapes import shape_names
+from palpate.datasets.shapes.built_in import shape_names
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 
 TOLERANCE = 1e-5  # [m]

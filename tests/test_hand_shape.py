@@ -7,14 +7,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from palpate.datasets.errors import RecordingError, ShapeError
-from palpate.datasets.hand_alignment import Y_UP
-from palpate.datasets.hand_cage import hand_cage
-from palpate.datasets.hand_joints import BONES, DIGITS, FINGERS, Joint
-from palpate.datasets.hand_shape import hand_shape
-from palpate.datasets.hand_skinning import posed_vertices
-from palpate.datasets.quads import subdivided, triangulated
-from palpate.datasets.recording_file import load_recording
-from palpate.datasets.recording_sample import sample_recording
+from palpate.datasets.hand_model.cage import hand_cage
+from palpate.datasets.hand_model.joints import BONES, DIGITS, FINGERS, Joint
+from palpate.datasets.hand_model.quads import subdivided, triangulated
+from palpate.datasets.hand_model.shape import hand_shape
+from palpate.datasets.hand_model.skinning import posed_vertices
+from palpate.datasets.recordings.alignment import Y_UP
+from palpate.datasets.recordings.files import load_recording
+from palpate.datasets.recordings.sample import sample_recording
 from palpate.datasets.rigid import pose_product
 
 COUNTS = {1: 1312, 2: 5248, 3: 20992}

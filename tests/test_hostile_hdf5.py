@@ -13,12 +13,12 @@ from contour_cases import everything, make_contours, write_file
 from hostile_hdf5 import CASES, OPERATIONS, sound, write_case
 from test_cli import FAILED, run
 
-from palpate.datasets.check import check_file
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.unknown_content import unknown_content
 from palpate.datasets.errors import Hdf5Error
-from palpate.datasets.hdf5_heap import collection_size, refuse_endless_heap
-from palpate.datasets.hdf5_opening import open_hdf5
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.unknown_content import unknown_content
+from palpate.datasets.storage.hdf5_heap import collection_size, refuse_endless_heap
+from palpate.datasets.storage.hdf5_opening import open_hdf5
 
 GROUPS = 6  # each is a process, which takes seconds to start
 

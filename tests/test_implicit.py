@@ -10,16 +10,16 @@ import pytest
 from expression_oracle import value
 from scipy.spatial.transform import Rotation
 
-from palpate.kernels.probe import probe_points
-from palpate.render.batch import render
+from palpate.kernels.fields.probe import probe_points
 from palpate.render.errors import ImplicitError, PalpateWarning
-from palpate.render.expression import box, half_space, sphere, torus
-from palpate.render.expression_file import expression_to_json
-from palpate.render.hands import Palm
-from palpate.render.implicit import ImplicitObject
-from palpate.render.objects import MeshObject, Placement
-from palpate.render.solid import Solid
-from palpate.render.strategy import closed_contour
+from palpate.render.hands.hand import Palm
+from palpate.render.intersection.batch_rendering import render
+from palpate.render.objects.functions.expression import box, half_space, sphere, torus
+from palpate.render.objects.functions.expression_json import expression_to_json
+from palpate.render.objects.functions.implicit_object import ImplicitObject
+from palpate.render.objects.mesh.solid_mesh import MeshObject, Placement
+from palpate.render.objects.solid import Solid
+from palpate.render.strategies.intersection_strategy import closed_contour
 
 AROUND = [[-0.06] * 3, [0.06] * 3]
 UP = Placement(at=(0, 0, 0.2))
@@ -231,7 +231,7 @@ def test_a_constant_that_a_function_reads_counts_to_its_identity(tmp_path):
 def test_described_is_json_that_an_expression_comes_back_from():
     import json
 
-    from palpate.render.expression_file import expression_from
+    from palpate.render.objects.functions.expression_json import expression_from
 
     thing = made(sphere(0.04) | box(0.1, 0.02, 0.02))
     described = json.loads(json.dumps(thing.described()))

@@ -12,15 +12,16 @@ from hypothesis import strategies as st
 from mesh_cases import CLOSED, MESHES, MIDDLE, generic_poses
 from scipy.spatial.transform import Rotation
 
-from palpate.datasets import HandMotion, exploration
+from palpate.datasets import HandMotion
 from palpate.datasets.errors import MotionError
-from palpate.datasets.motion import PALM_DOWN
+from palpate.datasets.motions import exploration
+from palpate.datasets.motions.hand_motion import PALM_DOWN
 from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
-from palpate.render.batch import check_poses
 from palpate.render.errors import MeshError, PoseError, StrategyError
-from palpate.render.instant import DRAWN_MOST, Instant, PoseContours, RoomSize, checked_pose
-from palpate.render.plane_hand import HandPatch, PlaneHand
-from palpate.render.sampling import (
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.batch_rendering import check_poses
+from palpate.render.playback.live import DRAWN_MOST, Instant, PoseContours, RoomSize, checked_pose
+from palpate.render.sampling.contour_sampling import (
     AmplitudeModulation,
     LateralModulation,
     Sampler,

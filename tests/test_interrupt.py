@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from palpate.render.interrupt import interrupt_between
+from palpate.render.runtime.interrupt import interrupt_between
 
 
 class Dropped:

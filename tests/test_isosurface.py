@@ -6,13 +6,13 @@ from expression_oracle import bounded_expressions, value
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from palpate.kernels.tree import tree_field
+from palpate.kernels.fields.expression_tree import tree_field
 from palpate.render.errors import MeshError
-from palpate.render.expression import box, sphere, torus, union
-from palpate.render.implicit import ImplicitObject
-from palpate.render.isosurface import MARGIN, isosurface
-from palpate.render.mend import mend_mesh
-from palpate.render.program import compile_expression, expression_bounds
+from palpate.render.objects.functions.expression import box, sphere, torus, union
+from palpate.render.objects.functions.expression_compiler import compile_expression, expression_bounds
+from palpate.render.objects.functions.implicit_object import ImplicitObject
+from palpate.render.objects.isosurface import MARGIN, isosurface
+from palpate.render.objects.mesh.repair import mend_mesh
 
 
 def volume(vertices, faces):

@@ -11,15 +11,17 @@ import pytest
 import trimesh
 from rich.console import Console
 
-from palpate.datasets.exploration import _cross, _length
-from palpate.datasets.motion import exploration
-from palpate.datasets.shapes import shape
-from palpate.kernels.edge_pairing import group_starts, order_of
-from palpate.render import MeshObject, console, mesh_cache
+from palpate.datasets.motions.exploration import _cross, _length
+from palpate.datasets.motions.hand_motion import exploration
+from palpate.datasets.shapes.built_in import shape
+from palpate.kernels.section.edge_pairing import group_starts, order_of
+from palpate.render import MeshObject
 from palpate.render.errors import PalpateWarning
-from palpate.render.loading import load_motion, load_solid
-from palpate.render.mesh_welding import coordinate_order
-from palpate.render.objects import Placement, repeats_at_most
+from palpate.render.intersection.named_inputs import load_motion, load_solid
+from palpate.render.objects.mesh.solid_mesh import Placement, repeats_at_most
+from palpate.render.objects.mesh.solid_mesh.mesh import cache as mesh_cache
+from palpate.render.objects.mesh.welding import coordinate_order
+from palpate.render.terminal.foreign_text import console
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
 
@@ -118,7 +120,7 @@ def test_stages_are_heard_while_a_mesh_loads(tmp_path):
 
 
 def test_a_large_mesh_is_announced_before_it_is_repaired_and_only_then(monkeypatch, tmp_path):
-    monkeypatch.setattr("palpate.render.objects.TRIANGLES_ANNOUNCED", 1000)
+    monkeypatch.setattr("palpate.render.objects.mesh.solid_mesh.TRIANGLES_ANNOUNCED", 1000)
     monkeypatch.setattr(mesh_cache, "SECONDS_LEAST", 0.0)
     monkeypatch.setenv("PALPATE_CACHE", str(tmp_path))
     heard = []

@@ -29,11 +29,11 @@ from march_cases import (
 )
 from oracles import in_palm, rotation
 
-from palpate.kernels import march
+from palpate.kernels.march.contours import contours as march
+from palpate.kernels.offsets import PointLimitError
 from palpate.kernels.patch import EXACT, Patch
-from palpate.kernels.ragged import PointLimitError
-from palpate.render.contours import object_part
-from palpate.render.hands import Palm
+from palpate.render.contour_batch import object_part
+from palpate.render.hands.hand import Palm
 
 wp.set_module_options(EXACT)
 

@@ -17,13 +17,13 @@ from march_cases import (
     shape_field,
 )
 
-from palpate.kernels import march
-from palpate.kernels.dense import dense_field, pad_outside
-from palpate.kernels.field import Field
+from palpate.kernels.fields.dense_grid import dense_field, pad_outside
+from palpate.kernels.fields.field import Field
+from palpate.kernels.march.contours import contours as march
 from palpate.kernels.patch import EXACT
 from palpate.render import ImplicitObject
-from palpate.render.contours import object_part
-from palpate.render.expression import box, sphere
+from palpate.render.contour_batch import object_part
+from palpate.render.objects.functions.expression import box, sphere
 
 wp.set_module_options(EXACT)
 

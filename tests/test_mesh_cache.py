@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.render import MeshObject, mesh_cache
+from palpate.render import MeshObject
 from palpate.render.errors import MeshError
+from palpate.render.objects.mesh.solid_mesh.mesh import cache as mesh_cache
 
 ROOT = Path(__file__).parent.parent
 
@@ -199,7 +200,7 @@ def test_ctrl_c_while_a_mesh_is_loading_leaves_nothing_behind(tmp_path):
     script = (
         "import numpy as np, signal, os, sys\n"
         "from palpate.render import console, mesh_cache\n"
-        "from palpate.render.objects import MeshObject\n"
+        "from palpate.render.objects.mesh.solid_mesh import MeshObject\n"
         "mesh_cache.SECONDS_LEAST = 0.0\n"
         "def watch(stage, done, total):\n"
         "    if stage == sys.argv[1]:\n"
@@ -222,7 +223,7 @@ def test_ctrl_c_while_a_render_is_loading_writes_no_file(tmp_path):
     script = (
         "import contextlib, os, signal, sys\n"
         "from palpate.render import console\n"
-        "from palpate.render.cli import main\n"
+        "from palpate.render.cli.app import main\n"
         "def watch(stage, done, total):\n"
         "    if stage in ('bodies', 'exploration'):\n"
         "        os.kill(os.getpid(), signal.SIGINT)\n"

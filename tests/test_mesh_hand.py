@@ -10,17 +10,17 @@ from mesh_cases import CLOSED, MIDDLE, generic_poses
 from oracles import rotation
 from skin_cases import drawn, grid_skin, lines_of
 
-from palpate.kernels.close import join_pieces
-from palpate.kernels.draw import draw_contours
-from palpate.kernels.find import find_pieces
-from palpate.kernels.skin import skin_contours
-from palpate.kernels.surface import HalfEdges, upload_surface
-from palpate.render.contours import ContourBatch
+from palpate.kernels.section.contour_writing import draw_contours
+from palpate.kernels.section.half_edges import HalfEdges, upload_surface
+from palpate.kernels.section.joining import join_pieces
+from palpate.kernels.section.piece_search import find_pieces
+from palpate.kernels.skin.curves import skin_contours
+from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError, PoseError, StrategyError
-from palpate.render.expression import box, sphere
-from palpate.render.hands import Hand, Palm, hand_from
-from palpate.render.implicit import ImplicitObject
-from palpate.render.mesh_hand import MeshHand, facing_palm
+from palpate.render.hands.hand import Hand, Palm, hand_from
+from palpate.render.hands.mesh_hand import MeshHand, facing_palm
+from palpate.render.objects.functions.expression import box, sphere
+from palpate.render.objects.functions.implicit_object import ImplicitObject
 
 STEP = 0.002
 

@@ -8,8 +8,9 @@ import trimesh
 from test_cli import answer, refused, run
 
 from palpate.datasets import ContourFile
-from palpate.render import MeshObject, Palm, closed_contour, mend, open_contour, render
+from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, PalpateWarning
+from palpate.render.objects.mesh.solid_mesh.mesh import repair as mend
 
 LEVEL = np.array([[0, 0, 0.2, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]])  # a palm parallel to the array
 

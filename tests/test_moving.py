@@ -5,13 +5,13 @@ import pytest
 from mesh_cases import generic_poses
 from scipy.spatial.transform import Rotation, Slerp
 
-from palpate.datasets.check import check_file
-from palpate.datasets.motion import HandMotion
-from palpate.datasets.reader import ContourFile
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, record, render
 from palpate.render.errors import PoseError
-from palpate.render.moving import back_to, between, object_poses, seen_from
-from palpate.render.scene import Scene
+from palpate.render.intersection.scene import Scene
+from palpate.render.objects.moving_object import back_to, between, object_poses, seen_from
 
 TUBE, PALM = MeshObject.load("tube"), Palm()
 MIDDLE = TUBE.bounds.mean(axis=0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mesh_cases import CLOSED, built_in, flipped, merged
 
-from palpate.kernels import nesting as nesting_module
-from palpate.kernels.nesting import wind_bodies
+from palpate.kernels.solids import nesting as nesting_module
+from palpate.kernels.solids.nesting import wind_bodies
 
 OCTAHEDRON = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], float)
 EIGHT_FACES = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])

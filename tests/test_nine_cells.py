@@ -22,8 +22,8 @@ from mesh_cases import generic_poses
 from scipy.spatial.transform import Rotation
 
 from palpate.render import IntersectionStrategy, closed_contour, render
-from palpate.render.mesh_hand import MeshHand
-from palpate.render.plane_hand import HandPatch, PlaneHand
+from palpate.render.hands.mesh_hand import MeshHand
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 
 POSE_COUNT = 80
 EXCLUDED_MOST = 0.1

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.kernels.orientation import line_side, plane_side
 from palpate.kernels.patch import EXACT
+from palpate.kernels.solids.orientation import line_side, plane_side
 
 wp.set_module_options(EXACT | {"max_unroll": 1})
 COUNT = 400  # a family of cases; a fraction's determinant takes some 30 us

@@ -5,13 +5,13 @@ import pytest
 from expression_oracle import value
 from scipy.spatial.transform import Rotation
 
-from palpate.render.contours import ContourBatch
+from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, StrategyError
-from palpate.render.expression import box, capsule, sphere, torus
-from palpate.render.hands import Palm
-from palpate.render.implicit import ImplicitObject
-from palpate.render.mesh_hand import MeshHand
-from palpate.render.overlap import overlap_contours, overlap_points
+from palpate.render.hands.hand import Palm
+from palpate.render.hands.mesh_hand import MeshHand
+from palpate.render.intersection.overlap_tour import overlap_contours, overlap_points
+from palpate.render.objects.functions.expression import box, capsule, sphere, torus
+from palpate.render.objects.functions.implicit_object import ImplicitObject
 
 OBJECT = sphere(0.05).moved(0, 0, 0.2) - sphere(0.02).moved(0, 0, 0.2)
 UP = np.array([0.0, 0.0, 0.2])

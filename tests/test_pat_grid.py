@@ -24,9 +24,9 @@ from palpate.device import (
     encode_frames,
     open_link,
 )
-from palpate.device.bus import EmulatedBus, emulated_backend
-from palpate.device.pat_board import PatBoard
-from palpate.device.pat_reader import CommandReader
+from palpate.device.boards.pat16.frame_reader import CommandReader
+from palpate.device.boards.pat16.model import PatBoard
+from palpate.device.emulation.emulated_backend import EmulatedBus, emulated_backend
 
 MODEL = array_model("pat16")
 FRAME = 512

@@ -12,9 +12,9 @@ from board_pipe import BoardPipe
 from test_pat_grid import FRAME, MODEL, bus_of, content, played_since
 
 from palpate.device import DeviceError, Fault, FaultKind, Player, VirtualClock, open_link
-from palpate.device.ftdi import FtdiPort
-from palpate.device.pat16 import PatLink
-from palpate.device.queued import QueuedTransport
+from palpate.device.boards.pat16.ftdi import FtdiPort
+from palpate.device.boards.pat16.link import PatLink
+from palpate.device.transports.queued import QueuedTransport
 
 
 def queued_link(bus, **options) -> PatLink:

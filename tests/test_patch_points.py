@@ -13,7 +13,7 @@ from mesh_cases import generic_poses
 from oracles import rotation
 
 from palpate.datasets import HandMotion
-from palpate.datasets.shapes import shape
+from palpate.datasets.shapes.built_in import shape
 from palpate.render import (
     ImplicitObject,
     MeshObject,
@@ -26,8 +26,8 @@ from palpate.render import (
     render,
 )
 from palpate.render.errors import PalpateWarning, PoseError, StrategyError
-from palpate.render.expression import sphere
-from palpate.render.plane_hand import HandPatch, PlaneHand
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.objects.functions.expression import sphere
 
 TUBE, CC = MeshObject.load("tube"), closed_contour()
 FAR = np.array([1024.0, -2048.0, 512.0])  # [m]; float32 steps by 2^-12 m there

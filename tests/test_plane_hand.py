@@ -9,8 +9,8 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from palpate.datasets import ContourFile, HandMotion
-from palpate.datasets.hand_joints import JOINT_COUNT
-from palpate.datasets.recording_file import load_recording
+from palpate.datasets.hand_model.joints import JOINT_COUNT
+from palpate.datasets.recordings.files import load_recording
 from palpate.render import (
     ContourBatch,
     IntersectionStrategy,
@@ -22,12 +22,12 @@ from palpate.render import (
     render,
 )
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.figure import draw_figure
-from palpate.render.flat_planes import flat_hand
-from palpate.render.hands import Hand, PatchHand, composed, frames_at, hand_from, inverted, require_rows
-from palpate.render.intersect import intersect
-from palpate.render.joint_planes import FINGERS
-from palpate.render.plane_hand import HandPatch, PatchJoint, PlaneHand
+from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.hand import Hand, PatchHand, composed, frames_at, hand_from, inverted, require_rows
+from palpate.render.hands.joint_planes import FINGERS
+from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
+from palpate.render.intersection.mesh_section import intersect
+from palpate.render.reports.contour_figure import draw_figure
 
 STRATEGIES = {"raw": IntersectionStrategy(), "oc": open_contour(), "cc": closed_contour()}
 

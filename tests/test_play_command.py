@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palpate.datasets import HandMotion, exploration
-from palpate.datasets.reader import ContourFile
+from palpate.datasets import HandMotion
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.motions import exploration
 from palpate.render import MeshObject, Palm, closed_contour, record, render
-from palpate.render import source as source_module
-from palpate.render.cli import app
+from palpate.render.cli.app import app
+from palpate.render.playback.file_playback import focus_source as source_module
 
-MAIN = "from palpate.render.cli import main; main()"
+MAIN = "from palpate.render.cli.app import main; main()"
 STORM = int(os.environ.get("PALPATE_STORM", "12"))  # 240 were run for docs/develop/tiers.md
 
 
@@ -115,7 +116,7 @@ def test_a_closed_standard_output_is_one_sentence(moving):
 PLAYS = """
 import atexit, sys, time
 from palpate.render import playback
-from palpate.render.cli import main
+from palpate.render.cli.app import main
 
 emulated_bus = playback.emulated_bus
 

@@ -5,23 +5,25 @@ import json
 import numpy as np
 import pytest
 
-from palpate.datasets import HandMotion, exploration
-from palpate.datasets.ptlist import write_ptlist
-from palpate.datasets.reader import ContourFile
+from palpate.datasets import HandMotion
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.focus_files.ptlist import write_ptlist
+from palpate.datasets.motions import exploration
 from palpate.device.array import array_model
-from palpate.device.bus import emulated_backend
+from palpate.device.boards.emulator.usb_side import Fault, FaultKind
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
-from palpate.device.emulator import Fault, FaultKind
+from palpate.device.emulation.emulated_backend import emulated_backend
 from palpate.device.errors import DeviceLostError, UpdateRateError
 from palpate.render import MeshObject, Palm, closed_contour, record, render
-from palpate.render import source as source_module
-from palpate.render.drive import Driver, DriveStrategy
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.frames import FrameSource
-from palpate.render.playback import Connection, play_file
-from palpate.render.rig import PlacedArray, load_rig
-from palpate.render.sampling import (
+from palpate.render.playback.drive import Driver, DriveStrategy
+from palpate.render.playback.file_playback import Connection, play_file
+from palpate.render.playback.file_playback import focus_source as source_module
+from palpate.render.playback.focus_source import ContourSource, PointSource
+from palpate.render.playback.frame_source import FrameSource
+from palpate.render.playback.placed_arrays import PlacedArray, load_rig
+from palpate.render.sampling.contour_sampling import (
     AmplitudeModulation,
     FocalPoints,
     Gap,
@@ -32,7 +34,6 @@ from palpate.render.sampling import (
     preset,
     sample_contours,
 )
-from palpate.render.source import ContourSource, PointSource
 
 VIRTUAL = Connection(clock="virtual")
 
@@ -116,7 +117,7 @@ def test_the_revisit_rate_of_a_static_pose_is_that_of_every_place(sampling, stat
     _, sampler = focus_of(static, sampling, duration=20.0)
     with ContourFile(static) as file:
         pose, batch = file.motion()["pose"], source_module.ContourBatch.from_arrays(file.contours())
-    monkeypatch.setattr("palpate.render.revisits.PICK_INTERVAL", 1e-9)
+    monkeypatch.setattr("palpate.render.sampling.revisits.PICK_INTERVAL", 1e-9)
     every = Sampler(sampling)
     for _ in sample_contours([batch], pose, np.zeros(1), 4.0, every):
         pass
@@ -145,7 +146,7 @@ def test_repeats_play_the_same_frames_again_without_the_file(moving):
 
 
 def test_repeats_of_what_does_not_fit_are_read_again(moving, monkeypatch):
-    monkeypatch.setattr("palpate.render.frames.KEPT_BYTES_MOST", 1000)
+    monkeypatch.setattr("palpate.render.playback.frame_source.KEPT_BYTES_MOST", 1000)
     sampler = Sampler(SamplingStrategy(update_rate=1000.0))
     with ContourFile(moving) as file:
         frames = FrameSource(ContourSource(file, sampler), Driver(array_model("emulator")), repeats=2, sampler=sampler)
@@ -226,7 +227,9 @@ def test_when_one_of_several_arrays_is_lost_the_others_are_switched_off(tmp_path
     buses = [emulated_backend("emulator", clock=VirtualClock()) for _ in range(2)]
     buses[1].inject(Fault(FaultKind.UNPLUG, byte=200_000))
     waiting = list(buses)
-    monkeypatch.setattr("palpate.render.playback.emulated_backend", lambda name, **options: waiting.pop(0))
+    monkeypatch.setattr(
+        "palpate.render.playback.file_playback.emulated_backend", lambda name, **options: waiting.pop(0)
+    )
     with pytest.raises(DeviceLostError) as caught:
         play_file(moving, array=pair(tmp_path), connection=VIRTUAL)
     assert caught.value.report.stopped_by == "device"

@@ -6,15 +6,16 @@ import shutil
 import numpy as np
 import pytest
 
-from palpate.datasets import HandMotion, exploration
+from palpate.datasets import HandMotion
+from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.frame_reader import FrameReader
-from palpate.datasets.reader import ContourFile
-from palpate.device.bus import emulated_backend
+from palpate.datasets.focus_files.frame_reader import FrameReader
+from palpate.datasets.motions import exploration
 from palpate.device.clock import VirtualClock
+from palpate.device.emulation.emulated_backend import emulated_backend
 from palpate.render import MeshObject, Palm, closed_contour, record
-from palpate.render import source as source_module
-from palpate.render.playback import Connection, play_file
+from palpate.render.playback.file_playback import Connection, play_file
+from palpate.render.playback.file_playback import focus_source as source_module
 
 
 @pytest.fixture(scope="module")

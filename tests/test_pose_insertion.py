@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from palpate.datasets import exploration
-from palpate.datasets.motion import PALM_DOWN, HandMotion
-from palpate.datasets.reader import ContourFile
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.motions import exploration
+from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, record, render
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.pose_insertion import insert_poses
-from palpate.render.sampling import Sampler, SamplingStrategy, sample_contours
+from palpate.render.playback.pose_insertion import insert_poses
+from palpate.render.sampling.contour_sampling import Sampler, SamplingStrategy, sample_contours
 
 CUBE = MeshObject.load("cube")
 

@@ -10,12 +10,13 @@ from contour_random import kinds_agree, random_batch
 from scipy.spatial.transform import Rotation
 from thinning_oracle import SlowThinning
 
-from palpate.kernels.cut import divide_segments
-from palpate.kernels.prune_close import Beside, thin_contours
+from palpate.kernels.stages.cut import divide_segments
+from palpate.kernels.stages.prune_crowded import Beside, thin_contours
 from palpate.render import ContourBatch, IntersectionStrategy
-from palpate.render.hands import PatchFrames
-from palpate.render.prune import facing_angle
-from palpate.render.stages import Setting, Stage, known_stages, run_stages
+from palpate.render.hands.hand import PatchFrames
+from palpate.render.stages.prune import facing_angle
+from palpate.render.stages.registry import Setting, Stage, known_stages
+from palpate.render.strategies.stage_runner import run_stages
 
 FOCAL_WIDTH = 0.0101
 STAGES = ["off-skin", "close-together", "small", "turned-away", "hidden"]

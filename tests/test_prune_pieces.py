@@ -9,8 +9,8 @@ from contour_random import random_batch
 from test_prune import a_setting, circle, flat_frames, lines_at, pruned
 from thinning_oracle import SlowThinning
 
-from palpate.kernels.cut import divide_segments
-from palpate.kernels.prune_close import Beside, thin_contours
+from palpate.kernels.stages.cut import divide_segments
+from palpate.kernels.stages.prune_crowded import Beside, thin_contours
 from palpate.render import ContourBatch
 
 U = np.array([(0.012, 0, 0.2), (0, 0, 0.2), (0, 0.004, 0.2), (0.012, 0.004, 0.2)])

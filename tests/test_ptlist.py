@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from palpate.datasets.errors import DatasetError
-from palpate.datasets.ptlist import PointListError, read_ptlist, write_ptlist
+from palpate.datasets.focus_files.ptlist import PointListError, read_ptlist, write_ptlist
 
 rows = hnp.arrays(
     np.float32, st.tuples(st.integers(1, 30), st.just(4)), elements=st.floats(0, 1, width=32, allow_subnormal=False)

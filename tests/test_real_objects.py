@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.datasets import check_file, exploration
-from palpate.datasets.shapes import shape
+from palpate.datasets import check_file
+from palpate.datasets.motions import exploration
+from palpate.datasets.shapes.built_in import shape
 from palpate.render import MeshObject, Palm, Placement, VoxelObject, closed_contour, play_file, record, render, voxelise
 from palpate.render.errors import MeshError, PalpateWarning
-from palpate.render.playback import Connection
+from palpate.render.playback.file_playback import Connection
 
 PLACED = Placement(fit=0.13, at=(0, 0, 0.2))
 

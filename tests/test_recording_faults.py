@@ -8,9 +8,9 @@ import pytest
 from test_recordings import TIP, content_of, lossy, remade, written
 
 from palpate.datasets.errors import RecordingError
-from palpate.datasets.hand_alignment import alignment_pose
-from palpate.datasets.recording_file import load_recording
-from palpate.datasets.recording_sample import sample_recording, write_sample
+from palpate.datasets.recordings.alignment import alignment_pose
+from palpate.datasets.recordings.files import load_recording
+from palpate.datasets.recordings.sample import sample_recording, write_sample
 
 
 def with_joint(content, **fields):

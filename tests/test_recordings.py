@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.datasets import rigid
 from palpate.datasets.errors import RecordingError, RecordingWarning
-from palpate.datasets.hand_alignment import Y_UP, alignment_pose, write_alignment
-from palpate.datasets.hand_frames import joint_orientations, side_from_bends
-from palpate.datasets.hand_joints import (
+from palpate.datasets.hand_model.frames import joint_orientations, side_from_bends
+from palpate.datasets.hand_model.joints import (
     FINGERS,
     JOINT_NAMES,
     MEDIAPIPE_JOINTS,
@@ -21,9 +20,10 @@ from palpate.datasets.hand_joints import (
     joint_from,
     joint_parent,
 )
-from palpate.datasets.hand_recording import HandRecording
-from palpate.datasets.recording_file import load_recording
-from palpate.datasets.recording_sample import sample_recording, write_sample
+from palpate.datasets.recordings.alignment import Y_UP, alignment_pose, write_alignment
+from palpate.datasets.recordings.files import load_recording
+from palpate.datasets.recordings.recording import HandRecording
+from palpate.datasets.recordings.sample import sample_recording, write_sample
 
 FILES = [
     *(("leap", suffix) for suffix in (".json", ".csv", ".npz")),

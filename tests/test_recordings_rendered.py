@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from palpate.datasets.hand_alignment import Y_UP
-from palpate.datasets.hand_recording import HandRecording
-from palpate.datasets.hand_shape import hand_shape
-from palpate.datasets.hand_skinning import posed_vertices
-from palpate.datasets.recording_file import load_recording
-from palpate.datasets.recording_sample import sample_recording
+from palpate.datasets.hand_model.shape import hand_shape
+from palpate.datasets.hand_model.skinning import posed_vertices
+from palpate.datasets.recordings.alignment import Y_UP
+from palpate.datasets.recordings.files import load_recording
+from palpate.datasets.recordings.recording import HandRecording
+from palpate.datasets.recordings.sample import sample_recording
 from palpate.datasets.rigid import pose_inverse, pose_product
 from palpate.render import MeshObject, Palm, closed_contour, record, render
-from palpate.render.mesh_hand import MeshHand
-from palpate.render.plane_hand import PlaneHand
-from palpate.render.playback import Connection, play_file
-from palpate.render.sampling import SamplingStrategy
+from palpate.render.hands.mesh_hand import MeshHand
+from palpate.render.hands.plane_hand import PlaneHand
+from palpate.render.playback.file_playback import Connection, play_file
+from palpate.render.sampling.contour_sampling import SamplingStrategy
 
 VIRTUAL = Connection(clock="virtual")
 LEAP = ["HandSplay-110fps", "grab", "rollAndPitchCropped", "test-paddle-rightwards"]

@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 from revisit_oracle import visits_slowly
 from scipy.spatial.transform import Rotation
 
-from palpate.render import revisits
 from palpate.render.errors import StrategyError
-from palpate.render.revisits import RevisitWatch, revisit_rate
-from palpate.render.sampling import (
+from palpate.render.sampling.contour_sampling import (
     AmplitudeModulation,
     FocalPoints,
     Order,
@@ -22,9 +20,11 @@ from palpate.render.sampling import (
     Sampler,
     SamplingCount,
     SamplingStrategy,
+    revisits,
     sample_bounds,
     sample_contours,
 )
+from palpate.render.sampling.revisits import RevisitWatch, revisit_rate
 
 POSE = still(1)[0]  # palm down: hand frame X = x, Z = -y of the array
 RATE = 10_000.0  # [Hz]

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from march_cases import Shape, ball_value, box_of, box_value, shape_field, step_value
 
-from palpate.kernels.field import root_of
+from palpate.kernels.fields.field import root_of
 from palpate.kernels.patch import EXACT
 
 wp.set_module_options(EXACT)

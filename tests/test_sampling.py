@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 from sampling_oracle import drawn_slowly
 
 from palpate.render.errors import StrategyError
-from palpate.render.sampling import Order, Path, Sampler, SamplingStrategy, sample_bounds, sample_contours
+from palpate.render.sampling.contour_sampling import (
+    Order,
+    Path,
+    Sampler,
+    SamplingStrategy,
+    sample_bounds,
+    sample_contours,
+)
 
 GIVEN = Order(route="given")
 

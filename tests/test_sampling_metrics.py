@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.render import MeshObject, Palm, closed_contour, render
 from palpate.render.errors import StrategyError
-from palpate.render.sampling import (
+from palpate.render.sampling.contour_sampling import (
     FocalPoints,
     Gap,
     Order,

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_oracle import sampled_slowly
 
-from palpate.render.sampling import (
+from palpate.render.sampling.contour_sampling import (
     AmplitudeModulation,
     Dwell,
     Gap,

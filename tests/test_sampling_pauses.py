@@ -8,9 +8,9 @@ from contour_shapes import batch_of, circle, square, still
 
 from palpate.render import ContourBatch, Sampler, SamplingStrategy
 from palpate.render.errors import StrategyError
-from palpate.render.path import Path, paths_of
-from palpate.render.sampling_strategy import Dwell, Gap, Order, Pace
-from palpate.render.track import lay_track
+from palpate.render.sampling.path import Path, paths_of
+from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace
+from palpate.render.sampling.track import lay_track
 
 SIDE = 0.04
 STRATEGY = SamplingStrategy()

@@ -8,8 +8,8 @@ from contour_shapes import batch_of, circle, square, still
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.render.continuity import Place, entered, interval_of
-from palpate.render.sampling import (
+from palpate.render.sampling.continuity import Place, entered, interval_of
+from palpate.render.sampling.contour_sampling import (
     Dwell,
     Gap,
     Order,
@@ -21,7 +21,7 @@ from palpate.render.sampling import (
     sample_bounds,
     sample_contours,
 )
-from palpate.render.track import lay_track
+from palpate.render.sampling.track import lay_track
 
 RING = (circle(0.03), True)
 LEFT, RIGHT = (circle(0.02, centre=(-0.03, 0, 0.2)), True), (circle(0.02, centre=(0.03, 0, 0.2)), True)

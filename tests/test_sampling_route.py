@@ -9,11 +9,11 @@ from contour_shapes import batch_of, circle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.render import route as routing
-from palpate.render.path import Path
-from palpate.render.route import PIECES_MOST, SEARCHED_MOST, jump_total, shortest_route
-from palpate.render.sampling import SamplingStrategy
-from palpate.render.track import lay_track, pieces_of
+from palpate.render.sampling.contour_sampling import SamplingStrategy
+from palpate.render.sampling.contour_sampling import route as routing
+from palpate.render.sampling.path import Path
+from palpate.render.sampling.route import PIECES_MOST, SEARCHED_MOST, jump_total, shortest_route
+from palpate.render.sampling.track import lay_track, pieces_of
 
 place = st.tuples(*[st.integers(-50, 50)] * 3).map(lambda p: np.array(p) * 1e-3)
 opens = st.tuples(place, place).filter(lambda p: np.linalg.norm(p[0] - p[1]) > 1e-3).map(lambda p: (np.array(p), False))

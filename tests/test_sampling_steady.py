@@ -10,11 +10,19 @@ import pytest
 from contour_shapes import batch_of, circle, still
 from scipy.ndimage import uniform_filter1d
 
-from palpate.datasets.motion import PALM_DOWN, HandMotion
+from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, render
 from palpate.render.errors import StrategyError
-from palpate.render.sampling import Order, Pace, Path, Sampler, SamplingStrategy, sample_bounds, sample_contours
-from palpate.render.track import lay_track
+from palpate.render.sampling.contour_sampling import (
+    Order,
+    Pace,
+    Path,
+    Sampler,
+    SamplingStrategy,
+    sample_bounds,
+    sample_contours,
+)
+from palpate.render.sampling.track import lay_track
 
 RATE, UPDATE = 90.0, 10_000.0
 CENTRES = [np.array([x, y, 0.2]) for x in (-0.03, 0.0, 0.03) for y in (-0.015, 0.015)]

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.render.errors import StrategyError
-from palpate.render.sampling import (
+from palpate.render.sampling.contour_sampling import (
     PRESETS,
     AmplitudeModulation,
     Dwell,

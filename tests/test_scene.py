@@ -9,18 +9,18 @@ from implicit_functions import ball
 from mesh_cases import generic_poses
 
 from palpate.datasets import HandMotion
-from palpate.datasets.check import check_file
-from palpate.datasets.reader import ContourFile
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
 from palpate.render import ImplicitObject, MeshObject, Palm, Placement, VoxelObject, closed_contour, record, render
-from palpate.render.contours import join_batches
+from palpate.render.contour_batch import join_batches
 from palpate.render.errors import MeshError, PoseError, StrategyError
-from palpate.render.expression import box, sphere
-from palpate.render.figure import draw_figure, object_at
 from palpate.render.focal_spot import focal_width
-from palpate.render.mesh_hand import MeshHand
-from palpate.render.plane_hand import HandPatch, PlaneHand
-from palpate.render.scene import Scene
-from palpate.render.stages import Stage
+from palpate.render.hands.mesh_hand import MeshHand
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.scene import Scene
+from palpate.render.objects.functions.expression import box, sphere
+from palpate.render.reports.contour_figure import draw_figure, object_at
+from palpate.render.stages.registry import Stage
 
 TUBE, CC = MeshObject.load("tube"), closed_contour()
 STEP = replace(CC, step=0.004)

@@ -26,10 +26,10 @@ from oracles import in_palm
 from scipy.spatial.transform import Rotation
 
 from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
-from palpate.render.coincident_faces import gap_of
-from palpate.render.contours import HAND, OBJECT
-from palpate.render.objects import Placement
-from palpate.render.plane_hand import HandPatch, PatchJoint, PlaneHand
+from palpate.render.contour_batch import HAND, OBJECT
+from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
+from palpate.render.objects.mesh.coincident_faces import gap_of
+from palpate.render.objects.mesh.solid_mesh import Placement
 
 OC, CC, WHOLE = open_contour(), closed_contour(), IntersectionStrategy()
 STRATEGIES = {"whole plane": WHOLE, "oc": OC, "cc": CC}

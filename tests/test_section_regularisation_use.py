@@ -9,17 +9,17 @@ from manifold3d import CrossSection, FillRule
 from mesh_cases import CLOSED, MIDDLE, bowl, generic_poses, merged, moved
 from oracles import section_links, walk
 
-from palpate.kernels.plane_loops import plane_loops
-from palpate.kernels.ragged import PointLimitError
-from palpate.kernels.tally import METRICS
+from palpate.kernels.metrics.tally import METRICS
+from palpate.kernels.offsets import PointLimitError
+from palpate.kernels.section.plane_loops import plane_loops
 from palpate.render import IntersectionStrategy, Palm, closed_contour, open_contour, render
-from palpate.render import section_regularisation as regularisation
 from palpate.render.errors import MeshError, StrategyError
-from palpate.render.hands import rigid_poses
-from palpate.render.instant import PoseContours
-from palpate.render.intersect import intersect, tally_intersection
-from palpate.render.scene import Scene
-from palpate.render.section_regularisation import FILL_RULES, STEP, UNIT, Loops, Planes
+from palpate.render.hands.hand import rigid_poses
+from palpate.render.intersection import section_regularisation as regularisation
+from palpate.render.intersection.mesh_section import intersect, tally_intersection
+from palpate.render.intersection.scene import Scene
+from palpate.render.intersection.section_regularisation import FILL_RULES, STEP, UNIT, Loops, Planes
+from palpate.render.playback.live import PoseContours
 
 OC, CC, WHOLE = open_contour(), closed_contour(), IntersectionStrategy()
 LEVEL = np.array([[*MIDDLE, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)

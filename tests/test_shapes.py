@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from palpate.datasets.errors import ShapeError
-from palpate.datasets.shapes import CENTRE, SIZE, shape, shape_names
-from palpate.datasets.subdivision import bisected, quadrisected, smoothed
+from palpate.datasets.shapes.built_in import CENTRE, SIZE, shape, shape_names
+from palpate.datasets.shapes.subdivision import bisected, quadrisected, smoothed
 
 FACE_COUNT = {"cube": 12, "sphere": 1280, "tube": 256, "dog": 136, "dog-detailed": 1160, "rock": 320}
 HANDLES = {"tube": 1}

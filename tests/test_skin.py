@@ -6,13 +6,13 @@ import warp as wp
 from mesh_cases import CLOSED, MIDDLE, generic_poses
 from skin_cases import drawn, grid_skin, lines_of, oracle_lines, placed_by, solid_on, summary_of
 
-from palpate.kernels.edge_pairing import OPEN, twins_of
-from palpate.kernels.ragged import PointLimitError
-from palpate.kernels.skin_edges import SkinEdges, upload_skin
-from palpate.kernels.skin_refine import refine_faces
-from palpate.kernels.skin_walk import list_curves
-from palpate.render.contours import join_batches
-from palpate.render.mesh_hand import MeshHand
+from palpate.kernels.offsets import PointLimitError
+from palpate.kernels.section.edge_pairing import OPEN, twins_of
+from palpate.kernels.skin.edges import SkinEdges, upload_skin
+from palpate.kernels.skin.refine import refine_faces
+from palpate.kernels.skin.walk import list_curves
+from palpate.render.contour_batch import join_batches
+from palpate.render.hands.mesh_hand import MeshHand
 
 
 def still(x, y, z):
@@ -238,7 +238,7 @@ def test_triangles_that_are_short_enough_stay_as_they_are():
 
 
 def test_a_field_without_balls_and_without_bounds_gives_the_same(device):
-    from palpate.kernels.skin import skin_contours
+    from palpate.kernels.skin.curves import skin_contours
 
     hand, poses = pierced(), generic_poses(15, 9)
     field, bounds = solid_on("tube", device)

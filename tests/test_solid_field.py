@@ -7,9 +7,9 @@ from field_points import roots_between, values_at
 from mesh_cases import CLOSED, MIDDLE, flipped, merged, moved
 from skin_cases import crossing_between, winding_of
 
-from palpate.kernels.field import MODULE
-from palpate.kernels.solid import Inside, mesh_ball, mesh_field
-from palpate.kernels.surface import HalfEdges, upload_surface
+from palpate.kernels.fields.field import MODULE
+from palpate.kernels.fields.mesh_inside import Inside, mesh_ball, mesh_field
+from palpate.kernels.section.half_edges import HalfEdges, upload_surface
 
 
 def field_of(mesh, device, solid="winding"):

@@ -10,14 +10,14 @@ import pytest
 from sweep_damage import make_store
 from sweep_store_rows import MAKER
 
-from palpate.datasets.durable import FolderLock, is_locked
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.sweep_check import check_store, is_sweep_data
-from palpate.datasets.sweep_shard import read_shard
-from palpate.datasets.sweep_store import SweepStore
+from palpate.datasets.storage.durable import FolderLock, is_locked
+from palpate.datasets.sweeps.sweep_check import check_store, is_sweep_data
+from palpate.datasets.sweeps.sweep_shard import read_shard
+from palpate.datasets.sweeps.sweep_store import SweepStore
 from palpate.render.errors import SweepError
-from palpate.render.sweep_log import LOG, SweepLog
-from palpate.render.sweep_results import STAMP, _stamped, locked
+from palpate.render.sweeps.sweep_log import LOG, SweepLog
+from palpate.render.sweeps.sweep_results import STAMP, _stamped, locked
 
 MAGIC = bytes.fromhex("d9d505f920a163d7")
 MODES = pytest.mark.parametrize("mode", ["read", "create"])

@@ -10,8 +10,8 @@ import pytest
 from palpate.datasets import ContourFile, HandMotion, static_pose
 from palpate.datasets.errors import ContourFileError
 from palpate.render import MeshObject, Palm, closed_contour, load_strategy, record
-from palpate.render.stage_digest import digest_of
-from palpate.render.stage_source import stage_sources
+from palpate.render.stages.user_code_digest import digest_of
+from palpate.render.strategies.user_stage_sources import stage_sources
 
 STAGE = """
 from palpate.render import ContourBatch, register_transform

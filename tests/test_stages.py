@@ -12,11 +12,9 @@ import warp as wp
 from contour_random import random_batch
 
 from palpate.render import ContourBatch, IntersectionStrategy
-from palpate.render import stages as registry
-from palpate.render.cut import cut_batch
 from palpate.render.errors import StrategyError
-from palpate.render.flat_planes import flat_hand
-from palpate.render.stages import (
+from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.stages.registry import (
     Option,
     Setting,
     Stage,
@@ -26,8 +24,10 @@ from palpate.render.stages import (
     register_point_function,
     register_prune,
     register_transform,
-    run_stages,
 )
+from palpate.render.stages.registry import registry as registry
+from palpate.render.stages.segment_removal import cut_batch
+from palpate.render.strategies.stage_runner import run_stages
 
 POSE = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (4, 1))
 SETTING = Setting(None, flat_hand(), POSE, 0, "cpu", 0.01, 0.0025)  # random batches have patches 0..2, the hand 15

@@ -9,10 +9,10 @@ from threading import Thread
 import pytest
 
 from palpate.render import IntersectionStrategy, closed_contour, open_contour
-from palpate.render import stages as registry
 from palpate.render.errors import StrategyError
-from palpate.render.stages import Stage, known_stages
-from palpate.render.strategy import PRESETS, load_strategy
+from palpate.render.stages.registry import Stage, known_stages
+from palpate.render.stages.registry import registry as registry
+from palpate.render.strategies.intersection_strategy import PRESETS, load_strategy
 
 FOCAL_WIDTH = 0.0101
 
@@ -120,7 +120,7 @@ def test_what_needs_inside_and_outside_says_so():
 def own_module(tmp_path):
     """A strategy file with a module of stages beside it."""
     (tmp_path / "palpate_test_stages.py").write_text(
-        "from palpate.render.stages import register_transform\n"
+        "from palpate.render.stages.registry import register_transform\n"
         "def same(batch, setting, *, times):\n"
         '    """Leave everything as it is."""\n'
         "    return batch\n"
@@ -175,7 +175,9 @@ def test_a_module_may_load_a_strategy_while_it_is_imported(own_module):
     module = own_module.with_name("palpate_test_stages.py")
     plain = own_module.with_name("plain.json")
     plain.write_text('{"modules": ["json"]}')
-    loads = f"from palpate.render.strategy import load_strategy\nload_strategy({str(plain)!r})\n"
+    loads = (
+        f"from palpate.render.strategies.intersection_strategy import load_strategy\nload_strategy({str(plain)!r})\n"
+    )
     module.write_text(loads + module.read_text())
     found = []
     thread = Thread(target=lambda: found.append(load_strategy(str(own_module), allow_code=True)), daemon=True)
@@ -213,7 +215,7 @@ def test_far_objects_scale_options_to_their_bounds():
 
 def test_presets_are_all_there_at_the_first_look_and_grow_while_looked_through():
     code = (
-        "from palpate.render.strategy import PRESETS, open_contour\n"
+        "from palpate.render.strategies.intersection_strategy import PRESETS, open_contour\n"
         "first = [name for name in PRESETS]\n"
         "for name, make in PRESETS.items():\n"
         "    PRESETS.setdefault('own', open_contour)\n"

@@ -6,8 +6,8 @@ import trimesh
 from drawing import assert_same_bits, draw, exact_poses, patch_array, surface_on
 from oracles import cut_mesh, cut_mesh_trimesh, is_degenerate
 
-from palpate.kernels.surface import HalfEdges
-from palpate.render.bench_objects import blob
+from palpate.kernels.section.half_edges import HalfEdges
+from palpate.render.bench.cases import blob
 
 HALF = np.array([0.0425, 0.0425])
 TOLERANCE = 1e-5  # [m]

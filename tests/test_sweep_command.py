@@ -18,10 +18,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_cli import FAILED, MISUSED, answer, refused, run
 
-from palpate.datasets.table import load_table, table_attributes, write_table
-from palpate.render import cli, sweep_estimate
+from palpate.datasets.sweeps.table import load_table, table_attributes, write_table
+from palpate.render.cli.app import app as cli
+from palpate.render.sweeps import sweep_estimate
 
-PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli import main; main()"]
+PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli.app import main; main()"]
 SMALL = """
 [object]
 source = {objects}
@@ -332,7 +333,7 @@ def test_a_finished_sweep_imports_no_more_than_it_needs(tmp_path):
     path = plan(tmp_path / "a.toml")
     sweep(path)
     code = (
-        "import sys; from palpate.render.cli import main; sys.argv[1:] = ['sweep', sys.argv[1], '--no-figure']\n"
+        "import sys; from palpate.render.cli.app import main; sys.argv[1:] = ['sweep', sys.argv[1], '--no-figure']\n"
         "try: main()\n"
         "except SystemExit as end: print(end.code, {'matplotlib', 'trimesh', 'scipy', 'pyarrow'} & set(sys.modules))"
     )

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sweep_rows import recipe, table
 
-from palpate.datasets.table import write_parquet, write_table
+from palpate.datasets.sweeps.table import write_parquet, write_table
 from palpate.render.errors import SweepError
-from palpate.render.sweep_compare import (
+from palpate.render.sweeps.sweep_compare import (
     DEFAULT,
     FLOORS,
     Baseline,

@@ -17,14 +17,21 @@ from sweep_damage import RECIPE_SHARDS, Damages, damaged, make_store, read_path
 from sweep_store_rows import MAKER, payload, places_of, pose_columns, write_rows
 from typer.testing import CliRunner
 
-from palpate.datasets import sweep_manifest
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.sweep_check import check_store
-from palpate.datasets.sweep_shard import read_shard
-from palpate.datasets.sweep_store import SweepStore
-from palpate.datasets.table import column_units, has_digest, load_table, table_attributes, write_parquet, write_table
-from palpate.datasets.table_stream import write_blocks
-from palpate.render.cli import app
+from palpate.datasets.sweeps import sweep_manifest
+from palpate.datasets.sweeps.sweep_check import check_store
+from palpate.datasets.sweeps.sweep_shard import read_shard
+from palpate.datasets.sweeps.sweep_store import SweepStore
+from palpate.datasets.sweeps.table import (
+    column_units,
+    has_digest,
+    load_table,
+    table_attributes,
+    write_parquet,
+    write_table,
+)
+from palpate.datasets.sweeps.table_stream import write_blocks
+from palpate.render.cli.app import app
 
 TRAILER_BYTES = 56
 PLACES = [place for number in range(RECIPE_SHARDS) for place in places_of(1, number)]

@@ -16,9 +16,9 @@ from distributed.security import Security
 from sweep_dask_work import make_task, work
 
 from palpate.render.errors import PalpateWarning, SweepError
-from palpate.render.sweep_crew import NOBODY, Crew
-from palpate.render.sweep_dask import DaskEngine
-from palpate.render.sweep_dask_work import Fitness
+from palpate.render.sweeps.sweep_crew import NOBODY, Crew
+from palpate.render.sweeps.sweep_dask import DaskEngine
+from palpate.render.sweeps.sweep_dask_work import Fitness
 
 TESTS = Path(__file__).parent
 LIMIT = 40.0  # [s] nothing here takes nearly as long
@@ -169,7 +169,7 @@ def test_an_engine_that_is_closed_while_busy_leaves_no_process_and_no_file(store
 
 def test_workers_end_when_their_parent_is_killed(store):
     script = (
-        "import sys; from pathlib import Path; from palpate.render.sweep_dask import DaskEngine\n"
+        "import sys; from pathlib import Path; from palpate.render.sweeps.sweep_dask import DaskEngine\n"
         "from sweep_dask_work import make_task, work\n"
         "if __name__ == '__main__':\n"
         "    engine = DaskEngine('local', devices='cpu', workers=1, work=work)\n"
@@ -290,7 +290,7 @@ def test_a_missing_device_is_named_with_worker_and_host(theirs, store):
 
 
 def test_a_worker_with_other_code_is_named(theirs, store, monkeypatch):
-    monkeypatch.setattr("palpate.render.sweep_crew.maker", lambda: "palpate 0.0.1")
+    monkeypatch.setattr("palpate.render.sweeps.sweep_crew.maker", lambda: "palpate 0.0.1")
     with pytest.raises(SweepError, match=r"worker tcp.*it has palpate.*made with palpate 0\.0\.1"):
         DaskEngine(theirs.scheduler_address, devices="cpu", work=work).start(store)
 

@@ -10,13 +10,13 @@ import yaml
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from palpate.datasets.shapes import shape_names
+from palpate.datasets.shapes.built_in import shape_names
 from palpate.render import MeshObject
-from palpate.render.cli import app
-from palpate.render.sweep_compare import parse_tolerances
-from palpate.render.sweep_plan import load_plans
-from palpate.render.sweep_poses import pose_count
-from palpate.render.sweep_table import METRICS, is_metric
+from palpate.render.cli.app import app
+from palpate.render.sweeps.sweep_compare import parse_tolerances
+from palpate.render.sweeps.sweep_plan import load_plans
+from palpate.render.sweeps.sweep_poses import pose_count
+from palpate.render.sweeps.sweep_table import METRICS, is_metric
 
 ROOT = Path(__file__).parent.parent
 SWEEP, CI = (ROOT / "docs/guide" / name for name in ("sweep.md", "sweep-ci.md"))

@@ -12,18 +12,18 @@ import pytest
 import warp as wp
 from sweep_recipes import explored, random_motion, recipe_of, task_of
 
-from palpate.datasets.sweep_shard import ShardRow, read_shard, write_shard
-from palpate.datasets.sweep_store import SweepStore
-from palpate.render import stages
+from palpate.datasets.sweeps.sweep_shard import ShardRow, read_shard, write_shard
+from palpate.datasets.sweeps.sweep_store import SweepStore
 from palpate.render.errors import ImplicitError
-from palpate.render.function import load_function
-from palpate.render.stage_digest import digest_of
-from palpate.render.strategy import load_strategy
-from palpate.render.sweep_engine import InProcess
-from palpate.render.sweep_plan import load_plans
-from palpate.render.sweep_recipe import maker
-from palpate.render.sweep_run import run_sweep
-from palpate.render.sweep_work import run_task
+from palpate.render.objects.functions.user_function import load_function
+from palpate.render.stages.registry import registry as stages
+from palpate.render.stages.user_code_digest import digest_of
+from palpate.render.strategies.intersection_strategy import load_strategy
+from palpate.render.sweeps.sweep_engine import InProcess
+from palpate.render.sweeps.sweep_plan import load_plans
+from palpate.render.sweeps.sweep_recipe import maker
+from palpate.render.sweeps.sweep_run import run_sweep
+from palpate.render.sweeps.sweep_work import run_task
 
 BALL = """
 import warp as wp
@@ -39,7 +39,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.render.stages import register_transform
+from palpate.render.stages.registry import register_transform
 
 SHARE = %s
 
@@ -261,7 +261,8 @@ def test_what_is_bound_counts_by_what_it_holds():
 
 def test_sets_are_told_alike_in_every_process(tmp_path):
     code = (
-        "from functools import partial; from palpate.render.stage_digest import digest_of; import numpy as np;"
+        "from functools import partial; from palpate.render.stages.user_code_digest import digest_of;"
+        "import numpy as np;"
         "print(digest_of(partial(print, frozenset({'object', 'hand', 'made', 'other'}), np.array(['a', 'b'], object))))"
     )
     run = partial(subprocess.run, [sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -284,7 +285,7 @@ def test_the_file_that_registers_a_stage_counts(tmp_path, own, monkeypatch):
     library.write_text("def as_it_is(level, batch, setting):\n    return batch\n")
     own.write_text(
         f"from functools import partial\nfrom {library.stem} import as_it_is\n"
-        "from palpate.render.stages import register_transform\n"
+        "from palpate.render.stages.registry import register_transform\n"
         f"register_transform('{own.stem}', partial(as_it_is, 1))\n"
     )
     (before,) = plan_in(tmp_path, "tube", "own.json").recipes()

@@ -13,14 +13,14 @@ import sweep_works
 import warp as wp
 from sweep_recipes import random_motion, recipe_of, task_of
 
-from palpate.datasets.sweep_shard import read_shard
-from palpate.render import sweep_process
+from palpate.datasets.sweeps.sweep_shard import read_shard
 from palpate.render.errors import PalpateWarning, StrategyError, SweepError
-from palpate.render.sweep_child import attempt
-from palpate.render.sweep_engine import InProcess, choose_engine
-from palpate.render.sweep_processes import DEATHS_MOST, Processes
-from palpate.render.sweep_task import Piece, Task
-from palpate.render.sweep_wire import Frames, frame
+from palpate.render.sweeps import sweep_process
+from palpate.render.sweeps.sweep_child import attempt
+from palpate.render.sweeps.sweep_engine import InProcess, choose_engine
+from palpate.render.sweeps.sweep_processes import DEATHS_MOST, Processes
+from palpate.render.sweeps.sweep_task import Piece, Task
+from palpate.render.sweeps.sweep_wire import Frames, frame
 
 PIECES = (Piece("{}", ("contours",)),)
 
@@ -343,8 +343,8 @@ def test_workers_end_with_their_parent_however_it_ends(tmp_path):
 import sys, time
 sys.path[:] = {sys.path!r}
 import sweep_works
-from palpate.render.sweep_processes import Processes
-from palpate.render.sweep_task import Task
+from palpate.render.sweeps.sweep_processes import Processes
+from palpate.render.sweeps.sweep_task import Task
 engine = Processes(["cpu", "cpu"], work=sweep_works.do)
 engine.start({str(tmp_path)!r})
 engine.submit(Task(0, (), {str(tmp_path)!r}, "count 1000"))

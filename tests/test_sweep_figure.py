@@ -7,8 +7,8 @@ import pytest
 from sweep_rows import table
 
 from palpate.render.errors import SweepError
-from palpate.render.sweep_figure import ROWS, caption, draw_sweep, shown_metrics, sweep_figure
-from palpate.render.sweep_layout import choose_layout, varying_axes
+from palpate.render.sweeps.sweep_figure import ROWS, caption, draw_sweep, shown_metrics, sweep_figure
+from palpate.render.sweeps.sweep_layout import choose_layout, varying_axes
 
 OBJECTS = ["cube", "sphere", "tube", "dog", "dog-detailed", "rock"]
 MESHES = [f"mesh {k}" for k in range(40)]

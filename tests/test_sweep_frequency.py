@@ -5,22 +5,15 @@ import pytest
 import warp as wp
 from mesh_cases import bodies, generic_poses, shell
 
-from palpate.kernels.tally import METRICS, tally_contours
-from palpate.render import (
-    MeshObject,
-    Palm,
-    SamplingStrategy,
-    closed_contour,
-    load_strategy,
-    open_contour,
-    sweep_frequency,
-)
-from palpate.render.path import paths_of
-from palpate.render.sampling_presets import PRESETS
-from palpate.render.sampling_strategy import Dwell, Gap, Order, Pace
-from palpate.render.scene import Scene
-from palpate.render.sweep_frequency import Pacer
-from palpate.render.track import lay_track
+from palpate.kernels.metrics.tally import METRICS, tally_contours
+from palpate.render import MeshObject, Palm, SamplingStrategy, closed_contour, load_strategy, open_contour
+from palpate.render.intersection.scene import Scene
+from palpate.render.sampling.path import paths_of
+from palpate.render.sampling.presets import PRESETS
+from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace
+from palpate.render.sampling.track import lay_track
+from palpate.render.sweeps import sweep_frequency
+from palpate.render.sweeps.sweep_frequency import Pacer
 
 THERE_AND_BACK = Order(kind="pendulum")
 STRATEGIES = {name: make() for name, make in PRESETS.items()} | {

@@ -12,25 +12,27 @@ import numpy as np
 import pytest
 from sweep_recipes import explored, random_motion, recipe_of, recorded, sampling_of, task_of
 
-from palpate.datasets import HandMotion, hdf5_opening
-from palpate.datasets.check import check_file
-from palpate.datasets.durable import FolderLock
-from palpate.datasets.frame_file import FrameField, FrameFile
-from palpate.datasets.reader import ContourFile
-from palpate.datasets.sweep_shard import read_shard
-from palpate.datasets.writer import ContourWriter
+from palpate.datasets import HandMotion
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.writer import ContourWriter
+from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
+from palpate.datasets.storage import hdf5_opening
+from palpate.datasets.storage.durable import FolderLock
+from palpate.datasets.sweeps.sweep_shard import read_shard
 from palpate.device.array import array_model
-from palpate.render import MeshObject, Palm, record, sweep_keep, sweep_sampling
-from palpate.render.drive import Driver
+from palpate.render import MeshObject, Palm, record
 from palpate.render.errors import PalpateWarning
-from palpate.render.playback import Connection, play_file
-from palpate.render.sampling import Sampler, dwell_map, joined, sample_bounds
-from palpate.render.source import ContourSource
-from palpate.render.strategy import load_strategy
-from palpate.render.summary import summarise
-from palpate.render.sweep_scene import sampling_of as sampling_strategy
-from palpate.render.sweep_scene import workshop_on
-from palpate.render.sweep_work import run_task
+from palpate.render.playback.drive import Driver
+from palpate.render.playback.file_playback import Connection, play_file
+from palpate.render.playback.focus_source import ContourSource
+from palpate.render.reports.file_summary import summarise
+from palpate.render.sampling.contour_sampling import Sampler, dwell_map, joined, sample_bounds
+from palpate.render.strategies.intersection_strategy import load_strategy
+from palpate.render.sweeps import sweep_keep, sweep_sampling
+from palpate.render.sweeps.sweep_scene import sampling_of as sampling_strategy
+from palpate.render.sweeps.sweep_scene import workshop_on
+from palpate.render.sweeps.sweep_work import run_task
 
 ALL = ("contours", "sampling", "keep-contours", "keep-focal-points", "keep-drives")
 NOT_THE_SAME = {"created", "device", "digests"}  # digests are of the other two and of /timing, too
@@ -240,9 +242,9 @@ def test_contours_of_other_code_are_made_anew_and_own_ones_kept(tmp_path, render
 KILLED = """
 import sys
 from pathlib import Path
-from palpate.datasets.writer import ContourWriter
-from palpate.render.batch import PoseSpans
-from palpate.render.sweep_work import run_task
+from palpate.datasets.contour_file.writer import ContourWriter
+from palpate.render.intersection.batch_rendering import PoseSpans
+from palpate.render.sweeps.sweep_work import run_task
 from sweep_recipes import explored, recipe_of, task_of
 from palpate.render import sweep_keep
 sweep_keep.maker = lambda: "this code"
@@ -365,7 +367,7 @@ def test_frames_that_are_missing_leave_nothing(tmp_path):
 FULL = """
 import resource, sys
 from palpate.kernels import compile_kernels
-from palpate.render.sweep_work import run_task
+from palpate.render.sweeps.sweep_work import run_task
 from sweep_recipes import explored, recipe_of, task_of
 recipe = recipe_of("cube", motion=explored(1.0))
 resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.render.sweep_lines import key_lines, line_of
+from palpate.render.sweeps.sweep_lines import key_lines, line_of
 
 TEXT = '''metrics = [
   "contours",   # ] not the end

@@ -13,8 +13,8 @@ from implicit_functions import ball
 from mesh_cases import generic_poses
 from skin_cases import grid_skin
 
-from palpate.kernels.ragged import PointLimitError
-from palpate.kernels.random_pose import random_poses
+from palpate.kernels.metrics.random_pose import random_poses
+from palpate.kernels.offsets import PointLimitError
 from palpate.render import (
     ImplicitObject,
     IntersectionStrategy,
@@ -25,17 +25,17 @@ from palpate.render import (
     closed_contour,
     load_strategy,
     open_contour,
-    sweep_metrics,
 )
-from palpate.render.batch import Chunk
 from palpate.render.errors import StrategyError, SweepError
-from palpate.render.mesh_hand import MeshHand
-from palpate.render.plane_hand import HandPatch, PlaneHand
-from palpate.render.recorder import metrics_of
-from palpate.render.sampling_presets import PRESETS
-from palpate.render.scene import Scene
-from palpate.render.sweep_metrics import FREQUENCIES, Part, measure_batch
-from palpate.render.sweep_task import PART, SPAN
+from palpate.render.hands.mesh_hand import MeshHand
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.batch_rendering import Chunk
+from palpate.render.intersection.file_recording import metrics_of
+from palpate.render.intersection.scene import Scene
+from palpate.render.sampling.presets import PRESETS
+from palpate.render.sweeps import sweep_metrics
+from palpate.render.sweeps.sweep_metrics import FREQUENCIES, Part, measure_batch
+from palpate.render.sweeps.sweep_task import PART, SPAN
 
 TUBE, CUBE, CC = MeshObject.load("tube"), MeshObject.load("cube"), closed_contour()
 STM, RETURN = SamplingStrategy(), PRESETS["fast-return"]()

@@ -13,11 +13,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palpate.render import loading, sweep_axes, sweep_estimate, sweep_product
 from palpate.render.errors import PalpateWarning, PlanError
-from palpate.render.sweep_axes import KEYS
-from palpate.render.sweep_plan import load_plans
-from palpate.render.sweep_product import LOOKED_AT, SPELT_OUT
+from palpate.render.intersection import named_inputs as loading
+from palpate.render.sweeps import sweep_axes, sweep_estimate, sweep_product
+from palpate.render.sweeps.sweep_axes import KEYS
+from palpate.render.sweeps.sweep_plan import load_plans
+from palpate.render.sweeps.sweep_product import LOOKED_AT, SPELT_OUT
 
 DOCUMENT = Path(__file__).parent.parent / "docs/guide/sweep-plan.md"
 SHORT = '[object]\nsource = "cube"\n'

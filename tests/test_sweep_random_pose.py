@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from palpate.datasets.rigid import rotated
-from palpate.kernels.random_pose import random_poses
+from palpate.kernels.metrics.random_pose import random_poses
 
 WORD = (1 << 64) - 1
 AT, SIZE = (0.01, -0.02, 0.2), 0.13

@@ -7,14 +7,14 @@ from dataclasses import asdict, field, make_dataclass
 import numpy as np
 import pytest
 
-from palpate.render import sweep_recipe
-from palpate.render.drive import DriveStrategy
 from palpate.render.errors import PlanError
-from palpate.render.sampling_strategy import SamplingStrategy
-from palpate.render.stages import find_stage
-from palpate.render.sweep_axes import KEYS
-from palpate.render.sweep_plan import load_plans
-from palpate.render.sweep_recipe import GROUPS, PARTS, Recipe, digest_source, groups_of, maker
+from palpate.render.playback.drive import DriveStrategy
+from palpate.render.sampling.strategy import SamplingStrategy
+from palpate.render.stages.registry import find_stage
+from palpate.render.sweeps import sweep_recipe
+from palpate.render.sweeps.sweep_axes import KEYS
+from palpate.render.sweeps.sweep_plan import load_plans
+from palpate.render.sweeps.sweep_recipe import GROUPS, PARTS, Recipe, digest_source, groups_of, maker
 
 PLAIN = '[object]\nsource = "cube"\n'
 

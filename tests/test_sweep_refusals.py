@@ -56,7 +56,7 @@ def test_a_baseline_of_another_plan_and_one_of_a_part_of_it(path, tmp_path):
 
 
 def test_a_recipe_in_common_is_found_far_into_a_plan(path, tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate.render.sweep_refusals.RECIPES_FIRST", 1)
+    monkeypatch.setattr("palpate.render.sweeps.sweep_refusals.RECIPES_FIRST", 1)
     old = Path(made(path)["store"])
     assert made(plan(tmp_path / "c.toml", [2, 3, 1]), "--baseline", old)["comparison"]["recipe_count"] == 1
 

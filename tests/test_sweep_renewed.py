@@ -9,7 +9,7 @@ import pytest
 from test_cli import FAILED, answer, run
 from test_sweep_command import PALPATE
 
-from palpate.datasets.table import load_table
+from palpate.datasets.sweeps.table import load_table
 
 PLAN = """
 metrics = ["contours", "frequency"]
@@ -26,8 +26,8 @@ OWN_STAGE = '''"""A stage of one's own."""
 
 import numpy as np
 
-from palpate.render.contours import ContourBatch
-from palpate.render.stages import register_prune
+from palpate.render.contour_batch import ContourBatch
+from palpate.render.stages.registry import register_prune
 
 
 def renewed_odd(batch, setting):
@@ -144,7 +144,7 @@ def test_a_damaged_table_of_the_same_length_is_written_again_which_is_said(tmp_p
 
 
 def test_a_picture_that_fails_is_told_and_costs_nothing_else(tmp_path, monkeypatch):
-    from palpate.render import sweep_figure
+    from palpate.render.sweeps import sweep_figure
 
     def broken(*_, **__):
         raise ValueError("no such glyph\nand more")

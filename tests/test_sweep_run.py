@@ -9,12 +9,12 @@ import pytest
 from sweep_stand_ins import StandIn, count_poses, parts_of, rows_of
 
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.sweep_shard import ShardRow, write_shard
-from palpate.datasets.sweep_store import SweepStore
-from palpate.render import sweep_run
+from palpate.datasets.sweeps.sweep_shard import ShardRow, write_shard
+from palpate.datasets.sweeps.sweep_store import SweepStore
 from palpate.render.errors import SweepError
-from palpate.render.sweep_run import run_sweep
-from palpate.render.sweep_task import PART, Outcome
+from palpate.render.sweeps import sweep_run
+from palpate.render.sweeps.sweep_run import run_sweep
+from palpate.render.sweeps.sweep_task import PART, Outcome
 
 MAKER = "test"
 DISK = "shards/a.h5: No space left on device"

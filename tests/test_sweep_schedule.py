@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from sweep_stand_ins import Memory, StandIn, count_poses, good, parts_of, rows_of
 
 from palpate.render.errors import SweepError
-from palpate.render.sweep_missing import Missing, runs_of
-from palpate.render.sweep_pace import GROWTH, POSES_FIRST, Pace, device_kind
-from palpate.render.sweep_schedule import COPY_SECONDS, LATE_SECONDS, WRITES_FAILED, Schedule
-from palpate.render.sweep_task import PART, Outcome
+from palpate.render.sweeps.sweep_missing import Missing, runs_of
+from palpate.render.sweeps.sweep_pace import GROWTH, POSES_FIRST, Pace, device_kind
+from palpate.render.sweeps.sweep_schedule import COPY_SECONDS, LATE_SECONDS, WRITES_FAILED, Schedule
+from palpate.render.sweeps.sweep_task import PART, Outcome
 
 GROUPS = ("contours", "frequency", "sampling", "keep-contours", "keep-drives")
 DISK = "shards/a.h5: No space left on device"

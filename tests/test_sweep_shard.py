@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sweep_store_rows import file_size_limit, write_rows
 
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.sweep_shard import ShardRow, read_shard, shard_columns, write_shard
+from palpate.datasets.sweeps.sweep_shard import ShardRow, read_shard, shard_columns, write_shard
 
 ROWS = [
     ShardRow("contours", "k", 0, {"poses": 3, "stat": {"length": [3, 0.1, 1e-300, -0.0, float("inf")]}, "name": "ü"}),

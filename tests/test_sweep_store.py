@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from sweep_store_rows import MAKER, file_size_limit, payload, pose_columns, row, write_rows
 
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.frame_file import FrameField, FrameFile
-from palpate.datasets.sweep_manifest import FORMAT_VERSION, Manifest
-from palpate.datasets.sweep_shard import ShardRow, read_shard, write_shard
-from palpate.datasets.sweep_store import SweepStore
+from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
+from palpate.datasets.sweeps.sweep_manifest import FORMAT_VERSION, Manifest
+from palpate.datasets.sweeps.sweep_shard import ShardRow, read_shard, write_shard
+from palpate.datasets.sweeps.sweep_store import SweepStore
 
 
 @pytest.fixture
@@ -293,7 +293,7 @@ def test_reading_changes_nothing(store):
 AS_NOBODY = """
 import os, sys
 import urllib.parse  # Python 3.13 imports it when a path becomes a URI, and nobody may not read Python's folder
-from palpate.datasets.sweep_store import SweepStore, SweepStoreError
+from palpate.datasets.sweeps.sweep_store import SweepStore, SweepStoreError
 os.setgid(65534); os.setuid(65534)
 with SweepStore(sys.argv[1], mode="read") as store:
     print(store.done([("contours", "k")]))

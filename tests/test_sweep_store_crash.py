@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from sweep_store_rows import MAKER, payload, places_of, pose_columns, write_rows
 
-from palpate.datasets.sweep_store import SweepStore
+from palpate.datasets.sweeps.sweep_store import SweepStore
 
 SCRIPT = Path(__file__).with_name("sweep_store_rows.py")
 

@@ -3,9 +3,9 @@
 import pytest
 from sweep_store_rows import MAKER, file_size_limit, write_rows
 
-from palpate.datasets import sweep_record
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.sweep_store import SweepStore
+from palpate.datasets.sweeps import sweep_record
+from palpate.datasets.sweeps.sweep_store import SweepStore
 
 
 @pytest.fixture

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sweep_rows import HandMadeStore, payload, recipe, statistic
 
-from palpate.datasets.schema import PRUNED_NAMES, removed_name
-from palpate.datasets.sweep_shard import ShardRow, write_shard
-from palpate.datasets.sweep_store import SweepStore
-from palpate.datasets.table import load_table, write_table
-from palpate.datasets.table_stream import write_blocks
-from palpate.render.sweep_sampling import NUMBERS
-from palpate.render.sweep_table import (
+from palpate.datasets.storage.schema import PRUNED_NAMES, removed_name
+from palpate.datasets.sweeps.sweep_shard import ShardRow, write_shard
+from palpate.datasets.sweeps.sweep_store import SweepStore
+from palpate.datasets.sweeps.table import load_table, write_table
+from palpate.datasets.sweeps.table_stream import write_blocks
+from palpate.render.sweeps.sweep_sampling import NUMBERS
+from palpate.render.sweeps.sweep_table import (
     CONTOUR_METRICS,
     FREQUENCY_METRICS,
     METRICS,
@@ -27,7 +27,7 @@ from palpate.render.sweep_table import (
     pose_blocks,
     tidy_columns,
 )
-from palpate.render.sweep_task import PART
+from palpate.render.sweeps.sweep_task import PART
 
 GROUPS = ("contours", "frequency", "sampling")
 LENGTHS = st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=40)

@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweep_store_rows import file_size_limit
 
-from palpate.datasets import hdf5_columns, table_stream
-from palpate.datasets import table as table_module
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.table import column_units, load_table, table_attributes, write_parquet, write_table
-from palpate.datasets.table_stream import TableWriter, write_blocks
+from palpate.datasets.storage import hdf5_columns
+from palpate.datasets.sweeps import table as table_module
+from palpate.datasets.sweeps import table_stream
+from palpate.datasets.sweeps.table import column_units, load_table, table_attributes, write_parquet, write_table
+from palpate.datasets.sweeps.table_stream import TableWriter, write_blocks
 
 COLUMNS = {
     "object": ["tube", "dög", None],

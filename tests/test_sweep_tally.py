@@ -7,13 +7,13 @@ import warp as wp
 from mesh_cases import bodies, generic_poses, shell
 from oracles import section_links, walk
 
-from palpate.kernels.measure import measure_contours
-from palpate.kernels.tally import METRICS, measure_gaps, sum_parts, tally_contours
+from palpate.kernels.metrics.measure import measure_contours
+from palpate.kernels.metrics.tally import METRICS, measure_gaps, sum_parts, tally_contours
 from palpate.render import MeshObject, Palm, closed_contour, open_contour
-from palpate.render.expression import box, sphere
-from palpate.render.implicit import ImplicitObject
-from palpate.render.plane_hand import HandPatch, PlaneHand
-from palpate.render.scene import Scene
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.scene import Scene
+from palpate.render.objects.functions.expression import box, sphere
+from palpate.render.objects.functions.implicit_object import ImplicitObject
 
 HALF = 0.0425
 TWO = PlaneHand(

@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 from mesh_cases import CLOSED, MESHES, generic_poses
 from test_degenerate import degenerate_poses
 
-from palpate.kernels.close import join_pieces, order_pieces
-from palpate.kernels.draw import draw_contours
-from palpate.kernels.find import find_pieces
-from palpate.kernels.tally import METRICS, tally_contours
-from palpate.kernels.tally_pieces import tally_pieces
+from palpate.kernels.metrics.tally import METRICS, tally_contours
+from palpate.kernels.section.contour_writing import draw_contours
+from palpate.kernels.section.joining import join_pieces, order_pieces
+from palpate.kernels.section.piece_search import find_pieces
+from palpate.kernels.section.tally_undrawn import tally_pieces
 from palpate.render import MeshObject, Palm, closed_contour, open_contour
-from palpate.render.contours import ContourBatch
-from palpate.render.plane_hand import HandPatch, PlaneHand
-from palpate.render.scene import Scene
+from palpate.render.contour_batch import ContourBatch
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.scene import Scene
 
 PALM = [[0.0425, 0.0425]]
 SEVERAL = [[0.04, 0.03], [0.3, 0.3], [0.004, 0.003], [0.05, 0.01]]

@@ -13,24 +13,25 @@ from hypothesis import strategies as st
 from sweep_recipes import explored, random_motion, recipe_of, recorded, strategy_of, task_of, thing_of
 
 from palpate.datasets import HandMotion
-from palpate.datasets.hand_alignment import Y_UP, write_alignment
-from palpate.datasets.motion_file import MotionRows, row_place, write_rows
-from palpate.datasets.recording_file import load_recording
-from palpate.datasets.recording_sample import write_sample
-from palpate.datasets.sweep_shard import read_shard
-from palpate.kernels.random_pose import random_poses
-from palpate.render import batch as render_batch
-from palpate.render import render, sweep_batch, sweep_work
-from palpate.render.expression import sphere
-from palpate.render.expression_file import expression_to_json
-from palpate.render.loading import load_hand, load_hand_and_motion, load_solid
-from palpate.render.objects import Placement
-from palpate.render.strategy import load_strategy
-from palpate.render.sweep_batch import Portion, Stretch, mended, take_batch
-from palpate.render.sweep_poses import pose_count
-from palpate.render.sweep_scene import Kept
-from palpate.render.sweep_task import PART, SPAN
-from palpate.render.sweep_work import run_task
+from palpate.datasets.motions.motion_file import MotionRows, row_place, write_rows
+from palpate.datasets.recordings.alignment import Y_UP, write_alignment
+from palpate.datasets.recordings.files import load_recording
+from palpate.datasets.recordings.sample import write_sample
+from palpate.datasets.sweeps.sweep_shard import read_shard
+from palpate.kernels.metrics.random_pose import random_poses
+from palpate.render import render
+from palpate.render.intersection import batch_rendering as render_batch
+from palpate.render.intersection.named_inputs import load_hand, load_hand_and_motion, load_solid
+from palpate.render.objects.functions.expression import sphere
+from palpate.render.objects.functions.expression_json import expression_to_json
+from palpate.render.objects.mesh.solid_mesh import Placement
+from palpate.render.strategies.intersection_strategy import load_strategy
+from palpate.render.sweeps import sweep_batch, sweep_work
+from palpate.render.sweeps.sweep_batch import Portion, Stretch, mended, take_batch
+from palpate.render.sweeps.sweep_poses import pose_count
+from palpate.render.sweeps.sweep_scene import Kept
+from palpate.render.sweeps.sweep_task import PART, SPAN
+from palpate.render.sweeps.sweep_work import run_task
 
 KINDS = ("object", "hand", "made")
 EXACT = [("tube", "palm", "cc"), ("sphere", "palm", "oc"), ("dog", "planes", "cc"), ("cube", "palm", "hatch")]
@@ -308,7 +309,7 @@ def test_a_task_that_cannot_be_read_is_told(tmp_path):
 FULL = """
 import resource, sys
 from palpate.kernels import compile_kernels
-from palpate.render.sweep_work import run_task
+from palpate.render.sweeps.sweep_work import run_task
 from sweep_recipes import random_motion, recipe_of, task_of
 task = task_of(sys.argv[1], [recipe_of("cube", motion=random_motion(4000))], ("contours", "poses"))
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))

@@ -14,10 +14,11 @@ from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion, static_pose
 from palpate.device.report import LiveStatistics
-from palpate.render import console, terminal
-from palpate.render.cli import app, main
-from palpate.render.console import DONE, FAILED, MISUSED
+from palpate.render.cli.app import app, main
 from palpate.render.errors import PalpateWarning, PlanError
+from palpate.render.terminal.console import DONE, FAILED, MISUSED
+from palpate.render.terminal.foreign_text import console
+from palpate.render.terminal.foreign_text import foreign_text as terminal
 
 ROOT = Path(__file__).parent.parent
 TITLE, CLIPBOARD, CLEAR = "\x1b]0;pwned\x07", "\x1b]52;c;cm0gLXJmCg==\x07", "\x1b[2J\x1b[H"
@@ -97,7 +98,7 @@ def test_what_is_wrong_with_options_is_shown_and_not_obeyed(name, monkeypatch, c
 
 
 def test_a_traceback_is_shown_and_not_obeyed(monkeypatch, capsys, rendered):
-    from palpate.render import job
+    from palpate.render.cli.app import file_commands as job
 
     def broken(path):
         raise KeyError(TITLE) from ValueError(f"{CLEAR}a\x85b")

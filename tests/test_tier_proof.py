@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from umockdev_session import Plug, missing, run, write_pat_file
 
-from palpate.datasets.motion import HandMotion, exploration
-from palpate.datasets.reader import ContourFile
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.motions.hand_motion import HandMotion, exploration
 from palpate.render import MeshObject, Palm, closed_contour
-from palpate.render.recorder import record
-from palpate.render.sampling import Sampler, SamplingStrategy, sample_bounds
-from palpate.render.source import ContourSource
+from palpate.render.intersection.file_recording import record
+from palpate.render.playback.focus_source import ContourSource
+from palpate.render.sampling.contour_sampling import Sampler, SamplingStrategy, sample_bounds
 
 pytestmark = pytest.mark.skipif(missing() is not None, reason=str(missing()))
 

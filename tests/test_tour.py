@@ -8,16 +8,16 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.datasets.shapes import shape
-from palpate.kernels.tour import thin_points, tour_points
-from palpate.render import contact
-from palpate.render.contact import contact_contours
-from palpate.render.contours import ContourBatch
+from palpate.datasets.shapes.built_in import shape
+from palpate.kernels.tours.tour import thin_points, tour_points
+from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, StrategyError
-from palpate.render.hands import Palm
-from palpate.render.mesh_hand import MeshHand
-from palpate.render.objects import MeshObject
-from palpate.render.plane_hand import HandPatch, PlaneHand
+from palpate.render.hands.hand import Palm
+from palpate.render.hands.mesh_hand import MeshHand
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection import contact_tour as contact
+from palpate.render.intersection.contact_tour import contact_contours
+from palpate.render.objects.mesh.solid_mesh import MeshObject
 
 FLAT = np.array([0.0, 0.0, 0.2, np.sin(np.pi / 4), 0.0, 0.0, np.cos(np.pi / 4)])  # in the plane z = 0.2
 

@@ -15,8 +15,8 @@ from transform_cases import (
     run_stage,
 )
 
-from palpate.kernels.pen import HAND, MADE, OBJECT
-from palpate.kernels.simplify import simplify_polylines
+from palpate.kernels.section.row_walker import HAND, MADE, OBJECT
+from palpate.kernels.stages.simplify import simplify_polylines
 from palpate.render import (
     ContourBatch,
     HandPatch,
@@ -27,7 +27,7 @@ from palpate.render import (
     Stage,
     render,
 )
-from palpate.render.transform_lines import Lines, divided, with_points, without_points
+from palpate.render.stages.polyline_arrays import Lines, divided, with_points, without_points
 
 SQUARE = 0.02 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 

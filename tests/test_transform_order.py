@@ -9,11 +9,11 @@ from transform_cases import a_setting, assert_valid, batch_of_loops, random_pose
 
 from palpate.render import IntersectionStrategy
 from palpate.render.errors import StrategyError
-from palpate.render.hands import PatchFrames
-from palpate.render.stages import Stage, known_stages
-from palpate.render.strategy import PRESETS, load_strategy
-from palpate.render.transform_order import require_order
-from palpate.render.transform_presets import PRESET_LINES
+from palpate.render.hands.hand import PatchFrames
+from palpate.render.stages.registry import Stage, known_stages
+from palpate.render.strategies.intersection_strategy import PRESETS, load_strategy
+from palpate.render.strategies.presets import PRESET_LINES
+from palpate.render.strategies.stage_order import require_order
 
 MAKERS = ("ellipse", "circle", "centroid", "hatch", "inset")
 

@@ -15,10 +15,10 @@ from transform_cases import (
     run_stage,
 )
 
-from palpate.kernels.pen import MADE
+from palpate.kernels.section.row_walker import MADE
 from palpate.render.errors import PalpateWarning, StrategyError
-from palpate.render.transform_fill import hatch_lines, inset_loops
-from palpate.render.transform_lines import divided
+from palpate.render.stages.fill import hatch_lines, inset_loops
+from palpate.render.stages.polyline_arrays import divided
 
 OVALS = ("ellipse", "circle", "centroid")
 MAKERS = (*OVALS, "hatch", "inset")

@@ -16,18 +16,18 @@ from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion, static_pose
 from palpate.render import ImplicitObject, MeshObject, load_strategy
-from palpate.render.cli import app
-from palpate.render.console import DONE, FAILED, MISUSED
+from palpate.render.cli.app import app
 from palpate.render.errors import ImplicitError, PlanError, StrategyError, TrustStoreError, UntrustedCodeError
-from palpate.render.strategy import IntersectionStrategy, draft_strategy
-from palpate.render.sweep_plan import draft_plans, load_plans
-from palpate.render.sweep_work import run_task
-from palpate.render.trust_store import Accepted, accept, accepted, entries, store_folder
+from palpate.render.strategies.intersection_strategy import IntersectionStrategy, draft_strategy
+from palpate.render.sweeps.sweep_plan import draft_plans, load_plans
+from palpate.render.sweeps.sweep_work import run_task
+from palpate.render.terminal.console import DONE, FAILED, MISUSED
+from palpate.render.trust.accepted_code import Accepted, accept, accepted, entries, store_folder
 
 STAGE = """
 with open({marker!r}, "a") as mark:
     mark.write("x")
-from palpate.render.stages import register_transform
+from palpate.render.stages.registry import register_transform
 register_transform({name!r}, lambda batch, setting: batch)
 """
 BALL = """
@@ -41,7 +41,7 @@ def ball(x: wp.vec3) -> float:
 """
 BOX = ["-0.05", "-0.05", "0.15", "0.05", "0.05", "0.25"]
 BALL_TABLE = '[object]\nsource = "ball.py:ball"\nbounds = [-0.05, -0.05, 0.15, 0.05, 0.05, 0.25]\n'
-PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli import main; main()"]
+PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli.app import main; main()"]
 MOTION = '[motion]\nsource = "random"\ncount = 20\n'
 
 
@@ -246,7 +246,7 @@ def test_what_shows_a_file_never_runs_code(folder, ran):
     assert render("--strategy", "own.json", "--allow-code").exit_code == DONE
     (folder / "ran").unlink()
     script = (
-        "import sys; from typer.testing import CliRunner; from palpate.render.cli import app\n"
+        "import sys; from typer.testing import CliRunner; from palpate.render.cli.app import app\n"
         "for words in (['info', 'out.h5'], ['check', 'out.h5'], ['figure', 'out.h5', '-o', 'a.png'],\n"
         "              ['play', 'out.h5', '--clock', 'virtual', '--duration', '0.1'],\n"
         "              ['export', 'out.h5', '-o', 'a.ptlist', '--duration', '0.1']):\n"

@@ -6,12 +6,12 @@ import trimesh
 from mesh_cases import CLOSED, MIDDLE, OPEN_OR_ODD, bodies, bowl, built_in, flipped, merged, moved, torn, triangle
 from scipy.ndimage import label
 
-from palpate.kernels.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
+from palpate.kernels.solids.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
 from palpate.render import MeshObject, Placement
 from palpate.render.errors import MeshError, PalpateWarning, VoxelError
-from palpate.render.mend import winding_number
-from palpate.render.voxeliser import voxelise, voxelise_file
-from palpate.render.voxels import VoxelObject
+from palpate.render.objects.mesh.repair import winding_number
+from palpate.render.objects.voxels.voxel_object import VoxelObject
+from palpate.render.objects.voxels.voxeliser import voxelise, voxelise_file
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*open edges")  # most meshes here have holes, which loading reports
 

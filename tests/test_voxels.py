@@ -11,9 +11,9 @@ from voxel_cases import TURNED, ball, balled, coordinates
 
 from palpate.render import MeshObject, Placement
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError, VoxelError
-from palpate.render.solid import Solid
-from palpate.render.voxel_grid import applied, box_of, crossing_points
-from palpate.render.voxels import VoxelObject
+from palpate.render.objects.solid import Solid
+from palpate.render.objects.voxels.grid import applied, box_of, crossing_points
+from palpate.render.objects.voxels.voxel_object import VoxelObject
 
 
 def surface_distances(thing, radius=0.03):

@@ -14,15 +14,15 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.datasets.motion import HandMotion
-from palpate.datasets.reader import ContourFile
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, record, render
-from palpate.render import batch as batch_module
-from palpate.render.batch import POINT_BYTES, memory_for, rendered_chunks
-from palpate.render.contours import join_batches
+from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
-from palpate.render.scene import SECTION_BYTES, Scene
-from palpate.render.workers import Crew, PoseSpans, worker_devices
+from palpate.render.intersection import batch_rendering as batch_module
+from palpate.render.intersection.batch_rendering import POINT_BYTES, memory_for, rendered_chunks
+from palpate.render.intersection.scene import SECTION_BYTES, Scene
+from palpate.render.runtime.span_workers import Crew, PoseSpans, worker_devices
 
 PALM = Palm()
 TUBE = MeshObject.load("tube")
@@ -260,8 +260,8 @@ import sys
 import numpy as np
 import warp as wp
 from palpate.render import MeshObject, Palm, closed_contour
-from palpate.render.batch import rendered_chunks
-from palpate.render.scene import Scene
+from palpate.render.intersection.batch_rendering import rendered_chunks
+from palpate.render.intersection.scene import Scene
 device, budget, poses = sys.argv[1], int(sys.argv[2]), np.load(sys.argv[3])
 thing = MeshObject.load("tube")
 thing.on(device)

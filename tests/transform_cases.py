@@ -3,9 +3,9 @@
 import numpy as np
 import shapely
 
-from palpate.kernels.pen import HAND, MADE, OBJECT
+from palpate.kernels.section.row_walker import HAND, MADE, OBJECT
 from palpate.render import ContourBatch, Palm
-from palpate.render.stages import Setting, Stage, find_stage
+from palpate.render.stages.registry import Setting, Stage, find_stage
 
 FOCAL_WIDTH = 0.01
 

@@ -9,11 +9,11 @@ import struct
 
 import numpy as np
 
-from palpate.device.board import Board
-from palpate.device.emulator import EmulatorUsb
-from palpate.device.ftdi_chip import FT232H_CHIP_BYTES, Ft232h
-from palpate.device.pat_board import PatBoard
-from palpate.device.peripheral import Peripheral
+from palpate.device.boards.emulator.model import Board
+from palpate.device.boards.emulator.usb_side import EmulatorUsb
+from palpate.device.boards.pat16.ftdi_model import FT232H_CHIP_BYTES, Ft232h
+from palpate.device.boards.pat16.model import PatBoard
+from palpate.device.emulation.peripheral import Peripheral
 
 ON_FOR_NS = 10_000_000_000  # how long the board has been switched on when the bus is made
 STANDARD_IN, GET_DESCRIPTOR = 0x80, 0x06

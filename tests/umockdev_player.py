@@ -20,7 +20,7 @@ import usb.backend.libusb1
 
 from palpate.device import Player, array_model, encode_frames
 from palpate.device.discovery import open_link
-from palpate.device.watchdog import Watchdog
+from palpate.device.playing.watchdog import Watchdog
 
 DEFAULTS: dict[str, Any] = {
     "array": "emulator",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.render import Placement
-from palpate.render.voxels import VoxelObject
+from palpate.render.objects.voxels.voxel_object import VoxelObject
 
 TURNED = np.array([[0.0, -0.8, 0.6], [1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
 PLACE = Placement(at=(0.0, 0.0, 0.2))

@@ -1,0 +1,1 @@
+"""The contour file: its header, written while it is computed, read lazily, checked."""

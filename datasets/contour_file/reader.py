@@ -1,0 +1,381 @@
+"""Contour files, sealed or still being written, read lazily by pose range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ContourFileError
+from ..storage.hdf5 import Hdf5Reader, require_fitting
+from ..storage.schema import CONTOURS, FIELDS, HAND, METRICS, MOTION, Arrays, Field
+from .header import (
+    FileHeader,
+    get_header,
+    get_json,
+    get_representation,
+    get_texts,
+    get_version,
+    recipe_hash,
+    refuse_foreign,
+)
+from .part_reader import PartReader
+from .parts import HEADER_NAME, readable_parts, work_folder
+from .timing import Timing, get_timing, join_timing
+from .unknown_content import unproven_attributes
+
+_BLOCK_POSES = 1 << 16
+
+
+class ContourFile:
+    """A contour file opened for reading; use it in a `with`, or `close()` it.
+
+    Where `path` does not exist but the work folder beside it does, the pose ranges done so far are read: `sealed` is
+    False, `done` says which, and asking for any other pose raises. What a writer does later is not seen.
+
+    Rows are proven by the file's digests whenever they are read, where it has any (format 1.2 and newer). `verify`
+    reads and proves everything first.
+
+    Raises:
+        ContourFileError: From every method: missing, empty, truncated, foreign or damaged files, a newer major
+            version, poses out of range or not done yet. The message names the file and why.
+    """
+
+    def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
+        self.path = Path(path)
+        self.sealed, self._header_file, parts, self.problems = _open(self.path)
+        """Sentences on what of an unfinished file is damaged; resuming renders it again."""
+        self._pieces: list[_Piece] = []
+        self._fitting: set[tuple[Path, tuple[Field, ...]]] = set()
+        try:
+            refuse_foreign(self._header_file)
+            _, shape = self._header_file.layout("/motion/pose")
+            self.pose_count = shape[0]
+            """Number of poses of the motion, done or not."""
+            if self.pose_count == 0:
+                raise ContourFileError(f"{self._header_file.path}: /motion/pose has no rows")
+            if self.sealed:
+                self._pieces = [_Piece(0, self.pose_count, self._header_file)]
+            else:
+                self._pieces = [_Piece(part.part.first, part.part.stop, part) for part in parts]
+            if verify:
+                self.require_whole()
+        except ContourFileError:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; closing twice does nothing."""
+        self._header_file.close()
+        for piece in self._pieces:
+            piece.rows.close()
+
+    def require_whole(self) -> None:
+        """Read everything once, in bounded memory, and refuse what is not what was written, by its digest.
+
+        Rows are proven whenever they are read; this proves also those that nobody asks for, and the attributes. It
+        proves against accidents: whoever changes a file can write other digests. Raises ContourFileError also where a
+        file has no digests: formats 1.0 and 1.1 had none.
+        """
+        file = self._header_file
+        if file.digest_table is None:
+            raise ContourFileError(f"{self.path} has no digests that prove its content: format 1.2 brought them")
+        file.require_attributes()
+        if sentences := unproven_attributes(file):
+            raise ContourFileError(f"{self.path}: {sentences[0]}")
+        for name in dict.fromkeys([*(spec.path for spec in FIELDS if spec.path in file), *file.digest_table.datasets]):
+            file.require_rows(name)
+        if not self.sealed:
+            for rows, _ in self.parts()[1]:
+                for spec in (*CONTOURS, *METRICS):
+                    if spec.path in rows:
+                        rows.require_rows(spec.path)
+
+    def require_unchanged(self) -> None:
+        """Refuse to go on with a sealed file that was changed since it was opened."""
+        self._header_file.require_unchanged()
+
+    @property
+    def folder(self) -> Path:
+        """The folder that the file's parts lie in: the work folder, or that of the sealed file."""
+        return self._header_file.path.parent
+
+    def parts(self) -> tuple[Hdf5Reader, list[tuple[Hdf5Reader | PartReader, int]]]:
+        """What this file is made up of: its header, and the rows of the poses done with the poses' numbers."""
+        return self._header_file, [(self._checked(piece), piece.stop - piece.first) for piece in self._pieces]
+
+    @property
+    def done(self) -> list[tuple[int, int]]:
+        """Pose ranges (first, stop) that can be read, joined where they touch."""
+        ranges: list[tuple[int, int]] = []
+        for piece in self._pieces:
+            if ranges and ranges[-1][1] == piece.first:
+                ranges[-1] = (ranges[-1][0], piece.stop)
+            else:
+                ranges.append((piece.first, piece.stop))
+        return ranges
+
+    @cached_property
+    def polyline_count(self) -> int:
+        """Number of polylines of the poses done."""
+        return sum(self._row_count(piece, "/contours/polyline_closed") for piece in self._pieces)
+
+    @cached_property
+    def point_count(self) -> int:
+        """Number of points of the poses done, the repeated ones of closed polylines included."""
+        return sum(self._row_count(piece, "/contours/points") for piece in self._pieces)
+
+    @property
+    def optional(self) -> tuple[str, ...]:
+        """The optional fields of /contours and /metrics that any of the poses done has."""
+        fields = [spec for spec in (*CONTOURS, *METRICS) if spec.optional]
+        return tuple(spec.name for spec in fields if any(spec.path in piece.rows for piece in self._pieces))
+
+    @cached_property
+    def strategy(self) -> dict[str, Any]:
+        """JSON of the intersection strategy."""
+        return get_json(self._header_file, "/", "strategy")
+
+    @cached_property
+    def hand(self) -> dict[str, Any]:
+        """JSON of the hand."""
+        return get_json(self._header_file, "/hand", "description")
+
+    @cached_property
+    def recipe(self) -> dict[str, str]:
+        """What decides the data, field by field (`FileHeader.recipe`)."""
+        return get_texts(self._header_file, "/", "recipe")
+
+    @cached_property
+    def attributes(self) -> dict[str, Any]:
+        """Format name and version, software versions, device, time of creation; seed and inserted poses, if any."""
+        file = self._header_file
+        attributes: dict[str, Any] = {
+            "format": file.text("/", "format"),
+            "version": list(get_version(file)),
+            "versions": get_texts(file, "/", "versions"),
+            "device": file.text("/", "device"),
+            "created": file.text("/", "created"),
+        }
+        notes = {name: file.whole("/", name) for name in ("seed", "poses_inserted")}
+        notes |= {"raw_error": file.number("/", "raw_error")}
+        return attributes | {name: value for name, value in notes.items() if value is not None}
+
+    def header(self) -> FileHeader:
+        """Everything that was known before the first pose was rendered, as the writer got it."""
+        return get_header(self._header_file)
+
+    def motion(self, first: int = 0, stop: int | None = None) -> Arrays:
+        """Poses `first` to `stop` (all): `pose`, float32 [pose, 7], hand frame -> array frame; `time` [s], if any.
+
+        `time` is float64 [pose]. Poses are there before their contours are done.
+        """
+        self._require_fitting(self._header_file, MOTION, self.pose_count)
+        names = ("pose", "time") if "/motion/time" in self._header_file else ("pose",)
+        return {name: self._header_file.read(f"/motion/{name}", first, stop) for name in names}
+
+    def object(self) -> dict[str, Any]:
+        """The mesh rendered, or the outline of what was: `vertices` [m], float32 [vertex, 3], array frame; `faces`.
+
+        With `name`, `hash`, JSON, and `moved`, float32 [pose, 7], where the object moves.
+        """
+        file = self._header_file
+        return {
+            "name": file.text("/object", "name"),
+            "hash": file.text("/object", "hash"),
+            "placement": get_json(file, "/object", "placement"),
+            "attributes": get_json(file, "/object", "attributes"),
+            "representation": get_representation(file),
+            "vertices": file.read("/object/vertices"),
+            "faces": file.read("/object/faces"),
+            **({"moved": file.read("/object/moved")} if "/object/moved" in file else {}),
+        }
+
+    def hand_arrays(self) -> Arrays:
+        """Arrays of the hand by name, those that its description is not enough without."""
+        return {spec.name: self._header_file.read(spec.path) for spec in HAND if spec.path in self._header_file}
+
+    def contours(self, first: int = 0, stop: int | None = None) -> Arrays:
+        """Contours of poses `first` to `stop` (all), as one batch by itself.
+
+        Gives the arrays of `/contours` by name (docs/formats/file-format.md), offsets from 0; optional ones only if the
+        file has them. Raises ContourFileError where a pose of the range is not done.
+        """
+        parts = self._parts(first, stop, CONTOURS)
+        pieces = [self._contours_of(piece, *poses) for piece, *poses in parts]
+        return join_contours(pieces)
+
+    def blocks(self, *, point_limit: int = 1 << 20) -> Iterator[tuple[int, int]]:
+        """Pose ranges (first, stop) that make up all poses done, in order, each of at most `point_limit` points.
+
+        A pose with more points is a range by itself. For going through a file of any size in bounded memory.
+        """
+        for piece in self._pieces:
+            for first in range(0, piece.stop - piece.first, _BLOCK_POSES):
+                stop = min(first + _BLOCK_POSES, piece.stop - piece.first)
+                point_start = self._point_start(piece, first, stop)
+                row = 0
+                while row < stop - first:
+                    limit = int(point_start[row]) + point_limit
+                    fitting = int(np.searchsorted(point_start, limit, side="right")) - 1
+                    end = max(fitting, row + 1)
+                    yield piece.first + first + row, piece.first + first + end
+                    row = end
+
+    def metrics(self, first: int = 0, stop: int | None = None) -> Arrays:
+        """Metrics of poses `first` to `stop` (all) by name, each of shape [pose]: lengths [m], number of polylines.
+
+        What prune stages removed [m] only where the file has it.
+        """
+        parts, optional = self._parts(first, stop, METRICS), self.optional
+        wanted = [spec for spec in METRICS if not spec.optional or spec.name in optional]
+        return {
+            spec.name: np.concatenate([np.zeros(0, spec.dtype), *(self._metric(spec, *part) for part in parts)])
+            for spec in wanted
+        }
+
+    def _metric(self, spec: Field, piece: _Piece, first: int, stop: int) -> NDArray[Any]:
+        rows = self._checked(piece)
+        if spec.optional and spec.path not in rows:
+            return np.full(stop - first, spec.absent, spec.dtype)
+        return rows.read(spec.path, first, stop)
+
+    def timing(self) -> Timing:
+        """How long each chunk took by stage; chunks in the order of their poses."""
+        return join_timing([get_timing(self._checked(piece)) for piece in self._pieces])
+
+    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[_Piece, int, int]]:
+        """Pieces that make up a pose range, each with the rows in it; the numbers of rows of the fields fit."""
+        stop = self.pose_count if stop is None else stop
+        if not 0 <= first <= stop <= self.pose_count:
+            raise ContourFileError(
+                f"{self.path}: poses {first} to {stop} are out of range, there are {self.pose_count} poses"
+            )
+        parts: list[tuple[_Piece, int, int]] = []
+        reached = first
+        for piece in self._pieces:
+            if piece.first <= reached < min(stop, piece.stop):
+                self._require_fitting(piece.rows, fields, piece.stop - piece.first)
+                end = min(stop, piece.stop)
+                parts.append((piece, reached - piece.first, end - piece.first))
+                reached = end
+        if reached < stop:
+            raise ContourFileError(f"{self.path}: pose {reached} of {first} to {stop} is not done yet")
+        return parts
+
+    def _require_fitting(self, rows: Hdf5Reader | PartReader, fields: tuple[Field, ...], poses: int) -> None:
+        """`require_fitting`, once for a file."""
+        if (rows.path, fields) not in self._fitting:
+            require_fitting(rows, fields, poses)
+            self._fitting.add((rows.path, fields))
+
+    def _contours_of(self, piece: _Piece, first: int, stop: int) -> Arrays:
+        file = self._checked(piece)
+        pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
+        low, high = int(pose_start[0]), int(pose_start[-1])
+        polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
+        rows = {"pose": (first, stop), "polyline": (low, high)}
+        rows["point"] = int(polyline_start[0]), int(polyline_start[-1])
+        arrays: Arrays = {"pose_start": pose_start - low, "polyline_start": polyline_start - rows["point"][0]}
+        for spec in CONTOURS:
+            if not spec.is_offset and (not spec.optional or spec.path in file):
+                arrays[spec.name] = file.read(spec.path, *rows[str(spec.dims[0])])
+        return arrays
+
+    def _point_start(self, piece: _Piece, first: int, stop: int) -> NDArray[np.int64]:
+        """Offsets into a piece's points where its poses `first` to `stop` begin, and where the last of them ends."""
+        file = self._checked(piece)
+        pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
+        low, high = int(pose_start[0]), int(pose_start[-1])
+        polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
+        return np.asarray(polyline_start[pose_start - low], np.int64)
+
+    def _row_count(self, piece: _Piece, name: str) -> int:
+        _, shape = self._checked(piece).layout(name)
+        return shape[0]
+
+    def _checked(self, piece: _Piece) -> Hdf5Reader | PartReader:
+        rows = piece.rows
+        if isinstance(rows, PartReader) and rows.part.recipe != self._recipe_hash:
+            raise ContourFileError(f"{rows.path} is of another rendering than the folder it lies in")
+        return rows
+
+    @cached_property
+    def _recipe_hash(self) -> str:
+        return recipe_hash(self.recipe)
+
+
+class _Piece(NamedTuple):
+    """Rows of consecutive poses."""
+
+    first: int
+    stop: int
+    rows: Hdf5Reader | PartReader
+
+
+def join_contours(pieces: list[Arrays]) -> Arrays:
+    """Batches one after another as one; those without an optional field have what its absence means."""
+    joined: Arrays = {}
+    for spec in CONTOURS:
+        if spec.is_offset:
+            joined[spec.name] = _join_offsets([piece[spec.name] for piece in pieces])
+        elif not spec.optional or any(spec.name in piece for piece in pieces):
+            empty = np.zeros((0, *(size for size in spec.dims[1:] if isinstance(size, int))), spec.dtype)
+            joined[spec.name] = np.concatenate([empty, *(_column(piece, spec) for piece in pieces)])
+    return joined
+
+
+def _open(path: Path) -> tuple[bool, Hdf5Reader, list[PartReader], list[str]]:
+    """Whether the file is sealed, what its header is in, its parts if it is not sealed, and what is wrong with them."""
+    folder = path if (path / HEADER_NAME).is_file() else work_folder(path)
+    if folder != path and (path.exists() or not folder.is_dir()):
+        return True, Hdf5Reader(path), [], []
+    opened: list[PartReader] = []
+    try:
+        parts, problems = readable_parts(folder)
+        for part in parts:
+            opened.append(PartReader(part))
+        return False, Hdf5Reader(folder / HEADER_NAME), opened, problems
+    except (OSError, ContourFileError) as error:
+        for reader in opened:
+            reader.close()
+        if path.is_file():  # sealed since we looked
+            return True, Hdf5Reader(path), [], []
+        raise ContourFileError(f"{path} is not written yet, and {folder} cannot be read ({error})") from error
+
+
+def _offsets(file: Hdf5Reader | PartReader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:
+    """Offsets of rows `first` to `stop`, refused where they would lead anywhere but forward inside `target`."""
+    offsets = file.read(name, first, stop + 1)
+    _, shape = file.layout(target)
+    whole = len(offsets) == stop - first + 1 and offsets[0] >= 0 and offsets[-1] <= shape[0]
+    if not whole or (np.diff(offsets) < 0).any():
+        raise ContourFileError(f"{file.path}: {name} is damaged: its offsets do not lead forward inside {target}")
+    return offsets
+
+
+def _join_offsets(pieces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    joined = [np.zeros(1, np.int64)]
+    base = np.int64(0)
+    for piece in pieces:
+        joined.append(piece[1:] + base)
+        base += piece[-1]
+    return np.concatenate(joined)
+
+
+def _column(piece: Mapping[str, NDArray[Any]], spec: Field) -> NDArray[Any]:
+    return piece[spec.name] if spec.name in piece else np.full(len(piece["points"]), spec.absent, spec.dtype)

@@ -1,0 +1,1 @@
+"""Files of focal points and drives: point lists of DOLPHIN, and frames."""

@@ -1,0 +1,180 @@
+"""Files of frames that a sweep keeps (docs/formats/sweep-files.md), read by frame range: focal points, and drives."""
+
+from __future__ import annotations
+
+import math
+from os import PathLike
+from types import TracebackType
+from typing import Any, NamedTuple, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..contour_file.header import get_version
+from ..errors import ContourFileError
+from ..json_text import parse_json
+from ..storage.hdf5 import Hdf5Reader
+
+FOCAL_POINTS, DRIVES = "palpate focal points", "palpate drives"
+VERSION_MAJOR = 1
+_BLOCK_ROWS = 1 << 16
+_SLACK = 1e-5  # by which rounding may lift a level above 1
+
+
+class _Rows(NamedTuple):
+    """A dataset with a row a frame."""
+
+    path: str
+    row_rank: int
+    """Number of dimensions of a row; one more where a frame has several focal points."""
+    width: int | None
+    """Of a row's last dimension; None for any."""
+    is_level: bool
+    """Whether values lie in 0..1."""
+
+
+_FIELDS: dict[str, tuple[_Rows, ...]] = {
+    FOCAL_POINTS: (_Rows("/focus/position", 1, 3, False), _Rows("/focus/intensity", 0, None, True)),
+    DRIVES: (_Rows("/drive/delay", 1, None, True), _Rows("/drive/amplitude", 0, None, True)),
+}
+_GROUPS = {FOCAL_POINTS: "/focus", DRIVES: "/drive"}
+
+
+class FrameReader:
+    """A file of focal points or of drives opened for reading; use it in a `with`.
+
+    Raises:
+        ContourFileError: From every method: missing, truncated, damaged or other files, a newer major version.
+    """
+
+    def __init__(self, path: str | PathLike[str]) -> None:
+        self._file = Hdf5Reader(path)
+        self.path = self._file.path
+        try:
+            self.format = self._format()
+            self._file.require_attributes()
+            """FOCAL_POINTS or DRIVES."""
+            self._fields = _FIELDS[self.format]
+            rows, levels = (self._shape(own) for own in self._fields)
+            self.frame_count = levels[0]
+            """Number of frames."""
+            self.foci = math.prod(levels[1:])
+            """Focal points of a frame; 1 for drives."""
+            if rows[: len(levels)] != levels:
+                raise ContourFileError(f"{self.path}: {self._fields[0].path} and {self._fields[1].path} do not fit")
+            self.update_rate = self._update_rate()
+            """[Hz]"""
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file; closing twice does nothing."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def require_unchanged(self) -> None:
+        """Refuse to go on with a file that was changed since it was opened."""
+        self._file.require_unchanged()
+
+    def focal_points(self, first: int, stop: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Positions [m], shape [frame, 3] or [frame, focus, 3], and intensities 0..1, [frame] or [frame, focus]."""
+        if self.format != FOCAL_POINTS:
+            raise ContourFileError(f"{self.path} holds {self.format.removeprefix('palpate ')}, no focal points")
+        position, intensity = (self._file.read(rows.path, first, stop) for rows in self._fields)
+        return position, intensity
+
+    def described(self, group: str, name: str) -> Any:
+        """An attribute that is JSON (`recipe` of "/", `names` of "/array"), as its values; None if it is none."""
+        try:
+            return parse_json(self._file.text(group, name), allow_nan=True)
+        except (ContourFileError, ValueError):
+            return None
+
+    def recipe(self) -> dict[str, Any]:
+        """The sweep's recipe that the frames are of; empty if the file tells none."""
+        if self._file.attribute("/", "recipe") is None:
+            return {}
+        told = self.described("/", "recipe")
+        if not isinstance(told, dict):
+            raise ContourFileError(f"{self.path}: attribute recipe of / is no JSON object")
+        return cast("dict[str, Any]", told)
+
+    def text(self, group: str, name: str) -> str | None:
+        """A text attribute; None if it is not there."""
+        value = self._file.attribute(group, name) if group in self._file else None
+        return value if isinstance(value, str) else None
+
+    def problems(self) -> list[str]:
+        """What is wrong, a sentence for the recipe and each dataset: all are read, in blocks. Empty if nothing is."""
+        out: list[str] = []
+        try:
+            self.recipe()
+        except ContourFileError as error:
+            out.append(str(error))
+        for rows in self._fields:
+            bad = np.zeros(0, np.int64)
+            for first in range(0, self.frame_count, _BLOCK_ROWS):
+                values = self._file.read(rows.path, first, min(first + _BLOCK_ROWS, self.frame_count))
+                is_bad = ~np.isfinite(values)
+                if rows.is_level:
+                    is_bad |= ~((values >= -_SLACK) & (values <= 1.0 + _SLACK))
+                bad = np.append(bad, np.flatnonzero(is_bad.reshape(len(values), -1).any(axis=1)) + first)
+            if bad.size:
+                what = "not in 0..1" if rows.is_level else "not finite"
+                out.append(f"{rows.path}: {what} ({bad.size}, first {bad[0]})")
+        return out
+
+    def _format(self) -> str:
+        found = _known_format(self._file)
+        if found is None:
+            raise ContourFileError(f"{self.path} holds neither focal points nor drives of a sweep")
+        if (major := get_version(self._file)[0]) > VERSION_MAJOR:
+            newer = f"newer than this palpate reads ({VERSION_MAJOR}.x)"
+            raise ContourFileError(f"{self.path} has version {major}, {newer}")
+        return found
+
+    def _shape(self, rows: _Rows) -> tuple[int, ...]:
+        dtype, shape = self._file.layout(rows.path)
+        several = self.format == FOCAL_POINTS and len(shape) == rows.row_rank + 2
+        fits = len(shape) == rows.row_rank + 1 + several and rows.width in (None, shape[-1])
+        if dtype != np.float32 or not fits or 0 in shape:
+            raise ContourFileError(f"{self.path}: {rows.path} is {dtype} {list(shape)}, which no frames are")
+        return shape
+
+    def _update_rate(self) -> float:
+        group = _GROUPS[self.format]
+        rate = self._file.attribute(group, "update_rate")
+        if isinstance(rate, bool) or not isinstance(rate, int | float) or not (np.isfinite(rate) and rate > 0):
+            raise ContourFileError(f"{self.path}: attribute update_rate of {group} must be positive, not {rate!r}")
+        return float(rate)
+
+
+def frame_format(path: str | PathLike[str]) -> str | None:
+    """FOCAL_POINTS or DRIVES, if a file says that it is that; None for everything else, also for no file."""
+    try:
+        with Hdf5Reader(path) as file:
+            return _known_format(file)
+    except ContourFileError:
+        return None
+
+
+def _known_format(file: Hdf5Reader) -> str | None:
+    found = file.attribute("/", "format")
+    return found if isinstance(found, str) and found in _FIELDS else None
+
+
+def check_frames(path: str | PathLike[str]) -> list[str]:
+    """Problems of a file of frames, a sentence each; empty if it is whole. Nothing is raised for a bad file."""
+    try:
+        with FrameReader(path) as file:
+            return file.problems()
+    except ContourFileError as error:
+        return [str(error)]

@@ -1,0 +1,1 @@
+"""Hand motions: poses of a palm over time, from files or made."""

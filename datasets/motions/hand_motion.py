@@ -1,0 +1,246 @@
+"""Hand motions: poses of one palm over time, recorded, made by hand, or a synthetic exploration of an object.
+
+Hand frame (OpenXR palm axes; Leap's palm basis is the same): +Y out of the back of the hand, +Z to the wrist, +X by the
+right-hand rule; origin in the middle of the palm's skin, which faces -Y. Array frame: +z up out of the array. A pose
+takes the first to the second: x y z [m], qx qy qz qw.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..bounded_file import FileBoundError, require_bytes
+from ..errors import MotionError
+from ..rigid import POSITION_FARTHEST
+from .exploration import FLOOR, MARGIN, Progress, exploration_path, unheard
+from .motion_file import MotionRows, read_rows, row_place, write_rows
+
+PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
+"""Quaternion xyzw of a hand above the array: palm down, fingers pointing away from the user (+y of the array)."""
+
+NORM_TOLERANCE = 1e-3
+"""A quaternion's norm may differ from 1 by this much; farther off it is no rotation and is refused."""
+
+BOUNDS_FARTHEST = 100.0
+"""An exploration is of an object this near to the array [m]; farther is a mistake of units."""
+POSES_MOST = 1e9
+"""Poses of one exploration, whatever the budget."""
+POSE_BYTES, SECOND_BYTES = 100, 1600
+"""What an exploration takes while it is made [byte]: for each pose, and for each second of its path; measured."""
+SEED_MOST = 2**63 - 1
+"""A seed fits an HDF5 integer."""
+
+_ROWS_AT_ONCE = 65536  # checked in float64, which for all of them would take twice the memory
+_NORM_ROUNDING = 1e-7  # all a unit quaternion loses in float32; left alone, so that reading back changes no bit
+
+
+@dataclass(frozen=True, eq=False)
+class HandMotion:
+    """Poses of a palm, in the array frame, over time or without time.
+
+    Checked and copied when made; the arrays are read-only. Rows count from 0 in messages. Raises MotionError for
+    arrays of another shape, no pose at all, values that are not finite, quaternions whose norm is not 1 within 1e-3,
+    and times that do not increase strictly; the message names the row and its values.
+    """
+
+    time: NDArray[np.float64] | None
+    """[s], shape [pose], starting at 0 and strictly increasing; None for poses without time."""
+    pose: NDArray[np.float32]
+    """x y z [m] and unit quaternion xyzw, hand frame -> array frame; shape [pose, 7]."""
+    offset: float = 0.0
+    """What the recording's clock read at time 0 [s]; times that start elsewhere are shifted into it."""
+    seed: int | None = None
+    """The seed of a synthetic motion."""
+    inserted: int = 0
+    """How many of the poses no tracker gave: they were put between two that it gave."""
+
+    def __post_init__(self) -> None:
+        time, pose, offset = _checked(self.time, self.pose, self.offset, row_place)
+        for name, value in (("time", time), ("pose", pose), ("offset", offset)):
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return self.pose.shape[0]
+
+    @property
+    def duration(self) -> float | None:
+        """How long the motion lasts [s]: the last pose lasts one median interval. None without time or interval."""
+        interval = self._interval()
+        return None if self.time is None or interval is None else float(self.time[-1]) + interval
+
+    @property
+    def rate(self) -> float | None:
+        """Poses a second [Hz]: one over the median interval. None without time or interval."""
+        interval = self._interval()
+        return None if interval is None else 1.0 / interval
+
+    def _interval(self) -> float | None:
+        if self.time is None or len(self) < 2:
+            return None
+        return float(np.median(np.diff(self.time), overwrite_input=True))
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> "HandMotion":
+        """Read a motion: CSV (header `time,x,y,z,qx,qy,qz,qw`, time optional) or HDF5 (/motion, so a contour file too).
+
+        The suffix decides: .csv, .h5, .hdf5. Raises MotionError naming the path and, in a CSV, the line.
+        """
+        rows = read_rows(Path(path))
+        motion = object.__new__(cls)  # without __post_init__, which would check and copy all of it once more
+        try:
+            time, pose, offset = _checked(rows.time, rows.pose, rows.offset, rows.place, copy=False)
+        except MotionError as error:
+            raise MotionError(f"{path}: {error}") from None
+        values = {"time": time, "pose": pose, "offset": offset, "seed": rows.seed, "inserted": 0}
+        for name, value in values.items():
+            object.__setattr__(motion, name, value)
+        return motion
+
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the motion as CSV or HDF5 by the suffix (.csv, .h5, .hdf5), whole or not at all.
+
+        A CSV holds the clock's times (time + offset) and no seed; HDF5 holds both. What was loaded reads back the same
+        to the last bit. Raises MotionError for an existing file unless `overwrite`, and where writing fails.
+        """
+        write_rows(Path(path), MotionRows(self.time, self.pose, self.offset, self.seed, row_place), overwrite=overwrite)
+
+
+def static_pose(position: ArrayLike, quaternion: ArrayLike = PALM_DOWN) -> HandMotion:
+    """One pose without time, which is a motion: position [m], shape [3], and quaternion xyzw, shape [4].
+
+    Raises MotionError for other shapes, values that are not finite and a norm that is not 1 within 1e-3.
+    """
+    row = [_numbers(position, "position", (3,)), _numbers(quaternion, "quaternion", (4,))]
+    return _motion(None, np.concatenate(row)[None, :])
+
+
+def exploration(
+    bounds: ArrayLike, *, duration: float, rate: float = 90.0, seed: int, progress: Progress = unheard
+) -> HandMotion:
+    """Make a synthetic exploration of an object, as a person would do it; nothing but its bounds is known.
+
+    bounds: the object's smallest and largest x y z [m], shape [2, 3]. duration [s]; rate: poses a second [Hz].
+    progress: called now and then with how much is done, and how much there is.
+    The model is told in `exploration_path`. The path depends on bounds and seed alone: duration and rate only sample
+    it, at k / rate < duration. Raises MotionError for a bad argument, where the object leaves no room above 60 mm, and
+    for a motion that takes more memory than one file may hold (`PALPATE_READ_MB`).
+    """
+    box = _numbers(bounds, "bounds", (2, 3))
+    if not (np.abs(box) <= BOUNDS_FARTHEST).all() or (box[0] > box[1]).any():
+        raise MotionError(
+            f"bounds must be finite, minimum before maximum and within {BOUNDS_FARTHEST:g} m, got {box.tolist()}"
+        )
+    if box[1, 2] + MARGIN <= FLOOR:
+        raise MotionError(f"the object's top at z = {box[1, 2]:g} m leaves a hand no room {FLOOR:g} m above the array")
+    for name, value in (("duration", duration), ("rate", rate)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise MotionError(f"{name} must be finite and greater than 0, got {value!r}")
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= SEED_MOST:  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts pass floats
+        raise MotionError(f"seed must be an integer of 0 to {SEED_MOST}, got {seed!r}")
+    if duration * rate > POSES_MOST:
+        raise MotionError(f"{duration:g} s at {rate:g} Hz are more than {POSES_MOST:g} poses")
+    count = max(1, math.ceil(duration * rate - 1e-9))  # 1e-9: 0.1 s x 30 Hz is three poses
+    try:
+        size = POSE_BYTES * count + SECOND_BYTES * math.ceil(duration)
+        require_bytes(size, f"a motion of {count} poses (duration {duration:g} s at rate {rate:g} Hz)")
+    except FileBoundError as error:
+        raise MotionError(str(error)) from error
+    time = np.arange(count) / rate
+    return _motion(time, exploration_path(box, time, seed, progress), seed=seed)
+
+
+def _numbers(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise MotionError(f"{name} must be numbers of shape {list(shape)}, got {value!r}") from None
+    if array.shape != shape:
+        raise MotionError(f"{name} must have shape {list(shape)}, got {list(array.shape)}")
+    return array
+
+
+def _checked(
+    time: ArrayLike | None, pose: ArrayLike, offset: float, place: Callable[[int], str], *, copy: bool = True
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float32], float]:
+    """A motion's arrays as `HandMotion` keeps them; copy=False: in the same memory where they have the right type."""
+    checked_pose = _checked_pose(pose, place, copy=copy)
+    if not math.isfinite(offset):
+        raise MotionError(f"offset must be finite, got {offset!r} s")
+    if time is None:
+        return None, checked_pose, float(offset)
+    checked_time, shift = _checked_time(time, checked_pose.shape[0], place, copy=copy)
+    return checked_time, checked_pose, float(offset) + shift
+
+
+def _checked_pose(pose: ArrayLike, place: Callable[[int], str], *, copy: bool) -> NDArray[np.float32]:
+    try:
+        given = np.asarray(pose)
+        rows = given if given.dtype.kind == "f" and given.itemsize in (4, 8) else np.array(pose, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise MotionError("pose must be numbers of shape [pose, 7]") from None
+    if rows.ndim != 2 or rows.shape[1] != 7:
+        raise MotionError(f"pose must have shape [pose, 7], got {list(rows.shape)}")
+    if rows.shape[0] == 0:
+        raise MotionError("a motion needs at least one pose, got none")
+    checked = np.empty(rows.shape, np.float32) if copy or rows.dtype != np.float32 else rows.view(np.float32)
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        block = np.array(rows[first : first + _ROWS_AT_ONCE], dtype=np.float64)
+        _normalise(block, lambda row, first=first: place(first + row))
+        checked[first : first + len(block)] = block
+    checked.setflags(write=False)
+    return checked
+
+
+def _normalise(rows: NDArray[np.float64], place: Callable[[int], str]) -> None:
+    """Refuse rows that are no poses; quaternions that are not of length 1 become so."""
+    bad = _first(~(np.abs(rows) <= np.finfo(np.float32).max).all(axis=1))  # a NaN compares false
+    if bad is not None:
+        raise MotionError(f"{place(bad)}: pose {rows[bad].tolist()} is not finite")
+    bad = _first((np.abs(rows[:, :3]) > POSITION_FARTHEST).any(axis=1))
+    if bad is not None:
+        raise MotionError(
+            f"{place(bad)}: position {rows[bad, :3].tolist()} m must lie within {POSITION_FARTHEST:g} m of the array"
+        )
+    norm: NDArray[np.float64] = np.linalg.norm(rows[:, 3:], axis=1)
+    bad = _first(np.abs(norm - 1.0) > NORM_TOLERANCE)
+    if bad is not None:
+        name = "zero quaternion, which is no rotation" if norm[bad] == 0.0 else f"quaternion norm {norm[bad]:.6g}"
+        raise MotionError(f"{place(bad)}: {name}; it must be 1 within {NORM_TOLERANCE:g}")
+    loose = np.abs(norm - 1.0) > _NORM_ROUNDING
+    rows[loose, 3:] /= norm[loose, None]
+
+
+def _checked_time(
+    time: ArrayLike, pose_count: int, place: Callable[[int], str], *, copy: bool
+) -> tuple[NDArray[np.float64], float]:
+    try:
+        clock = np.asarray(time, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise MotionError("time must be numbers of shape [pose]") from None
+    if clock.shape != (pose_count,):
+        raise MotionError(f"time must have shape [{pose_count}], one value a pose, got {list(clock.shape)}")
+    bad = _first(~np.isfinite(clock))
+    if bad is not None:
+        raise MotionError(f"{place(bad)}: time {float(clock[bad])!r} s is not finite")
+    shifted = np.ascontiguousarray(clock) if clock[0] == 0.0 and not copy else clock - clock[0]
+    bad = _first(shifted[1:] <= shifted[:-1])
+    if bad is not None:
+        before, after = float(clock[bad]), float(clock[bad + 1])
+        name = "repeats" if before == after else "is not after"
+        raise MotionError(f"{place(bad + 1)}: time {after!r} s {name} {before!r} s of {place(bad)}")
+    shifted.setflags(write=False)
+    return shifted, float(clock[0])
+
+
+def _first(flag: ArrayLike) -> int | None:
+    hits = np.flatnonzero(flag)
+    return int(hits[0]) if hits.size else None
+
+
+def _motion(time: NDArray[np.float64] | None, pose: NDArray[np.float64], *, seed: int | None = None) -> HandMotion:
+    return HandMotion(time, pose, seed=seed)  # pyright: ignore[reportArgumentType]  # checked in float64, then cast

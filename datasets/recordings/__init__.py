@@ -1,0 +1,1 @@
+"""Recorded hands from the files that trackers write."""

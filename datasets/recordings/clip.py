@@ -1,0 +1,175 @@
+"""What a tracker's file says of hands, frame by frame, and one of them chosen.
+
+| asked for             | hands in the file                                        | what is taken                 |
+|-----------------------|----------------------------------------------------------|-------------------------------|
+| nothing               | one, or several of one side that share no frame          | it: lost and found again      |
+| nothing               | others                                                   | refused, listing them         |
+| `left` or `right`     | of that side, none sharing a frame with another          | them, as one hand             |
+| an id                 | that one                                                 | it                            |
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import RecordingError
+from ..hand_model.frames import completed, side_from_axes, side_from_bends
+from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
+from ..rigid import Numbers, is_finite
+from .recording import HandRecording
+
+SIDES = ("left", "right")
+
+
+class Sighting(NamedTuple):
+    """One hand in one frame; NaN is what the tracker does not say."""
+
+    frame: int
+    hand_id: str
+    side: str | None
+    """`left` or `right`; None where the file does not say."""
+    position: Numbers
+    """[m], shape [26, 3]."""
+    quaternion: Numbers
+    """xyzw, shape [26, 4]."""
+    radius: Numbers
+    """[m], shape [26]."""
+
+
+class Clip(NamedTuple):
+    """All hands of a file."""
+
+    time: list[float] | None
+    """Of each frame [s], as the file counts it."""
+    sightings: list[Sighting]
+    place: Callable[[int], str]
+    """Names a frame as its file counts it."""
+
+
+def unknown_joints() -> tuple[Numbers, Numbers, Numbers]:
+    """Positions, quaternions and radii of a hand of which nothing is known yet."""
+    return np.full((JOINT_COUNT, 3), np.nan), np.full((JOINT_COUNT, 4), np.nan), np.full(JOINT_COUNT, np.nan)
+
+
+def frame_place(frame: int) -> str:
+    """Name a frame of a list, counted from 0."""
+    return f"frame {frame}"
+
+
+def line_place(lines: list[int]) -> Callable[[int], str]:
+    """Names a frame by the line where it starts in its file."""
+
+    def place(frame: int) -> str:
+        return f"line {lines[frame]}"
+
+    return place
+
+
+def name_place(names: list[str]) -> Callable[[int], str]:
+    """Names a pose that has a name."""
+
+    def place(frame: int) -> str:
+        return f"pose {names[frame]!r}"
+
+    return place
+
+
+def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
+    """One hand of a clip as a recording. Raises RecordingError; the table above says which hand."""
+    seen = _chosen(clip.sightings, None if hand is None else str(hand))
+    time = _checked_time(clip)
+    first, count = seen[0].frame, seen[-1].frame - seen[0].frame + 1
+    position, quaternion = np.full((count, JOINT_COUNT, 3), np.nan), np.full((count, JOINT_COUNT, 4), np.nan)
+    radius = np.full((count, JOINT_COUNT), np.nan)
+    for one in seen:
+        row = one.frame - first
+        position[row], quaternion[row], radius[row] = one.position, one.quaternion, one.radius
+    frames = np.array([one.frame - first for one in seen])
+    for array in (position, quaternion, radius):
+        array[~np.isfinite(array)] = np.nan
+    _check_norms(quaternion, clip.place, first)
+    side = _side(seen, position, quaternion)
+    whole = completed(position, quaternion, radius, is_left=side == "left")
+    pose = np.concatenate([whole.position, whole.quaternion], axis=2)
+    known = is_finite(pose)
+    pose[~known] = np.nan
+    missing = known.any(axis=0) & ~known[frames]
+    return HandRecording(
+        None if time is None else time[first : first + count],
+        pose,
+        _typical(whole.radius),
+        known,
+        side == "left",
+        hand_id=", ".join(dict.fromkeys(one.hand_id for one in seen)),
+        derived=tuple(JOINT_NAMES[joint] for joint in np.flatnonzero(whole.derived & known.any(axis=0))),
+        counts={"absent_frames": count - len(frames), "missing_joints": int(missing.sum())},
+    )
+
+
+def _chosen(sightings: list[Sighting], hand: str | None) -> list[Sighting]:
+    if not sightings:
+        raise RecordingError("no hand in any frame")
+    seen = [s for s in sightings if hand is None or (s.side == hand if hand in SIDES else s.hand_id == hand)]
+    if not seen:
+        raise RecordingError(f"no hand {hand!r}; there is {_listed(sightings)}")
+    frames = [s.frame for s in seen]
+    if len({s.side for s in seen}) > 1 or len(set(frames)) < len(frames):
+        raise RecordingError(f"several hands: {_listed(seen)}; choose one by id" + ("" if hand else " or side"))
+    return sorted(seen, key=lambda s: s.frame)
+
+
+def _listed(sightings: list[Sighting]) -> str:
+    count: dict[tuple[str, str], int] = {}
+    for s in sightings:
+        key = (s.side or "a", s.hand_id)
+        count[key] = count.get(key, 0) + 1
+    return ", ".join(f"{side} hand {name!r} ({number} frames)" for (side, name), number in count.items())
+
+
+def _checked_time(clip: Clip) -> Numbers | None:
+    if clip.time is None:
+        return None
+    time = np.array(clip.time, dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(time) | (np.diff(time, prepend=-np.inf) <= 0.0))
+    if bad.size:
+        frame = int(bad[0])
+        before = f" {float(time[frame - 1])!r} s of the frame before" if frame else " a clock's start"
+        raise RecordingError(f"{clip.place(frame)}: time {float(time[frame])!r} s is not after{before}")
+    return time
+
+
+def _check_norms(quaternion: Numbers, place: Callable[[int], str], first: int) -> None:
+    norm = np.linalg.norm(quaternion, axis=2)
+    bad = np.argwhere(np.abs(norm - 1.0) > 1e-2)  # files round; HandRecording is told the exact direction
+    if bad.size:
+        frame, joint = (int(index) for index in bad[0])
+        said = f"{place(first + frame)}: {JOINT_NAMES[joint]} has quaternion norm {norm[frame, joint]:.6g}, not 1"
+        raise RecordingError(said)
+    quaternion /= norm[..., None]
+
+
+def _side(seen: list[Sighting], position: Numbers, quaternion: Numbers) -> str:
+    """The side that the file says; where it says none, what the joints say; refused where bent fingers deny it."""
+    said = seen[0].side
+    palm = quaternion[:, Joint.PALM]
+    if not is_finite(palm).any():
+        palm = quaternion[:, Joint.MIDDLE_METACARPAL]
+    turned = is_finite(palm).any()
+    found = side_from_axes(position, palm) if turned else side_from_bends(position)
+    if said is None and found is None:
+        raise RecordingError("the file does not say whether the hand is left or right, and its joints do not tell")
+    if said is not None and found not in (None, said):
+        raise RecordingError(
+            f"said to be a {said} hand, but its joints are those of a {found} one"
+            + ("" if turned else ": its fingers bend to the back") + "; wrong handedness or mirrored positions"
+        )  # fmt: skip
+    return said or found or "right"
+
+
+def _typical(radius: Numbers) -> Numbers:
+    """Median radius of each joint: trackers guess a hand's size anew in each frame. NaN, never used, becomes 1 mm."""
+    known = np.isfinite(radius).any(axis=0)
+    typical = np.full(JOINT_COUNT, 1e-3)
+    typical[known] = np.nanmedian(radius[:, known], axis=0)
+    return typical

@@ -1,0 +1,119 @@
+"""Recordings of hands from files of the trackers that people have.
+
+| format         | file                                          | known by                                        |
+|----------------|-----------------------------------------------|-------------------------------------------------|
+| `leap`         | .json (LeapC's fields), .csv, .npz (leapjs)   | `palm` of a hand; palm_normal_x; the suffix     |
+| `openxr`       | .json, .csv: 26 joints                        | `joints` of a hand; column joint                |
+| `webxr`        | the same with 25                              | the same                                        |
+| `mediapipe`    | .json, .csv: 21 world landmarks and the wrist | `world_landmarks` of a hand; column landmark    |
+| `webxr-static` | .json: named poses without time               | an object of objects of WebXR's joints          |
+"""
+
+from os import PathLike
+from pathlib import Path
+from typing import cast
+
+from ..errors import RecordingError
+from .alignment import Alignment
+from .clip import Clip, recording_of
+from .json_fields import Json, Table, read_json, read_table
+from .leap import leap_arrays, leap_json, leap_table
+from .mediapipe import landmarks_json, landmarks_table
+from .openxr import joints_json, joints_table, static_poses
+from .recording import HandRecording
+
+FORMATS = ("leap", "openxr", "webxr", "mediapipe", "webxr-static")
+"""What `load_recording` can be told to read."""
+
+_SUFFIXES = (".json", ".csv", ".npz")
+
+
+def load_recording(
+    path: str | PathLike[str],
+    *,
+    format: str | None = None,
+    hand: str | int | None = None,
+    alignment: Alignment | None = None,
+    image_mirrored: bool | None = None,
+) -> HandRecording:
+    """Read one hand of a recording; docs/formats/recordings.md tells each file's shape.
+
+    format: one of `FORMATS`; None: what the file says or looks like. hand: `left`, `right` or an id; needed only where
+    the file has several. alignment: tracker frame -> array frame (see `HandRecording.transformed`); None leaves the
+    tracker's. image_mirrored: MediaPipe only; whether it was shown a mirrored image, None: what the file says.
+
+    Raises RecordingError naming the file and, where it can, the frame, line and joint.
+    """
+    source = Path(path)
+    try:
+        clip = _clip(source, format, image_mirrored)
+        recording = recording_of(clip, hand)
+    except RecordingError as error:
+        raise RecordingError(f"{source}: {error}") from None
+    except OSError as error:
+        raise RecordingError(f"{source}: cannot be read: {error.strerror or error}") from None
+    except MemoryError:
+        raise RecordingError(f"{source}: cannot be read: it takes more memory than there is") from None
+    except RecursionError:
+        raise RecordingError(f"{source}: cannot be read: nested too deeply") from None
+    return recording if alignment is None else recording.transformed(alignment)
+
+
+def _clip(path: Path, said: str | None, image_mirrored: bool | None) -> Clip:
+    if said is not None and said not in FORMATS:
+        raise RecordingError(f"unknown format {said!r}; known: {', '.join(FORMATS)}")
+    suffix = path.suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise RecordingError(f"unknown suffix {path.suffix!r} for a recording; known: {', '.join(_SUFFIXES)}")
+    if suffix == ".npz":
+        found, read = "leap", leap_arrays
+        if said not in (None, found):
+            raise RecordingError(f"a .npz file is read as leap, not as {said}")
+        return read(path)
+    if suffix == ".csv":
+        table = read_table(path)
+        form = said or _table_format(table)
+        if form == "leap":
+            return leap_table(table)
+        if form == "webxr-static":
+            raise RecordingError("webxr-static is a JSON format")
+        return landmarks_table(table, image_mirrored) if form == "mediapipe" else joints_table(table)
+    content = read_json(path)
+    form = said or _json_format(content)
+    if form == "leap":
+        return leap_json(content)
+    if form == "mediapipe":
+        return landmarks_json(content, image_mirrored)
+    return static_poses(content) if form == "webxr-static" else joints_json(content)
+
+
+def _table_format(table: Table) -> str:
+    for column, form in (("palm_normal_x", "leap"), ("landmark", "mediapipe"), ("joint", "openxr")):
+        if table.has(column):
+            return form
+    raise RecordingError(f"the header is of no known recording: {', '.join(table.columns[:12])}")
+
+
+def _json_format(content: Json) -> str:
+    said: Json = cast("dict[str, Json]", content).get("format") if isinstance(content, dict) else None
+    if said is not None:
+        if said not in FORMATS:
+            raise RecordingError(f"unknown format {said!r}; known: {', '.join(FORMATS)}")
+        return str(said)
+    for key, form in (("palm", "leap"), ("world_landmarks", "mediapipe"), ("joints", "openxr")):
+        if any(isinstance(hand, dict) and key in hand for hand in _hands(content)):
+            return form
+    poses = list(cast("dict[str, Json]", content).values()) if isinstance(content, dict) else []
+    if poses and all(isinstance(pose, dict) and "wrist" in pose for pose in poses):
+        return "webxr-static"
+    raise RecordingError(f"looks like no known recording; say its format: {', '.join(FORMATS)}")
+
+
+def _hands(content: Json) -> list[Json]:
+    """Hands of the first frames that have any, whatever else a file is."""
+    frames: Json = cast("dict[str, Json]", content).get("frames") if isinstance(content, dict) else content
+    for frame in cast("list[Json]", frames) if isinstance(frames, list) else []:
+        hands: Json = cast("dict[str, Json]", frame).get("hands") if isinstance(frame, dict) else None
+        if isinstance(hands, list) and hands:
+            return cast("list[Json]", hands)
+    return []

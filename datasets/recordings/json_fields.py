@@ -1,0 +1,203 @@
+"""Reading JSON and CSV of recordings: what is not as documented is refused with its place in the file.
+
+Vectors are lists or objects with x, y, z (and w); null and NaN are values that are not known.
+"""
+
+import csv
+import io
+import json
+import math
+import reprlib
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from .. import bounded_file
+from ..bounded_file import read_content, require_parsable
+from ..errors import RecordingError
+from ..rigid import Numbers
+
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_AXES = "xyzw"
+_BEYOND = 1e30  # no length, angle or time of a recording in any unit
+
+Json = Any
+
+
+def read_json(path: Path) -> Json:
+    """The content of a JSON file. Raises RecordingError naming line and column where it breaks off."""
+    try:
+        return bounded_file.read_json(path)
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"byte {error.start} is not UTF-8 text") from None
+    except json.JSONDecodeError as error:
+        raise RecordingError(f"line {error.lineno} column {error.colno}: not JSON: {error.msg}") from None
+    except ValueError as error:  # an integer of thousands of digits; nested too deeply
+        raise RecordingError(f"not JSON that can be read: {error}") from None
+
+
+def entry(node: Json, name: str, place: str) -> Json:
+    """What an object holds under a name. Raises RecordingError where it has no such entry."""
+    if not isinstance(node, dict):
+        raise RecordingError(f"{place}: must be an object with {name!r}, got {_shown(node)}")
+    if name not in node:
+        raise RecordingError(f"{place}: {name!r} is missing; there is {sorted(cast('dict[str, Json]', node))}")
+    return cast(Json, node[name])
+
+
+def optional(node: Json, name: str, place: str) -> Json:
+    """The same, or None where the object has no such entry."""
+    if not isinstance(node, dict):
+        raise RecordingError(f"{place}: must be an object, got {_shown(node)}")
+    return cast("dict[str, Json]", node).get(name)
+
+
+def items(node: Json, place: str) -> list[Json]:
+    """A list."""
+    if not isinstance(node, list):
+        raise RecordingError(f"{place}: must be a list, got {_shown(node)}")
+    return cast("list[Json]", node)
+
+
+def named(node: Json, place: str) -> dict[str, Json]:
+    """An object, whatever its names."""
+    if not isinstance(node, dict):
+        raise RecordingError(f"{place}: must be an object, got {_shown(node)}")
+    return cast("dict[str, Json]", node)
+
+
+def number(node: Json, place: str) -> float:
+    """A number; null, and what is beyond all measure, is NaN."""
+    if node is None:
+        return math.nan
+    if isinstance(node, bool) or not isinstance(node, (int, float)):
+        raise RecordingError(f"{place}: must be a number, got {_shown(node)}")
+    return _measure(node)
+
+
+def truth(node: Json, place: str) -> bool | None:
+    """True or false, which 1 and 0 are too; null is None."""
+    if node is None or isinstance(node, bool):
+        return node
+    if isinstance(node, (int, float)) and node in (0, 1):
+        return bool(node)
+    raise RecordingError(f"{place}: must be true or false, got {_shown(node)}")
+
+
+def flags(node: Json, place: str) -> int:
+    """A whole number of 0 or more, whose bits say something."""
+    value = number(node, place)
+    if not (value >= 0.0 and value.is_integer()):
+        raise RecordingError(f"{place}: must be a whole number, got {_shown(node)}")
+    return int(value)
+
+
+def vector(node: Json, size: int, place: str) -> Numbers:
+    """A vector of 3 or 4, or the 16 of a matrix: a list, or an object with x, y, z, w; null is all NaN."""
+    if node is None:
+        return np.full(size, np.nan)
+    if isinstance(node, dict) and size <= len(_AXES):
+        node = [entry(node, axis, place) for axis in _AXES[:size]]
+    values = items(node, place)
+    if len(values) != size:
+        raise RecordingError(f"{place}: must have {size} numbers, got {len(values)}")
+    return np.array([number(value, place) for value in values])
+
+
+def unit_factor(head: Json, name: str, units: dict[str, float], default: str | None) -> float:
+    """Metres or seconds in a file's unit; refused where the file must say it and does not."""
+    unit = optional(head, name, "file") if isinstance(head, dict) else None
+    unit = default if unit is None else unit
+    if not isinstance(unit, str) or unit not in units:
+        said = "is missing" if unit is None else f"is {unit!r}"
+        raise RecordingError(f"{name!r} {said}; it must be one of {', '.join(units)}")
+    return units[unit]
+
+
+class Table(NamedTuple):
+    """A CSV file with a header."""
+
+    columns: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+    """Of each row, counted from 1."""
+
+    def numbers(self, names: list[str]) -> Numbers:
+        """Columns as numbers, shape [row, name]; an empty cell is NaN. Raises RecordingError with line and column."""
+        places = [self._column(name) for name in names]
+        out = np.empty((len(self.rows), len(names)))
+        for index, row in enumerate(self.rows):
+            for target, place in enumerate(places):
+                cell = row[place].strip()
+                try:
+                    out[index, target] = _measure(float(cell)) if cell else math.nan
+                except ValueError:
+                    where = f"line {self.lines[index]}"
+                    raise RecordingError(f"{where}: {cell!r} in column {names[target]} is not a number") from None
+        return out
+
+    def texts(self, name: str) -> list[str]:
+        """A column as text."""
+        place = self._column(name)
+        return [row[place].strip() for row in self.rows]
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a column."""
+        return name in self.columns
+
+    def time(self) -> Numbers:
+        """The column `time_s`, `time_ms`, `time_us` or `time_ns` in seconds."""
+        found = [unit for unit in TIME_UNITS if f"time_{unit}" in self.columns]
+        if len(found) != 1:
+            wanted = ", ".join(f"time_{unit}" for unit in TIME_UNITS)
+            raise RecordingError(f"the header must have one of {wanted}; it has {', '.join(self.columns[:12])}")
+        return self.numbers([f"time_{found[0]}"])[:, 0] * TIME_UNITS[found[0]]
+
+    def _column(self, name: str) -> int:
+        if name not in self.columns:
+            raise RecordingError(f"column {name} is missing; the header has {', '.join(self.columns[:12])}")
+        return self.columns.index(name)
+
+
+def read_table(path: Path) -> Table:
+    """Read a CSV file with a header; blank lines are skipped. Raises RecordingError with the line."""
+    columns: list[str] = []
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    try:
+        content = read_content(path)
+        require_parsable(content)
+        with io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            for row in reader:
+                if not any(cell.strip() for cell in row):
+                    continue
+                if not columns:
+                    columns = [cell.strip() for cell in row]
+                    twice = [name for index, name in enumerate(columns) if name and name in columns[:index]]
+                    if twice:
+                        raise RecordingError(f"line {reader.line_num}: column {twice[0]} is there twice")
+                    continue
+                if len(row) != len(columns):
+                    said = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"
+                    raise RecordingError(said)
+                rows.append(row)
+                lines.append(reader.line_num)
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"byte {error.start} is not UTF-8 text") from None
+    except csv.Error as error:
+        raise RecordingError(f"not a CSV file: {error}") from None
+    if not rows:
+        raise RecordingError("no row below the header" if columns else "empty file")
+    return Table(columns, rows, lines)
+
+
+def _measure(value: float) -> float:
+    return float(value) if abs(value) < _BEYOND else math.nan
+
+
+def _shown(node: Json) -> str:
+    text = reprlib.repr(node)  # of what is nested as deeply as may be, too
+    return text if len(text) <= 40 else f"{text[:40]}..."

@@ -1,0 +1,132 @@
+"""The paper's objects, made by code: cube, sphere, tube, dog (coarse and smooth) and rock.
+
+Each is one closed shell that does not intersect itself, oriented outwards (counter-clockwise seen from outside), inside
+a 130 mm cube centred at (0, 0, 0.2) m of the array frame, and as long as that cube in its longest dimension; z is up.
+
+| name         | triangles | what                                                                                      |
+|--------------|-----------|-------------------------------------------------------------------------------------------|
+| cube         | 12        | 130 mm                                                                                    |
+| sphere       | 1,280     | an icosahedron divided three times, vertices at 65 mm from the centre                     |
+| tube         | 256       | upright: hollow 32-gon along z, vertices at 65 and 40 mm, 130 mm long, open at both ends  |
+| dog          | 136       | standing, nose towards -x: its profile faces a user who sits at -y                        |
+| dog-detailed | 1,160     | the same dog, rounded                                                                     |
+| rock         | 320       | an irregular boulder with facets, wider than high                                         |
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ShapeError
+from .dog import dog_cage, dog_tips
+from .subdivision import bisected, quadrisected, smoothed
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+
+SIZE = 0.13
+"""Longest dimension of every shape [m]."""
+CENTRE = (0.0, 0.0, 0.2)
+"""Middle of every shape's bounds, array frame [m]."""
+
+TUBE_SIDES = 32
+TUBE_INNER = 0.04  # [m]
+ROCK_SEED = 7
+ROCK_CUTS = 14
+
+
+def shape_names() -> tuple[str, ...]:
+    """Names of the built-in shapes."""
+    return tuple(_SHAPES)
+
+
+def shape(name: str) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Make a built-in shape: vertices [m], shape [vertex, 3], array frame, and triangles, shape [face, 3].
+
+    The same arrays every time. Raises ShapeError for an unknown name, listing the known ones.
+    """
+    if name not in _SHAPES:
+        raise ShapeError(f"unknown shape {name!r}; known: {', '.join(_SHAPES)}")
+    points, triangles = _SHAPES[name]()
+    low, high = points.min(axis=0), points.max(axis=0)
+    placed = (points - (low + high) / 2.0) * (SIZE / (high - low).max()) + CENTRE
+    return placed.astype(np.float32), triangles
+
+
+def _cube() -> Mesh:
+    points = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return points, _triangles(quads)
+
+
+def _sphere(divisions: int = 3) -> Mesh:
+    points, triangles = _icosahedron()
+    for _ in range(divisions):
+        points, triangles = quadrisected(points, triangles)
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+    return points, triangles
+
+
+def _icosahedron() -> Mesh:
+    golden = (1.0 + np.sqrt(5.0)) / 2.0
+    corner = [(0.0, s, t * golden) for s in (-1.0, 1.0) for t in (-1.0, 1.0)]
+    points = np.array([np.roll(row, turn) for turn in range(3) for row in corner])
+    length = np.linalg.norm(points[:, None] - points[None], axis=2)
+    near = np.abs(length - 2.0) < 1e-9
+    triples = [
+        (a, b, c) for a in range(12) for b in range(a) for c in range(b) if near[a, b] and near[b, c] and near[c, a]
+    ]
+    outwards = [t if np.linalg.det(points[list(t)]) > 0.0 else t[::-1] for t in triples]
+    return points / np.linalg.norm(points[0]), np.array(outwards, dtype=np.int32)
+
+
+def _tube() -> Mesh:
+    angle = np.arange(TUBE_SIDES) * (2.0 * np.pi / TUBE_SIDES)
+    outline = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rings = [(SIZE / 2.0, -1.0), (SIZE / 2.0, 1.0), (TUBE_INNER, 1.0), (TUBE_INNER, -1.0)]  # radius, end
+    points = [np.column_stack([radius * outline, np.full(TUBE_SIDES, end * SIZE / 2.0)]) for radius, end in rings]
+    quads: list[tuple[int, ...]] = []
+    for ring in range(4):
+        a, b = ring * TUBE_SIDES, (ring + 1) % 4 * TUBE_SIDES
+        for i in range(TUBE_SIDES):
+            j = (i + 1) % TUBE_SIDES
+            quads.append((a + i, a + j, b + j, b + i))
+    return np.concatenate(points), _triangles(quads)
+
+
+def _dog_detailed() -> Mesh:
+    coarse, triangles = bisected(*dog_cage(), count=290)
+    # Smoothing shrinks a body: start from a cage that overshoots by most of what it will lose.
+    cage = coarse + 0.8 * (coarse - smoothed(coarse, triangles)[0][: len(coarse)])
+    points, triangles = smoothed(cage, triangles)
+    points[:, 2] = np.maximum(points[:, 2], 0.0)  # flat paws
+    tips = (coarse[:, None] == dog_tips()).all(axis=2).any(axis=1)
+    points[: len(coarse)][tips] = coarse[tips]  # pointed ears: both dogs fill the same bounds
+    return points, triangles
+
+
+def _rock() -> Mesh:
+    """A boulder: a ball cut by planes at random, its facets roughened. Star-shaped, so it cannot meet itself."""
+    direction, triangles = _sphere(divisions=2)
+    # Raw bits are the one stream of numpy that no version may change.
+    random = np.random.PCG64(ROCK_SEED).random_raw(3 * ROCK_CUTS + len(direction)) / 2.0**64
+    height, turn, depth = random[: 3 * ROCK_CUTS].reshape(3, ROCK_CUTS)
+    flat = np.sqrt(1.0 - (2.0 * height - 1.0) ** 2)
+    normal = np.stack([flat * np.cos(2.0 * np.pi * turn), flat * np.sin(2.0 * np.pi * turn), 2.0 * height - 1.0])
+    cut = (0.62 + 0.3 * depth) / np.maximum(direction @ normal, 1e-3)
+    radius = np.minimum(1.0, cut.min(axis=1)) * (1.0 + 0.05 * (2.0 * random[3 * ROCK_CUTS :] - 1.0))
+    return direction * radius[:, None] * (1.0, 0.85, 0.7), triangles
+
+
+def _triangles(quads: list[tuple[int, ...]]) -> NDArray[np.int32]:
+    return np.array([half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))], dtype=np.int32)
+
+
+_SHAPES: dict[str, Callable[[], Mesh]] = {
+    "cube": _cube,
+    "sphere": _sphere,
+    "tube": _tube,
+    "dog": dog_cage,
+    "dog-detailed": _dog_detailed,
+    "rock": _rock,
+}

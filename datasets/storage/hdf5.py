@@ -1,0 +1,220 @@
+"""Where h5py is touched for contour files: what comes out is typed, what goes wrong is an error naming the dataset.
+
+h5py has no type information. It is imported by name, so all of it is `Any`, and stays inside this module.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ContourFileError, Hdf5Error
+from .digests import DigestTable
+from .hdf5_chunks import chunk_addresses
+from .hdf5_opening import Attribute, open_hdf5
+from .hdf5_structure import Structure
+from .proven_rows import ProvenRows
+from .schema import DIGESTS, FIELDS, Field, count_problems, shape_problem
+
+# What h5py raises for damaged or foreign content; nothing else is taken for a bad file.
+FAILURES = (OSError, LookupError, ValueError, TypeError, RuntimeError, ArithmeticError, EOFError, MemoryError)
+
+_BLOCK_ROWS = 1 << 17
+
+
+class Hdf5Reader:
+    """An HDF5 file opened for reading. Rows that the file has digests of are proven by them whenever they are read.
+
+    Raises:
+        ContourFileError: From every method, where the file is missing, foreign, truncated or damaged.
+    """
+
+    def __init__(self, path: str | PathLike[str]) -> None:
+        self.path = Path(path)
+        with _failures(self.path):
+            try:
+                self._opened = open_hdf5(self.path)
+            except FileNotFoundError:
+                raise ContourFileError(f"{self.path} does not exist") from None
+            except IsADirectoryError:
+                raise ContourFileError(f"{self.path} is a folder, not a contour file") from None
+            self._state = self._opened.state()
+            self._proven = ProvenRows(self._opened)
+
+    def close(self) -> None:
+        """Close the file; closing twice does nothing."""
+        self._opened.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def require_unchanged(self) -> None:
+        """Refuse to go on with a file whose size or time of change is another than when it was opened.
+
+        A file of that name which replaced this one is no change: the opened one is still read.
+        """
+        with _failures(self.path):
+            size, time_ns = self._opened.state()
+        if (size, time_ns) != self._state:
+            how = f"from {self._state[0]} to {size} bytes" if size != self._state[0] else "in place"
+            raise ContourFileError(f"{self.path} was changed {how} while it was read")
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._opened.structure.attributes
+
+    @property
+    def structure(self) -> Structure:
+        """Every dataset, and the names of the attributes of every group and dataset."""
+        return self._opened.structure
+
+    def layout(self, name: str) -> tuple[np.dtype[Any], tuple[int, ...]]:
+        """Dtype and shape of a dataset, of at least one dimension; all of its chunks are in the file."""
+        with _failures(self.path, name):
+            self._opened.dataset(name)
+            own = self._opened.declared(name)
+            if not own.shape:
+                raise Hdf5Error(f"{name} is one value, expected rows")
+            return own.dtype, own.shape
+
+    def has_checksum(self, name: str) -> bool:
+        """Whether a dataset's chunks carry a Fletcher-32 checksum; a dataset without rows has nothing to check."""
+        with _failures(self.path):
+            own = self._opened.declared(name)
+            return "fletcher32" in own.filters or not own.nbytes
+
+    def read(self, name: str, first: int = 0, stop: int | None = None) -> NDArray[Any]:
+        """Rows `first` to `stop` (all) of a dataset; one of a contour file has its field's dtype and dimensions."""
+        try:
+            with _failures(self.path, name):
+                return self._read(name, first, stop)
+        except ContourFileError:
+            self.require_unchanged()  # which tells why, if that is why
+            raise
+
+    def _read(self, name: str, first: int, stop: int | None) -> NDArray[Any]:
+        own = self._opened.declared(name)
+        if name in _SPECS and (problem := shape_problem(_SPECS[name], own.dtype, own.shape)):
+            raise Hdf5Error(problem)
+        return self._proven.read(name, first, stop)
+
+    @property
+    def digest_table(self) -> DigestTable | None:
+        """Digests that the file has of its datasets and attributes; None where it has none."""
+        with _failures(self.path):
+            return self._proven.table
+
+    def require_attributes(self) -> None:
+        """Refuse attributes that are not those which the file has digests of."""
+        with _failures(self.path):
+            self._proven.require_attributes()
+
+    def require_rows(self, name: str) -> None:
+        """Read all rows of a dataset in bounded memory, refusing those that are not what was written."""
+        _, shape = self.layout(name)
+        for first in range(0, shape[0], _BLOCK_ROWS):
+            self.read(name, first, first + _BLOCK_ROWS)
+
+    def chunk_addresses(self, name: str) -> list[int]:
+        """Where the chunks of a dataset lie in the file [byte], in the order of its rows."""
+        with _failures(self.path, name):
+            return chunk_addresses(self._opened.dataset(name))
+
+    def require_stored(self) -> None:
+        """Look whether all bytes of all datasets are in the file."""
+        with _failures(self.path):
+            self._opened.require_all_stored()
+
+    def attribute(self, name: str, key: str) -> Attribute | None:
+        """An attribute of a group or dataset; None if it is not there."""
+        with _failures(self.path, f"attribute {key} of {name}"):
+            return self._opened.attribute(name, key)
+
+    def text(self, name: str, key: str) -> str:
+        """An attribute that must be there and be text."""
+        value = self.attribute(name, key)
+        if not isinstance(value, str):
+            raise ContourFileError(f"{self.path}: attribute {key} of {name} is missing or not text")
+        return value
+
+    def number(self, name: str, key: str) -> float | None:
+        """An attribute that is a finite number, or not there."""
+        with _failures(self.path, f"attribute {key} of {name}"):
+            return self._opened.number(name, key)
+
+    def whole(self, name: str, key: str) -> int | None:
+        """An attribute that is a whole number, or not there."""
+        with _failures(self.path, f"attribute {key} of {name}"):
+            return self._opened.whole(name, key)
+
+
+_SPECS = {spec.path: spec for spec in (*FIELDS, DIGESTS)}
+
+
+class Layouts(Protocol):
+    """Datasets with dtypes and shapes, as `Hdf5Reader` has them, and parts that are not sealed."""
+
+    @property
+    def path(self) -> Path:
+        """Where they lie, for errors."""
+        ...
+
+    def __contains__(self, name: str) -> bool: ...
+
+    def layout(self, name: str) -> tuple[np.dtype[Any], tuple[int, ...]]:
+        """Dtype and shape of a dataset."""
+        ...
+
+
+def require_fitting(file: Layouts, fields: tuple[Field, ...], pose_count: int) -> None:
+    """Raise ContourFileError where fields of a group have other numbers of rows than each other, or than poses."""
+    shapes = {spec.path: file.layout(spec.path)[1] for spec in fields if spec.path in file}
+    counts, problems = count_problems(shapes, fields)
+    if counts.get("pose", pose_count) != pose_count:
+        problems.append(f"/{fields[0].group} has {counts['pose']} poses, expected {pose_count}")
+    if problems:
+        raise ContourFileError(f"{file.path}: {problems[0]}")
+
+
+@contextmanager
+def _failures(path: Path, inside: str = "") -> Generator[None, None, None]:
+    """Turn what the opener refuses and what h5py raises into an error that names the file, and what inside it."""
+    try:
+        yield
+    except Hdf5Error as error:  # names what is inside itself
+        raise ContourFileError(f"{path}: {error}") from None
+    except FAILURES as error:
+        raise ContourFileError(f"{path}{inside and ': '}{inside} {reason_of(error, 'read')}") from error
+
+
+def is_of_system(sentence: str) -> bool:
+    """Whether a problem of a file is the system's, which did not let it be read: it says nothing of the content."""
+    return re.search(r"\[Errno [1-9]|errno = [1-9]|permission denied", sentence) is not None
+
+
+def reason_of(error: BaseException, task: str) -> str:
+    """What h5py's message says, in a user's words."""
+    text = str(error)
+    known = {
+        "file signature not found": "is not an HDF5 file",
+        "truncated file": "is truncated",
+        "fletcher32": "is damaged: the checksum of a chunk does not match",
+        "filter returned failure": "is damaged: the checksum of a chunk does not match",
+        "Permission denied": "may not be read: permission denied",
+    }
+    for sign, reason in known.items():
+        if sign in text:
+            return reason
+    return f"cannot be {task}: {' '.join(text.split()) or type(error).__name__}"

@@ -1,0 +1,266 @@
+"""What an HDF5 file declares, looked at object by object with bounds, before any data is read.
+
+| refused                                            | why                                                          |
+|----------------------------------------------------|--------------------------------------------------------------|
+| soft, external and user-defined links              | they lead to other names and other files                     |
+| an object with two names, groups that hold themselves | a walk would not end, and content would count twice       |
+| committed types, links and names out of bounds     | palpate's files have none                                    |
+| virtual datasets, external raw data                | they read other files                                        |
+| filters beyond gzip, shuffle, Fletcher-32 and LZF  | others are plug-ins, which are code                          |
+| types beyond integers, floats and text             | palpate's files have none; attributes of dimension scales    |
+|                                                    | excepted, which are not read                                 |
+| attributes and chunks out of bounds                | they would be held in memory whole                           |
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import Hdf5Error
+
+# h5py has no type information, so all of it is `Any`.
+h5py: Any = importlib.import_module("h5py")
+_h5, _h5a, _h5d, _h5g, _h5l, _h5o = h5py.h5, h5py.h5a, h5py.h5d, h5py.h5g, h5py.h5l, h5py.h5o
+_h5s, _h5t, _h5z = h5py.h5s, h5py.h5t, h5py.h5z
+
+DEPTH_MOST = 8
+"""Groups in groups; palpate's files have 3."""
+OBJECTS_MOST = 1 << 16
+"""Groups and datasets of a file; a sweep's shard has one for each column of each row."""
+NAME_BYTES_MOST = 1024
+RANK_MOST = 4
+"""Dimensions of a dataset; palpate's have at most 3."""
+CHUNK_BYTES_MOST = 1 << 25
+"""[byte] of a chunk in memory: a chunk is decoded whole. palpate's have at most 512 KiB."""
+ATTRIBUTES_MOST = 1024
+"""Attributes of an object."""
+ATTRIBUTE_BYTES_MOST = 1 << 24
+"""[byte] of an attribute: a strategy's JSON, or a dimension's list of the columns that have it."""
+
+VLEN_BYTES = 16
+"""[byte] of a text of any length where it stands among others: its length, and its place in the file."""
+
+_FILTERS = {_h5z.FILTER_DEFLATE: "gzip", _h5z.FILTER_SHUFFLE: "shuffle", _h5z.FILTER_FLETCHER32: "fletcher32"}
+_FILTERS[_h5z.FILTER_LZF] = "lzf"
+_LAYOUTS = {_h5d.COMPACT: "compact", _h5d.CONTIGUOUS: "contiguous", _h5d.CHUNKED: "chunked"}
+_FLOATS = {
+    2: (_h5t.IEEE_F16LE, _h5t.IEEE_F16BE),
+    4: (_h5t.IEEE_F32LE, _h5t.IEEE_F32BE),
+    8: (_h5t.IEEE_F64LE, _h5t.IEEE_F64BE),
+}
+_CLASSES = {
+    _h5t.TIME: "time",
+    _h5t.BITFIELD: "bit field",
+    _h5t.OPAQUE: "opaque",
+    _h5t.COMPOUND: "compound",
+    _h5t.REFERENCE: "reference",
+    _h5t.ENUM: "enumeration",
+    _h5t.VLEN: "variable-length array",
+    _h5t.ARRAY: "array",
+}
+OF_SCALES = ("DIMENSION_LIST", "REFERENCE_LIST")
+"""Attributes that HDF5's dimension scales have, as tables do: references, which palpate never reads."""
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A dataset as its header declares it."""
+
+    path: str
+    dtype: np.dtype[Any]
+    """Object for text."""
+    shape: tuple[int, ...]
+    layout: str
+    """compact, contiguous or chunked."""
+    chunk: tuple[int, ...]
+    """Shape of a chunk; empty if it is not chunked."""
+    filters: tuple[str, ...]
+    """In the order in which writing applies them."""
+    item_bytes: int
+    """[byte] of an element in the file."""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether its elements are text."""
+        return self.dtype.kind == "O"
+
+    @property
+    def nbytes(self) -> int:
+        """[byte] of its elements, before filters."""
+        return math.prod(self.shape) * self.item_bytes
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a file declares."""
+
+    datasets: dict[str, Declared]
+    """By path, as /contours/points."""
+    attributes: dict[str, tuple[str, ...]]
+    """Names of the attributes of each group and dataset, by path; the root is "/"."""
+
+
+def walk(file_id: Any, require: Callable[[Any, Declared], None]) -> Structure:
+    """Look at every group, dataset and attribute of an open file; raises Hdf5Error at the first that is refused.
+
+    file_id: `h5py.h5f.FileID`. require: refuses a dataset, `h5py.h5d.DatasetID`, by what it declares.
+    """
+    structure = Structure({}, {})
+    root = _h5g.open(file_id, b"/")
+    seen = {int(_h5o.get_info(root).addr): "/"}
+    structure.attributes["/"] = _attributes(root, "/")
+    pending = [("/", root, 0)]
+    while pending:
+        parent, group, depth = pending.pop()
+        for name, address in _links(group, parent):
+            path = f"{parent.rstrip('/')}/{name.decode()}"
+            _refuse_seen(address, path, seen)
+            opened = _h5o.open(group, name)
+            if isinstance(opened, _h5g.GroupID):
+                if depth + 1 > DEPTH_MOST:
+                    raise Hdf5Error(f"{path} lies {depth + 1} groups deep, expected at most {DEPTH_MOST}")
+                pending.append((path, opened, depth + 1))
+            elif isinstance(opened, _h5d.DatasetID):
+                structure.datasets[path] = _declared(opened, path)
+                require(opened, structure.datasets[path])
+            else:
+                raise Hdf5Error(f"{path} is neither a group nor a dataset, but a {type(opened).__name__}")
+            structure.attributes[path] = _attributes(opened, path)
+    return structure
+
+
+def _refuse_seen(address: int, path: str, seen: dict[int, str]) -> None:
+    if address in seen:
+        raise Hdf5Error(f"{path} is {seen[address]} once more, expected one name for an object")
+    if len(seen) >= OBJECTS_MOST:
+        raise Hdf5Error(f"{path} is one object too many, expected at most {OBJECTS_MOST}")
+    seen[address] = path
+
+
+def _links(group: Any, parent: str) -> Iterator[tuple[bytes, int]]:
+    """Names and addresses of what a group holds; raises Hdf5Error for anything but a hard link."""
+    links: list[tuple[bytes, int, Any]] = []
+
+    def note(name: bytes, info: Any) -> bool | None:
+        links.append((name, int(info.type), info.u))
+        return True if len(links) > OBJECTS_MOST else None  # anything but None ends the iteration
+
+    tracked = int(group.get_create_plist().get_link_creation_order()) & h5py.h5p.CRT_ORDER_TRACKED
+    group.links.iterate(note, idx_type=_h5.INDEX_CRT_ORDER if tracked else _h5.INDEX_NAME, info=True)
+    if len(links) > OBJECTS_MOST:
+        raise Hdf5Error(f"{parent} holds more than {OBJECTS_MOST} objects")
+    for name, kind, address in links:
+        path = f"{parent.rstrip('/')}/{_name(name, parent)}"
+        if kind != _h5l.TYPE_HARD:
+            known = {_h5l.TYPE_SOFT: "a soft link", _h5l.TYPE_EXTERNAL: "a link to another file"}
+            raise Hdf5Error(f"{path} is {known.get(kind, f'a link of type {kind}')}, expected an object of this file")
+        yield name, int(address)
+
+
+def _name(name: bytes, parent: str) -> str:
+    try:
+        text = name.decode()
+    except UnicodeDecodeError:
+        raise Hdf5Error(f"{parent} holds a name that is not UTF-8: {name[:80]!r}") from None
+    if not text or text == "." or "/" in text or not text.isprintable() or len(name) > NAME_BYTES_MOST:
+        bounds = f"expected 1 to {NAME_BYTES_MOST} bytes, printable, without a slash"
+        raise Hdf5Error(f"{parent} holds the name {text[:80]!r} of {len(name)} bytes, {bounds}")
+    return text
+
+
+def _declared(dataset: Any, path: str) -> Declared:
+    """A dataset's header; raises Hdf5Error for what palpate's files never have."""
+    plist = dataset.get_create_plist()
+    layout = int(plist.get_layout())
+    if layout not in _LAYOUTS:
+        what = "a virtual dataset: its data are in other files" if layout == _h5d.VIRTUAL else f"of layout {layout}"
+        raise Hdf5Error(f"{path} is {what}, expected data of its own")
+    if external := int(plist.get_external_count()):
+        raise Hdf5Error(f"{path} has its data in {external} external files, expected them in this one")
+    kind = dataset.get_type()
+    _require_plain(kind, path)
+    dtype = np.dtype(object if int(kind.get_class()) == _h5t.STRING else kind.dtype)
+    shape = _shape(dataset.get_space(), path)
+    if shape is None or len(shape) > RANK_MOST:
+        found = "no dataspace" if shape is None else f"{len(shape)} dimensions"
+        raise Hdf5Error(f"{path} has {found}, expected at most {RANK_MOST} dimensions")
+    chunk = tuple(map(int, plist.get_chunk())) if layout == _h5d.CHUNKED else ()
+    item_bytes = VLEN_BYTES if dtype.kind == "O" and kind.is_variable_str() else int(kind.get_size())
+    own = Declared(path, dtype, shape, _LAYOUTS[layout], chunk, _filters(plist, path), item_bytes)
+    if math.prod(chunk) * own.item_bytes > CHUNK_BYTES_MOST:
+        raise Hdf5Error(f"{path} has chunks of {list(chunk)} items, expected at most {CHUNK_BYTES_MOST} bytes each")
+    if own.is_text and layout == _h5d.CHUNKED and 0 not in shape:
+        raise Hdf5Error(f"{path} is text in chunks, expected text in one piece")
+    return own
+
+
+def _filters(plist: Any, path: str) -> tuple[str, ...]:
+    names: list[str] = []
+    for index in range(int(plist.get_nfilters())):
+        code = int(plist.get_filter(index)[0])
+        name = _FILTERS.get(code)
+        # one that comes twice multiplies what a few bytes become
+        if name is None or name in names or {"gzip", "lzf"} <= {name, *names}:
+            known = "each of gzip or lzf, shuffle and fletcher32 once"
+            raise Hdf5Error(f"{path} has filter {code} at place {index}, expected {known}")
+        names.append(name)
+    return tuple(names)
+
+
+def _require_plain(kind: Any, path: str) -> None:
+    """Raise Hdf5Error unless a dataset's or an attribute's type is a number or text."""
+    if kind.committed():
+        raise Hdf5Error(f"{path} has a type with a name of its own, expected a plain one")
+    size, number_class = int(kind.get_size()), int(kind.get_class())
+    if number_class == _h5t.STRING:
+        if not 0 < size <= ATTRIBUTE_BYTES_MOST:
+            raise Hdf5Error(f"{path} has texts of {size} bytes, expected 1 to {ATTRIBUTE_BYTES_MOST}")
+        return
+    whole = number_class == _h5t.INTEGER and size in (1, 2, 4, 8) and int(kind.get_precision()) == 8 * size
+    if whole or (number_class == _h5t.FLOAT and any(kind.equal(known) for known in _FLOATS.get(size, ()))):
+        return
+    name = _CLASSES.get(number_class, "number" if number_class in (_h5t.INTEGER, _h5t.FLOAT) else "type")
+    plain = "a whole number of 1 to 8 bytes, an IEEE float of 2 to 8, or text"
+    raise Hdf5Error(f"{path} is of an HDF5 {name} of {size} bytes, expected {plain}")
+
+
+def _shape(space: Any, path: str) -> tuple[int, ...] | None:
+    """Lengths of the dimensions, none for a scalar; None where there is no value at all."""
+    extent = int(space.get_simple_extent_type())
+    if extent == _h5s.SCALAR:
+        return ()
+    return tuple(map(int, space.get_simple_extent_dims())) if extent == _h5s.SIMPLE else None
+
+
+def _attributes(owner: Any, path: str) -> tuple[str, ...]:
+    """Names of an object's attributes; raises Hdf5Error where they are too many or too large, or no plain values."""
+    names: list[bytes] = []
+
+    def note(name: bytes) -> bool | None:
+        names.append(name)
+        return True if len(names) > ATTRIBUTES_MOST else None
+
+    _h5a.iterate(owner, note)
+    if len(names) > ATTRIBUTES_MOST:
+        raise Hdf5Error(f"{path} has more than {ATTRIBUTES_MOST} attributes")
+    for name in names:
+        _require_attribute(_h5a.open(owner, name), name, f"attribute {_name(name.replace(b'/', b''), path)} of {path}")
+    return tuple(name.decode() for name in names)
+
+
+def _require_attribute(attribute: Any, name: bytes, what: str) -> None:
+    kind = attribute.get_type()
+    if not (name.decode() in OF_SCALES and int(kind.get_class()) in (_h5t.VLEN, _h5t.COMPOUND)):
+        _require_plain(kind, what)
+    shape = _shape(attribute.get_space(), what)
+    if shape is None or len(shape) > 1:
+        found = "no value" if shape is None else f"shape {list(shape)}"
+        raise Hdf5Error(f"{what} has {found}, expected one value or a list of them")
+    if (size := math.prod(shape) * int(kind.get_size())) > ATTRIBUTE_BYTES_MOST:
+        raise Hdf5Error(f"{what} has {size} bytes, expected at most {ATTRIBUTE_BYTES_MOST}")

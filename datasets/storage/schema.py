@@ -1,0 +1,164 @@
+"""The contour file's format: its datasets as tables, and arrays checked against them.
+
+docs/formats/file-format.md tells the same to readers of other languages; a test holds the two together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ContourFileError
+
+FORMAT_NAME = "palpate contours"
+FORMAT_VERSION = (1, 2)
+"""Major: readers of an older major refuse the file. Minor: something was added that older readers may ignore."""
+
+DIGESTS_SINCE = (1, 2)
+"""Version that brought digests of content."""
+
+CHUNK_ROWS = 8192
+"""Rows of an HDF5 chunk: 98 kB of points; larger ones slow down reading single poses, smaller ones the writing."""
+
+KIND_NAMES = ("object", "hand", "made")
+"""What a segment is, by its `kind`: of the object, of the hand's boundary, made by a transformation."""
+
+PRUNED_NAMES = ("off_skin", "close_together", "small", "turned_away", "hidden", "joined", "other")
+"""By which prune stage contours were removed; "other" is everyone's own."""
+
+
+def removed_name(stage: str) -> str:
+    """Metric of what a prune stage removed; one that is listed again, as "name#2", goes with the first."""
+    own = stage.partition("#")[0].replace("-", "_")
+    return f"removed_{own if own in PRUNED_NAMES else 'other'}"
+
+
+Arrays = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Field:
+    """One dataset of the file.
+
+    `dims[0]` names what a row is; further dims are lengths, or "stage". `unit` and `frame` are stored as attributes.
+    """
+
+    group: str
+    name: str
+    dtype: np.dtype[Any]
+    dims: tuple[str | int, ...]
+    unit: str = "1"
+    frame: str = "none"
+    optional: bool = False
+    absent: float = 0.0
+    """What a row of an optional field is where a part of a file has none."""
+
+    @property
+    def path(self) -> str:
+        """Where the dataset lies in the file, as `/contours/points`."""
+        return f"/{self.group}/{self.name}"
+
+    @property
+    def is_offset(self) -> bool:
+        """Whether it holds offsets: one entry more than rows, from 0 to the number of what it points into."""
+        return str(self.dims[0]).endswith("+ 1")
+
+
+_F4, _F8, _I4, _I8, _U1, _U8 = (np.dtype(code) for code in ("<f4", "<f8", "<i4", "<i8", "u1", "<u8"))
+
+CONTOURS = (
+    Field("contours", "points", _F4, ("point", 3), "m", "array"),
+    Field("contours", "kind", _U1, ("point",)),
+    Field("contours", "intensity", _F4, ("point",), optional=True, absent=1.0),
+    Field("contours", "dwell", _F4, ("point",), "s", optional=True),
+    Field("contours", "polyline_start", _I8, ("polyline + 1",)),
+    Field("contours", "polyline_patch", _I4, ("polyline",)),
+    Field("contours", "polyline_closed", _U1, ("polyline",)),
+    Field("contours", "pose_start", _I8, ("pose + 1",)),
+)
+METRICS = (
+    Field("metrics", "length", _F4, ("pose",), "m"),
+    *(Field("metrics", f"length_{kind}", _F4, ("pose",), "m") for kind in KIND_NAMES),
+    Field("metrics", "polylines", _I4, ("pose",)),
+    *(Field("metrics", f"removed_{stage}", _F4, ("pose",), "m", optional=True) for stage in PRUNED_NAMES),
+)
+MOTION = (
+    Field("motion", "time", _F8, ("pose",), "s", optional=True),
+    Field("motion", "pose", _F4, ("pose", 7), "m (x y z), 1 (qx qy qz qw)", "array"),
+)
+OBJECT = (
+    Field("object", "vertices", _F4, ("vertex", 3), "m", "array"),
+    Field("object", "faces", _I4, ("face", 3)),
+    Field("object", "moved", _F4, ("pose", 7), "m (x y z), 1 (qx qy qz qw)", "array", optional=True),
+)
+HAND = (
+    Field("hand", "patch_pose", _F4, ("patch pose", 7), "m (x y z), 1 (qx qy qz qw)", "hand", optional=True),
+    Field("hand", "skin_vertices", _F4, ("skin vertex", 3), "m", "hand", optional=True),
+    Field("hand", "skin_faces", _I4, ("skin face", 3), optional=True),
+    Field("hand", "skin_glabrous", _U1, ("skin face",), optional=True),
+)
+HEADER = (*MOTION, *OBJECT, *HAND)
+TIMING = (
+    Field("timing", "first", _I8, ("chunk",)),
+    Field("timing", "stop", _I8, ("chunk",)),
+    Field("timing", "seconds", _F8, ("chunk", "stage"), "s"),
+)
+DIGESTS = Field("digests", "block", _U8, ("block",))
+"""Digests of the blocks of all other datasets (digests.py)."""
+FIELDS = (*CONTOURS, *METRICS, *HEADER, *TIMING)
+
+
+def validate_fields(arrays: Mapping[str, NDArray[Any]], fields: tuple[Field, ...]) -> dict[str, int]:
+    """Check names, dtypes and shapes of arrays against fields; gives the number of rows by dim, as {"point": 25}.
+
+    Raises:
+        ContourFileError: An array is missing, unknown, of another dtype or shape, or rows that belong together differ.
+    """
+    group = fields[0].group
+    if unknown := sorted(set(arrays) - {spec.name for spec in fields}):
+        raise ContourFileError(f"/{group} has no field {unknown[0]!r}")
+    rows: dict[str, int] = {}
+    for spec in fields:
+        if spec.name not in arrays:
+            if spec.optional:
+                continue
+            raise ContourFileError(f"{spec.path} is missing")
+        array = arrays[spec.name]
+        if problem := shape_problem(spec, array.dtype, array.shape):
+            raise ContourFileError(problem)
+        if problem := _count_rows(rows, spec, array.shape[0]):
+            raise ContourFileError(problem)
+    return rows
+
+
+def shape_problem(spec: Field, dtype: np.dtype[Any], shape: tuple[int, ...]) -> str | None:
+    """What is wrong with a dtype and shape for a field, as a sentence; None if nothing is."""
+    if dtype != spec.dtype:
+        return f"{spec.path} is {dtype}, expected {spec.dtype}"
+    fixed = tuple(size if isinstance(size, int) else None for size in spec.dims)
+    if len(shape) != len(fixed) or any(want not in (None, got) for want, got in zip(fixed, shape, strict=True)):
+        return f"{spec.path} has shape {list(shape)}, expected [{', '.join(map(str, spec.dims))}]"
+    if spec.is_offset and shape[0] == 0:
+        return f"{spec.path} has no entries, expected at least the first offset 0"
+    return None
+
+
+def count_problems(
+    shapes: Mapping[str, tuple[int, ...]], fields: tuple[Field, ...]
+) -> tuple[dict[str, int], list[str]]:
+    """Rows by dim from the shapes of those fields that are there, and a sentence for each that contradicts another."""
+    rows: dict[str, int] = {}
+    problems = [_count_rows(rows, spec, shapes[spec.path][0]) for spec in fields if spec.path in shapes]
+    return rows, [problem for problem in problems if problem]
+
+
+def _count_rows(rows: dict[str, int], spec: Field, count: int) -> str | None:
+    dim = str(spec.dims[0]).removesuffix(" + 1")
+    count -= int(spec.is_offset)
+    if rows.setdefault(dim, count) != count:
+        return f"{spec.path} has {count} {dim} rows, other fields have {rows[dim]}"
+    return None

@@ -1,0 +1,1 @@
+"""The arrays: one folder each."""

@@ -1,0 +1,1 @@
+"""shinolab's AUTD3 through the vendor's package."""

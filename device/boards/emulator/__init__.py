@@ -1,0 +1,1 @@
+"""The fictional board `emulator` (docs/formats/emulator.md): link and model."""

@@ -1,0 +1,120 @@
+"""The link to a board with the protocol of docs/formats/emulator.md, over pyusb."""
+
+from __future__ import annotations
+
+import struct
+from typing import Self
+
+from ...array import ArrayModel
+from ...clock import Clock, MonotonicClock
+from ...codec import off_frame
+from ...errors import DeviceTimeoutError, LinkError, link_error
+from ...link import BoardStatus
+from ...playing.silence import wait_silent
+from ...transports.pyusb import Backend, UsbDevice, UsbError, claim, dispose
+from ...transports.stream import StreamLink
+from ...transports.transport import Transport, TransportKind, open_transport
+from ...transports.usb_lookup import emulated_clock, find_device
+from .usb_side import EmulatorBackend
+
+_BULK_OUT = 0x01
+_VENDOR_OUT, _VENDOR_IN = 0x40, 0xC0
+_SET_DIVIDER, _GET_STATUS, _CLEAR = 0x01, 0x02, 0x03
+_STATUS = struct.Struct("<QQQIHBB")
+
+_CONTROL_TIMEOUT_MS = 500
+
+
+class UsbLink(StreamLink):
+    """An opened array; a context manager that closes it. Made by `UsbLink.open`."""
+
+    @classmethod
+    def open(
+        cls,
+        model: ArrayModel,
+        *,
+        serial: str | None = None,
+        backend: Backend | None = None,
+        clock: Clock | None = None,
+        transport: TransportKind = "auto",
+    ) -> Self:
+        """Find, open, configure and claim an array.
+
+        Args:
+            model: which kind.
+            serial: which one; None takes the first.
+            backend: pyusb's backend; None is libusb's, or a new emulated bus for an array that is only emulated.
+            clock: clock for deadlines; None takes the emulated bus's own, else the monotonic one.
+            transport: "queued", "sync", or "auto": queued where the backend is libusb's.
+
+        Raises:
+            DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError: as their names say.
+            LinkError: queued was asked for, and cannot be had.
+        """
+        bus = EmulatorBackend() if backend is None and model.embedded else backend
+        clock = clock or emulated_clock(bus) or MonotonicClock()
+        device, found_serial = find_device(model, serial, bus)
+        who = f"{model.name} {found_serial}" if found_serial else model.name
+        try:
+            _configure(device)
+            claim(device, 0)
+            way = open_transport(device, _BULK_OUT, kind=transport, who=who, clock=clock)
+        except UsbError as error:
+            dispose(device)
+            raise link_error(who, error.errno, error) from error
+        except LinkError:
+            dispose(device)
+            raise
+        return cls(model, way, device, who, serial=found_serial, clock=clock)
+
+    def __init__(
+        self, model: ArrayModel, transport: Transport, device: UsbDevice, who: str, *, serial: str | None, clock: Clock
+    ) -> None:
+        super().__init__(model, transport, off_frame(array=model).tobytes(), serial=serial, clock=clock, device=device)
+        self._bus_device = device
+        self._who = who
+
+    def start(self, divider: int) -> None:
+        """Set the update rate to that of a divider, and silence what a killed player left behind.
+
+        Raises `UpdateRateError` for a divider that the array lacks, `DeviceTimeoutError` if it does not fall silent.
+        """
+        self.array.update_rate(divider)
+        self._request(_VENDOR_OUT, _SET_DIVIDER, value=divider)
+        status = self.status()
+        if status.fifo_frames or status.torn_bytes or status.level:
+            self.clear()
+            self.note_boundary(torn=status.torn_bytes)
+            self.send_off()
+            if not wait_silent(self, divider):
+                raise DeviceTimeoutError(f"array {self._who} does not fall silent: switch it off and on")
+        self.begin(divider)
+
+    def status(self) -> BoardStatus:
+        """Ask the board for its counts, its FIFO and what is playing."""
+        reply = self._request(_VENDOR_IN, _GET_STATUS, length=_STATUS.size)
+        if len(reply) != _STATUS.size:
+            raise LinkError(f"array {self._who} answered a status of {len(reply)} bytes instead of {_STATUS.size}")
+        return BoardStatus(*_STATUS.unpack(reply))
+
+    def clear(self) -> bool:
+        """Drop the whole frames that are queued: True. A torn one stays and waits for its rest."""
+        self._request(_VENDOR_OUT, _CLEAR)
+        return True
+
+    def _request(self, kind: int, request: int, *, value: int = 0, length: int | None = None) -> bytes:
+        try:
+            reply = self._bus_device.ctrl_transfer(kind, request, value, 0, length, _CONTROL_TIMEOUT_MS)
+        except UsbError as error:
+            raise link_error(self._who, error.errno, error) from error
+        return b"" if isinstance(reply, int) else reply.tobytes()
+
+
+def _configure(device: UsbDevice) -> None:
+    """Configure the device unless it is: doing it again would fail while another player has claimed it."""
+    try:
+        device.get_active_configuration()
+    except UsbError as error:
+        if error.errno is not None:  # pyusb's own "not set" has no errno
+            raise
+        device.set_configuration()

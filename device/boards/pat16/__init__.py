@@ -1,0 +1,1 @@
+"""UCL's OpenMPD board behind an FT232H: link, board file, model."""

@@ -1,0 +1,1 @@
+"""UpnaLab's SonicSurface behind a serial adapter: link and model."""

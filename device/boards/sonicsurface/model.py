@@ -1,0 +1,239 @@
+"""Model of a SonicSurface board: UART bytes in, half-period pulses on 256 transducers.
+
+Written from what is published about that board (docs/formats/emulator.md lists it); it shares no code with codec or the
+array model, so that a mistake in one of them shows.
+"""
+
+from __future__ import annotations
+
+import random
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...clock import Clock
+
+TRANSDUCER_COUNT = 256
+BAUD = 10.24e6 / 45
+"""Bits a second that the board samples at, as its firmware is published [Bd]."""
+BAUD_TOLERANCE = 0.03
+"""How far the sender's bits may be off, relative."""
+COUNTS = 32
+"""Steps of a carrier period: unit of delay; this value itself is off."""
+
+_START, _SWAP = 0xFE, 0xFD
+_CLOCKS_OFF, _CLOCKS_ON = 0x96, 0x97
+_PRIMARY, _SECONDARY = 0xC0, 0xC1
+_OFF = bytes((COUNTS,)) * TRANSDUCER_COUNT
+_BITS_PER_BYTE = 10
+
+T = TypeVar("T")
+
+
+class SonicBoard:
+    """The board and the UART line to it: a double buffer, swapped on command. It never answers.
+
+    Nothing runs in the background: every call first does what is due by the clock. Calls may come from several threads.
+
+    Args:
+        clock: what the bits are timed by.
+        record: how many of the last played patterns to keep, for tests.
+        baud: bits a second that the board samples at [Bd].
+        chip_bytes: bytes that what sends them on the line holds: adapter and driver.
+    """
+
+    def __init__(self, clock: Clock, *, record: int = 0, baud: float = BAUD, chip_bytes: int = 128) -> None:
+        self.clock = clock
+        self.baud = baud
+        self._lock = threading.Lock()
+        self._room = chip_bytes
+        self._powered = True
+        # the line: bytes leave back to back from the start of a run
+        self._queue = bytearray()
+        self._received = 0
+        self._byte_ns = _BITS_PER_BYTE * 1e9 / baud
+        self._readable = True
+        self._run_ns = float(clock.now_ns())
+        self._run_bytes = 0
+        self._noise = random.Random(0)
+        # the board
+        self._front = bytearray(_OFF)
+        self._back = bytearray(_OFF)
+        self._place = TRANSDUCER_COUNT  # where the next datum goes; at the end: nowhere
+        self._selected = True
+        self._clocks_on = True
+        self._swaps = 0
+        self._bytes_ignored = 0
+        self._bytes_strange = 0
+        self._bytes_garbled = 0
+        self._record: deque[tuple[bytes, int]] = deque(maxlen=record)
+
+    def set_line(self, baud: float) -> None:
+        """Bits a second that the sender sends [Bd]: eight data bits, no parity, one stop bit."""
+        with self._lock:
+            self._run_until(self.clock.now_ns())
+            self._byte_ns = _BITS_PER_BYTE * 1e9 / baud
+            self._readable = abs(baud / self.baud - 1) <= BAUD_TOLERANCE
+            self._begin_run(self.clock.now_ns())
+
+    def accept(self, data: memoryview) -> int:
+        """Take as many of the bytes as there is room for; returns their count."""
+        with self._lock:
+            now_ns = self.clock.now_ns()
+            self._run_until(now_ns)
+            if not self._powered:
+                return 0
+            if not self._queue:
+                self._begin_run(max(now_ns, self._sent_at_ns(self._run_bytes)))
+            count = min(len(data), self._room - len(self._queue))
+            self._queue += data[:count]
+            self._received += count
+            return count
+
+    @property
+    def queued(self) -> int:
+        """Bytes taken that have not been sent on the line."""
+        return self._look(lambda: len(self._queue))
+
+    def drop_queued(self, keep: int) -> None:
+        """Drop the bytes that have not been sent on the line yet, all but the first `keep`."""
+        with self._lock:
+            self._run_until(self.clock.now_ns())
+            self._received -= max(len(self._queue) - keep, 0)
+            del self._queue[keep:]
+
+    def power_off(self) -> None:
+        """Lose the power: silent at once, everything queued is gone."""
+        with self._lock:
+            self._run_until(self.clock.now_ns())
+            self._powered = False
+            self._queue.clear()
+            self._front[:] = self._back[:] = _OFF
+
+    @property
+    def bytes_received(self) -> int:
+        """Bytes taken since power-up, those that have not been sent on the line too; without those dropped."""
+        return self._received
+
+    @property
+    def bytes_ignored(self) -> int:
+        """Data bytes that came before a start, after the 256th, or for the secondary board."""
+        return self._look(lambda: self._bytes_ignored)
+
+    @property
+    def bytes_strange(self) -> int:
+        """Data bytes above 32: here they are off; what the board makes of them is not known."""
+        return self._look(lambda: self._bytes_strange)
+
+    @property
+    def bytes_garbled(self) -> int:
+        """Bytes that were misread because the line was not as the board has it."""
+        return self._look(lambda: self._bytes_garbled)
+
+    @property
+    def frames_played(self) -> int:
+        """Swaps since power-up."""
+        return self._look(lambda: self._swaps)
+
+    @property
+    def emitting(self) -> bool:
+        """Whether any transducer is driven now."""
+        return self._look(lambda: self._clocks_on and min(self._front) < COUNTS)
+
+    @property
+    def playing(self) -> NDArray[np.uint8]:
+        """The pattern that is playing now, shape [256]."""
+        return self._look(lambda: np.frombuffer(bytes(self._front), np.uint8))
+
+    @property
+    def played(self) -> NDArray[np.uint8]:
+        """The patterns swapped in so far, the last `record` of them, oldest first, shape [pattern, 256]."""
+        patterns = self._look(lambda: b"".join(pattern for pattern, _ in self._record))
+        return np.frombuffer(patterns, np.uint8).reshape(-1, TRANSDUCER_COUNT)
+
+    @property
+    def played_ns(self) -> NDArray[np.int64]:
+        """When each of `played` was swapped in, by the board's clock [ns], shape [pattern]."""
+        return self._look(lambda: np.array([swapped for _, swapped in self._record], np.int64))
+
+    def _look(self, what: Callable[[], T]) -> T:
+        with self._lock:
+            self._run_until(self.clock.now_ns())
+            return what()
+
+    def _begin_run(self, time_ns: float) -> None:
+        self._run_ns = time_ns  # not rounded: a run that follows at once goes on bit by bit
+        self._run_bytes = 0
+
+    def _sent_at_ns(self, count: int) -> float:
+        """When the last bit of so many bytes of this run is over [ns]."""
+        return self._run_ns + count * self._byte_ns
+
+    def _run_until(self, now_ns: int) -> None:
+        """Receive the bytes whose last bit was over by then."""
+        count = 0
+        while count < len(self._queue) and self._sent_at_ns(self._run_bytes + 1) <= now_ns:
+            self._run_bytes += 1
+            self._receive(self._queue[count], round(self._sent_at_ns(self._run_bytes)))
+            count += 1
+        if count:
+            del self._queue[:count]
+
+    def _receive(self, byte: int, time_ns: int) -> None:
+        if not self._readable:
+            byte = self._noise.randrange(256)
+            self._bytes_garbled += 1
+        if byte == _START:
+            self._place = 0
+        elif byte == _SWAP:
+            self._front, self._back = self._back, self._front
+            self._swaps += 1
+            self._record.append((bytes(self._front), time_ns))
+        elif byte in (_CLOCKS_OFF, _CLOCKS_ON):
+            self._clocks_on = byte == _CLOCKS_ON
+        elif byte in (_PRIMARY, _SECONDARY):
+            self._selected = byte == _PRIMARY
+        else:
+            self._put(byte)
+
+    def _put(self, datum: int) -> None:
+        """One transducer's value into the buffer that is not playing."""
+        if self._place == TRANSDUCER_COUNT or not self._selected:
+            self._bytes_ignored += 1
+            return
+        self._bytes_strange += datum > COUNTS
+        self._back[self._place] = datum
+        self._place += 1
+
+
+def slot_position() -> NDArray[np.float64]:
+    """Where the transducer of each place of a pattern stands [m], shape [place, 3]: the board's own wiring.
+
+    As the maker lists it in axes of its own: x, y out of the face, z; taken as right-handed, which the list does not
+    say, so that its z is -y here. Blocks of 64 places are four columns wide, from -x to +x; in a block, groups of
+    eight places are two rows, from -y to +y. In a group, the first row has places 0, 7, 1, 2 from -x to +x, the second
+    4, 3, 6, 5.
+    """
+    edge, pitch = 78.75e-3, 10.5e-3
+    column_in_group = (0, 2, 3, 1, 0, 3, 2, 1)
+    row_in_group = (0, 0, 0, 1, 1, 1, 1, 0)
+    position: list[tuple[float, float, float]] = []
+    for place in range(TRANSDUCER_COUNT):
+        column = 4 * (place // 64) + column_in_group[place % 8]
+        row = 2 * (place % 64 // 8) + row_in_group[place % 8]
+        position.append((column * pitch - edge, row * pitch - edge, 0.0))
+    return np.array(position)
+
+
+def decode_patterns(patterns: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The fundamental of each transducer's pulses in patterns of shape [pattern, 256].
+
+    Returns:
+        Delay [turns], 0..1, of the middle of the half-period pulse, which is 1/4 turn after its beginning, and relative
+        pressure amplitude, 0 or 1; each [pattern, place], places as in `slot_position`.
+    """
+    return (patterns / COUNTS + 0.25) % 1.0, (patterns < COUNTS).astype(np.float64)

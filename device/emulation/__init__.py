@@ -1,0 +1,1 @@
+"""Emulated USB buses and serial ports, faults included."""

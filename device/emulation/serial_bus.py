@@ -1,0 +1,146 @@
+"""Emulated serial ports with SonicSurface boards behind them: adapters, the driver's buffer, plugs, faults.
+
+What passes through here is bytes; nothing here knows what they mean. docs/formats/emulator.md has what is modelled.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from ..boards.sonicsurface.model import BAUD, SonicBoard
+from ..clock import Clock, MonotonicClock
+from ..transports.serial_line import PortInfo, SerialPort, SerialPorts
+from .faults import Fault, FaultKind, FaultList
+
+DRIVER_BYTES = 4096
+"""Bytes that the driver takes ahead of the adapter: as much as Linux's drivers of USB adapters."""
+ADAPTER_BYTES = 640
+"""Bytes that the adapter takes ahead of the line: a CP2102's, the most of the usual ones."""
+
+_UNFIT = (FaultKind.STALL,)
+
+
+@dataclass(eq=False)
+class _Adapter:
+    """An adapter, its place, and the board at its line."""
+
+    info: PortInfo
+    board: SonicBoard
+    plugged: bool = True
+    is_open: bool = False
+    faults: FaultList = field(default_factory=FaultList)
+
+
+class EmulatedPorts(SerialPorts):
+    """Serial ports with a SonicSurface at each: give them to `open_link` and `find_serial_arrays` as the backend.
+
+    Args:
+        serials: serial number of each adapter.
+        clock: clock of all boards; None takes the monotonic one.
+        record: how many of its last played patterns each board keeps, for tests.
+        baud: bits a second that the boards sample at [Bd].
+    """
+
+    def __init__(
+        self, serials: Sequence[str], *, clock: Clock | None = None, record: int = 0, baud: float = BAUD
+    ) -> None:
+        self._clock: Clock = clock or MonotonicClock()
+        self._record = record
+        self._baud = baud
+        self._adapters = [self._plug(number, serial) for number, serial in enumerate(serials)]
+
+    @property
+    def clock(self) -> Clock:
+        """The boards' clock."""
+        return self._clock
+
+    def board(self, index: int = 0) -> SonicBoard:
+        """The board at an adapter."""
+        return self._adapters[index].board
+
+    def path(self, index: int = 0) -> str:
+        """What the port of an adapter is opened by."""
+        return self._adapters[index].info.path
+
+    def inject(self, fault: Fault, *, index: int = 0) -> None:
+        """Let a fault happen at an adapter; a serial line has neither stalls nor requests."""
+        if fault.kind in _UNFIT or fault.request is not None:
+            raise ValueError(f"fault {fault.kind.value} is one of USB, not of a serial line: it has no such thing")
+        self._adapters[index].faults.add(fault)
+
+    def unplug(self, *, index: int = 0) -> None:
+        """Pull the adapter, and with it the board's power: the array falls silent and the port is gone."""
+        self._adapters[index].plugged = False
+        self._adapters[index].board.power_off()
+
+    def replug(self, *, index: int = 0) -> None:
+        """Plug it in again: a board fresh from power-up, its faults gone."""
+        self._adapters[index] = self._plug(index, self._adapters[index].info.serial)
+
+    def listed(self) -> list[PortInfo]:
+        """The adapters that are plugged in."""
+        return [adapter.info for adapter in self._adapters if adapter.plugged]
+
+    def open(self, path: str, *, baud: int) -> SerialPort:
+        """Open a port for itself alone, as `SerialPorts.open`."""
+        adapter = next((one for one in self._adapters if one.info.path == path and one.plugged), None)
+        if adapter is None:
+            raise _error(errno.ENOENT)
+        if adapter.faults.on(FaultKind.DENIED):
+            raise _error(errno.EACCES)
+        if adapter.is_open or adapter.faults.on(FaultKind.BUSY):
+            raise _error(errno.EAGAIN)
+        adapter.is_open = True
+        adapter.board.set_line(baud)
+        return _Port(adapter)
+
+    def _plug(self, number: int, serial: str | None) -> _Adapter:
+        info = PortInfo(f"emulated:{number}", serial, "emulated serial adapter", (0x10C4, 0xEA60))
+        board = SonicBoard(self._clock, record=self._record, baud=self._baud, chip_bytes=DRIVER_BYTES + ADAPTER_BYTES)
+        return _Adapter(info, board)
+
+
+class _Port:
+    """An opened port."""
+
+    def __init__(self, adapter: _Adapter) -> None:
+        self._adapter = adapter
+
+    def write(self, data: memoryview) -> int:
+        """Bytes that there was room for, or those before a fault."""
+        board = self._require_plugged().board
+        start = board.bytes_received
+        fault = self._adapter.faults.before_byte(start + len(data))
+        limit = len(data) if fault is None else min(max((fault.byte or 0) - start, 0), len(data))
+        count = board.accept(data[:limit])
+        if fault is not None and count == limit and self._adapter.faults.strike(fault) is FaultKind.UNPLUG:
+            self._adapter.plugged = False
+            board.power_off()
+            raise _error(errno.EIO)
+        return count
+
+    def waiting(self) -> int:
+        """Bytes that the driver holds."""
+        return max(self._require_plugged().board.queued - ADAPTER_BYTES, 0)
+
+    def drop_waiting(self) -> None:
+        """Drop them."""
+        self._require_plugged().board.drop_queued(ADAPTER_BYTES)
+
+    def close(self) -> None:
+        """Let go of the port; the board goes on playing."""
+        if self._adapter.plugged and self._adapter.is_open:
+            self.drop_waiting()
+        self._adapter.is_open = False
+
+    def _require_plugged(self) -> _Adapter:
+        if not self._adapter.plugged:
+            raise _error(errno.EIO)
+        return self._adapter
+
+
+def _error(code: int) -> OSError:
+    return OSError(code, os.strerror(code))

@@ -1,0 +1,1 @@
+"""Frames to arrays in time, guarded, and off on every way out."""

@@ -1,0 +1,324 @@
+"""A process that switches an array off when the one that plays dies without a word (SIGKILL, a crash).
+
+| the player | the watchdog |
+|---|---|
+| says goodbye: it left `Watchdog`'s context, whatever for | ends, exit code 0 |
+| is gone: its pipe closed without goodbye | opens the array, sends off; exit code 3, or 4 if that failed |
+| is silent (SIGSTOP, a hang) for `silence_max` | tries the same once, says that the player holds the array, waits |
+
+What no process can help against: the host's power or its USB fails, or both processes are killed at once (a control
+group). A child that the player forked without exec keeps the pipe open: then only the silence shows.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import select
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from ..array import ArrayModel
+from ..discovery import open_link
+from ..errors import DeviceBusyError, DeviceError, DeviceTimeoutError, LinkError, WatchdogError
+from ..link import Link
+from ..transports.pyserial import SystemPorts
+from ..transports.pyusb import Backend, libusb_backend
+from ..transports.serial_line import SerialPorts
+from ..transports.serial_lookup import choose_port
+from ..transports.usb_lookup import find_device
+from .silence import is_switched_off, wait_silent
+
+EXIT_GOODBYE: Final = 0
+EXIT_OFF: Final = 3
+EXIT_FAILED: Final = 4
+
+SILENCE_MAX: Final = 2.0  # [s]
+_READY_TIMEOUT = 30.0  # [s]; a new interpreter imports NumPy
+_GOODBYE_TIMEOUT = 10.0  # [s]
+_RELEASE_TIMEOUT = 5.0  # [s] in which the system takes the array from a process that is dead
+_RETRY = 0.05  # [s]
+
+_LENGTH = struct.Struct("<I")
+_BEAT, _GOODBYE = b".", b"G"
+_READY = b"ready"
+
+
+@dataclass(frozen=True)
+class _Charge:
+    """What a watchdog watches."""
+
+    model: ArrayModel
+    serial: str | None
+    silence_max: float
+    log: str | None
+
+    @property
+    def who(self) -> str:
+        """Name and serial number."""
+        return f"{self.model.name} {self.serial}" if self.serial else self.model.name
+
+
+def is_watchable(model: ArrayModel) -> bool:
+    """Whether another process can reach such an array: on USB, or at a serial port."""
+    return model.usb is not None or model.baud is not None
+
+
+class Watchdog:
+    """While its context lasts, a process of its own watches this one, and switches the array off if it dies.
+
+    Make it of an opened link, around everything that plays. It takes half a second to start.
+
+    Args:
+        link: the array: a real one (or one that libusb takes for real), so that another process can reach it.
+        silence_max: how long this process may give no sign of life [s].
+        log: file that it appends a line to when it does something; None is this process's standard error.
+
+    Raises:
+        WatchdogError: the array is neither on USB nor at a serial port, or `silence_max` is no time; on entering, if
+            another process cannot reach the array; on leaving, if the watchdog has ended before.
+    """
+
+    def __init__(self, link: Link, *, silence_max: float = SILENCE_MAX, log: Path | None = None) -> None:
+        if not is_watchable(link.array):
+            raise WatchdogError(f"a watchdog is for arrays on USB or at a serial port, which {link.array.name} is not")
+        if not silence_max > 0:
+            raise WatchdogError(f"silence_max is {silence_max!r}, but it must be above 0 s")
+        self._charge = _Charge(link.array, link.serial, silence_max, None if log is None else os.path.abspath(log))
+        self._process: subprocess.Popen[bytes] | None = None
+        self._goodbye = threading.Event()
+        self._heart = threading.Thread(target=self._beat, name="palpate-heartbeat", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._process = process = subprocess.Popen(
+            [
+                sys.executable,
+                "-P",
+                "-m",
+                "palpate.device.playing.watchdog",
+            ],  # -P: no module of the current folder is imported
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
+            start_new_session=True,  # the terminal's SIGINT and SIGHUP are not for it
+        )
+        charge = self._charge
+        told = pickle.dumps((charge.model, charge.serial, charge.silence_max, charge.log))
+        try:
+            self._send(_LENGTH.pack(len(told)) + told)
+            answer = self._answer()
+        except OSError as error:
+            answer = f"it did not start ({error})".encode()
+        if answer != _READY:
+            process.kill()
+            self._reap()
+            reason = answer.decode(errors="replace") or "it did not start"
+            raise WatchdogError(f"a watchdog cannot reach array {self._charge.who} from its own process: {reason}")
+        self._heart.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._goodbye.set()
+        self._heart.join()
+        code = self._reap()
+        if code != EXIT_GOODBYE and error is None:
+            raise WatchdogError(f"the watchdog of array {self._charge.who} had ended before (exit code {code})")
+
+    @property
+    def process_id(self) -> int | None:
+        """Id of the watchdog's process; None before it was started."""
+        return self._process.pid if self._process else None
+
+    def _send(self, data: bytes) -> None:
+        if self._process and self._process.stdin:
+            self._process.stdin.write(data)
+
+    def _answer(self) -> bytes:
+        """The line that the watchdog says when it stands ready, or why it cannot."""
+        stdout = self._process.stdout if self._process else None
+        if stdout is None or not select.select([stdout], [], [], _READY_TIMEOUT)[0]:
+            return b""
+        return stdout.readline().strip()
+
+    def _beat(self) -> None:
+        while not self._goodbye.wait(self._charge.silence_max / 4):
+            try:
+                self._send(_BEAT)
+            except OSError:  # it has ended: `__exit__` says so
+                return
+        try:
+            self._send(_GOODBYE)
+        except OSError:
+            return
+
+    def _reap(self) -> int | None:
+        """Close the pipes and wait for the end of the process; its exit code."""
+        process = self._process
+        if process is None:
+            return None
+        for pipe in (process.stdin, process.stdout):
+            if pipe:
+                pipe.close()
+        try:
+            return process.wait(_GOODBYE_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
+
+
+def keep_watch(pipe: int, silence_max: float, off: Callable[[float], str | None], say: Callable[[str], object]) -> int:
+    """Watch a player until it says goodbye, or is gone and the array is off.
+
+    Args:
+        pipe: file descriptor that its heartbeats come from.
+        silence_max: longest time between two of them [s].
+        off: switches the array off within a time [s], longer than which it does not wait for it to be free; returns
+            why it could not, None if it could.
+        say: told in a sentence what happened.
+
+    Returns:
+        The exit code.
+    """
+    limit: float | None = silence_max
+    while True:
+        if not select.select([pipe], [], [], limit)[0]:
+            reason = off(0.0)
+            say(
+                f"the player has given no sign of life for {silence_max:g} s; "
+                + ("the array was switched off" if reason is None else f"the array may be emitting: {reason}")
+            )
+            limit = None
+            continue
+        data = os.read(pipe, 4096)
+        if _GOODBYE in data:
+            return EXIT_GOODBYE
+        if not data:
+            reason = off(_RELEASE_TIMEOUT)
+            say(
+                "the player ended without goodbye; "
+                + ("the array was switched off" if reason is None else f"the array may still be emitting: {reason}")
+            )
+            return EXIT_OFF if reason is None else EXIT_FAILED
+        if limit is None:
+            say("the player is back")
+            limit = silence_max
+
+
+def switch_off(
+    model: ArrayModel,
+    serial: str | None,
+    *,
+    backend: Backend | SerialPorts | None,
+    patience: float = _RELEASE_TIMEOUT,
+) -> None:
+    """Open an array, silence what a dead player left behind, and send the off frame.
+
+    Args:
+        model: which kind.
+        serial: which one; None is the first.
+        backend: pyusb's, or what has serial ports.
+        patience: how long the array may be held by another process [s].
+
+    Raises:
+        DeviceError: it cannot be opened, or does not fall silent.
+    """
+    end = time.monotonic() + patience
+    while True:
+        try:
+            with open_link(model, serial=serial, backend=backend, transport="sync", uncalibrated=True) as link:
+                with contextlib.suppress(LinkError):  # a passing fault: what follows tries again
+                    link.start(model.divider_default)
+                if not is_switched_off(link):
+                    raise LinkError(f"array {model.name} did not take the off frames: switch it off")
+                if wait_silent(link, model.divider_default) is False:
+                    raise DeviceTimeoutError(f"array {model.name} does not fall silent: switch it off")
+                return
+        except DeviceBusyError:
+            if time.monotonic() >= end:
+                raise
+            time.sleep(_RETRY)
+
+
+def main() -> int:
+    """Stand watch over the player whose pipe is standard input."""
+    for signum in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(signum, signal.SIG_IGN)
+    pipe = sys.stdin.fileno()
+    # a pipe of our own, from the process that started this one
+    charge = _Charge(*pickle.loads(_read(pipe, _LENGTH.unpack(_read(pipe, _LENGTH.size))[0])))
+    try:
+        if charge.log is not None:
+            open(charge.log, "a", encoding="utf-8").close()
+        backend = _reach(charge)
+    except (DeviceError, OSError) as error:
+        _tell(str(error).encode())
+        return EXIT_FAILED
+    _tell(_READY)
+
+    def off(patience: float) -> str | None:
+        try:
+            switch_off(charge.model, charge.serial, backend=backend, patience=patience)
+        except Exception as error:  # whatever it is, it is the answer: nobody is left to take an exception
+            return str(error)
+        return None
+
+    return keep_watch(pipe, charge.silence_max, off, lambda sentence: _log(charge, sentence))
+
+
+def _reach(charge: _Charge) -> Backend | SerialPorts:
+    """What the array is opened through; raises `DeviceError` if it is not to be seen from here."""
+    if charge.model.usb is None:
+        ports = SystemPorts()
+        choose_port(charge.model, charge.serial, ports)
+        return ports
+    backend = libusb_backend()
+    find_device(charge.model, charge.serial, backend)
+    return backend
+
+
+def _read(pipe: int, count: int) -> bytes:
+    data = b""
+    while len(data) < count:
+        part = os.read(pipe, count - len(data))
+        if not part:
+            raise SystemExit(EXIT_FAILED)
+        data += part
+    return data
+
+
+def _tell(line: bytes) -> None:
+    os.write(sys.stdout.fileno(), line + b"\n")
+
+
+def _log(charge: _Charge, sentence: str) -> None:
+    """Append a sentence; a log that cannot be written is no reason not to watch on."""
+    with contextlib.suppress(OSError):
+        _append(charge, sentence)
+
+
+def _append(charge: _Charge, sentence: str) -> None:
+    news = f"palpate watchdog of array {charge.who}: {sentence}"
+    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in news)  # names of devices come from others
+    line = f"{time.strftime('%Y-%m-%dT%H:%M:%S%z')} {shown}\n"
+    if charge.log is None:
+        sys.stderr.write(line)
+        sys.stderr.flush()
+    else:
+        with open(charge.log, "a", encoding="utf-8") as file:
+            file.write(line)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Bytes to a board: USB and serial ports, and how they are found."""

@@ -1,0 +1,141 @@
+"""Looking for arrays on a bus: which devices may be one, and what each says of itself."""
+
+from __future__ import annotations
+
+import errno
+from typing import NamedTuple, Protocol, cast
+
+from ..array import ArrayModel
+from ..clock import Clock
+from ..emulation.peripheral import EmulatedBoard
+from ..emulation.usb_bus import EmulatedBus
+from ..errors import DeviceNotFoundError, link_error
+from .pyusb import Backend, UsbDevice, UsbError, devices, dispose
+
+
+class DeviceStrings(NamedTuple):
+    """Strings that a device gives; None where it has none."""
+
+    manufacturer: str | None
+    product: str | None
+    serial: str | None
+
+
+class DriverDevice(UsbDevice, Protocol):
+    """A device that a driver of the operating system may hold: `usb.core.Device`, as far as that goes."""
+
+    def is_kernel_driver_active(self, interface: int) -> bool:
+        """Whether a driver holds the interface; NotImplementedError where the system cannot say."""
+        ...
+
+    def detach_kernel_driver(self, interface: int) -> None:
+        """Take the interface from the driver."""
+        ...
+
+    def attach_kernel_driver(self, interface: int) -> None:
+        """Give it back."""
+        ...
+
+
+def candidates(model: ArrayModel, backend: Backend | None) -> list[UsbDevice]:
+    """Every device on the bus with ids of the array; none for an array that is not on USB.
+
+    Raises `NoBackendError` where libusb is missing.
+    """
+    if model.usb is None:
+        return []
+    return devices(vendor=model.usb.vendor, product=model.usb.product, backend=backend)
+
+
+def strings_of(device: UsbDevice) -> DeviceStrings:
+    """What a device says of itself; raises `UsbError` where it may not be asked, or is gone."""
+    try:
+        return DeviceStrings(device.manufacturer, device.product, device.serial_number)
+    except ValueError as error:  # pyusb's word for whatever kept it from asking
+        raise _cause(device) from error
+
+
+def _cause(device: UsbDevice) -> UsbError:
+    """What keeps a device from being asked."""
+    try:
+        device.get_active_configuration()
+    except UsbError as error:
+        if error.errno is not None:  # pyusb's own "not set" has no errno
+            return error
+    return UsbError("its strings cannot be read", None, errno.EIO)
+
+
+def matches(model: ArrayModel, strings: DeviceStrings) -> bool:
+    """Whether a device with the array's ids may be it by its strings."""
+    usb = model.usb
+    return usb is not None and (
+        usb.generic or (strings.manufacturer, strings.product) == (usb.manufacturer_string, usb.product_string)
+    )
+
+
+def find_device(model: ArrayModel, serial: str | None, backend: Backend | None) -> tuple[UsbDevice, str | None]:
+    """The device to open as an array, not yet configured or claimed, and its serial number.
+
+    Args:
+        model: which kind.
+        serial: which one; None takes that of the array's calibration, or the first.
+        backend: pyusb's; None is libusb's.
+
+    Raises:
+        DeviceNotFoundError: there is none, or it is not on USB; or several have its chip, one that this user may not
+            ask among them perhaps, and none was named.
+        DevicePermissionError: there may be one, but this user may not ask.
+        NoBackendError: libusb is missing.
+    """
+    if model.usb is None:
+        raise DeviceNotFoundError(f"array {model.name} is not on USB, so it cannot be looked for there")
+    wanted = serial if serial is not None else model.serial
+    found: list[tuple[UsbDevice, str | None]] = []
+    refusals: list[UsbError] = []
+    for device in candidates(model, backend):
+        try:
+            strings = strings_of(device)
+        except UsbError as error:
+            refusals.append(error)
+        else:
+            if matches(model, strings):
+                found.append((device, strings.serial))
+        dispose(device)
+    chosen = [one for one in found if wanted in (None, one[1])]
+    serials = ", ".join(one[1] or "(no serial number)" for one in found)
+    hidden = sum(error.errno in (errno.EACCES, errno.EPERM) for error in refusals) if wanted is None else 0
+    if chosen and len(chosen) + hidden > 1 and model.usb.generic:
+        raise DeviceNotFoundError(_which_of_them(model, len(chosen) + hidden, hidden, serials, wanted))
+    if chosen:
+        return chosen[0]
+    who = f"{model.name} {wanted}" if wanted else model.name
+    if refusals:
+        raise link_error(who, refusals[0].errno, refusals[0]) from refusals[0]
+    there = f"found instead: {serials}" if found else "plug it in and switch it on"
+    raise DeviceNotFoundError(f"array {who} was not found: {there}")
+
+
+def _which_of_them(model: ArrayModel, count: int, hidden: int, serials: str, wanted: str | None) -> str:
+    """Why none of several adapters is opened, and how to say which one is meant."""
+    if wanted is not None:
+        return f"{count} adapters have the serial number {wanted} of array {model.name}: unplug all but one"
+    unread = f", and {hidden} that this user may not ask" if hidden else ""
+    return (
+        f"array {model.name} is one of {count} adapters with its chip: {serials}{unread}. Say which by its serial "
+        "number (--serial): other things have that chip, too"
+    )
+
+
+def driver_is_bound(device: UsbDevice) -> bool:
+    """Whether a driver of the operating system holds the device; False where the system cannot say."""
+    try:
+        return bool(cast("DriverDevice", device).is_kernel_driver_active(0))
+    except (NotImplementedError, UsbError, ValueError):  # other systems; pyusb raises all of these
+        return False
+
+
+def emulated_clock(backend: Backend | None) -> Clock | None:
+    """Clock that the boards of an emulated bus run by; None for any other bus."""
+    if not isinstance(backend, EmulatedBus):
+        return None
+    return cast("EmulatedBus[EmulatedBoard]", backend).clock

@@ -1,0 +1,1 @@
+"""Focal points -> delays of transducers."""

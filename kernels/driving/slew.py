@@ -1,0 +1,143 @@
+"""Delays of consecutive frames: their common phase locked from frame to frame, their changes limited."""
+
+import numpy as np
+import warp as wp
+
+from ..offsets import BLOCK
+from ..patch import EXACT
+from .wave import LANES, conjugate, lane_sum, plus_product
+
+wp.set_module_options(EXACT)
+
+CHUNK = 1024  # frames that a thread limits on CUDA, supposing at first that the frame before has been reached
+
+
+@wp.func
+def phasor(delay: float):
+    """exp(-2 pi j delay)."""
+    return wp.vec2(wp.cos(6.2831853 * delay), -wp.sin(6.2831853 * delay))
+
+
+@wp.kernel
+def _measure_turns(
+    # In:
+    delay: wp.array2d[wp.float32],
+    before: wp.array[wp.float32],
+    lanes: int,
+    # Out:
+    turn: wp.array[wp.float32],
+):
+    """How far each frame as a whole is turned against the one before: argument of <before, frame> [turns]."""
+    frame = wp.tid() // lanes
+    lane = wp.tid() % lanes
+    along = wp.vec2()
+    for n in range(lane, delay.shape[1], lanes):
+        last = before[n]
+        if frame > 0:
+            last = delay[frame - 1, n]
+        along = plus_product(along, phasor(delay[frame, n]), conjugate(phasor(last)))
+    along = lane_sum(along)
+    if lane == 0:
+        turn[frame] = wp.atan2(along[1], along[0]) * 0.15915494
+
+
+@wp.kernel
+def _turn_frames(
+    # In:
+    turn: wp.array[wp.float32],
+    # Out:
+    delay: wp.array2d[wp.float32],
+):
+    """Add a turn to every delay of a frame."""
+    frame, n = wp.tid()
+    d = delay[frame, n] + turn[frame]
+    delay[frame, n] = d - wp.floor(d)
+
+
+def lock_gauge(delay: wp.array, *, before: wp.array, turned: float) -> float:
+    """Turn each frame as a whole so that it is in phase with the one before: sum |change|^2 is then least.
+
+    delay: of each transducer [turns], float32, shape [frame, transducer]; changed in place to 0..1. before: the frame
+    before the first, as it was before it was turned, shape [transducer]. turned: by how much it was turned [turns].
+    Returns by how much the last one was turned. Waits for the device: turns are summed in float64 in order, so that
+    frames come out the same in blocks of any size.
+    """
+    frame_count, device = delay.shape[0], delay.device
+    if frame_count == 0:
+        return turned
+    lanes = 1 if device.is_cpu else LANES
+    turn = wp.empty(frame_count, dtype=wp.float32, device=device)
+    inputs = [delay, before, lanes]
+    wp.launch(_measure_turns, frame_count * lanes, inputs, [turn], device=device, block_dim=BLOCK)
+    total = np.cumsum(np.concatenate([[turned], turn.numpy()], dtype=np.float64))[1:]
+    turn.assign((total % 1.0).astype(np.float32))
+    wp.launch(_turn_frames, delay.shape, [turn], [delay], device=device, block_dim=BLOCK)
+    return float(total[-1])
+
+
+@wp.kernel
+def _limit_slew(
+    # In:
+    target: wp.array2d[wp.float32],
+    before: wp.array[wp.float32],
+    step: float,
+    chunk: int,
+    mends: int,  # 1: chunks have been limited; take the end of the one before as it is now, and stop where they meet
+    # Out:
+    delay: wp.array2d[wp.float32],
+    changed: wp.array[wp.int32],
+):
+    """Follow the targets of one transducer through a chunk of frames, by `step` a frame at most, the short way."""
+    part, n = wp.tid()
+    first = part * chunk
+    now = before[n]
+    if part > 0:
+        now = target[first - 1, n]
+        if mends == 1:
+            now = delay[first - 1, n]
+    elif mends == 1:
+        return
+    for frame in range(first, wp.min(first + chunk, target.shape[0])):
+        wanted = target[frame, n]
+        way = wanted - now
+        way -= wp.floor(way + 0.5)
+        if wp.abs(way) <= step:
+            now = wanted
+        else:
+            now += wp.where(way > 0.0, step, -step)
+            now -= wp.floor(now)
+        if mends == 1:
+            if now == delay[frame, n]:
+                return
+            changed[0] = 1
+        delay[frame, n] = now
+
+
+def limit_slew(target: wp.array, *, before: wp.array, step: float) -> wp.array:
+    """Delays that follow their targets by at most `step` [turns] a frame, the short way round.
+
+    target: [turns], 0..1, float32, shape [frame, transducer]. before: delays of the frame before, shape [transducer].
+    Returns the same shape, 0..1. A transducer that is within a step of its target takes it exactly, so whatever it did
+    before is forgotten: on CUDA all chunks of frames start at once, as if the target before them had been reached, and
+    those for which it had not are mended until none changes. The result is that of one frame after the other.
+    """
+    frame_count, transducer_count = target.shape
+    delay, device = wp.empty_like(target), target.device
+    if frame_count == 0:
+        return delay
+    chunk = frame_count if device.is_cpu else CHUNK
+    parts = -(-frame_count // chunk)
+    changed = wp.zeros(1, dtype=wp.int32, device=device)
+    for mends in range(parts + 1):
+        changed.zero_()
+        wp.launch(
+            _limit_slew,
+            (parts, transducer_count),
+            inputs=[target, before, step, chunk, min(mends, 1)],
+            outputs=[delay, changed],
+            device=device,
+            block_dim=BLOCK,
+        )
+        if parts == 1 or (mends and not changed.numpy()[0]):
+            break
+    return delay

@@ -1,0 +1,1 @@
+"""Solids as functions of position: below 0 inside."""

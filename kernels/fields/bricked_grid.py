@@ -1,0 +1,223 @@
+"""A dense volume laid out for planes that cut it anyhow, and that knows where it is the same for a long way.
+
+Values stand in pages of 8 x 8 x 16 (4 KiB, what addresses are looked up by), and there in lines of 2 x 2 x 4 (64 bytes,
+what memory is read by): a tilted plane meets a tenth of the lines that it meets in rows along one axis. Cells are
+gathered into bricks: one whose values all have one sign has no surface in it, for between voxels no value lies beyond
+its neighbours'. Each brick knows how far around it, in bricks, that goes on.
+"""
+
+import math
+
+import numpy as np
+import warp as wp
+
+from .dense_grid import blended, clamped, dense_field, grain_of
+from .field import ROOT_WIDTH, Field, share_of
+
+SHIFT = 1
+BRICK = 1 << SHIFT  # cells each way
+WIDE = wp.constant(wp.float64(BRICK))
+FAR = 100  # bricks; more is not told apart
+PAGE = (8, 8, 16)  # voxels
+LINE = (2, 2, 4)
+VALUES_MOST = 1 << 31  # what an int can count
+
+
+@wp.struct
+class Bricked:
+    """A volume and its bricks on a device. Voxel centres lie at whole indices."""
+
+    values: wp.array[wp.float32]  # page by page; below 0 inside; a layer of outside around it
+    to_index: wp.mat33d  # from the array's frame to indices [voxel/m]
+    origin: wp.vec3d  # where index (0, 0, 0) is, array frame [m]
+    last: wp.vec3d  # largest index along each axis
+    cells: wp.vec3i  # largest index of a cell
+    stride: wp.vec2i  # values from page to page along the first two axes
+    reach: wp.array[wp.int8]  # bricks from each to the nearest of another side, below 0 inside, 0 if mixed
+    brick_stride: wp.vec2i  # the like of `stride` for bricks
+    spread: wp.vec3d  # how far a ball of 1 m reaches along each axis [voxel]
+
+
+def brick_reach(padded: np.ndarray) -> np.ndarray:
+    """How far each brick's side goes on, see Bricked.reach, for values of `pad_outside`, int8 [brick, brick, brick]."""
+    from scipy.ndimage import distance_transform_cdt  # a tenth of a second that meshes do without
+
+    inside = padded < 0
+    every, some = inside, inside
+    for axis, size in enumerate(padded.shape):
+        first = np.arange(0, size - 1, BRICK)
+        last = np.minimum(first + BRICK, size - 1)  # the next brick's first layer is this one's last
+        every, end = np.logical_and.reduceat(every, first, axis), np.take(every, last, axis)
+        every &= end
+        some, end = np.logical_or.reduceat(some, first, axis), np.take(some, last, axis)
+        some |= end
+    out = np.zeros(every.shape, np.int8)
+    for side, uniform in ((-1, every), (1, ~some)):
+        far = np.full(uniform.shape, FAR) if uniform.all() else distance_transform_cdt(uniform, metric="chessboard")
+        out += (side * np.minimum(far, FAR)).astype(np.int8)
+    return out
+
+
+def page_values(padded: np.ndarray) -> np.ndarray:
+    """See Bricked.values, float32, shape [value]; pages that stick out of the volume are filled up with 0."""
+    (i, a, b), (j, c, d), (k, e, f) = (
+        (-(-size // page), page // line, line) for size, page, line in zip(padded.shape, PAGE, LINE, strict=True)
+    )
+    filled = np.zeros((i * a * b, j * c * d, k * e * f), np.float32)
+    filled[tuple(map(slice, padded.shape))] = padded
+    return filled.reshape(i, a, b, j, c, d, k, e, f).transpose(0, 3, 6, 1, 4, 7, 2, 5, 8).ravel()
+
+
+def page_reach(reach: np.ndarray) -> np.ndarray:
+    """See Bricked.reach, int8, shape [brick]: in lines of 4 x 4 x 4."""
+    i, j, k = (-(-size // 4) for size in reach.shape)
+    filled = np.zeros((4 * i, 4 * j, 4 * k), np.int8)
+    filled[tuple(map(slice, reach.shape))] = reach
+    return filled.reshape(i, 4, j, 4, k, 4).transpose(0, 2, 4, 1, 3, 5).ravel()
+
+
+@wp.func
+def place_i(data: Bricked, i: int):
+    """What the first index adds to a value's place."""
+    return (i >> 3) * data.stride[0] + (((i >> 1) & 3) << 8) + ((i & 1) << 3)
+
+
+@wp.func
+def place_j(data: Bricked, j: int):
+    """What the second index adds to a value's place."""
+    return (j >> 3) * data.stride[1] + (((j >> 1) & 3) << 6) + ((j & 1) << 2)
+
+
+@wp.func
+def place_k(k: int):
+    """What the third index adds to a value's place."""
+    return ((k >> 4) << 10) + (((k >> 2) & 3) << 4) + (k & 3)
+
+
+@wp.func
+def reach_of(data: Bricked, i: int, j: int, k: int):
+    """A brick's reach."""
+    line = (i >> 2) * data.brick_stride[0] + (j >> 2) * data.brick_stride[1] + ((k >> 2) << 6)
+    return int(data.reach[line + ((i & 3) << 4) + ((j & 3) << 2) + (k & 3)])
+
+
+@wp.func
+def between(values: wp.array[wp.float32], one: int, two: int, t: wp.float64):
+    """Between two values by their places."""
+    return blended(wp.float64(values[one]), wp.float64(values[two]), t)
+
+
+@wp.func
+def value_at(data: Bricked, at: wp.vec3d):
+    """Value at an index."""
+    p = clamped(at[0], data.last[0])
+    q = clamped(at[1], data.last[1])
+    r = clamped(at[2], data.last[2])
+    i = wp.min(int(p), data.cells[0])
+    j = wp.min(int(q), data.cells[1])
+    k = wp.min(int(r), data.cells[2])
+    p = p - wp.float64(i)
+    q = q - wp.float64(j)
+    r = r - wp.float64(k)
+    k_low = place_k(k)
+    k_high = place_k(k + 1)
+    j_low = place_j(data, j)
+    j_high = place_j(data, j + 1)
+    base = place_i(data, i)
+    a = between(data.values, base + j_low + k_low, base + j_low + k_high, r)
+    b = between(data.values, base + j_high + k_low, base + j_high + k_high, r)
+    low = blended(a, b, q)
+    base = place_i(data, i + 1)
+    a = between(data.values, base + j_low + k_low, base + j_low + k_high, r)
+    b = between(data.values, base + j_high + k_low, base + j_high + k_high, r)
+    return blended(low, blended(a, b, q), p)
+
+
+@wp.func
+def index_of(data: Bricked, x: wp.vec3d):
+    """Index of a point."""
+    return data.to_index * (x - data.origin)
+
+
+@wp.func
+def bricked_value(data: Bricked, x: wp.vec3d):
+    """`dense_value` of the volume."""
+    return value_at(data, index_of(data, x))
+
+
+SHARE = share_of(value_at)
+
+
+@wp.func
+def bricked_root(data: Bricked, a: wp.vec3d, b: wp.vec3d):
+    """`Field.root` of the volume, looked for in indices."""
+    p = index_of(data, a)
+    q = index_of(data, b)
+    fp = value_at(data, p)
+    fq = value_at(data, q)
+    least = ROOT_WIDTH / wp.max(wp.length(b - a), ROOT_WIDTH)
+    if fq < wp.float64(0.0):
+        return b + SHARE(data, q, p, fq, fp, least) * (a - b)
+    return a + SHARE(data, p, q, fp, fq, least) * (b - a)
+
+
+@wp.func
+def bricked_inside(data: Bricked, x: wp.vec3d):
+    """`Field.inside` of the volume: a brick of one side need not be looked into."""
+    at = index_of(data, x)
+    i = wp.min(int(clamped(at[0], data.last[0])), data.cells[0])
+    j = wp.min(int(clamped(at[1], data.last[1])), data.cells[1])
+    k = wp.min(int(clamped(at[2], data.last[2])), data.cells[2])
+    reach = reach_of(data, i >> SHIFT, j >> SHIFT, k >> SHIFT)
+    if reach != 0:
+        return reach < 0
+    return value_at(data, at) < wp.float64(0.0)
+
+
+@wp.func
+def bricked_ball(data: Bricked, x: wp.vec3d, radius: wp.float64):
+    """`Field.ball` of the volume: whether bricks of one side reach around it; beyond, the nearest ones."""
+    at = index_of(data, x)
+    brick = wp.vec3i()
+    room = wp.float64(1.0e9)  # to where the own brick ends, less what the ball reaches [voxel]
+    for k in range(3):
+        p = clamped(at[k], data.last[k])
+        own = wp.min(int(p), data.cells[k]) >> SHIFT
+        brick[k] = own
+        p = p - wp.float64(own) * WIDE
+        room = wp.min(room, wp.min(p, WIDE - p) - radius * data.spread[k])
+    reach = reach_of(data, brick[0], brick[1], brick[2])
+    room += wp.float64(wp.abs(reach) - 1) * WIDE
+    if reach == 0 or room <= wp.float64(0.0):
+        return int(0)
+    return wp.where(reach < 0, -1, 1)
+
+
+def bricked_field(padded: np.ndarray, affine: np.ndarray, device: str) -> Field:
+    """`dense_field` with `Field.ball`, and of the same values to the bit; that itself if the volume is too large."""
+    affine = np.asarray(affine, np.float64)
+    if math.prod(-(-size // page) * page for size, page in zip(padded.shape, PAGE, strict=True)) >= VALUES_MOST:
+        return dense_field(padded, affine, device)
+    values = page_values(padded)
+    inverse = np.linalg.inv(affine[:3, :3])
+    _, j_size, k_size = (-(-size // page) for size, page in zip(padded.shape, PAGE, strict=True))
+    data = Bricked()
+    data.values = wp.array(values, dtype=wp.float32, device=device, copy=False)
+    data.to_index = wp.mat33d(*inverse.ravel())
+    data.origin = wp.vec3d(*(affine[:3, 3] - affine[:3, :3].sum(axis=1)))  # where the layer starts: index -1
+    data.last = wp.vec3d(*(np.array(padded.shape, np.float64) - 1.0))
+    data.cells = wp.vec3i(*(size - 2 for size in padded.shape))
+    data.stride = wp.vec2i(1024 * j_size * k_size, 1024 * k_size)
+    reach = brick_reach(padded)
+    data.reach = wp.array(page_reach(reach), dtype=wp.int8, device=device)
+    data.brick_stride = wp.vec2i(64 * -(-reach.shape[1] // 4) * -(-reach.shape[2] // 4), 64 * -(-reach.shape[2] // 4))
+    data.spread = wp.vec3d(*np.linalg.norm(inverse, axis=1))
+    return Field(
+        bricked_value,
+        Bricked,
+        data,
+        root=bricked_root,
+        ball=bricked_ball,
+        inside=bricked_inside,
+        grain=grain_of(affine),
+    )

@@ -1,0 +1,189 @@
+"""Points with their places -> contours: steps of no length dropped, what is left counted and written."""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from ..offsets import BLOCK, last_of, offsets_of
+from ..patch import EXACT
+from ..section.contour_writing import Contours
+from ..section.row_walker import Lines
+from .sample import NO_POINT
+from .walk import Trails
+
+wp.set_module_options(EXACT)
+
+LINE = wp.constant(wp.int64(1 << 32))  # counts of points and of polylines in one number
+
+
+class Kept(NamedTuple):
+    """What is left of a chunk's points."""
+
+    start: wp.array  # of each slot: points before it + LINE x polylines before it, int64, shape [slot + 1]
+    point_count: int
+    polyline_count: int
+
+
+@wp.func
+def first_of(after: wp.array[wp.int32], slot: int):
+    """The first point of the polyline that ends at a slot."""
+    if after[slot] < 0:
+        return ~after[slot]
+    return after[slot]
+
+
+@wp.func
+def ends_line(after: wp.array[wp.int32], slot: int):
+    """Whether a polyline ends with this point."""
+    return after[slot] <= slot
+
+
+@wp.func
+def has_step(after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
+    """Whether a step of some length starts at this point."""
+    return after[slot] >= 0 and not (point[slot] == point[after[slot]])
+
+
+@wp.func
+def has_tip(after: wp.array[wp.int32], point: wp.array[wp.vec3], tip: wp.array[wp.vec3], slot: int):
+    """Whether a tip parts the step that starts at this point."""
+    return not (tip[slot] == point[slot]) and not (tip[slot] == point[after[slot]])
+
+
+@wp.func
+def last_step(after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
+    """The last step of some length of the polyline that ends at a slot, or NO_POINT."""
+    first = first_of(after, slot)
+    k = int(slot)
+    while k >= first:
+        if has_step(after, point, k):
+            return k
+        k -= 1
+    return NO_POINT
+
+
+@wp.kernel
+def _count_points(
+    # In:
+    code: wp.array[wp.int32],
+    after: wp.array[wp.int32],
+    point: wp.array[wp.vec3],
+    tip: wp.array[wp.vec3],
+    # Out:
+    count: wp.array[wp.int64],  # see Kept.start
+):
+    """Count a point where a step of some length starts, its tip, and a line and its last point where one ends."""
+    slot = wp.tid()
+    n = wp.int64(0)
+    if slot < code.shape[0]:
+        if code[slot] != NO_POINT:
+            if has_step(after, point, slot):
+                n += wp.int64(1)
+                if has_tip(after, point, tip, slot):
+                    n += wp.int64(1)
+            if ends_line(after, slot):
+                if last_step(after, point, slot) != NO_POINT:
+                    n += LINE + wp.int64(1)
+    count[slot] = n
+
+
+@wp.kernel
+def _write_lines(
+    # In:
+    trail: wp.array[wp.int32],  # codes
+    after: wp.array[wp.int32],
+    section: wp.array[wp.int32],
+    point: wp.array[wp.vec3],
+    tip: wp.array[wp.vec3],
+    start: wp.array[wp.int64],  # see Kept
+    patch_count: int,
+    point_base: wp.int64,  # points of the chunks before
+    # Out:
+    lines: Lines,
+):
+    """Write a slot's point, and where a polyline ends what there is to say of it."""
+    slot = wp.tid()
+    if trail[slot] == NO_POINT:
+        return
+    place = start[slot] % LINE
+    if has_step(after, point, slot):
+        lines.points[place] = point[slot]
+        lines.kind[place] = wp.uint8(trail[slot] & 1)
+        place += wp.int64(1)
+        if has_tip(after, point, tip, slot):
+            lines.points[place] = tip[slot]
+            lines.kind[place] = wp.uint8(trail[slot] & 1)
+            place += wp.int64(1)
+    if ends_line(after, slot):
+        last = last_step(after, point, slot)
+        if last != NO_POINT:
+            first = first_of(after, slot)
+            line = start[slot] // LINE
+            lines.kind[place] = wp.uint8(trail[last] & 1)
+            lines.points[place] = point[first]
+            lines.polyline_closed[line] = wp.uint8(1)
+            if after[slot] < 0:
+                lines.points[place] = point[slot]
+                lines.polyline_closed[line] = wp.uint8(0)
+            lines.polyline_start[line] = point_base + start[first] % LINE
+            lines.polyline_patch[line] = section[slot] % patch_count
+
+
+@wp.kernel
+def _write_starts(
+    # In:
+    start: wp.array[wp.int64],  # see Kept
+    cut_start: wp.array[wp.int32],
+    polyline_base: wp.int64,  # polylines of the chunks before
+    # Out:
+    section_start: wp.array[wp.int64],
+):
+    """Write where each section's polylines start; after the last section, where they end."""
+    row = wp.tid()
+    section_start[row] = polyline_base + start[cut_start[row]] // LINE
+
+
+def count_points(trails: Trails, point: wp.array, tip: wp.array) -> Kept:
+    """Count what is left without steps of no length; waits for the device. tip: see Found."""
+    device = point.device
+    count = wp.empty(point.shape[0] + 1, dtype=wp.int64, device=device)
+    inputs = [trails.code, trails.after, point, tip]
+    wp.launch(_count_points, count.shape[0], inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
+    start = offsets_of(count)
+    total = last_of(start)
+    return Kept(start, total % (1 << 32), total >> 32)
+
+
+def write_lines(
+    trails: Trails,
+    point: wp.array,
+    tip: wp.array,
+    kept: Kept,
+    cut_start: wp.array,
+    *,
+    patch_count: int,
+    point_base: int,
+    polyline_base: int,
+) -> Contours:
+    """Write a chunk's contours; offsets go on from the points and polylines of those before, and end with their end."""
+    device = point.device
+    lines = Lines()
+    lines.points = wp.empty(kept.point_count, dtype=wp.vec3, device=device)
+    lines.kind = wp.empty(kept.point_count, dtype=wp.uint8, device=device)
+    end = point_base + kept.point_count
+    lines.polyline_start = wp.full(kept.polyline_count + 1, end, dtype=wp.int64, device=device)
+    lines.polyline_patch = wp.empty(kept.polyline_count, dtype=wp.int32, device=device)
+    lines.polyline_closed = wp.empty(kept.polyline_count, dtype=wp.uint8, device=device)
+    inputs = [*trails, point, tip, kept.start, patch_count, wp.int64(point_base)]
+    wp.launch(_write_lines, point.shape[0], inputs=inputs, outputs=[lines], device=device, block_dim=BLOCK)
+    section_start = wp.empty(cut_start.shape[0], dtype=wp.int64, device=device)
+    inputs = [kept.start, cut_start, wp.int64(polyline_base)]
+    wp.launch(_write_starts, cut_start.shape[0], inputs=inputs, outputs=[section_start], device=device, block_dim=BLOCK)
+    return Contours(
+        points=lines.points,
+        kind=lines.kind,
+        polyline_start=lines.polyline_start,
+        polyline_patch=lines.polyline_patch,
+        polyline_closed=lines.polyline_closed,
+        section_start=section_start,
+    )

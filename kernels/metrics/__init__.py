@@ -1,0 +1,1 @@
+"""Numbers of contours by pose, their sums over many poses, and random poses."""

@@ -1,0 +1,306 @@
+"""Contours -> numbers a pose -> sums of many poses, in an order that does not depend on who adds them up.
+
+Numbers stand in rows, float32, shape [metric, pose]; NaN where a metric does not apply. Sums go span by span, a thread
+from a span's first pose to its last, then part by part, from a part's first span to its last.
+"""
+
+from functools import partial
+from typing import Any
+
+import warp as wp
+
+from ..offsets import BLOCK
+from ..patch import EXACT, narrowed, widened
+
+wp.set_module_options(EXACT)
+
+METRICS = ("length", "length_object", "length_hand", "length_made", "polylines", "area")
+"""Rows that `tally_contours` writes, in this order."""
+STATISTICS = ("count", "sum", "sum of squares", "least", "greatest", "positive")
+"""What is kept of a metric, float64: of values that are finite; the last is how many of them are above 0."""
+NAN = wp.constant(wp.float32(float("nan")))
+SOME = wp.constant(8)
+Some = wp.types.vector(length=SOME, dtype=wp.float32)
+INFINITY = wp.constant(wp.float64(float("inf")))
+
+
+@wp.struct
+class Pacing:
+    """How a sampling strategy turns lengths into the time of a cycle, and that into a number of samples."""
+
+    speed: wp.float64  # [m/s]
+    return_speed: wp.float64  # [m/s] along chords; infinite where they take no time
+    update_rate: wp.float64  # [Hz]
+    turns: wp.float64  # times that the whole way is gone in a cycle
+    again: wp.float64  # times that open polylines are gone once more
+    chord: wp.float64  # times that the chords of open polylines are gone at the speed
+    samples_least: wp.float64  # a cycle
+    samples_most: wp.float64  # the same
+    seam: wp.float64  # by so much of a sample a cycle may be longer than its samples
+    nominal_lowest: wp.float64  # [Hz]
+    nominal_highest: wp.float64  # [Hz]
+    moves: wp.float64  # 0 for a focal point that stays where it is, else 1
+
+
+@wp.func
+def write_lengths(
+    total: wp.vec3d, polylines: wp.int64, pose: int, value: wp.array2d[wp.float32], length: wp.array[wp.float64]
+):
+    """Write a pose's rows of all METRICS but the area; total: by kind [m]."""
+    by_kind = narrowed(total)
+    stored = widened(by_kind)
+    value[0, pose] = wp.float32(stored[0] + stored[1] + stored[2])
+    for k in range(3):
+        value[1 + k, pose] = by_kind[k]
+    value[4, pose] = wp.float32(polylines)
+    length[pose] = total[0] + total[1] + total[2]
+
+
+@wp.kernel
+def _tally_contours(
+    # In:
+    points: wp.array[wp.vec3],
+    kind: wp.array[wp.uint8],
+    polyline_start: wp.array[wp.int64],
+    polyline_patch: wp.array[wp.int32],
+    polyline_closed: wp.array[wp.uint8],
+    pose_start: wp.array[wp.int64],
+    measures: int,  # 0: leave all rows but the area as they are
+    encloses: int,  # 0: leave the area as it is
+    # Out:
+    value: wp.array2d[wp.float32],  # shape [METRICS.., pose]
+    length: wp.array[wp.float64],  # of all contours [m], shape [pose]
+):
+    """Measure a pose's contours, and what they enclose: on each patch half the sum of p x q over segments p q."""
+    pose = wp.tid()
+    total = wp.vec3d()
+    area = wp.float64(0.0)
+    swept = wp.vec3d()  # twice the area of a patch, along its normal
+    patch = int(-1)
+    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
+        base = polyline_start[line]
+        here = points[base]
+        origin = widened(here)
+        arm = wp.vec3d()
+        own = wp.vec3d()
+        for k in range(int(polyline_start[line + 1] - base) - 1):
+            i = base + wp.int64(k)
+            there = points[i + wp.int64(1)]
+            segment = int(kind[i])
+            total[segment] = total[segment] + wp.length(widened(there - here))
+            further = widened(there) - origin
+            own = own + wp.cross(arm, further)  # no += and no branch here: five times as slow on a CPU
+            arm = further
+            here = there
+        if polyline_patch[line] != patch:
+            area += wp.length(swept)
+            swept = wp.vec3d()
+            patch = polyline_patch[line]
+        if polyline_closed[line] != wp.uint8(0):
+            swept = swept + own
+    if encloses != 0:
+        value[5, pose] = wp.float32(wp.float64(0.5) * (area + wp.length(swept)))
+    if measures != 0:
+        write_lengths(total, pose_start[pose + 1] - pose_start[pose], pose, value, length)
+
+
+@wp.kernel
+def _measure_gaps(
+    # In:
+    points: wp.array[wp.vec3],
+    polyline_start: wp.array[wp.int64],
+    polyline_closed: wp.array[wp.uint8],
+    pose_start: wp.array[wp.int64],
+    # Out:
+    open_length: wp.array[wp.float64],  # of open polylines [m]
+    chord: wp.array[wp.float64],  # from their ends back to their starts [m]
+    piece_count: wp.array[wp.int32],  # polylines that have a length
+):
+    """What of a pose's contours a focal point jumps or goes back over."""
+    pose = wp.tid()
+    length = wp.float64(0.0)
+    back = wp.float64(0.0)
+    count = int(0)
+    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
+        first = polyline_start[line]
+        last = polyline_start[line + 1] - wp.int64(1)
+        own = wp.float64(0.0)
+        for k in range(int(last - first)):
+            i = first + wp.int64(k)
+            own += wp.length(widened(points[i + wp.int64(1)]) - widened(points[i]))
+        if own > wp.float64(0.0):
+            count += 1
+            if polyline_closed[line] == wp.uint8(0):
+                length += own
+                back += wp.length(widened(points[last]) - widened(points[first]))
+    open_length[pose] = length
+    chord[pose] = back
+    piece_count[pose] = count
+
+
+@wp.kernel
+def _pace_poses(
+    # In:
+    pacing: Pacing,
+    length: wp.array[wp.float64],  # [m], shape [pose]
+    open_length: wp.array[wp.float64],  # the same, or no rows where nothing is asked of them
+    chord: wp.array[wp.float64],
+    # Out:
+    value: wp.array2d[wp.float32],  # draw frequency nominal and actual [Hz], shape [2, pose]
+):
+    """How often a pose's contours are drawn, pauses left out: as the strategy wants, and as whole samples allow."""
+    pose = wp.tid()
+    own = length[pose]
+    if own <= wp.float64(0.0):
+        value[0, pose] = NAN
+        value[1, pose] = NAN
+        return
+    nominal = wp.min(wp.max(pacing.speed / own, pacing.nominal_lowest), pacing.nominal_highest)
+    way = own
+    back = wp.float64(0.0)
+    if open_length.shape[0] > 0:
+        way += pacing.again * open_length[pose] + pacing.chord * chord[pose]
+        back = chord[pose] / pacing.return_speed
+    seconds = pacing.turns * way / pacing.speed + back
+    samples = wp.ceil(seconds * pacing.update_rate - pacing.seam)
+    samples = wp.min(wp.max(samples, pacing.samples_least), pacing.samples_most)
+    value[0, pose] = wp.float32(nominal)
+    value[1, pose] = wp.float32(pacing.moves * pacing.update_rate / samples)
+
+
+@wp.kernel
+def _sum_spans(
+    # In:
+    value: wp.array2d[wp.float32],  # shape [metric, pose]
+    span_first: wp.array[wp.int64],  # first pose, shape [span]
+    span_count: wp.array[wp.int64],  # poses
+    # Out:
+    statistic: wp.array3d[wp.float64],  # shape [span, metric, statistic]
+):
+    """Sum one metric of one span, pose by pose."""
+    span, metric = wp.tid()
+    first = int(span_first[span])
+    pose_count = int(span_count[span])
+    count = int(0)
+    positive = int(0)
+    total = wp.float64(0.0)
+    square = wp.float64(0.0)
+    least = wp.float64(INFINITY)
+    greatest = -wp.float64(INFINITY)
+    some = Some()
+    for start in range(0, pose_count, SOME):
+        for k in range(SOME):  # read before any is added, since a GPU waits long for each
+            some[k] = value[metric, first + wp.min(start + k, pose_count - 1)]
+        for k in range(SOME):
+            x = wp.float64(some[k])
+            if x - x == wp.float64(0.0) and start + k < pose_count:  # finite
+                count = count + 1
+                total = total + x
+                square = square + x * x
+                least = wp.min(least, x)
+                greatest = wp.max(greatest, x)
+                positive = positive + int(x > wp.float64(0.0))
+    statistic[span, metric, 0] = wp.float64(count)
+    statistic[span, metric, 1] = total
+    statistic[span, metric, 2] = square
+    statistic[span, metric, 3] = least
+    statistic[span, metric, 4] = greatest
+    statistic[span, metric, 5] = wp.float64(positive)
+
+
+@wp.kernel
+def _sum_parts(
+    # In:
+    span_statistic: wp.array3d[wp.float64],  # shape [span, metric, statistic]
+    part_start: wp.array[wp.int64],  # offsets into spans, shape [part + 1]
+    begun: wp.array3d[wp.float64],  # of the spans before, shape [part, metric, statistic]; or none at all
+    # Out:
+    statistic: wp.array3d[wp.float64],  # of these too
+):
+    """Add the spans of one part to what there is, one statistic of one metric, span by span."""
+    part, metric, which = wp.tid()
+    out = wp.float64(0.0)
+    if which == 3:
+        out = wp.float64(INFINITY)
+    elif which == 4:
+        out = -wp.float64(INFINITY)
+    if begun.shape[0] > 0:
+        out = begun[part, metric, which]
+    for span in range(int(part_start[part]), int(part_start[part + 1])):
+        x = span_statistic[span, metric, which]
+        if which == 3:
+            out = wp.min(out, x)
+        elif which == 4:
+            out = wp.max(out, x)
+        else:
+            out = out + x
+    statistic[part, metric, which] = out
+
+
+def tally_contours(batch: Any, value: wp.array, length: wp.array, *, measures: bool, encloses: bool) -> None:
+    """Measure each pose of a batch on the device of its arrays into rows METRICS of `value`, float32 [metric.., pose].
+
+    batch: with the fields of contours, polylines of a pose in the order of their patches. length: takes the length of
+    all contours in float64 [m], shape [pose]. measures: writes that and all rows but the area. encloses: writes the
+    area of what closed polylines bound on their patches [m^2], outer boundaries one way round and holes the other.
+    """
+    pose_count = batch.pose_start.shape[0] - 1
+    if value.shape[0] < len(METRICS) or value.shape[1] != pose_count or length.shape[0] != pose_count:
+        raise ValueError(f"values must have shape [{len(METRICS)}.., {pose_count}], not {list(value.shape)}")
+    arrays = [batch.points, batch.kind, batch.polyline_start, batch.polyline_patch, batch.polyline_closed]
+    inputs = [*arrays, batch.pose_start, int(measures), int(encloses)]
+    outputs = [value, length]
+    wp.launch(_tally_contours, pose_count, inputs=inputs, outputs=outputs, device=value.device, block_dim=BLOCK)
+
+
+def measure_gaps(batch: Any) -> tuple[wp.array, wp.array, wp.array]:
+    """Of each pose the length of open polylines, and of their chords [m], float64, and its polylines, int32.
+
+    Polylines without length are left out.
+    """
+    pose_count, device = batch.pose_start.shape[0] - 1, batch.points.device
+    open_length, chord = (wp.empty(pose_count, dtype=wp.float64, device=device) for _ in range(2))
+    piece_count = wp.empty(pose_count, dtype=wp.int32, device=device)
+    inputs = [batch.points, batch.polyline_start, batch.polyline_closed, batch.pose_start]
+    outputs = [open_length, chord, piece_count]
+    wp.launch(_measure_gaps, pose_count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
+    return open_length, chord, piece_count
+
+
+def pace_poses(
+    pacing: Pacing, length: wp.array, gaps: tuple[wp.array, wp.array] | None, value: wp.array | None = None
+) -> wp.array:
+    """Draw frequency nominal and actual of contours of these lengths [Hz], float32, shape [2, pose]; NaN without any.
+
+    length: [m], float64, shape [pose]. gaps: open lengths and chords (`measure_gaps`), where the pacing asks for them.
+    value: takes them, if given.
+    """
+    device = length.device
+    none = wp.empty(0, dtype=wp.float64, device=device)
+    if value is None:
+        value = wp.empty((2, length.shape[0]), dtype=wp.float32, device=device)
+    inputs = [pacing, length, *(gaps or (none, none))]
+    wp.launch(_pace_poses, length.shape[0], inputs=inputs, outputs=[value], device=device, block_dim=BLOCK)
+    return value
+
+
+def sum_parts(
+    value: wp.array, span_first: wp.array, span_count: wp.array, part_start: wp.array, begun: wp.array | None = None
+) -> wp.array:
+    """STATISTICS of each metric and part, float64, shape [part, metric, statistic]; least and greatest of none are inf.
+
+    value: float32, shape [metric, pose]. span_first, span_count: poses of each span, int64, shape [span].
+    part_start: offsets into spans, int64, shape [part + 1]. begun: the same statistics of the spans of each part that
+    an earlier batch had; None if there were none.
+    """
+    device, span_total = value.device, span_first.shape[0]
+    shape = part_start.shape[0] - 1, value.shape[0], len(STATISTICS)
+    if begun is not None and begun.shape != shape:
+        raise ValueError(f"statistics must have shape {list(shape)}, not {list(begun.shape)}")
+    known = wp.empty((0, 0, 0), dtype=wp.float64, device=device) if begun is None else begun
+    spans = wp.empty((span_total, *shape[1:]), dtype=wp.float64, device=device)
+    statistic = wp.empty(shape, dtype=wp.float64, device=device)
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
+    launch(_sum_spans, spans.shape[:2], inputs=[value, span_first, span_count], outputs=[spans])
+    launch(_sum_parts, shape, inputs=[spans, part_start, known], outputs=[statistic])
+    return statistic

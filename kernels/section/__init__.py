@@ -1,0 +1,1 @@
+"""Meshes cut by patches: contours found, walked, joined and written."""

@@ -1,0 +1,175 @@
+"""Events of a contour: the segments that clipping must look at; and the pieces that they make."""
+
+from typing import Any
+
+import warp as wp
+
+from ..patch import BOTTOM, EXACT, Patch, section_frame
+from .edge_pairing import OPEN
+from .half_edges import Surface
+from .pieces import CLOSED, Pieces, count_row, section_of, store_piece
+from .segment_clipping import NONE, Segment, needs_left, segment_of
+from .triangle_walk import left_from, link_of, loaded
+
+wp.set_module_options(EXACT)
+
+# An event is what clipping must look at, in two numbers: where and what, and how many steps of some length there were
+# inside since the one before. Where and what: half-edge of the segment's first crossing << HALF, and these bits.
+TO = wp.constant(15)  # outcode where the segment ends
+FROM = wp.constant(4)  # bits above it: outcode where it starts
+BEGIN = wp.constant(256)  # a loop begins here; both outcodes are of its first crossing
+END = wp.constant(512)  # it is back there
+STOP = wp.constant(1024)  # it ends at an open edge
+CLEAR = wp.constant(2048)  # both its crossings are apart from the lines of the patch's sides
+HALF = wp.constant(12)
+
+
+@wp.struct
+class Events:
+    """Events of each row's section, loop by loop; event k of row r stands at r * row + k * step."""
+
+    room: wp.int32  # of a row
+    row: wp.int64
+    step: wp.int64
+    event: wp.array[wp.vec2i]
+    count: wp.array[wp.int32]  # events of each row, also those that had no room
+
+
+@wp.func
+def write_event(events: Events, row: int, k: int, what: int, steps: int):
+    """Write event k of a row, if there is room."""
+    if k < events.room:
+        events.event[wp.int64(row) * events.row + wp.int64(k) * events.step] = wp.vec2i(what, steps)
+
+
+@wp.func
+def quiet(code_p: int, code_q: int):
+    """Whether a segment stays inside, or outside without winding around the patch."""
+    if (code_p | code_q) == 0:
+        return True
+    return (code_p & code_q) != 0 and ((code_p ^ code_q) & BOTTOM) == 0
+
+
+@wp.struct
+class Tour:
+    """A loop read from its events, and the piece that it is on."""
+
+    begin: int  # event with which the loop begins
+    first: int  # half-edge with which it begins
+    half: int  # the piece: of the crossing before it enters, or where the tour starts
+    enter: int
+    steps: int
+    inside: int  # 1 while on a piece
+    partial: int  # 1 while on a piece that the tour started in the middle of: it is read at the end
+    whole: int  # 1 if the loop has not left the patch so far
+    again: int  # 1 once the tour has come back to where it started
+    done: int  # 1 between loops
+    pieces: int
+    winding: int
+    clear: int  # 1 if the end where the piece entered is clear
+
+
+@wp.func
+def begun(surface: Surface, k: int, what: int, old: Tour):
+    """The tour of the loop that begins with event k."""
+    t = Tour()
+    t.pieces = old.pieces
+    t.winding = old.winding
+    t.begin = k
+    t.first = what >> HALF
+    t.half = t.first
+    t.enter = NONE
+    if (what & TO) == 0:
+        t.inside = 1
+        t.clear = 1
+        if link_of(loaded(surface.corner, t.half)) != OPEN:  # else a chain: its first piece is one
+            t.whole = 1
+            t.partial = 1
+    return t
+
+
+@wp.func
+def advanced(tour: Tour, what: int, steps: int, e: Segment, clear: int, pieces: Pieces, row: int):
+    """The tour after an event; clear: 1 if no side is met near a corner or a crossing."""
+    t = tour
+    at = what >> HALF
+    t.steps += steps
+    if t.again == 0:
+        t.winding += e.winding
+        if e.enter != NONE:
+            t.half = at
+            t.enter = e.enter
+            t.clear = clear
+            t.steps = 0
+            t.inside = 1
+            t.partial = 0
+    if (what & TO) != 0:
+        t.whole = 0
+    if t.inside == 1 and (e.leave != NONE or (what & STOP) != 0):
+        if t.partial == 0:
+            store_piece(pieces, row, t.pieces, t.half, at, t.enter, e.leave, t.steps, t.half, t.clear & clear)
+            t.pieces += 1
+        t.inside = 0
+    if (what & (END | STOP)) != 0:
+        t.again = 1
+    t.done = wp.where(t.again == 1 and (t.whole == 1 or t.inside == 0 or (what & STOP) != 0), 1, 0)
+    return t
+
+
+@wp.kernel
+def _clip_loops(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    events: Events,
+    # Out:
+    pieces: Pieces,
+):
+    """Find the pieces of each row's section in its events."""
+    row = wp.tid()
+    section = section_of(pieces, row)
+    own = patch[section % patch.shape[0]]
+    count = events.count[row]
+    tour = Tour()
+    tour.pieces = wp.where(count > events.room, count, 0)  # no more pieces than events
+    count = wp.where(count > events.room, 0, count)
+    k = int(0)
+    after = int(0)  # the event behind the loop
+    while k < count:
+        event = events.event[wp.int64(row) * events.row + wp.int64(k) * events.step]
+        what = event[0]
+        k += 1
+        if (what & BEGIN) != 0:
+            tour = begun(surface, k, what, tour)
+        else:
+            left = int(0)
+            clear = wp.where((what & CLEAR) != 0, 1, 0)
+            if needs_left((what >> FROM) & TO, what & TO):
+                f = section_frame(pose, patch, section)
+                left = left_from(surface, f, what >> HALF, own.half)
+                clear = 0
+            tour = advanced(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)
+            if tour.done == 1 and tour.whole == 1:
+                half = tour.first
+                store_piece(
+                    pieces, row, tour.pieces, half, half, NONE, NONE, tour.steps, CLOSED + surface.rank[half], 1
+                )
+                tour.pieces += 1
+            if (what & (END | STOP)) != 0:
+                after = k
+                if tour.done == 0:
+                    k = tour.begin
+            elif tour.done == 1:
+                k = after
+    count_row(pieces, row, tour.pieces, tour.winding)
+
+
+def room_for_events(row_count: int, room: int, device: Any) -> Any:
+    """Room for that many events a row: side by side for a CPU's cache, event by event for a GPU's lanes."""
+    events = Events()
+    events.room = room
+    events.row, events.step = (room, 1) if device.is_cpu else (1, row_count)
+    events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
+    events.count = wp.empty(row_count, dtype=wp.int32, device=device)
+    return events

@@ -1,0 +1,161 @@
+"""Whole loops of the sections of a closed surface, in the frames of their patches, in float64.
+
+`render/intersection/section_regularisation.py` regularises a section from them. Patches cut nothing off here.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..patch import EXACT, Frame, Patch, half_of, section_frame
+from .half_edges import OPEN, Surface
+from .joining import BOUNDARY, SLOT, Entries, order_pieces
+from .piece_search import find_pieces
+from .pieces import Pieces, section_of, start_of
+from .triangle_walk import crossing_after, crossing_at, point_of
+
+wp.set_module_options(EXACT)
+
+
+class PlaneLoops(NamedTuple):
+    """Device arrays of closed loops, the inside of the solid to their left seen from the +n side."""
+
+    points: wp.array  # vec2d along u and v [m], the first of a loop not repeated at its end, shape [point]
+    loop_start: wp.array  # offsets into points, int64, shape [loop + 1]
+    section_start: wp.array  # offsets of each section's loops, int64, shape [section + 1]
+    frame: wp.array  # origin [m], u and v of each section's patch, array frame, vec3d, shape [section, 3]
+
+
+@wp.func
+def loop_length(surface: Surface, f: Frame, half: int):
+    """Number of crossings around the loop of a half-edge that runs down through the plane."""
+    c = crossing_after(surface, f, crossing_at(surface, f, half))
+    count = int(1)
+    while c.half != half and c.half != OPEN:
+        count += 1
+        c = crossing_after(surface, f, c)
+    return count
+
+
+@wp.kernel
+def _count_crossings(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    pieces: Pieces,
+    entries: Entries,
+    # Out:
+    crossings: wp.array[wp.int64],  # of each section's loops, zero-initialised, shape [section + 1]
+):
+    """Count the crossings of all loops of a row."""
+    row = wp.tid()
+    count = entries.count[row] & (BOUNDARY - 1)
+    if count == 0:
+        return
+    section = section_of(pieces, row)
+    f = section_frame(pose, patch, section)
+    base = start_of(pieces, row)
+    total = int(0)
+    for e in range(count):
+        slot = entries.entry[base + wp.int64(e) * pieces.stride] & SLOT
+        total += loop_length(surface, f, pieces.half[base + wp.int64(slot) * pieces.stride])
+    crossings[section] = wp.int64(total)
+
+
+@wp.kernel
+def _draw_loops(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    pieces: Pieces,
+    entries: Entries,
+    bounded: int,  # 0: points are brought to no side of a patch
+    section_start: wp.array[wp.int64],
+    point_start: wp.array[wp.int64],  # offsets of each section's points, shape [section + 1]
+    # Out:
+    points: wp.array[wp.vec2d],
+    loop_start: wp.array[wp.int64],
+):
+    """Write the loops of a row in the order of its entries."""
+    row = wp.tid()
+    section = section_of(pieces, row)
+    f = section_frame(pose, patch, section)
+    side = half_of(patch[section % patch.shape[0]], bounded)
+    base = start_of(pieces, row)
+    i = point_start[section]
+    for e in range(entries.count[row] & (BOUNDARY - 1)):
+        slot = entries.entry[base + wp.int64(e) * pieces.stride] & SLOT
+        half = pieces.half[base + wp.int64(slot) * pieces.stride]
+        loop_start[section_start[section] + wp.int64(e)] = i
+        c = crossing_at(surface, f, half)
+        points[i] = point_of(f, c, side)
+        c = crossing_after(surface, f, c)
+        while c.half != half and c.half != OPEN:
+            i += wp.int64(1)
+            points[i] = point_of(f, c, side)
+            c = crossing_after(surface, f, c)
+        i += wp.int64(1)
+
+
+@wp.kernel
+def _write_frames(
+    # In:
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    # Out:
+    frame: wp.array2d[wp.vec3d],
+):
+    """Write where a section's patch is; at the origin where points are written relative to it."""
+    section = wp.tid()
+    f = section_frame(pose, patch, section)
+    if f.relative == 1:
+        zero = wp.float64(0.0)
+        one = wp.float64(1.0)
+        f.origin = wp.vec3d(zero, zero, zero)
+        f.u = wp.vec3d(one, zero, zero)
+        f.v = wp.vec3d(zero, one, zero)
+    frame[section, 0] = f.origin
+    frame[section, 1] = f.u
+    frame[section, 2] = f.v
+
+
+def plane_loops(
+    surface: Any,
+    pose: wp.array,
+    patch: wp.array,
+    *,
+    bounded: bool = True,
+    method: str | None = None,
+    limit: int | None = None,
+) -> PlaneLoops:
+    """Find all loops of a closed surface in the whole planes of all patches at all poses.
+
+    Arguments as for `find_pieces`; bounded: whether points that are flush with a side of a patch lie on it. Loops of a
+    section come in the order of their keys, see docs/develop/architecture.md.
+    Raises PointLimitError, before memory is taken for them, if the loops have more points than `limit`.
+    """
+    device = pose.device
+    found = find_pieces(surface, pose, patch, bounded=False, closes=False, method=method)
+    ordered = order_pieces(surface, found, pose, patch, closes=False)
+    crossings = wp.zeros_like(ordered.points)
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
+    for pieces, entries in ordered.rows:
+        inputs = [surface, pose, patch, pieces, entries]
+        launch(_count_crossings, pieces.count.shape[0], inputs=inputs, outputs=[crossings])
+    section_start, point_start = offsets_of(ordered.polylines), offsets_of(crossings)
+    point_count, loop_count = last_of(point_start), last_of(section_start)
+    if limit is not None and point_count > limit:
+        raise PointLimitError(point_count, limit)
+    points = wp.empty(point_count, dtype=wp.vec2d, device=device)
+    loop_start = wp.full(loop_count + 1, point_count, dtype=wp.int64, device=device)
+    for pieces, entries in ordered.rows:
+        inputs = [surface, pose, patch, pieces, entries, int(bounded), section_start, point_start]
+        launch(_draw_loops, pieces.count.shape[0], inputs=inputs, outputs=[points, loop_start])
+    section_count = pose.shape[0] * patch.shape[0]
+    frame = wp.empty((section_count, 3), dtype=wp.vec3d, device=device)
+    launch(_write_frames, section_count, inputs=[pose, patch], outputs=[frame])
+    return PlaneLoops(points, loop_start, section_start, frame)

@@ -1,0 +1,307 @@
+"""Contours of small surfaces: look at every scanned edge, then walk every loop of the plane around once.
+
+Two steps: the first walks and lists the segments that clipping must look at, the second looks at them. Walking is
+the same for every lane of a GPU; what happens at the patch's sides is not, and would hold all of them up.
+"""
+
+from functools import partial
+from typing import Any
+
+import warp as wp
+
+from ..offsets import BLOCK
+from ..patch import (
+    BOTTOM,
+    EXACT,
+    LEFT,
+    ON,
+    RIGHT,
+    TOP,
+    Coarse,
+    Frame,
+    Patch,
+    coarse_of,
+    half_of,
+    is_above,
+    lifted,
+    outcode,
+    section_frame,
+)
+from .clip_events import BEGIN, CLEAR, END, FROM, HALF, STOP, Events, _clip_loops, quiet, room_for_events, write_event
+from .edge_pairing import OPEN
+from .half_edges import MASK_WORDS, Surface
+from .pieces import section_at
+from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, loaded, point_of, vertex_of
+
+wp.set_module_options(EXACT)
+
+LISTED = 32  # scanned crossings that a sweep keeps; more are swept for again
+
+
+@wp.struct
+class Sweep:
+    """What a sweep along the trail found."""
+
+    first: int  # half-edge of the first scanned crossing
+    kept: int  # scanned crossings in the list
+    step: int  # where the last of them was
+    count: int  # scanned crossings in all
+
+
+@wp.func
+def swept(surface: Surface, f: Frame, g: Coarse, start: int, lists: bool, halves: wp.array[wp.int32]):
+    """Count the scanned crossings of the trail after step `start`, and list as many as there is room for."""
+    found = Sweep()
+    found.first = OPEN
+    was = is_above(f, g, vertex_of(loaded(surface.trail, start)))
+    for i in range(start + 1, surface.trail.shape[0]):
+        side = is_above(f, g, vertex_of(loaded(surface.trail, i)))
+        if side != was:
+            half = surface.trail_half[i][wp.where(was, 0, 1)]
+            if half != OPEN:
+                if found.count == 0:
+                    found.first = half
+                if lists and found.kept < LISTED:
+                    halves[found.kept] = half
+                    found.kept += 1
+                    found.step = i
+                found.count += 1
+        was = side
+    return found
+
+
+@wp.func
+def marked(mask: wp.array[wp.uint32], rank: int):
+    """Whether a walk has passed the scanned edge of that rank."""
+    return (mask[rank >> 5] >> wp.uint32(rank & 31)) & wp.uint32(1) != wp.uint32(0)
+
+
+@wp.func
+def mark(mask: wp.array[wp.uint32], rank: int):
+    """Remember that a walk has passed a scanned edge."""
+    mask[rank >> 5] = mask[rank >> 5] | (wp.uint32(1) << wp.uint32(rank & 31))
+
+
+@wp.struct
+class Walk:
+    """What a walk around one loop did."""
+
+    events: int
+    scanned: int  # scanned crossings passed
+    ended: int  # 1 if it came to an open end: the loop is a chain
+
+
+@wp.struct
+class Spot:
+    """A crossing's point as a fraction x / d, y / d, which takes no division, and its outcode."""
+
+    x: wp.float64  # [m^2]
+    y: wp.float64
+    d: wp.float64  # [m]
+    code: int
+    clear: int  # CLEAR if it is apart from the lines of all four sides, in float32 in the array's frame
+
+
+@wp.func
+def spot_of(f: Frame, g: Coarse, c: Crossing, side: wp.vec2d):
+    """The point of a crossing; where it may be flush with a side, `point_of` decides."""
+    t = Spot()
+    t.d = c.upper[2] - c.lower[2]
+    t.x = c.lower[0] * c.upper[2] - c.upper[0] * c.lower[2]
+    t.y = c.lower[1] * c.upper[2] - c.upper[1] * c.lower[2]
+    right = wp.abs(t.x) - side[0] * t.d
+    top = wp.abs(t.y) - side[1] * t.d
+    zero = wp.float64(0.0)
+    near = (f.flush + ON) * t.d
+    if wp.abs(right) <= near or wp.abs(top) <= near:
+        t.code = outcode(point_of(f, c, side), side)
+    else:
+        t.code = wp.where(right > zero, wp.where(t.x > zero, RIGHT, LEFT), 0)
+        t.code += wp.where(top > zero, wp.where(t.y > zero, TOP, BOTTOM), 0)
+    room = wp.float64(2.0 * g.unsure) * t.d
+    if wp.abs(right) > room and wp.abs(top) > room:
+        t.clear = CLEAR
+    return t
+
+
+@wp.func
+def moves(f: Frame, g: Coarse, side: wp.vec2d, c: Crossing, p: Spot, n: Crossing, q: Spot):
+    """Whether the points of two crossings differ in float32 as they are written."""
+    room = wp.float64(2.0 * g.unsure) * p.d * q.d  # each may be brought to a side
+    if wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room:
+        return True
+    return not (lifted(f, point_of(f, c, side)) == lifted(f, point_of(f, n, side)))
+
+
+@wp.func
+def walked(
+    surface: Surface,
+    f: Frame,
+    g: Coarse,
+    side: wp.vec2d,
+    half: int,
+    chain: bool,
+    marks: bool,
+    mask: wp.array[wp.uint32],
+    events: Events,
+    row: int,
+    start: int,
+):
+    """Walk from a crossing around its loop, or to the end of its chain; events from `start` on.
+
+    A segment is an event unless it stays inside, or outside without winding around the patch.
+    """
+    out = Walk()
+    c = crossing_at(surface, f, half)
+    p = spot_of(f, g, c, side)
+    write_event(events, row, start, (half << HALF) | BEGIN | (p.code << FROM) | p.code, 0)
+    out.events = 1
+    if chain:
+        out.scanned = 1
+        if marks:
+            mark(mask, surface.rank[half])
+    steps = int(0)
+    last = int(0)
+    while last == 0:
+        n = crossing_after(surface, f, c)
+        q = spot_of(f, g, n, side)
+        if n.half == OPEN:
+            last = STOP
+        elif n.half == half:
+            last = END
+        if n.scanned == 1 and last != STOP:
+            out.scanned += 1
+            if marks:
+                mark(mask, surface.rank[n.half])
+        if (p.code | q.code) == 0:
+            if moves(f, g, side, c, p, n, q):
+                steps += 1
+        if last != 0 or not quiet(p.code, q.code):
+            what = (c.half << HALF) | last | (p.clear & q.clear) | (p.code << FROM) | q.code
+            write_event(events, row, start + out.events, what, steps)
+            out.events += 1
+            steps = 0
+        c = n
+        p = q
+    if last == STOP:
+        out.ended = 1
+    return out
+
+
+@wp.func
+def passed(surface: Surface, f: Frame, half: int, mask: wp.array[wp.uint32]):
+    """Mark the scanned crossings of a loop; returns how many there are."""
+    count = int(0)
+    c = crossing_at(surface, f, half)
+    done = int(0)
+    while done == 0:
+        c = crossing_after(surface, f, c)
+        if c.scanned == 1:
+            count += 1
+            mark(mask, surface.rank[c.half])
+        if c.half == half:
+            done = 1
+    return count
+
+
+@wp.kernel
+def _walk_first_loops(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
+    patch: wp.array[Patch],
+    bounded: int,  # 0: the whole plane
+    section: wp.array[wp.int32],  # of each row; empty if rows are sections
+    # Out:
+    events: Events,
+    rest: wp.array[wp.int32],  # rows with more loops, in any order, shape [row]
+    rest_count: wp.array[wp.int32],  # how many there are, comes as 0, shape [1]
+):
+    """Walk around the first loop of each row's plane, which most often is the only one."""
+    row = wp.tid()
+    own = section_at(section, row)
+    f = section_frame(pose, patch, own)
+    side = half_of(patch[own % patch.shape[0]], bounded)
+    g = coarse_of(f, side, surface.reach)
+    nothing = wp.zeros(shape=1, dtype=wp.int32)
+    no_mask = wp.zeros(shape=1, dtype=wp.uint32)
+    found = swept(surface, f, g, 0, False, nothing)
+    walk = Walk()
+    if found.count > 0 and surface.is_open == 0:
+        walk = walked(surface, f, g, side, found.first, False, False, no_mask, events, row, 0)
+    events.count[row] = walk.events
+    if walk.scanned < found.count:
+        rest[wp.atomic_add(rest_count, 0, 1)] = row
+
+
+@wp.func
+def walked_others(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, row: int):
+    """Walk around the loops of a row that have no events yet; returns how many events it has then."""
+    count = events.count[row]
+    halves = wp.zeros(shape=LISTED, dtype=wp.int32)
+    mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
+    found = swept(surface, f, g, 0, True, halves)
+    total = found.count
+    scanned = int(0)
+    if count > 0:
+        scanned = passed(surface, f, found.first, mask)
+    k = int(0)
+    while scanned < total and found.kept > 0:
+        if k == found.kept:
+            found = swept(surface, f, g, found.step, True, halves)
+            k = 0
+        while k < found.kept and marked(mask, surface.rank[halves[k]]):
+            k += 1
+        if k < found.kept:
+            half = halves[k]
+            chain = link_of(loaded(surface.corner, half)) == OPEN
+            walk = walked(surface, f, g, side, half, chain, True, mask, events, row, count)
+            if walk.ended == 1 and not chain:
+                half = chain_start(surface, f, half)
+                walk = walked(surface, f, g, side, half, True, True, mask, events, row, count)
+            count += walk.events
+            scanned += walk.scanned
+    return count
+
+
+@wp.kernel
+def _walk_other_loops(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    section: wp.array[wp.int32],
+    rest: wp.array[wp.int32],
+    rest_count: wp.array[wp.int32],
+    # Out:
+    events: Events,  # those of the first loop are there already, if the surface is closed
+):
+    """Walk around the other loops of rows that have more than one, and around all loops of an open surface."""
+    if wp.tid() < rest_count[0]:
+        row = rest[wp.tid()]
+        own = section_at(section, row)
+        f = section_frame(pose, patch, own)
+        side = half_of(patch[own % patch.shape[0]], bounded)
+        g = coarse_of(f, side, surface.reach)
+        events.count[row] = walked_others(surface, f, g, side, events, row)
+
+
+def trace_pieces(
+    surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, room: int = 24
+) -> wp.array:
+    """Find the pieces of a surface that has a trail; returns how many events each row has, int32, shape [row].
+
+    room: events a row. One with more is counted in `pieces` as a row with more pieces than it has room for.
+    """
+    device = pose.device
+    row_count = pieces.count.shape[0]
+    events = room_for_events(row_count, room, device)
+    rest = wp.empty(row_count, dtype=wp.int32, device=device)
+    rest_count = wp.zeros(1, dtype=wp.int32, device=device)
+    inputs = [surface, pose, patch, int(bounded)]
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
+    launch(_walk_first_loops, row_count, inputs=[*inputs, pieces.section], outputs=[events, rest, rest_count])
+    launch(_walk_other_loops, row_count, inputs=[*inputs, pieces.section, rest, rest_count], outputs=[events])
+    launch(_clip_loops, row_count, inputs=[surface, pose, patch, events], outputs=[pieces])
+    return events.count

@@ -1,0 +1,153 @@
+"""A segment against a patch: where it enters and leaves, and how it winds around the patch's corner 0."""
+
+import warp as wp
+
+from ..patch import BOTTOM, LEFT, corner
+
+NONE = wp.constant(-1)
+
+
+@wp.func
+def blend(p: wp.vec2d, q: wp.vec2d, a: wp.float64, b: wp.float64):
+    """Point between p and q where what runs from a to b is 0, from the nearer end: exact at both ends."""
+    near = wp.abs(a) <= wp.abs(b)
+    from_near = wp.where(near, p, q)
+    to_far = wp.where(near, q, p) - from_near
+    return from_near + (wp.where(near, a, -b) / (a - b)) * to_far
+
+
+@wp.func
+def left_of(p: wp.vec2d, q: wp.vec2d, c: wp.vec2d):
+    """Whether corner c lies to the left of p -> q or on it.
+
+    Monotone in each coordinate of c however it rounds, so the answers at a patch's four corners always fit one line.
+    """
+    return (q[0] - p[0]) * (c[1] - p[1]) - (q[1] - p[1]) * (c[0] - p[0]) >= wp.float64(0.0)
+
+
+@wp.func
+def corners_left(p: wp.vec2d, q: wp.vec2d, half: wp.vec2d):
+    """Bit k is set where corner k of the patch lies to the left of p -> q or on it."""
+    left = int(0)
+    for k in range(4):
+        if left_of(p, q, corner(k, half)):
+            left = left | (1 << k)
+    return left
+
+
+@wp.func
+def crosses(k: int, code_p: int, code_q: int, left: int):
+    """Whether p -> q crosses side k of the patch: 1 outward, -1 inward, 0 not.
+
+    A segment that passes a corner asks once for both sides whether that is to its left, so it crosses exactly one of
+    them, or cuts the corner off by crossing both, or misses both:
+
+        corner between p and q (both sides' bits differ)   side ending in it      side starting in it
+        outward                                            crossed if left        crossed if not left
+        inward                                             crossed if not left    crossed if left
+    """
+    side = 1 << k
+    if (code_p & side) == (code_q & side):
+        return 0
+    outward = (code_q & side) != 0
+    end = (k + 1) % 4
+    after = 1 << end
+    before = 1 << ((k + 3) % 4)
+    if (code_p & after) != (code_q & after):
+        if ((left >> end) & 1 != 0) != outward:
+            return 0
+    elif (code_p & after) != 0:
+        return 0
+    if (code_p & before) != (code_q & before):
+        if ((left >> k) & 1 != 0) == outward:
+            return 0
+    elif (code_p & before) != 0:
+        return 0
+    if outward:
+        return 1
+    return -1
+
+
+@wp.func
+def winding_step(code_p: int, code_q: int, left: int):
+    """What a segment adds to the winding number around corner 0: a ray along side 0's line, away from the patch.
+
+        crosses that line   beyond the corner   adds
+        downward            yes                 +1
+        upward              yes                 -1
+        anything else                            0
+
+    Beyond is decided as `crosses` decides it, so the state at the corner fits the crossings of both its sides.
+    """
+    if (code_p & BOTTOM) == (code_q & BOTTOM):
+        return 0
+    downward = (code_q & BOTTOM) != 0
+    beyond = (code_p & LEFT) != 0
+    if (code_p & LEFT) != (code_q & LEFT):
+        beyond = (left & 1 != 0) == downward
+    if not beyond:
+        return 0
+    if downward:
+        return 1
+    return -1
+
+
+@wp.struct
+class Segment:
+    """What a contour's segment p -> q does to the patch."""
+
+    enter: int  # sides by which it enters and leaves, NONE for none
+    leave: int
+    winding: int  # what it adds to the winding number around corner 0
+
+
+@wp.func
+def needs_left(code_p: int, code_q: int):
+    """Whether what p -> q does depends on the corners to its left: two sides that meet lie between p and q."""
+    apart = code_p ^ code_q
+    if (code_p & code_q) != 0:
+        return (apart & BOTTOM) != 0 and (apart & LEFT) != 0
+    return (apart & ((apart << 1) | (apart >> 3))) != 0
+
+
+@wp.func
+def segment_of(code_p: int, code_q: int, left: int):
+    """What p -> q does, by its ends' outcodes and, where `needs_left` says so, the corners to its left."""
+    e = Segment()
+    e.enter = NONE
+    e.leave = NONE
+    if (code_p & code_q) == 0:
+        for k in range(4):
+            c = crosses(k, code_p, code_q, left)
+            if c == 1:
+                e.leave = k
+            if c == -1:
+                e.enter = k
+    e.winding = winding_step(code_p, code_q, left)
+    return e
+
+
+@wp.func
+def side_point(k: int, p: wp.vec2d, q: wp.vec2d, half: wp.vec2d):
+    """Where p -> q crosses side k, never beyond its corners [m]."""
+    if k == 1 or k == 3:
+        x = half[0]
+        if k == 3:
+            x = -x
+        return wp.vec2d(x, wp.clamp(blend(p, q, p[0] - x, q[0] - x)[1], -half[1], half[1]))
+    y = half[1]
+    if k == 0:
+        y = -y
+    return wp.vec2d(wp.clamp(blend(p, q, p[1] - y, q[1] - y)[0], -half[0], half[0]), y)
+
+
+@wp.func
+def side_position(k: int, p: wp.vec2d):
+    """How far along side k a point of it lies, counter-clockwise."""
+    if k == 0:
+        return p[0]
+    if k == 1:
+        return p[1]
+    if k == 2:
+        return -p[0]
+    return -p[1]

@@ -1,0 +1,102 @@
+"""Ordered pieces -> numbers a pose: what `draw` and `tally` come to, to the bit, and no point is written."""
+
+from functools import partial
+from typing import Any
+
+import warp as wp
+
+from ..metrics.tally import METRICS, NAN, write_lengths
+from ..offsets import BLOCK
+from ..patch import EXACT, Patch, half_of, section_frame
+from .half_edges import Surface
+from .joining import Entries, Ordered
+from .pieces import Pieces, section_of
+from .row_walker import Tape, add_row
+
+wp.set_module_options(EXACT)
+
+
+@wp.kernel
+def _tally_pieces(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    own: int,  # the patch whose rows are added
+    pieces: Pieces,
+    entries: Entries,
+    bounded: int,  # 0: the whole plane
+    closes: int,  # 1: CC, 0: OC
+    # Out:
+    total: wp.array2d[wp.float64],  # by kind [m], twice the area that CC encloses [m^2]; goes on, shape [pose, 3]
+):
+    """Add what a row's polylines come to to its pose; launched patch by patch, which is their order."""
+    row = wp.tid()
+    if pieces.section.shape[0] == 0:  # rows are sections
+        row = row * patch.shape[0] + own
+    if entries.count[row] == 0:
+        return
+    section = section_of(pieces, row)
+    if section % patch.shape[0] != own:
+        return
+    at = section // patch.shape[0]
+    tape = Tape()
+    tape.outline = total[at, 0]
+    tape.side = total[at, 1]
+    f = section_frame(pose, patch, section)
+    tape = add_row(surface, f, half_of(patch[own], bounded), pieces, entries, row, closes, closes, tape)
+    total[at, 0] = tape.outline
+    if closes == 1:
+        total[at, 1] = tape.side
+        total[at, 2] += wp.length(tape.swept)
+
+
+@wp.kernel
+def _write_poses(
+    # In:
+    total: wp.array2d[wp.float64],
+    polylines: wp.array[wp.int64],  # of each section
+    patch_count: int,
+    closes: int,
+    # Out:
+    value: wp.array2d[wp.float32],  # shape [METRICS.., pose]
+    length: wp.array[wp.float64],  # of all contours [m], shape [pose]
+):
+    """Totals as they are stored."""
+    pose = wp.tid()
+    count = wp.int64(0)
+    for own in range(patch_count):
+        count += polylines[pose * patch_count + own]
+    write_lengths(wp.vec3d(total[pose, 0], total[pose, 1], wp.float64(0.0)), count, pose, value, length)
+    value[5, pose] = NAN
+    if closes == 1:
+        value[5, pose] = wp.float32(wp.float64(0.5) * total[pose, 2])
+
+
+def tally_pieces(
+    surface: Any,
+    pose: wp.array,
+    patch: wp.array,
+    ordered: Ordered,
+    value: wp.array,
+    length: wp.array,
+    *,
+    bounded: bool,
+    closes: bool,
+) -> None:
+    """Measure each pose into rows METRICS of `value`, float32 [metric.., pose], with the arguments of `order_pieces`.
+
+    The same bits as of `draw_contours` and `tally_contours`; the area is NaN unless contours are closed. length: takes
+    the length of all contours in float64 [m], shape [pose].
+    """
+    pose_count, patch_count, device = pose.shape[0], patch.shape[0], pose.device
+    if value.shape[0] < len(METRICS) or value.shape[1] != pose_count or length.shape[0] != pose_count:
+        raise ValueError(f"values must have shape [{len(METRICS)}.., {pose_count}], not {list(value.shape)}")
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
+    total = wp.zeros((pose_count, 3), dtype=wp.float64, device=device)
+    for own in range(patch_count):
+        for k, (pieces, entries) in enumerate(ordered.rows):  # rows with more room are of sections that have none above
+            inputs = [surface, pose, patch, own, pieces, entries, int(bounded), int(closes)]
+            launch(_tally_pieces, pieces.count.shape[0] if k else pose_count, inputs=inputs, outputs=[total])
+    inputs = [total, ordered.polylines, patch_count, int(closes)]
+    launch(_write_poses, pose_count, inputs=inputs, outputs=[value, length])

@@ -1,0 +1,300 @@
+"""Contours of large surfaces: a hierarchy of boxes, traversed by the oriented patch, finds what lies in it."""
+
+from typing import Any
+
+import warp as wp
+
+from ..offsets import BLOCK
+from ..patch import (
+    EXACT,
+    UNBOUNDED,
+    Coarse,
+    Frame,
+    Patch,
+    coarse_of,
+    half_of,
+    is_above,
+    lifted,
+    outcode,
+    section_frame,
+)
+from .edge_pairing import OPEN
+from .half_edges import LEAF, Surface
+from .pieces import CLOSED, Pieces, count_row, section_of, store_piece
+from .segment_clipping import NONE, corners_left, segment_of, winding_step
+from .triangle_walk import crossing_after, crossing_at, is_first, link_of, loaded, point_of, vertex_of
+
+wp.set_module_options(EXACT)
+
+LISTED = 8  # crossed faces that a traversal lists before they are looked at
+
+
+@wp.struct
+class Window:
+    """The rectangle that is looked for, along u and v of a patch's frame [m]."""
+
+    low: wp.vec2
+    high: wp.vec2
+
+
+@wp.struct
+class Cursor:
+    """Where a traversal has come to, and what it found on the way."""
+
+    node: int  # heap number; 0 at the end
+    place: int  # of the next face in the leaf
+    listed: int  # faces set aside
+
+
+@wp.func
+def reach_along(axis: wp.vec3, half: wp.vec3):
+    """How far a box of these half extents reaches along an axis."""
+    return wp.abs(axis[0]) * half[0] + wp.abs(axis[1]) * half[1] + wp.abs(axis[2]) * half[2]
+
+
+@wp.func
+def meets(surface: Surface, g: Coarse, w: Window, node: int):
+    """Whether a box may meet the window: separating axes n, u and v.
+
+    The box's own axes would add little: a box is small against the patch where it matters, near the leaves.
+    """
+    e = loaded(surface.node_half, node)
+    half = wp.vec3(e[0], e[1], e[2])
+    d = vertex_of(loaded(surface.node_centre, node)) - g.origin
+    margin = 4.0 * g.unsure
+    if half[0] < 0.0 or wp.abs(wp.dot(g.n, d)) > reach_along(g.n, half) + margin:
+        return False
+    x = wp.dot(g.u, d)
+    r = reach_along(g.u, half) + margin
+    if x - r > w.high[0] or x + r < w.low[0]:
+        return False
+    y = wp.dot(g.v, d)
+    r = reach_along(g.v, half) + margin
+    return y - r <= w.high[1] and y + r >= w.low[1]
+
+
+@wp.func
+def node_after(node: int):
+    """The node that comes next once all below this one is done; 0 at the end."""
+    n = node + 1
+    while n % 2 == 0:
+        n = n // 2
+    if n == 1:
+        return 0
+    return n
+
+
+@wp.func
+def leaf_from(surface: Surface, g: Coarse, w: Window, node: int):
+    """The next leaf that may meet the window, from a node on in the heap's order; 0 if there is none."""
+    n = int(node)
+    while n != 0:
+        if meets(surface, g, w, n):
+            if n >= surface.leaf_first:
+                break
+            n = 2 * n
+        else:
+            n = node_after(n)
+    return n
+
+
+@wp.func
+def down_half(surface: Surface, f: Frame, g: Coarse, face: int):
+    """The half-edge of a face that runs down through the plane; OPEN if none does."""
+    half = 3 * face
+    if half >= surface.corner.shape[0]:
+        return OPEN
+    a = is_above(f, g, vertex_of(loaded(surface.corner, half)))
+    b = is_above(f, g, vertex_of(loaded(surface.corner, half + 1)))
+    c = is_above(f, g, vertex_of(loaded(surface.corner, half + 2)))
+    if a and not b:
+        return half
+    if b and not c:
+        return half + 1
+    if c and not a:
+        return half + 2
+    return OPEN
+
+
+@wp.func
+def traversed(surface: Surface, f: Frame, g: Coarse, w: Window, at: Cursor, halves: wp.array[wp.int32]):
+    """Go on with a traversal, listing half-edges by which faces are crossed, until the list is full or all is done."""
+    out = Cursor()
+    out.node = at.node
+    out.place = at.place
+    while out.node != 0 and out.listed < LISTED:
+        if out.place == 0:
+            out.node = leaf_from(surface, g, w, out.node)
+        if out.node != 0:
+            half = down_half(surface, f, g, (out.node - surface.leaf_first) * LEAF + out.place)
+            if half != OPEN:
+                halves[out.listed] = half
+                out.listed += 1
+            out.place += 1
+            if out.place == LEAF:
+                out.place = 0
+                out.node = node_after(out.node)
+    return out
+
+
+@wp.struct
+class Found:
+    """What is known of a section so far."""
+
+    count: int  # pieces
+    total: int  # scanned crossings inside the patch
+    passed: int  # of them, how many lie on pieces
+
+
+@wp.func
+def piece_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int, pieces: Pieces, row: int, slot: int):
+    """Walk an open piece from where it enters or starts, and store it; returns the scanned crossings inside, passed."""
+    c = crossing_at(surface, f, half)
+    p = point_of(f, c, side)
+    code = outcode(p, side)
+    passed = wp.where(code == 0, 1, 0)  # it starts inside at an open edge, which is scanned
+    out = half
+    steps = int(0)
+    n = crossing_after(surface, f, c)
+    q = point_of(f, n, side)
+    code_q = outcode(q, side)
+    x = lifted(f, p)
+    while code_q == 0:
+        y = lifted(f, q)
+        if code == 0 and not (x == y):
+            steps += 1
+        if n.half == OPEN:
+            break
+        passed += n.scanned
+        out = n.half
+        x = y
+        p = q
+        code = 0
+        n = crossing_after(surface, f, n)
+        q = point_of(f, n, side)
+        code_q = outcode(q, side)
+    leave = int(NONE)
+    if code_q != 0:
+        leave = segment_of(code, code_q, corners_left(p, q, side)).leave
+    store_piece(pieces, row, slot, half, out, enter, leave, steps, half, 0)
+    return passed
+
+
+@wp.func
+def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: Pieces, row: int, slot: int):
+    """Walk a loop that never leaves the patch, and store it; returns the scanned crossings passed."""
+    c = crossing_at(surface, f, half)
+    x = lifted(f, point_of(f, c, side))
+    steps = int(0)
+    passed = int(0)
+    done = int(0)
+    while done == 0:
+        c = crossing_after(surface, f, c)
+        y = lifted(f, point_of(f, c, side))
+        if not (x == y):
+            steps += 1
+        x = y
+        passed += c.scanned
+        if c.half == half:
+            done = 1
+    store_piece(pieces, row, slot, half, half, NONE, NONE, steps, CLOSED + surface.rank[half], 1)
+    return passed
+
+
+@wp.func
+def judged(surface: Surface, f: Frame, side: wp.vec2d, half: int, found: Found, pieces: Pieces, row: int):
+    """Walk the piece that begins in a crossed face, if one does, or count its scanned crossing inside."""
+    out = found
+    link = link_of(loaded(surface.corner, half))
+    c = crossing_at(surface, f, half)
+    p = point_of(f, c, side)
+    code_p = outcode(p, side)
+    enter = int(NONE)
+    if code_p == 0:
+        out.total += link & 1  # OPEN is odd
+    else:
+        q = point_of(f, crossing_after(surface, f, c), side)
+        enter = segment_of(code_p, outcode(q, side), corners_left(p, q, side)).enter
+    if enter != NONE or (code_p == 0 and link == OPEN):
+        out.passed += piece_from(surface, f, side, half, enter, pieces, row, out.count)
+        out.count += 1
+    return out
+
+
+@wp.func
+def is_candidate(surface: Surface, f: Frame, side: wp.vec2d, half: int):
+    """Whether a crossing is a scanned one inside the patch."""
+    link = link_of(loaded(surface.corner, half))
+    if link == OPEN or link & 1 == 0:
+        return False
+    return outcode(point_of(f, crossing_at(surface, f, half), side), side) == 0
+
+
+@wp.func
+def wound(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.array[wp.int32]):
+    """Winding number around corner 0: what crosses the line of side 0 beyond it, away from the patch."""
+    w = Window()
+    w.low = wp.vec2(-wp.float32(UNBOUNDED), -g.half[1])
+    w.high = -g.half
+    winding = int(0)
+    at = Cursor()
+    at.node = 1
+    while at.node != 0:
+        at = traversed(surface, f, g, w, at, halves)
+        for k in range(at.listed):
+            c = crossing_at(surface, f, halves[k])
+            p = point_of(f, c, side)
+            q = point_of(f, crossing_after(surface, f, c), side)
+            winding += winding_step(outcode(p, side), outcode(q, side), corners_left(p, q, side))
+    return winding
+
+
+@wp.kernel
+def _seek_pieces(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
+    patch: wp.array[Patch],
+    bounded: int,  # 0: the whole plane
+    closes: int,  # 1: the winding number is asked for
+    # Out:
+    pieces: Pieces,
+):
+    """Find the pieces of each row's section: first those that enter, then loops that nothing has passed."""
+    row = wp.tid()
+    section = section_of(pieces, row)
+    f = section_frame(pose, patch, section)
+    side = half_of(patch[section % patch.shape[0]], bounded)
+    g = coarse_of(f, side, surface.reach)
+    halves = wp.zeros(shape=LISTED, dtype=wp.int32)
+    w = Window()
+    w.low = -g.half
+    w.high = g.half
+    found = Found()
+    at = Cursor()
+    at.node = 1
+    while at.node != 0:
+        at = traversed(surface, f, g, w, at, halves)
+        for k in range(at.listed):
+            found = judged(surface, f, side, halves[k], found, pieces, row)
+    at = Cursor()
+    at.node = 1
+    while at.node != 0 and found.passed < found.total:
+        at = traversed(surface, f, g, w, at, halves)
+        k = int(0)
+        while k < at.listed and found.passed < found.total:
+            half = halves[k]
+            if is_candidate(surface, f, side, half) and is_first(surface, f, half, side):
+                found.passed += loop_from(surface, f, side, half, pieces, row, found.count)
+                found.count += 1
+            k += 1
+    winding = int(0)
+    if closes == 1:
+        winding = wound(surface, f, g, side, halves)
+    count_row(pieces, row, found.count, winding)
+
+
+def seek_pieces(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
+    """Find the pieces of a surface of any size."""
+    inputs = [surface, pose, patch, int(bounded), int(closes)]
+    wp.launch(_seek_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK)

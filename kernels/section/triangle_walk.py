@@ -1,0 +1,171 @@
+"""Walking a contour from triangle to triangle: no coordinate is ever compared to find what comes next."""
+
+import warp as wp
+
+from ..patch import Frame, above, brought_to_sides, outcode, placed
+from .edge_pairing import OPEN
+from .half_edges import Surface
+from .segment_clipping import blend, corners_left
+
+
+@wp.struct
+class Crossing:
+    """Where the plane crosses an edge, the solid to the left of the contour seen from +n.
+
+    The half-edge is that of the triangle which the contour goes into; it runs down through the plane.
+    """
+
+    half: int  # OPEN where there is no such triangle
+    scanned: int  # 1 if the edge is a scanned one (or open)
+    upper: wp.vec3d  # its ends in the patch's frame [m]
+    lower: wp.vec3d
+
+
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    const float4 r = __ldg(reinterpret_cast<const float4*>(a.data) + i);  // one load, not four
+    return wp::vec_t<4, wp::float32>(r.x, r.y, r.z, r.w);
+#else
+    return a.data[i];
+#endif
+""")
+def loaded(a: wp.array[wp.vec4], i: int) -> wp.vec4:
+    """Entry i of an array that is aligned to 16 bytes."""
+
+
+@wp.func
+def vertex_of(x: wp.vec4):
+    """Position [m]."""
+    return wp.vec3(x[0], x[1], x[2])
+
+
+@wp.func
+def link_of(x: wp.vec4):
+    """Link of a half-edge: see `HalfEdges.link`."""
+    return wp.cast(x[3], wp.int32)
+
+
+@wp.func
+def half_after(half: int):
+    """Next half-edge of the triangle."""
+    if half % 3 == 2:
+        return half - 2
+    return half + 1
+
+
+@wp.func
+def half_before(half: int):
+    """Next half-edge but one."""
+    if half % 3 == 0:
+        return half + 2
+    return half - 1
+
+
+@wp.func
+def crossing_at(surface: Surface, f: Frame, half: int):
+    """The crossing of a half-edge that runs down through the plane."""
+    c = Crossing()
+    c.half = half
+    c.upper = placed(f, vertex_of(loaded(surface.corner, half)))
+    c.lower = placed(f, vertex_of(loaded(surface.corner, half_after(half))))
+    return c
+
+
+@wp.func
+def crossing_after(surface: Surface, f: Frame, c: Crossing):
+    """The crossing by which the contour leaves the triangle of c.half.
+
+    the triangle's third vertex   comes up along
+    above                         the next half-edge (lower end to third)
+    below                         the next but one (third to upper end)
+    """
+    n = Crossing()
+    third = loaded(surface.corner, half_before(c.half))
+    x = placed(f, vertex_of(third))
+    up = above(x[2])
+    n.upper = wp.where(up, x, c.upper)
+    n.lower = wp.where(up, c.lower, x)
+    link = link_of(loaded(surface.corner, wp.where(up, half_after(c.half), half_before(c.half))))
+    n.half = link >> 1  # of OPEN: OPEN
+    n.scanned = link & 1
+    return n
+
+
+@wp.func
+def crossing_before(surface: Surface, f: Frame, c: Crossing):
+    """The crossing that comes before c, OPEN if c begins a chain: through the triangle on the other side."""
+    n = Crossing()
+    n.half = OPEN
+    own = link_of(loaded(surface.corner, c.half))
+    if own != OPEN:
+        half = own >> 1  # runs up through the plane
+        third = loaded(surface.corner, half_before(half))
+        x = placed(f, vertex_of(third))
+        if above(x[2]):
+            n.half = half_before(half)
+            n.upper = x
+            n.lower = c.lower
+        else:
+            n.half = half_after(half)
+            n.upper = c.upper
+            n.lower = x
+        n.scanned = link_of(loaded(surface.corner, n.half)) & 1  # OPEN is odd: an open edge is scanned
+    return n
+
+
+@wp.func
+def chain_start(surface: Surface, f: Frame, half: int):
+    """Half-edge of the first crossing of a chain."""
+    c = crossing_at(surface, f, half)
+    first = half
+    while True:
+        c = crossing_before(surface, f, c)
+        if c.half == OPEN:
+            break
+        first = c.half
+    return first
+
+
+@wp.func
+def point_of(f: Frame, c: Crossing, side: wp.vec2d):
+    """Where on the plane the crossing lies, in the patch's frame [m]: on a side that it is flush with."""
+    p = wp.vec2d(c.upper[0], c.upper[1])
+    q = wp.vec2d(c.lower[0], c.lower[1])
+    return brought_to_sides(blend(p, q, c.upper[2], c.lower[2]), side, f.flush)
+
+
+@wp.func
+def left_from(surface: Surface, f: Frame, half: int, side: wp.vec2d):
+    """Corners of the patch to the left of the segment from the crossing of a half-edge to the next: `corners_left`."""
+    c = crossing_at(surface, f, half)
+    return corners_left(point_of(f, c, side), point_of(f, crossing_after(surface, f, c), side), side)
+
+
+@wp.func
+def is_first(surface: Surface, f: Frame, half: int, side: wp.vec2d):
+    """Whether a scanned crossing has the lowest rank of a loop that never leaves the patch.
+
+    Walks both ways in turn until it meets a lower rank, leaves the patch, or has been around: all crossings of a loop
+    of n together ask for n log n steps at most, whatever their order.
+    """
+    rank = surface.rank[half]
+    ahead = crossing_at(surface, f, half)
+    back = crossing_at(surface, f, half)
+    while True:
+        ahead = crossing_after(surface, f, ahead)
+        if ahead.half == OPEN or ahead.half == half:
+            return ahead.half == half
+        if outcode(point_of(f, ahead, side), side) != 0:
+            return False
+        if ahead.scanned == 1:
+            if surface.rank[ahead.half] < rank:
+                return False
+        back = crossing_before(surface, f, back)
+        if back.half == OPEN:
+            return False
+        if outcode(point_of(f, back, side), side) != 0:
+            return False
+        if back.scanned == 1:
+            if surface.rank[back.half] < rank:
+                return False
+    return False

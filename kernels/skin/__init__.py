@@ -1,0 +1,1 @@
+"""Contours of any field on a triangulated skin."""

@@ -1,0 +1,94 @@
+"""How far the points of triangles are from a mesh."""
+
+import numpy as np
+import warp as wp
+
+from ..patch import EXACT
+
+wp.set_module_options(EXACT)
+
+FAR = wp.constant(1.0e6)  # [m]
+
+
+@wp.func
+def segment_distance(p: wp.vec3, a: wp.vec3, b: wp.vec3):
+    """Distance of a point from a segment."""
+    along = b - a
+    square = wp.dot(along, along)
+    share = float(0.0)
+    if square > 0.0:
+        share = wp.clamp(wp.dot(p - a, along) / square, 0.0, 1.0)
+    return wp.length(p - a - share * along)
+
+
+@wp.func
+def face_distance(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Distance of a point from a triangle."""
+    n = wp.cross(b - a, c - a)
+    square = wp.dot(n, n)
+    if square > 0.0:
+        one = wp.dot(wp.cross(b - a, p - a), n) >= 0.0
+        two = wp.dot(wp.cross(c - b, p - b), n) >= 0.0
+        three = wp.dot(wp.cross(a - c, p - c), n) >= 0.0
+        if one and two and three:
+            return wp.abs(wp.dot(p - a, n)) / wp.sqrt(square)
+    return wp.min(segment_distance(p, a, b), wp.min(segment_distance(p, b, c), segment_distance(p, c, a)))
+
+
+@wp.kernel
+def _bound_distances(
+    # In:
+    mesh: wp.uint64,
+    corner: wp.array2d[wp.vec3],  # [m], shape [triangle, 3]
+    # Out:
+    known: wp.array[float],  # [m]
+    bound: wp.array[float],  # [m]
+):
+    """Distance of a triangle's middle, and one that no point of it exceeds.
+
+    The distance from the face nearest to the middle is convex, so no point is farther from it than the farthest corner;
+    and no point is farther from the mesh than the middle is, and the corners are from that.
+    """
+    i = wp.tid()
+    middle = (corner[i, 0] + corner[i, 1] + corner[i, 2]) / 3.0
+    found = wp.mesh_query_point_no_sign(mesh, middle, FAR)
+    known[i] = FAR
+    bound[i] = FAR
+    if found.result:
+        distance = wp.length(middle - wp.mesh_eval_position(mesh, found.face, found.u, found.v))
+        points = wp.mesh_get(mesh).points
+        index = wp.mesh_get(mesh).indices
+        a = points[index[3 * found.face]]
+        b = points[index[3 * found.face + 1]]
+        c = points[index[3 * found.face + 2]]
+        reach = float(0.0)
+        most = float(0.0)
+        for k in range(3):
+            reach = wp.max(reach, wp.length(corner[i, k] - middle))
+            most = wp.max(most, face_distance(corner[i, k], a, b, c))
+        known[i] = distance
+        bound[i] = wp.max(distance, wp.min(distance + reach, most))
+
+
+class MeshDistance:
+    """A mesh on a device that distances are measured from."""
+
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, device: str) -> None:
+        """Vertices: [m], shape [vertex, 3]; faces: int, shape [face, 3]. Worked out about their middle, in float32."""
+        self._device = device
+        self._middle = (vertices.min(axis=0) + vertices.max(axis=0)).astype(np.float64) / 2
+        near = wp.array((vertices - self._middle).astype(np.float32), dtype=wp.vec3, device=device)
+        self._mesh = wp.Mesh(near, wp.array(faces.astype(np.int32).ravel(), dtype=int, device=device))
+
+    def bound_distances(self, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of each triangle the distance of its middle from the mesh, and a bound of that of its points [m], float64.
+
+        triangles: [m], shape [triangle, 3, 3].
+        """
+        near = (triangles - self._middle).astype(np.float32)
+        corner = wp.array(near, dtype=wp.vec3, device=self._device)
+        known, bound = (wp.empty(len(near), dtype=float, device=self._device) for _ in range(2))
+        wp.launch(
+            _bound_distances, len(near), inputs=[self._mesh.id, corner], outputs=[known, bound], device=self._device
+        )
+        return known.numpy().astype(np.float64), bound.numpy().astype(np.float64)

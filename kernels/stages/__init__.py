@@ -1,0 +1,1 @@
+"""The kernels of prune and transform stages, and of objects that move."""

@@ -1,0 +1,198 @@
+"""Which parts of contours the array can see: sight lines from both their ends to points of the array's face.
+
+A sight line is blocked where it passes through the inside of a patch of the hand, or through the hand's mesh. What is
+nearer than CLEAR does not count, so skin does not block its own contours.
+"""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ..patch import EXACT, narrowed
+from .cut import Parts, launch, parts_of, point_at, share_end
+from .prune import Patches, find_poses
+
+wp.set_module_options(EXACT)
+
+CLEAR = wp.constant(wp.float64(1e-3))  # [m]; what is this near to the skin does not block: the skin itself
+
+
+@wp.struct
+class Aperture:
+    """Points spread over the array's face."""
+
+    middle: wp.vec3d  # [m]
+    u: wp.vec3d  # from one point to the next, along one side [m]
+    v: wp.vec3d
+    count: int  # along a side
+
+
+@wp.func
+def face_point(aperture: Aperture, k: int):
+    """Point k of the array's face [m]."""
+    half = wp.float64(0.5) * wp.float64(aperture.count - 1)
+    i = wp.float64(k % aperture.count) - half
+    j = wp.float64(k // aperture.count) - half
+    return aperture.middle + i * aperture.u + j * aperture.v
+
+
+@wp.func
+def is_blocked(patches: Patches, pose: int, x: wp.vec3d, way: wp.vec3d):
+    """Whether the straight way from x passes through a patch, beyond CLEAR; a NaN patch blocks nothing."""
+    for patch in range(patches.half.shape[0]):
+        d = x - patches.origin[pose, patch]
+        n = patches.n[pose, patch]
+        fall = wp.dot(n, way)
+        if fall != wp.float64(0.0):
+            t = -wp.dot(n, d) / fall
+            if t * wp.length(way) > CLEAR and t < wp.float64(1.0):
+                y = d + t * way
+                p = wp.abs(wp.dot(patches.u[pose, patch], y))
+                q = wp.abs(wp.dot(patches.v[pose, patch], y))
+                if p < patches.half[patch][0] and q < patches.half[patch][1]:
+                    return True
+    return False
+
+
+@wp.func
+def part_end(points: wp.array[wp.vec3], parts: Parts, part: wp.int64, which: int):
+    """Start (0) or end (1) of a part [m]."""
+    share = parts.share[part]
+    if which == 1:
+        share = share_end(parts, part)
+    return point_at(points, parts.segment[part], share)
+
+
+@wp.func
+def count_past_patches(x: wp.vec3d, patches: Patches, pose: int, aperture: Aperture):
+    """How many points of the array's face are seen from x past the hand's patches."""
+    seen = int(0)
+    for p in range(aperture.count * aperture.count):
+        if not is_blocked(patches, pose, x, face_point(aperture, p) - x):
+            seen += 1
+    return seen
+
+
+@wp.func
+def count_past_mesh(x: wp.vec3d, mesh: wp.uint64, back: wp.transform, aperture: Aperture):
+    """How many points of the array's face are seen from x past the hand's mesh."""
+    clear = wp.float32(CLEAR)
+    a = wp.transform_point(back, narrowed(x))
+    seen = int(0)
+    for p in range(aperture.count * aperture.count):
+        way = wp.transform_point(back, narrowed(face_point(aperture, p))) - a
+        reach = wp.length(way)
+        way = way / wp.max(reach, clear)
+        hit = wp.mesh_query_ray(mesh, a + clear * way, way, reach - clear)
+        if not hit.result:
+            seen += 1
+    return seen
+
+
+@wp.kernel
+def _see_past_patches(
+    # In:
+    points: wp.array[wp.vec3],
+    polyline_start: wp.array[wp.int64],
+    line_pose: wp.array[wp.int32],
+    parts: Parts,
+    patches: Patches,
+    aperture: Aperture,
+    least: int,  # sight lines
+    # Out:
+    keep: wp.array[wp.uint8],
+):
+    """Keep parts from both ends of which enough of the array's face is seen past the hand's patches."""
+    line = wp.tid()
+    pose = line_pose[line]
+    first, count = parts_of(parts, polyline_start, line)
+    before = count_past_patches(part_end(points, parts, first, 0), patches, pose, aperture)
+    for k in range(count):
+        part = first + wp.int64(k)
+        after = count_past_patches(part_end(points, parts, part, 1), patches, pose, aperture)
+        keep[part] = wp.uint8(int(wp.min(before, after) >= least))
+        before = after
+
+
+@wp.kernel
+def _see_past_mesh(
+    # In:
+    points: wp.array[wp.vec3],
+    polyline_start: wp.array[wp.int64],
+    line_pose: wp.array[wp.int32],
+    first_line: int,
+    parts: Parts,
+    mesh: wp.uint64,  # in the hand's frame
+    pose: wp.array[wp.transform],  # hand frame -> array frame
+    aperture: Aperture,
+    least: int,  # sight lines
+    # Out:
+    keep: wp.array[wp.uint8],
+):
+    """Keep parts from both ends of which enough of the array's face is seen past the hand's mesh."""
+    line = first_line + wp.tid()
+    back = wp.transform_inverse(pose[line_pose[line]])
+    first, count = parts_of(parts, polyline_start, line)
+    before = count_past_mesh(part_end(points, parts, first, 0), mesh, back, aperture)
+    for k in range(count):
+        part = first + wp.int64(k)
+        after = count_past_mesh(part_end(points, parts, part, 1), mesh, back, aperture)
+        keep[part] = wp.uint8(int(wp.min(before, after) >= least))
+        before = after
+
+
+def see_past_patches(
+    points: wp.array,
+    polyline_start: wp.array,
+    pose_start: wp.array,
+    parts: Any,
+    patches: Any,
+    aperture: Any,
+    least: int,
+) -> wp.array:
+    """Which parts see at least so many of the aperture's points past the hand's patches, uint8 [part].
+
+    parts: Parts; patches: Patches; aperture: Aperture.
+    """
+    keep = wp.empty(parts.segment.shape[0], dtype=wp.uint8, device=points.device)
+    line_count = polyline_start.shape[0] - 1
+    line_pose = find_poses(pose_start, line_count)
+    inputs = [points, polyline_start, line_pose, parts, patches, aperture, least]
+    launch(_see_past_patches, line_count, inputs, [keep])
+    return keep
+
+
+def see_past_mesh(
+    points: wp.array,
+    polyline_start: wp.array,
+    pose_start: wp.array,
+    parts: Any,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    pose: np.ndarray,
+    aperture: Any,
+    least: int,
+) -> wp.array:
+    """Which parts see at least so many of the aperture's points past the hand's mesh, uint8 [part].
+
+    vertices: [m], hand frame, float32, shape [1 or pose, vertex, 3]; faces: int32, shape [face, 3]; pose: hand frame ->
+    array frame, float32, shape [pose, 7]. A rigid hand's mesh is made once; another one is refitted for every pose.
+    """
+    device, line_count = points.device, polyline_start.shape[0] - 1
+    keep = wp.empty(parts.segment.shape[0], dtype=wp.uint8, device=device)
+    line_pose = find_poses(pose_start, line_count)
+    shapes = wp.array(np.ascontiguousarray(vertices, np.float32), dtype=wp.vec3, device=device)
+    corners = wp.array(np.ascontiguousarray(faces, np.int32).ravel(), dtype=wp.int32, device=device)
+    mesh = wp.Mesh(points=wp.clone(shapes[0]), indices=corners)
+    poses = wp.array(np.ascontiguousarray(pose, np.float32), dtype=wp.transform, device=device)
+    lines = [0, line_count] if len(vertices) == 1 else pose_start.numpy().tolist()
+    for k in range(len(lines) - 1):
+        if lines[k] == lines[k + 1]:
+            continue
+        if k > 0:
+            wp.copy(mesh.points, shapes[k])
+            mesh.refit()
+        inputs = [points, polyline_start, line_pose, lines[k], parts, mesh.id, poses, aperture, least]
+        launch(_see_past_mesh, lines[k + 1] - lines[k], inputs, [keep])
+    return keep

@@ -1,0 +1,1 @@
+"""Short paths through points that hand and object share."""

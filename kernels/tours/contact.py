@@ -1,0 +1,164 @@
+"""Points of skin that are inside a field, pose by pose: nodes of a grid over each patch, or vertices of a mesh."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ..fields.field import Field
+from ..march.grid import TILE_HEIGHT, TILE_WIDTH, Grid, Lattice, lay_grids, node_at, place_grids
+from ..march.sample import bits_below, sample_nodes
+from ..offsets import BLOCK, last_of, offsets_of
+from ..patch import EXACT, narrowed
+from ..skin.edges import Skin
+from ..skin.sign import WORD, Posed, sign_vertices, turn_of, vertex_at
+
+wp.set_module_options(EXACT)
+
+
+@wp.kernel
+def _count_nodes(
+    # In:
+    grid: wp.array[Grid],
+    patch_of: wp.array[wp.int32],
+    # In and out:
+    bits: wp.array[wp.uint32],  # those of no node are cleared
+    # Out:
+    count: wp.array[wp.int64],  # shape [tile + 1], the last one stays 0
+):
+    """Count a tile's nodes that are inside."""
+    row, own = wp.tid()
+    tile = row * patch_of.shape[0] + own
+    g = grid[patch_of[own]]
+    i = TILE_WIDTH * ((own - g.tile) % g.across)
+    j = TILE_HEIGHT * ((own - g.tile) // g.across)
+    bits[tile] = bits[tile] & bits_below(g.nu + 1 - i, g.nv + 1 - j)
+    count[tile] = wp.int64(wp.bit_count(bits[tile]))
+
+
+@wp.kernel
+def _list_nodes(
+    # In:
+    lattice: wp.array[Lattice],
+    grid: wp.array[Grid],
+    patch_of: wp.array[wp.int32],
+    bits: wp.array[wp.uint32],
+    start: wp.array[wp.int64],
+    # Out:
+    point: wp.array[wp.vec3],
+):
+    """Write a tile's nodes that are inside."""
+    row, own = wp.tid()
+    tile = row * patch_of.shape[0] + own
+    word = bits[tile]
+    if word != wp.uint32(0):
+        patch = patch_of[own]
+        g = grid[patch]
+        lat = lattice[row * grid.shape[0] + patch]
+        i = TILE_WIDTH * ((own - g.tile) % g.across)
+        j = TILE_HEIGHT * ((own - g.tile) // g.across)
+        place = start[tile]
+        for k in range(TILE_WIDTH * TILE_HEIGHT):
+            if ((word >> wp.uint32(k)) & wp.uint32(1)) != wp.uint32(0):
+                x = node_at(lat, wp.float64(i + k % TILE_WIDTH), wp.float64(j + k // TILE_WIDTH))
+                point[place] = narrowed(x + lat.lift)
+                place += wp.int64(1)
+
+
+@wp.kernel
+def _count_vertices(
+    # In:
+    vertex_count: int,
+    # In and out:
+    inside: wp.array2d[wp.uint32],  # bits of no vertex are cleared
+    # Out:
+    count: wp.array[wp.int64],  # shape [word of all poses + 1], the last one stays 0
+):
+    """Count a word's vertices that are inside."""
+    row, word = wp.tid()
+    left = vertex_count - WORD * word
+    if left < WORD:
+        inside[row, word] = inside[row, word] & ((wp.uint32(1) << wp.uint32(left)) - wp.uint32(1))
+    count[row * inside.shape[1] + word] = wp.int64(wp.bit_count(inside[row, word]))
+
+
+@wp.kernel
+def _list_vertices(
+    # In:
+    pose: wp.array2d[wp.transform],
+    skin: Skin,
+    vertex: wp.array2d[wp.vec3],
+    inside: wp.array2d[wp.uint32],
+    start: wp.array[wp.int64],
+    # Out:
+    point: wp.array[wp.vec3],
+):
+    """Write a word's vertices that are inside."""
+    row, word = wp.tid()
+    bits = inside[row, word]
+    if bits != wp.uint32(0):
+        t = turn_of(pose[row, 0])
+        own = wp.min(row, vertex.shape[0] - 1)
+        place = start[row * inside.shape[1] + word]
+        for k in range(wp.min(WORD, skin.vertex_count - WORD * word)):
+            if ((bits >> wp.uint32(k)) & wp.uint32(1)) != wp.uint32(0):
+                point[place] = narrowed(vertex_at(skin, vertex, own, t, WORD * word + k))
+                place += wp.int64(1)
+
+
+@wp.kernel
+def _start_poses(
+    # In:
+    start: wp.array[wp.int64],  # of words
+    words: int,  # of a pose
+    # Out:
+    pose_start: wp.array[wp.int64],
+):
+    """Pick where each pose's points start."""
+    pose_start[wp.tid()] = start[wp.tid() * words]
+
+
+def pose_starts(start: wp.array, words: int, pose_count: int) -> wp.array:
+    """Offsets by pose of offsets by word."""
+    out = wp.empty(pose_count + 1, dtype=wp.int64, device=start.device)
+    wp.launch(_start_poses, pose_count + 1, inputs=[start, words], outputs=[out], device=start.device)
+    return out
+
+
+def inside_nodes(
+    field: Field, pose: wp.array, patch: wp.array, *, step: float, bounds: np.ndarray
+) -> tuple[wp.array, wp.array]:
+    """Nodes of the patches' grids that are inside a field, in order of patch and tile; arguments as `march_patches`.
+
+    Returns points [m], vec3, array frame, and where each pose's start, int64, shape [pose + 1]. Memory is taken for
+    all nodes at once. Raises ValueError for a step that is not positive or too fine.
+    """
+    device = pose.device
+    half = patch.numpy()["half"].astype(np.float64).reshape(-1, 2)
+    grids = lay_grids(half, step, device)
+    lattice = place_grids(pose, patch, grids, 0, pose.shape[0] * patch.shape[0], middle=None)
+    bits = sample_nodes(field, lattice, grids, bounds)
+    dim = (pose.shape[0], grids.patch_of.shape[0])
+    count = wp.zeros(bits.shape[0] + 1, dtype=wp.int64, device=device)
+    inputs = [grids.grid, grids.patch_of, bits]
+    wp.launch(_count_nodes, dim, inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
+    start = offsets_of(count)
+    point = wp.empty(last_of(start), dtype=wp.vec3, device=device)
+    inputs = [lattice, *inputs, start]
+    wp.launch(_list_nodes, dim, inputs=inputs, outputs=[point], device=device, block_dim=BLOCK)
+    return point, pose_starts(start, dim[1], dim[0])
+
+
+def inside_vertices(field: Field, posed: Posed, bounds: np.ndarray) -> tuple[wp.array, wp.array]:
+    """Vertices of posed skin that are inside a field, in their order; returns as `inside_nodes`."""
+    device: Any = posed.pose.device
+    inside = sign_vertices(field, posed, bounds)
+    dim = inside.shape
+    count = wp.zeros(dim[0] * dim[1] + 1, dtype=wp.int64, device=device)
+    inputs = [posed.skin.vertex_count, inside]
+    wp.launch(_count_vertices, dim, inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
+    start = offsets_of(count)
+    point = wp.empty(last_of(start), dtype=wp.vec3, device=device)
+    inputs = [*posed, inside, start]
+    wp.launch(_list_vertices, dim, inputs=inputs, outputs=[point], device=device, block_dim=BLOCK)
+    return point, pose_starts(start, dim[1], dim[0])

@@ -1,0 +1,1 @@
+"""`palpate bench`: palpate beside published libraries on the same poses."""

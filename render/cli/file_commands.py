@@ -1,0 +1,217 @@
+"""What the commands do: read, render or play, and say what came of it."""
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from time import perf_counter
+
+from ...datasets.contour_file.check import check_file, unproven_content
+from ...datasets.contour_file.unknown_content import unknown_content
+from ...datasets.focus_files.frame_reader import check_frames, frame_format
+from ...datasets.motions.hand_motion import HandMotion
+from ...datasets.sweeps.sweep_check import check_store, is_sweep_data
+from ..errors import StrategyError
+from ..intersection.file_recording import record
+from ..intersection.named_inputs import is_recording, load_hand_and_motion, load_solid, refuse_options, simplified
+from ..intersection.scene import is_exact
+from ..objects.mesh.solid_mesh import Placement
+from ..objects.mesh.summary import is_mesh_name, mesh_facts
+from ..objects.solid import Solid
+from ..playback.pose_insertion import insert_poses
+from ..reports.contour_figure import draw_figure
+from ..reports.file_summary import summarise, summarise_frames
+from ..runtime.span_workers import worker_devices
+from ..strategies.intersection_strategy import load_strategy
+from ..terminal import console
+from ..terminal.foreign_text import tell
+
+SUFFIXES = (".h5", ".hdf5")
+TOLD_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
+
+
+@dataclass(frozen=True)
+class RenderJob:
+    """Everything that `palpate render` is told."""
+
+    thing: str
+    motion: str
+    out: Path
+    strategy: str
+    step: float | None
+    flush: float | None
+    hand: str
+    palm: tuple[float, float] | None
+    volume: dict
+    mesh: dict
+    bounds: tuple[float, ...] | None
+    simplify: float | None
+    object_motion: str | None
+    side: str | None
+    alignment: Path | None
+    placement: dict
+    exploration: dict
+    interpolate: float | None
+    device: str
+    workers: str
+    memory: int | None
+    gzip: int
+    allow_code: bool
+    resume: bool
+    overwrite: bool
+
+
+def worker_count(text: str) -> int | None:
+    """A number of workers, None for "auto"; raises StrategyError for what is neither."""
+    if text == "auto":
+        return None
+    if not text.isdecimal():
+        raise StrategyError(f"--workers must be a number or auto, not {text!r}")
+    return int(text)
+
+
+def warn_if_apart(thing: Solid, motion: HandMotion, drawn: int, *, way: str) -> None:
+    """Warn that no pose met the object, with what is needed to see why."""
+    if drawn:
+        return
+    low, high = motion.pose[:, :3].min(axis=0), motion.pose[:, :3].max(axis=0)
+    console.warn(
+        f"no pose meets the object: it reaches from {console.shown(thing.bounds[0].tolist())} to "
+        f"{console.shown(thing.bounds[1].tolist())} m, the palms' centres from {console.shown(low.tolist())} to "
+        f"{console.shown(high.tolist())} m; see {way}"
+    )
+
+
+def warn_if_removed(summary: dict) -> None:
+    """Warn that nothing is left to draw, with the stages that removed it."""
+    if not summary["poses_drawn"]:
+        removed = ", ".join(f"{stage} {length:.3g} m" for stage, length in summary["removed_mean"].items() if length)
+        console.warn(f"the prune stages removed every contour (mean a pose: {removed})")
+
+
+def run_render(options: dict, *, as_json: bool) -> int:
+    """Render, write, summarise; the options are those of `RenderJob`."""
+    job = RenderJob(**options)
+    if job.resume and job.overwrite:
+        raise StrategyError("--resume and --overwrite exclude each other")
+    if job.out.suffix not in SUFFIXES:
+        raise StrategyError(f"{job.out}: a contour file must end in {' or '.join(SUFFIXES)}")
+    console.start_warp()
+    devices = worker_devices(job.device, worker_count(job.workers))
+    strategy = load_strategy(job.strategy, allow_code=job.allow_code)
+    if job.step is not None:
+        strategy = replace(strategy, step=job.step)
+    if job.flush is not None:
+        strategy = replace(strategy, flush=job.flush)
+    with console.loading_bar(job.thing, quiet=as_json) as watch:
+        options = {"volume": job.volume, "mesh": job.mesh, "bounds": job.bounds}
+        placement = Placement(**job.placement)
+        whole = load_solid(job.thing, placement, **options, allow_code=job.allow_code, watch=watch)
+    thing, detail = simplified(whole, job.simplify)
+    if strategy.needs_closed:
+        thing.require_closed()
+    with console.loading_bar(job.motion, quiet=as_json) as watch:
+        hand, motion = load_hand_and_motion(
+            job.hand,
+            job.palm,
+            job.motion,
+            thing,
+            exploration_options=job.exploration,
+            side=job.side,
+            alignment=job.alignment,
+            watch=watch,
+        )
+    if job.step is not None and is_exact(thing, hand, strategy):
+        raise StrategyError(f"--step is of a grid on the skin, but {thing.name} is a mesh, cut exactly by {job.hand}")
+    moved = None if job.object_motion is None else HandMotion.load(job.object_motion)
+    started = perf_counter()
+    if job.interpolate is not None:
+        motion = insert_poses(thing, hand, motion, strategy, distance=job.interpolate, moved=moved, device=devices[0])
+    done = len(motion)
+    try:
+        with console.progress_bar("poses", quiet=as_json) as bar:
+
+            def progress(count: int, total: int) -> None:
+                nonlocal done
+                done = count
+                bar(count, total)
+
+            recording = record(
+                job.out,
+                thing,
+                hand,
+                motion,
+                strategy,
+                moved=moved,
+                mode="resume" if job.resume else "overwrite" if job.overwrite else "create",
+                devices=devices,
+                memory=job.memory,
+                gzip=job.gzip,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        message = f"interrupted: {done} of {len(motion)} poses are done and kept, --resume goes on"
+        return console.fail(message, console.FAILED, as_json)
+    seconds = perf_counter() - started
+    for repair in recording.repairs:
+        console.warn(repair)
+    summary = {**summarise(job.out), "poses_rendered": recording.rendered, "seconds": seconds}
+    if detail is not None:
+        summary |= {"detail": asdict(detail)}
+    if moved is None:
+        tracked = is_recording(job.motion) and job.alignment is None
+        way = "--alignment: it is a recording in its tracker's frame" if tracked else "--at and --scale"
+        if any(summary.get("removed_mean", {}).values()):  # they met
+            warn_if_removed(summary)
+        else:
+            warn_if_apart(thing, motion, summary["poses_drawn"], way=way)
+    console.say(summary, as_json=as_json, title=str(job.out), told=TOLD_OF_RENDERING)
+    return console.DONE
+
+
+def run_info(file: Path, options: dict, *, as_json: bool) -> None:
+    """Summarise: contours, frames that a sweep keeps, or what loading finds in a mesh with the given options."""
+    if is_mesh_name(str(file)):
+        console.start_warp()
+        with console.loading_bar(str(file), quiet=as_json) as watch:
+            facts = mesh_facts(str(file), options, watch)
+        told = [name for name, value in facts.items() if value not in (0, "")]
+        console.say(facts, as_json=as_json, title=str(file), told=told)
+        return
+    refuse_options(options, "of a mesh", str(file))
+    if frame_format(file) is not None:
+        console.say(summarise_frames(file), as_json=as_json, title=str(file))
+        return
+    summary = summarise(file)
+    if not summary["sealed"]:
+        console.warn(
+            f"{file} is still being written, or was interrupted: "
+            f"{summary['poses_done']} of {summary['poses']} poses are done (palpate render --resume goes on)"
+        )
+    console.say(summary, as_json=as_json, title=str(file))
+
+
+def run_check(file: Path, *, as_json: bool) -> int:
+    """Check; 0 whole, 1 not."""
+    unknown: list[str] = []  # no problem: a newer minor version may add to the format
+    if is_sweep_data(file):
+        found = check_store(file)
+        problems, unproven = found.problems, found.unproven
+    else:
+        problems = check_file(file) if frame_format(file) is None else check_frames(file)
+        unproven, unknown = unproven_content(file), unknown_content(file)
+    if as_json:
+        told = {"path": str(file), "whole": not problems, "problems": problems, "unknown": unknown}
+        console.say(told | ({"unproven": unproven} if unproven else {}), as_json=True, title="")
+        return console.FAILED if problems else console.DONE
+    for problem in problems:
+        tell(problem, "error")
+    if not problems:
+        console.say({"whole": "yes", "without digests": "; ".join(unproven) or None}, as_json=False, title=str(file))
+    for sentence in unknown:
+        console.warn(f"{file}: {sentence}, and nothing reads it")
+    return console.FAILED if problems else console.DONE
+
+
+def run_figure(files: list[Path], out: Path, overwrite: bool, *, as_json: bool) -> None:
+    """Draw."""
+    draw_figure({path.stem: path for path in files}, out, overwrite=overwrite)
+    console.say({"picture": str(out)}, as_json=as_json, title="figure")

@@ -1,0 +1,215 @@
+"""What `play`, `export`, `sampling` and `devices` do."""
+
+import json
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import warp as wp
+
+from ...datasets.contour_file.reader import ContourFile
+from ...datasets.focus_files.frame_reader import FOCAL_POINTS, frame_format
+from ...datasets.focus_files.ptlist import write_ptlist
+from ...device.array import array_model, array_names
+from ...device.discovery import find_arrays, find_serial_arrays, udev_rule
+from ...device.errors import NoBackendError
+from ...device.playing.limits import Limits
+from ...device.playing.signals import ending_on_signals
+from ..errors import StrategyError
+from ..playback.drive import DriveStrategy
+from ..playback.file_playback import Connection, Playback, play_file
+from ..playback.focus_source import ContourSource
+from ..playback.placed_arrays import PlacedArray, load_rig
+from ..sampling.contour_sampling import PRESETS, Sampler, SamplingStrategy, joined, load_sampling, says_rate
+from ..sampling.strategy import JUMP_LENGTH
+from ..terminal import console
+from ..terminal.foreign_text import tell
+
+POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
+TOLD_OF_PLAYING = (
+    "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "silenced", "board_underruns",
+    "lateness", "queue_depth", "jumps", "jumps_by_cause", "jump_length", "hops", "hops_by_cause", "hop_speed_max",
+    "step_longest", "draw_frequency_nominal", "revisit_rate", "absence_max", "samples", "silent", "held", "refused",
+    "switched", "duty", "on_time", "array", "serial", "clock", "transport", "short_writes", "stopped_by", "off_sent",
+    "off_after", "off_confirmed", "may_emit", "off_doubt", "arrays",
+)  # fmt: skip
+ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
+
+
+def run_play(file: Path, options: dict, *, as_json: bool) -> int:
+    """Play and report; the exit code is 1 if anything was warned of, and `strict` asked for."""
+    arrays = load_rig(
+        options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
+    )
+    require_device(options["device"])
+    names = ", ".join(f"{placed.model.name} {placed.serial or ''}".strip() for placed in arrays)
+    line_of_progress = console.playback_line(f"playing {file} to {names}; Ctrl-C stops it", quiet=as_json)
+    with ending_on_signals(), line_of_progress as line:
+        playback = play_file(
+            file,
+            array=arrays,
+            sampling=sampling_of(options, arrays, file),
+            drive=drive_of(options),
+            duration=options["duration"],
+            repeats=options["repeats"],
+            limits=limits_of(options),
+            connection=connection_of(options),
+            device=options["device"],
+            watch=line,
+        )
+    warnings = warnings_of(playback, arrays)
+    values = playback.as_dict() | {"warnings": warnings}
+    if len(arrays) > 1 and not as_json:
+        values["arrays"] = [
+            f"{report.array} {report.serial}: {report.frames} frames, {report.underruns} underruns, "
+            f"{console.told_of_off(report)};"
+            for report in playback.reports
+        ]
+    console.say(values, as_json=as_json, title=str(file), told=TOLD_OF_PLAYING, unknown=ONLY_THE_BOARD_KNOWS)
+    for sentence in warnings:
+        console.warn(sentence)
+    return console.FAILED if warnings and options["strict"] else console.DONE
+
+
+def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> list[str]:
+    """What a hand would miss, a sentence each."""
+    sentences = [console.late_warning(report) for report in playback.reports if report.is_late]
+    zone = arrays[0].model.focal_zone
+    if playback.refused:
+        sentences.append(
+            f"{playback.refused} focal points were silenced: they lie where no array can focus "
+            f"({arrays[0].model.name}: |x| and |y| up to {zone.lateral:g} m, z {zone.z_min:g} to {zone.z_max:g} m)"
+        )
+    strategy = playback.sampling
+    if strategy is not None and strategy.pace.kind in ("speed", "capped") and strategy.step > JUMP_LENGTH:
+        sentences.append(
+            f"the focal point moves by {strategy.step * 1e3:.0f} mm from frame to frame, which draws no contour: "
+            f"--speed {JUMP_LENGTH * strategy.update_rate:.2g} or less would"
+        )
+    if playback.switched:
+        sentences.append(
+            f"{playback.switched} frames had intensities between 0 and 1, but the array can only switch: they were "
+            "played as 0 or 1"
+        )
+    return sentences
+
+
+def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json: bool) -> None:
+    """Sample into a point list and report."""
+    changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
+    if out.suffix.lower() != ".ptlist":
+        raise StrategyError(f"{out}: must end in .ptlist, the one format that there is")
+    if out.exists() and not overwrite:
+        raise StrategyError(f"{out}: exists; --overwrite replaces it")
+    sampler = Sampler(replace(load_sampling(options["sampling"]), **changes))
+    if sampler.strategy.foci > 1:
+        raise StrategyError(f"a point list holds one focal point at a time, not foci {sampler.strategy.foci}")
+    with ContourFile(file) as contours:
+        if not contours.sealed:
+            raise StrategyError(f"{file}: is not finished; palpate render --resume finishes it")
+        source = ContourSource(contours, sampler, options["duration"])
+        if source.frame_count > POINTS_MOST:
+            raise StrategyError(f"{file}: {source.frame_count} focal points, but a point list holds {POINTS_MOST}")
+        focus = joined(list(source))
+    rate = sampler.strategy.update_rate
+    write_ptlist(out, focus.position, focus.intensity, rate, overwrite=overwrite)
+    jumps = sum(sampler.count.jumps.values())
+    values = {"points": len(focus.intensity), "update_rate": rate, "jumps": jumps, "path": str(out)}
+    console.say(values, as_json=as_json, title=str(out))
+
+
+def require_device(device: str) -> None:
+    """Start Warp, and refuse a device that it does not have."""
+    console.start_warp()
+    try:
+        wp.get_device(device)
+    except (ValueError, RuntimeError) as error:
+        known = ", ".join(str(one) for one in wp.get_devices())
+        raise StrategyError(f"unknown device {device!r}; known: {known}") from error
+
+
+def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> SamplingStrategy | None:
+    """The sampling strategy asked for: a preset or a file, with other fields where options say so."""
+    changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
+    if file.suffix.lower() == ".ptlist" or frame_format(file) == FOCAL_POINTS:
+        if changes or options["sampling"] is not None:
+            named = [*(["sampling"] if options["sampling"] is not None else []), *sorted(changes)]
+            asked = ", ".join(f"--{name.replace('_', '-')}" for name in named)
+            raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")
+        return None
+    source = "stm" if options["sampling"] is None else options["sampling"]
+    sampling = load_sampling(source)
+    if "update_rate" not in changes and not says_rate(source):
+        model = arrays[0].model
+        changes["update_rate"] = model.update_rate(model.divider_default)
+    if "speed" in changes and sampling.pace.kind in ("frequency", "still"):
+        raise StrategyError(f"speed changes nothing in sampling {source!r}: its pace.kind is {sampling.pace.kind!r}")
+    return replace(sampling, **changes)
+
+
+def drive_of(options: dict) -> DriveStrategy:
+    """How focal points become drives, as options say."""
+    return DriveStrategy(
+        amplitude=options["amplitude"],
+        solver=options["solver"],
+        slew=options["slew"],
+        sound_speed=options["sound_speed"],
+        level_max=options["level_max"],
+    )
+
+
+def limits_of(options: dict) -> Limits:
+    """Limits, as options say; 0 lifts one."""
+    try:
+        return Limits(on_time_max=options["on_time_max"] or None, duty_max=options["duty_max"] or None)
+    except ValueError as error:
+        raise StrategyError(str(error)) from error
+
+
+def connection_of(options: dict) -> Connection:
+    """How the arrays are reached, as options say."""
+    return Connection(
+        emulate=options["emulate"],
+        clock=options["clock"],
+        transport=options["transport"],
+        uncalibrated=options["uncalibrated"],
+        watchdog=options["watchdog"],
+    )
+
+
+def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
+    """List arrays: what is emulated, what libusb sees, and what cannot be seen."""
+    found: list[dict] = [
+        {"array": name, "serial": None, "where": "emulated", "accessible": True, "certain": True, "reason": None}
+        for name in array_names()
+    ]
+    notes: list[str] = []
+    for find in (lambda: find_arrays(calibrations=calibrations), find_serial_arrays):
+        try:
+            found += [asdict(entry) for entry in find()]
+        except NoBackendError as error:
+            notes.append(str(error))
+    if as_json:
+        rules = {name: udev_rule(array_model(name)) for name in array_names()}
+        console.say({"devices": found, "note": "; ".join(notes) or None, "udev_rules": rules}, as_json=True, title="")
+        return
+    rows = {}
+    for entry in found:
+        told = entry["where"] + ("" if entry["accessible"] else ", cannot be opened")
+        name = f"{entry['array']} {entry['serial'] or ''}".strip() + ("" if entry["certain"] else "?")
+        name = f"{name} at {entry['where']}" if name in rows else name  # adapters without a serial number
+        rows[name] = f"{told}: {entry['reason']}" if entry["reason"] else told
+    console.say(rows, as_json=False, title="arrays")
+    if not notes and len(found) == len(array_names()):
+        notes.append("nothing on USB has the ids of an array's chip, and there is no serial adapter")
+    notes.append("an autd3 cannot be listed: --serial names the network interface that it hangs on")
+    tell("; ".join(notes), "note")
+
+
+def run_sampling(name: str | None, *, as_json: bool) -> None:
+    """Show presets, or one strategy as the JSON that --sampling takes."""
+    if name is None:
+        rows = {name: strategy().to_json() for name, strategy in PRESETS.items()}
+        console.say({"presets": list(PRESETS)} if as_json else rows, as_json=as_json, title="sampling presets")
+        return
+    sys.stdout.write(json.dumps(load_sampling(name).described(), indent=None if as_json else 1) + "\n")

@@ -1,0 +1,27 @@
+"""`palpate strategies`: what there is to choose from."""
+
+from pathlib import Path
+
+from ..reports.contour_figure import require_picture
+from ..reports.strategy_gallery import draw_gallery, strategy_rows
+from ..stages.registry import ROLES, known_stages
+from ..terminal import console
+
+
+def run_strategies(out: Path | None, overwrite: bool, *, as_json: bool) -> None:
+    """List strategies and stages, and draw them if a picture is asked for."""
+    stages = {role: {name: entry.line for name, entry in known_stages(role).items()} for role in ROLES}
+    told: dict = {"strategies": dict(strategy_rows()), "stages": stages}
+    if out is not None:
+        require_picture(out, overwrite=overwrite)
+        console.start_warp()
+        draw_gallery(out, overwrite=overwrite)
+        told["picture"] = str(out)
+    if as_json:
+        console.say(told, as_json=True, title="strategies")
+        return
+    console.say(told["strategies"], as_json=False, title="strategies")
+    for role in ROLES:
+        console.say(stages[role], as_json=False, title=f"{role} stages")
+    if out is not None:
+        console.say({"picture": str(out)}, as_json=False, title="picture")

@@ -1,0 +1,71 @@
+"""The command line of sweeps: `palpate sweep`."""
+
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..terminal import console
+from .trust_options import AllowCode
+
+DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
+SCHEDULER_HELP = "A cluster: tcp://HOST:PORT of a Dask scheduler, local, slurm, or another of dask-jobqueue."
+TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
+
+
+def sweep(
+    plans: Annotated[
+        list[Path], typer.Argument(metavar="PLAN.toml...", help="Plans; of several, the union of their recipes.")
+    ],
+    store: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Of the results, by default beside the plan: PLAN.sweep.")
+    ] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Instead of the plan's value (TOML).")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only tell recipes, poses, bytes and time to expect.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Also more than a million recipes, or more bytes than the disk has.")
+    ] = False,
+    device: Annotated[str | None, typer.Option(help=DEVICE_HELP)] = None,
+    workers: Annotated[
+        str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, two on a GPU.")
+    ] = "auto",
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER_HELP)] = None,
+    baseline: Annotated[
+        Path | None, typer.Option(metavar="OLD", help="Store or table to compare with: exit 1 if anything moved.")
+    ] = None,
+    tolerance: Annotated[list[str] | None, typer.Option(metavar="T", help=TOLERANCE_HELP)] = None,
+    table: Annotated[
+        list[Path] | None, typer.Option(metavar="OUT", help="The table once more: .h5 or .parquet. May be repeated.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that --table names.")] = False,
+    figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the store's summary.png.")] = True,
+    allow_code: AllowCode = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+) -> None:
+    """Make every combination that a plan names, what is there already left out, and a table of what came of it."""
+    options = {
+        "plans": plans,
+        "store": store,
+        "overrides": overrides or [],
+        "dry_run": dry_run,
+        "yes": yes,
+        "device": device,
+        "workers": workers,
+        "scheduler": scheduler,
+        "baseline": baseline,
+        "tolerances": tolerance or [],
+        "tables": table or [],
+        "overwrite": overwrite,
+        "figure": figure,
+        "allow_code": allow_code,
+    }
+
+    def command() -> object:
+        return import_module("..sweeps.sweep_job", __package__).run_sweep_command(options, as_json=json)
+
+    raise typer.Exit(console.run(command, as_json=json))

@@ -1,0 +1,55 @@
+"""`palpate voxelise`: a mesh into a volume file."""
+
+import math
+from pathlib import Path
+from time import perf_counter
+
+from ..errors import StrategyError
+from ..objects.mesh.solid_mesh import Placement
+from ..objects.voxels.files import WRITERS
+from ..objects.voxels.voxeliser import SIGNS, voxelise_file
+from ..runtime.span_workers import worker_devices
+from ..terminal import console
+from ..validation import require_choice
+
+VOXELISED_KINDS = ("distance", "occupancy")
+
+
+def run_voxelise(
+    mesh: str,
+    out: Path,
+    spacing: float,
+    kind: str,
+    sign: str,
+    placement: dict,
+    device: str,
+    overwrite: bool,
+    *,
+    as_json: bool,
+) -> None:
+    """Voxelise, write, say what came of it."""
+    require_choice("--kind", kind, VOXELISED_KINDS)
+    require_choice("--sign", sign, SIGNS)
+    if not 0 < spacing < math.inf:  # a NaN compares false
+        raise StrategyError(f"--spacing must be a positive length in metres, not {spacing}")
+    if not out.name.lower().endswith(tuple(WRITERS)):
+        raise StrategyError(f"{out}: voxels are written to {', '.join(WRITERS)}")
+    if out.exists() and not overwrite:
+        raise StrategyError(f"{out}: exists; --overwrite replaces it")
+    console.start_warp()
+    started = perf_counter()
+    place, name = Placement(**placement), worker_devices(device, 1)[0]
+    with console.loading_bar(mesh, quiet=as_json) as watch:
+        told = voxelise_file(
+            mesh,
+            out,
+            spacing=spacing,
+            placement=place,
+            kind=kind,
+            sign=sign,
+            device=name,
+            watch=watch,
+            overwrite=overwrite,
+        )
+    seconds = perf_counter() - started
+    console.say({**told, "bytes": out.stat().st_size, "seconds": seconds}, as_json=as_json, title=str(out))

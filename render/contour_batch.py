@@ -1,0 +1,264 @@
+"""ContourBatch: the contours of many poses, ragged, on the host or on one Warp device."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ..kernels.metrics.measure import measure_contours
+from ..kernels.section.contour_writing import Contours
+from ..kernels.section.row_walker import HAND, MADE, OBJECT
+from .errors import StrategyError
+
+KINDS = {"object": OBJECT, "hand": HAND, "made": MADE}
+
+Array = Any  # np.ndarray or wp.array, all alike: `on_device` tells; neither has the other's methods
+
+
+@dataclass(frozen=True)
+class ContourBatch:
+    """Contours of many poses in CSR form, all arrays on the host (NumPy) or all on one Warp device.
+
+    Polylines of a pose are ordered by (patch, key); a pose without contours has an empty range.
+    """
+
+    points: Array
+    """Vertices of polylines [m], array frame, float32, shape [point, 3] (vec3 [point] on a device)."""
+    kind: Array
+    """Of the segment that starts here: 0 object, 1 hand, 2 made; a last point repeats the one before; uint8 [point]."""
+    polyline_start: Array
+    """Offsets into points, int64, shape [polyline + 1]."""
+    polyline_patch: Array
+    """Which patch of the hand, int32, shape [polyline]."""
+    polyline_closed: Array
+    """1 for a closed polyline, which also repeats its first point at its end; uint8, shape [polyline]."""
+    pose_start: Array
+    """Offsets into polylines, int64, shape [pose + 1]."""
+    intensity: Array | None = None
+    """0..1 at each point, linear in between; None means 1; float32, shape [point]."""
+    dwell: Array | None = None
+    """Pause of the focal point at each point [s]; None means none; float32, shape [point]."""
+    raw_error: float | None = None
+    """How far the raw intersection can be from the exact one [m], except for what is thinner than a step
+    (docs/develop/architecture.md, "Grids"); see `Scene.raw_error`; None where that is not known.
+    It is no array, so `by_name` and `arrays` leave it out."""
+
+    @property
+    def pose_count(self) -> int:
+        """Number of poses."""
+        return self.pose_start.shape[0] - 1
+
+    @property
+    def polyline_count(self) -> int:
+        """Number of polylines."""
+        return self.polyline_closed.shape[0]
+
+    @property
+    def point_count(self) -> int:
+        """Number of points."""
+        return self.kind.shape[0]
+
+    @property
+    def on_device(self) -> bool:
+        """Whether the arrays are Warp's."""
+        return isinstance(self.points, wp.array)
+
+    @classmethod
+    def from_device(cls, contours: Contours, patch_count: int) -> "ContourBatch":
+        """The kernels' result as a batch on their device."""
+        start = contours.section_start
+        return cls(
+            points=contours.points,
+            kind=contours.kind,
+            polyline_start=contours.polyline_start,
+            polyline_patch=contours.polyline_patch,
+            polyline_closed=contours.polyline_closed,
+            pose_start=start if patch_count == 1 else wp.clone(start[::patch_count].contiguous()),
+        )
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "ContourBatch":
+        """A batch of the arrays that a contour file names like the fields."""
+        return cls(**{name: arrays[name] for name in array_names() if name in arrays})
+
+    def by_name(self) -> dict[str, Array]:
+        """The arrays that are there, where they are."""
+        return {name: value for name in array_names() if (value := getattr(self, name)) is not None}
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The arrays that are there, as NumPy arrays."""
+        return self.numpy().by_name()
+
+    def numpy(self) -> "ContourBatch":
+        """The same batch on the host."""
+        if not self.on_device:
+            return self
+        host = {name: value.numpy() for name, value in self.by_name().items()}
+        return replace(self, **{**host, "points": self.points.numpy().reshape(-1, 3)})
+
+    def to(self, device: str) -> "ContourBatch":
+        """The same batch on a Warp device."""
+        if self.on_device and str(self.points.device) == device:
+            return self
+        host = self.numpy()
+        values = {name: wp.array(value, device=device) for name, value in host.by_name().items() if name != "points"}
+        points = wp.array(np.ascontiguousarray(host.points, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
+        return replace(self, points=points, **values)
+
+    def lengths(self) -> np.ndarray:
+        """Length of the segments of each kind [m], float32, shape [pose, 3]."""
+        if self.on_device:
+            return measure_contours(self.points, self.kind, self.polyline_start, self.pose_start).numpy()
+        segment = np.linalg.norm(np.diff(self.points.astype(np.float64), axis=0), axis=1)
+        segment[self.polyline_start[1:-1] - 1] = 0.0  # between polylines
+        point_pose = np.repeat(np.arange(self.pose_count), np.diff(self.polyline_start[self.pose_start]))
+        out = np.zeros((self.pose_count, 3))
+        np.add.at(out, (point_pose[:-1], self.kind[:-1]), segment)
+        return out.astype(np.float32)
+
+    def length(self, kind: str | None = None) -> np.ndarray:
+        """Length of all contours of a pose, or of those of one kind ("object", "hand", "made") [m], shape [pose]."""
+        lengths = self.lengths()
+        return lengths.sum(axis=1) if kind is None else lengths[:, KINDS[kind]]
+
+    def polylines_of(self, pose: int) -> list[np.ndarray]:
+        """Points of each polyline of one pose [m], each of shape [point, 3]; for a batch on the host."""
+        first, stop = self.pose_start[pose], self.pose_start[pose + 1]
+        return [self.points[self.polyline_start[i] : self.polyline_start[i + 1]] for i in range(first, stop)]
+
+    def select(self, first: int, stop: int) -> "ContourBatch":
+        """Poses first..stop of a batch on the host, offsets starting at 0."""
+        line, end = self.pose_start[first], self.pose_start[stop]
+        point, last = self.polyline_start[line], self.polyline_start[end]
+        return ContourBatch(
+            points=self.points[point:last],
+            kind=self.kind[point:last],
+            polyline_start=self.polyline_start[line : end + 1] - point,
+            polyline_patch=self.polyline_patch[line:end],
+            polyline_closed=self.polyline_closed[line:end],
+            pose_start=self.pose_start[first : stop + 1] - line,
+            intensity=None if self.intensity is None else self.intensity[point:last],
+            dwell=None if self.dwell is None else self.dwell[point:last],
+            raw_error=self.raw_error,
+        )
+
+
+def array_names() -> list[str]:
+    """Names of a batch's arrays."""
+    return [f.name for f in fields(ContourBatch) if f.name != "raw_error"]
+
+
+def largest_error(batches: Sequence[ContourBatch]) -> float | None:
+    """The largest `raw_error` of batches [m]; None where one of them is not known."""
+    errors = [batch.raw_error for batch in batches if batch.raw_error is not None]
+    return max(errors) if errors and len(errors) == len(batches) else None
+
+
+def join_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
+    """Batches of consecutive poses on the host as one."""
+    if len(batches) == 1:
+        return batches[0]
+
+    def joined(name: str) -> np.ndarray:
+        return np.concatenate([getattr(b, name) for b in batches])
+
+    def offsets(name: str) -> np.ndarray:
+        steps = [np.diff(getattr(b, name)) for b in batches]
+        return np.concatenate([[0], np.cumsum(np.concatenate(steps))]).astype(np.int64)
+
+    return ContourBatch(
+        points=joined("points"),
+        kind=joined("kind"),
+        polyline_start=offsets("polyline_start"),
+        polyline_patch=joined("polyline_patch"),
+        polyline_closed=joined("polyline_closed"),
+        pose_start=offsets("pose_start"),
+        intensity=None if batches[0].intensity is None else joined("intensity"),
+        dwell=None if batches[0].dwell is None else joined("dwell"),
+        raw_error=largest_error(batches),
+    )
+
+
+def join_polylines(one: ContourBatch, other: ContourBatch) -> ContourBatch:
+    """Two batches of the same poses on the host as one: of each pose and patch, polylines of the first come first."""
+    both = join_batches([one, other])
+    count = np.concatenate([np.diff(one.pose_start), np.diff(other.pose_start)])
+    pose = np.repeat(np.tile(np.arange(one.pose_count), 2), count)
+    order = np.lexsort((np.arange(len(pose)), both.polyline_patch, pose))
+    size = np.diff(both.polyline_start)[order]
+    start = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
+    points = np.repeat(both.polyline_start[:-1][order] - start[:-1], size) + np.arange(start[-1])
+    return replace(
+        both,
+        points=both.points[points],
+        kind=both.kind[points],
+        polyline_start=start,
+        polyline_patch=both.polyline_patch[order],
+        polyline_closed=both.polyline_closed[order],
+        pose_start=np.concatenate([[0], np.cumsum(np.bincount(pose, minlength=one.pose_count))]).astype(np.int64),
+    )
+
+
+def object_part(batch: ContourBatch) -> ContourBatch:
+    """The object-kind segments of a batch on the host as contours of their own: OC from CC.
+
+    A closed polyline without other segments stays closed; every other run of object segments becomes an open one,
+    starting where it enters the patch.
+    """
+    closed, patches, counts = [], [], []
+    pieces: list[np.ndarray] = []
+    for pose in range(batch.pose_count):
+        found = []
+        for line in range(batch.pose_start[pose], batch.pose_start[pose + 1]):
+            first, last = batch.polyline_start[line], batch.polyline_start[line + 1] - 1
+            index = np.arange(first, last + 1)
+            own = batch.kind[first:last] == OBJECT
+            if own.all():
+                found.append((index, batch.polyline_closed[line], batch.polyline_patch[line]))
+                continue
+            if batch.polyline_closed[line]:
+                turn = int(np.flatnonzero(~own)[0])
+                index, own = np.concatenate([index[turn:-1], index[: turn + 1]]), np.roll(own, -turn)
+            edge = np.flatnonzero(np.diff(np.concatenate([[0], own.astype(np.int8), [0]])))
+            for a, b in edge.reshape(-1, 2):
+                found.append((index[a : b + 1], 0, batch.polyline_patch[line]))
+        for index, is_closed, patch in found:
+            pieces.append(index)
+            closed.append(is_closed)
+            patches.append(patch)
+        counts.append(len(found))
+    index = np.concatenate(pieces) if pieces else np.zeros(0, np.int64)
+    return ContourBatch(
+        points=batch.points[index],
+        kind=np.zeros(len(index), np.uint8),
+        polyline_start=np.concatenate([[0], np.cumsum([len(p) for p in pieces])]).astype(np.int64),
+        polyline_patch=np.array(patches, np.int32),
+        polyline_closed=np.array(closed, np.uint8),
+        pose_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        intensity=None if batch.intensity is None else batch.intensity[index],
+        dwell=None if batch.dwell is None else batch.dwell[index],
+        raw_error=batch.raw_error,
+    )
+
+
+def require_seams(batch: ContourBatch, title: str) -> None:
+    """Refuse a closed polyline on the host whose first and last point, which are one, differ in what they carry.
+
+    Focal points start a loop anywhere and pass its seam once, so one of the two values would be lost.
+    title: what holds the batch, for errors. Raises StrategyError.
+    """
+    for name in ("intensity", "dwell"):
+        value = getattr(batch, name)
+        if value is None:
+            continue
+        line = np.flatnonzero((batch.polyline_closed != 0) & (np.diff(batch.polyline_start) > 0))
+        first, last = (value[batch.polyline_start[line]], value[batch.polyline_start[line + 1] - 1])
+        differs = np.flatnonzero(first != last)
+        if len(differs):
+            k = differs[0]
+            raise StrategyError(
+                f"{title}: polyline {line[k]} is closed, so {name} at its last point must be that at its first, "
+                f"{first[k]:g}, not {last[k]:g}"
+            )

@@ -1,0 +1,1 @@
+"""What touches: planes of skin and skin meshes, of one hand or several."""

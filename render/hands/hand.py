@@ -1,0 +1,245 @@
+"""Hands: the patches of skin on which contours are drawn."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+import warp as wp
+
+from ...datasets.rigid import pose_inverse, quaternion_product, rotated, unit
+from ...kernels.patch import ON, Patch
+from ..errors import PoseError, RenderError, StrategyError
+
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+SMALLEST, LARGEST = 1e-4, 1.0  # side of a palm [m]
+CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+"""A patch's corners along u and v in half extents, counter-clockwise seen from +n; side k starts at corner k."""
+
+
+class PatchFrames(NamedTuple):
+    """Where a hand's patches are, in the array frame."""
+
+    origin: np.ndarray
+    """Middle of each patch [m], float64, shape [pose, patch, 3]."""
+    u: np.ndarray
+    """Across (width), unit vector, shape [pose, patch, 3]."""
+    v: np.ndarray
+    """Along (length, to the finger tips), shape [pose, patch, 3]."""
+    n: np.ndarray
+    """u x v, into the hand: the skin faces -n; shape [pose, patch, 3]."""
+    half: np.ndarray
+    """Half extents along u and v [m], shape [patch, 2]."""
+
+    def corners(self) -> np.ndarray:
+        """Corners of the patches [m], shape [pose, patch, 4, 3], counter-clockwise seen from +n."""
+        local = CORNERS[None] * self.half[:, None]
+        along = local[..., :1] * self.u[:, :, None] + local[..., 1:] * self.v[:, :, None]
+        return self.origin[:, :, None] + along
+
+
+@runtime_checkable
+class Hand(Protocol):
+    """What every hand offers: Palm, PlaneHand, MeshHand. Poses are hand frame -> array frame."""
+
+    @property
+    def patch_count(self) -> int:
+        """Number of patches; 1 for a hand mesh."""
+        ...
+
+    @property
+    def pose_count(self) -> int | None:
+        """Rows of an articulated hand, one for each pose of its motion; None for a rigid hand, which suits any."""
+        ...
+
+    def described(self) -> dict[str, Any]:
+        """What a file says about the hand, for JSON: kind, sizes, SHA-256 of its arrays."""
+        ...
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a file stores of the hand beside that, by name; empty for most."""
+        ...
+
+    def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """Poses of the hand, float32 [n, 1, 7], or of each patch, [n, patch, 7]: what kernels take.
+
+        pose: float32, shape [n, 7], rows `first`.. of the motion. A rigid hand's are `pose` itself (`sections_on`).
+        """
+        ...
+
+    def frames(self, pose: np.ndarray, first: int = 0) -> PatchFrames:
+        """Where the patches are; arguments as for `section_poses`."""
+        ...
+
+    def corners(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """Outlines for pictures [m], shape [n, patch, 4, 3]; NaN for a patch that is not there."""
+        ...
+
+
+@runtime_checkable
+class PatchHand(Hand, Protocol):
+    """A hand of planes: Palm, PlaneHand."""
+
+    def on(self, device: str) -> wp.array:
+        """Patches on a Warp device, dtype Patch, shape [patch]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Palm:
+    """One rectangle over the palm: u = X, v = -Z (towards the finger tips), n = Y (into the hand) of the hand frame."""
+
+    width: float = 0.085
+    """Along u [m]."""
+    length: float = 0.085
+    """Along v [m]."""
+
+    def __post_init__(self) -> None:
+        """Refuse a palm that is no size for skin: float32 could not tell its corners apart."""
+        width, length = require_sides("palm", self.width, self.length)
+        object.__setattr__(self, "width", width)
+        object.__setattr__(self, "length", length)
+
+    @property
+    def patch_count(self) -> int:
+        """Number of patches."""
+        return 1
+
+    @property
+    def pose_count(self) -> None:
+        """None: a palm is rigid."""
+        return
+
+    def on(self, device: str) -> wp.array:
+        """Patches on a Warp device, dtype Patch, shape [patch]."""
+        return _palm_on(self, device)
+
+    def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """The hand's poses, float32, shape [pose, 1, 7]."""
+        return rigid_poses(pose)
+
+    def frames(self, pose: np.ndarray, first: int = 0) -> PatchFrames:
+        """Where the palm is at poses, shape [pose, 7]."""
+        return frames_at(rigid_poses(pose), np.array([[self.width, self.length]]) / 2)
+
+    def corners(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """The palm's four corners at poses [m], array frame, shape [pose, 1, 4, 3], counter-clockwise seen from +n.
+
+        pose: float, shape [pose, 7].
+        """
+        return self.frames(pose, first).corners()
+
+    def described(self) -> dict:
+        """What a file says about the hand, for JSON."""
+        return {"kind": "palm", **asdict(self)}
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Nothing: the JSON tells all."""
+        return {}
+
+
+def require_sides(name: str, width: float, length: float) -> tuple[float, float]:
+    """Both sides of a patch as plain numbers; raises StrategyError unless they lie in SMALLEST..LARGEST [m]."""
+    for field, value in (("width", width), ("length", length)):
+        is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+        if not (is_number and SMALLEST <= value <= LARGEST):  # a NaN compares false
+            raise StrategyError(f"{name} {field} must lie between {SMALLEST:g} and {LARGEST:g} m, not {value!r}")
+    return float(width), float(length)
+
+
+def require_rows(hand: Hand, pose_count: int) -> None:
+    """Raise PoseError unless an articulated hand has a row for each pose of the motion."""
+    if hand.pose_count is not None and hand.pose_count != pose_count:
+        raise PoseError(f"the hand is articulated for {hand.pose_count} poses, but the motion has {pose_count}")
+
+
+@lru_cache(maxsize=16)
+def _palm_on(palm: Palm, device: str) -> wp.array:
+    """Its patch; kept, since making one takes as long as launching ten kernels."""
+    return patches_on(device, palm.frames(np.array(IDENTITY)))
+
+
+def patches_on(device: str, frames: PatchFrames) -> wp.array:
+    """Patches as kernels take them, dtype Patch, shape [patch], of frames of one pose."""
+    patches = []
+    for k, half in enumerate(frames.half):
+        patch = Patch()
+        patch.origin, patch.u = wp.vec3d(*frames.origin[0, k]), wp.vec3d(*frames.u[0, k])
+        patch.v, patch.n = wp.vec3d(*frames.v[0, k]), wp.vec3d(*frames.n[0, k])
+        patch.half = wp.vec2d(*(half - float(ON)))
+        patches.append(patch)
+    return wp.array(patches, dtype=Patch, device=device)
+
+
+def rigid_poses(pose: np.ndarray) -> np.ndarray:
+    """Poses of a hand that is all in one piece as `Hand.section_poses`: float32, shape [pose, 1, 7]."""
+    return np.atleast_2d(np.asarray(pose, np.float32))[:, None]
+
+
+def poses_on_host(pose: np.ndarray | wp.array) -> np.ndarray:
+    """Poses as NumPy has them, float32, shape [pose, 7], of those or of wp.transform [pose]."""
+    return pose.numpy().reshape(-1, 7) if isinstance(pose, wp.array) else pose
+
+
+def sections_on(hand: Hand, pose: np.ndarray | wp.array, first: int, device: str) -> wp.array:
+    """`Hand.section_poses` on a Warp device, wp.transform, shape [pose, 1 or patch].
+
+    pose: float32, shape [pose, 7], or wp.transform [pose] on that device, where those of a rigid hand stay.
+    """
+    if isinstance(pose, wp.array) and hand.pose_count is None:
+        return pose.reshape((-1, 1))
+    return wp.array(hand.section_poses(poses_on_host(pose), first), dtype=wp.transform, device=device)
+
+
+def frames_at(pose: np.ndarray, half: np.ndarray) -> PatchFrames:
+    """Frames of patches that lie in the middle of their own frames, by their poses, shape [pose, patch, 7]."""
+    pose = np.asarray(pose, np.float64)
+    q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
+    u, back, n = (rotated(q, np.eye(3)[k]) for k in (0, 2, 1))
+    return PatchFrames(pose[..., :3], u, 0.0 - back, n, np.asarray(half, np.float64))  # 0.0: no -0.0
+
+
+def composed(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """The pose that is `inner` in the frame of `outer`: x y z [m] and quaternion xyzw, shapes [..., 7] broadcast.
+
+    Quaternions of any norm; an `inner` of no shift and no turn gives `outer`, to the bit.
+    """
+    outer, inner = np.asarray(outer, np.float64), np.asarray(inner, np.float64)
+    position = outer[..., :3] + rotated(unit(outer[..., 3:]), inner[..., :3])
+    turn = quaternion_product(outer[..., 3:], inner[..., 3:])
+    return np.concatenate([position, turn], axis=-1)
+
+
+def inverted(pose: np.ndarray) -> np.ndarray:
+    """The pose that undoes each, shape [..., 7]; quaternions of any norm."""
+    pose = np.asarray(pose, np.float64)
+    return pose_inverse(np.concatenate([pose[..., :3], unit(pose[..., 3:])], axis=-1))
+
+
+def hand_from(described: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> Hand:
+    """The hand that a file describes; arrays: those of its /hand by name.
+
+    Raises StrategyError for a kind that this version does not know, and for a description that lacks something.
+    """
+    if not isinstance(described, Mapping):
+        raise StrategyError(f"the description of a hand must be a mapping, not {described!r:.60}")
+    kind, arrays = described.get("kind"), arrays or {}
+    try:
+        if kind == "palm":
+            return Palm(float(described["width"]), float(described["length"]))
+        if kind == "planes":
+            from .plane_hand import PlaneHand  # both need this module
+
+            return PlaneHand.from_file(described, arrays)
+        if kind == "mesh":
+            from .mesh_hand import MeshHand
+
+            return MeshHand.from_file(described, arrays)
+    except KeyError as error:
+        raise StrategyError(f"the description of a hand of kind {kind!r} lacks {error.args[0]!r}") from None
+    except RenderError:
+        raise
+    except (TypeError, ValueError, AttributeError) as error:  # something of another type, or of another shape
+        raise StrategyError(f"the description of a hand of kind {kind!r} cannot be read: {error}") from error
+    raise StrategyError(f"unknown hand {kind!r}; known: palm, planes, mesh")

@@ -1,0 +1,273 @@
+"""A hand of several planes: palm and phalanges, rigid, or with a pose for each patch and each pose of the motion."""
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ...datasets.rigid import rotated
+from ..errors import PoseError, StrategyError
+from .hand import IDENTITY, PatchFrames, composed, frames_at, patches_on, require_sides, rigid_poses
+from .joint_planes import FINGERS, planes_of_joints
+
+NORM_TOLERANCE = 1e-3  # of a quaternion, as of a motion's
+ABSENT = np.array([0.0, 1000.0, 0.0, 0.0, 0.0, 0.0, 1.0], np.float32)
+"""Array-frame pose of a patch that is not there: a plane 1 km away, where no contour is."""
+
+
+@dataclass(frozen=True)
+class HandPatch:
+    """A rectangle of skin: u = X (width), v = -Z (length, to the tip) and n = Y (into the hand) of its own frame."""
+
+    name: str
+    """As "palm" or "index-proximal"."""
+    width: float
+    """Along u [m]."""
+    length: float
+    """Along v [m]."""
+    pose: tuple[float, ...] = IDENTITY
+    """Middle of its skin in the hand's frame: x y z [m], quaternion xyzw. A hand with patch poses does not use it."""
+
+    def __post_init__(self) -> None:
+        """Check the name, the sides and the pose, whose quaternion is normalised."""
+        if not self.name or not isinstance(self.name, str):
+            raise StrategyError(f"a patch's name must be a text of one character at least, not {self.name!r}")
+        width, length = require_sides(f"patch {self.name!r}:", self.width, self.length)
+        object.__setattr__(self, "width", width)
+        object.__setattr__(self, "length", length)
+        pose = checked_poses(np.asarray(self.pose, np.float64), f"patch {self.name!r}: pose", (7,))
+        if np.isnan(pose).any():
+            raise PoseError(f"patch {self.name!r}: pose {self.pose} is not finite")
+        object.__setattr__(self, "pose", tuple(pose.tolist()))
+
+
+@dataclass(frozen=True)
+class PatchJoint:
+    """Two patches that touch along a side of each: 0 towards the wrist (-v), 1 at +u, 2 to the tip (+v), 3 at -u."""
+
+    patch: str
+    side: int
+    other: str
+    other_side: int
+
+    def __post_init__(self) -> None:
+        """Sides as plain numbers; what they name is checked by the hand."""
+        for field in ("side", "other_side"):
+            side = getattr(self, field)
+            if isinstance(side, bool) or not isinstance(side, int | np.integer) or side not in range(4):
+                raise StrategyError(f"{self}: a side must be 0, 1, 2 or 3, not {side!r}")
+            object.__setattr__(self, field, int(side))
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneHand:
+    """Palm and phalanges as patches, rigid, or articulated with a pose for each patch and pose of the motion.
+
+    Raises StrategyError for no patch, a name twice, or a joint with something that is not there; PoseError for patch
+    poses of another shape, values that are not finite, or quaternions whose norm is not 1 within 1e-3.
+    """
+
+    patches: tuple[HandPatch, ...]
+    joints: tuple[PatchJoint, ...] = ()
+    """Which sides touch: see stage "joined"."""
+    patch_pose: np.ndarray | None = None
+    """Patch -> hand frame: x y z [m], quaternion xyzw; float32, shape [pose, patch, 7]. A row of NaN: the patch is not
+    there in that pose, and nothing is drawn on it. None: the patches lie where their own poses say."""
+
+    def __post_init__(self) -> None:
+        """Check everything; patch poses are copied and read-only."""
+        for field, kind in (("patches", HandPatch), ("joints", PatchJoint)):
+            given = getattr(self, field)
+            given = tuple(given) if isinstance(given, Iterable) else (given,)
+            if wrong := [one for one in given if not isinstance(one, kind)]:
+                raise StrategyError(f"a hand's {field} must be of type {kind.__name__}, not {wrong[0]!r:.80}")
+            object.__setattr__(self, field, given)
+        if not self.patches:
+            raise StrategyError("a hand needs one patch at least")
+        names = [patch.name for patch in self.patches]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise StrategyError(f"patch {min(twice)!r} is there twice")
+        for joint in self.joints:
+            for name in (joint.patch, joint.other):
+                if name not in names:
+                    raise StrategyError(f"{joint}: there is no patch {name!r}; there are: {', '.join(names)}")
+            if joint.patch == joint.other:
+                raise StrategyError(f"{joint}: a patch cannot be joined to itself")
+        if self.patch_pose is not None:
+            shape = ("pose", len(names), 7)
+            checked = checked_poses(self.patch_pose, "patch_pose", shape).astype(np.float32)
+            checked.setflags(write=False)
+            object.__setattr__(self, "patch_pose", checked)
+
+    @property
+    def patch_count(self) -> int:
+        """Number of patches."""
+        return len(self.patches)
+
+    @property
+    def pose_count(self) -> int | None:
+        """Rows of patch poses; None for a rigid hand."""
+        return None if self.patch_pose is None else self.patch_pose.shape[0]
+
+    @property
+    def absent(self) -> np.ndarray:
+        """Where a patch is not there, bool, shape [pose, patch]; of one pose for a rigid hand."""
+        if self.patch_pose is None:
+            return np.zeros((1, self.patch_count), bool)
+        return np.isnan(self.patch_pose[..., 0])
+
+    @property
+    def half(self) -> np.ndarray:
+        """Half extents of the patches along u and v [m], shape [patch, 2]."""
+        return np.array([[patch.width / 2, patch.length / 2] for patch in self.patches])
+
+    @cached_property
+    def _rest(self) -> PatchFrames:
+        """Frames of a rigid hand's patches in its own frame."""
+        return frames_at(np.array([[patch.pose for patch in self.patches]]), self.half)
+
+    def patch_index(self, name: str) -> int:
+        """Number of a patch, as in `ContourBatch.polyline_patch`; raises StrategyError for an unknown name."""
+        names = [patch.name for patch in self.patches]
+        if name not in names:
+            raise StrategyError(f"there is no patch {name!r}; there are: {', '.join(names)}")
+        return names.index(name)
+
+    def on(self, device: str) -> wp.array:
+        """Patches on a Warp device, dtype Patch, shape [patch]: in the hand's frame, or each in its own."""
+        rest = self._rest
+        if self.patch_pose is not None:
+            rest = frames_at(np.broadcast_to(np.array(IDENTITY), (1, self.patch_count, 7)), self.half)
+        return patches_on(device, rest)
+
+    def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """Poses of the hand, float32 [n, 1, 7], or of each patch, [n, patch, 7]; ABSENT for one that is not there.
+
+        pose: shape [n, 7], rows `first`.. of the motion. Raises PoseError for rows that the hand does not have.
+        """
+        if self.patch_pose is None:
+            return rigid_poses(pose)
+        own, pose = self._rows(pose, first)
+        section = composed(pose[:, None], own).astype(np.float32)
+        section[np.isnan(own[..., 0])] = ABSENT
+        return section
+
+    def frames(self, pose: np.ndarray, first: int = 0) -> PatchFrames:
+        """Where the patches are; arguments as for `section_poses`. One that is not there is 1 km away."""
+        if self.patch_pose is not None:
+            return frames_at(self.section_poses(pose, first), self.half)
+        rest = self._rest
+        pose = np.atleast_2d(np.asarray(pose, np.float64))[:, None]
+        q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
+        origin = pose[..., :3] + rotated(q, rest.origin)
+        return PatchFrames(origin, rotated(q, rest.u), rotated(q, rest.v), rotated(q, rest.n), rest.half)
+
+    def corners(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
+        """Corners of the patches [m], array frame, shape [n, patch, 4, 3]; NaN for one that is not there."""
+        corners = self.frames(pose, first).corners()
+        if self.patch_pose is not None:
+            corners[self.absent[first : first + len(corners)]] = np.nan
+        return corners
+
+    def _rows(self, pose: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
+        pose = np.atleast_2d(np.asarray(pose, np.float64))
+        own = np.zeros((0, self.patch_count, 7)) if self.patch_pose is None else self.patch_pose
+        if not 0 <= first <= first + len(pose) <= len(own):
+            raise PoseError(f"the hand is articulated for {len(own)} poses, not for {first}..{first + len(pose)}")
+        return own[first : first + len(pose)], pose
+
+    def described(self) -> dict[str, Any]:
+        """What a file says about the hand, for JSON; `poses`, `absent` (patches missing, in all) and the hash of
+        the patch poses for an articulated one."""
+        text: dict[str, Any] = {
+            "kind": "planes",
+            "patches": [{**asdict(patch), "pose": list(patch.pose)} for patch in self.patches],
+            "joints": [asdict(joint) for joint in self.joints],
+        }
+        if self.patch_pose is None:
+            return text
+        digest = hashlib.sha256(np.where(np.isnan(self.patch_pose), np.float32(np.nan), self.patch_pose).tobytes())
+        return {**text, "poses": self.pose_count, "absent": int(self.absent.sum()), "sha256": digest.hexdigest()}
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """`patch_pose`, float32, shape [pose * patch, 7], of an articulated hand."""
+        return {} if self.patch_pose is None else {"patch_pose": self.patch_pose.reshape(-1, 7)}
+
+    @classmethod
+    def from_file(cls, described: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> "PlaneHand":
+        """Read back what `described` and `arrays` gave; raises StrategyError where the one is not of the other."""
+        patches = [HandPatch(p["name"], p["width"], p["length"], tuple(p["pose"])) for p in described["patches"]]
+        joints = [PatchJoint(j["patch"], j["side"], j["other"], j["other_side"]) for j in described["joints"]]
+        pose = arrays["patch_pose"].reshape(-1, len(patches), 7) if "poses" in described else None
+        hand = cls(tuple(patches), tuple(joints), pose)
+        if hand.described().get("sha256") != described.get("sha256"):
+            raise StrategyError("the stored patch poses are not those described (SHA-256 differs)")
+        return hand
+
+    @classmethod
+    def from_joints(
+        cls,
+        joints_in_hand: np.ndarray,
+        radius: np.ndarray,
+        *,
+        is_left: bool,
+        palm: bool = True,
+        fingers: Sequence[str] = FINGERS,
+    ) -> "PlaneHand":
+        """Palm and phalanges of recorded joints, each a patch: sizes are medians over the motion, poses per frame.
+
+        joints_in_hand: joints in the hand's frame, OpenXR's order and axes, x y z [m] and quaternion xyzw, shape
+        [frame, 26, 7]; NaN where a joint was not seen. radius: from a joint to the skin [m], shape [26] or [frame,
+        26]. fingers: of thumb, index, middle, ring, little. A phalanx is not there in frames that lack one of its
+        joints (`absent`). Raises PoseError for other shapes, a joint of a wanted patch that is in no frame, and for
+        knuckles that tell the other hand.
+        """
+        planes = planes_of_joints(joints_in_hand, radius, is_left=is_left, palm=palm, fingers=tuple(fingers))
+        patches = tuple(HandPatch(plane.name, plane.width, plane.length) for plane in planes)
+        pose = np.stack([plane.pose for plane in planes], axis=1)
+        return cls(patches, phalanx_joints([plane.name for plane in planes]), pose)
+
+
+def phalanx_joints(names: Sequence[str]) -> tuple[PatchJoint, ...]:
+    """The joints of a hand whose patches are named "palm", "index-proximal", "thumb-distal", ...
+
+    Each phalanx with the next one, and the fingers' first ones with the palm's side 2; the thumb's not, since it is
+    attached at the palm's flank, in no line with it.
+    """
+    joints = []
+    for finger in FINGERS:
+        chain = [f"{finger}-{part}" for part in ("proximal", "intermediate", "distal") if f"{finger}-{part}" in names]
+        if "palm" in names and finger != "thumb" and f"{finger}-proximal" in names:
+            chain = ["palm", *chain]
+        joints += [PatchJoint(one, 2, other, 0) for one, other in pairwise(chain)]
+    return tuple(joints)
+
+
+def checked_poses(value: np.ndarray, name: str, shape: tuple[int | str, ...]) -> np.ndarray:
+    """Poses as float64, quaternions normalised; a row that is not wholly finite is wholly NaN.
+
+    Raises PoseError for another shape, infinite values, and quaternions whose norm is not 1 within NORM_TOLERANCE.
+    """
+    try:
+        pose = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        raise PoseError(f"{name} must be numbers of shape {list(shape)}") from None
+    if pose.ndim != len(shape) or any(isinstance(n, int) and n != m for n, m in zip(shape, pose.shape, strict=True)):
+        raise PoseError(f"{name} must have shape [{', '.join(map(str, shape))}], not {list(pose.shape)}")
+    if np.isinf(pose).any():
+        raise PoseError(f"{name}: row {np.argwhere(np.isinf(pose))[0, :-1].tolist()} is infinite")
+    missing = np.isnan(pose).any(axis=-1)
+    norm = np.linalg.norm(pose[..., 3:], axis=-1)
+    wrong = ~missing & (np.abs(norm - 1.0) > NORM_TOLERANCE)
+    if wrong.any():
+        at = tuple(np.argwhere(wrong)[0].tolist())
+        raise PoseError(f"{name}: row {list(at)} has quaternion norm {norm[at]:.6g}; it must be 1 within 1e-3")
+    loose = ~missing & (np.abs(norm - 1.0) > 1e-7)  # less is float32's rounding, and left alone
+    pose[loose, 3:] /= norm[loose, None]
+    pose[missing] = np.nan
+    return pose

@@ -1,0 +1,1 @@
+"""Object, hand and strategy -> contours of a batch of poses."""

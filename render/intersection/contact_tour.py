@@ -1,0 +1,155 @@
+"""Raw "contact": skin inside the object as points, and a short path through them.
+
+After Maunsbach et al. 2024 (MAMMOTH): points of the hand's skin inside an object, thinned to 8 mm, a 2-opt path. Here
+the path's true length counts, it closes, and a small contact is drawn as well as a large one.
+"""
+
+import warnings
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ...kernels.section.contour_writing import Contours
+from ...kernels.skin.sign import Posed
+from ...kernels.tours.contact import inside_nodes, inside_vertices
+from ...kernels.tours.tour import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points, tour_points
+from ..errors import MeshError, PalpateWarning, StrategyError
+from ..hands.hand import Hand, PatchHand
+from ..objects.solid import Solid
+from ..validation import shown
+
+LARGEST = float(np.finfo(np.float64).max)
+SEPARATION = 0.008  # [m]; MAMMOTH's
+NODES_MOST = 1 << 22  # points of skin that are looked at in one go: up to 30 bytes each
+
+
+def contact_contours(
+    thing: Solid,
+    hand: Hand,
+    pose: np.ndarray,
+    first: int = 0,
+    *,
+    device: str = "cpu",
+    step: float,
+    separation: float = SEPARATION,
+    closes: bool = True,
+) -> Contours:
+    """One polyline a pose, of kind MADE, through points of skin inside the object.
+
+    pose: hand frame -> array frame, float32, shape [pose, 7], rows `first`.. of the motion.
+    step: between the points that are looked at on a patch, or the longest edge of a hand mesh [m]; separation: least
+    distance of those that are kept [m]; closes: back to the first.
+    Where only one point would be kept, the one farthest from it is, too. A pose with no more than one point inside
+    stays empty; these are counted in a PalpateWarning.
+    Raises StrategyError for a step or separation that is not positive or too small, and for a pose that keeps more than
+    2,000 points; MeshError for an object without an inside.
+    """
+    require_length("contact: step", step)
+    require_length("contact: separation", separation)
+    require_inside(thing, "contact")
+    pose = np.asarray(pose, np.float32).reshape(-1, 7)
+    skin = _Skin(thing, hand, device, step)
+    parts = []
+    size = max(1, NODES_MOST // max(skin.point_count, 1))
+    try:
+        for begin in range(0, len(pose), size):
+            rows = slice(begin, min(begin + size, len(pose)))
+            found = skin.inside(pose[rows], first + begin)
+            parts.append(thinned(*found, separation=separation, first=first + begin, name="contact"))
+        point, start = joined_points(parts, device)
+        return toured(point, start, separation=separation, closes=closes, patch_count=hand.patch_count, name="contact")
+    except (MeshError, StrategyError):
+        raise
+    except ValueError as error:
+        raise StrategyError(f"contact: {error}") from error
+
+
+def require_length(name: str, value: Any, least: float = 0.0) -> None:
+    """Refuse what is no positive, finite length, or one below the least [m]."""
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not number or not 0.0 < value <= LARGEST or value < least:
+        bound = f"at least {least:g} m" if least else "a positive length in metres"
+        raise StrategyError(f"{name} must be {bound}, not {shown(value)}")
+
+
+def require_inside(thing: Solid, name: str) -> None:
+    """Refuse an object without an inside for what needs one, by its name; see `Solid.require_closed`."""
+    try:
+        thing.require_closed()
+    except MeshError as error:
+        raise MeshError(f'raw "{name}" needs an object with an inside: {error}') from error
+
+
+class _Skin:
+    """A hand's skin as points, whichever kind of hand it is."""
+
+    def __init__(self, thing: Solid, hand: Hand, device: str, step: float) -> None:
+        self.thing, self.device, self.step = thing, device, step
+        self.hand: Any = hand  # a PatchHand or a MeshHand
+        self.field = thing.field_on(device)
+        if isinstance(hand, PatchHand):
+            self.patch: Any = hand.on(device)
+            sides = 2.0 * self.patch.numpy()["half"].reshape(-1, 2)
+            self.point_count = int(np.prod(sides / step + 2.0, axis=1).sum())
+        else:
+            self.skin = self.hand.skin_on(device, step)
+            self.point_count = self.skin.vertex_count
+
+    def inside(self, pose: np.ndarray, first: int) -> tuple[wp.array, wp.array]:
+        """Points inside the object at poses first.., and where each pose's start."""
+        section = wp.array(self.hand.section_poses(pose, first), dtype=wp.transform, ndim=2, device=self.device)
+        if isinstance(self.hand, PatchHand):
+            return inside_nodes(self.field, section, self.patch, step=self.step, bounds=self.thing.bounds)
+        vertex = self.hand.vertices_on(self.device, first, first + len(pose))
+        return inside_vertices(self.field, Posed(section, self.skin, vertex), self.thing.bounds)
+
+
+def thinned(point: wp.array, start: wp.array, *, separation: float, first: int, name: str) -> tuple[wp.array, wp.array]:
+    """Thin each pose's points, see `thin_points`; first: the first one's row of the motion.
+
+    Raises StrategyError, by the name of the raw intersection, where too many points would be left.
+    """
+    try:
+        return thin_points(point, start, separation=separation)
+    except TooManyPointsError as error:
+        fits = separation_that_fits(point, start, error.pose, separation)
+        raise StrategyError(
+            f"{name}: pose {first + error.pose} keeps more than {POINTS_MOST} of its {error.point_count} points at a "
+            f"separation of {separation:g} m; {fits:.3g} m fits"
+        ) from error
+
+
+def joined_points(parts: list[tuple[wp.array, wp.array]], device: str) -> tuple[wp.array, wp.array]:
+    """Points and offsets of consecutive poses as one."""
+    if len(parts) == 1:
+        return parts[0]
+    point = wp.empty(sum(p.shape[0] for p, _ in parts), dtype=wp.vec3, device=device)
+    counts, place = [np.zeros(1, np.int64)], 0
+    for piece, start in parts:
+        wp.copy(point, piece, dest_offset=place, count=piece.shape[0])
+        place += piece.shape[0]
+        counts.append(np.diff(start.numpy()))
+    return point, wp.array(np.cumsum(np.concatenate(counts)), dtype=wp.int64, device=device)
+
+
+def toured(
+    point: wp.array, start: wp.array, *, separation: float, closes: bool, patch_count: int, name: str
+) -> Contours:
+    """A path through each pose's points, see `tour_points`, as the contours of a hand of so many patches.
+
+    Warns of poses with a single point, which have no path, by the name of the raw intersection.
+    """
+    tours = tour_points(point, start, separation=separation, closes=closes)
+    if tours.single_count:
+        message = (
+            f"{name}: at {tours.single_count} of {start.shape[0] - 1} poses a single point touches, which has no length"
+        )
+        warnings.warn(message, PalpateWarning, stacklevel=3)
+    if patch_count == 1:
+        return tours.contours
+    pose_start = tours.contours.section_start.numpy()
+    section_start = np.repeat(pose_start[1:], patch_count)  # all of a pose's polylines are its first patch's
+    section_start[::patch_count] = pose_start[:-1]
+    both = np.concatenate([section_start, pose_start[-1:]])
+    return tours.contours._replace(section_start=wp.array(both, dtype=wp.int64, device=point.device))

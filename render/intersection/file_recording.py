@@ -1,0 +1,131 @@
+"""Render into a contour file, writing each chunk while workers compute the next ones."""
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ...datasets.contour_file.header import FileHeader
+from ...datasets.contour_file.writer import ContourWriter
+from ...datasets.motions.hand_motion import HandMotion
+from ...datasets.storage.schema import removed_name
+from ..contour_batch import KINDS
+from ..coordinate_spacing import warn_of_spacing
+from ..hands.hand import Hand
+from ..objects.mesh.solid_mesh import MeshObject
+from ..objects.moving_object import about_outline, object_poses
+from ..objects.solid import Solid
+from ..runtime.interrupt import interrupt_between
+from ..runtime.span_workers import warp_device
+from ..strategies.intersection_strategy import IntersectionStrategy
+from ..strategies.user_stage_sources import stage_sources
+from .batch_rendering import MEMORY_SMALLEST, Chunk, checked_memory, rendered_chunks
+from .scene import Scene
+
+PACKAGES = ("palpate", "warp-lang", "numpy", "trimesh", "h5py")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What recording a motion's contours came to."""
+
+    path: Path
+    pose_count: int
+    rendered: int
+    """Poses rendered by this call; the others were there already."""
+    repairs: tuple[str, ...]
+    """What resuming found damaged and rendered again."""
+
+
+def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
+    """Everything of a contour file that is known before the first pose is rendered."""
+    thing, hand = scene.thing, scene.hand
+    described = thing.described()
+    vertices, faces = thing.outline_mesh()
+    meshed, sources = isinstance(thing, MeshObject), stage_sources(scene.strategy)
+    return FileHeader(
+        pose=motion.pose,
+        time=motion.time,
+        time_offset=motion.offset,
+        seed=motion.seed,
+        inserted=motion.inserted,
+        object_name=thing.name,
+        vertices=vertices,
+        faces=faces,
+        placement=described["placement"],
+        representation={} if meshed else {k: v for k, v in described.items() if k not in ("name", "placement")},
+        moved=None if scene.moved is None else about_outline(scene.moved, scene.pivot, vertices),
+        object_attributes={k: described[k] for k in ("triangles", "repair", "report", "detail") if k in described},
+        hand=hand.described(),
+        hand_arrays=hand.arrays(),
+        strategy=scene.strategy.described() | ({"sources": sources} if sources else {}),
+        versions={package: version(package) for package in PACKAGES},
+        device=device,
+        raw_error=scene.raw_error,
+    )
+
+
+def metrics_of(chunk: Chunk) -> dict[str, np.ndarray]:
+    """Per-pose metrics of a chunk, as the file names them."""
+    metrics = {
+        "length": chunk.lengths.sum(axis=1, dtype=np.float64).astype(np.float32),
+        **{f"length_{kind}": np.ascontiguousarray(chunk.lengths[:, k]) for kind, k in KINDS.items()},
+        "polylines": np.diff(chunk.contours.pose_start).astype(np.int32),
+    }
+    for stage, length in chunk.removed.items():
+        name = removed_name(stage)
+        metrics[name] = metrics.get(name, np.float32(0)) + length.astype(np.float32)
+    return metrics
+
+
+def record(
+    path: str | Path,
+    thing: Solid,
+    hand: Hand,
+    motion: HandMotion,
+    strategy: IntersectionStrategy,
+    *,
+    moved: HandMotion | np.ndarray | None = None,
+    mode: Literal["create", "resume", "overwrite"] = "create",
+    device: str = "cpu",
+    devices: Sequence[str] | None = None,
+    memory: int | None = None,
+    gzip: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Recording:
+    """Render a motion into a contour file; what was reported done survives a kill and a full disk.
+
+    mode: "create" refuses an existing file; "resume" goes on with an unfinished one of the same object, hand, motion,
+    strategy and version; "overwrite" replaces it when the new one is whole. moved: poses of an object that moves, see
+    `object_poses`. devices: one worker on each of these Warp
+    devices, by default one on `device`; the file is the same. memory: budget of all chunks, computed or written
+    [byte], by default `memory_for` the workers; the motion itself (36 bytes a pose) and the object come on top.
+    progress: called with the poses that are done, safe on the disk, and with all.
+    Raises MeshError, StrategyError, MotionError and warns as `render` does; ContourFileError for what the file refuses.
+    """
+    scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion))
+    warn_of_spacing(thing.name, thing.bounds, motion.pose, scene.moved)
+    names = [warp_device(name) for name in ([device] if devices is None else devices)]
+    memory = checked_memory(memory, names, smallest=4 * MEMORY_SMALLEST)
+    header = file_header(scene, motion, ",".join(dict.fromkeys(names)))
+    with ContourWriter(path, header, mode=mode) as writer:
+        missing = writer.missing()
+        rendered = sum(stop - first for first, stop in missing)
+        done = len(motion) - rendered
+        if progress is not None:
+            progress(done, len(motion))
+        chunks = rendered_chunks(scene, motion.pose, devices=names, memory=memory, ranges=missing)
+        # what ends this loop also ends the workers, before the file is let go
+        with interrupt_between() as raise_if_interrupted, closing(chunks):
+            for chunk in chunks:
+                writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
+                done += chunk.stop - chunk.first
+                if progress is not None:
+                    progress(done, len(motion))
+                raise_if_interrupted()
+        writer.seal(gzip=gzip)
+        return Recording(Path(path), len(motion), rendered, writer.repairs)

@@ -1,0 +1,139 @@
+"""Raw contours of a mesh on the patches of a hand, or what they come to: one batch of poses in one go.
+
+Contours of a simple mesh are cut, joined and drawn by kernels. Those of a closed one that crosses itself are the
+boundary of what its winding number says is inside, which is found on the host, section by section.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from ...kernels.offsets import PointLimitError
+from ...kernels.section.contour_writing import draw_contours
+from ...kernels.section.joining import join_pieces, order_pieces
+from ...kernels.section.piece_search import find_pieces
+from ...kernels.section.plane_loops import plane_loops
+from ...kernels.section.tally_undrawn import tally_pieces
+from ..contour_batch import ContourBatch, join_polylines
+from ..errors import MeshError
+from ..hands.hand import PatchHand
+from ..objects.mesh.coincident_faces import gap_of
+from ..objects.mesh.solid_mesh import MeshObject
+from ..runtime.stage_timing import StageClock
+from ..strategies.intersection_strategy import IntersectionStrategy
+from .resting import patches_for
+from .section_regularisation import regularised_contours
+
+
+def intersect(
+    thing: MeshObject,
+    hand: PatchHand,
+    pose: wp.array,
+    strategy: IntersectionStrategy,
+    *,
+    point_limit: int | None = None,
+    method: str | None = None,
+    timing: dict[str, float] | None = None,
+    farthest: float = 0.0,
+    relative: bool = False,
+) -> tuple[ContourBatch, int]:
+    """Raw contours of a mesh on patches, on the device of the poses, and how many points they have.
+
+    pose: wp.transform, hand frame -> array frame, shape [pose]; or as `Hand.section_poses`, shape [pose, 1 or patch].
+    strategy: only "outside", "close" and `flush` count here. point_limit: more points than this raise
+    `PointLimitError` before memory is taken for them. method: how contours are looked for, see `find_pieces`; the
+    result is the same. timing: takes the seconds of each stage, which are then waited for one by one. farthest,
+    relative: see `patches_for`.
+    """
+    patch = patches_for(hand, thing, strategy, str(pose.device), farthest=farthest, relative=relative)
+    if needs_regularising(thing):
+        batch, count = _regularised(thing.solid_part, patch, pose, strategy, point_limit, method, timing)
+        if not thing.report.sheet_faces:
+            return batch, count
+        options = {"method": method, "timing": timing, "farthest": farthest, "relative": relative}
+        sheets, added = intersect(thing.sheet_part, hand, pose, strategy, point_limit=point_limit, **options)
+        return join_polylines(batch.numpy(), sheets.numpy()).to(str(pose.device)), count + added
+    found, (surface, section) = _pieces(thing, patch, pose, strategy, method, timing)
+    device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
+    with StageClock(timing, "join", device):
+        joined = join_pieces(surface, found, section, patch, closes=closes, limit=point_limit)
+    with StageClock(timing, "draw", device):
+        contours = draw_contours(surface, section, patch, joined, bounded=bounded, closes=closes)
+    return ContourBatch.from_device(contours, hand.patch_count), joined.point_count
+
+
+def needs_regularising(thing: MeshObject) -> bool:
+    """Whether the contours in which planes cut a mesh are not the boundary of its sections: it crosses itself.
+
+    The sections of a surface with open edges have no inside to be regularised by: its contours are drawn as cut.
+    """
+    return not thing.is_simple and thing.report.closed
+
+
+def _regularised(
+    thing: MeshObject,
+    patch: wp.array,
+    pose: wp.array,
+    strategy: IntersectionStrategy,
+    point_limit: int | None,
+    method: str | None,
+    timing: dict[str, float] | None,
+) -> tuple[ContourBatch, int]:
+    """`intersect` for a mesh that crosses itself; points of the loops that are cut count for the limit, too."""
+    device = str(pose.device)
+    section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
+    surface = thing.on(device)
+    with StageClock(timing, "find", device):
+        loops = plane_loops(surface, section, patch, bounded=strategy.bounded, method=method, limit=point_limit)
+    with StageClock(timing, "regularise", device):
+        stages = {"bounded": strategy.bounded, "closes": strategy.closes}
+        batch = regularised_contours(loops, patch, solid=thing.solid, gap=gap_of(thing), **stages)
+        if point_limit is not None and batch.point_count > point_limit:
+            raise PointLimitError(batch.point_count, point_limit)
+        return batch.to(device), batch.point_count
+
+
+def tally_intersection(
+    thing: MeshObject,
+    hand: PatchHand,
+    pose: wp.array,
+    strategy: IntersectionStrategy,
+    value: wp.array,
+    length: wp.array,
+    *,
+    method: str | None = None,
+    timing: dict[str, float] | None = None,
+) -> None:
+    """What `tally_contours` tells of `intersect`'s contours, to the bit, and no memory is taken for points.
+
+    value: float32, takes rows METRICS, shape [metric.., pose], the area NaN unless the strategy closes contours.
+    length: takes that of all contours in float64 [m], shape [pose]. The others as for `intersect`.
+    """
+    patch = patches_for(hand, thing, strategy, str(pose.device))
+    found, (surface, section) = _pieces(thing, patch, pose, strategy, method, timing)
+    device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
+    with StageClock(timing, "join", device):
+        ordered = order_pieces(surface, found, section, patch, closes=closes)
+    with StageClock(timing, "measure", device):
+        tally_pieces(surface, section, patch, ordered, value, length, bounded=bounded, closes=closes)
+
+
+def _pieces(
+    thing: MeshObject,
+    patch: wp.array,
+    pose: wp.array,
+    strategy: IntersectionStrategy,
+    method: str | None,
+    timing: dict[str, float] | None,
+) -> tuple[list[Any], tuple[Any, wp.array]]:
+    """What of the contours lies in each patch; and the surface and poses of sections it was found with."""
+    if needs_regularising(thing):
+        raise MeshError(f"{thing.name} crosses itself: its contours are drawn to be measured (`intersect`)")
+    if strategy.needs_closed:
+        thing.require_closed()
+    device = str(pose.device)
+    section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
+    surface = thing.on(device)
+    with StageClock(timing, "find", device):
+        found = find_pieces(surface, section, patch, bounded=strategy.bounded, closes=strategy.closes, method=method)
+    return found, (surface, section)

@@ -1,0 +1,214 @@
+"""Objects, hands and motions as the command line names them.
+
+| OBJECT | becomes |
+|---|---|
+| built-in name, mesh file | MeshObject |
+| .npy .npz .nrrd .nhdr .nii .nii.gz .nvdb | VoxelObject |
+| .json | ImplicitObject of an expression |
+| package.module:function, file.py:function | ImplicitObject of a Warp function |
+
+| --hand | with a motion of poses | with a recording of joints |
+|---|---|---|
+| palm | a rectangle | the same |
+| planes | palm and phalanges of a flat hand | those of the hand recorded, articulated |
+| skin | palpate's own hand, flat | palpate's own hand as the joints pose it |
+| file of a mesh, volume or expression | a MeshHand of it | the same, rigid |
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...datasets.bounded_file import open_regular
+from ...datasets.errors import MotionError
+from ...datasets.hand_model.shape import hand_shape
+from ...datasets.hand_model.skinning import posed_vertices
+from ...datasets.motions.hand_motion import HandMotion, exploration
+from ...datasets.recordings.files import load_recording
+from ...datasets.recordings.recording import HandRecording
+from ..errors import StrategyError
+from ..hands.flat_hand import flat_hand
+from ..hands.hand import Hand, Palm
+from ..hands.mesh_hand import MeshHand
+from ..hands.plane_hand import PlaneHand
+from ..objects.functions.implicit_object import ImplicitObject, is_function_name
+from ..objects.level_of_detail import Detail, simplify
+from ..objects.mesh.solid_mesh import MeshObject, Placement
+from ..objects.solid import Solid
+from ..objects.voxels.files import UNITS, is_volume
+from ..objects.voxels.values import KINDS
+from ..objects.voxels.voxel_object import VoxelObject
+from ..runtime.loading_progress import Watch, unwatched
+from ..trust.permission import AllowCode
+from ..validation import require_choice
+
+EXPLORATION = "exploration"
+EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
+HEADER_BYTES = 65536  # of a CSV, in which its header is
+SOLID_HAND_STEP = 0.002  # [m]; of the mesh of a hand that is given as a solid: finer than any focus
+POSE_HEADERS = ("time,x,y,z", "x,y,z")  # how a CSV of poses begins, and a recording's does not
+
+
+def load_solid(
+    source: str,
+    placement: Placement,
+    *,
+    volume: dict[str, Any] | None = None,
+    mesh: dict[str, Any] | None = None,
+    bounds: tuple[float, ...] | None = None,
+    allow_code: AllowCode = False,
+    watch: Watch = unwatched,
+) -> Solid:
+    """An object of any kind, by the table above.
+
+    volume: options of `VoxelObject.load`, mesh: those of `MeshObject.load`; None among them is an option not given.
+    bounds: of a function [m]. allow_code: whether the module of a function may be run, see `trust`.
+    watch: takes the stages of loading a mesh.
+    Raises UntrustedCodeError for a function without that permission, MeshError for what cannot be loaded, StrategyError
+    for options of another kind of object.
+    """
+    repair = {name: value for name, value in (mesh or {}).items() if value is not None}
+    given = {name: value for name, value in (volume or {}).items() if value is not None}
+    if is_volume(source):
+        refuse_options({"bounds": bounds}, "of a function", source)
+        refuse_options(repair, "of a mesh", source)
+        require_volume_options(given)
+        return VoxelObject.load(source, placement=placement, **given)
+    refuse_options(given, "of a volume", source)
+    if is_function_name(source) or Path(source).suffix == ".json":
+        refuse_options(repair, "of a mesh", source)
+        box = None if bounds is None else np.array(bounds).reshape(2, 3)
+        return ImplicitObject.load(source, bounds=box, placement=placement, allow_code=allow_code)
+    refuse_options({"bounds": bounds}, "of a function", source)
+    return MeshObject.load(source, placement=placement, watch=watch, **repair)
+
+
+def require_volume_options(given: dict[str, Any]) -> None:
+    """Raise StrategyError for an option of a volume that no volume can have; others depend on its values."""
+    for name, known in (("kind", KINDS), ("unit", tuple(UNITS)), ("inside", ("below", "above"))):
+        if name in given:
+            require_choice(f"--{name}", given[name], known)
+    spacing = np.asarray(given.get("spacing", 1.0), np.float64)
+    if not ((spacing > 0) & (spacing < np.inf)).all():  # a NaN compares false
+        raise StrategyError(f"--spacing must be positive lengths in metres, not {given['spacing']}")
+    if not np.isfinite(given.get("level", 0.0)):
+        raise StrategyError(f"--level must be finite, not {given['level']}")
+
+
+def refuse_options(options: dict[str, Any], whose: str, source: str) -> None:
+    """Raise StrategyError for the first option that is given and not of this kind of thing."""
+    for name, value in options.items():
+        if value is not None:
+            raise StrategyError(f"--{name.replace('_', '-')} is {whose}, which {source} is not")
+
+
+def simplified(thing: Solid, tolerance: float | None) -> tuple[Solid, Detail | None]:
+    """The object simplified within a tolerance [m]; 0: a quarter of the focal width; None: as it is."""
+    if tolerance is None:
+        return thing, None
+    if not 0 <= tolerance < np.inf:  # a NaN compares false
+        raise StrategyError(f"--simplify must be a length in metres of 0 or more, not {tolerance}")
+    if not isinstance(thing, MeshObject):
+        raise StrategyError(f"--simplify is of a mesh, which {thing.name} is not")
+    simple, detail = simplify(thing, tolerance or None)
+    simple.placement, simple.detail = thing.placement, detail.described()
+    return simple, detail
+
+
+def is_recording(source: str) -> bool:
+    """Whether a motion's file holds the joints of a hand, not poses of a palm."""
+    path = Path(source)
+    if path.suffix.lower() in (".json", ".npz"):
+        return True
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return False
+    with open_regular(path) as file:
+        lines = file.read(HEADER_BYTES).decode(errors="replace").splitlines()
+    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    return not first.replace(" ", "").startswith(POSE_HEADERS)
+
+
+def load_motion(source: str, thing: Solid, options: dict[str, Any], watch: Watch = unwatched) -> HandMotion:
+    """A motion from a file of poses, or a synthetic exploration of the object; options of None take their defaults.
+
+    watch: hears how far the exploration is.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    if source == EXPLORATION:
+        try:
+            progress = partial(watch, "exploration")
+            return exploration(thing.bounds, **{**EXPLORATION_DEFAULTS, **given}, progress=progress)
+        except MotionError as error:
+            raise StrategyError(f"{EXPLORATION}: {error}") from error
+    if given:
+        raise StrategyError(f"--{next(iter(given))} is for a synthetic exploration, but the motion is {source}")
+    if Path(source).is_file() and Path(source).suffix.lower() not in (".csv", ".h5", ".hdf5"):
+        raise StrategyError(
+            f"{source}: a motion is .csv, .h5 or .hdf5, a recording of a hand .json, .csv or .npz, or {EXPLORATION}"
+        )
+    return HandMotion.load(source)
+
+
+def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecording | None = None) -> Hand:
+    """A hand by the table above; with a recording that is `held`, those that have joints are posed by it."""
+    if kind == "palm":
+        return Palm() if palm is None else Palm(*palm)
+    if palm is not None:
+        raise StrategyError(f"--palm is the size of --hand palm, which {kind} is not")
+    if kind == "planes":
+        if recording is None:
+            return flat_hand()
+        return PlaneHand.from_joints(recording.joints_in_hand(), recording.radii(), is_left=recording.is_left)
+    if kind == "skin":
+        return own_skin(recording)
+    if is_volume(kind) or Path(kind).suffix == ".json":
+        return MeshHand.from_solid(load_hand_solid(kind), SOLID_HAND_STEP)
+    if not Path(kind).is_file():
+        raise StrategyError(f"hand must be palm, planes, skin, or a file, and there is no file {kind!r}")
+    return MeshHand.load(kind)
+
+
+def load_hand_solid(source: str) -> Solid:
+    """A hand given as voxels or an expression, in the hand's frame."""
+    return VoxelObject.load(source, hand=True) if is_volume(source) else ImplicitObject.load(source, hand=True)
+
+
+def own_skin(recording: HandRecording | None = None) -> MeshHand:
+    """palpate's own hand: flat, or of the breadth and in the poses of a recording."""
+    if recording is None:
+        shape = hand_shape()
+        return MeshHand(shape.vertices, shape.faces, glabrous=shape.glabrous, name="skin")
+    shape = hand_shape(breadth=recording.breadth, is_left=recording.is_left)
+    vertices = posed_vertices(shape, recording.joints_in_hand(), recording.radii())
+    return MeshHand(vertices, shape.faces, glabrous=shape.glabrous, name="skin")
+
+
+def load_hand_and_motion(
+    kind: str,
+    palm: tuple[float, float] | None,
+    source: str,
+    thing: Solid,
+    *,
+    exploration_options: dict[str, Any],
+    side: str | None = None,
+    alignment: Path | None = None,
+    watch: Watch = unwatched,
+) -> tuple[Hand, HandMotion]:
+    """A hand and its motion, of poses or of a recording.
+
+    exploration_options: duration, rate, seed; a rate resamples a recording. side, alignment: of a recording.
+    watch: hears how far a synthetic exploration is.
+    """
+    if not is_recording(source):
+        refuse_options({"side": side, "alignment": alignment}, "of a recording of a hand", source)
+        return load_hand(kind, palm), load_motion(source, thing, exploration_options, watch)
+    rate = exploration_options["rate"]
+    refuse_options({k: v for k, v in exploration_options.items() if k != "rate"}, "of a synthetic exploration", source)
+    recording = load_recording(source, hand=side, alignment=alignment)
+    if kind in ("planes", "skin"):
+        recording = recording.held(whole=kind == "skin")
+    if rate is not None:
+        recording = recording.resampled(rate)
+    return load_hand(kind, palm, recording), recording.motion()

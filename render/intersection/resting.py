@@ -1,0 +1,48 @@
+"""What counts as on a patch's plane and sides: a strategy's `flush`, or float32's spacing at the pose."""
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import warp as wp
+
+from ...kernels.flush import FLUSH_RATE, settle_patches
+from ..hands.hand import PatchHand
+from ..objects.solid import Solid
+from ..strategies.intersection_strategy import IntersectionStrategy
+
+_REACH: WeakKeyDictionary[Solid, float] = WeakKeyDictionary()  # of objects that are in use
+
+
+def farthest_of(moved: np.ndarray | None) -> float:
+    """Largest coordinate of the poses of an object that moves [m], shape [pose, 7]; 0 for one that stands still."""
+    return 0.0 if moved is None or not len(moved) else float(np.abs(moved[:, :3]).max())
+
+
+def reach_of(thing: Solid) -> float:
+    """Largest coordinate of an object [m], looked for once; 0 for one without bounds."""
+    if thing not in _REACH:
+        reach = float(np.abs(thing.bounds).max())
+        _REACH[thing] = reach if np.isfinite(reach) else 0.0
+    return _REACH[thing]
+
+
+def patches_for(
+    hand: PatchHand,
+    thing: Solid,
+    strategy: IntersectionStrategy,
+    device: str,
+    *,
+    farthest: float = 0.0,
+    relative: bool = False,
+) -> wp.array:
+    """A hand's patches on a device, which know what counts as on them, dtype Patch, shape [patch].
+
+    A strategy without `flush` gets FLUSH_RATE times the largest coordinate of the object and the patch, and of the
+    object's own poses on top where it moves: those are rounded, too. farthest: see `farthest_of`; relative: whether
+    points are written relative to their patch.
+    """
+    patch = hand.on(device)
+    if strategy.flush is not None:
+        return settle_patches(patch, flush=strategy.flush, relative=relative)
+    least = FLUSH_RATE * (reach_of(thing) + farthest)
+    return settle_patches(patch, flush=least, flush_rate=FLUSH_RATE, relative=relative)

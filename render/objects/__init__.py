@@ -1,0 +1,1 @@
+"""What can be touched: solids, at rest or moving; their surfaces and their level of detail."""

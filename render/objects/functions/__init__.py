@@ -1,0 +1,1 @@
+"""Functions of position as solids: expression trees and a user's Warp function."""

@@ -1,0 +1,94 @@
+"""Expressions as JSON.
+
+Every node is an object whose "op" names what it is; the other fields are those of its class in `expression`, operators
+have their operands in "of". A file holds one node.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+from ....datasets.bounded_file import FileBoundError, parse_json, read_text
+from ...errors import ImplicitError
+from ...validation import told
+from .expression import (
+    DEEPEST,
+    Box,
+    Capsule,
+    Cylinder,
+    Difference,
+    Expression,
+    HalfSpace,
+    Intersection,
+    Offset,
+    SmoothUnion,
+    Sphere,
+    Torus,
+    Transform,
+    Union,
+)
+
+PRIMITIVES = (Sphere, Box, Cylinder, Torus, Capsule, HalfSpace)
+OPERATORS = (Union, Intersection, Difference, SmoothUnion, Offset, Transform)
+KINDS = {kind.op: kind for kind in (*PRIMITIVES, *OPERATORS)}
+
+
+def expression_from(described: Any, depth: int = 0) -> Expression:
+    """The expression that `Expression.described` tells of.
+
+    Raises ImplicitError for an unknown operator or field, a missing one, a value out of range, and a tree too deep.
+    """
+    if depth > DEEPEST:
+        raise ImplicitError(f"expression: more than {DEEPEST} operators above one another")
+    if not isinstance(described, Mapping):
+        raise ImplicitError(f'expression: a node must be a JSON object with an "op", not {told(described)}')
+    op = described.get("op")
+    kind = KINDS.get(op) if isinstance(op, str) else None
+    if kind is None:
+        raise ImplicitError(f"expression: unknown op {told(op)}; known: {', '.join(KINDS)}")
+    known = {field.name: field for field in fields(kind)}
+    unknown = sorted(str(name) for name in set(described) - set(known) - {"op"})
+    if unknown:
+        raise ImplicitError(f"{op}: unknown field {unknown[0]!r:.60}; known: {', '.join(known)}")
+    missing = [name for name, field in known.items() if name not in described and field.default is MISSING]
+    if missing:
+        raise ImplicitError(f"{op}: {missing[0]} is missing; it has {', '.join(known)}")
+    values = {name: described[name] for name in known if name in described}
+    if "of" in values:
+        if not isinstance(values["of"], list | tuple):
+            raise ImplicitError(f"{op}: of must be a list of expressions, not {told(values['of'])}")
+        values["of"] = tuple(expression_from(part, depth + 1) for part in values["of"])
+    return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+
+
+def expression_from_json(text: str) -> Expression:
+    """Read an expression's JSON.
+
+    Raises ImplicitError for what is no JSON or no expression.
+    """
+    try:
+        described = parse_json(text)
+    except (ValueError, FileBoundError) as error:  # no JSON, nested too deeply, too large
+        raise ImplicitError(f"expression: not JSON ({error})") from error
+    return expression_from(described)
+
+
+def expression_to_json(expression: Expression) -> str:
+    """An expression as one line of JSON, which `expression_from_json` reads back to the same tree."""
+    return json.dumps(expression.described())
+
+
+def load_expression(path: str | Path) -> Expression:
+    """Read a file's expression.
+
+    Raises ImplicitError, which names the file, for one that is missing or no expression.
+    """
+    path = Path(path)
+    try:
+        return expression_from_json(read_text(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ImplicitError(f"{path}: cannot be read ({error})") from error
+    except ImplicitError as error:
+        raise ImplicitError(f"{path}: {error}") from error

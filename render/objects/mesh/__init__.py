@@ -1,0 +1,1 @@
+"""Meshes as solids: files, repair step by step, report, cache."""

@@ -1,0 +1,72 @@
+"""What is in a mesh file, what loading did to it, and what could be done: `palpate info MESH`."""
+
+import warnings
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....datasets.shapes.built_in import shape_names
+from ...errors import PalpateWarning
+from ...runtime.loading_progress import Watch, unwatched
+from .files import SUFFIXES
+from .solid_mesh import SIZE_LARGEST, MeshObject, Placement
+
+ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth away
+
+
+def is_mesh_name(source: str) -> bool:
+    """Whether a file's name, or a built-in one, is that of a mesh."""
+    return source in shape_names() or Path(source).suffix.lower() in SUFFIXES
+
+
+def mesh_facts(source: str, options: dict[str, Any], watch: Watch = unwatched) -> dict[str, Any]:
+    """The mesh in numbers, and in sentences what was changed, what is left, and what could be done.
+
+    options: `scale` and those of `MeshObject.load`; None among them is an option not given. Raises MeshError.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    placement = Placement(scale=given.pop("scale", 1.0))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PalpateWarning)
+        thing = MeshObject.load(source, placement=placement, watch=watch, **given)
+    report = thing.report
+    told = "; ".join(report.changes() + report.faults(placement.scale))  # the table has it row by row
+    texts = [str(warning.message).removeprefix(f"{thing.name}: ") for warning in caught]
+    numbers = asdict(report)
+    for name in ("rim_longest", "fill_closes", "weld_closes"):
+        numbers[name] *= placement.scale
+    return {
+        "size": np.ptp(thing.bounds, axis=0).tolist(),
+        "triangles_kept": len(thing.faces),
+        "vertices_kept": len(thing.vertices),
+        "solid": thing.solid,
+        **numbers,
+        "closed_contours": closed_contours(thing),
+        "changed": "; ".join(report.changes()) or "nothing",
+        "left": "; ".join(report.faults(placement.scale)) or "nothing",
+        "warned": "; ".join(text for text in texts if text != told),
+        "could_be_done": "; ".join(ways_out(thing, placement.scale)) or "nothing needed",
+    }
+
+
+def closed_contours(thing: MeshObject) -> str:
+    """Whether CC can be had of a mesh."""
+    if not thing.report.closed:
+        return "refused: inside and outside are not defined"
+    return "exact" if thing.is_simple else "regularised pose by pose"
+
+
+def ways_out(thing: MeshObject, scale: float) -> list[str]:
+    """What a user could do about what is left, one phrase each; scale: metres of the object as placed a unit."""
+    report, out = thing.report, []
+    if scale == 1.0 and np.ptp(thing.bounds, axis=0).max() > SIZE_LARGEST:
+        out.append("--scale 0.001 takes the file as one in millimetres")
+    if report.weld_closes:
+        out.append(f"--weld {ROOM * scale * report.weld_closes:.2g} merges vertices until no edge is open")
+    if report.fill_closes:
+        out.append(f"--fill-holes {ROOM * scale * report.fill_closes:.2g} closes every hole")
+    if not report.closed:
+        out.append(f"palpate voxelise {thing.name} makes a closed solid of it")
+    return out

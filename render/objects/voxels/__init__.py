@@ -1,0 +1,1 @@
+"""Voxel volumes as solids: files, values, places, and volumes made of meshes."""

@@ -1,0 +1,1 @@
+"""Focal points -> drives -> frames -> arrays."""

@@ -1,0 +1,272 @@
+"""Play a contour file, or focal points: contours -> focal points -> drives -> frames -> the player."""
+
+from __future__ import annotations  # array("B") takes no index at run time
+
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from ...datasets.contour_file.reader import ContourFile
+from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, frame_format
+from ...datasets.focus_files.ptlist import read_ptlist
+from ...device.array import SONICSURFACE_BAUD, array_model
+from ...device.boards.autd3.link import open_autd3
+from ...device.boards.pat16.board_file import CalibrationError
+from ...device.clock import Clock, MonotonicClock, VirtualClock
+from ...device.discovery import open_link
+from ...device.emulation.emulated_backend import EmulatedBus, emulated_backend
+from ...device.emulation.serial_bus import EmulatedPorts
+from ...device.link import Link
+from ...device.playing.ensemble import play_together
+from ...device.playing.limits import Limits
+from ...device.playing.watchdog import Watchdog, is_watchable
+from ...device.report import LiveStatistics, PlayReport
+from ...device.transports.pyusb import Backend
+from ...device.transports.serial_line import SerialPorts
+from ...device.transports.transport import TransportKind
+from ...kernels.driving.solve import POINTS_MOST
+from ..errors import StrategyError
+from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy
+from ..validation import require_choice
+from .drive import Driver, DriveStrategy
+from .focus_source import ContourSource, FocusSource, KeptSource, PointSource, frame_count, require_duration
+from .frame_source import FrameSource
+from .placed_arrays import PlacedArray
+
+CLOCKS: dict[str, Callable[[], Clock]] = {"monotonic": MonotonicClock, "virtual": VirtualClock}
+
+
+@dataclass(frozen=True)
+class Playback:
+    """What playing a file came to."""
+
+    reports: tuple[PlayReport, ...]
+    """The player's report on each array."""
+    sampling: SamplingStrategy | None
+    """None for focal points that were read from a file."""
+    count: SamplingCount | None
+    """Of the first time, if it was played several times."""
+    refused: int
+    """Focal points of the first time that no array can reach, or that were none: silenced."""
+    switched: int
+    """Frames of the first time whose amplitude an array that can only switch played as 0 or 1."""
+    drive: DriveStrategy
+    repeats: int = 1
+    """How often the file was to be played."""
+
+    @property
+    def played(self) -> PlayReport:
+        """The player's report on the first array."""
+        return self.reports[0]
+
+    def as_dict(self) -> dict:
+        """Everything, for JSON: the player's report, the sampler's counts, the strategies."""
+        values = {**self.played.as_dict(), "repeats": self.repeats, "refused": self.refused, "switched": self.switched}
+        if len(self.reports) > 1:
+            values["arrays"] = [report.as_dict() for report in self.reports]
+        if self.sampling is not None and self.count is not None:
+            count, strategy = self.count, self.sampling
+            values |= {
+                "jumps": sum(count.jumps.values()),
+                "jumps_by_cause": count.jumps,
+                "jump_length": count.jump_length,
+                "jump_threshold": strategy.jump_threshold,
+                "hops": sum(count.hops.values()),
+                "hops_by_cause": count.hops,
+                "hop_speed_max": count.hop_longest * strategy.update_rate,
+                "hop_speed_max_by_cause": {
+                    cause: length * strategy.update_rate for cause, length in count.hops_longest.items()
+                },
+                "step_longest": count.step_longest,
+                "absence_max": count.absence_max,
+                "samples": count.samples,
+                "silent": count.silent,
+                "held": count.held,
+                "draw_frequency_nominal": count.draw_frequency(strategy.update_rate),
+                "revisit_rate": count.revisit_rate,
+                "sampling": strategy.described(),
+            }
+        return values | {"drive": asdict(self.drive)}
+
+
+@dataclass(frozen=True)
+class Connection:
+    """How the arrays of a playback are reached.
+
+    The emulated array is emulated always, a real one only if asked for. `backend` is pyusb's for tests; `clock` is
+    that of emulated arrays, "monotonic" or "virtual" (as fast as it goes).
+    """
+
+    emulate: bool = False
+    clock: str = "monotonic"
+    backend: Backend | SerialPorts | None = None
+    transport: TransportKind = "auto"
+    uncalibrated: bool = False
+    """Play on a real pat16 without its board file."""
+    watchdog: bool = False
+    """A process beside this one switches the array off if this one is killed."""
+
+    def __post_init__(self) -> None:
+        """Refuse a clock or a transport that there is not."""
+        require_choice("clock", self.clock, tuple(CLOCKS))
+        require_choice("transport", self.transport, get_args(TransportKind))
+
+    def open(self, placed: PlacedArray) -> Link:
+        """The link to one array."""
+        model = placed.model
+        emulated = self.backend is None and (model.embedded or self.emulate)
+        if self.watchdog and (emulated or not is_watchable(model)):
+            raise StrategyError(
+                f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated "
+                "here or on a network"
+            )
+        if emulated and model.name == "autd3":
+            return open_autd3(model, emulated=True)
+        backend = emulated_bus(placed, CLOCKS[self.clock]()) if emulated else self.backend
+        try:
+            return open_link(
+                model,
+                serial=placed.serial,
+                backend=backend,
+                transport=self.transport,
+                uncalibrated=self.uncalibrated or emulated,
+            )
+        except CalibrationError as error:
+            ways = "" if model.calibrated else " (--calibration BOARD.pat, --emulate or --uncalibrated)"
+            raise StrategyError(f"{error}{ways}") from error
+
+    @contextmanager
+    def all_of(self, arrays: Sequence[PlacedArray]) -> Iterator[list[Link]]:
+        """Links to all arrays, closed in the end."""
+        with ExitStack() as stack:
+            links = []
+            for placed in arrays:
+                link = self.open(placed)
+                stack.callback(link.close)
+                if self.watchdog:
+                    stack.enter_context(Watchdog(link))
+                links.append(link)
+            yield links
+
+
+def emulated_bus(placed: PlacedArray, clock: Clock) -> EmulatedBus | EmulatedPorts:
+    """A bus with a model of one board, of the serial number and the UART's rate that are asked for."""
+    model = placed.model
+    serial = placed.serial or model.serial
+    serials = None if serial is None else (serial,)
+    if model.name == "sonicsurface" and model.baud not in (None, SONICSURFACE_BAUD):
+        return emulated_backend("sonicsurface", clock=clock, serials=serials, baud=model.baud)
+    return emulated_backend(model.name, clock=clock, serials=serials)
+
+
+def play_file(
+    path: str | Path,
+    *,
+    array: str | Sequence[PlacedArray] = "emulator",
+    sampling: SamplingStrategy | None = None,
+    drive: DriveStrategy | None = None,
+    duration: float | None = None,
+    repeats: int = 1,
+    limits: Limits | None = None,
+    connection: Connection | None = None,
+    device: str = "cpu",
+    watch: Callable[[LiveStatistics, int], object] | None = None,
+) -> Playback:
+    """Play a contour file, or focal points: a .PTLIST, or what a sweep keeps; the arrays are off in the end.
+
+    Args:
+        path: the file.
+        array: name of an array, or several arrays with where they stand (`load_rig`).
+        sampling: how contours become focal points; its update rate is that of the playback. Focal points have
+            their own.
+        drive: how focal points become drives.
+        duration: how long [s]; a motion ends by itself, a static pose does not.
+        repeats: how often, one after the other; 64 MB of frames are kept for that, a longer file is read again.
+        limits: of on-time and duty; None takes the defaults.
+        connection: how the arrays are reached.
+        device: Warp's device for solvers of several focal points.
+        watch: called now and then with live statistics (of the first array) and the frames in all.
+
+    Raises:
+        ContourFileError, PoseError, StrategyError, DeviceError: before anything is sent.
+        ContourFileError: the file was cut off or changed while it played; the array is off.
+        DeviceError (with `report`), PlayInterrupted: while playing.
+    """
+    arrays = (PlacedArray(array_model(array)),) if isinstance(array, str) else tuple(array)
+    if repeats < 1:
+        raise StrategyError(f"repeats must be at least 1, not {repeats}")
+    with ExitStack() as stack:
+        source, sampler, update_rate, file = stack.enter_context(opened(Path(path), sampling, duration, arrays))
+        for placed in arrays:
+            placed.model.divider(update_rate)
+        driver = Driver([placed.model for placed in arrays], drive, update_rate=update_rate, device=device)
+        frames = FrameSource(source, driver, repeats=repeats, sampler=sampler)
+        links = stack.enter_context((connection or Connection()).all_of(arrays))
+        reports = play_together(
+            links,
+            frames if file is None else unchanged(frames, file),
+            update_rate=update_rate,
+            limits=limits,
+            watch=None if watch is None else lambda live: watch(live, frames.frame_count),
+        )
+        return Playback(
+            tuple(reports),
+            None if sampler is None else sampler.strategy,
+            frames.counted if sampler is None or frames.counted is not None else sampler.count,
+            frames.refused,
+            frames.switched,
+            driver.strategy,
+            repeats,
+        )
+
+
+@contextmanager
+def opened(
+    path: Path, sampling: SamplingStrategy | None, duration: float | None, arrays: Sequence[PlacedArray]
+) -> Iterator[tuple[FocusSource, Sampler | None, float, ContourFile | FrameReader | None]]:
+    """A file's focal points, what samples them, and their update rate [Hz], by default the first array's own.
+
+    Last the file that is read while they are played; None for one that was read whole.
+    """
+    if path.suffix.lower() == ".ptlist":
+        if sampling is not None:
+            raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
+        points = read_ptlist(path)
+        focus = FocalPoints(points.position, points.intensity * np.float32(points.intensity_peak))
+        require_duration(duration)
+        stop = None if duration is None else frame_count(duration, points.update_rate, path)
+        yield PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop])), None, points.update_rate, None
+        return
+    if frame_format(path) == FOCAL_POINTS:
+        if sampling is not None:
+            raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
+        with FrameReader(path) as kept:
+            _require_solvable(kept.foci)
+            yield KeptSource(kept, duration), None, kept.update_rate, kept
+        return
+    model = arrays[0].model
+    if sampling is None:
+        sampling = SamplingStrategy(update_rate=model.update_rate(model.divider_default))
+    _require_solvable(sampling.foci)
+    sampler = Sampler(sampling)
+    with ContourFile(path) as file:
+        if not file.sealed:
+            raise StrategyError(f"{path}: is not finished and cannot be played; palpate render --resume finishes it")
+        yield ContourSource(file, sampler, duration), sampler, sampling.update_rate, file
+
+
+def unchanged(frames: FrameSource, file: ContourFile | FrameReader) -> Iterator[tuple[array[int], ...]]:
+    """Blocks of frames, each looked at after it was read: a file that was cut off or changed ends them by an error."""
+    for block in frames:
+        file.require_unchanged()
+        yield block
+
+
+def _require_solvable(foci: int) -> None:
+    if foci > POINTS_MOST:
+        raise StrategyError(f"foci must be at most {POINTS_MOST} to be solved for an array, not {foci}")

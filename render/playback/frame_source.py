@@ -1,0 +1,88 @@
+"""Focal points -> drives -> wire bytes of each array, block by block, made as they are taken."""
+
+from __future__ import annotations  # array("B") takes no index at run time
+
+from array import array
+from collections.abc import Iterator
+from copy import deepcopy
+from typing import NamedTuple
+
+from ...device.codec import encode_frames, switched_count
+from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount
+from .drive import Driver
+from .focus_source import FocusSource
+
+KEPT_BYTES_MOST = 1 << 26  # of frames that are kept for the next time round
+
+
+class Encoded(NamedTuple):
+    """Frames of a block of focal points."""
+
+    block: tuple[array[int], ...]
+    """For each array."""
+    refused: int
+    switched: int
+
+
+class FrameSource:
+    """Wire bytes for all arrays of a driver; a block of them is as long as the focal points' block.
+
+    Focal points that are the same object as before are encoded once, and bytes that are played again come as the same
+    array("B"), as long as frames do not depend on those before them and all of it is not more than KEPT_BYTES_MOST.
+    """
+
+    def __init__(
+        self, source: FocusSource, driver: Driver, *, repeats: int = 1, sampler: Sampler | None = None
+    ) -> None:
+        self.frame_count = source.frame_count * repeats
+        self.refused = 0
+        """Focal points, the first time round, that no array could reach, or that were none: silenced."""
+        self.switched = 0
+        """Frames, the first time round, whose amplitude an array that can only switch played as 0 or 1."""
+        self.counted: SamplingCount | None = None
+        """What `sampler` had counted after the first time round; None before."""
+        self._sampler = sampler
+        self._source, self._driver, self._repeats = source, driver, repeats
+        self._last: tuple[FocalPoints, Encoded] | None = None
+        self._kept: list[Encoded] | None = None
+
+    def __iter__(self) -> Iterator[tuple[array[int], ...]]:
+        """Blocks of frames, one array("B") for each array."""
+        frame_bytes = sum(model.frame_bytes for model in self._driver.arrays)
+        fits = self._source.frame_count * frame_bytes <= KEPT_BYTES_MOST
+        keeping = self._repeats > 1 and fits
+        blocks: list[Encoded] = []
+        for time in range(self._repeats):
+            if self._kept is not None:
+                for encoded in self._kept:
+                    yield encoded.block
+                continue
+            for focus in self._source:
+                encoded = self._encoded(focus)
+                keeping = keeping and self._is_memoryless(focus)
+                if keeping:
+                    blocks.append(encoded)
+                if time == 0:
+                    self.refused += encoded.refused
+                    self.switched += encoded.switched
+                yield encoded.block
+            self._kept = blocks if keeping else None
+            if time == 0 and self._sampler is not None:
+                self.counted = deepcopy(self._sampler.count)
+
+    def _encoded(self, focus: FocalPoints) -> Encoded:
+        if self._last is not None and self._last[0] is focus and self._is_memoryless(focus):
+            return self._last[1]
+        drives = self._driver.drive(focus)
+        block = tuple(
+            array("B", encode_frames(part.delay, part.amplitude, array=model).tobytes())
+            for model, part in zip(self._driver.arrays, self._driver.split(drives), strict=True)
+        )
+        switched = sum(switched_count(drives.amplitude, array=model) for model in self._driver.arrays)
+        encoded = Encoded(block, drives.refused, switched)
+        self._last = focus, encoded
+        return encoded
+
+    def _is_memoryless(self, focus: FocalPoints) -> bool:
+        """Whether frames depend on their focal points alone: no slew limit, no gauge."""
+        return self._driver.strategy.slew is None and focus.position.ndim == 2

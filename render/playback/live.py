@@ -1,0 +1,208 @@
+"""One pose to focal points, again and again, on the CPU: contours and focal points of a hand that moves now.
+
+The kernels are those of `render`, and so are the bits; what is saved is everything around them (`kernels.single`).
+"""
+
+import math
+
+import numpy as np
+import warp as wp
+
+from ...datasets.errors import MotionError
+from ...datasets.motions.hand_motion import PALM_DOWN
+from ...kernels.section.piece_search import method_for
+from ...kernels.section.single_pose import CPU, Room, RoomSize
+from ..contour_batch import ContourBatch
+from ..coordinate_spacing import warn_of_spacing
+from ..errors import PoseError, StrategyError
+from ..hands.hand import Hand, PatchHand
+from ..intersection.batch_rendering import check_poses
+from ..intersection.mesh_section import intersect, needs_regularising
+from ..intersection.resting import patches_for
+from ..intersection.scene import Scene
+from ..objects.mesh.solid_mesh import MeshObject
+from ..objects.solid import Solid
+from ..sampling.contour_sampling import FocalPoints, Path, Sampler, SamplingStrategy, joined, paths_of
+from ..strategies.intersection_strategy import IntersectionStrategy
+
+POSE_INTERVAL = 1 / 90  # [s]; a headset's hand tracking
+INTERVAL_RANGE = (1e-4, 5.0)  # [s]
+FAR = 1e30  # [m]; float32 ends beyond
+DRAWN_MOST = 10.0  # [s] in one go: 400,000 samples at 40 kHz
+DRAWN_AT_ONCE = 1024  # samples, as `sample_contours` does
+NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_poses`, however it rounds
+
+
+class PoseContours:
+    """Contours of one pose at a time: those of `render`, bit for bit.
+
+    thing, hand, strategy: as in `render`; the hand must be rigid. method: how contours are looked for, see
+    `find_pieces`. Sections of a mesh by planes take well under a millisecond: memory is taken when made, and anew,
+    twice as much, when a pose needs more. Anything else, meshes that cross themselves too, is rendered as `render`
+    does, in milliseconds. Not for two threads at once. Raises MeshError where the strategy needs a closed surface and
+    the object has none, StrategyError for an articulated hand, ValueError for a method that does not exist or not for
+    this object.
+    """
+
+    def __init__(
+        self,
+        thing: Solid,
+        hand: Hand,
+        strategy: IntersectionStrategy,
+        *,
+        method: str | None = None,
+        size: RoomSize | None = None,
+    ) -> None:
+        if hand.pose_count is not None:
+            raise StrategyError(
+                f"the hand has {hand.pose_count} poses of its own: one pose at a time takes a rigid one"
+            )
+        scene = Scene.of(thing, hand, strategy)
+        warn_of_spacing(thing.name, thing.bounds)
+        middle = np.array([*thing.bounds.mean(axis=0), *PALM_DOWN], np.float32)
+        self.grown = 0
+        """How often memory was taken anew."""
+        self._scene: Scene | None = scene
+        if not (
+            isinstance(thing, MeshObject) and isinstance(hand, PatchHand) and scene.is_raw and scene.exact
+        ) or needs_regularising(thing):
+            self.at(middle)
+            return
+        self._scene = None
+        pose = wp.array(hand.section_poses(middle[None]), dtype=wp.transform, device=CPU)
+        intersect(thing, hand, pose, strategy, method=method)  # refuses what cannot be done
+        surface, patch = thing.on(CPU), patches_for(hand, thing, strategy, CPU)
+        self._made_of = surface, patch
+        self._stages = {
+            "outside": "outside" in strategy.prune,
+            "close": "close" in strategy.transform,
+            "method": method or method_for(surface, wp.get_device(CPU)),
+        }
+        self._room = Room(*self._made_of, **self._stages, size=size or RoomSize())
+        self.at(middle)
+        self._room.warm()
+
+    def at(self, pose: np.ndarray) -> ContourBatch:
+        """Contours of a pose, on the host, in memory that the next call writes over: copy what shall last.
+
+        pose: x y z [m] and unit quaternion xyzw, float32, shape [7], as `check_poses` leaves it.
+        """
+        if self._scene is not None:
+            return self._scene.contours(pose[None], 0, CPU)[0].numpy()
+        while (needed := self._room.fill(pose)) is not None:
+            self._room = Room(*self._made_of, **self._stages, size=self._room.size.doubled_for(needed))
+            self.grown += 1
+        return ContourBatch(**self._room.contours())
+
+
+class Instant:
+    """Focal points of a hand that moves now: a pose comes, the focal points until the next one go.
+
+    Sample k is shown at k / update rate after the first pose, as in `sample_contours`: the same poses give the same
+    focal points, to the bit, if each is drawn until the time of the next. No sample is left out or comes twice,
+    whenever poses come: what was not drawn before a pose is drawn from the one before it.
+
+    thing, hand, strategy: as in `render`. sampling: how contours are drawn, by default at constant speed.
+    interval: expected between poses [s]; a pose is held for twice that if `sampling.hold` is shorter.
+    Not for two threads at once. Raises MeshError where the strategy needs a closed surface and the object has none,
+    StrategyError for an interval out of its range.
+    """
+
+    def __init__(
+        self,
+        thing: Solid,
+        hand: Hand,
+        strategy: IntersectionStrategy,
+        sampling: SamplingStrategy | None = None,
+        *,
+        interval: float = POSE_INTERVAL,
+    ) -> None:
+        low, high = INTERVAL_RANGE
+        if not low <= interval <= high:  # a NaN compares false
+            raise StrategyError(f"interval must lie in {low:g}..{high:g} s, not {interval}")
+        sampling = sampling or SamplingStrategy()
+        self.interval = interval
+        self.sampler = Sampler(sampling)
+        """Its `count` tells what has been drawn."""
+        self.contours: ContourBatch | None = None
+        """Of the last pose, on the host, in memory that the next pose writes over: copy what shall last."""
+        self._intersection = PoseContours(thing, hand, strategy)
+        self._rate = sampling.update_rate
+        self._hold = max(sampling.hold, 2.0 * interval)
+        self._began = 0.0  # when the first pose came [s]
+        self._came = 0.0  # when the last one did, from there on [s]
+        self._pose = np.zeros(7)
+        self._path: Path | None = None
+        self._drawn = 0  # samples so far
+
+    @property
+    def grown(self) -> int:
+        """How often memory was taken anew, because a pose needed more."""
+        return self._intersection.grown
+
+    def draw(self, pose: np.ndarray, time: float, *, until: float | None = None) -> FocalPoints:
+        """Take a pose; returns the focal points from the last one drawn to `until`.
+
+        pose: x y z [m] and quaternion xyzw, hand frame -> array frame, shape [7]. time: when the hand was there [s],
+        on any clock, after the pose before. until: when the next pose is expected [s], by default time + interval.
+        Raises PoseError or MotionError for a pose that `render` refuses, a time that is not after the last pose's,
+        an `until` before it, or more than DRAWN_MOST in one go; then nothing has changed.
+        """
+        row = checked_pose(pose)
+        until = time + self.interval if until is None else until
+        first = self.contours is None
+        began = time if first else self._began
+        if not (first or time - began > self._came):
+            raise MotionError(f"time {time!r} s is not after {began + self._came!r} s of the pose before")
+        if until < time:
+            raise MotionError(f"until {until!r} s is before {time!r} s of its pose")
+        before, stop = self._samples_until(time, began), self._samples_until(until, began)
+        late = self._samples(before) if before > self._drawn and not first else []
+        self.contours = self._intersection.at(row)
+        self._began, self._came, self._pose = began, time - began, row.astype(np.float64)
+        self._path = next(paths_of(self.contours))
+        return joined([*late, *self._samples(stop)])
+
+    def go_on(self, until: float) -> FocalPoints:
+        """More focal points of the last pose, because none has come: it is held, then fades.
+
+        until: [s], on the clock of the poses. Raises MotionError before the first pose, and for more than DRAWN_MOST
+        in one go.
+        """
+        if self.contours is None:
+            raise MotionError("there is no pose yet to go on with")
+        return joined(self._samples(self._samples_until(until, self._began)))
+
+    def _samples_until(self, time: float, began: float) -> int:
+        """Samples shown before a time [s]: see `sample_bounds`."""
+        if not math.isfinite(time):
+            raise MotionError(f"time {time!r} s is not finite")
+        count = math.ceil((time - began) * self._rate - 1e-6)
+        if count - self._drawn > DRAWN_MOST * self._rate:
+            last = began + self._drawn / self._rate
+            raise MotionError(f"time {time!r} s is more than {DRAWN_MOST:g} s after {last!r} s of the last focal point")
+        return count
+
+    def _samples(self, stop: int) -> list[FocalPoints]:
+        """Samples of the last pose up to sample `stop`, in blocks; one at least."""
+        blocks = []
+        while self._drawn < stop or not blocks:
+            count = min(max(stop - self._drawn, 0), DRAWN_AT_ONCE)
+            age = self._drawn / self._rate - self._came
+            blocks.append(self.sampler.draw(self._path, self._pose, count, age=age, hold=self._hold))
+            self._drawn += count
+        return blocks
+
+
+def checked_pose(pose: np.ndarray) -> np.ndarray:
+    """A pose as `check_poses` gives and refuses it, float32, shape [7]."""
+    try:
+        row = np.asarray(pose, np.float64)
+    except (TypeError, ValueError):
+        raise PoseError("a pose must be seven numbers (x y z, qx qy qz qw)") from None
+    if row.shape != (7,):
+        raise PoseError(f"a pose must be seven numbers (x y z, qx qy qz qw), not of shape {row.shape}")
+    x, y, z, a, b, c, w = row.tolist()
+    if abs(x) + abs(y) + abs(z) < FAR and abs(math.sqrt(a * a + b * b + c * c + w * w) - 1.0) < NORM_SURE:
+        return row.astype(np.float32)
+    return check_poses(row[None])[0]

@@ -1,0 +1,69 @@
+"""The arrays of a playback: one by name, or several that stand somewhere, from a JSON file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...datasets.bounded_file import read_json
+from ...device.array import ArrayModel, array_model
+from ..errors import StrategyError
+
+FIELDS = ("array", "serial", "calibration", "baud", "pose")
+
+
+@dataclass(frozen=True)
+class PlacedArray:
+    """One array of a playback."""
+
+    model: ArrayModel
+    """With its calibration, where it stands in the common frame."""
+    serial: str | None = None
+    """Which one; for autd3 its network interface or address. None: the first."""
+
+
+def load_rig(
+    source: str, *, serial: str | None = None, calibration: Path | None = None, baud: int | None = None
+) -> tuple[PlacedArray, ...]:
+    """Arrays by the name of one, or from a JSON file with a list of objects.
+
+    The file's objects have `array` and, where needed, `serial`, `calibration` (a board file, beside the JSON file if
+    its path is relative), `baud`, and `pose`: x y z [m] and quaternion xyzw of the array's frame in the common one.
+    Raises StrategyError for a file that is none, naming field and value; DeviceError for arrays that there are not.
+    """
+    if not source.endswith(".json"):
+        return (PlacedArray(array_model(source, calibration=calibration, baud=baud), serial),)
+    path = Path(source)
+    try:
+        entries = read_json(path)
+    except OSError as error:
+        raise StrategyError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except ValueError as error:
+        raise StrategyError(f"{path}: not JSON ({error})") from error
+    if not isinstance(entries, list) or not entries:
+        raise StrategyError(
+            f"{path}: must be a list of at least one array, not {'empty' if entries == [] else entries!r}"
+        )
+    if serial or calibration or baud:
+        raise StrategyError(f"{path}: names its arrays' serial numbers, board files and baud rates itself")
+    return tuple(_placed(entry, path, index) for index, entry in enumerate(entries))
+
+
+def _placed(entry: object, path: Path, index: int) -> PlacedArray:
+    where = f"{path}: array {index}"
+    if not isinstance(entry, dict):
+        raise StrategyError(f"{where} must be a JSON object, not {type(entry).__name__}")
+    unknown = sorted(set(entry) - set(FIELDS))
+    if unknown:
+        raise StrategyError(f"{where} has an unknown field {unknown[0]!r}; known: {', '.join(FIELDS)}")
+    for name, kind in (("array", str), ("serial", str), ("calibration", str), ("baud", int), ("pose", list)):
+        if not isinstance(entry.get(name), kind) and not (name != "array" and entry.get(name) is None):
+            raise StrategyError(f"{where}: {name} must be a {kind.__name__}, not {entry.get(name)!r}")
+    file = entry.get("calibration")
+    model = array_model(
+        entry["array"], calibration=None if file is None else path.parent / file, baud=entry.get("baud")
+    )
+    if entry.get("pose") is not None:
+        try:
+            model = model.placed(entry["pose"])
+        except (ValueError, TypeError, OverflowError) as error:
+            raise StrategyError(f"{where}: {error}") from error
+    return PlacedArray(model, entry.get("serial"))

@@ -1,0 +1,1 @@
+"""Numbers and pictures of contour files and strategies."""

@@ -1,0 +1,1 @@
+"""Threads, devices, time and Ctrl-C: how work runs; nothing of haptics."""

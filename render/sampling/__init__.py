@@ -1,0 +1,1 @@
+"""Contours over time -> focal points at the update rate."""

@@ -1,0 +1,178 @@
+"""What sampling came to: jumps by cause, draw frequency nominal and in fact, and how evenly the skin is dwelt on."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ...datasets.rigid import rotated
+from ..errors import StrategyError
+
+BORDER = 1e-6  # [m] a point so near to a border of a dwell map lies on it: rounding moves points by far less
+CAUSES = ("polyline", "order", "pose", "re-entry")
+"""Why the focal point jumps: from one polyline to the next; because the order or the number of points a cycle asks for
+it; because a new pose has its contours elsewhere; because contours come back elsewhere after a silence."""
+
+
+class FocalPoints(NamedTuple):
+    """Consecutive focal points at the update rate."""
+
+    position: np.ndarray  # [m], array frame, float32, shape [sample, 3]; with several foci [sample, focus, 3]
+    intensity: np.ndarray  # relative pressure amplitude 0..1, float32, shape [sample] or [sample, focus]
+
+
+@dataclass
+class SamplingCount:
+    """What a sampler has done so far."""
+
+    samples: int = 0
+    silent: int = 0
+    """Samples without contour, of contours of intensity 0, or of a pose missing for too long; a modulated intensity
+    that passes 0 is no silence."""
+    held: int = 0
+    """Samples drawn from a pose older than `hold`."""
+    jumps: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
+    """Steps longer than the threshold, by cause, of all focal points."""
+    jump_lengths: dict[str, float] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0.0))
+    """Sums of their lengths [m]."""
+    step_longest: float = 0.0
+    """Longest step between two samples that are not silent [m]."""
+    hops: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
+    """Steps that are no jumps, but longer than twice the longest that the focal point makes along these contours, by
+    cause, of all focal points."""
+    hops_longest: dict[str, float] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0.0))
+    """Longest of them, by cause [m]."""
+    absence_max: float = 0.0
+    """Longest time that a polyline which was there from pose to pose was not drawn [s]; silence is left out."""
+    drawn: int = 0
+    """Samples drawn from contours, faded or not."""
+    cycles: float = 0.0
+    """Cycles that these were, each by its own contours' number of samples."""
+    revisits: int = 0
+    """Picked places on the skin that had been drawn before (`revisits`)."""
+    revisit_time: float = 0.0
+    """How long picked places had waited, in vain included [s]."""
+
+    @property
+    def jump_length(self) -> float:
+        """Of all jumps together [m]."""
+        return sum(self.jump_lengths.values())
+
+    @property
+    def hop_longest(self) -> float:
+        """Longest hop that can be felt as one [m]: re-entry, which follows a silence, is left out."""
+        return max(length for cause, length in self.hops_longest.items() if cause != "re-entry")
+
+    @property
+    def revisit_rate(self) -> float | None:
+        """How often a place on the skin is drawn in fact [Hz]; None if none was drawn again."""
+        return self.revisits / self.revisit_time if self.revisits else None
+
+    def draw_frequency(self, update_rate: float) -> float | None:
+        """Mean nominal draw frequency while something was drawn [Hz]; None if nothing was."""
+        return self.cycles * update_rate / self.drawn if self.drawn else None
+
+
+@dataclass(frozen=True)
+class DwellMap:
+    """How long focal points were on each cell of the palm's plane."""
+
+    time: np.ndarray
+    """[s], shape [cell across, cell along]."""
+    across: np.ndarray
+    """Edges of the cells along u = X of the hand frame [m], shape [cell across + 1]. A place on an edge is in the cell
+    above it, on the last edge in the last cell."""
+    along: np.ndarray
+    """The same along v = -Z, towards the finger tips [m]."""
+    outside: float
+    """Time beyond the cells [s]."""
+    silent: float
+    """Time without a focal point, or at intensity 0 [s]."""
+
+    @property
+    def area(self) -> float:
+        """Of the cells that were drawn on [m^2]."""
+        cell = float(np.diff(self.across)[0] * np.diff(self.along)[0])
+        return cell * int(np.count_nonzero(self.time))
+
+    @property
+    def mean(self) -> float:
+        """Time per area over the cells that were drawn on [s/m^2]; 0 if there is none."""
+        return float(self.time.sum() / self.area) if self.area else 0.0
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation over mean of the times of the cells that were drawn on; 0 where all are alike."""
+        drawn = self.time[self.time > 0]
+        return float(drawn.std() / drawn.mean()) if len(drawn) else 0.0
+
+
+def dwell_map(
+    blocks: Iterable[FocalPoints],
+    pose: np.ndarray,
+    bounds: np.ndarray,
+    update_rate: float,
+    *,
+    width: float = 0.085,
+    length: float = 0.085,
+    cell: float = 1e-3,
+) -> DwellMap:
+    """Time on the skin per cell of a grid in the hand frame.
+
+    blocks: consecutive focal points from the first sample on. pose: hand frame -> array frame, shape [pose, 7].
+    bounds: first sample of each pose and the end of the last (`sample_bounds`), shape [pose + 1].
+    width, length: of the grid around the palm's middle, its border included [m]. cell: longest side of a cell [m]; they
+    are equal and fill the grid. With several foci each has its share of the time.
+    Raises StrategyError for a grid of no size and for more samples than `bounds` has.
+    """
+    if not (0 < cell <= min(width, length) and np.isfinite(width) and np.isfinite(length)):
+        raise StrategyError(f"cell must lie between 0 and the grid's {width:g} x {length:g} m, not {cell}")
+    across, along = (cell_edges(extent, cell) for extent in (width, length))
+    shape = len(across) - 1, len(along) - 1
+    time, drawn_count, silent = np.zeros(shape), 0.0, 0.0
+    for block, index in poses_of_samples(blocks, bounds):
+        count, foci = len(block.intensity), int(np.prod(block.intensity.shape[1:]))
+        position = block.position.reshape(count, foci, 3).astype(np.float64)
+        at = pose[index].astype(np.float64)[:, None]
+        skin = rotated(at[..., 3:] * np.array([-1.0, -1.0, -1.0, 1.0]), position - at[..., :3])
+        drawn = block.intensity.reshape(count, foci) > 0
+        u, v = cells_of(skin[..., 0][drawn], across), cells_of(-skin[..., 2][drawn], along)
+        inside = (u >= 0) & (v >= 0)
+        flat = u[inside] * shape[1] + v[inside]
+        time += np.bincount(flat, minlength=time.size).reshape(shape) / (foci * update_rate)
+        drawn_count += len(u) / foci
+        silent += (count - len(u) / foci) / update_rate
+    return DwellMap(time, across, along, drawn_count / update_rate - float(time.sum()), silent)
+
+
+def poses_of_samples(blocks: Iterable[FocalPoints], bounds: np.ndarray) -> Iterator[tuple[FocalPoints, np.ndarray]]:
+    """Blocks of consecutive focal points, and the pose that each sample is drawn at.
+
+    bounds: first sample of each pose and the end of the last (`sample_bounds`), shape [pose + 1].
+    Raises StrategyError for more samples than `bounds` has.
+    """
+    first = 0
+    for block in blocks:
+        stop = first + len(block.intensity)
+        if stop > bounds[-1]:
+            raise StrategyError(f"focal points end at sample {stop}, the poses at sample {bounds[-1]}")
+        yield block, np.searchsorted(bounds, np.arange(first, stop), side="right") - 1
+        first = stop
+
+
+def cell_edges(extent: float, cell: float) -> np.ndarray:
+    """Edges of the fewest equal cells, none longer than `cell`, that fill an extent around 0 [m]."""
+    count = math.ceil(extent / cell - 1e-6)
+    return (np.arange(count + 1) / count - 0.5) * extent
+
+
+def cells_of(place: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Number of the cell that each place [m] is in, -1 where it is in none.
+
+    A place within BORDER of an edge is on it; an edge belongs to the cell above it, the last edge to the last cell.
+    """
+    count, extent = len(edges) - 1, edges[-1] - edges[0]
+    cell = np.floor((place - edges[0] + BORDER) * (count / extent)).astype(np.int64)
+    return np.where((place >= edges[0] - BORDER) & (place <= edges[-1] + BORDER), np.minimum(cell, count - 1), -1)

@@ -1,0 +1,81 @@
+"""Sampling strategies by name, with the literature's numbers.
+
+| preset | what is drawn | numbers from |
+|---|---|---|
+| stm | one focal point at 7 m/s, round and round | Frier et al. 2018, 2019; Mulot et al. 2024 |
+| constant-frequency | the same at 70 Hz whatever the length | what 7 m/s gives on a contour of 0.1 m |
+| capped | 14 m/s within 60..200 Hz | MAMMOTH (Maunsbach et al. 2024): 0.35 mm every 25 us |
+| pendulum | open contours there and back: no jump | quieter than a jump by 10 dB in simulation |
+| fast-return | back to the start of an open contour at 14 m/s | quieter than a jump by 9 dB in simulation |
+| dtp | a point modulated at 200 Hz going around at 0.5 Hz, pausing at corners | Hajas et al. 2020; pauses as STP's |
+| stp | 24 sections one after the other at 2 m/s, 0.5 Hz, 80 % of the time at corners | Mulot et al. 2023; 24 is ours |
+| am | one still point modulated at 200 Hz | |
+| lm | one still point that circles at 200 Hz, radius 3 mm | lateral modulation, Takahashi et al.; radius ours |
+| pressure | one still point that circles at 5 Hz, radius 3 mm: felt as pressure | arXiv 2301.11572, with 4 foci |
+| multi-focus | two focal points on the same loop, each at 7 m/s | Shen et al. 2023: weaker than one |
+| am-multi-focus | eight still points along the contours modulated at 200 Hz | Long et al. 2014; the number is ours |
+| step, random | 40 points, every third next, or in a random order | DOLPHIN (Mulot et al. 2021); the numbers are ours |
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+from ..errors import StrategyError
+from ..validation import load_by_name
+from .strategy import (
+    AmplitudeModulation,
+    Dwell,
+    Gap,
+    LateralModulation,
+    Order,
+    Pace,
+    SamplingStrategy,
+    Sections,
+)
+
+SLOW = Pace(kind="frequency", frequency=0.5)
+STILL = Pace(kind="still")
+
+PRESETS: dict[str, Callable[[], SamplingStrategy]] = {
+    "stm": SamplingStrategy,
+    "constant-frequency": lambda: SamplingStrategy(pace=Pace(kind="frequency", frequency=70.0)),
+    "capped": lambda: SamplingStrategy(speed=14.0, pace=Pace(kind="capped", lowest=60.0, highest=200.0)),
+    "pendulum": lambda: SamplingStrategy(gap=Gap(kind="pendulum")),
+    "fast-return": lambda: SamplingStrategy(gap=Gap(kind="return", speed=14.0)),
+    "dtp": lambda: SamplingStrategy(pace=SLOW, dwell=Dwell(share=0.8), am=AmplitudeModulation()),
+    "stp": lambda: SamplingStrategy(speed=2.0, pace=SLOW, dwell=Dwell(share=0.8), sections=Sections()),
+    "am": lambda: SamplingStrategy(pace=STILL, am=AmplitudeModulation()),
+    "lm": lambda: SamplingStrategy(pace=STILL, lm=LateralModulation()),
+    "pressure": lambda: SamplingStrategy(pace=STILL, lm=LateralModulation(frequency=5.0)),
+    "multi-focus": lambda: SamplingStrategy(foci=2),
+    "am-multi-focus": lambda: SamplingStrategy(pace=STILL, am=AmplitudeModulation(), foci=8),
+    "step": lambda: SamplingStrategy(pace=Pace(points=40), order=Order(kind="step", step=3)),
+    "random": lambda: SamplingStrategy(pace=Pace(points=40), order=Order(kind="random")),
+}
+
+
+def preset(name: str, **changes: object) -> SamplingStrategy:
+    """A sampling strategy by name, with other fields changed, such as `update_rate`.
+
+    Raises StrategyError for an unknown name and for changes that are no strategy.
+    """
+    if name not in PRESETS:
+        raise StrategyError(f"unknown sampling preset {name!r}; known: {', '.join(PRESETS)}")
+    try:
+        return replace(PRESETS[name](), **changes)
+    except TypeError as error:
+        known = ", ".join(SamplingStrategy.__dataclass_fields__)
+        raise StrategyError(f"sampling has no field {sorted(changes)[0]!r}; known: {known}") from error
+
+
+def load_sampling(source: str) -> SamplingStrategy:
+    """A sampling strategy by preset name or from a JSON file."""
+    return load_by_name(source, PRESETS, SamplingStrategy.from_json, "sampling")
+
+
+def says_rate(source: str) -> bool:
+    """Whether a strategy that `load_sampling` takes has an update rate of its own: a file that names one."""
+    if source.lower() in PRESETS:
+        return False
+    return load_by_name(source, {}, lambda text: "update_rate" in json.loads(text), "sampling")

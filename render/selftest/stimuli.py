@@ -1,0 +1,92 @@
+"""Stimuli that a hand should feel, for `palpate selftest`."""
+
+import numpy as np
+
+from ...device.playing.ensemble import play_together
+from ...device.playing.signals import ending_on_signals
+from ..errors import StrategyError
+from ..playback.drive import Driver
+from ..playback.file_playback import Connection
+from ..playback.focus_source import PointSource
+from ..playback.frame_source import FrameSource
+from ..playback.placed_arrays import load_rig
+from ..sampling.contour_sampling import FocalPoints, SamplingStrategy
+from ..terminal import console
+from ..terminal.foreign_text import tell
+
+MODULATION = 200.0  # [Hz], where Pacinian corpuscles are most sensitive
+RADIUS = 0.02  # [m]; 7 m/s around it is 56 turns a second
+SLOW = 2 * np.pi * RADIUS  # [m/s] once around in a second: a hand feels which way
+FAST_ENOUGH = 1000.0  # [Hz] of update rate, for a circle at 7 m/s
+HEIGHT, SECONDS = 0.2, 3.0  # [m], [s] unless asked for
+SECONDS_MOST = 60.0  # within the limits of on-time
+STIMULI = {
+    "point": "a point, modulated",
+    "circle": "a circle",
+    "turn": "a point that goes around once a second, anticlockwise as you look down on the array",
+}
+TOLD = ("frames", "underruns", "board_underruns", "off_sent", "off_confirmed")
+
+
+def stimulus(name: str, height: float, seconds: float, sampling: SamplingStrategy) -> FocalPoints:
+    """Focal points of a still focus, a circle (STM), or a slow turn from +x to +y; the first and last modulated.
+
+    On slow links the modulation is a quarter of the update rate, and the circle as slow as the turn.
+    """
+    rate = sampling.update_rate
+    count = max(round(seconds * rate), 1)
+    time = np.arange(count) / rate
+    position = np.tile(np.array([0.0, 0.0, height]), (count, 1))
+    intensity = np.ones(count)
+    if name != "circle":
+        intensity = 0.5 - 0.5 * np.cos(2 * np.pi * min(MODULATION, rate / 4) * time)
+    if name != "point":
+        speed = sampling.speed if name == "circle" and rate >= FAST_ENOUGH else SLOW
+        angle = speed / RADIUS * time
+        position += RADIUS * np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
+    return FocalPoints(position.astype(np.float32), intensity.astype(np.float32))
+
+
+def run_selftest(options: dict, *, as_json: bool) -> None:
+    """Play them all and report."""
+    if options["overwrite"]:
+        raise StrategyError("--overwrite means nothing without --acceptance REPORT.json")
+    arrays = load_rig(
+        options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
+    )
+    models = [placed.model for placed in arrays]
+    height = HEIGHT if options["height"] is None else options["height"]
+    seconds = SECONDS if options["seconds"] is None else options["seconds"]
+    zone = models[0].focal_zone
+    if not zone.z_min <= height <= zone.z_max:
+        raise StrategyError(f"height must lie in {zone.z_min}..{zone.z_max} m for array {models[0].name}, not {height}")
+    if not 0 < seconds <= SECONDS_MOST:
+        raise StrategyError(f"seconds must lie between 0 and {SECONDS_MOST:g}, not {seconds}")
+    connection = Connection(
+        emulate=options["emulate"],
+        clock=options["clock"],
+        watchdog=options["watchdog"],
+        uncalibrated=options["uncalibrated"],
+    )
+    sampling = SamplingStrategy(update_rate=models[0].update_rate(models[0].divider_default))
+    results = {}
+    with ending_on_signals(), connection.all_of(arrays) as links:
+        for name, told in STIMULI.items():
+            if not as_json:
+                tell(f"{told}: hold a palm {height:g} m above the array for {seconds:g} s")
+            frames = FrameSource(PointSource(stimulus(name, height, seconds, sampling)), Driver(models))
+            results[name] = play_together(links, frames, update_rate=sampling.update_rate)
+    values = {
+        "array": models[0].name,
+        "serial": results["point"][0].serial,
+        "height": height,
+        **{f"{name}_{key}": getattr(reports[0], key) for name, reports in results.items() for key in TOLD},
+    }
+    if len(arrays) > 1:
+        told_of = ("array", "serial", *TOLD)
+        values["arrays"] = [
+            {"stimulus": name, **{key: getattr(report, key) for key in told_of}}
+            for name, reports in results.items()
+            for report in reports
+        ]
+    console.say(values, as_json=as_json, title="selftest: was it felt, a point, a circle, a slow turn?")

@@ -1,0 +1,1 @@
+"""Prune and transform stages of intersection strategies; add yours here."""

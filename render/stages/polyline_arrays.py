@@ -1,0 +1,212 @@
+"""Polylines of a whole batch at once: arc lengths, points put in, points left out, intensities by segment."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ..contour_batch import MADE, ContourBatch
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Lines:
+    """Where the polylines of a batch on the host run."""
+
+    batch: ContourBatch
+    points: np.ndarray
+    """[m], float64, shape [point, 3]."""
+    line: np.ndarray
+    """Which polyline each point is of, shape [point]."""
+    length: np.ndarray
+    """Of the segment that starts at each point [m], 0 at a polyline's last, shape [point]."""
+    arc: np.ndarray
+    """From its polyline's first point [m], shape [point]."""
+    total: np.ndarray
+    """Length of each polyline [m], shape [polyline]."""
+    is_segment: np.ndarray
+    """Whether a segment starts at each point: all but a polyline's last, bool, shape [point]."""
+
+    @classmethod
+    def of(cls, batch: ContourBatch) -> "Lines":
+        """The polylines of a batch on the host."""
+        points = batch.points.astype(np.float64)
+        count = np.diff(batch.polyline_start)
+        line = np.repeat(np.arange(batch.polyline_count), count)
+        is_segment = np.ones(len(points), bool)
+        is_segment[batch.polyline_start[1:][count > 0] - 1] = False
+        length = np.zeros(len(points))
+        here = np.flatnonzero(is_segment)
+        length[here] = np.linalg.norm(points[here + 1] - points[here], axis=1)
+        arc, total = np.zeros(len(points)), np.zeros(batch.polyline_count)
+        start = batch.polyline_start.tolist()
+        # line by line, so that a polyline's arc does not depend on the batch that it is in
+        for k, (a, b) in enumerate(pairwise(start)):
+            if b - a > 1:
+                np.cumsum(length[a : b - 1], out=arc[a + 1 : b])
+                total[k] = arc[b - 1]
+        return cls(batch, points, line, length, arc, total, is_segment)
+
+    @property
+    def closed(self) -> np.ndarray:
+        """Whether each polyline is closed, bool, shape [polyline]."""
+        return self.batch.polyline_closed.astype(bool)
+
+    @property
+    def pose_of_line(self) -> np.ndarray:
+        """Which pose of the batch each polyline is of, shape [polyline]."""
+        return np.repeat(np.arange(self.batch.pose_count), np.diff(self.batch.pose_start))
+
+    def place(self, line: np.ndarray, arc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Segment and part 0..1 of it at arc lengths [m] of polylines: closed ones go round, open ones end."""
+        total = self.total[line]
+        arc = np.where(self.closed[line], np.mod(arc, np.maximum(total, 1e-30)), np.clip(arc, 0.0, total))
+        count, asked = len(self.arc), np.repeat([0, 1], [len(self.arc), line.size])
+        # points and places in one order, by polyline: what is found does not depend on the rest of the batch
+        order = np.lexsort((asked, np.append(self.arc, arc), np.append(self.line, line)))
+        behind = np.empty(len(order), np.int64)
+        behind[order] = np.cumsum(asked[order] == 0)
+        segment = behind[count:].reshape(line.shape) - 1
+        first, last = self.batch.polyline_start[line], self.batch.polyline_start[line + 1] - 2
+        segment = np.clip(segment, first, np.maximum(last, first))
+        part = (arc - self.arc[segment]) / np.maximum(self.length[segment], 1e-30)
+        return segment, np.clip(part, 0.0, 1.0)
+
+    def at(self, line: np.ndarray, arc: np.ndarray) -> np.ndarray:
+        """Points [m] at arc lengths of polylines, shape [..., 3]."""
+        segment, part = self.place(line, arc)
+        following = np.minimum(segment + 1, len(self.points) - 1)
+        return self.points[segment] + part[..., None] * (self.points[following] - self.points[segment])
+
+
+def with_points(
+    batch: ContourBatch, segment: np.ndarray, part: np.ndarray
+) -> tuple[ContourBatch, np.ndarray, np.ndarray]:
+    """A batch with points put into segments; for each of its points the one it was or comes after, and how far: 0..1.
+
+    segment: number of the point at which it starts; part: 0..1 of it, the ends themselves left out. Points that
+    rounding makes equal to a neighbour are left out. New points have no dwell.
+    """
+    inner = (part > 0) & (part < 1)
+    base = np.append(np.arange(batch.point_count), segment[inner])
+    part = np.append(np.zeros(batch.point_count), part[inner])
+    order = np.lexsort((part, base))
+    base, part = base[order], part[order]
+    following = np.minimum(base + 1, max(batch.point_count - 1, 0))
+    a = batch.points.astype(np.float64)
+    new = part > 0
+    points = batch.points[base]
+    points[new] = a[base[new]] + part[new, None] * (a[following[new]] - a[base[new]])
+
+    def same(others: np.ndarray) -> np.ndarray:
+        return (points == others).all(axis=1)
+
+    keep = ~(new & (same(batch.points[base]) | same(batch.points[following])))
+    keep[1:] &= ~(new[1:] & new[:-1] & same(np.roll(points, 1, axis=0))[1:])
+    base, part, following, new, points = base[keep], part[keep], following[keep], new[keep], points[keep]
+    intensity = batch.intensity
+    if intensity is not None:
+        intensity = (intensity[base] + part * (intensity[following] - intensity[base])).astype(np.float32)
+    dwell = None if batch.dwell is None else np.where(new, 0.0, batch.dwell[base]).astype(np.float32)
+    start = np.searchsorted(base, batch.polyline_start).astype(np.int64)
+    out = replace(batch, points=points, kind=batch.kind[base], polyline_start=start, intensity=intensity, dwell=dwell)
+    return out, base, part
+
+
+def without_points(batch: ContourBatch, keep: np.ndarray) -> ContourBatch:
+    """A batch without some points, and without polylines of which one point is left or none; keep: bool, [point]."""
+    line = np.repeat(np.arange(batch.polyline_count), np.diff(batch.polyline_start))
+    keep = keep & (np.bincount(line, weights=keep, minlength=batch.polyline_count) > 1)[line]
+    count = np.bincount(line[keep], minlength=batch.polyline_count)
+    lines = np.concatenate([[0], np.cumsum(count > 0)])
+    return ContourBatch(
+        points=batch.points[keep],
+        kind=batch.kind[keep],
+        polyline_start=np.concatenate([[0], np.cumsum(count[count > 0])]).astype(np.int64),
+        polyline_patch=batch.polyline_patch[count > 0],
+        polyline_closed=batch.polyline_closed[count > 0],
+        pose_start=lines[batch.pose_start].astype(np.int64),
+        intensity=None if batch.intensity is None else batch.intensity[keep],
+        dwell=None if batch.dwell is None else batch.dwell[keep],
+    )
+
+
+def without_repeats(batch: ContourBatch) -> ContourBatch:
+    """A batch without segments of no length."""
+    keep = np.ones(batch.point_count, bool)
+    keep[1:] = (batch.points[1:] != batch.points[:-1]).any(axis=1)
+    keep[batch.polyline_start[:-1][np.diff(batch.polyline_start) > 0]] = True
+    return batch if keep.all() else without_points(batch, keep)
+
+
+def divided(batch: ContourBatch, longest: float) -> ContourBatch:
+    """A batch whose segments are at most so long [m]: longer ones fall into equal parts."""
+    lines = Lines.of(batch)
+    new = np.maximum(np.ceil(lines.length / longest - 1e-9), 1).astype(np.int64) - 1
+    segment = np.repeat(np.arange(len(new)), new)
+    turn = np.arange(len(segment)) - np.repeat(np.cumsum(new) - new, new)
+    return with_points(batch, segment, (turn + 1) / (new[segment] + 1))[0]
+
+
+def levelled(batch: ContourBatch, level: np.ndarray, ramp: float) -> ContourBatch:
+    """A batch whose segments have these intensities, times those it had.
+
+    Where two segments of different intensity meet, the point between them has the higher one, and the weaker segment
+    reaches its own within `ramp` [m], or in its middle if it is short. level: 0..1, shape [point], by segment.
+    """
+    lines = Lines.of(batch)
+    here = np.flatnonzero(lines.is_segment)
+    peak = np.zeros(batch.point_count)
+    np.maximum.at(peak, here, level[here])
+    np.maximum.at(peak, here + 1, level[here])
+    closed = np.flatnonzero(lines.closed & (np.diff(batch.polyline_start) > 1))
+    first, last = batch.polyline_start[closed], batch.polyline_start[closed + 1] - 1
+    peak[first] = peak[last] = np.maximum(peak[first], peak[last])
+    part = np.minimum(ramp / np.maximum(lines.length, 1e-30), 0.5)
+    rises, falls = here[peak[here + 1] > level[here]], here[peak[here] > level[here]]
+    segment = np.concatenate([falls, rises])
+    out, base, part = with_points(batch, segment, np.concatenate([part[falls], 1.0 - part[rises]]))
+    value = np.where(part > 0, level[base], peak[base])
+    return times(out, value)
+
+
+def times(batch: ContourBatch, value: np.ndarray) -> ContourBatch:
+    """A batch with its intensity multiplied by 0..1 at each point."""
+    before = 1.0 if batch.intensity is None else batch.intensity
+    return replace(batch, intensity=np.clip(value * before, 0.0, 1.0).astype(np.float32))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Drawn:
+    """A polyline that a stage made."""
+
+    pose: int
+    patch: int
+    points: np.ndarray
+    """[m], array frame, shape [point, 3]; a closed one does not repeat its first point here."""
+    closed: bool
+
+
+def batch_of(drawn: Sequence[Drawn], pose_count: int) -> ContourBatch:
+    """A batch of polylines that stages made, in their order within a pose and patch; those of no length are left out.
+
+    Points that float32 makes equal to the one before are left out.
+    """
+    lines: list[tuple[np.ndarray, Drawn]] = []
+    for one in sorted(drawn, key=lambda d: (d.pose, d.patch)):
+        points = np.asarray(one.points, np.float32)
+        if one.closed:
+            points = np.concatenate([points, points[:1]])
+        points = points[np.concatenate([[True], (points[1:] != points[:-1]).any(axis=1)])] if len(points) else points
+        if len(points) > 1:
+            lines.append((points, one))
+    count = np.array([len(points) for points, _ in lines], np.int64)
+    pose = np.array([one.pose for _, one in lines], np.int64)
+    return ContourBatch(
+        points=np.concatenate([points for points, _ in lines]) if lines else np.zeros((0, 3), np.float32),
+        kind=np.full(int(count.sum()), MADE, np.uint8),
+        polyline_start=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
+        polyline_patch=np.array([one.patch for _, one in lines], np.int32),
+        polyline_closed=np.array([one.closed for _, one in lines], np.uint8),
+        pose_start=np.concatenate([[0], np.cumsum(np.bincount(pose, minlength=pose_count))]).astype(np.int64),
+    )

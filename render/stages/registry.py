@@ -1,0 +1,310 @@
+"""Stages of an intersection strategy: their names and options, who they are, and how they run over a batch of contours.
+
+A stage is registered by name: the package's own by the decorators `prune_stage` and `transform_stage`, a user's by
+`register_prune`, `register_transform` and `register_point_function`. A strategy names stages as data (`Stage`).
+
+| role | called as | gives |
+|---|---|---|
+| prune | f(batch, setting, **options) | the batch with segments removed, and the length removed [m], float32 [pose] |
+| transform | f(batch, setting, **options) | another batch |
+
+A stage on the "host" gets and gives NumPy arrays, one on the "device" Warp arrays on `setting.device`. Stages may be
+called by several threads at once, each with a batch of its own.
+"""
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from importlib import import_module
+from threading import RLock
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from ...kernels.stages.point_function import map_intensity, map_points
+from ..contour_batch import ContourBatch
+from ..errors import StrategyError
+from ..objects.solid import Solid
+from ..validation import require_choice
+from .option import Option, Value, options_of
+from .user_code_digest import caller_file, digest_of, file_digests, innermost, place_of
+
+if TYPE_CHECKING:
+    from ..hands.hand import Hand, PatchFrames
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+ROLES = ("raw", "prune", "transform")
+BY_RAW_KERNELS = ("outside", "close")  # stages that the raw intersection does as it goes
+BUILT_IN = ("prune", "joined", "built_in")  # modules of this folder that register stages
+PACKAGE = __name__.rpartition(".stages.")[0]  # palpate.render
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One stage as data: its name and the options that differ from its defaults.
+
+    A stage without options equals its name: `"close" in strategy.transform`.
+    """
+
+    name: str
+    options: Mapping[str, Value] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Keep the options as they are now."""
+        object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
+
+    def __eq__(self, other: object) -> bool:
+        """By name and options."""
+        if isinstance(other, str):
+            return self.name == other and not self.options
+        return isinstance(other, Stage) and self.name == other.name and self.options == other.options
+
+    def __hash__(self) -> int:
+        """As a name alone, since that may be equal."""
+        return hash(self.name)
+
+    def __reduce__(self) -> tuple[type["Stage"], tuple[str, dict[str, Value]]]:
+        """Pickled as a plain dict, which a mapping proxy cannot be."""
+        return Stage, (self.name, dict(self.options))
+
+    def described(self) -> str | dict[str, Value]:
+        """For JSON: the name, or {"stage": name, option: value, ...}."""
+        return {"stage": self.name, **self.options} if self.options else self.name
+
+    @classmethod
+    def read(cls, value: object, role: str) -> "Stage":
+        """A stage of what `described` gives, or of a stage itself; `role` is the field it stands in."""
+        if isinstance(value, Stage):
+            return value
+        if isinstance(value, str):
+            return cls(value)
+        if isinstance(value, Mapping) and isinstance(value.get("stage"), str):
+            return cls(value["stage"], {name: v for name, v in value.items() if name != "stage"})
+        raise StrategyError(f'{role}: a stage is a name or {{"stage": name, option: value, ...}}, not {value!r}')
+
+
+@dataclass(frozen=True)
+class StageEntry:
+    """A registered stage."""
+
+    name: str
+    role: str
+    line: str
+    """What it does, in one line."""
+    options: Mapping[str, Option]
+    function: Callable[..., Any] | None
+    """None: done by the raw intersection."""
+    on: str = "host"
+    needs_closed: bool = False
+    digest: str = ""
+    """Of a user's function as it was registered, see `digest_of`, and of the file that registered it."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Files that define and register a user's function, and the digest of each as it was then."""
+
+    @property
+    def own(self) -> bool:
+        """Whether it is one of the package's, which are tested and not checked each time."""
+        module = getattr(self.function, "__module__", None) or ""  # None in code from a text
+        return self.function is None or module.startswith(f"{PACKAGE}.")
+
+    def check(self, stage: Stage) -> None:
+        """Refuse options that are unknown or out of range."""
+        for name, value in stage.options.items():
+            if name not in self.options:
+                known = ", ".join(self.options) or "none"
+                raise StrategyError(f"{self.role}: stage {self.name!r} has no option {name!r}; known: {known}")
+            self.options[name].check(f"{self.role}: {self.name}.{name}", value)
+
+    def defaults(self) -> dict[str, Value]:
+        """What every option is if it is not given."""
+        return {name: option.default for name, option in self.options.items()}
+
+    def values(self, stage: Stage, focal_width: float) -> dict[str, Value]:
+        """Every option as the function gets it: given or default, None replaced by its focal widths."""
+        return {
+            name: option.resolved(stage.options.get(name, option.default), focal_width)
+            for name, option in self.options.items()
+        }
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a stage may look at beside the contours of one batch of poses."""
+
+    thing: Solid
+    hand: "Hand"
+    pose: np.ndarray
+    """Hand frame -> array frame, of this batch, float32, shape [pose, 7]."""
+    first: int
+    """Row of the motion that `pose` begins at."""
+    device: str
+    """Where stages "on the device" run."""
+    focal_width: float
+    """FWHM of p^2 across the focus at the object's middle [m]."""
+    step: float
+    """Grid step of marching [m]."""
+    array_position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Middle of the array's face [m], shape [3]."""
+    array_normal: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    """Unit vector out of the array, shape [3]."""
+    moved: np.ndarray | None = None
+    """The object's pose at each pose, float32, shape [pose, 7]; None: it stands still."""
+    pivot: np.ndarray | None = None
+    """What of the object `moved` tells the place of, where it was placed [m], shape [3]; None: its bounds' middle."""
+
+    @cached_property
+    def frames(self) -> "PatchFrames":
+        """Patches at each pose, in the array's frame."""
+        return self.hand.frames(self.pose, self.first)
+
+
+_LOCK = RLock()
+_ENTRIES: dict[str, StageEntry] = {}
+_LOADED: set[str] = set()
+
+
+def load_built_in() -> None:
+    """Import the modules that register the package's own stages; no lock is held while they are imported."""
+    for name in BUILT_IN:
+        if name not in _LOADED:
+            import_module(f"{__package__}.{name}")
+            _LOADED.add(name)
+
+
+def known_stages(role: str) -> dict[str, StageEntry]:
+    """Registered stages of one role ("raw", "prune", "transform") by name, in the order they were registered."""
+    load_built_in()
+    with _LOCK:
+        return {name: entry for name, entry in _ENTRIES.items() if entry.role == role}
+
+
+def find_stage(role: str, name: str) -> StageEntry:
+    """A registered stage; raises StrategyError with the known names for another."""
+    known = known_stages(role)
+    if name not in known:
+        raise StrategyError(f"{role}: unknown stage {name!r}; known: {', '.join(known)}")
+    return known[name]
+
+
+def register_stage(entry: StageEntry) -> None:
+    """Enter a stage; raises StrategyError for a name that is taken.
+
+    A function that is defined again, as in a notebook or by a reload, takes its own place.
+    """
+    if not entry.name or not isinstance(entry.name, str):
+        raise StrategyError(f"a stage's name must be a text of one character at least, not {entry.name!r}")
+    require_choice(f"stage {entry.name!r}: on", entry.on, ("host", "device"))
+    with _LOCK:
+        taken = _ENTRIES.get(entry.name)
+        if taken is not None and (taken.role != entry.role or origin_of(taken.function) != origin_of(entry.function)):
+            raise StrategyError(f"there is a {taken.role} stage {entry.name!r} already: {taken.line}")
+        _ENTRIES[entry.name] = entry if entry.own else _noted(entry)
+
+
+def _noted(entry: StageEntry) -> StageEntry:
+    """A user's stage with what it is made of at this moment: what it holds may change as it runs, its files may not."""
+    files = file_digests([place_of(entry.function), caller_file()])
+    texts = [digest_of(entry.function), *sorted(set(files.values()))]
+    return replace(entry, digest=hashlib.sha256("\0".join(texts).encode()).hexdigest(), files=files)
+
+
+def origin_of(function: Any) -> tuple[str, str]:
+    """Module and name of a function, through partials and Warp functions."""
+    function = innermost(function)
+    return getattr(function, "__module__", None) or "", getattr(function, "__qualname__", repr(function))
+
+
+def first_line(function: Callable[..., Any]) -> str:
+    """The first line of a docstring, without its full stop."""
+    return (function.__doc__ or "").strip().partition("\n")[0].rstrip(".") or "without description"
+
+
+def register_prune(name: str, function: Callable[..., Any], *, on: str = "host", **defaults: Value | Option) -> None:
+    """Register a prune stage of one's own: f(batch, setting, **options) -> batch, or (batch, removed [pose]).
+
+    on: "host" for NumPy arrays, "device" for Warp arrays. defaults: its options with their defaults; None means one
+    focal width, `Option` says more. Raises StrategyError for a name that is taken.
+    """
+    register_stage(StageEntry(name, "prune", first_line(function), options_of(name, defaults), function, on))
+
+
+def register_transform(
+    name: str,
+    function: Callable[..., Any],
+    *,
+    on: str = "host",
+    needs_closed: bool = False,
+    **defaults: Value | Option,
+) -> None:
+    """Register a transform stage of one's own: f(batch, setting, **options) -> batch; see `register_prune`.
+
+    needs_closed: whether inside and outside of the object must be defined, so that open meshes are refused.
+    """
+    options = options_of(name, defaults)
+    register_stage(StageEntry(name, "transform", first_line(function), options, function, on, needs_closed))
+
+
+def register_point_function(name: str, func: Any, *, gives: str) -> None:
+    """Register a Warp function as a transform stage that is applied to every point on the device.
+
+    func: a wp.func of a module file, x: wp.vec3 [m, array frame] -> wp.vec3 where it `gives` the "point", or -> float,
+    0..1, where it gives the "intensity".
+    """
+    require_choice(f"stage {name!r}: gives", gives, ("point", "intensity"))
+    stage = move_points if gives == "point" else set_intensity
+    line = first_line(getattr(func, "func", func))
+    register_stage(StageEntry(name, "transform", line, {}, partial(stage, func), "device"))
+
+
+def move_points(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
+    """Every point at where a Warp function puts it."""
+    return ContourBatch(**{**batch.by_name(), "points": map_points(func, batch.points)})
+
+
+def set_intensity(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
+    """Intensity at every point as a Warp function says."""
+    return ContourBatch(**{**batch.by_name(), "intensity": map_intensity(func, batch.points)})
+
+
+def prune_stage(name: str, *, on: str = "host", **defaults: Value | Option) -> Callable[[Function], Function]:
+    """Decorator: register a prune stage under a name, see `register_prune`."""
+
+    def registered(function: Function) -> Function:
+        register_prune(name, function, on=on, **defaults)
+        return function
+
+    return registered
+
+
+def transform_stage(
+    name: str, *, on: str = "host", needs_closed: bool = False, **defaults: Value | Option
+) -> Callable[[Function], Function]:
+    """Decorator: register a transform stage under a name, see `register_transform`."""
+
+    def registered(function: Function) -> Function:
+        register_transform(name, function, on=on, needs_closed=needs_closed, **defaults)
+        return function
+
+    return registered
+
+
+def _register_kernel_stages() -> None:
+    """Enter what the raw intersection does itself, see `intersect`."""
+    point_options = {
+        "separation": Option(None, 1e-4, 1.0, "m", widths=0.8),
+        "closes": Option(True),
+    }
+    for role, name, line, needs_closed, options in (
+        ("raw", "section", "curves in which the object's surface meets the hand's patches or skin", False, {}),
+        ("raw", "contact", "a path through points of skin inside the object (after MAMMOTH)", True, point_options),
+        ("raw", "overlap", "a path over the surface of what hand and object share", True, point_options),
+        ("prune", "outside", "remove what lies outside the patch or on its sides", False, {}),
+        ("transform", "close", "add the patch's own boundary where it lies inside the object", True, {}),
+    ):
+        register_stage(StageEntry(name, role, line, options, None, "device", needs_closed))
+
+
+_register_kernel_stages()

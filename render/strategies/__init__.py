@@ -1,0 +1,1 @@
+"""Intersection strategies as data: raw intersection, prune stages, transform stages."""

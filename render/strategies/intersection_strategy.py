@@ -1,0 +1,307 @@
+"""Intersection strategies: raw intersection -> pruning -> transformation, as data (Mulot et al. 2024, section 3)."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ...kernels.patch import FLUSH_MOST
+from ..errors import StrategyError, UntrustedCodeError
+from ..stages.option import Value
+from ..stages.registry import ROLES, Stage, find_stage, known_stages
+from ..trust.permission import AllowCode, Code, Namer, require_permission
+from ..trust.user_code import Source, find_module, run_all
+from ..validation import load_by_name, read_fields, require_number
+from .stage_order import require_order
+
+FIELDS = ("raw", "prune", "transform", "step", "flush", "modules")
+STEP_LOWEST, STEP_HIGHEST = 1e-5, 0.1  # of marching [m]
+FLUSH_HIGHEST = float(FLUSH_MOST)  # [m]
+STEPS_A_WIDTH = 4  # marching steps across the focus where none is given
+
+
+@dataclass(frozen=True)
+class IntersectionStrategy:
+    """A raw intersection and the stages that follow it; a stage is a name, or a `Stage` with options.
+
+    | field | says | default |
+    |---|---|---|
+    | `raw` | how object and hand meet | section |
+    | `prune` | what is removed, in this order | nothing: the whole section of the plane |
+    | `transform` | what is made of the rest, in this order | nothing |
+    | `step` | grid step of marching [m] | a quarter of the focal width |
+    | `flush` | how near to a patch's plane or side counts as on it [m] | three float32 spacings at the pose |
+    | `modules` | Python modules that register stages of one's own, run with permission (`trust`) | none |
+
+    On a patch's plane counts as on its +n side, on a patch's side as outside. `flush` is of planes: a skin has none.
+    "close" needs raw "section" and "outside" before it. A stage may be listed again with other options.
+    Raises StrategyError for an unknown stage, an option that it does not have or that is out of range, and an order
+    that means nothing.
+    """
+
+    raw: "Stage | str" = Stage("section")  # noqa: RUF009  # frozen, so one for all is none too few
+    prune: "tuple[Stage | str, ...]" = ()
+    transform: "tuple[Stage | str, ...]" = ()
+    step: float | None = None
+    flush: float | None = None
+    modules: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Take names as stages, and check every one."""
+        object.__setattr__(self, "raw", Stage.read(self.raw, "raw"))
+        for name in ("prune", "transform", "modules"):
+            require_list(name, getattr(self, name))
+        for module in self.modules:
+            require_module(module)
+        for role in ("prune", "transform"):
+            object.__setattr__(self, role, tuple(Stage.read(stage, role) for stage in getattr(self, role)))
+        object.__setattr__(self, "modules", tuple(self.modules))
+        for role, stages in self.stages().items():
+            listed: list[tuple[str, dict[str, Value]]] = []
+            for stage in stages:
+                entry = find_stage(role, stage.name)
+                entry.check(stage)
+                full = (stage.name, entry.defaults() | dict(stage.options))
+                if full in listed:
+                    raise StrategyError(f"{role}: stage {stage.described()!r} is listed twice with the same options")
+                listed.append(full)
+        if self.step is not None:
+            require_number("step", self.step, STEP_LOWEST, STEP_HIGHEST, unit="m")
+        if self.flush is not None:
+            require_number("flush", self.flush, 0.0, FLUSH_HIGHEST, unit="m")
+        self._require_order()
+        require_order(self.raw_stage.name, *([s.name for s in self.stages()[role]] for role in ("prune", "transform")))
+
+    def _require_order(self) -> None:
+        """Refuse what closes nothing."""
+        if not self.closes:
+            return
+        if not self.bounded:
+            raise StrategyError('transform: "close" needs "outside" in prune, since it closes what the patch cuts open')
+        if self.raw != "section":
+            raise StrategyError(f'transform: "close" needs raw "section", not {self.raw_stage.described()!r}')
+        if self.transform[0] != "close":
+            raise StrategyError('transform: "close" must come first, since the raw intersection does it as it goes')
+
+    @property
+    def raw_stage(self) -> Stage:
+        """The raw intersection."""
+        return Stage.read(self.raw, "raw")
+
+    def stages(self) -> dict[str, tuple[Stage, ...]]:
+        """Stages by role."""
+        return {"raw": (self.raw_stage,), "prune": self.prune_stages, "transform": self.transform_stages}
+
+    @property
+    def prune_stages(self) -> tuple[Stage, ...]:
+        """What is removed."""
+        return tuple(Stage.read(stage, "prune") for stage in self.prune)
+
+    @property
+    def transform_stages(self) -> tuple[Stage, ...]:
+        """What is made of the rest."""
+        return tuple(Stage.read(stage, "transform") for stage in self.transform)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether patches end at their sides."""
+        return "outside" in self.prune
+
+    @property
+    def closes(self) -> bool:
+        """Whether contours are closed along the patches' boundary."""
+        return "close" in self.transform
+
+    @property
+    def needs_closed(self) -> bool:
+        """Whether inside and outside of the object must be defined."""
+        return any(find_stage(role, s.name).needs_closed for role, stages in self.stages().items() for s in stages)
+
+    def resolved(self, focal_width: float, *, marches: bool = False) -> "IntersectionStrategy":
+        """The same strategy with every option of its stages as a number.
+
+        focal_width: FWHM of p^2 across the focus [m], by which options that are None are scaled.
+        marches: whether a grid is marched over, so that `step` needs a number too.
+        """
+        require_number("focal width", focal_width, 1e-6, 1.0, unit="m")
+        full = {
+            role: tuple(Stage(s.name, find_stage(role, s.name).values(s, focal_width)) for s in stages)
+            for role, stages in self.stages().items()
+        }
+        step = focal_width / STEPS_A_WIDTH if marches and self.step is None else self.step
+        return replace(self, raw=full["raw"][0], prune=full["prune"], transform=full["transform"], step=step)
+
+    def described(self) -> dict[str, Any]:
+        """What a file says about the strategy, for JSON; `step`, `flush` and `modules` only where they are given."""
+        raw, prune, transform = ([stage.described() for stage in stages] for stages in self.stages().values())
+        out: dict[str, Any] = {"raw": raw[0], "prune": prune, "transform": transform}
+        if self.step is not None:
+            out["step"] = self.step
+        if self.flush is not None:
+            out["flush"] = self.flush
+        return {**out, "modules": list(self.modules)} if self.modules else out
+
+    def to_json(self) -> str:
+        """One line of JSON that `from_json` reads back."""
+        return json.dumps(self.described())
+
+    @classmethod
+    def from_json(cls, text: str, *, allow_code: AllowCode = False) -> "IntersectionStrategy":
+        """Read back what `to_json` wrote; missing fields take their defaults.
+
+        allow_code: whether modules that it names, found on Python's path, may be run: see `load_strategy`.
+        """
+        return read_strategy(text, None, allow_code=allow_code)
+
+
+def open_contour() -> IntersectionStrategy:
+    """OC: what of the section lies inside the patch (strategy A of Martinez et al. 2019)."""
+    return IntersectionStrategy(prune=("outside",))
+
+
+def closed_contour() -> IntersectionStrategy:
+    """CC: the boundary of section ∩ patch; holds OC as its object-kind segments."""
+    return IntersectionStrategy(prune=("outside",), transform=("close",))
+
+
+class Presets(MutableMapping[str, Callable[[], IntersectionStrategy]]):
+    """Strategies by name, all there at the first look; a loop over them goes on while a module adds its own."""
+
+    def __init__(self, **own: Callable[[], IntersectionStrategy]) -> None:
+        """Those of this module."""
+        self._own = own
+
+    def __getitem__(self, name: str) -> Callable[[], IntersectionStrategy]:
+        """What makes a strategy."""
+        _load_built_in()
+        return self._own[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Names as they are now."""
+        _load_built_in()
+        return iter(list(self._own))
+
+    def __len__(self) -> int:
+        """How many there are now."""
+        _load_built_in()
+        return len(self._own)
+
+    def __setitem__(self, name: str, make: Callable[[], IntersectionStrategy]) -> None:
+        """Add one, as modules of stages do while they are imported."""
+        self._own[name] = make
+
+    def __delitem__(self, name: str) -> None:
+        """Take one out."""
+        del self._own[name]
+
+
+def _load_built_in() -> None:
+    """Import the module that adds the presets beside oc and cc."""
+    import_module(".presets", __package__)
+
+
+PRESETS = Presets(oc=open_contour, cc=closed_contour)
+"""By name; modules of stages may add theirs."""
+
+
+def require_list(name: str, value: object) -> None:
+    """Refuse what is no list, a text for one."""
+    if not isinstance(value, list | tuple):
+        raise StrategyError(f"{name} must be a list, not {value!r}")
+
+
+def require_module(name: object) -> str:
+    """A module's name, or StrategyError."""
+    if not isinstance(name, str) or not all(part.isidentifier() for part in name.split(".")):
+        raise StrategyError(f"modules: must be names of Python modules, not {name!r}")
+    return name
+
+
+def strategy_code(text: str, folder: Path | None, path: str = "") -> list[Source]:
+    """The modules that a strategy's JSON names, found and not run, once all else that can be judged was.
+
+    folder: of the file, where they are looked for first. path: of the file, for messages.
+    Raises StrategyError for what is no strategy, and a module that is not there.
+    """
+    values = read_fields(text, FIELDS, "strategy")
+    for field in ("prune", "transform", "modules"):
+        require_list(f"strategy: {field}", values.get(field, []))
+    names = [require_module(name) for name in values.get("modules", ())]
+    if names:
+        _require_readable(values)
+    found: list[Source] = []
+    for name in names:
+        try:
+            found.append(find_module(name, folder, Namer.of(path, text)))
+        except (ImportError, OSError) as error:
+            raise StrategyError(f"modules: cannot import {name!r} ({type(error).__name__}: {error})") from error
+    return found
+
+
+def _require_readable(values: Mapping[str, Any]) -> None:
+    """Refuse what is wrong whatever stages the modules register: they are not run for a strategy that is none."""
+    for role in ROLES:
+        given = values.get(role, "section" if role == "raw" else [])
+        for stage in [Stage.read(one, role) for one in ([given] if role == "raw" else given)]:
+            if entry := known_stages(role).get(stage.name):
+                entry.check(stage)
+    for name, low, high in (("step", STEP_LOWEST, STEP_HIGHEST), ("flush", 0.0, FLUSH_HIGHEST)):
+        if values.get(name) is not None:
+            require_number(name, values[name], low, high, unit="m")
+
+
+def read_strategy(
+    text: str, folder: Path | None, *, allow_code: AllowCode = False, path: str = ""
+) -> "IntersectionStrategy":
+    """A strategy from JSON, its modules run first: see `strategy_code`, and `load_strategy` for what is raised."""
+    sources = strategy_code(text, folder, path)
+    require_permission([source.code for source in sources], allow_code)
+    for source in sources:
+        try:
+            run_all([source], allow_code)
+        except (StrategyError, UntrustedCodeError):
+            raise
+        except (Exception, SystemExit) as error:  # whatever a user's module raises
+            name = source.code.name
+            raise StrategyError(f"modules: cannot import {name!r} ({type(error).__name__}: {error})") from error
+    values = read_fields(text, FIELDS, "strategy")
+    return IntersectionStrategy(
+        **{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+    )
+
+
+def load_strategy(source: str, *, allow_code: AllowCode = False) -> IntersectionStrategy:
+    """A strategy by preset name (oc, cc, ...) or from a JSON file.
+
+    Modules that the file names are looked for beside it, then on Python's path.
+    allow_code: whether they may be run, see `trust`; False: those that `palpate trust` has accepted.
+    Raises UntrustedCodeError for modules without permission, StrategyError for what is neither, or no strategy.
+    """
+    path = Path(source).resolve()
+
+    def read(text: str) -> IntersectionStrategy:
+        return read_strategy(text, path.parent, allow_code=allow_code, path=str(path))
+
+    return load_by_name(source, PRESETS, read, "strategy")
+
+
+def draft_strategy(path: str) -> tuple[dict[str, Any], list[Code]]:
+    """A file's strategy as far as it is known before its modules are run, as `described` gives it, and their code.
+
+    Raises StrategyError for a file that is no strategy, whatever the modules register.
+    """
+
+    def read(text: str) -> tuple[dict[str, Any], list[Code]]:
+        place = Path(path).resolve()
+        code = [source.code for source in strategy_code(text, place.parent, str(place))]
+        values = read_fields(text, FIELDS, "strategy")
+        stages = {
+            role: [Stage.read(stage, role).described() for stage in values.get(role, [])]
+            for role in ("prune", "transform")
+        }
+        raw = Stage.read(values.get("raw", "section"), "raw").described()
+        return {**values, "raw": raw, **stages}, code
+
+    return load_by_name(path, {}, read, "strategy")

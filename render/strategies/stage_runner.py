@@ -1,0 +1,71 @@
+"""A strategy's prune and transform stages, run over a batch of contours; what a user's stage gives is checked."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..contour_batch import ContourBatch
+from ..errors import StrategyError
+from ..stages.option import Value
+from ..stages.registry import BY_RAW_KERNELS, Setting, Stage, StageEntry, find_stage
+from ..stages.user_output_check import checked_batch, checked_removal
+from .intersection_strategy import IntersectionStrategy
+
+
+def run_stages(
+    batch: ContourBatch, strategy: IntersectionStrategy, setting: Setting
+) -> tuple[ContourBatch, dict[str, np.ndarray]]:
+    """Run all prune, then all transform stages but those that the raw intersection does.
+
+    Returns the batch, wherever the last stage left it, and the length that each prune stage removed [m], float32,
+    shape [pose], by name; one that is listed again is "name#2". Raises StrategyError, naming the stage, for a stage
+    of a user's own that raises or gives no batch.
+    """
+    removed: dict[str, np.ndarray] = {}
+    for stage in strategy.prune_stages:
+        if stage.name not in BY_RAW_KERNELS:
+            batch, length = _run_stage("prune", stage, batch, setting)
+            count = sum(name.partition("#")[0] == stage.name for name in removed)
+            removed[f"{stage.name}#{count + 1}" if count else stage.name] = length
+    for stage in strategy.transform_stages:
+        if stage.name not in BY_RAW_KERNELS:
+            batch, _ = _run_stage("transform", stage, batch, setting)
+    return batch, removed
+
+
+def _run_stage(role: str, stage: Stage, batch: ContourBatch, setting: Setting) -> tuple[ContourBatch, np.ndarray]:
+    """One stage where it wants its batch; the second is meaningless for a transformation."""
+    entry = find_stage(role, stage.name)
+    function = entry.function
+    if function is None:
+        raise StrategyError(f"{role}: stage {stage.name!r} is done by the raw intersection only")
+    batch = batch.numpy() if entry.on == "host" else batch.to(setting.device)
+    values = entry.values(stage, setting.focal_width)
+    if entry.own:
+        result = function(batch, setting, **values)
+        return result if role == "prune" else (result, np.zeros(0, np.float32))
+    return _run_checked(entry, batch, setting, values)
+
+
+def _run_checked(
+    entry: StageEntry, batch: ContourBatch, setting: Setting, values: Mapping[str, Value]
+) -> tuple[ContourBatch, np.ndarray]:
+    """A stage of a user's own, its errors and its result told by its name."""
+    title = f"{entry.role} stage {entry.name!r}"
+    before = batch.length() if entry.role == "prune" else np.zeros(0)  # now: it may write into what it gets
+    try:
+        result = entry.function(batch, setting, **values) if entry.function else None
+    except StrategyError:
+        raise
+    except (Exception, SystemExit) as error:  # whatever a user's function raises
+        raise StrategyError(f"{title} failed: {type(error).__name__}: {error}") from error
+    removed = None
+    if entry.role == "prune" and isinstance(result, tuple) and len(result) == 2:
+        result, removed = result
+    device = setting.device if entry.on == "device" else None
+    counts = {"pose_count": batch.pose_count, "patch_count": setting.hand.patch_count}
+    after = checked_batch(result, title, device=device, **counts)
+    if entry.role == "transform":
+        return after, np.zeros(0, np.float32)
+    gone = before - after.length()
+    return after, checked_removal(gone if removed is None else removed, gone, before, title)

@@ -1,0 +1,1 @@
+"""`palpate sweep`: every combination that a plan names, as a table."""

@@ -1,0 +1,349 @@
+"""How the command line talks: progress and warnings to standard error, results to standard output, exit codes."""
+
+import contextlib
+import json
+import os
+import sys
+import tempfile
+import threading
+import traceback
+import warnings
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from ...datasets.errors import DatasetError, NotStoreError, RecordingWarning
+from ...device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
+from ...device.report import LiveStatistics, PlayReport
+from ..errors import (
+    PalpateWarning,
+    PlacementError,
+    PlanError,
+    RenderError,
+    RepairError,
+    StrategyError,
+    UntrustedCodeError,
+)
+from ..runtime.kernel_cache import require_private_cache, unusable_cache
+from ..runtime.loading_progress import Watch, unwatched
+from .foreign_text import errors, show_table, tell, visible
+
+TOLD_WARNINGS = (PalpateWarning, RecordingWarning)
+
+DONE, FAILED, MISUSED = 0, 1, 2
+
+DESCRIPTION = TextColumn("{task.description}", markup=False)
+
+LOADING_SILENT = 1.0  # [s]; what loads in less needs no bar
+
+MISUSES = (
+    StrategyError,
+    PlacementError,
+    RepairError,
+    PlanError,
+    UntrustedCodeError,
+    NotStoreError,
+    UnknownArrayError,
+    UpdateRateError,
+)
+"""Errors that are about what was asked, not about what happened."""
+
+
+def start_warp() -> None:
+    """Start Warp without its greeting, and without the line it writes where there is no CUDA driver.
+
+    That line comes from native code, past every setting; whatever else is written meanwhile is passed on.
+    The cache of kernels is made for this user alone; raises KernelCacheError for one that others can
+    write, or that cannot be made.
+    """
+    wp.config.log_level = wp.LOG_WARNING
+    sys.stderr.flush()
+    kept = os.dup(2)
+    before = os.umask(0o077)
+    with tempfile.TemporaryFile() as caught:
+        os.dup2(caught.fileno(), 2)
+        try:
+            wp.init()
+        except OSError as error:
+            if error.filename is None:  # of Warp's own libraries
+                raise
+            raise unusable_cache(error) from error
+        finally:
+            os.umask(before)
+            os.dup2(kept, 2)
+            os.close(kept)
+        caught.seek(0)
+        for line in caught.read().decode(errors="replace").splitlines(keepends=True):
+            if "find or load the NVIDIA CUDA driver" not in line:
+                sys.stderr.write(line)
+    require_private_cache()
+
+
+UNITS = {
+    "length_mean": "m, all poses",
+    "length_mean_drawn": "m, poses with contours",
+    "length_longest": "m",
+    "length_object_mean": "m, all poses",
+    "length_hand_mean": "m, all poses",
+    "draw_frequency": "Hz, at 7 m/s, poses with contours",
+    "update_rate": "Hz",
+    "revisit_rate": "Hz",
+    "draw_frequency_nominal": "Hz",
+    "on_time": "s",
+    "duration": "s",
+    "elapsed": "s",
+    "seconds": "s",
+    "render_seconds": "s",
+    "starved": "s",
+    "silenced": "s",
+    "off_after": "s",
+    "board_starved": "s",
+    "jump_length": "m",
+    "jump_threshold": "m",
+    "step_longest": "m",
+    "hop_speed_max": "m/s",
+    "absence_max": "s",
+    "height": "m",
+}
+"""What stands behind a value in a table; machines have docs/guide/command-line.md."""
+
+
+def say(
+    values: dict,
+    *,
+    as_json: bool,
+    title: str,
+    told: Collection[str] | None = None,
+    unknown: Collection[str] = (),
+) -> None:
+    """Print results: one JSON object for machines, a table for people, of the values `told` (all).
+
+    A value that is None has no row in the table, or "not known" if it is one of `unknown`.
+    """
+    if as_json:
+        sys.stdout.write(json_line(values))
+        return
+    rows: list[tuple[str, str]] = []
+    for name, value in values.items():
+        if told is not None and name not in told:
+            continue
+        if value is not None:
+            unit = f" {UNITS[name]}" if name in UNITS else ""
+            rows.append((name.replace("_", " "), shown(value) + unit))
+        elif name in unknown:
+            rows.append((name.replace("_", " "), "not known"))
+    show_table(title, rows)
+
+
+def json_line(values: object) -> str:
+    """One line of JSON, all of it ASCII; numbers that JSON has no word for (NaN, infinity) become null."""
+    return json.dumps(finite(values), allow_nan=False).replace("\x7f", "\\u007f") + "\n"  # the control character left
+
+
+def finite(value: object) -> object:
+    """A value with plain numbers, None where they are not finite."""
+    if isinstance(value, dict) and "stage" in value:
+        options = ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if key != "stage")
+        return f"{value['stage']} ({options})"
+    if isinstance(value, dict):
+        return {str(key): finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(inner) for inner in value]
+    if isinstance(value, (str, bool, int)) or value is None:
+        return value
+    if isinstance(value, np.integer):
+        return int(value)
+    number = float(value)  # type: ignore[arg-type]  # what is left is a float, NumPy's or Python's
+    return number if np.isfinite(number) else None
+
+
+def shown(value: object) -> str:
+    """A value for people."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if inner is not None)
+    if isinstance(value, (list, tuple)):
+        return " ".join(shown(inner) for inner in value) or "none"
+    return str(value)
+
+
+@contextlib.contextmanager
+def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """A bar on standard error while something runs; called with what is done and the total."""
+    if quiet or not errors.is_terminal:
+        yield lambda done, total: None
+        return
+    columns = (DESCRIPTION, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=errors, transient=True) as progress:
+        task = progress.add_task(visible(title), total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextlib.contextmanager
+def loading_bar(title: str, *, quiet: bool) -> Iterator[Watch]:
+    """A bar on standard error once something has been loading for LOADING_SILENT, with the name of its stage.
+
+    A timer shows it, since a stage that is one call of NumPy reports nothing until its end.
+    """
+    if quiet or not errors.is_terminal:
+        yield unwatched
+        return
+    columns = (DESCRIPTION, BarColumn(), TimeElapsedColumn())
+    progress = Progress(*columns, console=errors, transient=True)
+    task = progress.add_task(visible(title), total=None)
+    timer = threading.Timer(LOADING_SILENT, progress.start)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield lambda stage, done, total: progress.update(
+            task, description=visible(f"{title}: {stage}"), completed=done, total=total if done else None
+        )
+    finally:
+        timer.cancel()
+        timer.join()
+        progress.stop()
+
+
+@contextlib.contextmanager
+def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatistics, int], None]]:
+    """A title when playing has begun, then live statistics, on standard error; called with these and the frames in all.
+
+    quiet, or no terminal: the title alone.
+    """
+    begun = False
+
+    def begin() -> None:
+        nonlocal begun
+        if not begun:
+            tell(title)
+            begun = True
+
+    if quiet or not errors.is_terminal:
+        yield lambda live, total: begin()
+        return
+    told = TextColumn("{task.fields[told]}", markup=False)
+    with Progress(BarColumn(), MofNCompleteColumn(), told, console=errors, transient=True) as progress:
+        task = progress.add_task("frames", total=None, told="")
+
+        def show(live: LiveStatistics, total: int) -> None:
+            begin()
+            told = (
+                f"{live.queue_bytes >> 10} KiB under way, {live.underruns} underruns, "
+                f"{live.lateness * 1e3:.1f} ms behind"
+            )
+            progress.update(task, completed=live.frames, total=total, told=told)
+
+        yield show
+
+
+def parsed(app: Callable[..., object]) -> int:
+    """The exit code of a typer app; what typer says of wrong arguments, and a traceback, are made visible."""
+    try:
+        code = app(standalone_mode=False)
+    except Exception as error:
+        message = getattr(error, "message", None)
+        if not hasattr(error, "format_message") or not isinstance(message, str):  # none of typer's
+            for line in "".join(traceback.format_exception(error)).splitlines():
+                tell(line)
+            return FAILED
+        shown: Any = error
+        if sys.argv[1:]:  # without any it is the help, which has several lines
+            shown.message = visible(message)
+        shown.show()
+        return int(shown.exit_code)
+    return code if isinstance(code, int) else DONE
+
+
+def run(command: Callable[[], object], *, as_json: bool) -> int:
+    """Run a command and turn what goes wrong into one sentence and an exit code; no traceback for a user's mistake."""
+    try:
+        code = _run(command, as_json=as_json)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what the interpreter flushes in the end
+        tell("standard output was closed before the results were written", "error")
+        return FAILED
+    return code
+
+
+def _run(command: Callable[[], object], *, as_json: bool) -> int:
+    with warnings.catch_warnings():
+        for kind in TOLD_WARNINGS:
+            warnings.simplefilter("always", kind)
+        warnings.showwarning = _show_warning
+        try:
+            code = command()
+        except (RenderError, DatasetError, DeviceError) as error:
+            faults = error.args if isinstance(error, PlanError) else ()
+            code = MISUSED if isinstance(error, MISUSES) else FAILED
+            return fail(str(error), code, as_json, _report_of(error), lines=faults)
+        except PlayInterrupted as error:
+            return fail(str(error), FAILED, as_json, _report_of(error))
+        except KeyboardInterrupt:
+            return fail("interrupted", FAILED, as_json)
+        except BrokenPipeError:
+            raise
+        except Exception as error:  # a fault of palpate's own: still one sentence, and the way to say more
+            if os.environ.get("PALPATE_TRACEBACK"):
+                raise
+            told = f"{type(error).__name__}: {error}"
+            return fail(f"{told} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
+    return code if isinstance(code, int) else DONE
+
+
+def fail(
+    message: str, code: int, as_json: bool, report: PlayReport | None = None, *, lines: Sequence[object] = ()
+) -> int:
+    """Say what went wrong. lines: the message's, where it has several."""
+    first, *rest = lines or (message,)
+    tell(first, "error")
+    for line in rest:
+        tell(line)
+    if as_json:
+        late = [late_warning(report)] if report and report.is_late else []
+        played = {"report": report.as_dict(), "warnings": late} if report else {}
+        sys.stdout.write(json_line({"error": message, **played}))
+    elif report:
+        after = "" if report.off_after is None else f"off frames taken {report.off_after:.3g} s after the end; "
+        tell(f"played until then: {report.frames} frames; {after}{told_of_off(report)}")
+        if report.is_late:
+            warn(late_warning(report))
+    return code
+
+
+def told_of_off(report: PlayReport) -> str:
+    """Whether an array is off, in words."""
+    return report.off_doubt or "the array says that it is off"
+
+
+def late_warning(report: PlayReport) -> str:
+    """How often an array ran dry, was silent amid the content, and how late frames were; and who says so."""
+    board = "the board's own count is not known"
+    if report.board_underruns is not None and report.board_starved is not None:
+        board = f"by the board's own count {report.board_underruns} times, for {report.board_starved:.4g} s"
+    silent = ""
+    if report.silenced:
+        silent = f"was silent for {report.silenced:.4g} s, since its board had to begin anew after a pause, "
+    return (
+        f"array {report.array} ran out of frames {report.underruns} times and played the last one on for "
+        f"{report.starved:.4g} s, {silent}so that frames were up to {report.lateness.max:.4g} s late, by the player's "
+        f"estimate; {board}"
+    )
+
+
+def warn(sentence: str) -> None:
+    """Warn on standard error."""
+    tell(sentence, "warning")
+
+
+def _report_of(error: BaseException) -> PlayReport | None:
+    return getattr(error, "report", None)
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *rest: object) -> None:
+    del category, rest
+    tell(message, "warning")

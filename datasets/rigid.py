@@ -5,7 +5,7 @@ not known is NaN, and what comes of it is NaN too.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 POSITION_FARTHEST = 1e6
 """Positions lie this near to the array [m]: float32 steps by 6 cm there, about a hand, so none farther is meant."""
@@ -42,6 +42,23 @@ def pose_inverse(pose: Numbers) -> Numbers:
     """What takes a pose back to the origin."""
     back = conjugate(pose[..., 3:])
     return np.concatenate([-rotated(back, pose[..., :3]), back], axis=-1)
+
+
+def composed(outer: ArrayLike, inner: ArrayLike) -> Numbers:
+    """The pose that is `inner` in the frame of `outer`: x y z [m] and quaternion xyzw, shapes [..., 7] broadcast.
+
+    Quaternions of any norm. An `inner` without shift and turn gives `outer`, bit-identical.
+    """
+    outer, inner = np.asarray(outer, np.float64), np.asarray(inner, np.float64)
+    position = outer[..., :3] + rotated(unit(outer[..., 3:]), inner[..., :3])
+    turn = quaternion_product(outer[..., 3:], inner[..., 3:])
+    return np.concatenate([position, turn], axis=-1)
+
+
+def inverted(pose: ArrayLike) -> Numbers:
+    """The pose that undoes each, shape [..., 7]; quaternions of any norm."""
+    pose = np.asarray(pose, np.float64)
+    return pose_inverse(np.concatenate([pose[..., :3], unit(pose[..., 3:])], axis=-1))
 
 
 def matrix_of(quaternion: Numbers) -> Numbers:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from palpate.datasets import ContourFile, HandMotion
 from palpate.datasets.hand_model.joints import JOINT_COUNT
 from palpate.datasets.recordings.files import load_recording
+from palpate.datasets.rigid import composed, inverted
 from palpate.render import (
     ContourBatch,
     IntersectionStrategy,
@@ -23,7 +24,7 @@ from palpate.render import (
 )
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.hands.flat_hand import flat_hand
-from palpate.render.hands.hand import Hand, PatchHand, composed, frames_at, hand_from, inverted, require_rows
+from palpate.render.hands.hand import Hand, PatchHand, frames_at, hand_from, require_rows
 from palpate.render.hands.joint_planes import FINGERS
 from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
 from palpate.render.intersection.mesh_section import intersect

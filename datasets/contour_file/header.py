@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import ContourFileError
 from ..json_text import parse_json
-from ..storage.hdf5 import Attribute, Hdf5Reader
+from ..storage.hdf5 import Attribute, Hdf5Reader, get_version
 from ..storage.schema import DIGESTS_SINCE, FORMAT_NAME, FORMAT_VERSION, HAND, MOTION, OBJECT, Arrays, validate_fields
 from .header_hand import require_hand, require_quaternions
 
@@ -262,17 +262,6 @@ def get_texts(file: TextSource, name: str, key: str) -> dict[str, str]:
     if odd := next((key for key, value in values.items() if not isinstance(value, str)), None):
         raise ContourFileError(f"{file.path}: attribute {key} of {name} has no text for {odd!r}")
     return values
-
-
-def get_version(file: Hdf5Reader) -> tuple[int, int]:
-    """Major and minor version of a file's format; raises ContourFileError where it is missing or impossible."""
-    version = file.attribute("/", "version")
-    if not isinstance(version, np.ndarray) or version.shape != (2,) or version.dtype.kind not in "iu":
-        raise ContourFileError(f"{file.path}: attribute version of / is missing or not [major, minor]")
-    major, minor = (int(number) for number in version)
-    if major < 1 or minor < 0:
-        raise ContourFileError(f"{file.path} has format version {major}.{minor}, the first was 1.0")
-    return major, minor
 
 
 def get_representation(file: Hdf5Reader) -> dict[str, Any]:

@@ -10,10 +10,9 @@ from typing import Any, NamedTuple, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contour_file.header import get_version
 from ..errors import ContourFileError
 from ..json_text import parse_json
-from ..storage.hdf5 import Hdf5Reader
+from ..storage.hdf5 import Hdf5Reader, get_version
 
 FOCAL_POINTS, DRIVES = "palpate focal points", "palpate drives"
 VERSION_MAJOR = 1

@@ -218,3 +218,14 @@ def reason_of(error: BaseException, task: str) -> str:
         if sign in text:
             return reason
     return f"cannot be {task}: {' '.join(text.split()) or type(error).__name__}"
+
+
+def get_version(file: Hdf5Reader) -> tuple[int, int]:
+    """Major and minor version of a file's format; raises ContourFileError where it is missing or impossible."""
+    version = file.attribute("/", "version")
+    if not isinstance(version, np.ndarray) or version.shape != (2,) or version.dtype.kind not in "iu":
+        raise ContourFileError(f"{file.path}: attribute version of / is missing or not [major, minor]")
+    major, minor = (int(number) for number in version)
+    if major < 1 or minor < 0:
+        raise ContourFileError(f"{file.path} has format version {major}.{minor}, the first was 1.0")
+    return major, minor

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
-from ...datasets.rigid import rotated
+from ...datasets.rigid import composed, inverted, rotated
 from ..errors import PoseError, StrategyError
-from .hand import Hand, Palm, composed, inverted
+from .hand import Hand, Palm
 from .mesh_hand import MeshHand
 from .plane_hand import HandPatch, PatchJoint, PlaneHand
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import warp as wp
 
-from ...datasets.rigid import pose_inverse, quaternion_product, rotated, unit
+from ...datasets.rigid import rotated
 from ...kernels.patch import ON, Patch
 from ..errors import PoseError, RenderError, StrategyError
 
@@ -198,23 +198,6 @@ def frames_at(pose: np.ndarray, half: np.ndarray) -> PatchFrames:
     q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
     u, back, n = (rotated(q, np.eye(3)[k]) for k in (0, 2, 1))
     return PatchFrames(pose[..., :3], u, 0.0 - back, n, np.asarray(half, np.float64))  # 0.0: no -0.0
-
-
-def composed(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    """The pose that is `inner` in the frame of `outer`: x y z [m] and quaternion xyzw, shapes [..., 7] broadcast.
-
-    Quaternions of any norm; an `inner` of no shift and no turn gives `outer`, to the bit.
-    """
-    outer, inner = np.asarray(outer, np.float64), np.asarray(inner, np.float64)
-    position = outer[..., :3] + rotated(unit(outer[..., 3:]), inner[..., :3])
-    turn = quaternion_product(outer[..., 3:], inner[..., 3:])
-    return np.concatenate([position, turn], axis=-1)
-
-
-def inverted(pose: np.ndarray) -> np.ndarray:
-    """The pose that undoes each, shape [..., 7]; quaternions of any norm."""
-    pose = np.asarray(pose, np.float64)
-    return pose_inverse(np.concatenate([pose[..., :3], unit(pose[..., 3:])], axis=-1))
 
 
 def hand_from(described: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> Hand:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...datasets.rigid import rotated
+from ...datasets.rigid import composed, rotated
 from ..errors import PoseError, StrategyError
-from .hand import IDENTITY, PatchFrames, composed, frames_at, patches_on, require_sides, rigid_poses
+from .hand import IDENTITY, PatchFrames, frames_at, patches_on, require_sides, rigid_poses
 from .joint_planes import FINGERS, planes_of_joints
 
 NORM_TOLERANCE = 1e-3  # of a quaternion, as of a motion's

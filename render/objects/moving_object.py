@@ -3,9 +3,8 @@
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
-from ...datasets.rigid import rotated, slerp
+from ...datasets.rigid import composed, inverted, rotated, slerp
 from ..errors import PoseError
-from ..hands.hand import composed, inverted
 
 EDGE_MOST = 0.1  # [s]; a motion's end is held for an interval, but of keyframes no longer than this
 

@@ -4,8 +4,9 @@
 
 Each case plays in a process of its own. In process: the emulated bus behind pyusb's backend interface, written to by
 the writer's thread. umockdev: the real libusb on an emulated bus in another process, queued transfers (needs what
-tests/umockdev_session.py names). The busy CPU is a Python process that spins; there may be fewer cores than processes,
-so the load average is told too. The cases also run small as tests (tests/test_benchmarks_playback.py).
+tests/device/tiers/umockdev_session.py names). The busy CPU is a Python process that spins; there may be fewer cores
+than processes, so the load average is told too. The cases also run small as tests
+(tests/house/test_benchmarks_playback.py).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the emulated bus is theirs
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/device/tiers"))  # the emulated bus is theirs
 from umockdev_session import Plug, run, write_pat_file
 
 from palpate.datasets.motions.hand_motion import exploration

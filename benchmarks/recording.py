@@ -4,7 +4,7 @@
 
 Write: of contours that are there already. Raw: the same datasets, chunks, Fletcher-32 checksums, and an fsync for each
 range of poses that recording reports done.
-Sides take turns; medians. The cases also run small as tests (tests/test_benchmarks.py).
+Sides take turns; medians. The cases also run small as tests (tests/house/test_benchmarks.py).
 """
 
 import argparse

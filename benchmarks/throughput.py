@@ -5,7 +5,7 @@
     python benchmarks/throughput.py --device cuda:0 --compare lengths.npz     # on a machine with a GPU
 
 Needs Warp, NumPy and what palpate.render imports; one line of JSON a case. The cases also run small as tests
-(tests/test_benchmarks.py). Medians of `--repeats` runs; first runs are not counted.
+(tests/house/test_benchmarks.py). Medians of `--repeats` runs; first runs are not counted.
 """
 
 import argparse

@@ -33,6 +33,8 @@ def pytest_configure(config):
     """Compile every kernel in this one process, before workers that would all do it at once."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's `&` does that, and processes of tests inherit it
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    shared = [str(path) for path in config.getini("pythonpath")]  # child processes find what tests share, too
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [*shared, os.environ.get("PYTHONPATH")]))
     config.addinivalue_line("markers", "stress: many poses on large meshes; seconds each")
     if not hasattr(config, "workerinput"):
         from palpate.kernels import compile_kernels
@@ -58,7 +60,7 @@ def is_absent(error):
         error = error.__cause__
     if isinstance(error, PackageNotFoundError):
         return not os.environ.get("CI")
-    own = {path.stem for path in Path(__file__).parent.glob("*.py")} | {"palpate"}
+    own = {path.stem for path in Path(__file__).parent.rglob("*.py")} | {"palpate"}
     return error is not None and not os.environ.get("CI") and (error.name or "").split(".")[0] not in own
 
 

@@ -1,0 +1,165 @@
+"""Hostile HDF5 files: each operation on each gives one clear error, in time and in memory; never a signal or a hang."""
+
+import json
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from command_line import FAILED, run
+from contour_cases import everything, make_contours, write_file
+from hostile_hdf5 import CASES, OPERATIONS, sound, write_case
+
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.contour_file.unknown_content import unknown_content
+from palpate.datasets.errors import Hdf5Error
+from palpate.datasets.storage.hdf5_heap import collection_size, refuse_endless_heap
+from palpate.datasets.storage.hdf5_opening import open_hdf5
+
+GROUPS = 6  # each is a process, which takes seconds to start
+
+
+@pytest.mark.parametrize("group", range(GROUPS))
+def test_hostile_files_are_refused_with_a_clear_error(tmp_path, group):
+    names = list(CASES)[group::GROUPS]
+    script = Path(__file__).with_name("hostile_process.py")
+    command = [sys.executable, script, tmp_path, *names]
+    told = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert told.returncode == 0, told.stderr[-2000:]
+    outcomes = [json.loads(line) for line in told.stdout.splitlines()]
+    tried = [row for row in outcomes if row["case"] in names]
+    assert len(tried) == sum(len(OPERATIONS[CASES[name].kind]) for name in names)
+    assert [row for row in tried if row["short"]] == []
+    unharmed = {row["outcome"] for row in outcomes if row["case"].startswith("sound ")}
+    assert unharmed == {"done", "whole"}
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("a virtual dataset on itself", "/contours/points is a virtual dataset"),
+        ("external data on a FIFO", "/contours/kind has its data in 1 external files"),
+        ("a link to another file in place of a group", "/object is a link to another file"),
+        ("a soft link in place of a dataset", "/contours/kind is a soft link"),
+        ("a group that holds the root", "/contours/self is / once more"),
+        ("a dataset with two names", "/contours/points is /extra once more"),
+        ("groups a thousand deep", "9 groups deep, expected at most 8"),
+        ("points of 1e9 rows that were never written", "/contours/points declares 122071 chunks, which a file of"),
+        ("points of 1e9 rows in one piece that were never written", "declares 12000000000 bytes, 0 are stored"),
+        ("a chunk that inflates to 3 GB", "/contours/kind is damaged"),
+        ("a chunk of 30 MB that inflates to 3 GB", "inflates to more than its 30000000 bytes"),
+        ("all chunks in one place", "/contours/kind is damaged: 1 of its 64 chunks"),
+        ("a compound in /contours/points", "/contours/points is of an HDF5 compound of 8 bytes"),
+        ("a filter that is a plug-in", "/contours/kind has filter 32015"),
+        ("20,000 attributes", "/object has more than 1024 attributes"),
+        ("an attribute of 64 MB", "piece of the file's structure has 67"),
+        ("an attribute of three dimensions", "attribute extra of / has shape [2, 2, 2]"),
+        ("a version below zero", "format version -5.-7"),
+        ("an offset of text", "attribute offset of /motion is 'soon', expected a finite number"),
+        ("a strategy of 30,000 lists", "attribute strategy of / is not JSON: lists or objects lie more than 256 deep"),
+        ("a FIFO", "is a pipe, a device or a socket"),
+    ],
+)
+def test_a_refusal_names_the_path_inside_the_file_the_value_and_the_bound(tmp_path, name, message):
+    path = tmp_path / "hostile.h5"
+    write_case(name, path)
+    assert any(message in problem and str(path) in problem for problem in check_file(path)), check_file(path)
+
+
+@pytest.mark.parametrize("mode", ["r", "r+", "a"])
+@pytest.mark.parametrize("options", [{}, {"locking": True}, {"libver": "latest"}], ids=str)
+def test_a_file_that_this_process_holds_open_in_h5py_is_checked_and_read(tmp_path, mode, options):
+    path = tmp_path / "held.h5"
+    path.write_bytes(sound("contours"))
+    with h5py.File(path, mode, **options) as held:
+        points = held["/contours/points"][...]
+        assert check_file(path) == []
+        with ContourFile(path) as file:
+            np.testing.assert_array_equal(file.contours()["points"], points)
+            with h5py.File(path, mode, **options) as again:
+                np.testing.assert_array_equal(again["/contours/points"], points)
+        assert run("info", path, "--json").exit_code == 0
+
+
+@pytest.mark.parametrize("libver", ["earliest", "latest"])
+@pytest.mark.parametrize("options", [{}, {"compression": "gzip", "shuffle": True}, {"compression": "lzf"}], ids=str)
+def test_what_other_writers_leave_is_read_as_h5py_reads_it(tmp_path, libver, options):
+    path = tmp_path / "other.h5"
+    rows = np.random.default_rng(1).normal(size=(5000, 7))
+    with h5py.File(path, "w", libver=libver) as file:
+        file.create_dataset("/a/chunked", data=rows, chunks=(64, 7), fletcher32=True, **options)
+        file.create_dataset("/a/growing", data=rows, chunks=(100, 7), maxshape=(None, 7), **options)
+        file["/a/plain"], file["/b"] = rows.astype(">f4"), rows.astype(np.int16)
+        file["/text"] = ["ü", "", "long" * 1000]
+    with open_hdf5(path) as opened, h5py.File(path) as file:
+        for name in opened.datasets.keys() - {"/text"}:
+            np.testing.assert_array_equal(opened.read(name, 7, 4001), file[name][7:4001])
+            assert opened.read(name).dtype.isnative
+        assert opened.read("/text").tolist() == ["ü", "", "long" * 1000]
+        opened.require_all_stored()
+
+
+def test_bytes_in_memory_are_read_like_the_file(tmp_path):
+    content = sound("contours")
+    (tmp_path / "a.h5").write_bytes(content)
+    with open_hdf5("a name only", content) as memory, open_hdf5(tmp_path / "a.h5") as file:
+        assert memory.structure == file.structure
+        np.testing.assert_array_equal(memory.read("/contours/points"), file.read("/contours/points"))
+    with pytest.raises(Hdf5Error, match="empty"):
+        open_hdf5("a name only", b"")
+
+
+@pytest.mark.parametrize("length", [13, 20_000])
+def test_a_heap_in_which_libhdf5_walks_for_ever_is_refused(tmp_path, length):
+    path = tmp_path / "heap.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["text"] = "x" * length
+    content = bytearray(path.read_bytes())
+    begin = content.index(b"GCOL")
+    size = collection_size(memoryview(content)[begin:])
+    assert size >= max(length, 4096)
+    refuse_endless_heap(memoryview(content)[begin : begin + size])
+    free = 16 + 16 + -(-length // 8) * 8  # behind the collection's head, and the text with its own
+    if size - free < 16:
+        free = 16  # the text fills it: it becomes the free space
+    struct.pack_into("<HHIQ", content, begin + free, 0, 0, 0, 0)
+    path.write_bytes(content)
+    with open_hdf5(path) as opened, pytest.raises(OSError, match=f"object 0 at byte {free} takes 0 of {size} bytes"):
+        opened.attribute("/", "text")
+
+
+@pytest.mark.parametrize("kind", ["contours", "frames"])
+def test_a_sound_file_holds_nothing_unknown(tmp_path, kind):
+    path = tmp_path / "sound.h5"
+    path.write_bytes(sound(kind))
+    assert unknown_content(path) == []
+
+
+def test_what_is_unknown_is_listed_and_no_fault(tmp_path):
+    path = tmp_path / "more.h5"
+    write_file(path, make_contours(30, intensity=True, dwell=True), chunk=11, **everything(30))
+    with h5py.File(path, "r+") as file:
+        file["/contours/colour"] = np.zeros(3)
+        file["/focus/deep/points"] = np.zeros(3)
+        file["/contours/points"].attrs["author"] = "me"
+        file.attrs["note"] = "mine"
+    unknown = [
+        "/contours/colour is not of this format",
+        "/focus is not of this format",
+        "attribute author of /contours/points is not of this format",
+        "attribute note of / is not of this format",
+    ]
+    assert sorted(unknown_content(path)) == unknown
+    told = run("check", path, "--json")
+    assert (told.exit_code, json.loads(told.stdout)["whole"]) == (0, True)
+    assert sorted(json.loads(told.stdout)["unknown"]) == unknown
+    shown = run("check", path)
+    assert shown.exit_code == 0
+    assert "/focus is not of this format, and nothing reads it" in " ".join(shown.stderr.split())
+    path.write_bytes(path.read_bytes()[:-1])
+    assert run("check", path).exit_code == FAILED
+    assert unknown_content(path) == []

@@ -1,0 +1,67 @@
+"""Every benchmark case runs, small, and says what it should."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from paper_ratio import table
+from poses import random_poses
+from recording import THINGS
+from recording import measure as measure_recording
+from scaling import measure as measure_scaling
+from solvers import SEVERAL, SINGLE, focal_points
+from solvers import measure as measure_solvers
+from throughput import CASES, compare, measure
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.thing}-{case.label}")
+def test_throughput_case_measures_what_it_renders(case, device):
+    figures, lengths = measure(case, device, random_poses(50), repeats=1)
+    assert lengths.shape == (50, 3)
+    assert figures["hit"] == np.mean(lengths.sum(axis=1) > 0)
+    assert figures["poses_per_second"] > 0
+    assert sum(figures["stages"].values()) == pytest.approx(1.0)
+    assert compare(lengths, lengths)["equal_bits"] == 50
+    assert compare(lengths, lengths + np.float32(0.1))["apart_over_1e-5"] == 50
+
+
+def test_poses_are_the_same_every_time_and_uniform():
+    poses = random_poses(4000)
+    np.testing.assert_array_equal(poses, random_poses(4000))
+    assert np.abs(poses[:, :3] - [0, 0, 0.2]).max() <= 0.065
+    assert np.linalg.norm(poses[:, 3:], axis=1) == pytest.approx(np.ones(4000), abs=1e-6)
+    assert np.abs(poses[:, 3:].mean(axis=0)).max() < 0.05
+
+
+def test_ratio_table_fits_the_cube_and_keeps_the_papers_order():
+    rows = table(range(1, 3))
+    fitted = {row["object"]: row["mean"] for row in rows[3:]}
+    assert rows[3]["side"] == rows[5]["side"] != rows[0]["side"]
+    assert fitted["cube"] == pytest.approx(2.54, abs=0.02)
+    assert fitted["cube"] > fitted["tube"] > fitted["dog"] > 1
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_recording_case_measures_what_it_writes(name, device, tmp_path):
+    figures = measure_recording(name, [device], 3000, 1, tmp_path)
+    assert figures["commits"] >= 2
+    assert 100 < figures["bytes_per_pose"] < 1000
+    assert min(figures[f"{side}_seconds"] for side in ("render", "record", "write", "raw")) > 0
+
+
+def test_scaling_case_measures_workers_and_processes():
+    figures = measure_scaling("cube", ["cpu", "cpu"], 2001, 1)
+    assert figures["poses"] == 2000
+    assert set(figures["seconds"]) == {"one", "together", "apart"}
+    assert min(figures["seconds"].values()) > 0
+    assert figures["speedup"] == figures["seconds"]["one"] / figures["seconds"]["together"]
+
+
+def test_solver_cases_measure_phases_that_focus(device):
+    for figure in measure_solvers(SINGLE, focal_points(50, 1)[:, 0], device, 1):
+        assert figure.error is None or figure.error < 1, figure.case  # 1/256 turn
+    for figure in measure_solvers(SEVERAL, focal_points(20, 4), device, 1):
+        assert figure.error < 0.3, figure.case

@@ -1,0 +1,160 @@
+"""Numbers of a pose and their sums against slow oracles: lengths, polylines, area, statistics of spans and parts."""
+
+import numpy as np
+import pytest
+import shapely
+import warp as wp
+from mesh_cases import bodies, generic_poses, shell
+from section_oracle import section_links, walk
+
+from palpate.kernels.metrics.measure import measure_contours
+from palpate.kernels.metrics.tally import METRICS, measure_gaps, sum_parts, tally_contours
+from palpate.render import MeshObject, Palm, closed_contour, open_contour
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.scene import Scene
+from palpate.render.objects.functions.expression import box, sphere
+from palpate.render.objects.functions.implicit_object import ImplicitObject
+
+HALF = 0.0425
+TWO = PlaneHand(
+    (
+        HandPatch("one", 0.06, 0.05),
+        HandPatch("two", 0.05, 0.08, (0.02, 0.01, -0.04, 0.48, 0.0, 0.36, 0.8)),
+    )
+)
+"""Two patches that overlap."""
+
+
+def thing_of(name):
+    if name == "shell":
+        return MeshObject(*shell())
+    if name == "bodies":
+        return MeshObject(*bodies())
+    if name == "function":
+        hollow = sphere(0.06) - sphere(0.03) - box(0.02, 0.2, 0.02)
+        return ImplicitObject(hollow.moved(0, 0, 0.2))
+    return MeshObject.load(name)
+
+
+def tallied(batch, device, *, encloses=True):
+    value = wp.full((len(METRICS), batch.pose_count), np.nan, dtype=wp.float32, device=device)
+    length = wp.empty(batch.pose_count, dtype=wp.float64, device=device)
+    tally_contours(batch, value, length, measures=True, encloses=encloses)
+    return dict(zip(METRICS, value.numpy(), strict=True)), length.numpy()
+
+
+def signed_area(points, frames, pose, patch):
+    """Shoelace about the patch's normal: what lies to the left seen from +n counts as positive."""
+    off = points.astype(np.float64) - frames.origin[pose, patch]
+    u, v = off @ frames.u[pose, patch], off @ frames.v[pose, patch]
+    return 0.5 * float(np.sum(u[:-1] * v[1:] - u[1:] * v[:-1]))
+
+
+@pytest.mark.parametrize("hand", [Palm(), TWO], ids=["palm", "two patches"])
+@pytest.mark.parametrize("name", ["tube", "dog", "shell", "bodies", "function"])
+def test_lengths_polylines_and_area_are_those_of_the_oracle(name, hand, device):
+    scene = Scene.of(thing_of(name), hand, closed_contour())
+    poses = generic_poses(60, 4)
+    batch = scene.raw_contours(poses, 0, device)
+    got, length = tallied(batch, device)
+    host, frames = batch.numpy(), hand.frames(poses)
+    area = np.zeros(len(poses))
+    for pose in range(len(poses)):
+        lines = range(host.pose_start[pose], host.pose_start[pose + 1])
+        for line, points in zip(lines, host.polylines_of(pose), strict=True):
+            area[pose] += signed_area(points, frames, pose, host.polyline_patch[line])
+    np.testing.assert_allclose(got["area"], area, atol=2e-9)
+    assert got["area"].max() > 1e-3
+    by_kind = measure_contours(batch.points, batch.kind, batch.polyline_start, batch.pose_start).numpy()
+    for k, kind in enumerate(("object", "hand", "made")):
+        np.testing.assert_array_equal(got[f"length_{kind}"], by_kind[:, k])  # to the bit
+    np.testing.assert_array_equal(got["length"], by_kind.sum(axis=1, dtype=np.float64).astype(np.float32))
+    np.testing.assert_allclose(length, by_kind.sum(axis=1), atol=1e-7)
+    np.testing.assert_array_equal(got["polylines"], np.diff(host.pose_start))
+
+
+def section_area(thing, pose):
+    """Area of section and palm by shapely, from loops in float64."""
+    point, after = section_links(np.asarray(thing.vertices), np.asarray(thing.faces), pose)
+    region = shapely.Polygon()
+    for chain, _ in walk(after):
+        if len(chain) > 2:
+            region = region.symmetric_difference(shapely.make_valid(shapely.Polygon([point[edge] for edge in chain])))
+    return region.intersection(shapely.box(-HALF, -HALF, HALF, HALF)).area
+
+
+@pytest.mark.parametrize("name", ["tube", "cube", "shell"])
+def test_area_is_that_of_shapely_holes_left_out(name, device):
+    thing = thing_of(name)
+    poses = generic_poses(80, 11, spread=0.04)
+    got, _ = tallied(Scene.of(thing, Palm(), closed_contour()).raw_contours(poses, 0, device), device)
+    want = np.array([section_area(thing, pose) for pose in poses])
+    np.testing.assert_allclose(got["area"], want, atol=5e-9)
+    if name != "cube":
+        assert (got["polylines"] > 1).any()
+
+
+def test_a_palm_wholly_inside_has_its_own_area(device):
+    pose = np.array([[0, 0, 0.2, 0.1, 0.2, 0.3, 0.9]], np.float32)
+    for hand, area in ((Palm(0.05, 0.03), 0.0015), (Palm(0.001, 0.02), 2e-5)):
+        got, _ = tallied(Scene.of(thing_of("cube"), hand, closed_contour()).raw_contours(pose, 0, device), device)
+        np.testing.assert_allclose(got["area"], area, rtol=2e-5)
+        assert got["length_object"] == 0
+
+
+def test_flags_leave_the_other_rows_as_they_are(device):
+    batch = Scene.of(thing_of("tube"), Palm(), open_contour()).raw_contours(generic_poses(20, 1), 0, device)
+    got, _ = tallied(batch, device, encloses=False)
+    assert np.isnan(got["area"]).all()
+    value = wp.full((len(METRICS), 20), 7.0, dtype=wp.float32, device=device)
+    tally_contours(batch, value, wp.empty(20, dtype=wp.float64, device=device), measures=False, encloses=True)
+    assert (value.numpy()[:5] == 7).all()
+    assert (value.numpy()[5] == 0).all()  # nothing is closed
+    assert not batch.polyline_closed.numpy().any()
+    with pytest.raises(ValueError, match="shape"):
+        tally_contours(batch, value, wp.empty(3, dtype=wp.float64, device=device), measures=True, encloses=True)
+
+
+def test_gaps_are_those_of_open_polylines_only(device):
+    batch = Scene.of(thing_of("shell"), Palm(), open_contour()).raw_contours(generic_poses(50, 3), 0, device)
+    open_length, chord, count = (array.numpy() for array in measure_gaps(batch))
+    host = batch.numpy()
+    for pose in range(50):
+        lines = host.polylines_of(pose)
+        first = host.pose_start[pose]
+        opened = [x.astype(np.float64) for k, x in enumerate(lines) if not host.polyline_closed[first + k]]
+        want = sum(np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in opened)
+        assert open_length[pose] == pytest.approx(want, abs=1e-12)
+        assert chord[pose] == pytest.approx(sum(np.linalg.norm(x[-1] - x[0]) for x in opened), abs=1e-12)
+        assert count[pose] == len(lines)
+    assert set(host.polyline_closed) == {0, 1}
+
+
+def test_sums_go_pose_by_pose_and_span_by_span(device, rng):
+    value = (rng.normal(size=(2, 90)) ** 5).astype(np.float32)
+    value[0, ::7] = np.nan
+    value[0, 60:] = np.nan
+    first, count, start = [0, 20, 40, 60], [20, 20, 13, 30], [0, 3, 4]
+    begun = np.zeros((2, 2, 6))
+    begun[..., 3:5] = np.inf, -np.inf
+    begun[0, 1] = 4, 0.1, 0.7, -9000, 0.3, 2
+    want = begun.copy()
+    for part in range(2):
+        for span in range(start[part], start[part + 1]):
+            for metric in range(2):
+                own = np.array([0, 0, 0, np.inf, -np.inf, 0])
+                for x in value[metric, first[span] : first[span] + count[span]].astype(np.float64):
+                    if np.isfinite(x):
+                        own += [1, x, x * x, 0, 0, x > 0]
+                        own[3:5] = min(own[3], x), max(own[4], x)
+                out = want[part, metric]
+                low, high = min(out[3], own[3]), max(out[4], own[4])
+                out += own
+                out[3:5] = low, high
+    arrays = (first, np.int64), (count, np.int64), (start, np.int64), (begun, np.float64)
+    given = [wp.array(np.array(array, dtype), device=device) for array, dtype in arrays]
+    got = sum_parts(wp.array(value, device=device), *given).numpy()
+    np.testing.assert_array_equal(got, want)
+    assert got[1, 0].tolist() == [0, 0, 0, np.inf, -np.inf, 0]  # nothing finite
+    with pytest.raises(ValueError, match=r"shape \[2, 2, 6\]"):
+        sum_parts(wp.array(value, device=device), *given[:3], wp.zeros((1, 2, 6), dtype=wp.float64, device=device))

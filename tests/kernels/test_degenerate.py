@@ -1,0 +1,91 @@
+"""Palms exactly through vertices, along edges, flush with faces, sides and corners on contours, by either method."""
+
+import numpy as np
+import pytest
+from degenerate_cases import HALF, degenerate_poses, pose_of
+from drawing import METHODS, STRATEGIES, assert_same_bits, draw, patch_array, surface_on
+from mesh_cases import CLOSED, MESHES, slab
+from section_oracle import SHIFT, cut_mesh, is_degenerate
+
+from palpate.kernels.patch import ON
+
+TOLERANCE = 1e-5  # [m]
+SHIFTS = [(plane, side) for plane in (0, SHIFT, -SHIFT) for side in (0, -float(ON), SHIFT, -SHIFT)]
+
+
+def touches(drawn, i):
+    """Whether contours meet in a point, as they do where a plane goes through a saddle's vertex."""
+    lines = [line[:-1] if (line[0] == line[-1]).all() else line for line in drawn.lines_of(i)]
+    points = np.concatenate(lines).round(7)
+    return len(np.unique(points, axis=0)) < len(points)
+
+
+def fits(oc, cc, i, cut):
+    """Whether the contours of a pose are those of the oracle, which does not tell lines apart where they touch."""
+    closed = oc.closed_of(i)
+    return (
+        abs(oc.length[i].sum() - cut.oc_length) <= TOLERANCE
+        and abs(cc.length[i].sum() - cut.cc_length) <= TOLERANCE
+        and ((len(closed), sum(closed)) == (cut.oc_lines, cut.oc_loops) or touches(oc, i))
+        and cc.closed_of(i) == [True] * cut.cc_loops
+    )
+
+
+def check(mesh, poses, device):
+    """Both methods give the same bits, and these equal the oracle at one of the shifts; returns how many were so."""
+    surface, patch, stack = surface_on(mesh, device), patch_array(HALF, device), np.array(list(poses.values()))
+    raw, oc, cc = (draw(surface, stack, patch, strategy, "trace") for strategy in STRATEGIES)
+    for strategy, traced in zip(STRATEGIES, (raw, oc, cc), strict=True):
+        assert_same_bits(traced, draw(surface, stack, patch, strategy, "seek"))
+    for i, (label, pose) in enumerate(poses.items()):
+        cuts = [cut_mesh(*mesh, pose, HALF, plane_shift=p, side_shift=s) for p, s in SHIFTS]
+        agreed = any(fits(oc, cc, i, cut) for cut in cuts)
+        assert agreed, (label, oc.length[i], cc.length[i], cuts)
+    return sum(is_degenerate(*mesh, pose, HALF) for pose in stack)
+
+
+def test_palm_along_an_edge_goes_around_a_sliver(device):
+    """A plane through an edge cuts off a sliver of 1e-10 m: its contour leaves the palm right where it came in."""
+    mesh = CLOSED["cube"]()
+    surface, patch = surface_on(mesh, device), patch_array(HALF, device)
+    a, b = mesh[0].astype(float)[[0, 1]]
+    rng = np.random.default_rng(1)
+    poses = np.array(
+        [pose_of(0.5 * (a + b), rng.normal(size=3), np.cross(b - a, rng.normal(size=3))) for _ in range(200)]
+    )
+    for method in METHODS:
+        oc, cc = (draw(surface, poses, patch, strategy, method) for strategy in ("oc", "cc"))
+        np.testing.assert_allclose(cc.length[:, 0], oc.length[:, 0], atol=1e-6)
+        assert np.isfinite(cc.points).all()
+        assert (cc.length.sum(axis=1) <= 0.37 + TOLERANCE).all()
+
+
+@pytest.mark.parametrize("name", [*(name for name in CLOSED if name != "comb"), "block"])
+def test_degenerate_poses_equal_a_nearby_answer(name, device):
+    mesh = slab(lambda x, y: 0 * x, 9) if name == "block" else CLOSED[name]()
+    poses = degenerate_poses(mesh, 12, seed=3)
+    assert check(mesh, poses, device) > 0.9 * len(poses)
+
+
+@pytest.mark.parametrize("name", sorted(set(MESHES) - set(CLOSED)))
+def test_degenerate_poses_of_open_and_odd_meshes_are_the_same_by_either_method(name, device):
+    mesh = MESHES[name]()
+    surface, patch = surface_on(mesh, device), patch_array(HALF, device)
+    poses = np.array(list(degenerate_poses(mesh, 12, seed=4).values()))
+    for strategy in ("raw", "oc"):
+        traced, sought = (draw(surface, poses, patch, strategy, method) for method in METHODS)
+        assert_same_bits(traced, sought)
+        assert traced.length.sum() > 0
+
+
+def test_palms_on_a_grid_of_quarter_millimetres_meet_a_block_as_defined(device):
+    """Level palms over a block with vertices on a grid: sides run along its sides, corners lie on its corners."""
+    mesh = slab(lambda x, y: 0 * x, 5, size=0.0625)
+    mesh = (np.round(mesh[0].astype(float) * 1024) / 1024).astype(np.float32), mesh[1]
+    step = 0.0625 / 2
+    poses = {}
+    for x in (-2, -1, 0, 1, 2):
+        for y in (-2, -1, 0, 1, 2):
+            for z in (0.0, -0.02):
+                poses[f"{x} {y} {z}"] = pose_of([x * step, y * step, mesh[0][0, 2] + z], [1, 0, 0], [0, 0, 1])
+    assert check(mesh, poses, device) >= 25

@@ -1,0 +1,210 @@
+"""Peers of `palpate bench`: their completion, their agreement, and that a wrong one is told from a right one."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+from typer.testing import CliRunner
+
+from palpate.render.bench import clocks as bench_measure
+from palpate.render.bench import turns as bench_turns
+from palpate.render.bench.cases import bench_object, random_poses
+from palpate.render.bench.clocks import Clocks
+from palpate.render.bench.peers import Declined, Peer, check_peer, find_peers, peer_classes
+from palpate.render.bench.rows import measure_trial
+from palpate.render.bench.section_completion import PalmFrames, Polylines, clipped, offsets, rings_of
+from palpate.render.bench.turns import BenchOptions, PeerTurn, Trial
+from palpate.render.cli import app
+from palpate.render.hands.hand import Palm
+from palpate.render.intersection.mesh_section import intersect
+from palpate.render.strategies.intersection_strategy import load_strategy
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
+from throughput import OBJECTS
+
+
+@pytest.fixture(autouse=True)
+def _small_copies(monkeypatch):
+    monkeypatch.setattr(bench_measure, "COPY_BYTES", {True: 2**20, False: 2**20})
+
+
+# Completion: the palm is 85 mm square, half 42.5
+
+
+def _ring(*boxes, turn=1):
+    """Rings around boxes (low u, low v, high u, high v) [mm] of pose 0; a hole has its corners the other way round."""
+    rings = []
+    for box in boxes:
+        a, b, c, d = (1e-3 * x for x in box)
+        ring = np.array([[a, b], [c, b], [c, d], [a, d]])
+        rings.append(ring[::turn])
+    return rings_of(rings, [0] * len(rings), repeats=False)
+
+
+BOXES = {
+    # name: boxes, OC length [mm] and lines, CC length and lines
+    "inside": ([(-10, -10, 10, 10)], (80, 1), (80, 1)),
+    "apart": ([(50, 50, 60, 60)], (0, 0), (0, 0)),
+    "around": ([(-90, -90, 90, 90)], (0, 0), (340, 1)),
+    "starts inside": ([(0, -10, 90, 10)], (105, 1), (125, 1)),
+    "across": ([(-90, -10, 90, 10)], (170, 2), (210, 1)),
+    "two shells": ([(-90, -10, -30, 10), (30, -10, 90, 10)], (90, 2), (130, 2)),
+    "hole": ([(-90, -90, 90, 90), (-10, 10, 10, -10)], (80, 1), (420, 2)),
+    "shell in a hole": ([(-90, -90, 90, 90), (-20, 20, 20, -20), (-5, -5, 5, 5)], (200, 2), (540, 3)),
+}
+
+
+@pytest.mark.parametrize("name", BOXES)
+@pytest.mark.parametrize("turn", [1, -1, 0])
+@pytest.mark.parametrize("closed", [False, True])
+def test_rings_are_clipped_and_closed(name, turn, closed):
+    boxes, open_told, closed_told = BOXES[name]
+    length, lines = closed_told if closed else open_told
+    rings = _ring(*boxes, turn=-1 if turn == -1 else 1)
+    found = clipped(rings, Palm(), closed=closed, turn=turn)
+    assert found.lengths(1)[0] == pytest.approx(1e-3 * length)
+    assert found.counts(1, longer_than=1e-9)[0] == lines
+
+
+def test_completion_keeps_poses_apart():
+    rings = [_ring(boxes[0][0]) for boxes in BOXES.values()]
+    together = Polylines(
+        np.concatenate([ring.points for ring in rings]),
+        offsets(np.concatenate([ring.size for ring in rings])),
+        np.arange(len(rings)),
+    )
+    for closed in (False, True):
+        alone = [clipped(ring, Palm(), closed=closed, turn=1).lengths(1)[0] for ring in rings]
+        found = clipped(together, Palm(), closed=closed, turn=1)
+        assert found.lengths(len(rings)) == pytest.approx(np.array(alone))
+
+
+# Peers
+
+
+@pytest.mark.parametrize("strategy", ["oc", "cc"])
+@pytest.mark.parametrize("name", list(peer_classes()))
+def test_peer_gives_the_same_contours_on_every_object(name, strategy):
+    found, absent = find_peers(name)
+    if absent:
+        pytest.skip(f"{name}: {absent[0].reason}")
+    for thing in OBJECTS:
+        found[0].setup(bench_object(thing), Palm())
+        agreement = check_peer(found[0], bench_object(thing), Palm(), random_poses(50), load_strategy(strategy))
+        assert (agreement.apart, agreement.lines_apart) == (0, 0), f"{thing}: {agreement.told()}"
+
+
+class Mirror(Peer):
+    """A peer that gives our own contours, or a fault of them."""
+
+    name, packages, licence = "mirror", ("numpy",), "none"
+    scale = 1.0
+    lost = 0
+    fault: Exception | None = None
+
+    def setup(self, thing, hand):
+        if self.fault:
+            raise self.fault
+        self.thing, self.hand = thing, hand
+
+    def contours(self, pose, strategy):
+        batch = intersect(self.thing, self.hand, wp.array(pose, dtype=wp.transform, device="cpu"), strategy)[0].numpy()
+        owner = np.repeat(np.arange(len(pose)), np.diff(batch.pose_start))
+        size = np.diff(batch.polyline_start)
+        flat = PalmFrames.of(pose).flat(self.scale * batch.points.astype(np.float64), np.repeat(owner, size))
+        found = Polylines(flat, batch.polyline_start, owner)
+        return found.select(np.arange(len(owner)) % 10 != 0) if self.lost else found
+
+
+def _mirror(**faults):
+    peer = Mirror()
+    for name, value in faults.items():
+        setattr(peer, name, value)
+    return peer
+
+
+def _trial(strategy="cc", poses=100, **options):
+    return Trial("tube", bench_object("tube"), strategy, random_poses(poses), BenchOptions(repeats=1, **options))
+
+
+@pytest.mark.parametrize("strategy", ["oc", "cc"])
+@pytest.mark.parametrize(
+    ("faults", "state"),
+    [
+        ({}, "timed"),
+        ({"scale": 1.0005}, "disagrees"),
+        ({"lost": 1}, "disagrees"),
+        ({"fault": OSError("gone")}, "failed"),
+        ({"fault": Declined("large")}, "declined"),
+    ],
+    ids=lambda value: str(value),
+)
+def test_a_wrong_peer_is_reported_and_not_timed(faults, state, strategy):
+    row = measure_trial(_trial(strategy, seconds=0.001), [_mirror(**faults)], find_peers("none")[1])
+    (peer,) = row.peers
+    assert peer.state == state
+    if state == "timed":
+        assert (row.peer, row.peer_ratio) == ("mirror", peer.ratio)
+        assert peer.us > 0
+    else:
+        assert (row.peer, peer.us) == (None, None)
+        assert peer.note
+
+
+def test_polylines_that_are_split_are_noticed():
+    trial = _trial("oc")
+    peer = _mirror()
+    peer.setup(trial.thing, trial.hand)
+    whole = peer.contours
+
+    def split(pose, strategy):
+        found = whole(pose, strategy)
+        middle = np.insert(found.start, 1, 2)  # the first polyline of the first pose, cut after one segment
+        points = np.insert(found.points, 2, found.points[1], axis=0)
+        middle[2:] += 1
+        return Polylines(points, middle, np.insert(found.pose, 0, found.pose[0]))
+
+    peer.contours = split
+    agreement = check_peer(peer, trial.thing, trial.hand, trial.pose[:50], trial.stages)
+    assert (agreement.apart, agreement.lines_apart) == (0, 1)
+    assert not agreement.agrees
+
+
+def test_a_peer_that_prepares_anew_is_timed_by_what_a_further_pose_takes():
+    peer = _mirror(rebuilds=True)
+    turn = PeerTurn(peer, _trial(seconds=0.001))
+    turn.poses = 101
+    row = turn.row([Clocks(1.1, 2.1, 7), Clocks(0.1, 0.1, 7)], ours=100.0)
+    assert (row.us, row.us_wall, row.call_seconds) == pytest.approx((1e4, 2e4, 0.1))
+    assert row.ratio == pytest.approx(100.0)
+
+
+def test_a_slow_peer_is_timed_once(monkeypatch):
+    monkeypatch.setattr(bench_turns, "ONCE_SECONDS", 0.0)
+    row = measure_trial(_trial(seconds=0.001), [_mirror()])
+    assert (row.peers[0].state, row.peers[0].repeats) == ("once", 1)
+
+
+def test_a_peer_that_is_not_installed_is_no_error(monkeypatch):
+    monkeypatch.setitem(sys.modules, "vtkmodules.vtkFiltersCore", None)
+    found, absent = find_peers("vtk")
+    assert found == []
+    assert absent[0].name == "vtk"
+    assert "cannot be imported" in absent[0].reason
+
+
+def test_peers_get_poses_from_all_of_the_motion():
+    trial = _trial(poses=100)
+    np.testing.assert_array_equal(trial.spread(2), trial.pose[[0, 99]])
+    assert len(trial.spread(500)) == 100
+
+
+def test_command_shows_tables(monkeypatch):
+    monkeypatch.setattr("palpate.render.bench.report.find_peers", lambda wanted: ([_mirror()], find_peers("none")[1]))
+    options = ("--objects=cube", "--strategies=oc", "--poses=50", "--repeats=1", "--peers=vtk")
+    result = CliRunner().invoke(app, ["bench", *options], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    for told in ("cube", "OC", "% ", "mirror", "share of the time"):
+        assert told in result.output

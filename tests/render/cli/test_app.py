@@ -1,0 +1,457 @@
+"""The command line: the main job, JSON, exit codes, and one clear sentence for every mistake."""
+
+import contextlib
+import json
+import math
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import trimesh
+from command_line import FAILED, MISUSED, answer, refused, run
+from contour_cases import redigest
+
+from palpate.datasets import ContourFile, HandMotion, check_file, static_pose
+from palpate.datasets.contour_file.parts import read_part
+from palpate.datasets.errors import ContourFileError
+from palpate.device.boards.emulator.usb_side import EmulatorBackend, Fault, FaultKind
+from palpate.device.clock import VirtualClock
+from palpate.render.playback import file_playback as playback
+
+PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli.app import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def motion(tmp_path_factory):
+    """A CSV of a palm that sinks through the objects in one second."""
+    path = tmp_path_factory.mktemp("motion") / "sink.csv"
+    z = np.linspace(0.3, 0.1, 91)
+    pose = np.column_stack([0 * z, 0 * z, z, np.tile(static_pose([0, 0, 0.2]).pose[0, 3:], (91, 1))])
+    HandMotion(np.arange(91) / 90.0, pose).save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def rendered(motion, tmp_path_factory):
+    path = tmp_path_factory.mktemp("rendered") / "tube.h5"
+    assert run("render", "tube", motion, "-o", path).exit_code == 0
+    return path
+
+
+def test_demo_runs_the_main_job_again_and_again(tmp_path):
+    words = ("demo", "--folder", tmp_path / "demo", "--clock", "virtual")
+    answer(*words)
+    refused(MISUSED, "--overwrite", *words)  # the folder is not the demonstration's own
+    told = answer(*words, "--overwrite")
+    assert told["poses"] == 2700
+    assert told["frames"] == 300_000
+    assert told["board_underruns"] == 0
+    assert told["off_confirmed"] is True
+    assert told["r"] > 1
+    for name in ("motion", "open_contours", "closed_contours", "picture"):
+        assert Path(told[name]).stat().st_size > 1000
+    assert check_file(told["open_contours"]) == []
+    assert answer("info", told["closed_contours"])["r"] == pytest.approx(told["r"])
+
+
+@pytest.mark.parametrize("command", ["demo", "render", "info", "check", "figure", "play", "devices", "selftest"])
+def test_every_command_has_help(command):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert "--json" in result.output
+
+
+def test_info_tells_what_design_promises(rendered):
+    told = answer("info", rendered)
+    assert told["poses"] == 91
+    assert {"polylines", "points", "length_mean", "strategy", "r"} <= told.keys()
+    assert told["duration"] == pytest.approx(91 / 90)
+    assert told["strategy"] == {"raw": "section", "prune": ["outside"], "transform": ["close"]}
+
+
+def test_open_contours_have_no_r(motion, tmp_path):
+    assert "r" not in answer("render", "cube", motion, "-o", tmp_path / "oc.h5", "--strategy", "oc")
+
+
+def test_play_tells_what_design_promises(rendered):
+    told = answer("play", rendered, "--clock", "virtual")
+    assert told["frames"] == math.ceil(91 / 90 * 10_000)
+    assert told["bytes"] == told["frames"] * 512
+    assert (told["update_rate"], told["array"], told["clock"]) == (10_000, "emulator", "virtual")
+    assert (told["underruns"], told["board_underruns"], told["off_confirmed"]) == (0, 0, True)
+    assert told["duration"] == pytest.approx(91 / 90, abs=1e-3)
+    assert told["jumps"] == sum(told["jumps_by_cause"].values())
+
+
+def test_play_takes_an_array_by_what_people_call_it(rendered):
+    told = answer("play", rendered, "--array", "OpenMPD", "--emulate", "--clock", "virtual", "--duration", "0.1")
+    assert told["array"] == "pat16"
+
+
+def test_play_takes_other_rates_and_speeds(rendered):
+    told = answer("play", rendered, "--clock", "virtual", "--update-rate", "40000", "--speed", "5", "--duration", "0.5")
+    assert told["frames"] == 20_000
+    assert told["sampling"]["speed"] == 5.0
+    assert told["jump_threshold"] == 5e-3
+
+
+def test_devices_lists_the_emulated_array_without_libusb_too():
+    told = answer("devices")
+    emulated = {entry["array"] for entry in told["devices"] if entry["where"] == "emulated"}
+    assert emulated == {"emulator", "pat16", "sonicsurface", "autd3"}
+    assert 'ATTR{idVendor}=="0403"' in told["udev_rules"]["pat16"]
+
+
+def test_selftest_plays_a_point_and_a_circle():
+    told = answer("selftest", "--clock", "virtual", "--seconds", "0.2")
+    assert (told["point_frames"], told["circle_frames"]) == (2000, 2000)
+    assert told["point_off_confirmed"]
+    assert told["circle_off_confirmed"]
+
+
+def test_figure_is_drawn_of_files_of_one_object_and_motion(rendered, motion, tmp_path):
+    run("render", "tube", motion, "-o", tmp_path / "oc.h5", "--strategy", "oc")
+    (tmp_path / "picture.png").write_bytes(b"precious")
+    words = ("figure", tmp_path / "oc.h5", rendered, "-o", tmp_path / "picture.png")
+    refused(MISUSED, "picture.png: exists; --overwrite", *words)
+    assert (tmp_path / "picture.png").read_bytes() == b"precious"
+    assert run(*words, "--overwrite").exit_code == 0
+    assert (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
+    run("render", "cube", motion, "-o", tmp_path / "cube.h5")
+    refused(MISUSED, "another object", "figure", rendered, tmp_path / "cube.h5", "-o", tmp_path / "two.png")
+    refused(MISUSED, "must end in one of .png", "figure", rendered, "-o", tmp_path / "picture.bmp")
+    refused(FAILED, "cannot be written", "figure", rendered, "-o", tmp_path / "none" / "picture.png")
+
+
+@pytest.mark.parametrize("heights", [[0.2], [0.2, 0.201], [5.0], [5.0, 0.2, 5.0]])
+def test_figure_is_drawn_of_few_poses_and_of_none_that_meet_the_object(heights, tmp_path):
+    rows = "".join(f"0,0,{z},0.7071068,0,0,0.7071068\n" for z in heights)
+    (tmp_path / "few.csv").write_text("x,y,z,qx,qy,qz,qw\n" + rows)
+    result = run("render", "tube", tmp_path / "few.csv", "-o", tmp_path / "few.h5")
+    assert result.exit_code == 0
+    assert ("no pose meets the object" in " ".join(result.stderr.split())) == (min(heights) > 1)
+    assert run("figure", tmp_path / "few.h5", "-o", tmp_path / "few.svg").exit_code == 0
+    assert "<svg" in (tmp_path / "few.svg").read_text()
+
+
+def test_r_is_null_where_nothing_of_the_object_is_drawn(motion, tmp_path):
+    """A palm that stays inside the cube: closed contours, no open ones; poses outside count with length 0."""
+    told = answer("render", "cube", motion, "-o", tmp_path / "inside.h5")
+    assert told["poses_drawn"] < told["poses"]
+    assert told["length_object_mean"] == 0
+    assert told["r"] is None
+    assert told["length_mean"] == pytest.approx(0.34 * told["poses_drawn"] / told["poses"], abs=1e-6)
+
+
+def test_r_is_a_ratio_of_means_over_all_poses_not_a_mean_of_ratios(tmp_path):
+    told = answer("render", "cube", "exploration", "-o", tmp_path / "cube.h5", "--duration", "20")
+    with ContourFile(tmp_path / "cube.h5") as file:
+        metrics = file.metrics()
+    whole, own = metrics["length"].astype(float), metrics["length_object"].astype(float)
+    assert ((whole > 0) & (own == 0)).any()  # palms inside: their own ratio would be infinite
+    assert told["r"] == pytest.approx(whole.mean() / own.mean(), rel=1e-6)
+
+
+def test_units_are_in_the_help():
+    for command, units in (("render", ("[m]", "[degree]", "[s]", "[Hz]", "[MB]")), ("play", ("[m/s]", "[Hz]", "[s]"))):
+        text = run(command, "--help").output
+        assert all(unit in text for unit in units), command
+
+
+def test_check_exits_with_1_and_names_the_place(rendered, tmp_path):
+    assert run("check", rendered).exit_code == 0
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(rendered.read_bytes())
+    with h5py.File(broken, "r+") as file:
+        file["/contours/points"][3] = np.nan
+    result = run("check", broken)
+    assert result.exit_code == FAILED
+    assert "/contours/points" in result.stderr
+    assert json.loads(run("check", broken, "--json").stdout)["whole"] is False
+
+
+def test_existing_file_is_refused_overwritten_or_resumed(rendered, motion, tmp_path):
+    path = tmp_path / "again.h5"
+    path.write_bytes(rendered.read_bytes())
+    refused(FAILED, "exists already", "render", "tube", motion, "-o", path)
+    assert path.read_bytes() == rendered.read_bytes()
+    assert answer("render", "tube", motion, "-o", path, "--resume")["poses_rendered"] == 0
+    refused(FAILED, "strategy", "render", "tube", motion, "-o", path, "--resume", "--strategy", "oc")
+    refused(FAILED, "object", "render", "cube", motion, "-o", path, "--resume")
+    refused(FAILED, "hand", "render", "tube", motion, "-o", path, "--resume", "--palm", "0.05", "0.05")
+    assert answer("render", "cube", motion, "-o", path, "--overwrite")["object"]["name"] == "cube"
+    refused(MISUSED, "exclude each other", "render", "cube", motion, "-o", path, "--overwrite", "--resume")
+
+
+def test_bad_objects_motions_and_options_are_refused(motion, tmp_path):
+    out = tmp_path / "out.h5"
+    refused(FAILED, "no such file; built-in objects are", "render", "nothing.stl", motion, "-o", out)
+    refused(MISUSED, "unknown strategy 'xx'", "render", "cube", motion, "-o", out, "--strategy", "xx")
+    refused(MISUSED, "no device 'cuda:7'", "render", "cube", motion, "-o", out, "--device", "cuda:7")
+    refused(MISUSED, "palm width", "render", "cube", motion, "-o", out, "--palm", "0", "0.1")
+    refused(MISUSED, "fit must be", "render", "cube", motion, "-o", out, "--fit", "-1")
+    refused(MISUSED, "must end in .h5", "render", "cube", motion, "-o", tmp_path / "out.txt")
+    refused(MISUSED, "--seed is for a synthetic exploration", "render", "cube", motion, "-o", out, "--seed", "3")
+    refused(MISUSED, "duration must be", "render", "cube", "exploration", "-o", out, "--duration", "-1")
+    refused(FAILED, "no folder", "render", "cube", motion, "-o", tmp_path / "none" / "out.h5")
+    bad = tmp_path / "bad.csv"
+    for rows, message in (
+        ("0,0,0,0.2,0,0,0,1\n0,0,0,0.2,0,0,0,1\n", "line 3"),
+        ("1,0,0,0.2,0,0,0,1\n0,0,0,0.2,0,0,0,1\n", "line 3"),
+        ("0,0,0,0.2,0,0,0,0\n", "zero quaternion"),
+        ("0,0,0,0.2,0,0,0,2\n", "norm 2"),
+        ("0,0,0,nan,0,0,0,1\n", "line 2"),
+        ("", "no"),
+    ):
+        bad.write_text("time,x,y,z,qx,qy,qz,qw\n" + rows)
+        refused(FAILED, message, "render", "cube", bad, "-o", out)
+    refused(MISUSED, "must end in", "render", "cube", motion, "-o", "/")
+    refused(MISUSED, "seed", "render", "cube", "exploration", "-o", out, "--seed", "9" * 30)
+    refused(MISUSED, "poses", "render", "cube", "exploration", "-o", out, "--rate", "1e300")
+    refused(MISUSED, "bounds", "render", "cube", "exploration", "-o", out, "--scale", "1e30")
+    refused(FAILED, "not a contour file", "info", "/")
+    assert not out.exists()
+    assert not list(tmp_path.glob("*.partial"))
+
+
+def test_faults_of_its_own_are_one_sentence_too(rendered, monkeypatch):
+    from palpate.render.cli import file_commands as job
+
+    def broken(path):
+        raise KeyError("planted")
+
+    monkeypatch.setattr(job, "summarise", broken)
+    refused(FAILED, "KeyError: 'planted' (unexpected; with PALPATE_TRACEBACK=1 it tells where)", "info", rendered)
+    monkeypatch.setenv("PALPATE_TRACEBACK", "1")
+    with pytest.raises(KeyError, match="planted"):
+        run("info", rendered)
+
+
+def test_json_has_no_nan_even_where_a_file_has(rendered, tmp_path):
+    path = tmp_path / "nan.h5"
+    path.write_bytes(rendered.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file["/motion/time"][-1] = np.nan
+    redigest(path)
+    told = json.loads(run("info", path, "--json").stdout, parse_constant=lambda word: pytest.fail(word))
+    assert told["duration"] is None
+    refused(FAILED, "/motion/time does not increase", "play", path, "--clock", "virtual")
+
+
+def test_mesh_in_millimetres_is_warned_of_and_scaled(motion, tmp_path):
+    mesh = trimesh.creation.box([130, 130, 130])
+    mesh.export(tmp_path / "mm.stl")
+    result = run("render", tmp_path / "mm.stl", motion, "-o", tmp_path / "mm.h5", "--json")
+    assert result.exit_code == 0
+    assert "warning" in result.stderr
+    assert "130 x 130 x 130 m" in result.stderr
+    placed = ("--scale", "0.001", "--at", "0", "0", "0.2")
+    told = answer("render", tmp_path / "mm.stl", motion, "-o", tmp_path / "m.h5", *placed)
+    assert told["length_mean"] > 0.05
+    assert told["object"]["placement"]["scale"] == 0.001
+
+
+def test_open_mesh_is_refused_for_closed_contours_with_the_ways_out(motion, tmp_path):
+    mesh = trimesh.creation.box([0.1, 0.1, 0.1], transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
+    path = tmp_path / "open.ply"
+    trimesh.Trimesh(mesh.vertices, mesh.faces[2:]).export(path)
+    refused(FAILED, "4 open edges", "render", path, motion, "-o", tmp_path / "out.h5")
+    told = answer("render", path, motion, "-o", tmp_path / "oc.h5", "--strategy", "oc", "--palm", "0.2", "0.2")
+    assert told["points"] > 0
+
+
+def test_static_pose_needs_a_duration(tmp_path):
+    static_pose([0, 0, 0.2]).save(tmp_path / "still.csv")
+    path = tmp_path / "still.h5"
+    assert answer("render", "tube", tmp_path / "still.csv", "-o", path)["duration"] is None
+    refused(MISUSED, "--duration", "play", path, "--clock", "virtual")
+    refused(MISUSED, "over 1e+12 frames", "play", path, "--clock", "virtual", "--duration", "1e300")
+    refused(MISUSED, "not one frame", "play", path, "--clock", "virtual", "--duration", "1e-11")
+    refused(MISUSED, "duration must be positive", "play", path, "--clock", "virtual", "--duration", "-1")
+    told = answer("play", path, "--clock", "virtual", "--duration", "0.3")
+    assert told["frames"] == 3000
+    assert told["silent"] == 0
+
+
+def test_files_that_are_not_contours_are_refused(rendered, tmp_path):
+    foreign, cut, text = tmp_path / "foreign.h5", tmp_path / "cut.h5", tmp_path / "text.h5"
+    with h5py.File(foreign, "w") as file:
+        file["x"] = [1]
+    cut.write_bytes(rendered.read_bytes()[:5000])
+    text.write_text("hello")
+    for path in (foreign, cut, text, tmp_path / "missing.h5"):
+        for command in ("info", "play"):
+            refused(FAILED, path.name, command, path)
+        assert run("check", path).exit_code == FAILED
+
+
+def test_unknown_arrays_rates_and_clocks_are_misuse(rendered):
+    refused(MISUSED, "unknown array 'nope'; known: emulator", "play", rendered, "--array", "nope")
+    refused(MISUSED, "7000 Hz", "play", rendered, "--update-rate", "7000")
+    refused(MISUSED, "speed must lie", "play", rendered, "--speed", "0")
+    refused(MISUSED, "clock must be one of", "play", rendered, "--clock", "sundial")
+    refused(MISUSED, "transport must be one of", "play", rendered, "--transport", "junk")
+    refused(MISUSED, "unknown device", "play", rendered, "--device", "abacus")
+    refused(MISUSED, "speed changes nothing", "play", rendered, "--sampling", "stp", "--speed", "3")
+    refused(MISUSED, "am.frequency must be at most half", "play", rendered, "--sampling", "am", "--update-rate", "200")
+    refused(MISUSED, "watchdog is for real arrays", "play", rendered, "--watchdog")
+    refused(MISUSED, "--calibration BOARD.pat", "play", rendered, "--array", "pat16")
+    refused(MISUSED, "speed of sound", "play", rendered, "--sound-speed", "0", "--clock", "virtual")
+    refused(MISUSED, "height must lie", "selftest", "--height", "3", "--clock", "virtual")
+    assert run("play").exit_code == MISUSED
+    assert run("dance").exit_code == MISUSED
+
+
+def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monkeypatch):
+    bus = EmulatorBackend(clock=VirtualClock())
+    bus.inject(Fault(FaultKind.UNPLUG, byte=1_000_000))
+    monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)
+    before = rendered.read_bytes()
+    result = run("play", rendered, "--clock", "virtual", "--json")
+    assert result.exit_code == FAILED
+    told = json.loads(result.stdout)
+    assert "gone" in told["error"]
+    assert 0 < told["report"]["frames"] < 9000
+    assert told["report"]["off_confirmed"] is False
+    assert rendered.read_bytes() == before
+    bus.replug()
+    assert run("play", rendered, "--clock", "virtual").exit_code == 0
+
+
+def test_second_player_on_the_same_array_is_refused(rendered, monkeypatch):
+    from palpate.device.array import array_model
+    from palpate.device.boards.emulator.link import UsbLink
+
+    bus = EmulatorBackend(clock=VirtualClock())
+    monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)
+    with UsbLink.open(array_model("emulator"), backend=bus):
+        refused(FAILED, "in use", "play", rendered, "--clock", "virtual")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_switches_the_array_off(number, tmp_path):
+    long = tmp_path / "long.h5"
+    assert run("render", "tube", "exploration", "-o", long, "--duration", "30").exit_code == 0
+    command = [*PALPATE, "play", str(long), "--json"]
+    process = subprocess.Popen(command, stdout=-1, stderr=-1, text=True)
+    assert process.stderr.readline().startswith("playing")
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert "Traceback" not in err
+    assert process.returncode == FAILED
+    told = json.loads(out)
+    assert number.name in told["error"]
+    assert told["report"]["off_confirmed"] is True
+
+
+def render_command(path, *more):
+    command = ["render", "tube", "exploration", "-o", str(path), "--duration", "5000", "--memory", "8", *more]
+    return [*PALPATE, *command, "--json"]
+
+
+def wait_for_commits(process, path, count):
+    """Until so many ranges of poses are reported done, or the process has ended."""
+    log = path.with_name(path.name + ".partial") / "poses-000000000000.log"
+    while process.poll() is None:
+        with contextlib.suppress(ContourFileError):
+            if len(read_part(log).commits) >= count:
+                return
+        time.sleep(0.005)
+
+
+def test_interrupted_rendering_says_how_to_go_on(tmp_path):
+    path = tmp_path / "stopped.h5"
+    process = subprocess.Popen(render_command(path), stdout=-1, stderr=-1, text=True)
+    wait_for_commits(process, path, 1)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == FAILED
+    assert "Traceback" not in err
+    assert "of 450000 poses are done and kept, --resume goes on" in json.loads(out)["error"]
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_killed_rendering_is_resumed_to_the_same_data(tmp_path, workers):
+    killed, whole = tmp_path / "killed.h5", tmp_path / "whole.h5"
+    subprocess.run(render_command(whole), check=True, capture_output=True, timeout=300)
+    process = subprocess.Popen(render_command(killed, "--workers", workers), stdout=-1, stderr=-1)
+    wait_for_commits(process, killed, 2)
+    process.kill()
+    process.communicate()
+    assert not killed.exists()
+    with ContourFile(killed) as file:
+        done = sum(stop - first for first, stop in file.done)
+    assert 0 < done < 450_000
+    told = run("info", killed)
+    assert "still being written, or was interrupted" in " ".join(told.stderr.split())
+    assert run("check", killed).exit_code == FAILED
+    refused(MISUSED, "not finished", "play", killed)
+    command = render_command(killed, "--resume", "--workers", workers)
+    result = subprocess.run(command, check=True, capture_output=True, timeout=300, text=True)
+    assert json.loads(result.stdout)["poses_rendered"] == 450_000 - done
+    assert_same_data(killed, whole)
+    assert check_file(killed) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--workers", "0"), "workers must be at least 1, not 0"),
+        (("--workers", "many"), "--workers must be a number or auto, not 'many'"),
+        (("--device", "cpu,cpu"), "names one device twice"),
+        (("--device", "abacus"), "no device 'abacus' on this machine; there is: cpu"),
+    ],
+)
+def test_devices_and_workers_that_there_are_not_are_refused(tmp_path, options, message):
+    refused(MISUSED, message, "render", "cube", "exploration", "-o", tmp_path / "x.h5", *options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_loses_nothing_that_was_done(tmp_path):
+    path, whole = tmp_path / "full.h5", tmp_path / "whole.h5"
+    arguments = ("--duration", "200")
+    limited = subprocess.run(
+        render_command(path, *arguments),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2_500_000, 2_500_000)),
+    )
+    assert limited.returncode == FAILED
+    assert "Traceback" not in limited.stderr
+    assert "--resume" in json.loads(limited.stdout)["error"]
+    assert not path.exists()
+    with ContourFile(path) as file:
+        ((first, stop),) = file.done
+        assert first == 0
+        assert 0 < stop < 18_000
+    subprocess.run(render_command(path, *arguments, "--resume"), check=True, capture_output=True, timeout=300)
+    subprocess.run(render_command(whole, *arguments), check=True, capture_output=True, timeout=300)
+    assert_same_data(path, whole)
+
+
+def assert_same_data(one, two):
+    """Everything but timing, dates and versions."""
+    with ContourFile(one) as a, ContourFile(two) as b:
+        assert a.recipe == b.recipe
+        for first in range(0, a.pose_count, 20_000):
+            stop = min(first + 20_000, a.pose_count)
+            for left, right in (
+                (a.contours(first, stop), b.contours(first, stop)),
+                (a.metrics(first, stop), b.metrics(first, stop)),
+            ):
+                assert left.keys() == right.keys()
+                for name in left:
+                    np.testing.assert_array_equal(left[name], right[name], err_msg=name)
+
+
+def test_nothing_heavy_is_imported_before_it_is_needed():
+    code = "import sys, palpate.render.cli.app; print({'matplotlib', 'trimesh', 'manifold3d'} & set(sys.modules))"
+    out = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "set()"

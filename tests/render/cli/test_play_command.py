@@ -1,0 +1,157 @@
+"""`palpate play`: what it says of lateness and of what it cannot know, and how signals and a closed pipe end it."""
+
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palpate.datasets import HandMotion
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.motions import exploration
+from palpate.render import MeshObject, Palm, closed_contour, record, render
+from palpate.render.cli import app
+from palpate.render.playback import focus_source as source_module
+
+MAIN = "from palpate.render.cli.app import main; main()"
+STORM = int(os.environ.get("PALPATE_STORM", "12"))  # 240 were run for docs/develop/tiers.md
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory):
+    tube = MeshObject.load("tube")
+    whole = exploration(tube.bounds, duration=6.0, rate=90.0, seed=3)
+    path = tmp_path_factory.mktemp("moving") / "tube.h5"
+    record(path, tube, Palm(), HandMotion(whole.time[:90] - whole.time[0], whole.pose[:90]), closed_contour())
+    return path
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    tube = MeshObject.load("tube")
+    motion = exploration(tube.bounds, duration=6.0, rate=90.0, seed=3)
+    pose = motion.pose[[int(np.argmax(render(tube, Palm(), motion, closed_contour()).length()))]]
+    path = tmp_path_factory.mktemp("still") / "still.h5"
+    record(path, tube, Palm(), HandMotion(None, pose), closed_contour())
+    return path
+
+
+def play(*arguments):
+    return CliRunner(env={"COLUMNS": "400"}).invoke(app, ["play", *map(str, arguments)])
+
+
+@pytest.fixture
+def slow(monkeypatch):
+    """A disk that takes two seconds for a read in the middle: longer than what is queued by then."""
+    slept, contours = [], ContourFile.contours
+
+    def slowly(file, first, stop):
+        if first > file.pose_count // 2 and not slept:
+            slept.append(first)
+            time.sleep(2.0)
+        return contours(file, first, stop)
+
+    monkeypatch.setattr(source_module, "POINTS_A_READ", 20)
+    monkeypatch.setattr(ContourFile, "contours", slowly)
+
+
+@pytest.mark.parametrize("array", ["emulator", "pat16"])
+def test_a_playback_that_starved_says_so_in_its_last_line(array, moving, slow):
+    done = play(moving, "--array", array, "--emulate")
+    assert done.exit_code == 0
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith(f"warning: array {array} ran out of frames")
+    own = "by the board's own count" if array == "emulator" else "the board's own count is not known"
+    assert own in last
+
+
+def test_strict_fails_where_frames_were_late_and_json_says_why(moving, slow):
+    strict = play(moving, "--array", "emulator", "--strict", "--json")
+    assert strict.exit_code == 1
+    told = json.loads(strict.stdout)
+    assert told["underruns"] > 0
+    assert told["starved"] > 0.5
+    assert len(told["warnings"]) == 1
+
+
+def test_strict_is_content_with_a_playback_that_nothing_is_warned_of(moving):
+    done = play(moving, "--clock", "virtual", "--strict", "--json")
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["warnings"] == []
+
+
+@pytest.mark.parametrize(("array", "known"), [("emulator", True), ("pat16", False), ("sonicsurface", False)])
+def test_what_a_board_cannot_say_is_not_known_and_null(array, known, moving):
+    options = ("--array", array, "--emulate", "--clock", "virtual")
+    table = play(moving, *options)
+    rows = dict(re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in table.stdout.splitlines()[1:])
+    told = json.loads(play(moving, *options, "--json").stdout)
+    for name in ("off_confirmed", "may_emit", "board_underruns"):
+        assert (rows[name.replace("_", " ")] == "not known") != known
+        assert (told[name] is None) != known
+    assert told["off_sent"] is True
+    assert (told["off_doubt"] is None) == known
+    assert known or "never answers: it is off if no byte was lost" in rows["off doubt"]
+
+
+def test_a_closed_standard_output_is_one_sentence(moving):
+    command = [sys.executable, "-c", MAIN, "play", str(moving), "--clock", "virtual", "--json"]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    child.stdout.close()
+    err = child.stderr.read()
+    assert child.wait(60) == 1
+    assert "unexpected" not in err
+    assert "Traceback" not in err
+    assert "error: standard output was closed before the results were written" in err
+    child.stderr.close()
+
+
+PLAYS = """
+import atexit, sys, time
+from palpate.render import playback
+from palpate.render.cli.app import main
+
+emulated_bus = playback.emulated_bus
+
+def opened(placed, clock):
+    bus = emulated_bus(placed, clock)
+    def last_word():
+        time.sleep(0.05)
+        print("ON" if bus.board().emitting else "OFF", bus.board().frames_played, flush=True)
+    atexit.register(last_word)
+    print("opened", flush=True)
+    return bus
+
+playback.emulated_bus = opened
+sys.argv[0] = "palpate"
+main()
+"""
+
+
+@pytest.mark.parametrize("seed", range(STORM))
+def test_in_a_storm_of_signals_a_pat16_ends_off_and_the_command_with_1_and_one_sentence(seed, still):
+    chance = random.Random(seed)
+    command = [sys.executable, "-c", PLAYS, "play", str(still), "--array", "pat16", "--emulate", "--duration", "60"]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    signals = chance.choices([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], k=chance.choice([1, 2, 2, 3]))
+    try:
+        assert child.stdout.readline() == "opened\n"
+        for signum in signals:
+            time.sleep(chance.uniform(0, 2.5) if signum is signals[0] else chance.expovariate(8))
+            child.send_signal(signum)
+        out, err = child.communicate(timeout=60)
+    finally:
+        child.kill()
+        child.wait()
+    assert out.split()[0] == "OFF", (signals, out, err)
+    assert child.returncode == 1, (signals, out, err)
+    assert err.count("error:") == 1, err
+    assert "Traceback" not in err
+    assert "Exception ignored" not in err

@@ -1,0 +1,187 @@
+"""The command line with every kind of object, hand and motion: render -> check -> info -> figure -> play."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palpate.datasets import ContourFile, HandMotion, check_file, load_recording, static_pose
+from palpate.datasets.recordings.sample import write_sample
+from palpate.render import play_file
+from palpate.render.cli import app
+from palpate.render.objects.functions.expression import box, sphere
+from palpate.render.objects.functions.expression_json import expression_to_json
+from palpate.render.playback.file_playback import Connection
+
+FAILED, MISUSED = 1, 2
+DOWN = static_pose([0, 0, 0.2]).pose[0, 3:]
+SOLID = (box(0.08, 0.08, 0.08) - sphere(0.03)).moved(0, 0, 0.2)
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+
+
+def answer(*arguments):
+    result = run(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def refused(message, *arguments):
+    result = run(*arguments)
+    assert result.exit_code in (FAILED, MISUSED), result.output
+    assert message in " ".join(result.stderr.split())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A motion, objects and recordings as files."""
+    path = tmp_path_factory.mktemp("representations")
+    z = np.linspace(0.25, 0.17, 20)
+    pose = np.column_stack([0 * z, 0 * z, z, np.tile(DOWN, (20, 1))])
+    HandMotion(np.arange(20) / 90.0, pose).save(path / "sink.csv")
+    (path / "cube.npz.glb").write_text("no motion")
+    (path / "solid.json").write_text(expression_to_json(SOLID))
+    (path / "ball.py").write_text(
+        "import warp as wp\n\n\n@wp.func\ndef ball(x: wp.vec3) -> float:\n"
+        "    return wp.length(x - wp.vec3(0.0, 0.0, 0.2)) - 0.04\n"
+    )
+    for form in ("leap", "openxr", "mediapipe"):
+        write_sample(form, path / f"{form}.json", frame_count=12)
+        palm = load_recording(path / f"{form}.json").skin_pose()[0, :3]
+        turn = [0.5**0.5, 0, 0, 0.5**0.5]  # y up becomes z up
+        at = np.array([0, 0, 0.2]) - [palm[0], -palm[2], palm[1]]
+        (path / f"{form}.align.json").write_text(json.dumps({"position": at.tolist(), "orientation": turn}))
+    assert run("voxelise", "cube", "-o", path / "cube.npz", "--spacing", "0.004", "--device", "cpu").exit_code == 0
+    return path
+
+
+def played(path):
+    return play_file(path, array="emulator", connection=Connection(clock="virtual")).as_dict()
+
+
+OBJECTS = {"mesh": ["dog"], "voxels": ["cube.npz"], "expression": ["solid.json"]}
+OBJECTS["function"] = ["ball.py:ball", "--allow-code", "--bounds", -0.05, -0.05, 0.15, 0.05, 0.05, 0.25]
+
+
+@pytest.mark.parametrize("hand", ["palm", "planes", "skin"])
+@pytest.mark.parametrize("thing", OBJECTS)
+def test_every_object_is_rendered_on_every_hand_and_played(thing, hand, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    out = tmp_path / "out.h5"
+    told = answer("render", OBJECTS[thing][0], "sink.csv", "-o", out, "--hand", hand, *OBJECTS[thing][1:])
+    assert told["poses_drawn"] > 5
+    assert check_file(out) == []
+    assert ("step" in told["strategy"]) == (thing != "mesh" or hand == "skin")
+    told = played(out)
+    assert told["frames"] > 0
+    assert told["board_underruns"] == 0
+
+
+def test_a_picture_shows_voxels_on_a_skin_and_an_object_that_moves(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    z = np.linspace(0.19, 0.22, 20)
+    HandMotion(np.arange(20) / 90.0, np.column_stack([0 * z, 0 * z, z, np.tile(DOWN, (20, 1))])).save(
+        tmp_path / "m.csv"
+    )
+    out, picture = tmp_path / "out.h5", tmp_path / "out.png"
+    arguments = ["cube.npz", "sink.csv", "-o", out, "--hand", "skin", "--object-motion", tmp_path / "m.csv"]
+    assert answer("render", *arguments)["poses_drawn"] > 0
+    with ContourFile(out) as file:
+        assert file.object()["representation"]["representation"] == "voxels"
+        assert file.object()["moved"].shape == (20, 7)
+    assert run("figure", out, "-o", picture).exit_code == 0
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("form", ["leap", "openxr", "mediapipe"])
+@pytest.mark.parametrize("hand", ["palm", "planes", "skin"])
+def test_every_recording_moves_every_hand(form, hand, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    out = tmp_path / "out.h5"
+    arguments = ["solid.json", f"{form}.json", "-o", out, "--hand", hand, "--alignment", f"{form}.align.json"]
+    told = answer("render", *arguments, "--rate", 120)
+    assert told["poses_drawn"] > 0
+    assert told["poses"] > 10
+    assert check_file(out) == []
+    with ContourFile(out) as file:
+        assert np.allclose(np.diff(file.motion()["time"]), 1 / 120)
+
+
+def test_an_open_mesh_is_refused_with_the_way_out_that_works(tmp_path, monkeypatch, folder):
+    monkeypatch.chdir(folder)
+    (tmp_path / "bowl.off").write_text(
+        "OFF\n4 3 0\n0 0 0.18\n0.05 0 0.23\n-0.03 0.05 0.23\n-0.03 -0.05 0.23\n3 0 1 2\n3 0 2 3\n3 0 3 1\n"
+    )
+    refused("palpate voxelise", "render", tmp_path / "bowl.off", "sink.csv", "-o", tmp_path / "a.h5")
+    volume = tmp_path / "bowl.npz"
+    words = ("voxelise", tmp_path / "bowl.off", "-o", volume, "--spacing", "0.002", "--device", "cpu")
+    volume.write_bytes(b"precious")
+    refused("bowl.npz: exists; --overwrite", *words)
+    assert volume.read_bytes() == b"precious"
+    answer(*words, "--overwrite")
+    assert answer("render", volume, "sink.csv", "-o", tmp_path / "b.h5")["poses_drawn"] > 5
+
+
+def test_options_of_another_kind_of_thing_are_refused(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    out = ["-o", tmp_path / "out.h5"]
+    refused("--level is of a volume, which tube is not", "render", "tube", "sink.csv", *out, "--level", 3)
+    refused("--bounds is of a function", "render", "cube.npz", "sink.csv", *out, "--bounds", 0, 0, 0, 1, 1, 1)
+    refused("--side is of a recording", "render", "tube", "sink.csv", *out, "--side", "left")
+    refused("--duration is of a synthetic exploration", "render", "tube", "leap.json", *out, "--duration", 3)
+    refused("--simplify is of a mesh", "render", "cube.npz", "sink.csv", *out, "--simplify", 0)
+    refused("a function needs bounds", "render", "ball.py:ball", "sink.csv", *out)
+    refused(
+        "--palm is the size of --hand palm", "render", "tube", "sink.csv", *out, "--hand", "skin", "--palm", 0.1, 0.1
+    )
+    refused("a motion is .csv, .h5", "render", "tube", "cube.npz.glb", *out)
+    refused("hand must be palm, planes, skin, or a file", "render", "tube", "sink.csv", *out, "--hand", "paw")
+    refused("step", "render", "cube.npz", "sink.csv", *out, "--step", -1)
+    refused("a mesh, cut exactly by palm", "render", "tube", "sink.csv", *out, "--step", 0.001)
+    assert not list(tmp_path.iterdir())
+
+
+def test_contours_that_stages_removed_are_told_from_poses_that_meet_nothing(folder, tmp_path):
+    strategy, away = tmp_path / "away.json", tmp_path / "away.csv"
+    strategy.write_text('{"prune": ["outside", {"stage": "small", "perimeter": 1.0}], "transform": ["close"]}')
+    HandMotion(None, np.array([[0, 0, 9.0, *DOWN]])).save(away)
+    for motion, message in ((folder / "sink.csv", "removed every contour"), (away, "no pose meets the object")):
+        result = run("render", "cube", motion, "-o", tmp_path / f"{motion.stem}.h5", "--strategy", strategy)
+        assert result.exit_code == 0, result.stderr
+        assert message in " ".join(result.stderr.split())
+
+
+def test_strategies_are_listed_and_drawn_and_each_can_be_rendered(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    (tmp_path / "all.png").write_bytes(b"precious")
+    refused("all.png: exists; --overwrite", "strategies", "-o", tmp_path / "all.png")
+    told = answer("strategies", "-o", tmp_path / "all.png", "--overwrite")
+    assert (tmp_path / "all.png").stat().st_size > 50_000
+    assert set(told["stages"]) == {"raw", "prune", "transform"}
+    for name in told["strategies"]:
+        if name != "overlap":  # which needs a hand with an inside
+            out = tmp_path / f"{name}.h5"
+            assert answer("render", "dog-detailed", "sink.csv", "-o", out, "--strategy", name)["poses"] == 20
+            assert check_file(out) == []
+    with ContourFile(tmp_path / "hatch.h5") as file:
+        hatch = next(stage for stage in file.strategy["transform"] if isinstance(stage, dict))
+    assert all(value is not None for value in hatch.values())  # every threshold is stored, in metres
+
+
+def test_what_pruning_removed_is_in_the_file(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    (tmp_path / "s.json").write_text(json.dumps({"prune": ["outside", "turned-away"], "transform": ["close"]}))
+    away = HandMotion(None, np.array([[0, 0, 0.2, *(-DOWN[3], 0, 0, DOWN[0])]], np.float32))  # palm up
+    away.save(tmp_path / "away.csv")
+    out = tmp_path / "out.h5"
+    assert (
+        answer("render", "tube", tmp_path / "away.csv", "-o", out, "--strategy", tmp_path / "s.json")["poses_drawn"]
+        == 0
+    )
+    with ContourFile(out) as file:
+        assert file.metrics()["removed_turned_away"][0] > 0.1
+    assert Path(out).stat().st_size > 0

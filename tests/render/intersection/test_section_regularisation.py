@@ -1,0 +1,272 @@
+"""Contours of meshes that cross or touch themselves: against GEOS, plane geometry and the kernels for simple meshes."""
+
+from copy import copy
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+import shapely
+from crossing_cases import (
+    PRISMS,
+    block,
+    crossing,
+    figure_eight,
+    lengths_in,
+    limacon,
+    overlapping_blocks,
+    pentagram,
+    prism,
+    region_within,
+    section_region,
+    segments_of,
+)
+from mesh_cases import CLOSED, MIDDLE, flipped, generic_poses, merged
+from scipy.spatial.transform import Rotation
+from section_oracle import in_palm
+
+from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
+from palpate.render.contour_batch import HAND, OBJECT
+from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
+from palpate.render.objects.mesh.coincident_faces import gap_of
+from palpate.render.objects.mesh.solid_mesh import Placement
+
+OC, CC, WHOLE = open_contour(), closed_contour(), IntersectionStrategy()
+STRATEGIES = {"whole plane": WHOLE, "oc": OC, "cc": CC}
+LEVEL = np.array([[*MIDDLE, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
+"""A palm at MIDDLE, its u and v along the array's x and y, but for their signs."""
+HALF = np.array([0.0425, 0.0425])
+ROUNDING = 2e-7  # [m]; of a length: some 10 points, each rounded to float32 (1.5e-8 m at 0.2 m)
+
+
+def level_lengths(mesh, palm, solid="winding", *, at=(0.0, 0.0, 0.0)):
+    """OC and CC of a mesh that crosses itself on a level palm, beside MIDDLE [m]."""
+    pose = LEVEL + np.array([*at, 0, 0, 0, 0], np.float32)
+    return [float(render(crossing(mesh, solid), palm, pose, strategy).length()[0]) for strategy in (OC, CC)]
+
+
+def assert_same_contours(batch, expected, near=1e-7):
+    """Polylines at each pose: as many, as long, closed and on patches alike, and points near those of the other."""
+    np.testing.assert_array_equal(batch.pose_start, expected.pose_start)
+    np.testing.assert_allclose(batch.lengths(), expected.lengths(), atol=ROUNDING)
+    for row in range(batch.pose_count):
+        lines = slice(expected.pose_start[row], expected.pose_start[row + 1])
+        for name in ("polyline_closed", "polyline_patch"):
+            assert sorted(getattr(batch, name)[lines]) == sorted(getattr(expected, name)[lines])
+        one, two = (np.concatenate([np.zeros((0, 3)), *b.polylines_of(row)]) for b in (batch, expected))
+        if len(one):
+            apart = np.linalg.norm(one[:, None] - two[None], axis=2)
+            assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < near
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("name", CLOSED)
+def test_contours_of_simple_meshes_are_those_of_the_kernels(name, strategy, device):
+    """The kernels share no code with this but the walk: they clip and close by rank, here manifold3d does."""
+    mesh, poses = CLOSED[name](), generic_poses(120, 3)
+    for palm in (Palm(), Palm(0.02, 0.04)):
+        own, expected = (
+            render(crossing(mesh, crossings=n), palm, poses, STRATEGIES[strategy], device=device) for n in (1, 0)
+        )
+        assert expected.length().max() > 0.02
+        assert_same_contours(own, expected)
+
+
+def test_hands_of_several_patches_joints_and_objects_that_move_give_what_the_kernels_give(device):
+    patches = (HandPatch("a", 0.05, 0.06), HandPatch("b", 0.03, 0.02, (0.0, 0.0, -0.04, 0, 0, 0, 1)))
+    poses, places = generic_poses(60, 4), generic_poses(60, 9)
+    own = np.tile(np.array([[0, 0, 0, 0, 0, 0, 1.0], [0.01, 0, -0.04, 0.28, 0, 0, 0.96]]), (60, 1, 1))
+    own[::3, 1] = np.nan  # a patch that is not there
+    hands = (PlaneHand(patches, (PatchJoint("a", 2, "b", 0),)), PlaneHand(patches, (), own))
+    for hand, name, strategy, moves in product(hands, ("tube", "bodies"), (OC, CC), (False, True)):
+        things = [crossing(CLOSED[name](), crossings=n) for n in (1, 0)]
+        where = {"moved": places if moves else None, "device": device}
+        batch, expected = (render(thing, hand, poses, strategy, **where) for thing in things)
+        assert set(expected.polyline_patch) == {0, 1}
+        assert_same_contours(batch, expected, near=3e-7)
+
+
+def test_a_palm_wholly_within_a_solid_that_goes_around_itself_twice_is_its_own_boundary():
+    """r = 0.02 + 0.01 cos(t / 2), t to 4 pi: around the palm the outline goes once or twice, nowhere through it."""
+    angle = np.linspace(0, 2 * np.pi, 7)
+    corners = np.array([[-0.016, -0.01], [-0.016, 0.01], [0.024, -0.01], [0.024, 0.01]])
+    t = np.arctan2(corners[:, 1], corners[:, 0])
+    assert (np.hypot(*corners.T) < 0.02 + 0.01 * np.abs(np.cos(t / 2))).all()  # the outline's outer run
+    assert level_lengths(prism(limacon()), Palm(0.04, 0.02), at=(0.004, 0, 0)) == pytest.approx([0, 0.12], abs=ROUNDING)
+    for turn in angle:  # and so it does with the palm turned in the middle of what is gone around twice
+        pose = LEVEL.copy()
+        pose[0, 3:] = (Rotation.from_rotvec([0, 0, turn]) * Rotation.from_quat(LEVEL[0, 3:])).as_quat()
+        lengths = [render(crossing(prism(limacon())), Palm(0.01, 0.01), pose, s).length()[0] for s in (OC, CC)]
+        assert lengths == pytest.approx([0, 0.04], abs=ROUNDING)
+
+
+def test_what_winds_backwards_is_outside_and_by_even_and_odd_inside():
+    """Of the figure eight the right-hand lobe goes around counter-clockwise, the other one clockwise."""
+    outline, mesh = figure_eight(), prism(figure_eight())
+    both = sum(shapely.Polygon(half).length for half in (outline[outline[:, 0] > 0], outline[outline[:, 0] < 0]))
+    around = level_lengths(mesh, Palm(0.2, 0.2))
+    assert around == pytest.approx([both / 2] * 2, abs=2e-3)  # the corner at the crossing is left out of `both`
+    assert level_lengths(mesh, Palm(0.2, 0.2), "even-odd") == pytest.approx([2 * around[0]] * 2, abs=ROUNDING)
+    inside = [render(crossing(mesh, rule), Palm(0.2, 0.2), LEVEL, CC).points[:, 0] for rule in ("winding", "even-odd")]
+    lobe = inside[0].min() > -1e-7, inside[0].max() < 1e-7
+    assert sum(lobe) == 1
+    assert inside[1].min() < -0.03 < 0.03 < inside[1].max()
+
+
+def test_the_middle_of_a_pentagram_is_inside_and_by_even_and_odd_a_hole():
+    """A pentagram's sides cut each other in the golden section: an arm's edge is a side over phi^2."""
+    phi, corner = (1 + np.sqrt(5)) / 2, 0.04
+    edge = corner * 2 * np.sin(2 * np.pi / 5) / phi**2  # of ten that bound the star
+    core = edge / phi  # of five that bound the pentagon in the middle
+    mesh = prism(pentagram())
+    assert level_lengths(mesh, Palm(0.2, 0.2)) == pytest.approx([10 * edge] * 2, abs=ROUNDING)
+    assert level_lengths(mesh, Palm(0.2, 0.2), "even-odd") == pytest.approx([10 * edge + 5 * core] * 2, abs=ROUNDING)
+    assert level_lengths(mesh, Palm(0.01, 0.01)) == pytest.approx([0, 0.04], abs=ROUNDING)
+    assert level_lengths(mesh, Palm(0.01, 0.01), "even-odd") == [0, 0]
+
+
+@pytest.mark.parametrize("solid", ["winding", "even-odd"])
+@pytest.mark.parametrize("name", PRISMS)
+def test_lengths_and_areas_are_those_of_the_faces_that_geos_makes_of_the_lines(name, solid):
+    mesh, poses = PRISMS[name](), generic_poses(60, 8, spread=0.02)
+    batches = [render(crossing(mesh, solid), Palm(), poses, strategy) for strategy in (OC, CC)]
+    near = 10 * gap_of(crossing(mesh, solid))  # lids cover themselves: notches narrower than that are filled
+    wrong_as_cut = 0
+    as_cut = render(crossing(mesh, crossings=0), Palm(), poses, CC).length()
+    for row, pose in enumerate(poses):
+        *lengths, area = lengths_in(section_region(mesh, pose, solid), HALF)
+        assert [b.length()[row] for b in batches] == pytest.approx(lengths, abs=2 * ROUNDING + near)
+        rings = [in_palm(line, pose)[:-1, :2] for line in batches[1].polylines_of(row)]
+        assert sum(signed_area(ring) for ring in rings) == pytest.approx(area, abs=1e-8)
+        wrong_as_cut += abs(as_cut[row] - lengths[1]) > 1e-4
+    assert wrong_as_cut > 5  # without all this
+
+
+def signed_area(ring):
+    """Of a polygon, above 0 if it goes counter-clockwise: its inside is on its left [m2]."""
+    after = np.roll(ring, -1, axis=0)
+    return 0.5 * float((ring[:, 0] * after[:, 1] - ring[:, 1] * after[:, 0]).sum())
+
+
+def test_kinds_lie_on_the_union_of_two_boxes_and_on_the_palms_sides():
+    mesh, parts = overlapping_blocks()
+    poses, palm = generic_poses(150, 5, spread=0.03), Palm(0.04, 0.05)
+    half, counts = np.array([0.02, 0.025]), np.zeros(2, int)
+    batch = render(crossing(mesh), palm, poses, CC)
+    for row, pose in enumerate(poses):
+        union = shapely.union_all([section_region(part, pose) for part in parts])  # each is convex
+        *lengths, _ = lengths_in(union, half)
+        assert batch.lengths()[row, [OBJECT, HAND]] == pytest.approx(
+            [lengths[0], lengths[1] - lengths[0]], abs=ROUNDING
+        )
+        sides = shapely.box(*-half, *half).exterior
+        for line in range(batch.pose_start[row], batch.pose_start[row + 1]):
+            span = slice(batch.polyline_start[line], batch.polyline_start[line + 1])
+            flat, kind = in_palm(batch.points[span], pose)[:, :2], batch.kind[span]
+            middles = shapely.points(0.5 * (flat[1:] + flat[:-1]))
+            assert shapely.distance(middles[kind[:-1] == OBJECT], union.boundary).max(initial=0) < 1e-7
+            assert shapely.distance(middles[kind[:-1] == HAND], sides).max(initial=0) < 1e-7
+            assert kind[-1] == kind[-2]
+            counts += [(kind == OBJECT).sum(), (kind == HAND).sum()]
+    assert (counts > 300).all()
+
+
+def test_a_contour_along_a_side_of_the_palm_is_the_hands():
+    """Dyadic coordinates: the box ends exactly where the palm does, so of four sides one is the object's alone."""
+    box = block([-0.03125, -0.03125, -0.03125], [0.03125, 0.0, 0.03125])
+    palm = Palm(0.0625, 0.0625)
+    lengths = render(crossing(box), palm, LEVEL, CC).lengths()[0]
+    assert lengths[:2] == pytest.approx([0.0625, 3 * 0.0625 - 0.0625], abs=ROUNDING)
+    assert render(crossing(box), palm, LEVEL, OC).lengths()[0] == pytest.approx([0.0625, 0, 0], abs=ROUNDING)
+    beside = LEVEL + np.array([0.0625, 0, 0, 0, 0, 0, 0], np.float32)  # the two touch along a side
+    assert render(crossing(box), palm, beside, CC).point_count == 0
+
+
+TOUCHING = {
+    "side by side": (
+        [block([-0.02, -0.02, -0.02], [0.0, 0.02, 0.02]), block([0.0, -0.03, -0.02], [0.02, 0.03, 0.02])],
+        0.2,
+    ),
+    "a cavity that reaches the outside": (
+        [block([-0.02, -0.02, -0.02], [0.02, 0.02, 0.02]), flipped(block([0.0, -0.01, -0.015], [0.02, 0.01, 0.015]))],
+        0.2,
+    ),
+    "a cavity that is filled again": (
+        [
+            block([-0.02, -0.02, -0.02], [0.02, 0.02, 0.02]),
+            flipped(block([-0.01, -0.01, -0.015], [0.01, 0.01, 0.015])),
+            block([-0.01, -0.01, -0.015], [0.01, 0.0, 0.015]),
+            block([-0.01, 0.0, -0.015], [0.01, 0.01, 0.015]),
+        ],
+        0.16,
+    ),
+}
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("name", TOUCHING)
+def test_where_a_solid_touches_itself_there_is_no_wall_and_no_gap(name, turned):
+    """Exact lengths of sections across boxes; turned ones have gaps of float32's rounding where they touch."""
+    parts, length = TOUCHING[name]
+    mesh = merged(*parts)
+    assert gap_of(crossing(mesh)) > 0
+    for seed in range(60):
+        turn = Rotation.random(random_state=seed) if turned else Rotation.identity()
+        there = turn.apply(mesh[0] - MIDDLE) + MIDDLE, mesh[1]
+        spin = Rotation.from_rotvec([0, 0, 0.1 * seed])
+        pose = LEVEL + np.array([*turn.apply([0.0002 * seed, 0, 0.005]), 0, 0, 0, 0])
+        pose[0, 3:] = (turn * spin * Rotation.from_quat(LEVEL[0, 3:])).as_quat()
+        batch = render(crossing(there), Palm(0.2, 0.2), pose.astype(np.float32), CC)
+        assert batch.polyline_count == 1
+        assert batch.length()[0] == pytest.approx(length, abs=ROUNDING)
+
+
+def test_only_faces_that_look_at_each_other_in_one_plane_may_touch():
+    apart = [block([-0.02, 0, 0], [-0.01, 0.01, 0.01]), block([0.01, 0.001, 0.002], [0.02, 0.03, 0.03])]
+    assert gap_of(crossing(merged(*apart))) == 0
+    assert gap_of(crossing(overlapping_blocks()[0])) == 0
+    assert 0 < gap_of(crossing(merged(*TOUCHING["side by side"][0]))) < 1e-6  # far below the promised 1e-5 m
+    assert gap_of(crossing(block([0, 0, 0], [0.01, 0.01, 0.01]), "even-odd")) > 0  # faces twice there cancel
+
+
+def test_two_bodies_in_one_place_are_one_solid_and_by_even_and_odd_none():
+    box = block([-0.02, -0.02, -0.02], [0.02, 0.02, 0.02])
+    shifted = block([-0.02, -0.02, -0.02], [0.01, 0.02, 0.01])  # shares three planes with it
+    poses = generic_poses(40, 6, spread=0.01)
+    for solid, expected in (("winding", section_lengths([box], poses)), ("even-odd", np.zeros(40))):
+        length = render(crossing(merged(box, box), solid), Palm(0.2, 0.2), poses, CC).length()
+        np.testing.assert_allclose(length, expected, atol=ROUNDING)
+    odd = render(crossing(merged(box, shifted), "even-odd"), Palm(0.2, 0.2), poses, CC).length()
+    np.testing.assert_allclose(odd, section_lengths([box, shifted], poses), atol=5e-6)
+
+
+def section_lengths(parts, poses):
+    """Outline of what one part has and the next ones, which are within it, have not [m]."""
+    out = []
+    for pose in poses:
+        first, *rest = [section_region(part, pose) for part in parts]
+        left = shapely.difference(first, shapely.union_all(rest).buffer(1e-9)) if rest else first
+        out.append(left.length)
+    return np.array(out)
+
+
+def as_if_simple(thing):
+    """The same mesh, cut as if nothing crossed."""
+    out = copy(thing)
+    out.report = replace(thing.report, crossings=0)
+    return out
+
+
+def test_a_dog_skull_that_crosses_itself_has_the_contours_that_geos_finds(outside_data):
+    """1,500 poses, section by section from triangles that nobody chained; as cut, many poses are wrong."""
+    file = outside_data / "meshes" / "dog_skull_1200.stl"
+    with pytest.warns(UserWarning, match=r"."):
+        skull = MeshObject.load(file, placement=Placement(fit=0.13, at=(0, 0, 0.2)))
+    mesh, poses = (skull.vertices, skull.faces), generic_poses(1500, 5)
+    assert not skull.is_simple
+    own, plain = (
+        [render(thing, Palm(), poses, s).length() for s in (OC, CC)] for thing in (skull, as_if_simple(skull))
+    )
+    expected = np.array([lengths_in(region_within(segments_of(mesh, pose)), HALF)[:2] for pose in poses]).T
+    np.testing.assert_allclose(own, expected, atol=3e-7)
+    assert (np.abs(plain[1] - expected[1]) > 1e-4).sum() > 10

@@ -1,0 +1,328 @@
+"""From a file to the bytes that an array takes: sources, repeats, several arrays, point lists."""
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.datasets import HandMotion
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.focus_files.ptlist import write_ptlist
+from palpate.datasets.motions import exploration
+from palpate.device.array import array_model
+from palpate.device.boards.emulator.usb_side import Fault, FaultKind
+from palpate.device.clock import VirtualClock
+from palpate.device.codec import encode_frames
+from palpate.device.emulation.emulated_backend import emulated_backend
+from palpate.device.errors import DeviceLostError, UpdateRateError
+from palpate.render import MeshObject, Palm, closed_contour, record, render
+from palpate.render.errors import PoseError, StrategyError
+from palpate.render.playback import focus_source as source_module
+from palpate.render.playback.drive import Driver, DriveStrategy
+from palpate.render.playback.file_playback import Connection, play_file
+from palpate.render.playback.focus_source import ContourSource, PointSource
+from palpate.render.playback.frame_source import FrameSource
+from palpate.render.playback.placed_arrays import PlacedArray, load_rig
+from palpate.render.sampling.contour_sampling import (
+    AmplitudeModulation,
+    FocalPoints,
+    Gap,
+    LateralModulation,
+    Sampler,
+    SamplingStrategy,
+    joined,
+    preset,
+    sample_contours,
+)
+
+VIRTUAL = Connection(clock="virtual")
+
+
+@pytest.fixture(scope="module")
+def tube():
+    return MeshObject.load("tube")
+
+
+@pytest.fixture(scope="module")
+def motion(tube):
+    whole = exploration(tube.bounds, duration=6.0, rate=90.0, seed=3)
+    return HandMotion(whole.time[:200] - whole.time[0], whole.pose[:200])
+
+
+@pytest.fixture(scope="module")
+def moving(tube, motion, tmp_path_factory):
+    path = tmp_path_factory.mktemp("moving") / "tube.h5"
+    record(path, tube, Palm(), motion, closed_contour())
+    return path
+
+
+@pytest.fixture(scope="module")
+def static(tube, motion, tmp_path_factory):
+    path = tmp_path_factory.mktemp("static") / "still.h5"
+    length = render(tube, Palm(), motion, closed_contour()).length()
+    record(path, tube, Palm(), HandMotion(None, motion.pose[[int(np.argmax(length))]]), closed_contour())
+    return path
+
+
+def focus_of(path, sampling, duration=None):
+    sampler = Sampler(sampling)
+    with ContourFile(path) as file:
+        return joined(list(ContourSource(file, sampler, duration))), sampler
+
+
+@pytest.mark.parametrize("name", ["stm", "pendulum", "multi-focus", "am-multi-focus"])
+@pytest.mark.parametrize("points_a_read", [50, 1 << 16])
+def test_a_file_read_in_pieces_is_sampled_as_one(name, points_a_read, moving, motion, tube, monkeypatch):
+    monkeypatch.setattr(source_module, "POINTS_A_READ", points_a_read)
+    focus, sampler = focus_of(moving, preset(name))
+    whole = Sampler(preset(name))
+    batch = render(tube, Palm(), motion, closed_contour())
+    end = motion.time[-1] + np.median(np.diff(motion.time))
+    expected = joined(list(sample_contours([batch], motion.pose, motion.time, end, whole)))
+    np.testing.assert_array_equal(focus.position, expected.position)
+    np.testing.assert_array_equal(focus.intensity, expected.intensity)
+    assert sampler.count == whole.count
+
+
+@pytest.mark.parametrize(
+    "sampling",
+    [
+        SamplingStrategy(),
+        SamplingStrategy(update_rate=40_000.0),
+        SamplingStrategy(am=AmplitudeModulation(frequency=200.0)),
+        SamplingStrategy(lm=LateralModulation(frequency=100.0), foci=2),
+        preset("stp"),
+    ],
+)
+def test_a_static_pose_is_sampled_once_and_counted_as_if_always(sampling, static):
+    focus, sampler = focus_of(static, sampling, duration=12.0)
+    whole = Sampler(sampling)
+    with ContourFile(static) as file:
+        pose = file.motion()["pose"]
+        batch = source_module.ContourBatch.from_arrays(file.contours())
+    expected = joined(list(sample_contours([batch], pose, np.zeros(1), 12.0, whole)))
+    assert len(focus.intensity) == round(12.0 * sampling.update_rate)
+    np.testing.assert_allclose(focus.position, expected.position, atol=2e-6)
+    np.testing.assert_allclose(focus.intensity, expected.intensity, atol=1e-5)
+    assert sampler.count.samples == whole.count.samples
+    assert sampler.count.jumps == whole.count.jumps
+    assert sampler.count.jump_length == pytest.approx(whole.count.jump_length, abs=1e-6)
+    assert sampler.count.cycles == pytest.approx(whole.count.cycles)
+    assert sampler.count.revisit_rate == pytest.approx(whole.count.revisit_rate, rel=0.02)
+
+
+@pytest.mark.parametrize("sampling", [SamplingStrategy(), SamplingStrategy(gap=Gap(kind="return"))])
+def test_the_revisit_rate_of_a_static_pose_is_that_of_every_place(sampling, static, monkeypatch):
+    """Against all places instead of picked ones; the first second, which knows less, is not taken for the rest."""
+    _, sampler = focus_of(static, sampling, duration=20.0)
+    with ContourFile(static) as file:
+        pose, batch = file.motion()["pose"], source_module.ContourBatch.from_arrays(file.contours())
+    monkeypatch.setattr("palpate.render.sampling.revisits.PICK_INTERVAL", 1e-9)
+    every = Sampler(sampling)
+    for _ in sample_contours([batch], pose, np.zeros(1), 4.0, every):
+        pass
+    assert sampler.count.revisit_rate == pytest.approx(every.count.revisit_rate, rel=0.01)
+
+
+def test_blocks_of_a_static_pose_are_encoded_once(static):
+    with ContourFile(static) as file:
+        source = ContourSource(file, Sampler(SamplingStrategy()), duration=3.0)
+        blocks = list(FrameSource(source, Driver(array_model("emulator"))))
+    assert len({id(block[0]) for block in blocks}) <= 2
+    assert sum(len(block[0]) for block in blocks) == 30_000 * 512
+
+
+def test_repeats_play_the_same_frames_again_without_the_file(moving):
+    sampling = SamplingStrategy(update_rate=2000.0)
+    bus = emulated_backend("emulator", clock=VirtualClock(), record=20_000)
+    playback = play_file(moving, sampling=sampling, repeats=3, connection=Connection(backend=bus))
+    played = bus.board().played[: playback.played.frames]
+    once = len(played) // 3
+    assert len(played) == 3 * once > 3000
+    np.testing.assert_array_equal(played[:once], played[once : 2 * once])
+    np.testing.assert_array_equal(played[:once], played[2 * once :])
+    assert playback.count.samples == once
+    assert playback.as_dict()["repeats"] == 3
+
+
+def test_repeats_of_what_does_not_fit_are_read_again(moving, monkeypatch):
+    monkeypatch.setattr("palpate.render.playback.frame_source.KEPT_BYTES_MOST", 1000)
+    sampler = Sampler(SamplingStrategy(update_rate=1000.0))
+    with ContourFile(moving) as file:
+        frames = FrameSource(ContourSource(file, sampler), Driver(array_model("emulator")), repeats=2, sampler=sampler)
+        count = sum(len(block[0]) for block in frames) // 512
+    assert count == frames.frame_count == sampler.count.samples == 2 * frames.counted.samples
+    playback = play_file(moving, sampling=sampler.strategy, repeats=2, connection=VIRTUAL)
+    assert playback.count == frames.counted  # what is told is of one time
+    assert playback.played.frames == 2 * playback.count.samples
+
+
+def test_a_slew_limit_reaches_across_blocks_and_repeats():
+    far = FocalPoints(np.array([[-0.05, 0, 0.2], [0.05, 0, 0.2]] * 3000, np.float32), np.ones(6000, np.float32))
+    driver = Driver(array_model("emulator"), DriveStrategy(slew=1e-3), update_rate=10_000.0)
+    blocks = list(FrameSource(PointSource(far), driver, repeats=2))
+    wire = np.concatenate([np.frombuffer(block[0], np.uint8).reshape(-1, 512) for block in blocks])
+    step = np.abs((np.diff(wire[:, 0::2].astype(int), axis=0) + 128) % 256 - 128)
+    assert len(wire) == 12_000
+    assert 1 <= step.max() <= 2  # 4 periods of 1e-3 turns are 1.02 of 256
+
+
+def test_a_point_list_is_played_at_its_own_rate(tmp_path):
+    rng = np.random.default_rng(1)
+    position = np.column_stack([rng.uniform(-0.05, 0.05, (700, 2)), rng.uniform(0.15, 0.25, 700)]).astype(np.float32)
+    intensity = rng.uniform(0, 1, 700).astype(np.float32)
+    path = tmp_path / "points.PTLIST"
+    write_ptlist(path, position, intensity, 5000.0)
+    bus = emulated_backend("emulator", clock=VirtualClock(), record=2000)
+    playback = play_file(path, connection=Connection(backend=bus))
+    drives = Driver(array_model("emulator")).drive(FocalPoints(position, intensity))
+    expected = encode_frames(drives.delay, drives.amplitude, array="emulator")
+    np.testing.assert_array_equal(bus.board().played[: playback.played.frames], expected)
+    assert playback.played.update_rate == 5000.0
+    assert "jumps" not in playback.as_dict()
+    with pytest.raises(StrategyError, match="holds focal points"):
+        play_file(path, sampling=SamplingStrategy(), connection=VIRTUAL)
+
+
+def test_times_that_do_not_increase_far_into_the_file_end_with_the_array_off(moving, monkeypatch):
+    real = ContourFile.motion
+
+    def broken(self, first=0, stop=None):
+        arrays = real(self, first, stop)
+        if "time" in arrays and first > 0 and len(arrays["time"]) > 2:
+            arrays["time"][1] = arrays["time"][0]
+        return arrays
+
+    monkeypatch.setattr(ContourFile, "motion", broken)
+    monkeypatch.setattr(source_module, "POINTS_A_READ", 2000)
+    bus = emulated_backend("emulator", clock=VirtualClock())
+    with pytest.raises(PoseError, match="does not increase"):
+        play_file(moving, connection=Connection(backend=bus))
+    assert not bus.board().playing[1::2].any()
+
+
+def pair(tmp_path):
+    turned = [0.3, 0.0, 0.1, 0.0, -0.3826834, 0.0, 0.9238795]
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps([{"array": "emulator"}, {"array": "emulator", "pose": turned}]))
+    return load_rig(str(path))
+
+
+def test_several_arrays_focus_at_the_same_point_each_from_where_it_stands(tmp_path, moving):
+    arrays = pair(tmp_path)
+    driver = Driver([placed.model for placed in arrays])
+    focus = FocalPoints(np.array([[0.03, -0.02, 0.2]], np.float32), np.ones(1, np.float32))
+    for placed, part in zip(arrays, driver.split(driver.drive(focus)), strict=True):
+        distance = np.linalg.norm(placed.model.position.astype(float) - focus.position[0], axis=1)
+        phase = 2 * np.pi * (part.delay[0] + distance * 40e3 / 343.0)
+        assert abs(np.exp(1j * phase).mean()) > 0.9999
+    assert abs(arrays[1].model.position.mean(axis=0) - [0.3, 0, 0.1]).max() < 1e-6
+    playback = play_file(moving, array=arrays, sampling=SamplingStrategy(update_rate=1000.0), connection=VIRTUAL)
+    assert [report.frames for report in playback.reports] == [playback.played.frames] * 2
+    assert all(report.off_confirmed for report in playback.reports)
+    assert len(playback.as_dict()["arrays"]) == 2
+
+
+def test_when_one_of_several_arrays_is_lost_the_others_are_switched_off(tmp_path, moving, monkeypatch):
+    buses = [emulated_backend("emulator", clock=VirtualClock()) for _ in range(2)]
+    buses[1].inject(Fault(FaultKind.UNPLUG, byte=200_000))
+    waiting = list(buses)
+    monkeypatch.setattr(
+        "palpate.render.playback.file_playback.emulated_backend", lambda name, **options: waiting.pop(0)
+    )
+    with pytest.raises(DeviceLostError) as caught:
+        play_file(moving, array=pair(tmp_path), connection=VIRTUAL)
+    assert caught.value.report.stopped_by == "device"
+    assert not buses[0].board().playing[1::2].any()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[]", "list of at least one"),
+        ("{", "not JSON"),
+        ('[{"serial": "a"}]', "array must be a str"),
+        ('[{"array": "emulator", "place": 1}]', "unknown field 'place'"),
+        ('[{"array": "emulator", "pose": [0, 0]}]', "shape"),
+        ('[{"array": "emulator", "pose": [0, 0, 0, 0, 0, 0, 2]}]', "norm"),
+        ('[{"array": "emulator", "baud": "fast"}]', "baud must be a int"),
+    ],
+)
+def test_a_rig_that_is_none_is_refused_by_field(text, message, tmp_path):
+    path = tmp_path / "rig.json"
+    path.write_text(text)
+    with pytest.raises(StrategyError, match=message):
+        load_rig(str(path))
+
+
+def test_rates_that_one_of_the_arrays_lacks_are_refused_before_anything_is_sent(moving):
+    arrays = (PlacedArray(array_model("emulator")), PlacedArray(array_model("sonicsurface")))
+    with pytest.raises(UpdateRateError, match=r"89\.3"):
+        play_file(moving, array=arrays, connection=Connection(clock="virtual", emulate=True))
+    sampling = SamplingStrategy(update_rate=20_000.0)
+    with pytest.raises(UpdateRateError, match="28 frames"):
+        play_file(moving, array="pat16", sampling=sampling, connection=Connection(clock="virtual", emulate=True))
+
+
+@pytest.mark.parametrize("array", ["pat16", "sonicsurface"])
+def test_models_of_real_boards_take_a_file_at_their_own_rate(array, moving):
+    playback = play_file(moving, array=array, connection=Connection(clock="virtual", emulate=True))
+    assert playback.played.frames > 190
+    assert (playback.played.off_sent, playback.played.off_confirmed) == (True, None)
+    assert playback.played.underruns == 0
+
+
+def points_file(tmp_path, *, count=700, rate=5000.0, intensity=1.0):
+    path = tmp_path / "points.ptlist"
+    write_ptlist(path, np.tile([0.01, 0.0, 0.2], (count, 1)), np.full(count, intensity), rate)
+    return path
+
+
+@pytest.mark.parametrize("duration", [-0.1, -1.0, 0.0, np.nan, np.inf])
+def test_durations_that_are_none_are_refused_for_point_lists_too(duration, tmp_path):
+    with pytest.raises(StrategyError, match="duration must be positive"):
+        play_file(points_file(tmp_path), duration=duration, connection=VIRTUAL)
+
+
+def test_a_point_list_can_be_cut_short(tmp_path):
+    assert play_file(points_file(tmp_path), duration=0.0101, connection=VIRTUAL).played.frames == 51
+
+
+@pytest.mark.parametrize(("intensity", "switched"), [(1.0, 0), (0.7, 20)])
+def test_frames_that_can_only_be_switched_are_counted(intensity, switched, tmp_path):
+    rate = array_model("sonicsurface").update_rate(1)
+    path = points_file(tmp_path, count=20, rate=rate, intensity=intensity)
+    playback = play_file(path, array="sonicsurface", connection=Connection(clock="virtual", emulate=True), repeats=2)
+    assert playback.switched == playback.as_dict()["switched"] == switched
+
+
+def test_poses_far_apart_are_held_until_the_next_one(static, tube, tmp_path):
+    with ContourFile(static) as file:
+        pose = file.motion()["pose"]
+    path = tmp_path / "slow.h5"
+    record(path, tube, Palm(), HandMotion(np.arange(4) * 0.3, np.repeat(pose, 4, axis=0)), closed_contour())
+    focus, sampler = focus_of(path, SamplingStrategy(hold=0.1, update_rate=1000.0))
+    assert sampler.count.held == 0
+    assert (focus.intensity == 1).all()
+
+
+def test_emulated_boards_have_the_serial_numbers_and_rates_that_are_asked_for(moving, tmp_path):
+    emulated = Connection(clock="virtual", emulate=True)
+    arrays = load_rig("pat16", serial="FT1234")
+    assert play_file(moving, array=arrays, duration=0.1, connection=emulated).played.serial == "FT1234"
+    fast = load_rig("sonicsurface", baud=1_462_857)
+    playback = play_file(moving, array=fast, connection=emulated)
+    assert playback.played.update_rate == pytest.approx(567, rel=0.03)
+
+
+def test_results_have_an_array_s_own_name_whatever_it_was_called(moving, tmp_path):
+    emulated = Connection(clock="virtual", emulate=True)
+    playback = play_file(moving, array="OpenMPD", duration=0.1, connection=emulated)
+    assert playback.played.array == playback.as_dict()["array"] == "pat16"
+    (tmp_path / "rig.json").write_text('[{"array": "openmpd"}, {"array": "PAT"}]')
+    assert [placed.model.name for placed in load_rig(str(tmp_path / "rig.json"))] == ["pat16", "pat16"]
+
+
+def test_more_foci_than_can_be_solved_are_refused(moving):
+    with pytest.raises(StrategyError, match="foci must be at most 8 to be solved for an array, not 16"):
+        play_file(moving, sampling=SamplingStrategy(foci=16), connection=VIRTUAL)

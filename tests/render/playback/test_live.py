@@ -1,0 +1,306 @@
+"""One pose at a time: the contours of `render` and the focal points of `sample_contours`, to the bit."""
+
+import functools
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mesh_cases import CLOSED, MESHES, MIDDLE, generic_poses
+from scipy.spatial.transform import Rotation
+
+from palpate.datasets import HandMotion
+from palpate.datasets.errors import MotionError
+from palpate.datasets.motions import exploration
+from palpate.datasets.motions.hand_motion import PALM_DOWN
+from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
+from palpate.render.errors import MeshError, PoseError, StrategyError
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.batch_rendering import check_poses
+from palpate.render.playback.live import DRAWN_MOST, Instant, PoseContours, RoomSize, checked_pose
+from palpate.render.sampling.contour_sampling import (
+    AmplitudeModulation,
+    LateralModulation,
+    Sampler,
+    SamplingStrategy,
+    sample_bounds,
+    sample_contours,
+)
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
+from one_pose import CASES, measure, object_of
+
+STRATEGIES = {"raw": IntersectionStrategy(), "oc": open_contour(), "cc": closed_contour()}
+PALM = Palm(0.085, 0.06)
+NEAR = np.array([0.0, 0.0, 0.2, *PALM_DOWN])
+FAR = np.array([0.0, 0.0, 0.9, *PALM_DOWN])
+
+
+@functools.cache
+def thing_of(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # odd meshes are mended
+        return MeshObject(*MESHES[name](), name=name)
+
+
+@functools.cache
+def motion_on(name):
+    """Two seconds of a hasty hand: contours, their loss and their return."""
+    motion = exploration(thing_of(name).bounds, duration=20.0, rate=9.0, seed=1)
+    return HandMotion(motion.time / 10.0, motion.pose)
+
+
+def crowded_poses(count):
+    """Palms nearly level in the comb's ridges, and as many that cut next to nothing."""
+    rng = np.random.default_rng(8)
+    level = Rotation.from_euler("x", -90, degrees=True)
+    lean = Rotation.from_euler("xyz", rng.uniform(-3, 3, (count, 3)) * [1, 1, 60], degrees=True)
+    crowded = np.hstack([MIDDLE + rng.uniform(-0.004, 0.004, (count, 3)), (lean * level).as_quat()])
+    return np.concatenate([generic_poses(count, 9, spread=0.09), crowded]).astype(np.float32)
+
+
+def assert_same_bits(one, two):
+    first, second = one.by_name(), two.by_name()
+    assert first.keys() == second.keys()
+    for name in first:
+        assert first[name].dtype == second[name].dtype, name
+        np.testing.assert_array_equal(first[name], second[name], err_msg=name, strict=True)
+
+
+def assert_same_focus(one, two):
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_array_equal(a, b, strict=True)
+
+
+def joined(blocks):
+    return [np.concatenate(parts) for parts in zip(*blocks, strict=True)]
+
+
+@pytest.mark.parametrize("method", ["trace", "seek"])
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("name", MESHES)
+def test_contours_are_those_of_render_bit_for_bit(name, strategy, method):
+    if strategy == "cc" and name not in CLOSED:
+        return  # closed contours are not defined, or are refused
+    thing, poses = thing_of(name), generic_poses(60, 3)
+    expected = render(thing, PALM, poses, STRATEGIES[strategy])
+    contours = PoseContours(thing, PALM, STRATEGIES[strategy], method=method)
+    assert expected.polyline_count > 5
+    for i, pose in enumerate(poses):
+        assert_same_bits(contours.at(pose), expected.select(i, i + 1))
+
+
+@pytest.mark.parametrize("size", [RoomSize(1, 1, 1), RoomSize(200, 1, 1), RoomSize(1, 200, 1), RoomSize(1, 1, 10_000)])
+@pytest.mark.parametrize("method", ["trace", "seek"])
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_pose_that_needs_more_memory_gets_it_once(strategy, method, size):
+    thing, poses = thing_of("comb"), crowded_poses(6)
+    expected = render(thing, PALM, poses, STRATEGIES[strategy])
+    assert np.diff(expected.pose_start).max() > (2 if strategy == "cc" else 8)
+    contours = PoseContours(thing, PALM, STRATEGIES[strategy], method=method, size=size)
+    grown = []
+    for _ in range(2):
+        for i, pose in enumerate(poses):
+            assert_same_bits(contours.at(pose), expected.select(i, i + 1))
+            grown.append(contours.grown)
+    assert 1 <= grown[len(poses) - 1] == grown[-1] <= 20
+    assert PoseContours(thing, PALM, STRATEGIES[strategy], method=method).grown == 0
+
+
+SAMPLINGS = {
+    "default": SamplingStrategy(),
+    "40 kHz": SamplingStrategy(update_rate=40_000.0),
+    "three foci, modulated": SamplingStrategy(foci=3, am=AmplitudeModulation()),
+    "circles, finishing": SamplingStrategy(lm=LateralModulation(), continuity="finish"),
+}
+
+
+@pytest.mark.parametrize("sampling", SAMPLINGS.values(), ids=SAMPLINGS)
+@pytest.mark.parametrize("name", ["tube", "dog"])
+def test_focal_points_are_those_of_sample_contours_bit_for_bit(name, sampling):
+    motion = motion_on(name)
+    assert_as_sampled(thing_of(name), motion.pose, motion.time, 2.0, sampling)
+
+
+@pytest.mark.parametrize("fade", [0.0, 0.02])
+def test_irregular_and_missing_poses_are_held_and_faded_as_in_sample_contours(fade):
+    motion = motion_on("tube")
+    rng = np.random.default_rng(7)
+    kept = np.sort(rng.choice(len(motion.pose), 60, replace=False))
+    kept = kept[(motion.time[kept] < 0.9) | (motion.time[kept] > 1.45)]  # more than a block
+    time = motion.time[kept] + rng.uniform(0, 0.01, len(kept))
+    sampling = SamplingStrategy(update_rate=40_000, hold=0.05, fade=fade)
+    count = assert_as_sampled(thing_of("tube"), motion.pose[kept], time - time[0], 2.0, sampling)
+    assert count.held > 100
+
+
+def assert_as_sampled(thing, pose, time, duration, sampling):
+    """Instant and `sample_contours` agree in all bits and counts, from whatever time on the clock starts."""
+    sampler = Sampler(sampling)
+    batch = render(thing, PALM, pose, closed_contour())
+    expected = joined(sample_contours([batch], pose, time, duration, sampler))
+    instant = Instant(thing, PALM, closed_contour(), sampling, interval=float(np.median(np.diff(time))))
+    until = np.append(time[1:], duration)
+    blocks = [instant.draw(*args[:2], until=args[2]) for args in zip(pose, time, until, strict=True)]
+    assert_same_focus(joined(blocks), expected)
+    assert instant.sampler.count == sampler.count
+    assert sampler.count.samples > sampler.count.silent > 0
+    return sampler.count
+
+
+def test_the_clock_may_start_anywhere_and_the_next_pose_is_expected_after_an_interval():
+    motion = motion_on("tube")
+    one, two = (Instant(thing_of("tube"), PALM, closed_contour()) for _ in range(2))
+    for pose, time in zip(motion.pose, motion.time, strict=True):
+        assert_same_focus(one.draw(pose, 4096.0 + time), two.draw(pose, time, until=time + 1 / 90))
+    assert one.sampler.count.samples == 20_000
+
+
+@settings(max_examples=30)
+@given(
+    gaps=st.lists(st.floats(1e-4, 0.06), min_size=1, max_size=8),
+    aheads=st.lists(st.floats(0.0, 0.03), min_size=8, max_size=8),
+)
+def test_no_sample_is_lost_or_drawn_twice_whenever_poses_come(gaps, aheads):
+    time = np.concatenate([[0.0], np.cumsum(gaps)])
+    late, own = (Instant(thing_of("tube"), PALM, open_contour()) for _ in range(2))
+    count = 0
+    for i, now in enumerate(time):
+        pose, until = motion_on("tube").pose[5 + i], now + aheads[i % 8]
+        focus = late.draw(pose, now, until=until)
+        count = max(count, sample_bounds(np.array([0.0]), until, 10_000.0)[1])
+        before = [own.go_on(now)] if i else []
+        assert_same_focus(focus, joined([*before, own.draw(pose, now, until=until)]))
+        assert late.sampler.count.samples == own.sampler.count.samples == count
+
+
+def test_going_on_holds_the_last_pose_and_then_fades():
+    instant = Instant(thing_of("tube"), PALM, closed_contour(), SamplingStrategy(hold=0.1, fade=0.02))
+    assert (instant.draw(NEAR, 5.0).intensity == 1).all()
+    more = joined([instant.go_on(5.0 + 0.05 * k) for k in range(1, 5)])
+    assert len(more[0]) == 2000 - 112
+    assert more[1][1000 - 112] == 1
+    assert (np.diff(more[1][1001 - 112 : 1200 - 112]) < 0).all()
+    assert (more[1][1200 - 112 :] == 0).all()
+
+
+def test_a_pose_without_contours_is_silent_and_the_next_one_is_drawn():
+    instant = Instant(thing_of("tube"), PALM, closed_contour())
+    sound = [instant.draw(pose, 0.01 * k, until=0.01 * (k + 1)) for k, pose in enumerate([FAR, NEAR, FAR, NEAR])]
+    assert [focus.intensity.max() for focus in sound] == [0, 1, 0, 1]
+    assert all(len(focus.intensity) == 100 for focus in sound)
+    assert instant.contours.polyline_count == 2
+
+
+BAD_POSES = {
+    "nan": NEAR * [np.nan, 1, 1, 1, 1, 1, 1],
+    "infinite": NEAR * [1, 1, np.inf, 1, 1, 1, 1],
+    "beyond float32": NEAR * [1, 1, 1e40, 1, 1, 1, 1],
+    "no rotation": NEAR * [1, 1, 1, 0, 0, 0, 0],
+    "norm": NEAR * [1, 1, 1, 1.0011, 1.0011, 1.0011, 1.0011],
+    "nan rotation": NEAR * [1, 1, 1, np.nan, 1, 1, 1],
+}
+
+
+@pytest.mark.parametrize("pose", BAD_POSES.values(), ids=BAD_POSES)
+def test_bad_poses_are_refused_as_by_render_and_change_nothing(pose):
+    instant, other = (Instant(thing_of("tube"), PALM, closed_contour()) for _ in range(2))
+    with pytest.raises(MotionError) as by_render:
+        render(thing_of("tube"), PALM, pose[None], closed_contour())
+    for turn in range(2):
+        with pytest.raises(MotionError) as refused:
+            instant.draw(pose, 0.5 * turn)
+        assert str(refused.value) == str(by_render.value)
+        assert_same_focus(instant.draw(NEAR, turn), other.draw(NEAR, turn))
+
+
+@pytest.mark.parametrize("pose", [NEAR[:6], NEAR[None], ["a"] * 7, None, [[1, 2], 3]], ids=str)
+def test_what_is_no_pose_is_refused(pose):
+    with pytest.raises(PoseError, match="seven numbers"):
+        Instant(thing_of("tube"), PALM, closed_contour()).draw(pose, 0.0)
+
+
+@given(error=st.floats(-1e-3, 1e-3), scale=st.sampled_from([1.0, 1e-3, 1e-4]), seed=st.integers(0, 1000))
+def test_quaternions_are_normalised_as_by_render(error, scale, seed):
+    pose = generic_poses(1, seed)[0].astype(np.float64)
+    pose[3:] *= (1 + 0.999 * error * scale) / np.linalg.norm(pose[3:])
+    np.testing.assert_array_equal(checked_pose(pose), check_poses(pose[None])[0], strict=True)
+
+
+@pytest.mark.parametrize(
+    ("time", "until", "message"),
+    [
+        (1.0, None, r"time 1\.0 s is not after 1\.0 s"),
+        (0.5, None, r"time 0\.5 s is not after 1\.0 s"),
+        (np.nan, None, "nan"),
+        (np.inf, None, "inf"),
+        (2.0, 1.9, r"until 1\.9 s is before 2\.0 s"),
+        (2.0, np.nan, "nan s is not finite"),
+        (2.0, np.inf, "inf s is not finite"),
+        (1.1 + 2 * DRAWN_MOST, None, r"more than 10 s after 1\.01"),
+        (2.0, 1.1 + DRAWN_MOST, r"time 11\.1 s is more than 10 s"),
+    ],
+)
+def test_impossible_times_are_refused_and_change_nothing(time, until, message):
+    instant, other = (Instant(thing_of("tube"), PALM, closed_contour()) for _ in range(2))
+    assert_same_focus(instant.draw(NEAR, 1.0), other.draw(NEAR, 1.0))
+    with pytest.raises(MotionError, match=message):
+        instant.draw(FAR, time, until=until)
+    assert_same_focus(instant.draw(NEAR, 1.01), other.draw(NEAR, 1.01))
+
+
+def test_the_first_time_must_be_finite_and_going_on_needs_a_pose():
+    instant = Instant(thing_of("tube"), PALM, closed_contour())
+    for time in (np.nan, np.inf, -np.inf):
+        with pytest.raises(MotionError, match="is not finite"):
+            instant.draw(NEAR, time)
+    with pytest.raises(MotionError, match="no pose yet"):
+        instant.go_on(1.0)
+    assert len(instant.draw(NEAR, 0.0).intensity) == 112
+    assert len(instant.go_on(0.01).intensity) == 0
+
+
+@pytest.mark.parametrize("interval", [0.0, -1.0, np.nan, 5.1])
+def test_impossible_intervals_are_refused_with_bounds_and_value(interval):
+    with pytest.raises(StrategyError, match=rf"0\.0001\.\.5 s, not {interval}"):
+        Instant(thing_of("tube"), PALM, closed_contour(), interval=interval)
+
+
+def test_closed_contours_of_an_open_mesh_are_refused_when_made():
+    with pytest.raises(MeshError, match="open edges"):
+        Instant(thing_of("bowl"), PALM, closed_contour())
+
+
+def test_a_method_that_there_is_not_is_refused_when_made():
+    with pytest.raises(ValueError, match="guess"):
+        PoseContours(thing_of("tube"), PALM, closed_contour(), method="guess")
+    with pytest.raises(ValueError, match="no trail to trace"):
+        PoseContours(object_of("blob-100k"), PALM, closed_contour(), method="trace")
+
+
+TWO_PALMS = PlaneHand((HandPatch("palm", 0.085, 0.085), HandPatch("over", 0.03, 0.1, (0.02, 0.015, -0.01, 0, 0, 0, 1))))
+
+
+@pytest.mark.parametrize("size", [RoomSize(), RoomSize(1, 1, 1)])
+@pytest.mark.parametrize("method", ["trace", "seek"])
+def test_every_patch_of_a_hand_is_drawn(method, size):
+    thing, poses = thing_of("dog"), generic_poses(60, 5)
+    expected = render(thing, TWO_PALMS, poses, closed_contour())
+    assert set(expected.polyline_patch) == {0, 1}
+    contours = PoseContours(thing, TWO_PALMS, closed_contour(), method=method, size=size)
+    for i, pose in enumerate(poses):
+        assert_same_bits(contours.at(pose), expected.select(i, i + 1))
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.thing}-{case.update_rate:g}")
+def test_benchmark_case_measures_poses_with_contours(case):
+    figures = measure(case, 500, repeats=2)
+    assert figures["poses"] == 500
+    assert 0 < figures["hit"] < 1
+    for name in ("wall_us", "cpu_us", "needed_us", "contours_us"):
+        assert 0 < figures[name]["p50"] <= figures[name]["p99"] <= figures[name]["max"]
+    assert figures["needed_us"]["p99"] <= figures["wall_us"]["p99"]
+    assert figures["contours_as_a_batch_us"] > 0

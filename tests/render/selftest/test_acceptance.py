@@ -1,0 +1,353 @@
+"""The first hour with a board, by scripted answers to emulated ones: what is asked, recorded, and how it may end."""
+
+import errno
+import json
+import subprocess
+import sys
+
+import pytest
+from acceptance_script import EXPECTED, Emulated, answers_of, shorten, spend_hour, steps_of
+from typer.testing import CliRunner
+from umockdev_session import write_pat_file
+
+from palpate.device.array import array_model
+from palpate.device.clock import VirtualClock
+from palpate.device.emulation.emulated_backend import emulated_backend
+from palpate.device.emulation.faults import Fault, FaultKind
+from palpate.device.errors import DeviceNotFoundError, DeviceStallError
+from palpate.render.cli import app
+from palpate.render.playback import file_playback as playback
+from palpate.render.playback.file_playback import Connection
+from palpate.render.playback.placed_arrays import PlacedArray
+from palpate.render.selftest import board as acceptance_board
+from palpate.render.selftest import report as acceptance_report
+from palpate.render.selftest.board import PATIENCE, BoardSession
+from palpate.render.selftest.steps import STEPS
+
+DONE, FAILED, MISUSED = 0, 1, 2
+WRONG = [(step, answer) for step in STEPS for answer in step.answers if answer.key != EXPECTED[step.name]]
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "report.json"
+
+
+@pytest.fixture
+def hour(capsys, monkeypatch, path):
+    """Runs an hour of few frames with scripted lines."""
+
+    def spend(lines, **options):
+        shorten(monkeypatch, 200)
+        return spend_hour(capsys, monkeypatch, path, lines, **options)
+
+    return spend
+
+
+def test_a_whole_hour_of_expected_answers_exits_0_and_records_everything(capsys, monkeypatch, path):
+    done = spend_hour(capsys, monkeypatch, path, answers_of("pat16"))
+    assert done.code == DONE
+    report = done.report
+    assert (report["array"], report["serial"], report["emulated"]) == ("pat16", "PATEMU01", True)
+    assert (report["clock"], report["ended_by"], report["failure"]) == ("virtual", "end", None)
+    assert {"python", "palpate", "numpy", "pyusb"} <= report["versions"].keys()
+    assert report["date"][:2] == "20"
+    assert {entry["step"]: entry["answer"] for entry in report["steps"]} == EXPECTED
+    assert all(entry["as_expected"] for entry in report["steps"])
+    minute = done.step("minute")["played"][0]
+    assert minute["report"]["frames"] == 600_000  # 10 kHz for 60 s
+    assert minute["report"]["duration"] == pytest.approx(60.0)
+    assert minute["report"]["underruns"] == 0
+    assert done.step("fast")["played"][0]["parameters"]["update_rate"] == pytest.approx(40_000 / 3)
+    assert [entry["parameters"]["divider"] for entry in done.step("divider")["played"]] == [None, 45]
+    assert "gone" in done.step("unplug")["played"][0]["error"]
+    assert done.step("replug")["played"][0]["report"]["frames"] == 60_000  # 10 kHz for 6 s
+    assert done.step("silent")["played"] == []
+    assert done.result["answered"] == done.result["steps"] == 14
+
+
+def test_the_report_names_the_board_file_and_its_digest(hour, tmp_path):
+    """The digest is that of `sha256sum`, of coreutils; the folder, which may name a person, is left out."""
+    folder = tmp_path / "somebody"
+    folder.mkdir()
+    board = folder / "board.pat"
+    write_pat_file(board, serial="FT4TKZL8")
+    digest = subprocess.run(["sha256sum", str(board)], capture_output=True, text=True, check=True).stdout.split()[0]
+    done = hour(answers_of("pat16"), calibration=board)
+    assert done.report["calibration"] == {"calibrated": True, "file": "board.pat", "sha256": digest}
+    assert done.report["serial"] == "FT4TKZL8"
+    assert "somebody" not in json.dumps(done.report)
+
+
+@pytest.mark.parametrize("array", ["emulator", "sonicsurface"])
+def test_other_arrays_are_asked_what_makes_sense_for_them(array, hour):
+    done = hour(answers_of(array), array=array)
+    assert done.code == DONE
+    assert [entry["step"] for entry in done.report["steps"]] == steps_of(array)
+
+
+def test_an_autd3_is_asked_too(hour, monkeypatch):
+    pytest.importorskip("autd3")
+    monkeypatch.setattr(acceptance_board, "PAUSE", 0.0)  # its emulated device runs in real time
+    done = hour(answers_of("autd3"), array="autd3")
+    assert done.code == DONE, done.shown
+    assert done.report["clock"] == "monotonic"  # its emulated device knows no other
+
+
+@pytest.mark.parametrize(("step", "answer"), WRONG, ids=lambda one: getattr(one, "name", None) or one.key)
+def test_one_wrong_answer_at_a_time_is_told_with_its_meaning(step, answer, hour):
+    """The meaning and the change are those that the page has (`test_acceptance_page.py`)."""
+    done = hour(answers_of("pat16", **{step.name.replace("-", "_"): answer.key}))
+    assert done.code == FAILED
+    assert {entry["step"]: entry["answer"] for entry in done.report["steps"]} == EXPECTED | {step.name: answer.key}
+    assert [entry["step"] for entry in done.report["steps"] if not entry["as_expected"]] == [step.name]
+    assert [finding["step"] for finding in done.result["unexpected"]] == [step.name]
+    assert done.result["unexpected"][0]["meaning"] == answer.meaning
+    assert f"{step.name}: {answer.sentence} {answer.meaning} Change: {answer.change}" in done.shown
+    assert done.report["ended_by"] == "end"
+
+
+@pytest.mark.parametrize("line", ["s no tuner at hand", "S  no tuner at hand "])
+def test_a_step_is_skipped_with_its_reason(line, hour):
+    answers = answers_of("pat16")
+    place = steps_of("pat16").index("pitch")
+    done = hour([*answers[:place], line, *answers[place + 1 :]])
+    assert done.code == FAILED
+    entry = done.step("pitch")
+    assert (entry["answer"], entry["as_expected"]) == (None, None)
+    assert entry["skipped_because"] == "no tuner at hand"
+    assert done.result["skipped"] == {"pitch": "no tuner at hand"}
+    assert done.result["not_asked"] == done.result["unexpected"] == []
+    assert done.step("replug")["answer"] == "again"
+
+
+def test_a_script_that_skips_without_a_reason_is_misuse_and_its_next_line_no_reason(hour):
+    answers = answers_of("pat16")
+    place = steps_of("pat16").index("pitch")
+    done = hour([*answers[:place], "s", *answers[place + 1 :]])
+    assert done.code == MISUSED
+    assert "'pitch' is skipped without a reason" in done.result["error"]
+    assert done.report["ended_by"] == "misuse"
+
+
+def test_a_question_mark_plays_a_step_again(hour):
+    answers = answers_of("pat16")
+    done = hour([*answers[:4], "?", "?", *answers[4:]])
+    assert done.code == DONE
+    assert len(done.step("focus")["played"]) == 3
+
+
+def test_q_ends_and_what_was_answered_is_kept(hour):
+    done = hour([*answers_of("pat16")[:3], "q"])
+    assert (done.code, done.report["ended_by"]) == (FAILED, "quit")
+    assert [entry["answer"] for entry in done.report["steps"]] == ["silent", "corner", "near-right", None]
+    assert len(done.result["not_asked"]) == 14 - 3
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 13])
+def test_the_end_of_input_ends_it_with_a_clear_message(count, hour):
+    done = hour(answers_of("pat16")[:count])
+    assert (done.code, done.report["ended_by"]) == (FAILED, "end of input")
+    name = steps_of("pat16")[count]
+    assert done.result["error"] == f"the input ended before step {name!r} was answered"
+    assert [entry["answer"] for entry in done.report["steps"]] == [*answers_of("pat16")[:count], None]
+    assert f"Answers in the report: {count} (" in done.shown
+
+
+def test_a_scripts_line_that_is_no_answer_is_misuse_lest_those_behind_it_answer_other_questions(hour):
+    done = hour([*answers_of("pat16")[:4], "clockwise", "none"])
+    assert (done.code, done.report["ended_by"]) == (MISUSED, "misuse")
+    assert "'clockwise' answers nothing in step 'focus'; it takes right-near, " in done.result["error"]
+    assert [entry["answer"] for entry in done.report["steps"]] == [*answers_of("pat16")[:4], None]
+
+
+def test_a_person_is_asked_again_and_waited_for_before_each_step_that_plays(hour):
+    answers = answers_of("pat16")
+    lines = [answers[0]]  # step silent plays nothing
+    for line in answers[1:]:
+        lines += ["", line]
+    lines[1:3] = ["corner", "", "left", "CORNER"]  # an answer too early, Enter, no answer, and one in capitals
+    done = hour(lines, is_person=True)
+    assert done.code == DONE, done.shown
+    assert "Nothing was played yet" in done.shown
+    assert "Please one of corner, scattered, none" in done.shown
+    assert len(done.step("corner")["played"]) == 1
+
+
+def test_a_person_can_skip_or_end_before_a_step_plays(hour):
+    done = hour(["silent", "s no hands free", "q"], is_person=True)
+    assert done.code == FAILED
+    assert done.step("corner")["skipped_because"] == "no hands free"
+    assert done.step("corner")["played"] == done.step("corner-x")["played"] == []
+
+
+def test_the_report_is_whole_after_each_step(hour, path):
+    """Looked at whenever an answer is asked for: valid JSON, with all answers before that one."""
+    seen = []
+
+    def look(number):
+        seen.append([entry["answer"] for entry in json.loads(path.read_text())["steps"]])
+        assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+    answers = answers_of("pat16")
+    hour(answers, look=look)
+    assert seen == [answers[:count] for count in range(len(answers))]
+
+
+def test_a_report_that_exists_is_refused_unless_it_may_be_overwritten(hour, path):
+    path.write_text("precious")
+    done = run(path, "--emulate", "--clock", "virtual")
+    assert done.exit_code == MISUSED
+    assert "exists; --overwrite replaces it" in done.stderr
+    assert path.read_text() == "precious"
+    assert hour(answers_of("pat16"), overwrite=True).code == DONE
+
+
+def run(path, *arguments, array="pat16", lines=()):
+    words = ["selftest", "--acceptance", str(path), "--array", array, *arguments]
+    return CliRunner().invoke(app, words, input="\n".join(lines), catch_exceptions=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--emulate", "--height", "0.3"], "--height means nothing with --acceptance"),
+        (["--emulate", "--seconds", "3"], "--seconds means nothing with --acceptance"),
+        (["--emulate", "--watchdog"], "a watchdog is for real arrays on USB"),
+        (["--emulate", "--clock", "sundial"], "clock must be one of"),
+        (["--calibration", "none.pat"], "none.pat"),
+        ([], "--calibration BOARD.pat, --emulate or --uncalibrated"),
+    ],
+)
+def test_misuse_is_refused_and_leaves_no_report(arguments, said, path):
+    done = run(path, *arguments)
+    assert said in " ".join(done.stderr.split())
+    assert not path.exists()
+    assert done.exit_code == (FAILED if "none.pat" in arguments else MISUSED)
+
+
+def test_several_arrays_and_folders_are_refused(path, tmp_path):
+    rig = tmp_path / "rig.json"
+    rig.write_text(json.dumps([{"array": "emulator"}, {"array": "emulator", "pose": [0.2, 0, 0, 0, 0, 0, 1]}]))
+    assert "--acceptance is of one array" in run(path, array=str(rig)).stderr
+    assert "is a folder" in run(tmp_path, "--emulate").stderr
+    assert "its folder does not exist" in run(tmp_path / "none" / "r.json", "--emulate").stderr
+    done = CliRunner().invoke(app, ["selftest", "--overwrite", "--clock", "virtual"])
+    assert (done.exit_code, "without --acceptance" in done.stderr) == (MISUSED, True)
+
+
+def test_an_array_that_is_not_there_leaves_a_report_that_says_so(capsys, monkeypatch, path):
+    def without_board(name, **options):
+        bus = emulated_backend(name, **options)
+        bus.unplug()
+        return bus
+
+    monkeypatch.setattr(playback, "emulated_backend", without_board)
+    done = run(path, "--emulate", "--clock", "virtual")
+    assert done.exit_code == FAILED
+    report = json.loads(path.read_text())
+    assert (report["ended_by"], report["steps"]) == ("failure", [])
+    assert "was not found: plug it in" in report["failure"]
+
+
+def test_an_array_that_fails_in_a_step_keeps_what_was_answered(capsys, monkeypatch, path):
+    """A stall in the second stimulus; bytes by the boards' own count."""
+    emulated = Emulated(monkeypatch)
+    shorten(monkeypatch, 200)
+
+    def look(number):
+        if number == 2:
+            board = emulated.buses[-1].board()
+            emulated.bus.inject(Fault(FaultKind.STALL, byte=board.bytes_received + 60_000))
+
+    monkeypatch.setattr("acceptance_script.Emulated", lambda *_, **__: emulated)
+    done = spend_hour(capsys, monkeypatch, path, answers_of("pat16"), look=look)
+    assert (done.code, done.report["ended_by"]) == (FAILED, "failure")
+    assert [entry["answer"] for entry in done.report["steps"]] == [*answers_of("pat16")[:3], None]
+    failed = done.step("corner-y")["played"][0]
+    assert failed["error"] == done.report["failure"] == done.result["error"]
+    assert failed["report"]["stopped_by"] == "device"
+
+
+def test_a_full_disk_ends_it_with_a_sentence_and_the_report_as_it_was(hour, monkeypatch, path):
+    write = acceptance_report.write_file
+
+    def fill(where, content):
+        if b'"far-left"' in bytes(content).split(b'"steps"')[1]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(where, content)
+
+    monkeypatch.setattr(acceptance_report, "write_file", fill)
+    done = hour(answers_of("pat16"))
+    assert done.code == FAILED
+    assert "cannot be written (No space left on device)" in done.result["error"]
+    assert [entry["answer"] for entry in done.report["steps"]] == ["silent", "corner"]  # corner-x is the next
+
+
+class WaitingClock(VirtualClock):
+    """Does something once so much time has passed."""
+
+    def __init__(self):
+        super().__init__()
+        self.due = []
+
+    def sleep_until_ns(self, time_ns):
+        super().sleep_until_ns(time_ns)
+        for when, act in list(self.due):
+            if self.now_ns() >= when:
+                self.due.remove((when, act))
+                act()
+
+
+@pytest.mark.parametrize("after", [20.0, 100.0])
+def test_a_person_has_time_to_plug_it_in_again(after, monkeypatch):
+    """A bus that the session takes for a real one: somebody pulls the plug, and puts it back later."""
+    shorten(monkeypatch, 5000)
+    clock = WaitingClock()
+    bus = emulated_backend("pat16", clock=clock)
+    notes, log = [], []
+    model = array_model("pat16")
+    unplug, replug = (next(step for step in STEPS if step.name == name) for name in ("unplug", "replug"))
+    with BoardSession(PlacedArray(model), Connection(backend=bus), notes.append) as session:
+        clock.due.append((clock.now_ns() + 1_100_000_000, bus.unplug))
+        session.play(unplug, log)
+        assert "gone" in log[0]["error"]
+        clock.due.append((clock.now_ns() + round(after * 1e9), bus.replug))
+        session.play(replug, log)
+    assert log[1]["report"]["frames"] == 5000
+    assert not bus.board().emitting
+    assert "It is found." in notes
+
+
+def test_patience_ends(monkeypatch):
+    clock = VirtualClock()
+    bus = emulated_backend("pat16", clock=clock)
+    session = BoardSession(PlacedArray(array_model("pat16")), Connection(backend=bus), lambda line: None)
+    replug = next(step for step in STEPS if step.name == "replug")
+    with session:
+        bus.unplug()
+        with pytest.raises(DeviceNotFoundError):
+            session.play(replug, [])
+    assert PATIENCE <= clock.now_ns() * 1e-9 < PATIENCE + 10
+
+
+def test_the_command_reads_answers_from_a_pipe_as_it_stands_in_the_page(path):
+    """The page's own line, in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", "from palpate.render.cli.app import main; main()", "selftest", "--acceptance",
+         str(path), "--array", "sonicsurface", "--emulate", "--clock", "virtual"],
+        input="\n".join(answers_of("sonicsurface")), capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == DONE, done.stderr
+    assert json.loads(path.read_text())["ended_by"] == "end"
+
+
+def test_an_array_that_cannot_be_started_is_let_go_of():
+    bus = emulated_backend("pat16", clock=VirtualClock())
+    bus.inject(Fault(FaultKind.STALL, request=0x09, count=1))
+    connection = Connection(backend=bus, uncalibrated=True)
+    placed = PlacedArray(array_model("pat16"))
+    with pytest.raises(DeviceStallError), BoardSession(placed, connection, lambda line: None):
+        pytest.fail("it was entered")
+    with BoardSession(placed, connection, lambda line: None) as session:
+        assert session.link.serial == "PATEMU01"

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from collections import Counter
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
@@ -35,7 +36,12 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     shared = [str(path) for path in config.getini("pythonpath")]  # child processes find what tests share, too
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [*shared, os.environ.get("PYTHONPATH")]))
-    config.addinivalue_line("markers", "stress: many poses on large meshes; seconds each")
+    for line in (
+        "stress: many poses on large meshes; seconds each",
+        "exhaustive(after=0, but=''): runs only with -m '' or -m exhaustive, as .ci/run does; the first examples, `after` "
+        "of them, and those whose id has `but`, run always",
+    ):
+        config.addinivalue_line("markers", line)
     if not hasattr(config, "workerinput"):
         from palpate.kernels import compile_kernels
 
@@ -85,6 +91,21 @@ def pytest_runtest_call():
         if not is_absent(error):
             raise
         pytest.skip(str(error))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Take the mark `exhaustive` from the examples that run always; -m deselects the others."""
+    count = Counter()
+    for item in items:
+        mark = item.get_closest_marker("exhaustive")
+        if mark is None or not mark.kwargs:
+            continue
+        after, but = mark.kwargs.get("after", 0), mark.kwargs.get("but", "")
+        test = (item.parent.nodeid, item.originalname, item.callspec.params.get("device"))
+        count[test] += 1
+        if count[test] <= after or (but and but in item.callspec.id):
+            item.own_markers.remove(mark)
 
 
 def pytest_generate_tests(metafunc):

@@ -153,6 +153,7 @@ def test_a_limit_that_is_no_number_of_megabytes_is_named(tmp_path, monkeypatch):
     assert read_content(tmp_path / "a") == b"x"
 
 
+@pytest.mark.exhaustive
 @given(st.text())
 def test_text_is_read_as_python_reads_it(text):
     path = f"/dev/shm/palpate-{os.getpid()}" if os.path.isdir("/dev/shm") else f"text-{os.getpid()}"
@@ -168,6 +169,7 @@ def test_text_is_read_as_python_reads_it(text):
 # --- what is unpacked ----------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("pack", "unpack"), [(gzip.compress, gunzipped), (bz2.compress, bunzipped), (zlib.compress, inflated)]
 )
@@ -209,6 +211,7 @@ def test_a_zip_that_says_too_little_of_its_size_takes_no_more_memory(peak):
     assert peak() < 8 * LIMIT
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("read", [read_volume, load_recording])
 @pytest.mark.parametrize("name", ["values", "affine", "t"])
 def test_arrays_are_judged_by_their_headers(read, name, tmp_path, peak):
@@ -272,6 +275,7 @@ def test_a_packed_grid_of_nanovdb_is_judged(tmp_path):
         read_volume(tmp_path / "a.nvdb")
 
 
+@pytest.mark.exhaustive
 def test_a_parquet_table_of_one_value_a_billion_times_is_judged_by_its_rows(tmp_path):
     pytest.importorskip("pyarrow")
     write_parquet(tmp_path / "a.parquet", {"a": np.zeros(3 * LIMIT)}, {})
@@ -297,6 +301,7 @@ def test_a_parquet_text_that_is_no_utf_8_is_named(tmp_path):
 # --- what is parsed ------------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive
 @given(
     st.recursive(
         st.none() | st.booleans() | st.floats(allow_nan=False) | st.integers() | st.text(max_size=30),
@@ -307,6 +312,7 @@ def test_json_is_what_it_was(value):
     assert parse_json(json.dumps(value)) == value
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("unit", ["[],", "{},", '{"":0},', "0.5,", '"ab",', "[0],"])
 def test_json_takes_no_more_memory_than_it_is_refused_for(unit, monkeypatch, peak):
     text = f"[{unit * (LIMIT // len(unit))}0]"
@@ -345,6 +351,7 @@ def test_a_key_of_many_parts_is_refused_before_it_takes_memory(part, place, tmp_
     assert peak() < LIMIT
 
 
+@pytest.mark.exhaustive
 def test_toml_is_what_it_was():
     """Up to the bound, and whatever looks alike: numbers, ellipses, texts; and in linear time what nearly is a key."""
     key = ".".join(["a"] * 32)

@@ -29,6 +29,7 @@ def raising(error):
     return read
 
 
+@pytest.mark.exhaustive
 def test_damaged_inputs_of_every_loader_are_read_or_refused_in_a_sentence(tmp_path):
     told = tmp_path / "told.json"
     out = ["--cases", str(CASES), "--seed", str(SEED), "--out", tmp_path / "failures", "--json", told]
@@ -65,6 +66,7 @@ def test_what_comes_of_a_case_is_told_apart(monkeypatch, read, how, kind):
     assert (outcome.kind, outcome.how) == (kind, how)
 
 
+@pytest.mark.exhaustive(but="mesh")
 @pytest.mark.parametrize("name", ["contours", "store", "mesh", "recording", "strategy"])
 def test_a_seed_makes_the_same_cases_again(tmp_path, name):
     form = next(form for form in FORMATS if form.name == name)

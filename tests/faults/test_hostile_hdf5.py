@@ -23,6 +23,7 @@ from palpate.datasets.storage.hdf5_opening import open_hdf5
 GROUPS = 6  # each is a process, which takes seconds to start
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("group", range(GROUPS))
 def test_hostile_files_are_refused_with_a_clear_error(tmp_path, group):
     names = list(CASES)[group::GROUPS]
@@ -38,6 +39,7 @@ def test_hostile_files_are_refused_with_a_clear_error(tmp_path, group):
     assert unharmed == {"done", "whole"}
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -70,6 +72,7 @@ def test_a_refusal_names_the_path_inside_the_file_the_value_and_the_bound(tmp_pa
     assert any(message in problem and str(path) in problem for problem in check_file(path)), check_file(path)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("mode", ["r", "r+", "a"])
 @pytest.mark.parametrize("options", [{}, {"locking": True}, {"libver": "latest"}], ids=str)
 def test_a_file_that_this_process_holds_open_in_h5py_is_checked_and_read(tmp_path, mode, options):

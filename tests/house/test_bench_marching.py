@@ -3,12 +3,15 @@
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from marching import CASES, Size
 from poses import random_poses
 from turns import installed, measure_curves
 
 
+@pytest.mark.exhaustive
 def test_marching_cases_measure_the_same_contours(device):
     figures = {
         figure.case: figure

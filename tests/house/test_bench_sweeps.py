@@ -18,6 +18,7 @@ def test_overhead_case_sweeps_what_it_renders(recipe_count, device, tmp_path):
     assert min(figures["sweep_seconds"], figures["render_seconds"]) > 0
 
 
+@pytest.mark.exhaustive
 def test_metrics_case_compares_as_many_poses(device, tmp_path):
     lines = sweeps.metrics(tmp_path, device, 300, 1)
     assert [figures["engine"] for figures in lines] == ["here", "process", "processes"]
@@ -26,24 +27,28 @@ def test_metrics_case_compares_as_many_poses(device, tmp_path):
         assert figures["share"] == figures["kernel_seconds"] / figures["sweep_seconds"] > 0
 
 
+@pytest.mark.exhaustive
 def test_workers_case_measures_both_sides(tmp_path):
     figures = sweeps.workers(tmp_path, 401, 1)
     assert figures["poses"] == 400
     assert min(figures["sweep_seconds"], figures["apart_seconds"], figures["start_seconds"]) > 0
 
 
+@pytest.mark.exhaustive
 def test_devices_case_goes_from_one_to_all(device, tmp_path):
     one, two = sweeps.devices(tmp_path, [device, device], 300, 1)
     assert (one["devices"], two["devices"], one["speedup"]) == (1, 2, 1.0)
     assert two["speedup"] == one["seconds"] / two["seconds"] > 0
 
 
+@pytest.mark.exhaustive
 def test_finished_case_sweeps_by_the_command(tmp_path):
     figures = sweeps.finished(tmp_path, 5, 1)
     assert figures["recipes"] == 5
     assert min(figures["first_seconds"], figures["again_seconds"]) > 0
 
 
+@pytest.mark.exhaustive
 def test_parent_case_measures_processor_time_a_part(device, tmp_path):
     assert 0 < sweeps.parent(tmp_path, device, 300, 1)["parent_seconds_a_part"] < 60
 

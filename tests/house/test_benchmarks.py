@@ -17,6 +17,7 @@ from solvers import measure as measure_solvers
 from throughput import CASES, compare, measure
 
 
+@pytest.mark.exhaustive(but="cube-CC")
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.thing}-{case.label}")
 def test_throughput_case_measures_what_it_renders(case, device):
     figures, lengths = measure(case, device, random_poses(50), repeats=1)
@@ -44,6 +45,7 @@ def test_ratio_table_fits_the_cube_and_keeps_the_papers_order():
     assert fitted["cube"] > fitted["tube"] > fitted["dog"] > 1
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", THINGS)
 def test_recording_case_measures_what_it_writes(name, device, tmp_path):
     figures = measure_recording(name, [device], 3000, 1, tmp_path)
@@ -52,6 +54,7 @@ def test_recording_case_measures_what_it_writes(name, device, tmp_path):
     assert min(figures[f"{side}_seconds"] for side in ("render", "record", "write", "raw")) > 0
 
 
+@pytest.mark.exhaustive
 def test_scaling_case_measures_workers_and_processes():
     figures = measure_scaling("cube", ["cpu", "cpu"], 2001, 1)
     assert figures["poses"] == 2000

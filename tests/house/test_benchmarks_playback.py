@@ -10,6 +10,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from playback import CASES, first_frame_of_file, line, measure
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.label)
 def test_playback_case_tells_its_figures(case):
     if case.bus == "umockdev" and missing():
@@ -23,6 +24,7 @@ def test_playback_case_tells_its_figures(case):
     assert "MB/s" in line(figures)
 
 
+@pytest.mark.exhaustive
 def test_first_frame_of_a_file_is_timed():
     figures = first_frame_of_file(200)
     assert 0 < figures["first"] < figures["bytes"]

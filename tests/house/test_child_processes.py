@@ -52,6 +52,7 @@ def test_the_watchdog_stands_in_a_folder_with_a_planted_numpy(hostile):
         assert "did not start" not in str(refused.value)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("engine", [["--workers", "2"], ["--scheduler", "local", "--workers", "1"]], ids=["", "dask"])
 def test_workers_of_a_sweep_stand_there_too(hostile, engine):
     words = [*PALPATE, "sweep", "plan.toml", "--device", "cpu", "--no-figure", "--json", *engine]
@@ -120,6 +121,7 @@ def test_links_to_a_folder_of_others_are_followed_before_it_is_judged(cache, tmp
         require_private_cache()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("place", ["/dev/null/x", "{}/file"])
 def test_a_cache_that_cannot_be_made_is_named_with_the_remedy(place, tmp_path):
     (tmp_path / "file").write_bytes(b"")
@@ -131,6 +133,7 @@ def test_a_cache_that_cannot_be_made_is_named_with_the_remedy(place, tmp_path):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.exhaustive
 def test_a_new_cache_is_its_users_alone_and_a_shared_one_ends_the_command(tmp_path):
     made, shared = tmp_path / "made", tmp_path / "shared"
     shared.mkdir()

@@ -30,6 +30,7 @@ def imports_of(path):
     return own, other
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: f"{p.parent.name}/{p.name}")
 def test_arrows_point_one_way(path):
     own, other = imports_of(path)
@@ -49,6 +50,7 @@ def test_folders_are_flat_and_have_no_room_for_odds_and_ends():
     assert not (ROOT / "palpate").exists()  # it would hide the namespace
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: f"{p.parent.name}/{p.name}")
 def test_files_and_kernels_stay_small(path):
     text = path.read_text()

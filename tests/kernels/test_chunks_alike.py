@@ -44,6 +44,7 @@ def scene():
     return thing, pose
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
 @pytest.mark.parametrize("kind", ["palm", "planes", "skin"])
 @pytest.mark.parametrize("name", sorted(STRATEGIES.keys() - NO_SOLID))

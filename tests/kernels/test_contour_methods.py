@@ -29,6 +29,7 @@ def poses_for(mesh, count, seed):
     return poses
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", MESHES)
 def test_both_methods_give_the_same_bits(name, strategy, device):
@@ -42,6 +43,7 @@ def test_both_methods_give_the_same_bits(name, strategy, device):
     assert len(traced.polyline_closed) > 30
 
 
+@pytest.mark.exhaustive(after=1)
 @every_method
 @pytest.mark.parametrize("name", CLOSED)
 def test_closed_meshes_agree_with_the_oracle(name, method, device):
@@ -65,6 +67,7 @@ def test_closed_meshes_agree_with_the_oracle(name, method, device):
     assert compared >= 20
 
 
+@pytest.mark.exhaustive(after=1)
 @every_method
 @pytest.mark.parametrize("name", sorted(set(MESHES) - set(CLOSED)))
 def test_open_and_odd_meshes_give_every_triangles_part(name, method, device):
@@ -122,6 +125,7 @@ def wide_hand(device, count=3):
     return patch_array(halves, device, axes, origins[:count]), halves, turns, origins[:count]
 
 
+@pytest.mark.exhaustive(after=1)
 @every_method
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_patches_of_a_hand_are_sections_of_their_own(strategy, method, device):
@@ -159,6 +163,7 @@ def crowded_poses(count):
     return poses
 
 
+@pytest.mark.exhaustive(after=1)
 @every_method
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("make", [comb, egg_box])

@@ -60,6 +60,7 @@ def test_palm_along_an_edge_goes_around_a_sliver(device):
         assert (cc.length.sum(axis=1) <= 0.37 + TOLERANCE).all()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", [*(name for name in CLOSED if name != "comb"), "block"])
 def test_degenerate_poses_equal_a_nearby_answer(name, device):
     mesh = slab(lambda x, y: 0 * x, 9) if name == "block" else CLOSED[name]()

@@ -56,6 +56,7 @@ def cases_of(numbers):
     return sorted({tuple(key.split("/")[:3]) for key in numbers if key.count("/") == 3})
 
 
+@pytest.mark.exhaustive(after=1)
 def test_lengths_are_those_of_the_oracle(numbers, drawn_again, device):
     compared, wrong = 0, []
     for (name, strategy, method), drawn in drawn_again(device).items():

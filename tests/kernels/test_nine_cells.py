@@ -108,6 +108,7 @@ def judged(found, exact, *, feature, limit_smooth, limit_corner, voxel=0.0, left
     return True
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", SOLIDS)
 @pytest.mark.parametrize("hand_name", HANDS)
 @pytest.mark.parametrize("representation", ["mesh", "voxels", "implicit", "binary"])

@@ -95,6 +95,7 @@ def test_regions_on_the_patchs_own_lines_are_clipped_and_closed_as_defined(loops
     check_region(loops, capped, device, counts=False)
 
 
+@pytest.mark.exhaustive
 @once_a_device
 @given(loops=regions(fine), capped=st.booleans())
 def test_regions_anywhere_are_clipped_and_closed_as_shapely_does(loops, capped, device):
@@ -110,6 +111,7 @@ def passes_corner(loops):
     return min(shapely.LinearRing(loop.astype(float)).distance(corners).min() for loop in loops) < 1e-5
 
 
+@pytest.mark.exhaustive
 @once_a_device
 @given(loops=regions(grid), capped=st.booleans(), turn=st.integers(0, 3), mirror=st.booleans())
 def test_quarter_turns_of_region_and_patch_change_nothing(loops, capped, turn, mirror, device):

@@ -87,6 +87,7 @@ def roots_between(value, a, b, size, device):
     return out.numpy()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("value", [*BALLS, step_value], ids=lambda value: value.key)
 def test_roots_are_found_whatever_the_slope_and_the_same_from_either_end(value, device, rng):
     inner, outer = rng.uniform(-0.003, 0.003, (300, 3)), rng.normal(size=(300, 3))

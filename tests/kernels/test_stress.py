@@ -20,6 +20,7 @@ def blob_of(face_count):
     return blob(round(np.sqrt(face_count / 20)))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.stress
 def test_a_hundred_thousand_poses_on_a_hundred_thousand_triangles(device):
     """All are rendered, as OC and as CC; a sample of them equals what trimesh and shapely make of it."""
@@ -53,6 +54,7 @@ def test_a_hundred_thousand_poses_on_a_hundred_thousand_triangles(device):
     assert compared > SAMPLE // 3
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.stress
 @pytest.mark.parametrize("face_count", [320, 1280, 2000, 5120, 20_480])
 def test_every_size_of_a_shape_agrees_with_the_oracle(face_count, device):

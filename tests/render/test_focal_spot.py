@@ -47,6 +47,7 @@ def squared_pressure(points, focus):
     return np.abs(total) ** 2
 
 
+@pytest.mark.exhaustive
 def test_the_half_power_points_are_where_a_plain_sum_has_half_the_peak():
     focus = np.array([0.02, -0.01, 0.17])
     size = focal_width(focus)

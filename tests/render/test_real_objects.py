@@ -46,6 +46,7 @@ def torn(path):
         return voxelise(thing, spacing=0.002)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "make",
     [rocks, white_matter, "meshes/dog_skull_1200.stl", "hands/left.glb"],

@@ -32,6 +32,7 @@ def centred(recording):
     return recording.transformed([*(np.array([0.0, 0.05, 0.2]) - middle), 0.0, 0.0, 0.0, 1.0])
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", LEAP)
 def test_real_leap_palms_render_and_play(outside_data, tube, tmp_path, name):
     motion = centred(load_recording(outside_data / "leap" / f"{name}.npz", alignment=Y_UP)).resampled(60.0).motion()

@@ -78,6 +78,7 @@ def test_a_truncated_file_is_refused_at_any_length(sealed, path):
         refused(path, "truncated|not an HDF5 file|cannot be read")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("spec", FIELDS, ids=lambda spec: spec.path)
 def test_a_flipped_byte_is_found_and_the_dataset_named(sealed, spec):
     with h5py.File(sealed) as file:
@@ -199,6 +200,7 @@ BREAKS = [
 ]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("change", "problem"), BREAKS, ids=[problem[:60] for _, problem in BREAKS])
 def test_each_broken_rule_is_found_and_named(sealed, change, problem):
     assert check_file(sealed) == []
@@ -266,6 +268,7 @@ for first in range(0, min(len(whole), 9000), 61):
 """
 
 
+@pytest.mark.exhaustive
 def test_zeroed_stretches_of_the_headers_are_never_read_for_ever(sealed):
     """With older headers, and text in a heap, libhdf5 looped on one in six of these."""
     command = [sys.executable, "-P", "-c", DAMAGE, str(sealed)]

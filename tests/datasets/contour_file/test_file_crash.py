@@ -54,6 +54,7 @@ def chunk_rows(request):
         yield request.param
 
 
+@pytest.mark.exhaustive
 @pytest.mark.usefixtures("chunk_rows")
 def test_a_kill_at_any_step_loses_nothing_reported_done_and_resuming_completes(tmp_path):
     contours, header = make_contours(9), make_header(9)
@@ -107,6 +108,7 @@ def test_rows_are_on_the_disk_before_their_record_and_the_record_before_they_are
     assert calls == ["pwritev.rows", "fsync.rows", "pwritev.log", "fsync.log"]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.usefixtures("chunk_rows")
 def test_a_kill_at_any_step_of_overwriting_leaves_a_whole_file_and_resuming_completes(tmp_path):
     contours, header = make_contours(9), make_header(9)
@@ -132,6 +134,7 @@ def test_a_kill_at_any_step_of_overwriting_leaves_a_whole_file_and_resuming_comp
     assert step > 20
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("step", [0, 1, 2, 3])
 def test_what_an_interrupted_write_left_is_not_found_behind_a_shorter_one(tmp_path, step):
     path, contours = tmp_path / "out.h5", make_contours(40)
@@ -148,6 +151,7 @@ def test_what_an_interrupted_write_left_is_not_found_behind_a_shorter_one(tmp_pa
         assert_whole(path, contours)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("delay", [0.0, 0.02, 0.06, 0.15])
 def test_kill_9_loses_nothing_reported_done_and_resuming_completes(tmp_path, delay):
     path, contours = tmp_path / "out.h5", make_contours(120)
@@ -176,6 +180,7 @@ def file_size_limit(size):
         resource.setrlimit(resource.RLIMIT_FSIZE, old)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("limit", "rows"), [(60_000, 8192), (80_000, 7)], ids=["log", "rows"])
 def test_poses_over_the_file_size_limit_fail_alone(tmp_path, limit, rows):
     path, contours = tmp_path / "out.h5", make_contours(800)
@@ -195,6 +200,7 @@ def test_poses_over_the_file_size_limit_fail_alone(tmp_path, limit, rows):
         assert_whole(path, contours)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("order", [[(0, 400)], [(200, 400), (0, 200)]], ids=["in place", "copied"])
 def test_sealing_over_the_file_size_limit_keeps_everything_and_the_old_file(tmp_path, order):
     path, contours, before = tmp_path / "out.h5", make_contours(400), make_contours(3, seed=9)

@@ -53,6 +53,7 @@ def test_digests_are_those_of_the_documented_bytes(sealed):
     assert set(before["datasets"]) == {spec.path for spec in FIELDS}
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("gzip", [0, 1])
 def test_a_copy_by_libhdf5_has_the_digests_of_one_in_place(tmp_path, contours, sealed, gzip):
     with small_chunks(), ContourWriter(tmp_path / "b.h5", make_header(30, **everything(30))) as writer:
@@ -69,6 +70,7 @@ def read_all(file):
 HAVE_ZEROS = [spec for spec in FIELDS if spec.name in ("polyline_start", "pose_start", "faces", "vertices")]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("damage", "spec"),
     [*(("zeros", spec) for spec in FIELDS), *(("other zeros", spec) for spec in HAVE_ZEROS)],
@@ -102,6 +104,7 @@ def test_verifying_a_whole_file_reads_it(sealed, contours):
         assert_same(file.contours(), contours)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("group", "key"), [("/", "strategy"), ("/", "created"), ("/object", "name"), ("/motion", "offset")]
 )
@@ -148,6 +151,7 @@ _NONE = [
 ]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("broken", _NONE)
 def test_digests_that_are_none_are_refused(sealed, broken):
     with h5py.File(sealed, "r+") as file:
@@ -221,6 +225,7 @@ def without_digests(log):
     return made
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("size", [10_000, 41_000, 60_000, 66_000, 300_000, 3_000_000])
 def test_texts_of_any_length_are_sealed(tmp_path, contours, size):
     """Texts of 41 to 65 kB could never be sealed; longer ones HDF5 keeps elsewhere."""
@@ -280,6 +285,7 @@ print(counts)
 """
 
 
+@pytest.mark.exhaustive
 def test_damage_anywhere_is_refused_or_changes_nothing(sealed):
     """Bits and blocks all over the file, libhdf5's own structures among them; in a process that may crash."""
     command = [sys.executable, "-P", "-c", DAMAGE, str(sealed), "1", "400"]

@@ -78,6 +78,7 @@ def test_what_does_not_fit_together_is_not_written(changes, said):
         make_header(POSES, **changes).validate()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("hand", "name", "row", "value", "said"),
     [

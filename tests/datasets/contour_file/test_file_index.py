@@ -64,6 +64,7 @@ def test_an_image_with_the_checksum_of_another_flag_is_given_the_right_one():
         assert file.attrs["x"] == 7
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("chunk_count", [1, 63, 64, 65, 128, 4096, 4097, 9000])
 def test_libhdf5_finds_every_chunk_through_the_index(tmp_path, rng, chunk_count):
     """Up to 64 chunks are in the root, up to 4096 below it, more below these."""

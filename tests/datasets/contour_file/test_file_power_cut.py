@@ -90,6 +90,7 @@ def resumed(path, done, mode):
     return [poses for poses in done if poses != "sealed" and any(a < poses[1] and poses[0] < b for a, b in missing)]
 
 
+@pytest.mark.exhaustive(but="resume")
 @pytest.mark.parametrize("case", CASES)
 def test_a_power_cut_loses_nothing_that_was_reported_done_and_resuming_completes(tmp_path, case):
     mode = CASES[case][2].get("mode")
@@ -125,6 +126,7 @@ def is_lost(path, done):
         return True
 
 
+@pytest.mark.exhaustive
 def test_the_model_finds_a_sync_that_is_missing(tmp_path):
     with small_chunks(7):
         assert any(is_lost(path, done) for path, done in remains(tmp_path, "in order", Careless))

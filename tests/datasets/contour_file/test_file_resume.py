@@ -74,6 +74,7 @@ def test_resuming_gives_the_content_of_an_undisturbed_run(begun, contours, tmp_p
     assert content_digests(begun) == content_digests(tmp_path / "b.h5")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("field", "changes", "shown"),
     [
@@ -141,6 +142,7 @@ def test_overwriting_an_unfinished_rendering_begins_anew(begun):
         assert part_logs(begun.with_name("out.h5.partial")) == []
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("mode", ["create", "resume", "overwrite"])
 def test_a_second_writer_is_refused_in_this_process_and_another(path, contours, mode):
     with ContourWriter(path, make_header(10)) as writer:
@@ -182,6 +184,7 @@ def resume_long(path, contours):
     return missing, repairs
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("commit", [0, 1, 2])
 @pytest.mark.parametrize("where", ["rows", "record", "prefix"])
 def test_damage_drops_the_poses_from_there_on_reports_it_and_they_are_rendered_again(path, long, commit, where):

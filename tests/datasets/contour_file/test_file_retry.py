@@ -27,6 +27,7 @@ def rows_of(path):
     return part_logs(work_folder(path))[0].with_suffix(".rows")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("ranges", [RANGES, [(4, 9), (0, 4)]], ids=["one part", "copied"])
 def test_sealing_again_after_the_folder_was_not_synced_keeps_the_file(tmp_path, monkeypatch, ranges):
     """The first sync after the new name stands fails, as on a disk that reports an error late."""

@@ -80,6 +80,7 @@ def renderings(draw):
     return contours, draw(st.permutations(list(itertools.pairwise(cuts))))
 
 
+@pytest.mark.exhaustive
 @given(renderings(), st.data())
 @settings(max_examples=40, deadline=None)
 def test_what_is_written_in_any_shards_is_read_back_in_any_ranges(rendering, data):

@@ -78,6 +78,7 @@ _SECOND = [
 ]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("number", "change"), [*((0, own) for own in _FIRST), *((1, own) for own in _SECOND)])
 def test_a_log_that_says_the_impossible_ends_where_it_says_it(begun, number, change):
     log = log_of(begun)
@@ -186,6 +187,7 @@ def changed_digests(path, change):
         file.attrs["digests"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -77,6 +77,7 @@ def distance_to_bones(vertices, pose):
 # --- the surface ---------------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("detail", [1, 2, 3])
 @SIDES
 def test_the_skin_is_one_oriented_surface_open_at_the_wrist_only(detail, is_left):
@@ -246,6 +247,7 @@ def test_one_bent_finger_leaves_the_others_alone():
     assert (np.linalg.norm(posed[tip] - pose[finger[-1], :3], axis=1) < 0.009).all()
 
 
+@pytest.mark.exhaustive(after=1)
 @SIDES
 def test_a_made_recording_poses_the_skin(is_left):
     recording, shape = sample_recording(frame_count=5, is_left=is_left), hand_shape(is_left=is_left)
@@ -286,6 +288,7 @@ def test_joints_that_cannot_pose_a_skin_are_refused(change, radius, said):
         posed_vertices(hand_shape(detail=1), change(joints), radius)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", LEAP)
 def test_real_leap_recordings_pose_the_skin_plausibly(outside_data, name):
     recording = load_recording(outside_data / "leap" / f"{name}.npz", alignment=Y_UP)

@@ -56,6 +56,7 @@ def test_exploration_is_smooth():
         assert (step[1] < 0.4 * step[0]).all()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "bounds",
     [
@@ -154,6 +155,7 @@ def test_an_exploration_beyond_memory_is_refused_before_it_is_made(duration, rat
         load_motion("exploration", MeshObject.load("cube"), {"duration": duration, "rate": rate})
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("duration", "rate"), [(30.0, 1e4), (700.0, 1.0)])
 def test_an_exploration_takes_no_more_memory_than_it_is_refused_for(duration, rate, monkeypatch):
     tracemalloc.start()

@@ -81,6 +81,7 @@ def test_joints_have_the_names_of_all_who_name_them():
 # --- every format --------------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("is_left", [False, True])
 @pytest.mark.parametrize(("form", "suffix"), FILES)
 def test_a_format_gives_back_the_hand_it_was_made_of(tmp_path, form, suffix, is_left):
@@ -443,6 +444,7 @@ def test_no_file_and_no_sample_are_named(tmp_path):
 # --- real recordings -----------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", LEAP)
 def test_real_leap_recordings_become_hands_over_the_array(outside_data, name):
     with np.load(outside_data / "leap" / f"{name}.npz") as file:

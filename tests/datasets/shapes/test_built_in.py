@@ -69,6 +69,7 @@ def test_is_one_closed_shell_oriented_outwards(name):
     assert len(np.unique(body.vertices, axis=0)) == len(body.vertices)  # none twice: welding changes nothing
 
 
+@pytest.mark.exhaustive(after=1)
 def test_does_not_intersect_itself(name):
     vertices, faces = shape(name)
     assert pierced_pairs(vertices, faces) == []

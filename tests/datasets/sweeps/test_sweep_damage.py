@@ -57,6 +57,7 @@ def in_manifest(folder, *statements):
             connection.execute(statement)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", range(6))
 def test_no_damage_is_read_as_something_else(original, tmp_path, seed):
     damages = Damages(original, tmp_path, seed)
@@ -87,6 +88,7 @@ def record_missing(folder):
         return store.damaged
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("seed", range(25))
 def test_a_sweep_makes_again_what_a_damaged_store_lacks_or_tells_the_way_out(original, folder, seed):
     chance = np.random.default_rng(seed)

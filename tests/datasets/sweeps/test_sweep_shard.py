@@ -59,6 +59,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.exhaustive
 @given(rows=st.lists(st.builds(ShardRow, TEXT, TEXT, st.integers(0, 10**9), st.dictionaries(TEXT, JSON)), max_size=5))
 def test_any_payload_of_json_comes_back(tmp_path_factory, rows):
     path = tmp_path_factory.mktemp("any") / "a.h5"

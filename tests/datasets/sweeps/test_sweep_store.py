@@ -104,6 +104,7 @@ def test_a_shard_that_never_was_is_an_error(store):
 PLACES = st.tuples(st.sampled_from(["contours", "poses"]), st.sampled_from("abc"), st.integers(0, 5))
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=20)
 @given(shards=st.lists(st.lists(PLACES, unique=True, max_size=6), max_size=6))
 def test_the_store_of_any_shards_is_their_union(tmp_path_factory, shards):
@@ -335,6 +336,7 @@ def test_a_full_disk_loses_nothing_that_was_recorded(store):
     assert store.record(path) == len(many)
 
 
+@pytest.mark.exhaustive
 def test_a_disk_without_room_is_one_sentence(tmp_path):
     tiny = tmp_path / "tiny"
     tiny.mkdir()

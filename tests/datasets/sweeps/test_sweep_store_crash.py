@@ -52,6 +52,7 @@ def assert_whole(folder):
     assert not list(folder.glob("*.tmp"))
 
 
+@pytest.mark.exhaustive
 def test_kill_9_at_any_moment_loses_nothing_that_was_recorded(tmp_path):
     folder, chance = tmp_path / "s", random.Random(5)
     done = []
@@ -74,6 +75,7 @@ def test_kill_9_at_any_moment_loses_nothing_that_was_recorded(tmp_path):
     assert_whole(folder)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("call", "number", "recovered"),
     [("replace", 6, 3), ("sync", 6, 3), ("discard", 5, 0)],
@@ -94,6 +96,7 @@ def test_a_parent_killed_while_it_records_leaves_what_is_taken_over(tmp_path, ca
     assert_whole(folder)
 
 
+@pytest.mark.exhaustive
 def test_two_processes_that_record_the_same_parts_at_once_record_each_once(tmp_path):
     folder, count = tmp_path / "s", 40
     processes = [start(folder, seed, count) for seed in (1, 1, 2)]

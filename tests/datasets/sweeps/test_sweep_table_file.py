@@ -115,6 +115,7 @@ TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0")
 SCALARS = st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats()
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=50)
 @given(values=st.lists(SCALARS, max_size=6) | st.lists(st.none() | TEXT, max_size=6))
 def test_a_column_is_the_same_in_both_formats(tmp_path_factory, values):
@@ -130,6 +131,7 @@ def test_a_column_is_the_same_in_both_formats(tmp_path_factory, values):
         np.testing.assert_equal(own, type(own)(expected))
 
 
+@pytest.mark.exhaustive
 def test_a_million_rows_work(tmp_path):
     count = 10**6
     columns = {"name": ["tube", "dog"] * (count // 2), "length": np.arange(count) / 7, "seed": np.arange(count)}
@@ -206,6 +208,7 @@ def block(first, count):
     return {"pose": poses, "length": (poses / 7).astype(np.float32), "drawn": poses % 3 > 0}
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=30)
 @given(counts=st.lists(st.integers(0, 30), max_size=8), chunk=st.integers(1, 12))
 def test_blocks_of_any_size_make_the_same_table(tmp_path_factory, counts, chunk):
@@ -224,6 +227,7 @@ def test_blocks_of_any_size_make_the_same_table(tmp_path_factory, counts, chunk)
     assert [file.name for file in path.parent.iterdir()] == ["p.h5"]
 
 
+@pytest.mark.exhaustive
 def test_a_long_streamed_table_reads_everywhere(tmp_path):
     path, size = tmp_path / "p.h5", 100_000
     count = write_blocks(path, (block(k * size, size) for k in range(50)), ATTRIBUTES, units=UNITS)

@@ -51,6 +51,7 @@ def _wire(frames: np.ndarray) -> array:
     return array("B", frames.tobytes())
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("uniform", [True, False])
 @pytest.mark.parametrize(("divider", "count"), [(1, 2500), (4, 2500), (4, 1), (4, 2), (7, 1201)])
 def test_each_frame_is_played_for_its_time_without_a_gap_between_banks(divider, count, uniform, recording):

@@ -43,6 +43,7 @@ def are_off(buses: list[EmulatorBackend]) -> bool:
     return not any(bus.board().playing[1::2].any() for bus in buses)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("count", [3, 8])
 def test_one_that_starts_when_the_other_has_played_all_plays_all_too(count: int) -> None:
     buses, links = pair()
@@ -55,6 +56,7 @@ def test_one_that_starts_when_the_other_has_played_all_plays_all_too(count: int)
     assert are_off(buses)
 
 
+@pytest.mark.exhaustive
 def test_a_signal_tells_of_the_array_that_may_still_be_on() -> None:
     buses, links = pair()
 
@@ -105,6 +107,7 @@ def test_what_the_maker_of_blocks_raises_passes_through_once_all_are_off() -> No
     assert are_off(buses)
 
 
+@pytest.mark.exhaustive
 def test_an_array_that_fails_stops_the_others() -> None:
     buses, links = pair()
     buses[1].inject(Fault(FaultKind.TIMEOUT, byte=1_000_000, count=None))

@@ -319,6 +319,7 @@ def test_a_stall_on_the_off_frame_is_tried_again(setup: Setup, at: str, monkeypa
     setup.assert_plays_again()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("setup", BOARDS, indirect=True)
 @pytest.mark.parametrize("error", [DeviceStallError, SafetyLimitError, PlayInterrupted, FrameError, Broken])
 def test_whatever_it_raises_says_that_the_array_may_still_be_emitting(

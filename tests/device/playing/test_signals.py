@@ -81,6 +81,7 @@ def played_until(signum: signal.Signals, maker: str) -> tuple[dict[str, object],
     return json.loads(out), err
 
 
+@pytest.mark.exhaustive(but="15-ends")
 @pytest.mark.parametrize("maker", ["streams", "sleeps", "ends"])
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_switches_the_array_off_and_ends_the_script(signum: signal.Signals, maker: str) -> None:

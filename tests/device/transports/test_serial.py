@@ -116,6 +116,7 @@ def test_a_port_that_vanishes_while_playing_is_lost_and_the_array_perhaps_on(boa
         assert (caught.value.report.off_sent, caught.value.report.frames_exact) == (False, False)
 
 
+@pytest.mark.exhaustive
 def test_a_reader_that_stalls_is_a_time_out_and_the_array_perhaps_on() -> None:
     model = array_model("sonicsurface", baud=12_000_000)  # so that the terminal's buffer is soon full
     with pty_board() as board, open_link(model, serial=board.path) as link:
@@ -127,6 +128,7 @@ def test_a_reader_that_stalls_is_a_time_out_and_the_array_perhaps_on() -> None:
     assert time.monotonic() - before < 5  # closing does not wait for what nobody reads
 
 
+@pytest.mark.exhaustive
 def test_a_reader_that_stalls_for_a_moment_loses_nothing() -> None:
     model = array_model("sonicsurface", baud=FAST)
     with pty_board(baud=10.24e6 / 7, sender=FAST) as board, open_link(model, serial=board.path) as link:

@@ -58,6 +58,7 @@ def solved(device, array, points, target, solver):
     return solve_points(points, target, transducers, gs_pat=gs_pat, wgs=wgs).numpy()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("name", ARRAYS)

@@ -70,6 +70,7 @@ def ask(padded, affine, x, radius, device):
     return values.numpy(), sides.numpy()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("affine", AFFINES)
 @pytest.mark.parametrize("shape", [(1, 1, 1), (7, 8, 15), (30, 17, 33)])
 def test_values_are_those_of_the_plain_volume_to_the_bit(affine, shape, device, rng):
@@ -101,6 +102,7 @@ def test_a_ball_that_is_settled_has_one_side_only(affine, device, rng):
     assert not inside[sides == 1].any()
 
 
+@pytest.mark.exhaustive
 def test_a_reach_is_how_far_a_side_goes_on(rng):
     padded = pad_outside(blobs((21, 18, 26), rng))
     reach = brick_reach(padded)

@@ -50,6 +50,7 @@ def match_edges(found, points):
     return [edges[k] for k in apart.argmin(axis=1)]
 
 
+@pytest.mark.exhaustive(but="1")
 @pytest.mark.parametrize("seed", range(4))
 def test_contours_run_cell_by_cell_as_marching_squares_do(seed, device):
     case, poses, palm = random_waves(seed, grain=COARSE), random_poses(6, seed), Palm(0.085, 0.06)
@@ -80,6 +81,7 @@ def rim_place(edge, cells):
     return nu + j if i == nu else 2 * nu + 2 * nv - 1 - j
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("seed", range(3))
 def test_closed_contours_bound_the_region_and_hold_the_open_ones(seed, device):
     """With a ring of outside around the grid, marching squares close along the boundary by themselves."""
@@ -149,6 +151,7 @@ def is_rim(edge, cells):
     return (j in (0, cells[1])) if axis == 0 else (i in (0, cells[0]))
 
 
+@pytest.mark.exhaustive
 def test_a_ball_gives_the_circle(device):
     step, radius = 0.085 / 40, 0.035
     poses = random_poses(60, spread=0.012)
@@ -171,6 +174,7 @@ def test_a_ball_gives_the_circle(device):
     assert whole > 10
 
 
+@pytest.mark.exhaustive
 def test_a_ring_has_a_hole_of_opposite_orientation(device):
     pose = [*CENTER, np.sin(-np.pi / 4), 0, 0, np.cos(-np.pi / 4)]  # the palm's plane is z = 0.2
     batch = marched(shape_field(ring_value, CENTER, (0.025, 0.01, 0)), [pose], device, step=0.001)
@@ -178,6 +182,7 @@ def test_a_ring_has_a_hole_of_opposite_orientation(device):
     assert areas == pytest.approx([-np.pi * 0.015**2, np.pi * 0.035**2], rel=0.01)
 
 
+@pytest.mark.exhaustive
 def test_a_box_is_within_a_step_of_its_corners(device):
     step, size = 0.002, np.array([0.02, 0.03, 0.025])
     batch = marched(
@@ -217,6 +222,7 @@ def same(one, two):
         np.testing.assert_array_equal(array, two.arrays()[name], err_msg=name)
 
 
+@pytest.mark.exhaustive(but="False")
 @pytest.mark.parametrize("closes", [True, False])
 def test_how_poses_are_cut_into_chunks_makes_no_difference(closes, device, monkeypatch):
     case, poses = random_waves(1), random_poses(23)
@@ -256,6 +262,7 @@ def test_patches_of_different_sizes_are_as_each_alone(posed, device):
         assert [line[3] for line in lines] == sorted(line[3] for line in lines)
 
 
+@pytest.mark.exhaustive
 def test_what_a_field_settles_for_whole_tiles_changes_nothing(device):
     poses = random_poses(30)
     for value, size in ((ball_value, (0.03, 0, 0)), (ring_value, (0.03, 0.012, 0)), (box_value, (0.02, 0.03, 0.04))):
@@ -311,6 +318,7 @@ def test_nodes_on_the_surface_make_no_steps_of_no_length(device):
     assert len(line[0]) == 2 * 7 + 2 * 9 + 5
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("level", [-1e-6, 1e-6])
 def test_the_middle_of_an_ambiguous_cell_decides(level, device):
     """x y < level on 3 x 3 cells: the middle one is ambiguous, and is joined inside if the level is above 0."""
@@ -321,6 +329,7 @@ def test_the_middle_of_an_ambiguous_cell_decides(level, device):
     assert sum(area_of(line[0], np.float32(pose)) for line in lines_of(batch)[0]) == pytest.approx(0.00045, rel=0.1)
 
 
+@pytest.mark.exhaustive
 def test_a_jump_is_met_as_exactly_as_a_root(device):
     size = (0.02, 0.03, 0.025)
     field = shape_field(step_value, CENTER, size, skips=False)
@@ -342,6 +351,7 @@ def test_contours_of_any_waves_are_sound_and_fit_each_other(seed, level, bounded
     assert max(areas) <= 0.085**2 + 1e-9
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=15)
 @given(st.integers(0, 10**6))
 def test_a_union_of_disjoint_solids_has_both_their_contours(seed):

@@ -49,6 +49,7 @@ def assert_same(drawn, walked):
         assert got.tobytes() == want.tobytes()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("halves", [PALM, SEVERAL], ids=["palm", "several"])
 @pytest.mark.parametrize("name", sorted(MESHES))
 def test_bits_are_those_of_drawing(name, halves, device):
@@ -60,6 +61,7 @@ def test_bits_are_those_of_drawing(name, halves, device):
             assert drawn[1].max() > 0
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", sorted(CLOSED))
 def test_bits_are_those_of_drawing_at_degenerate_poses(name, device):
     mesh = CLOSED[name]()

@@ -78,6 +78,7 @@ def test_pairs_are_matched_brackets():
     assert total > 200
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "change", ["rotation", "permutation", "corners", "vertices", "mirror", "ends", "float32", "jitter"]
 )

@@ -95,6 +95,7 @@ def forest(request, monkeypatch):
     return request.param
 
 
+@pytest.mark.exhaustive(after=1)
 @every_mesh
 def test_every_contour_crosses_a_scanned_edge(name, forest):
     """Loops and chains of random planes, and of planes through vertices."""

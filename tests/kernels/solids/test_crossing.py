@@ -49,6 +49,7 @@ def grid_pairs(rng, count, span, common):
     return pairs
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("common", [0, 1, 2, 3])
 @pytest.mark.parametrize("span", [1, 2, 3, 7])
 def test_pairs_on_small_grids_cross_where_fractions_say_so(span, common, device):
@@ -92,6 +93,7 @@ def test_pairs_moved_by_a_step_of_float64_off_each_other(device):
         assert crossings(*as_mesh(own), device=device) == want, k
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("seed", range(3))
 def test_soups_cross_where_fractions_say_so(seed, device):
     vertices, faces = as_mesh(np.asarray(soup(40, seed)[0], float)[soup(40, seed)[1]])
@@ -105,6 +107,7 @@ def test_simple_meshes_have_no_crossings(name, device):
     assert crossings(*CLOSED[name](), device=device) == set()
 
 
+@pytest.mark.exhaustive
 def test_meshes_through_each_other_cross_where_fractions_say_so(device):
     dog = moved(built_in("dog"), scale=0.9)
     cube = moved(built_in("cube"), by=(0.011, 0.007, 0.003), scale=0.3)

@@ -60,6 +60,7 @@ def meshed(name):
     return MeshObject(vertices, faces, name=name)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
 @pytest.mark.parametrize("name", CLOSED)
 def test_crossings_are_inside_where_the_winding_number_is_above_a_half(name, device):
@@ -113,6 +114,7 @@ def test_columns_along_edges_do_not_leak_however_they_round(rng, device):
             assert not inside[0, 0, 2]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", [*OPEN_OR_ODD, "sphere", "shell", "egg box"])
 def test_winding_numbers_are_the_sum_over_triangles(name, device):
     vertices, faces = (OPEN_OR_ODD | CLOSED)[name]()
@@ -126,6 +128,7 @@ def test_winding_numbers_are_the_sum_over_triangles(name, device):
     assert np.abs(found - expected)[near].max(initial=0.0) < 5e-3
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", ["cube", "dog", "fan", "soup"])
 def test_distances_are_to_the_nearest_point(name, device):
     vertices, faces = (OPEN_OR_ODD | CLOSED)[name]()
@@ -138,6 +141,7 @@ def test_distances_are_to_the_nearest_point(name, device):
     np.testing.assert_allclose(cut.ravel(), np.minimum(expected, 0.005), atol=2e-7)
 
 
+@pytest.mark.exhaustive
 def test_distance_and_occupancy_are_the_mesh_in_numpy(device):
     thing = MeshObject(*built_in("dog"))
     nodes_per = {}
@@ -305,6 +309,7 @@ def test_a_file_of_voxels_is_made_of_a_mesh_file(tmp_path, device):
     np.testing.assert_allclose(np.ptp(voxels.bounds, axis=0), 0.13, atol=2e-3)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
 def test_real_meshes_with_holes_do_not_leak(outside_data, rng, device):
     place = Placement(fit=0.13, at=(0, 0, 0.2))

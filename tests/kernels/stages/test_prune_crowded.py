@@ -59,6 +59,7 @@ def kept_by_segment(batch, device, across, apart):
     return {i: keep[segment == i].tolist() for i in np.unique(segment)}
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("across", [False, True])
 @pytest.mark.parametrize("apart", [0.005, 0.02, 0.1])
 def test_a_line_cut_in_pieces_loses_what_it_loses_whole(device, rng, across, apart):

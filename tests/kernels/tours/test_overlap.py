@@ -51,6 +51,7 @@ def cut_cells(pose, step):
     return node[:-1, :-1, :-1][(total > 0) & (total < 8)]
 
 
+@pytest.mark.exhaustive
 def test_every_cut_cell_gives_one_point_on_the_surface(solids, device, rng):
     pose, step = poses(rng, 6), 0.004
     points, start = overlap_points(*solids, pose, step=step, device=device)
@@ -115,6 +116,7 @@ def batch_of(contours):
     return ContourBatch.from_device(contours, 1).numpy()
 
 
+@pytest.mark.exhaustive
 def test_a_path_goes_over_what_is_shared(device, rng):
     thing, hand, pose = ImplicitObject(OBJECT), closed_hand(), poses(rng, 8)
     pose[3, :3] = 1.0
@@ -150,6 +152,7 @@ def test_rows_of_an_articulated_hand_are_its_own_shapes(rng):
         assert (alone.points == later.points).all()
 
 
+@pytest.mark.exhaustive
 def test_hands_without_an_inside_are_refused():
     thing, pose = ImplicitObject(OBJECT), np.array([[0, 0, 0.2, 0, 0, 0, 1]], np.float32)
     with pytest.raises(StrategyError, match='raw "overlap" needs a hand with an inside, a MeshHand'):

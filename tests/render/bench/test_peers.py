@@ -84,6 +84,7 @@ def test_completion_keeps_poses_apart():
 # Peers
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("strategy", ["oc", "cc"])
 @pytest.mark.parametrize("name", list(peer_classes()))
 def test_peer_gives_the_same_contours_on_every_object(name, strategy):
@@ -129,6 +130,7 @@ def _trial(strategy="cc", poses=100, **options):
     return Trial("tube", bench_object("tube"), strategy, random_poses(poses), BenchOptions(repeats=1, **options))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("strategy", ["oc", "cc"])
 @pytest.mark.parametrize(
     ("faults", "state"),

@@ -66,6 +66,7 @@ def test_blob_is_the_same_surface_at_every_number_of_triangles():
     assert apart.max() < 1e-7
 
 
+@pytest.mark.exhaustive
 def test_blob_is_star_shaped_and_has_sections_of_several_loops():
     thing = bench_object("blob-5000")
     poses = random_poses(200)
@@ -100,6 +101,7 @@ def test_poses_are_random_or_explore():
 # Clocks and counts
 
 
+@pytest.mark.exhaustive
 def test_calls_take_turns_and_none_is_always_first():
     seen = []
     clocks = interleaved([lambda name=name: seen.append(name) for name in "abc"], 3)
@@ -204,6 +206,7 @@ def test_power_law_is_found():
     assert power([10], [2]) is None
 
 
+@pytest.mark.exhaustive
 def test_curves_have_a_point_a_size(monkeypatch):
     options = BenchOptions(poses=20, repeats=1)
     curve = triangle_curve(options, frequencies=(2, 4, 8))

@@ -44,6 +44,7 @@ def rendered(motion, tmp_path_factory):
     return path
 
 
+@pytest.mark.exhaustive
 def test_demo_runs_the_main_job_again_and_again(tmp_path):
     words = ("demo", "--folder", tmp_path / "demo", "--clock", "virtual")
     answer(*words)
@@ -115,6 +116,7 @@ def test_selftest_plays_a_point_and_a_circle():
     assert told["circle_off_confirmed"]
 
 
+@pytest.mark.exhaustive
 def test_figure_is_drawn_of_files_of_one_object_and_motion(rendered, motion, tmp_path):
     run("render", "tube", motion, "-o", tmp_path / "oc.h5", "--strategy", "oc")
     (tmp_path / "picture.png").write_bytes(b"precious")
@@ -129,6 +131,7 @@ def test_figure_is_drawn_of_files_of_one_object_and_motion(rendered, motion, tmp
     refused(FAILED, "cannot be written", "figure", rendered, "-o", tmp_path / "none" / "picture.png")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("heights", [[0.2], [0.2, 0.201], [5.0], [5.0, 0.2, 5.0]])
 def test_figure_is_drawn_of_few_poses_and_of_none_that_meet_the_object(heights, tmp_path):
     rows = "".join(f"0,0,{z},0.7071068,0,0,0.7071068\n" for z in heights)
@@ -189,6 +192,7 @@ def test_existing_file_is_refused_overwritten_or_resumed(rendered, motion, tmp_p
     refused(MISUSED, "exclude each other", "render", "cube", motion, "-o", path, "--overwrite", "--resume")
 
 
+@pytest.mark.exhaustive
 def test_bad_objects_motions_and_options_are_refused(motion, tmp_path):
     out = tmp_path / "out.h5"
     refused(FAILED, "no such file; built-in objects are", "render", "nothing.stl", motion, "-o", out)
@@ -334,6 +338,7 @@ def test_second_player_on_the_same_array_is_refused(rendered, monkeypatch):
         refused(FAILED, "in use", "play", rendered, "--clock", "virtual")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_switches_the_array_off(number, tmp_path):
     long = tmp_path / "long.h5"
@@ -365,6 +370,7 @@ def wait_for_commits(process, path, count):
         time.sleep(0.005)
 
 
+@pytest.mark.exhaustive
 def test_interrupted_rendering_says_how_to_go_on(tmp_path):
     path = tmp_path / "stopped.h5"
     process = subprocess.Popen(render_command(path), stdout=-1, stderr=-1, text=True)
@@ -376,6 +382,7 @@ def test_interrupted_rendering_says_how_to_go_on(tmp_path):
     assert "of 450000 poses are done and kept, --resume goes on" in json.loads(out)["error"]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_rendering_is_resumed_to_the_same_data(tmp_path, workers):
     killed, whole = tmp_path / "killed.h5", tmp_path / "whole.h5"
@@ -413,6 +420,7 @@ def test_devices_and_workers_that_there_are_not_are_refused(tmp_path, options, m
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.exhaustive
 def test_full_disk_loses_nothing_that_was_done(tmp_path):
     path, whole = tmp_path / "full.h5", tmp_path / "whole.h5"
     arguments = ("--duration", "200")

@@ -62,6 +62,7 @@ def slow(monkeypatch):
     monkeypatch.setattr(ContourFile, "contours", slowly)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("array", ["emulator", "pat16"])
 def test_a_playback_that_starved_says_so_in_its_last_line(array, moving, slow):
     done = play(moving, "--array", array, "--emulate")
@@ -72,6 +73,7 @@ def test_a_playback_that_starved_says_so_in_its_last_line(array, moving, slow):
     assert own in last
 
 
+@pytest.mark.exhaustive
 def test_strict_fails_where_frames_were_late_and_json_says_why(moving, slow):
     strict = play(moving, "--array", "emulator", "--strict", "--json")
     assert strict.exit_code == 1
@@ -87,6 +89,7 @@ def test_strict_is_content_with_a_playback_that_nothing_is_warned_of(moving):
     assert json.loads(done.stdout)["warnings"] == []
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("array", "known"), [("emulator", True), ("pat16", False), ("sonicsurface", False)])
 def test_what_a_board_cannot_say_is_not_known_and_null(array, known, moving):
     options = ("--array", array, "--emulate", "--clock", "virtual")
@@ -101,6 +104,7 @@ def test_what_a_board_cannot_say_is_not_known_and_null(array, known, moving):
     assert known or "never answers: it is off if no byte was lost" in rows["off doubt"]
 
 
+@pytest.mark.exhaustive
 def test_a_closed_standard_output_is_one_sentence(moving):
     command = [sys.executable, "-c", MAIN, "play", str(moving), "--clock", "virtual", "--json"]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -135,6 +139,7 @@ main()
 """
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", range(STORM))
 def test_in_a_storm_of_signals_a_pat16_ends_off_and_the_command_with_1_and_one_sentence(seed, still):
     chance = random.Random(seed)

@@ -67,6 +67,7 @@ OBJECTS = {"mesh": ["dog"], "voxels": ["cube.npz"], "expression": ["solid.json"]
 OBJECTS["function"] = ["ball.py:ball", "--allow-code", "--bounds", -0.05, -0.05, 0.15, 0.05, 0.05, 0.25]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("hand", ["palm", "planes", "skin"])
 @pytest.mark.parametrize("thing", OBJECTS)
 def test_every_object_is_rendered_on_every_hand_and_played(thing, hand, folder, tmp_path, monkeypatch):
@@ -81,6 +82,7 @@ def test_every_object_is_rendered_on_every_hand_and_played(thing, hand, folder, 
     assert told["board_underruns"] == 0
 
 
+@pytest.mark.exhaustive
 def test_a_picture_shows_voxels_on_a_skin_and_an_object_that_moves(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
     z = np.linspace(0.19, 0.22, 20)
@@ -97,6 +99,7 @@ def test_a_picture_shows_voxels_on_a_skin_and_an_object_that_moves(folder, tmp_p
     assert picture.stat().st_size > 10_000
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("form", ["leap", "openxr", "mediapipe"])
 @pytest.mark.parametrize("hand", ["palm", "planes", "skin"])
 def test_every_recording_moves_every_hand(form, hand, folder, tmp_path, monkeypatch):
@@ -155,6 +158,7 @@ def test_contours_that_stages_removed_are_told_from_poses_that_meet_nothing(fold
         assert message in " ".join(result.stderr.split())
 
 
+@pytest.mark.exhaustive
 def test_strategies_are_listed_and_drawn_and_each_can_be_rendered(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
     (tmp_path / "all.png").write_bytes(b"precious")

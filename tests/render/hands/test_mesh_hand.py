@@ -57,6 +57,7 @@ def far_from(points, lines):
     return float(np.linalg.norm(points[:, None] - near, axis=2).min(axis=1).max())
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", ["cube", "tube", "sphere", "dog"])
 def test_a_hand_of_two_triangles_is_the_palm(name, device):
     hand, poses = MeshHand(*two_triangles(), step=STEP), generic_poses(60, 11)

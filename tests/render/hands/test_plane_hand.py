@@ -388,6 +388,7 @@ def test_a_flat_hand_has_the_size_it_is_asked_for_and_a_mirror_image():
         flat_hand(0.08, 3.0)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("source", "breadth"),
     [("hands/webxr_poses.json", 0.077), ("leap/grab.npz", 0.083), ("leap/rollAndPitchCropped.npz", 0.079)],

@@ -59,6 +59,7 @@ def assert_same_contours(batch, expected, near=1e-7):
             assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < near
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", CLOSED)
 def test_contours_of_simple_meshes_are_those_of_the_kernels(name, strategy, device):
@@ -125,6 +126,7 @@ def test_the_middle_of_a_pentagram_is_inside_and_by_even_and_odd_a_hole():
     assert level_lengths(mesh, Palm(0.01, 0.01), "even-odd") == [0, 0]
 
 
+@pytest.mark.exhaustive(but="pentagram-winding")
 @pytest.mark.parametrize("solid", ["winding", "even-odd"])
 @pytest.mark.parametrize("name", PRISMS)
 def test_lengths_and_areas_are_those_of_the_faces_that_geos_makes_of_the_lines(name, solid):
@@ -203,6 +205,7 @@ TOUCHING = {
 }
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("name", TOUCHING)
 def test_where_a_solid_touches_itself_there_is_no_wall_and_no_gap(name, turned):
@@ -257,6 +260,7 @@ def as_if_simple(thing):
     return out
 
 
+@pytest.mark.exhaustive
 def test_a_dog_skull_that_crosses_itself_has_the_contours_that_geos_finds(outside_data):
     """1,500 poses, section by section from triangles that nobody chained; as cut, many poses are wrong."""
     file = outside_data / "meshes" / "dog_skull_1200.stl"

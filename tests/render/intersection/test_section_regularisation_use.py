@@ -55,6 +55,7 @@ def test_loops_are_those_of_a_walk_over_mesh_edges(name, method, device):
         plane_loops(surface, sections(poses, device), patch, limit=len(points) - 1)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("solid", ["winding", "even-odd"])
 def test_the_order_of_triangles_bodies_and_corners_changes_no_contour(solid, rng):
     parts, poses = overlapping_blocks()[1], generic_poses(60, 4, spread=0.03)
@@ -205,6 +206,7 @@ def windings(loops, points):
     return total
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("gap", [0.0, 2.4e-7])
 def test_where_many_lines_meet_in_a_point_no_hole_is_filled(gap, rng):
     """Clipper2 fills one now and then if corners are not moved into general position: 10 or so of 500 such sections."""

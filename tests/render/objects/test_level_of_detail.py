@@ -67,6 +67,7 @@ def test_a_question_for_a_limit_is_answered(limit):
     assert bound <= limit or limit < 0.017
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", ["sphere", "dog-detailed", "tube"])
 def test_no_point_is_farther_than_told(name, rng):
     thing = MeshObject.load(name)

@@ -90,6 +90,7 @@ def test_a_contour_file_is_played_with_the_right_phase_in_every_period(tmp_path,
     assert (report.frames, report.board_underruns, report.off_confirmed) == (len(frames), 0, True)
 
 
+@pytest.mark.exhaustive
 def test_a_static_contours_loop_is_played_as_often_as_asked(channel):
     angle = np.arange(200) * 2 * np.pi / 200
     circle = np.stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), np.full(200, 0.2)], axis=1)
@@ -138,6 +139,7 @@ def test_a_link_that_was_closed_says_so(link):
         Player(link).play(_blocks(_frames(10)), update_rate=RATE)
 
 
+@pytest.mark.exhaustive
 def test_a_stop_silences_the_array_although_banks_are_full(link):
     player = Player(link)
     threading.Timer(0.4, player.stop).start()
@@ -159,6 +161,7 @@ def test_an_exception_in_the_blocks_silences_the_array(link):
     assert link.status().level == 0
 
 
+@pytest.mark.exhaustive
 def test_an_array_that_reboots_is_lost(link):
     emulator = link._controller._channel.emulator
     threading.Timer(0.3, emulator.reboot, [0]).start()
@@ -169,6 +172,7 @@ def test_an_array_that_reboots_is_lost(link):
     assert not report.off_confirmed
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("pause", "ending"), [(client.FAILSAFE + 0.4, "LinkError silent"), (0.0, "played")])
 def test_an_array_that_hears_nothing_from_its_host_stops_by_itself(pause, ending):
     """A host that is frozen for a while sends as much as one that was killed, but can be asked afterwards."""
@@ -208,6 +212,7 @@ def _address(emulator: vendor.UdpEmulator) -> str:
     return re.search(r"\[::1\]:\d+", str(emulator.option().iface))[0]
 
 
+@pytest.mark.exhaustive
 def test_an_array_is_opened_by_its_address_and_taken_over_by_the_next_host():
     emulator = vendor.UdpEmulator(1)
     address = _address(emulator)

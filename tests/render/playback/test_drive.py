@@ -132,6 +132,7 @@ def test_intensity_that_is_not_a_number_is_silenced_and_counted():
     assert drives.amplitude.tolist() == [0.0]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("name", "strategy"), [("cube", closed_contour()), ("tube", open_contour())])
 def test_pressure_peaks_on_the_contour_at_every_frame_played(name, strategy, tmp_path):
     thing = MeshObject.load(name)

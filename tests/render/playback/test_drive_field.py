@@ -63,6 +63,7 @@ DOCUMENTED = {
 }
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("solver", DOCUMENTED)
 @pytest.mark.parametrize("size", range(2, 9))
 def test_amplitudes_of_several_points_are_as_even_as_documented(size, solver):

@@ -70,6 +70,7 @@ def focus_of(path, sampling, duration=None):
         return joined(list(ContourSource(file, sampler, duration))), sampler
 
 
+@pytest.mark.exhaustive(but="50-multi-focus")
 @pytest.mark.parametrize("name", ["stm", "pendulum", "multi-focus", "am-multi-focus"])
 @pytest.mark.parametrize("points_a_read", [50, 1 << 16])
 def test_a_file_read_in_pieces_is_sampled_as_one(name, points_a_read, moving, motion, tube, monkeypatch):
@@ -84,6 +85,7 @@ def test_a_file_read_in_pieces_is_sampled_as_one(name, points_a_read, moving, mo
     assert sampler.count == whole.count
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "sampling",
     [
@@ -111,6 +113,7 @@ def test_a_static_pose_is_sampled_once_and_counted_as_if_always(sampling, static
     assert sampler.count.revisit_rate == pytest.approx(whole.count.revisit_rate, rel=0.02)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("sampling", [SamplingStrategy(), SamplingStrategy(gap=Gap(kind="return"))])
 def test_the_revisit_rate_of_a_static_pose_is_that_of_every_place(sampling, static, monkeypatch):
     """Against all places instead of picked ones; the first second, which knows less, is not taken for the rest."""
@@ -264,6 +267,7 @@ def test_rates_that_one_of_the_arrays_lacks_are_refused_before_anything_is_sent(
         play_file(moving, array="pat16", sampling=sampling, connection=Connection(clock="virtual", emulate=True))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("array", ["pat16", "sonicsurface"])
 def test_models_of_real_boards_take_a_file_at_their_own_rate(array, moving):
     playback = play_file(moving, array=array, connection=Connection(clock="virtual", emulate=True))

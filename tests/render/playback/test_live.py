@@ -79,6 +79,7 @@ def joined(blocks):
     return [np.concatenate(parts) for parts in zip(*blocks, strict=True)]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("method", ["trace", "seek"])
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", MESHES)
@@ -93,6 +94,7 @@ def test_contours_are_those_of_render_bit_for_bit(name, strategy, method):
         assert_same_bits(contours.at(pose), expected.select(i, i + 1))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("size", [RoomSize(1, 1, 1), RoomSize(200, 1, 1), RoomSize(1, 200, 1), RoomSize(1, 1, 10_000)])
 @pytest.mark.parametrize("method", ["trace", "seek"])
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -118,6 +120,7 @@ SAMPLINGS = {
 }
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("sampling", SAMPLINGS.values(), ids=SAMPLINGS)
 @pytest.mark.parametrize("name", ["tube", "dog"])
 def test_focal_points_are_those_of_sample_contours_bit_for_bit(name, sampling):
@@ -295,6 +298,7 @@ def test_every_patch_of_a_hand_is_drawn(method, size):
         assert_same_bits(contours.at(pose), expected.select(i, i + 1))
 
 
+@pytest.mark.exhaustive(but="sphere-40000")
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.thing}-{case.update_rate:g}")
 def test_benchmark_case_measures_poses_with_contours(case):
     figures = measure(case, 500, repeats=2)

@@ -59,6 +59,7 @@ def assert_plays_all_and_ends_off(bus: EmulatedBus[PatBoard], link) -> None:
     assert not bus.board().emitting
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("residue", range(0, FRAME, 3))
 def test_three_blocks_silence_any_grid_and_any_reader_at_once(residue: int) -> None:
     """Zeros, an off frame and zeros behind any bytes; the board's own rule decides, block after block."""
@@ -78,6 +79,7 @@ def test_three_blocks_silence_any_grid_and_any_reader_at_once(residue: int) -> N
 PHASES = range(-20, 1536 * BYTE_NS // 1000 + 20)  # [us] of the clear after the first byte, in steps of 1 us
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("residue", "torn"), [(0, 0), (1, 511), (37, 300), (300, 0), (511, 34)])
 def test_no_phase_of_the_clear_leaves_the_array_on(residue: int, torn: int) -> None:
     met = 0
@@ -214,6 +216,7 @@ def test_ten_seconds_after_any_end_the_array_is_off(name: str) -> None:
         assert_plays_all_and_ends_off(bus, link)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("kind", [FaultKind.STALL, FaultKind.TIMEOUT])
 @pytest.mark.parametrize("first", range(0, FRAME, 64))
 def test_a_stream_that_breaks_off_at_any_byte_of_a_frame_ends_off_and_plays_whole_again(

@@ -58,6 +58,7 @@ def test_a_start_that_cannot_switch_off_says_so() -> None:
         Player(link).play([content(10)], update_rate=10e3)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("seed", range(5))
 def test_a_driver_that_miscounts_a_cancelled_transfer_costs_the_next_playback_no_frame(seed: int) -> None:
     bus = bus_of()

@@ -43,6 +43,7 @@ def lengthen(path):
         file.write(b"more")
 
 
+@pytest.mark.exhaustive(but="65536-zero-in place")
 @pytest.mark.parametrize(
     ("change", "message"),
     [

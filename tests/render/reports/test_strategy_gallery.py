@@ -76,6 +76,7 @@ def test_the_docs_list_every_preset_and_transform_stage_with_every_option():
             assert set(entry.options) <= told[name], name
 
 
+@pytest.mark.exhaustive
 def test_the_examples_of_the_docs_run(tmp_path):
     text = DOCS.read_text()
     rendered, far, stages = re.findall(r"```python\n(.*?)```", text, re.DOTALL)

@@ -187,6 +187,7 @@ def test_workers_share_the_last_poses():
     assert max(sizes[-4:]) <= 4096
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("workers", [1, 2, 3])
 @pytest.mark.parametrize("memory", [2**20, 2**22, 2**28])
 def test_workers_and_chunk_sizes_change_no_bit(device, poses, workers, memory):
@@ -222,6 +223,7 @@ def test_a_pose_too_large_for_its_share_is_refused_with_the_memory_that_it_needs
     assert render(TUBE, PALM, pose, closed_contour(), devices=[device] * 2, memory=needed).pose_count == 1
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("workers", [1, 2])
 def test_memory_of_chunks_under_way_stays_below_the_budget(workers, poses, monkeypatch):
     """Every array that Warp takes and gives back on the CPU is counted."""

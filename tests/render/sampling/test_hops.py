@@ -85,6 +85,7 @@ def test_the_longest_hop_is_kept_by_cause(silent):
     assert sampler.count.hop_longest == longest["pose"]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("kind", ["frequency", "capped"])
 def test_steps_on_the_contours_before_are_judged_by_those_whatever_the_block(kind):
     """A ring of 188 mm, then two of 25 mm each, all at 20 Hz: steps of 0.38 and 0.1 mm; hops are at poses only.

@@ -47,6 +47,7 @@ def distance_to(position, lines):
     return out
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("gap", ["jump", "return", "pendulum", "close"])
 @pytest.mark.parametrize(
     ("order", "points"),

@@ -211,6 +211,7 @@ def moving_square(count, shift=1e-3):
         yield [(np.roll(ring, i % 4 if i % 30 == 0 else 0, axis=0), True)]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", ["dtp", "stp"])
 def test_slow_strategies_get_around_though_a_cycle_lasts_many_poses(name):
     poses = list(moving_square(360))

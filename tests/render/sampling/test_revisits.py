@@ -95,6 +95,7 @@ def reach_on_circle(radius):
     return 2 * radius * math.asin(5e-3 / (2 * radius))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("lines", "answer", "nominal"),
     [
@@ -116,6 +117,7 @@ def test_loops_drawn_in_turn_are_revisited_once_a_cycle_but_twice_at_their_seams
     assert answer / nominal < 1.12
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("cycle", [200, 400, 1_000])
 def test_picks_lock_onto_no_part_of_a_cycle_that_keeps_step_with_them(cycle, monkeypatch):
     speed = 6 * 2 * 64 * 0.008 * math.sin(math.pi / 64) / ((cycle - 0.5) / RATE)
@@ -141,6 +143,7 @@ def test_silent_side_takes_its_time_but_is_no_place():
     assert waited == visits * 400
 
 
+@pytest.mark.exhaustive
 def test_places_after_a_long_silence_wait_since_drawing_began_again(every_place):
     lit = np.ones(30_000, bool)
     lit[8_000:20_000] = False  # longer than the second that is looked back
@@ -165,6 +168,7 @@ def test_place_that_was_not_drawn_for_a_second_has_waited_in_vain(every_place):
     assert counted(points) == (19_600 + FIRST_CYCLE[0], 19_600 * 400 + FIRST_CYCLE[1] + 10 * 10_000)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("tremor", [0.0, 1e-4])
 def test_a_point_that_stays_is_not_drawn_again_however_it_is_modulated(every_place, tremor):
     points = POSE[:3] + tremor * np.random.default_rng(1).standard_normal((1_500, 3))
@@ -180,6 +184,7 @@ def test_modulation_leaves_the_rate_of_a_circle_alone():
     assert waited == visits * 400 > 0
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("tremor", [0.0, 1e-4])
 def test_pauses_are_part_of_a_visit(every_place, tremor):
     corners = POSE[:3] + np.array([[0.02, 0, 0], [0, 0.02, 0], [-0.02, 0, 0]])
@@ -190,6 +195,7 @@ def test_pauses_are_part_of_a_visit(every_place, tremor):
     assert waited / visits == pytest.approx(3_000, rel=1e-9 if tremor == 0 else 0.01)
 
 
+@pytest.mark.exhaustive
 @given(
     seed=st.integers(0, 9_999),
     foci=st.integers(1, 3),
@@ -225,6 +231,7 @@ def test_how_samples_are_cut_into_blocks_changes_nothing(cuts, seed):
     assert counted(points, lit, sorted(cuts)) == whole
 
 
+@pytest.mark.exhaustive(but="97")
 @pytest.mark.parametrize("block", [1, 97, 4_096])
 def test_block_size_changes_nothing_after_fades(block):
     rings = [[(circle(0.03 + 1e-4 * i, count=90), True)] for i in range(12)]

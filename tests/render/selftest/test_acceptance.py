@@ -44,6 +44,7 @@ def hour(capsys, monkeypatch, path):
     return spend
 
 
+@pytest.mark.exhaustive
 def test_a_whole_hour_of_expected_answers_exits_0_and_records_everything(capsys, monkeypatch, path):
     done = spend_hour(capsys, monkeypatch, path, answers_of("pat16"))
     assert done.code == DONE
@@ -79,6 +80,7 @@ def test_the_report_names_the_board_file_and_its_digest(hour, tmp_path):
     assert "somebody" not in json.dumps(done.report)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("array", ["emulator", "sonicsurface"])
 def test_other_arrays_are_asked_what_makes_sense_for_them(array, hour):
     done = hour(answers_of(array), array=array)
@@ -86,6 +88,7 @@ def test_other_arrays_are_asked_what_makes_sense_for_them(array, hour):
     assert [entry["step"] for entry in done.report["steps"]] == steps_of(array)
 
 
+@pytest.mark.exhaustive
 def test_an_autd3_is_asked_too(hour, monkeypatch):
     pytest.importorskip("autd3")
     monkeypatch.setattr(acceptance_board, "PAUSE", 0.0)  # its emulated device runs in real time
@@ -94,6 +97,7 @@ def test_an_autd3_is_asked_too(hour, monkeypatch):
     assert done.report["clock"] == "monotonic"  # its emulated device knows no other
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("step", "answer"), WRONG, ids=lambda one: getattr(one, "name", None) or one.key)
 def test_one_wrong_answer_at_a_time_is_told_with_its_meaning(step, answer, hour):
     """The meaning and the change are those that the page has (`test_acceptance_page.py`)."""
@@ -331,6 +335,7 @@ def test_patience_ends(monkeypatch):
     assert PATIENCE <= clock.now_ns() * 1e-9 < PATIENCE + 10
 
 
+@pytest.mark.exhaustive
 def test_the_command_reads_answers_from_a_pipe_as_it_stands_in_the_page(path):
     """The page's own line, in a process of its own."""
     done = subprocess.run(

@@ -90,6 +90,7 @@ def plane(height, half=0.06, step=2e-3):
     return np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
 
 
+@pytest.mark.exhaustive(but="pat16-corner-x-side1")
 @pytest.mark.parametrize(("step", "side"), [("corner", NEAR_LEFT), ("corner-x", NEAR_RIGHT), ("corner-y", FAR_LEFT)])
 def test_a_corner_is_one_quarter_and_focuses_above_its_middle(step, side, played):
     array, frames = played[0], played[1][step][0]
@@ -103,6 +104,7 @@ def test_a_corner_is_one_quarter_and_focuses_above_its_middle(step, side, played
     assert at[:2] == pytest.approx(np.array(side) * QUARTER * 1e-3, abs=2.5e-3)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("step", ["focus", "replug"])
 def test_the_focus_is_at_30_minus_20_200(step, played):
     drive = loudest(played[0], played[1][step][0])
@@ -111,6 +113,7 @@ def test_the_focus_is_at_30_minus_20_200(step, played):
     assert peak(drive)[2] == pytest.approx(FOCUS[2], abs=5e-3)  # along its axis a focus is 40 mm long
 
 
+@pytest.mark.exhaustive
 def test_the_turn_is_anticlockwise_once_a_second_2_cm_about_the_middle(played):
     array, (frames, time_ns) = played[0], played[1]["turn"]
     assert turning(array, frames, time_ns) == pytest.approx(1.0, abs=0.1)
@@ -188,6 +191,7 @@ def test_a_board_that_loses_every_second_frame_plays_the_first_tone_only(hours, 
         assert tone(second[0][lost::2], second[1][lost::2]) == 0.0  # answer `first-only`
 
 
+@pytest.mark.exhaustive
 def test_a_mirrored_board_gives_the_wrong_answers_that_the_page_names(hours, capsys):
     """Its y runs the other way; a person turns it so that the first corner is near on the left: by a quarter turn."""
     steps = hours("pat16", capsys)[0]

@@ -32,6 +32,7 @@ def emulated(monkeypatch):
     return emulated
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("array", ["emulator", "pat16", "sonicsurface"])
 @pytest.mark.parametrize("signum", SIGNALS, ids=lambda signum: signum.name)
 @pytest.mark.parametrize("step", ["corner-y", "stopping", "replug"])
@@ -75,6 +76,7 @@ def test_a_signal_while_an_answer_is_awaited(signum, capsys, monkeypatch, tmp_pa
     assert not emulated.bus.board().emitting
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM], ids=lambda signum: signum.name)
 @pytest.mark.parametrize("shown", ["It plays (1).", "Where is it?"])
 def test_a_signal_to_the_command_in_real_time(shown, signum, tmp_path):

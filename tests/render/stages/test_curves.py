@@ -320,6 +320,7 @@ def test_points_put_in_split_segments_and_leave_the_rest(rng):
     assert {OBJECT, HAND, MADE} >= set(out.kind.tolist())
 
 
+@pytest.mark.exhaustive
 def test_points_are_put_in_alike_wherever_in_a_batch_a_polyline_is():
     x = np.linspace(0, 0.1, 5, dtype=np.float32)
     one = np.stack([x, 0 * x, 0 * x], axis=1)

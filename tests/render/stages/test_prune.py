@@ -132,6 +132,7 @@ def test_off_skin_cuts_exactly_at_the_focal_radius(device):
 # ---- close-together ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("across", [False, True])
 def test_close_together_judges_every_part_as_the_slow_way_does(device, rng, across):
     batch = random_batch(rng, 12, spread=0.015, line_most=3, point_most=7, patch_count=2)

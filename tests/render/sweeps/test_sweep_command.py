@@ -87,6 +87,7 @@ def test_a_sweep_is_made_once_and_grows(tmp_path):
     assert before.items() <= after.items()
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=4)
 @given(st.data())
 def test_the_table_of_a_union_of_plans_is_the_union_of_their_tables(tmp_path_factory, data):
@@ -175,6 +176,7 @@ def test_a_dry_run_tells_what_to_expect_and_makes_nothing(tmp_path):
     assert "estimate" in shown
 
 
+@pytest.mark.exhaustive
 def test_a_dry_run_expects_the_bytes_that_kept_files_take(tmp_path):
     path = plan(tmp_path / "a.toml", seeds=(1,), speeds=(5.0, 7.0))
     path.write_text('keep = ["contours", "focal-points", "drives"]\n' + path.read_text())
@@ -245,6 +247,7 @@ def wait_for(truth, process, seconds=120):
         time.sleep(0.01)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_killed_parent_loses_what_was_under_way_and_nothing_else(tmp_path, workers):
     path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
@@ -272,6 +275,7 @@ def children_of(pid):
     return found
 
 
+@pytest.mark.exhaustive
 def test_a_killed_worker_is_replaced_and_its_task_made_again(tmp_path):
     path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
     path.write_text(LARGE)
@@ -287,6 +291,7 @@ def test_a_killed_worker_is_replaced_and_its_task_made_again(tmp_path):
     assert load_table(told["table"])["complete"].all()
 
 
+@pytest.mark.exhaustive
 def test_two_parents_make_one_store_together(tmp_path):
     path = tmp_path / "large.toml"
     path.write_text(LARGE)
@@ -297,6 +302,7 @@ def test_two_parents_make_one_store_together(tmp_path):
     assert rows(told[0]) == rows(sweep(path, "--store", tmp_path / "alone.sweep"))
 
 
+@pytest.mark.exhaustive
 def test_ctrl_c_tells_what_is_kept(tmp_path):
     path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
     path.write_text(LARGE)
@@ -328,6 +334,7 @@ def test_ctrl_c_before_the_command_runs_is_told_without_a_traceback(tmp_path, mo
     assert (end.value.code, "interrupted" in capsys.readouterr().err) == (FAILED, True)
 
 
+@pytest.mark.exhaustive
 def test_a_finished_sweep_imports_no_more_than_it_needs(tmp_path):
     path = plan(tmp_path / "a.toml")
     sweep(path)

@@ -88,6 +88,7 @@ def until(condition):
         time.sleep(0.02)
 
 
+@pytest.mark.exhaustive
 def test_tasks_come_to_the_same_on_a_cluster_as_in_this_process(crowd, store):
     engine, there = crowd
     numbers = range(100, 130)
@@ -102,6 +103,7 @@ def test_tasks_come_to_the_same_on_a_cluster_as_in_this_process(crowd, store):
     assert engine.wait(0) == []
 
 
+@pytest.mark.exhaustive
 def test_what_a_task_raises_is_its_error_and_no_reason_to_lose_the_worker(crowd):
     engine, store = crowd
     outcomes_of(engine, [make_task(n, "sleep 0.1", f"write pid-{n}", store=store) for n in (1, 2, 3, 4)])
@@ -118,6 +120,7 @@ def test_what_a_task_raises_is_its_error_and_no_reason_to_lose_the_worker(crowd)
     assert pids["pid"] == pids["later"]
 
 
+@pytest.mark.exhaustive(but="die")
 @pytest.mark.parametrize("word", ["die-once seen", "die", "spoil badly"])
 def test_a_killed_worker_loses_the_task_that_it_had_begun_and_no_other(crowd, word):
     engine, store = crowd
@@ -133,6 +136,7 @@ def test_a_killed_worker_loses_the_task_that_it_had_begun_and_no_other(crowd, wo
         assert outcomes_of(engine, [tasks[2]])[3].error is None
 
 
+@pytest.mark.exhaustive
 def test_a_task_that_is_dropped_is_lost_at_once_and_its_worker_replaced(crowd):
     engine, store = crowd
     engine.submit(make_task(1, "sleep 1000", store=store))
@@ -151,6 +155,7 @@ def test_a_task_that_is_dropped_is_lost_at_once_and_its_worker_replaced(crowd):
     until(lambda: len(engine.devices) == 2)
 
 
+@pytest.mark.exhaustive
 def test_an_engine_that_is_closed_while_busy_leaves_no_process_and_no_file(store):
     engine = DaskEngine(devices="cpu", workers=1, work=work)
     engine.start(store)
@@ -167,6 +172,7 @@ def test_an_engine_that_is_closed_while_busy_leaves_no_process_and_no_file(store
     engine.close()
 
 
+@pytest.mark.exhaustive
 def test_workers_end_when_their_parent_is_killed(store):
     script = (
         "import sys; from pathlib import Path; from palpate.render.sweeps.sweep_dask import DaskEngine\n"
@@ -193,6 +199,7 @@ def is_alive(pid):
         return False
 
 
+@pytest.mark.exhaustive
 def test_somebodys_cluster_is_used_and_left_alone(theirs, store):
     with started(store, theirs.scheduler_address) as engine:
         assert engine.devices == ("cpu",)
@@ -209,6 +216,7 @@ def test_somebodys_cluster_is_used_and_left_alone(theirs, store):
         assert client.status == "running"
 
 
+@pytest.mark.exhaustive
 def test_a_worker_that_joins_later_takes_part(theirs, store):
     with started(store, theirs.scheduler_address, workers=1) as engine:
         theirs.scale(2)
@@ -236,6 +244,7 @@ def worker_count(cluster):
     return len(cluster.scheduler.workers)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("moment", ["before", "after"])
 def test_a_worker_without_palpate_is_named_at_the_start_and_passed_over_later(theirs, store, moment):
     address = theirs.scheduler_address
@@ -261,6 +270,7 @@ def test_a_worker_without_palpate_is_named_at_the_start_and_passed_over_later(th
     until(lambda: worker_count(theirs) == 1)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("how", "says"),
     [
@@ -310,6 +320,7 @@ def test_workers_that_do_not_come_are_counted(theirs, store):
         DaskEngine(theirs.scheduler_address, workers=3, patience=0.5, work=work).start(store)
 
 
+@pytest.mark.exhaustive
 def test_a_scheduler_that_goes_ends_the_sweep_with_a_sentence(store):
     with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=60) as cluster:
         engine = DaskEngine(cluster.scheduler_address, devices="cpu", work=work, patience=3.0)
@@ -357,6 +368,7 @@ SBATCH = '#!/bin/sh\ncp "$1" {0}/job.sh\nsetsid sh {0}/job.sh >{0}/out 2>&1 &\ne
 SCANCEL = "#!/bin/sh\nfor job; do kill -9 -- -$job; done\necho $* >>{0}/cancelled\n"
 
 
+@pytest.mark.exhaustive
 def test_slurm_jobs_are_submitted_by_jobqueue_yaml_and_cancelled_in_the_end(tmp_path, store, monkeypatch):
     """Slurm's two commands are stand-ins that run the job script here."""
     import dask.config
@@ -384,6 +396,7 @@ def test_slurm_jobs_are_submitted_by_jobqueue_yaml_and_cancelled_in_the_end(tmp_
         until((tmp_path / "cancelled").exists)
 
 
+@pytest.mark.exhaustive
 def test_tasks_wait_a_while_for_a_fit_worker_where_only_unfit_ones_are_left(tmp_path):
     there = {"tcp://a:1": 1, "tcp://b:1": 1}
     client = SimpleNamespace(nthreads=lambda: there)

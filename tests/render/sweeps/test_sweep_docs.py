@@ -59,6 +59,7 @@ def test_the_first_plan_has_as_many_recipes_and_poses_as_it_says(folder):
     assert words_about(load_plans([folder / "study.toml"])) in SWEEP.read_text()
 
 
+@pytest.mark.exhaustive
 def test_the_table_is_read_as_the_document_reads_it(folder):
     small = ["motion.duration=4.0", "motion.seed=1", "hand.palm=[0.05,0.05]", 'object.source=["cube","tube"]']
     options = [word for value in small for word in ("--set", value)]

@@ -92,6 +92,7 @@ def mean_length(folder, source):
     return payload["stat"]["length"][1]
 
 
+@pytest.mark.exhaustive
 def test_an_edited_function_is_another_object_in_the_same_process(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     (tmp_path / "shapes.py").write_text(BALL)
@@ -191,6 +192,7 @@ def cut(path):
     os.truncate(path, path.stat().st_size // 2)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.filterwarnings("ignore:.*is damaged:palpate.render.errors.PalpateWarning")
 @pytest.mark.parametrize("harm", [cut, os.unlink], ids=["truncated", "deleted"])
 def test_a_kept_file_that_is_cut_or_gone_is_made_again(tmp_path, harm):
@@ -259,6 +261,7 @@ def test_what_is_bound_counts_by_what_it_holds():
     assert digest_of(partial(bound, Settings(0.1))) == digest_of(partial(bound, Settings(0.1)))
 
 
+@pytest.mark.exhaustive
 def test_sets_are_told_alike_in_every_process(tmp_path):
     code = (
         "from functools import partial; from palpate.render.stages.user_code_digest import digest_of;"

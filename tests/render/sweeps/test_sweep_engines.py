@@ -148,6 +148,7 @@ def test_workers_must_find_the_work_by_name():
         Processes([])
 
 
+@pytest.mark.exhaustive
 def test_both_kinds_of_engine_give_the_same_outcomes(engine, in_process, tmp_path):
     tasks = tasks_of(tmp_path, *["done", "refuse told", "exit 2"] * 4)
     outcomes = []
@@ -160,6 +161,7 @@ def test_both_kinds_of_engine_give_the_same_outcomes(engine, in_process, tmp_pat
         assert re.sub(r"worker.*\)", "", ours.error or "") == re.sub(r"worker.*\)", "", theirs.error or "")
 
 
+@pytest.mark.exhaustive
 def test_both_kinds_of_engine_make_the_same_results_to_the_bit(tmp_path):
     recipes = [
         recipe_of(strategy=name, motion=random_motion(600, seed=seed)) for name in ("cc", "hatch") for seed in (1, 2)
@@ -218,6 +220,7 @@ def test_what_a_worker_holds_in_advance_is_made_by_one_without_work(engine, tmp_
     assert gather(engine, 1)[0].is_lost
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("verb", ["die SIGKILL", "die SIGSEGV"])
 def test_a_worker_that_dies_loses_the_task_it_had_begun_and_no_other(engine, tmp_path, verb):
     before = engine.pids
@@ -231,6 +234,7 @@ def test_a_worker_that_dies_loses_the_task_it_had_begun_and_no_other(engine, tmp
     assert len(set(before) & set(engine.pids)) == 1
 
 
+@pytest.mark.exhaustive
 def test_a_worker_killed_from_outside_is_replaced(engine, tmp_path):
     submit(engine, tasks_of(tmp_path, "rest 60", *["rest 0.02"] * 6))
     await_true(lambda: 0 in engine.running() and 0 in dict(said(tmp_path)))  # sent, and begun
@@ -244,6 +248,7 @@ def test_a_worker_killed_from_outside_is_replaced(engine, tmp_path):
     assert not is_alive(victim)
 
 
+@pytest.mark.exhaustive
 def test_a_task_that_kills_every_worker_costs_no_other_task(engine, tmp_path):
     tasks = tasks_of(tmp_path, "leave 3", "done", "leave 4", "leave 5", "done")
     submit(engine, tasks)
@@ -264,6 +269,7 @@ def test_a_worker_that_dies_while_it_waits_is_replaced_and_the_user_told(engine,
     assert not any(o.is_lost for o in gather(engine, 2).values())
 
 
+@pytest.mark.exhaustive
 def test_a_worker_that_never_answers_is_dropped(engine, tmp_path):
     submit(engine, tasks_of(tmp_path, "rest 1000", "count 1000", "done", "done", "done"))
     await_true(lambda: len(engine.running()) == 2)
@@ -284,6 +290,7 @@ def test_a_worker_that_never_answers_is_dropped(engine, tmp_path):
     engine.drop(99)  # unknown: long finished
 
 
+@pytest.mark.exhaustive
 def test_a_stopped_worker_stops_nobody_else(engine, tmp_path):
     os.kill(engine.pids[0], signal.SIGSTOP)
     pieces = tuple(Piece("x" * 1000, ("contours",), 0, 1) for _ in range(3000))  # more than a socket takes
@@ -308,6 +315,7 @@ def test_what_is_printed_in_a_worker_stays_there_and_does_not_pile_up(engine, tm
     await_true(lambda: all(os.fstat(w.words.fileno()).st_size < 2 * 10**6 for w in engine._workers))
 
 
+@pytest.mark.exhaustive
 def test_a_missing_device_is_named_at_the_start(tmp_path):
     engine = Processes(["cuda:77"], work=sweep_works.do)
     with pytest.raises(SweepError, match=r"worker 0 \(pid \d+, cuda:77\): no device 'cuda:77'.*there is: "):
@@ -323,6 +331,7 @@ def test_workers_that_die_at_the_start_are_given_up_with_their_last_words(tmp_pa
         engine.start(tmp_path)
 
 
+@pytest.mark.exhaustive
 def test_closing_ends_busy_workers_and_leaves_no_zombies(tmp_path):
     engine = Processes(["cpu", "cpu"], work=sweep_works.do)
     engine.start(tmp_path)
@@ -338,6 +347,7 @@ def test_closing_ends_busy_workers_and_leaves_no_zombies(tmp_path):
     engine.close()
 
 
+@pytest.mark.exhaustive
 def test_workers_end_with_their_parent_however_it_ends(tmp_path):
     script = f"""
 import sys, time

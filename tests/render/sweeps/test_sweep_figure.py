@@ -77,6 +77,7 @@ def texts(figure):
     return [text.get_text() for text in figure.findobj(Text) if text.get_text()]
 
 
+@pytest.mark.exhaustive
 def test_small_multiples_have_a_column_an_object_and_a_row_a_metric():
     axes = {"strategy": ["oc", "cc"], "object": OBJECTS, "speed": [5.0, 7.0, 9.0], "seed": range(3)}
     figure = sweep_figure(swept(**axes), name="my study")
@@ -137,6 +138,7 @@ def test_a_long_caption_is_wrapped():
 ODD = ["a$^$b", "$", r"\$x$", "two\nlines", "$" * 7, "long " * 30]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("axis", ["strategy", "object"])
 def test_names_are_shown_as_they_are_and_long_ones_cut(tmp_path, axis):
     rows = swept(**{axis: ODD, "speed": [5.0, 7.0]})
@@ -151,6 +153,7 @@ def test_names_are_shown_as_they_are_and_long_ones_cut(tmp_path, axis):
     assert any(text.startswith(r"$\mathdefault") for text in texts(figure))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("suffix", "begin"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_pictures_are_written(tmp_path, suffix, begin):
     path = tmp_path / f"sweep{suffix}"

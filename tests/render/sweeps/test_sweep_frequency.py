@@ -70,6 +70,7 @@ def poses():
     return poses
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_draw_frequencies_are_those_of_the_tracks(name, poses, device):
     for thing, strategy in ((MeshObject.load("tube"), closed_contour()), (MeshObject(*bodies()), open_contour())):
@@ -86,6 +87,7 @@ def test_pauses_of_the_contours_count(name, poses, device):
     assert_as_sampled(batch, STRATEGIES[name], device)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_tracks_are_laid_only_where_nothing_else_tells(name, poses, device, monkeypatch):
     laid = []

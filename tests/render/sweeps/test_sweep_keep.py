@@ -93,6 +93,7 @@ def test_kept_contours_are_the_file_that_render_writes(tmp_path, rendered):
     assert numbers["stat"]["length"][1] / numbers["stat"]["length_object"][1] == pytest.approx(summary["r"], rel=1e-12)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", ["stm", "capped", "stp", "lm", "multi-focus", "step"])
 def test_sampling_is_counted_as_play_counts_it(tmp_path, rendered, name):
     recipe, path = rendered
@@ -129,6 +130,7 @@ def test_contours_that_are_kept_are_read_and_not_rendered_again(tmp_path, render
         payload(tmp_path, recipe, "sampling")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("damage", ["cut", "emptied", "overwritten"])
 @pytest.mark.parametrize("group", ["sampling", "keep-contours"])
 def test_damaged_contours_are_set_aside_and_rendered_again(tmp_path, rendered, group, damage):
@@ -146,6 +148,7 @@ def test_damaged_contours_are_set_aside_and_rendered_again(tmp_path, rendered, g
     assert (check_file(kept), contents(kept)) == ([], whole)  # what the table names is there
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("lasts", [False, True])
 @pytest.mark.parametrize("number", [errno.EMFILE, errno.EIO, errno.EACCES])
 @pytest.mark.parametrize("group", ["sampling", "keep-contours"])
@@ -168,6 +171,7 @@ def test_contours_that_the_system_lets_nobody_read_are_no_damage(tmp_path, rende
     assert (kept.read_bytes(), kept.with_name(f"{kept.name}.damaged").exists()) == (content, False)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", ["stm", "multi-focus"])
 def test_focal_points_and_drives_are_those_of_playing_the_file(tmp_path, rendered, name):
     recipe, path = rendered
@@ -226,6 +230,7 @@ def test_an_array_that_cannot_play_the_rate_is_told_and_takes_nothing_with_it(tm
     assert [path.name for path in (tmp_path / "focal-points").iterdir()] == [f"{recipe.key('keep-focal-points')}.h5"]
 
 
+@pytest.mark.exhaustive
 def test_contours_of_other_code_are_made_anew_and_own_ones_kept(tmp_path, rendered, monkeypatch):
     recipe, _ = rendered
     kept = tmp_path / payload(tmp_path, recipe, "keep-contours")["path"]
@@ -265,6 +270,7 @@ def worker(code, store, **options):
     return subprocess.Popen(command, **pipes, **options)
 
 
+@pytest.mark.exhaustive
 def test_a_killed_worker_leaves_contours_that_the_next_one_goes_on_with(tmp_path, monkeypatch):
     with worker(KILLED, tmp_path) as process:
         line = next(line for line in process.stdout if line[:1].isdigit())
@@ -287,6 +293,7 @@ def test_a_killed_worker_leaves_contours_that_the_next_one_goes_on_with(tmp_path
     assert check_file(tmp_path / told["path"]) == []
 
 
+@pytest.mark.exhaustive
 def test_contours_that_another_process_writes_are_waited_for(tmp_path, monkeypatch):
     recipe = recipe_of("tube", motion=explored(100.0))
     slept = []
@@ -374,6 +381,7 @@ print(run_task(task_of(sys.argv[1], [recipe], ("sampling", "keep-drives")), "cpu
 """
 
 
+@pytest.mark.exhaustive
 def test_drives_on_a_full_disk_are_told_of_and_leave_nothing(tmp_path):
     with worker(FULL, tmp_path) as process:
         said, _ = process.communicate(timeout=120)

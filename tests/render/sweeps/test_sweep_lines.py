@@ -96,6 +96,7 @@ def written(value):
     return str(value)
 
 
+@pytest.mark.exhaustive
 @given(
     st.lists(st.tuples(NAMES, st.dictionaries(NAMES, VALUES, max_size=3)), max_size=4), st.sampled_from(["\n", "\r\n"])
 )

@@ -114,6 +114,7 @@ def test_bits_do_not_depend_on_how_parts_are_cut_and_fused(takes, pieces):
                 assert got.dtype == column.dtype
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("thing", [TUBE, CUBE], ids=lambda thing: thing.name)
 @pytest.mark.parametrize("strategy", [CC, open_contour()], ids=["cc", "oc"])
 def test_every_device_gives_the_same_bits(thing, strategy, device):

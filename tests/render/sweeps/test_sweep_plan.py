@@ -225,6 +225,7 @@ def test_paths_that_are_no_text_are_refused_by_name(folder):
     assert "z\\xff.stl" in refusal(folder, '[object]\nsource = "meshes/z*"')
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kept", ["at_most = 0.5", "at_least = 0.1, at_most = 0.100000001"])
 def test_a_long_axis_of_which_nothing_is_left_is_refused(folder, kept, monkeypatch):
     text = '[object]\nsource = "cube"\nfit = {from = 0.05, to = 1.0, count = 30_000}\n[[exclude]]\n"object.fit" = '
@@ -350,6 +351,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("text", "said"), FAULTS, ids=[said[:60] for _, said in FAULTS])
 def test_what_cannot_be_is_refused_with_file_line_key_value_and_bound(folder, text, said):
     told = refusal(folder, text)
@@ -459,6 +461,7 @@ def test_plans_that_run_together_agree_on_devices_and_unite_what_they_ask_for(fo
 # Size
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "text",
     [
@@ -489,6 +492,7 @@ def test_long_axes_have_the_same_recipes_as_short_ones_once_each(folder):
     assert sum(1 for _ in long.recipes()) == SPELT_OUT
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "constraint", ["[[only]]\nmotion.seed = {at_most = 3}", "[[exclude]]\nmotion.seed = {at_least = 4}"]
 )
@@ -498,6 +502,7 @@ def test_constraints_hold_on_long_axes_and_the_count_is_a_bound(folder, constrai
     assert column(plan, "seed") == [1, 2, 3]
 
 
+@pytest.mark.exhaustive
 def test_a_long_axis_is_not_gone_through_to_see_whether_a_recipe_is_left(folder, monkeypatch):
     made, variants = [], sweep_product.variants
     monkeypatch.setattr(sweep_product, "variants", lambda *of: (made.append(0) or part for part in variants(*of)))
@@ -585,6 +590,7 @@ def toml(value):
     )
 
 
+@pytest.mark.exhaustive
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
 @given(place=st.sampled_from(PLACES), value=ODD)
 def test_whatever_is_written_is_a_plan_or_refused(folder, place, value):

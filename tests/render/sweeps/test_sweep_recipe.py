@@ -238,6 +238,7 @@ def test_every_key_is_tried():
     assert set(TABLES) == {f"{axis}.{key}" for axis, keys in KEYS.items() for key in ("source", *keys)}
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("key", TABLES)
 def test_another_value_of_any_key_has_other_keys_where_it_matters_only(folder, key):
     axis, name = key.split(".")

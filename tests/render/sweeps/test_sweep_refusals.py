@@ -45,6 +45,7 @@ def test_a_store_that_is_something_else(path, tmp_path):
     assert answer("sweep", path, "--dry-run", "--device", "cpu", "--store", tmp_path / "empty")["recipes_done"] == 0
 
 
+@pytest.mark.exhaustive
 def test_a_baseline_of_another_plan_and_one_of_a_part_of_it(path, tmp_path):
     old = Path(made(path)["store"])
     other = plan(tmp_path / "b.toml", [7])
@@ -75,6 +76,7 @@ def test_extras_that_are_not_installed(path, tmp_path, monkeypatch):
     refused_before(store, "pip install 'palpate[cluster]'", path, "--scheduler", "local")
 
 
+@pytest.mark.exhaustive
 def test_tables_and_schedulers_that_cannot_be(path, tmp_path):
     pytest.importorskip("dask_jobqueue")
     store = tmp_path / "a.sweep"
@@ -95,6 +97,7 @@ def test_what_the_shell_took_apart_is_told_to_need_quotes(path):
     assert "quotes" not in result.stderr
 
 
+@pytest.mark.exhaustive
 def test_a_dry_run_says_that_the_run_would_be_refused(path):
     much = ["--dry-run", "--device", "cpu", "--set", "motion.seed={first=1,count=1_000_001}"]
     assert "more than 1,000,000 recipes" in answer("sweep", path, *much)["refusal"]

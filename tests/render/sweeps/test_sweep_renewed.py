@@ -72,6 +72,7 @@ def test_recipes_with_other_prune_stages_have_one_table_of_poses(tmp_path):
     assert table["removed_small_mean"][0] > 0
 
 
+@pytest.mark.exhaustive
 def test_an_edited_strategy_is_compared_with_what_it_was(tmp_path):
     path = plan(tmp_path, "mine.json")
     small(tmp_path, 0.05)
@@ -87,6 +88,7 @@ def test_an_edited_strategy_is_compared_with_what_it_was(tmp_path):
     assert "removed_small_mean" in said
 
 
+@pytest.mark.exhaustive
 def test_a_stage_of_ones_own_may_have_its_words_changed_and_tells_what_it_removes(tmp_path):
     (tmp_path / "mine.json").write_text(json.dumps({"prune": ["outside", "renewed-odd"], "modules": ["renewed_stage"]}))
     words = [
@@ -116,6 +118,7 @@ def test_a_stage_of_ones_own_may_have_its_words_changed_and_tells_what_it_remove
     assert load_table(told[1]["poses_table"])["removed_other"].mean(dtype=float) == pytest.approx(removed[0])
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", ["poses.h5", "table.h5", "summary.png"])
 @pytest.mark.parametrize("how", ["deleted", "emptied"])
 def test_what_a_store_has_lost_is_written_again(tmp_path, name, how):

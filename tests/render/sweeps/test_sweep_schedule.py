@@ -59,6 +59,7 @@ recipes = st.lists(
 )
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=200)
 @given(st.data())
 def test_every_missing_part_is_made_once_whatever_comes_in_whatever_order(data):
@@ -100,6 +101,7 @@ def test_every_missing_part_is_made_once_whatever_comes_in_whatever_order(data):
     assert bool(failures) <= bool(bad)
 
 
+@pytest.mark.exhaustive
 def test_what_is_there_is_not_asked_for_again():
     wanted, memory = [StandIn(motion=str(k)) for k in range(10_000)], Memory()
     finish(schedule_of(wanted, memory), memory)
@@ -254,6 +256,7 @@ def test_a_worker_that_cannot_write_is_given_time_but_not_for_ever():
         schedule.settle(outcome, 0.0)
 
 
+@pytest.mark.exhaustive
 def test_tasks_grow_to_the_target_and_no_faster_than_fourfold():
     schedule, memory = schedule_of([StandIn(poses=1 << 40)], Memory(), kind="cuda"), Memory()
     rate, sizes = 1e8, []

@@ -132,6 +132,7 @@ def test_each_column_is_of_the_recipe_or_a_metric_or_neither():
     assert numbers <= set(column_units(columns)) | {"drive_gs_pat_iterations", "drive_wgs_iterations"}
 
 
+@pytest.mark.exhaustive
 def test_results_of_thousands_of_recipes_are_looked_up_together():
     recipes = [recipe(thing, seed=seed) for thing, seed in product("abc", range(1500))]
     store = HandMadeStore({("contours", one.key("contours")): [payload(length=[0.2])] for one in recipes[::2]})

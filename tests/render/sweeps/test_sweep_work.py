@@ -65,6 +65,7 @@ def expected(values):
     return [len(values), values.sum(), (values**2).sum(), values.min(), values.max()]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("thing", "hand", "strategy"), EXACT + OTHERS)
 def test_statistics_are_those_of_what_render_gives(tmp_path, thing, hand, strategy):
     count = 300
@@ -124,6 +125,7 @@ def alone(tmp_path_factory):
     return out
 
 
+@pytest.mark.exhaustive
 def test_recipes_that_share_batches_and_devices_are_the_same_to_the_bit(tmp_path, alone, device):
     assert made(tmp_path, mixed(), GROUPS, device) == alone
 
@@ -317,6 +319,7 @@ print(run_task(task, "cpu", worker="here").error)
 """
 
 
+@pytest.mark.exhaustive
 def test_a_full_disk_is_told_and_nothing_is_left(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", FULL, str(tmp_path)],

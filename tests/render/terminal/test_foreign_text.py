@@ -54,6 +54,7 @@ def rendered(tmp_path, monkeypatch):
     return tmp_path / "a.h5"
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", [*HOSTILE, *MARKUP], ids=ascii)
 def test_a_files_name_is_shown_and_not_obeyed(rendered, name):
     file = rendered.with_name(f"{name.replace('/', '_')}.h5")
@@ -78,6 +79,7 @@ def test_a_files_name_is_shown_and_not_obeyed(rendered, name):
         assert not [line for line in done.output.splitlines() if line.startswith("OK")]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", [*HOSTILE, *MARKUP], ids=ascii)
 def test_what_is_wrong_with_options_is_shown_and_not_obeyed(name, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)

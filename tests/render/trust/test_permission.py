@@ -194,6 +194,7 @@ def test_a_plan_that_is_refused_for_another_reason_has_run_nothing(folder, ran, 
     assert not ran()
 
 
+@pytest.mark.exhaustive
 def test_a_sweep_lets_its_workers_run_what_it_ran(folder, ran):
     """In processes of their own, which get the files' digests with each task."""
     path = plan(folder, BALL_TABLE + MOTION + '[strategy]\nsource = "own.json"\n')
@@ -242,6 +243,7 @@ def test_what_was_judged_is_what_runs(folder, monkeypatch):
     assert load_strategy("own.json", allow_code=True).modules == ("notes",)
 
 
+@pytest.mark.exhaustive
 def test_what_shows_a_file_never_runs_code(folder, ran):
     assert render("--strategy", "own.json", "--allow-code").exit_code == DONE
     (folder / "ran").unlink()
@@ -260,6 +262,7 @@ def test_what_shows_a_file_never_runs_code(folder, ran):
 # The store
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("file", ["own.json", "plan.toml"])
 def test_accepted_code_runs_until_anything_of_it_changes(folder, ran, file):
     plan(folder, PLANS["strategy"])

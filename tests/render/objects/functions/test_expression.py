@@ -184,6 +184,7 @@ def test_a_tall_tree_needs_a_small_stack(e):
     assert np.abs(values(e) - value(e, AT)).max() <= NEAR
 
 
+@pytest.mark.exhaustive
 def test_the_widest_balanced_tree_fits_the_stack():
     e = sphere(0.1)
     while e.leaf_count < LARGEST:

@@ -34,6 +34,7 @@ def inside(thing, x, device="cpu"):
     return probe_points(thing.field_on(device), x, device=device) < 0
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("source", [sphere(0.04), functions.ball, functions.ball_of_doubles, functions.steep])
 def test_a_ball_is_a_ball_however_it_is_told(source, device, rng):
     thing = made(source, AROUND, placement=Placement(scale=2, at=(0.01, -0.02, 0.2)))
@@ -51,6 +52,7 @@ def test_a_ball_is_a_ball_however_it_is_told(source, device, rng):
     assert (vertices <= thing.bounds[1] + 1e-6).all()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "placement",
     [
@@ -101,6 +103,7 @@ def test_a_function_is_cut_by_its_bounds_with_a_warning():
     assert inside(thing, np.array([[-0.029, 0, 0], [-0.031, 0, 0]])).tolist() == [True, False]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -186,6 +189,7 @@ def test_files_and_names_are_loaded(tmp_path, monkeypatch):
         ImplicitObject.load(f"{bad}:blob", bounds=AROUND, allow_code=True)
 
 
+@pytest.mark.exhaustive
 def test_files_whose_paths_look_alike_keep_their_own_functions(tmp_path):
     (tmp_path / "a").mkdir()
     for path, radius in ((tmp_path / "a_b.py", 0.04), (tmp_path / "a" / "b.py", 0.02)):

@@ -101,6 +101,7 @@ def test_a_truncated_entry_is_repaired_anew_and_rewritten(folder, repairs, kept)
     assert len(repairs) == 2
 
 
+@pytest.mark.exhaustive
 @pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
 def test_no_flipped_byte_changes_what_is_loaded(folder, rng):
     first = MeshObject(*two_boxes())
@@ -196,6 +197,7 @@ def test_every_source_that_decides_about_the_result_is_in_the_key():
     assert {str(path.relative_to(ROOT)) for path in found} == set(mesh_cache.SOURCES)
 
 
+@pytest.mark.exhaustive
 def test_ctrl_c_while_a_mesh_is_loading_leaves_nothing_behind(tmp_path):
     script = (
         "import numpy as np, signal, os, sys\n"
@@ -219,6 +221,7 @@ def test_ctrl_c_while_a_mesh_is_loading_leaves_nothing_behind(tmp_path):
         assert not (tmp_path / "meshes").exists()
 
 
+@pytest.mark.exhaustive
 def test_ctrl_c_while_a_render_is_loading_writes_no_file(tmp_path):
     script = (
         "import contextlib, os, signal, sys\n"

@@ -48,6 +48,7 @@ def disguised(triangles, rng, turn, grid):
     return (as_soup(triangles) if rng.random() < 0.5 else as_indexed(triangles, rng)), rotated
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("kind", ["as it is", "turned", "turned float32"])
 @pytest.mark.parametrize("number", range(SETS))
 def test_random_complexes_load_as_their_union(number, kind):
@@ -69,6 +70,7 @@ def test_random_complexes_load_as_their_union(number, kind):
     assert len(disguises) >= 6
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", ["as it is", "turned", "turned float32"])
 def test_corners_on_sides_closed_by_slivers_change_nothing(kind):
     """Triangles of no area, as programs write them, also along edges of many triangles."""
@@ -115,6 +117,7 @@ def random_boxes(rng, span=5):
     return filled, np.concatenate(triangles)
 
 
+@pytest.mark.exhaustive(but="2-turned float32")
 @pytest.mark.parametrize("kind", ["as it is", "turned", "turned float32"])
 @pytest.mark.parametrize("number", range(3))
 def test_boxes_that_overlap_touch_and_nest_load_as_their_union(number, kind):
@@ -132,6 +135,7 @@ def test_boxes_that_overlap_touch_and_nest_load_as_their_union(number, kind):
     assert simple > {"as it is": 40, "turned": 10, "turned float32": 2}[kind]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("turn", [False, True], ids=["as it is", "turned"])
 def test_a_cube_many_times_in_one_place_is_one_cube(turn):
     """With diagonals of its own each time, half of them inside out or none."""
@@ -168,6 +172,7 @@ def level_pose(height):
     return np.array([[0.3, 0.3, height, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("number", range(6))
 def test_contours_of_random_complexes_are_those_of_their_layers(number, device):
     """All the way from arrays to contours, cubes of 0.1 m, which float32 holds to 1e-8 m."""
@@ -188,6 +193,7 @@ def test_contours_of_random_complexes_are_those_of_their_layers(number, device):
             assert batch.polyline_closed.all()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("grid", [False, True], ids=["float64", "float32"])
 def test_contours_of_boxes_that_touch_stay_when_all_is_turned(grid, device):
     """Boxes that overlap, touch and nest, and palms through their layers, turned together: no inner walls are drawn."""

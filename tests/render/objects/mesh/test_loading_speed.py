@@ -59,6 +59,7 @@ def test_products_and_lengths_of_explorations_have_numpys_bits(rng):
             np.testing.assert_array_equal(_length(a), np.linalg.norm(a, axis=-1, keepdims=True))
 
 
+@pytest.mark.exhaustive
 def test_an_exploration_is_what_it_was_before_it_was_fast():
     poses = {  # of commit c2311ee, which took five times as long
         0: [-0.0173777547, -0.0228848681, 0.0882260799, 0.1469875574, -0.6815737486, 0.7162777781, 0.0282504726],
@@ -71,6 +72,7 @@ def test_an_exploration_is_what_it_was_before_it_was_fast():
         np.testing.assert_allclose(motion.pose[row], pose, rtol=0, atol=2e-7)
 
 
+@pytest.mark.exhaustive
 def test_an_exploration_reports_how_far_it_is():
     heard = []
     load_motion(
@@ -105,6 +107,7 @@ def seconds_of(count):
     return time.process_time() - started
 
 
+@pytest.mark.exhaustive
 def test_loading_of_many_bodies_is_not_quadratic():
     seconds_of(100)
     few, many = (min(seconds_of(count) for _ in range(3)) for count in (2000, 16000))

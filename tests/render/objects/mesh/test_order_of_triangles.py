@@ -204,6 +204,7 @@ def drawn(case, triangles, poses, rng, device):
     ]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", CASES)
 def test_order_changes_nothing_and_lengths_are_those_of_rectangles(name, device):
     case = CASES[name]()
@@ -220,6 +221,7 @@ def test_order_changes_nothing_and_lengths_are_those_of_rectangles(name, device)
         assert [content(batch) for batch in batches] == first
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("grid", [False, True], ids=["float64", "float32"])
 @pytest.mark.parametrize("name", CASES)
 def test_turned_with_the_palms_lengths_stay(name, grid, device):
@@ -245,6 +247,7 @@ def test_turned_with_the_palms_lengths_stay(name, grid, device):
             assert [content(batch) for batch in batches] == first
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", MESHES)
 def test_order_changes_no_byte_of_the_meshes_of_the_tests(name, device):
     vertices, faces = MESHES[name]()

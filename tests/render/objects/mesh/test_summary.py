@@ -62,6 +62,7 @@ FAULTS = {
 }  # fmt: skip
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("suffix", ["ply", "stl"])
 @pytest.mark.parametrize("name", FAULTS)
 def test_planted_faults_are_counted(name, suffix, tmp_path):

@@ -20,6 +20,7 @@ from palpate.render.objects.voxels.voxel_object import VoxelObject
 FORMATS = {".npz": None, ".nrrd": "nrrd", ".nii": "nibabel", ".nii.gz": "nibabel", ".nvdb": None}
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("end", FORMATS)
 @pytest.mark.parametrize("kind", ["distance", "occupancy"])
 def test_what_is_saved_is_loaded_again(end, kind, tmp_path, rng, device):
@@ -211,6 +212,7 @@ def test_nanovdb_of_another_type_or_too_large_is_refused(tmp_path, monkeypatch):
         VoxelObject.load(tmp_path / "ball.nvdb")
 
 
+@pytest.mark.exhaustive
 def test_a_real_level_set_is_loaded_from_warps_wheel():
     path = Path(wp.__file__).parent / "examples" / "assets" / "rocks.nvdb"
     if not path.is_file():

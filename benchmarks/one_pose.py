@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from palpate.datasets.motions import exploration
+from palpate.datasets import exploration
 from palpate.render import MeshObject, Palm, SamplingStrategy
 from palpate.render.bench.cases import bench_object
 from palpate.render.intersection.mesh_section import intersect

@@ -10,34 +10,63 @@ from .focus_files.ptlist import read_ptlist, write_ptlist
 from .hand_model.shape import HandShape, hand_shape
 from .hand_model.skinning import posed_vertices
 from .motions.hand_motion import HandMotion, exploration, static_pose
+from .recordings.alignment import Y_UP
 from .recordings.files import load_recording
 from .recordings.recording import HandRecording
+from .recordings.sample import write_sample
 from .shapes.built_in import shape, shape_names
 
 __all__ = [
+    "Y_UP",
     "ContourFile",
     "ContourWriter",
     "HandMotion",
     "HandRecording",
     "HandShape",
+    "ShardRow",
+    "SweepStore",
     "check_file",
     "exploration",
     "hand_shape",
     "load_recording",
+    "load_table",
     "posed_vertices",
     "read_ptlist",
     "shape",
     "shape_names",
     "static_pose",
+    "table_attributes",
+    "write_parquet",
     "write_ptlist",
+    "write_sample",
+    "write_shard",
+    "write_table",
 ]
 
+_LATER = {
+    "ShardRow": "sweep_shard",
+    "SweepStore": "sweep_store",
+    "load_table": "table",
+    "table_attributes": "table",
+    "write_parquet": "table",
+    "write_shard": "sweep_shard",
+    "write_table": "table",
+}
+"""Names of sweeps, each with its module in `sweeps`: imported when asked for, as most programs need none."""
+
 if TYPE_CHECKING:
+    from .sweeps.sweep_shard import ShardRow, write_shard
+    from .sweeps.sweep_store import SweepStore
+    from .sweeps.table import load_table, table_attributes, write_parquet, write_table
+
     __version__: str
 else:  # hidden from type checkers, which would take every name for one that it gives
 
-    def __getattr__(name: str) -> str:
-        """`__version__`, read when it is asked for: finding it takes longer than some imports do (PEP 562)."""
-        if name != "__version__":
+    def __getattr__(name: str) -> object:
+        """Names of `_LATER`, and `__version__`, which takes longer to find than some imports do (PEP 562)."""
+        if name == "__version__":
+            return import_module("importlib.metadata").version("palpate")
+        if name not in _LATER:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        return import_module("importlib.metadata").version("palpate")
+        found = globals()[name] = getattr(import_module(f".sweeps.{_LATER[name]}", __name__), name)
+        return found

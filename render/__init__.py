@@ -10,16 +10,21 @@ if TYPE_CHECKING:
     from .focal_spot import focal_width
     from .hands.combined_hands import together
     from .hands.flat_hand import flat_hand
-    from .hands.hand import Palm
+    from .hands.hand import Hand, Palm
     from .hands.mesh_hand import MeshHand
     from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand
     from .intersection.batch_rendering import render
     from .intersection.file_recording import record
+    from .intersection.overlap_tour import overlap_points
     from .intersection.patch_points import array_points
     from .intersection.scene import Scene
+    from .objects.functions.expression import box, capsule, cylinder, half_space, sphere, torus
+    from .objects.functions.expression_json import expression_from_json, expression_to_json, load_expression
     from .objects.functions.implicit_object import ImplicitObject
+    from .objects.isosurface import isosurface
     from .objects.level_of_detail import simplify
     from .objects.mesh.solid_mesh import MeshObject, Placement
+    from .objects.voxels.files import save_voxels
     from .objects.voxels.voxel_object import VoxelObject
     from .objects.voxels.voxeliser import voxelise
     from .playback.drive import Driver, DriveStrategy, drive_focus
@@ -27,8 +32,11 @@ if TYPE_CHECKING:
     from .playback.live import Instant
     from .playback.placed_arrays import PlacedArray, load_rig
     from .reports.file_summary import summarise
+    from .runtime.span_workers import worker_devices
     from .sampling.contour_sampling import (
+        Dwell,
         FocalPoints,
+        Gap,
         Sampler,
         SamplingStrategy,
         dwell_map,
@@ -36,24 +44,37 @@ if TYPE_CHECKING:
         preset,
         sample_contours,
     )
+    from .sampling.revisits import revisit_rate
     from .stages.registry import Stage, register_point_function, register_prune, register_transform
+    from .stages.segment_removal import cut_batch
     from .strategies.intersection_strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
+    from .sweeps.sweep_dask import DaskEngine
+    from .sweeps.sweep_engine import InProcess
+    from .sweeps.sweep_plan import load_plans
+    from .sweeps.sweep_run import run_sweep
+    from .sweeps.sweep_table import tidy_columns
+
 
 _ROOMS = {
     "contour_batch": "ContourBatch",
     "focal_spot": "focal_width",
     "hands.combined_hands": "together",
     "hands.flat_hand": "flat_hand",
-    "hands.hand": "Palm",
+    "hands.hand": "Hand Palm",
     "hands.mesh_hand": "MeshHand",
     "hands.plane_hand": "HandPatch PatchJoint PlaneHand",
     "intersection.batch_rendering": "render",
     "intersection.file_recording": "record",
+    "intersection.overlap_tour": "overlap_points",
     "intersection.patch_points": "array_points",
     "intersection.scene": "Scene",
+    "objects.functions.expression": "box capsule cylinder half_space sphere torus",
+    "objects.functions.expression_json": "expression_from_json expression_to_json load_expression",
     "objects.functions.implicit_object": "ImplicitObject",
+    "objects.isosurface": "isosurface",
     "objects.level_of_detail": "simplify",
     "objects.mesh.solid_mesh": "MeshObject Placement",
+    "objects.voxels.files": "save_voxels",
     "objects.voxels.voxel_object": "VoxelObject",
     "objects.voxels.voxeliser": "voxelise",
     "playback.drive": "Driver DriveStrategy drive_focus",
@@ -61,9 +82,18 @@ _ROOMS = {
     "playback.live": "Instant",
     "playback.placed_arrays": "PlacedArray load_rig",
     "reports.file_summary": "summarise",
-    "sampling.contour_sampling": "FocalPoints Sampler SamplingStrategy dwell_map load_sampling preset sample_contours",
+    "runtime.span_workers": "worker_devices",
+    "sampling.contour_sampling": "Dwell FocalPoints Gap Sampler SamplingStrategy dwell_map load_sampling preset "
+    "sample_contours",
+    "sampling.revisits": "revisit_rate",
     "stages.registry": "Stage register_point_function register_prune register_transform",
+    "stages.segment_removal": "cut_batch",
     "strategies.intersection_strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
+    "sweeps.sweep_dask": "DaskEngine",
+    "sweeps.sweep_engine": "InProcess",
+    "sweeps.sweep_plan": "load_plans",
+    "sweeps.sweep_run": "run_sweep",
+    "sweeps.sweep_table": "tidy_columns",
 }
 """What each module has that scripts use: it is imported when that is asked for, as a command needs few of them."""
 
@@ -72,11 +102,16 @@ _HOMES = {name: room for room, names in _ROOMS.items() for name in names.split()
 __all__ = [
     "Connection",
     "ContourBatch",
+    "DaskEngine",
     "DriveStrategy",
     "Driver",
+    "Dwell",
     "FocalPoints",
+    "Gap",
+    "Hand",
     "HandPatch",
     "ImplicitObject",
+    "InProcess",
     "Instant",
     "IntersectionStrategy",
     "MeshHand",
@@ -92,15 +127,26 @@ __all__ = [
     "Stage",
     "VoxelObject",
     "array_points",
+    "box",
+    "capsule",
     "closed_contour",
+    "cut_batch",
+    "cylinder",
     "drive_focus",
     "dwell_map",
+    "expression_from_json",
+    "expression_to_json",
     "flat_hand",
     "focal_width",
+    "half_space",
+    "isosurface",
+    "load_expression",
+    "load_plans",
     "load_rig",
     "load_sampling",
     "load_strategy",
     "open_contour",
+    "overlap_points",
     "play_file",
     "preset",
     "record",
@@ -108,11 +154,18 @@ __all__ = [
     "register_prune",
     "register_transform",
     "render",
+    "revisit_rate",
+    "run_sweep",
     "sample_contours",
+    "save_voxels",
     "simplify",
+    "sphere",
     "summarise",
+    "tidy_columns",
     "together",
+    "torus",
     "voxelise",
+    "worker_devices",
 ]
 
 

@@ -5,7 +5,7 @@ import sys
 
 from typer.testing import CliRunner
 
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 
 PALPATE = [sys.executable, "-P", "-c", "from palpate.render.cli.app import main; main()"]
 FAILED, MISUSED = 1, 2

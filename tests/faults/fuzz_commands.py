@@ -34,7 +34,7 @@ def command(*arguments: object) -> str:
 
 def rendered_seeds(folder: Path) -> None:
     """What the commands read together: an object, a motion, a strategy."""
-    from palpate.datasets.motions import exploration
+    from palpate.datasets import exploration
 
     for name in ("motion", "strategy", "object", "hand"):
         own = folder / name
@@ -72,7 +72,7 @@ def run_on_contours(path: Path) -> Any:
 
 
 def playable_seeds(folder: Path) -> None:
-    from palpate.datasets.motions import exploration
+    from palpate.datasets import exploration
     from palpate.render import MeshObject, Palm, closed_contour, record
 
     cube = MeshObject.load("cube")

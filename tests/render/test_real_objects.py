@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.datasets import check_file
-from palpate.datasets.motions import exploration
+from palpate.datasets import check_file, exploration
 from palpate.datasets.shapes.built_in import shape
 from palpate.render import MeshObject, Palm, Placement, VoxelObject, closed_contour, play_file, record, render, voxelise
 from palpate.render.errors import MeshError, PalpateWarning

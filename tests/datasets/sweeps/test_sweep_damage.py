@@ -31,7 +31,7 @@ from palpate.datasets.sweeps.table import (
     write_table,
 )
 from palpate.datasets.sweeps.table_stream import write_blocks
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 
 TRAILER_BYTES = 56
 PLACES = [place for number in range(RECIPE_SHARDS) for place in places_of(1, number)]

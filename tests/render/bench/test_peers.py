@@ -16,7 +16,7 @@ from palpate.render.bench.peers import Declined, Peer, check_peer, find_peers, p
 from palpate.render.bench.rows import measure_trial
 from palpate.render.bench.section_completion import PalmFrames, Polylines, clipped, offsets, rings_of
 from palpate.render.bench.turns import BenchOptions, PeerTurn, Trial
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 from palpate.render.hands.hand import Palm
 from palpate.render.intersection.mesh_section import intersect
 from palpate.render.strategies.intersection_strategy import load_strategy

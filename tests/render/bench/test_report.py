@@ -30,7 +30,7 @@ from palpate.render.bench.curves import pose_curve, power, triangle_curve
 from palpate.render.bench.first_use import measure_first_use
 from palpate.render.bench.peers import one_core
 from palpate.render.bench.turns import BenchOptions
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import RenderError, StrategyError
 from palpate.render.hands.hand import Palm

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 
 VOXELISE = ["voxelise", "tube", "-o"]
 

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palpate.datasets import HandMotion
+from palpate.datasets import HandMotion, exploration
 from palpate.datasets.contour_file.reader import ContourFile
-from palpate.datasets.motions import exploration
 from palpate.render import MeshObject, Palm, closed_contour, record, render
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 from palpate.render.playback import focus_source as source_module
 
 MAIN = "from palpate.render.cli.app import main; main()"

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from palpate.datasets import ContourFile, HandMotion, check_file, load_recording, static_pose
 from palpate.datasets.recordings.sample import write_sample
 from palpate.render import play_file
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 from palpate.render.objects.functions.expression import box, sphere
 from palpate.render.objects.functions.expression_json import expression_to_json
 from palpate.render.playback.file_playback import Connection

@@ -5,10 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from palpate.datasets import HandMotion
+from palpate.datasets import HandMotion, exploration
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.focus_files.ptlist import write_ptlist
-from palpate.datasets.motions import exploration
 from palpate.device.array import array_model
 from palpate.device.boards.emulator.usb_side import Fault, FaultKind
 from palpate.device.clock import VirtualClock

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from mesh_cases import CLOSED, MESHES, MIDDLE, generic_poses
 from scipy.spatial.transform import Rotation
 
-from palpate.datasets import HandMotion
+from palpate.datasets import HandMotion, exploration
 from palpate.datasets.errors import MotionError
-from palpate.datasets.motions import exploration
 from palpate.datasets.motions.hand_motion import PALM_DOWN
 from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, PoseError, StrategyError

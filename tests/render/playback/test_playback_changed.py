@@ -6,11 +6,10 @@ import shutil
 import numpy as np
 import pytest
 
-from palpate.datasets import HandMotion
+from palpate.datasets import HandMotion, exploration
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.focus_files.frame_reader import FrameReader
-from palpate.datasets.motions import exploration
 from palpate.device.clock import VirtualClock
 from palpate.device.emulation.emulated_backend import emulated_backend
 from palpate.render import MeshObject, Palm, closed_contour, record

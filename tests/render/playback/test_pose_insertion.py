@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
+from palpate.datasets import exploration
 from palpate.datasets.contour_file.reader import ContourFile
-from palpate.datasets.motions import exploration
 from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, record, render
 from palpate.render.errors import PoseError, StrategyError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from contour_shapes import batch_of, circle, still
 
-from palpate.datasets.motions import exploration
+from palpate.datasets import exploration
 from palpate.render import MeshObject, Palm, closed_contour, render
 from palpate.render.sampling.contour_sampling import (
     Gap,

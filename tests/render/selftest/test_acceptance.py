@@ -15,7 +15,7 @@ from palpate.device.clock import VirtualClock
 from palpate.device.emulation.emulated_backend import emulated_backend
 from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.errors import DeviceNotFoundError, DeviceStallError
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 from palpate.render.playback import file_playback as playback
 from palpate.render.playback.file_playback import Connection
 from palpate.render.playback.placed_arrays import PlacedArray

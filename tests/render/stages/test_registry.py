@@ -14,7 +14,7 @@ from contour_random import random_batch
 from palpate.render import ContourBatch, IntersectionStrategy
 from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
-from palpate.render.stages import registry as registry
+from palpate.render.stages import registry
 from palpate.render.stages.registry import (
     Option,
     Setting,

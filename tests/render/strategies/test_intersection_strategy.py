@@ -10,7 +10,7 @@ import pytest
 
 from palpate.render import IntersectionStrategy, closed_contour, open_contour
 from palpate.render.errors import StrategyError
-from palpate.render.stages import registry as registry
+from palpate.render.stages import registry
 from palpate.render.stages.registry import Stage, known_stages
 from palpate.render.strategies.intersection_strategy import PRESETS, load_strategy
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from palpate.datasets.shapes.built_in import shape_names
 from palpate.render import MeshObject
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 from palpate.render.sweeps.sweep_compare import parse_tolerances
 from palpate.render.sweeps.sweep_plan import load_plans
 from palpate.render.sweeps.sweep_poses import pose_count

@@ -143,7 +143,7 @@ def test_a_field_that_is_new_changes_no_key_where_it_has_its_default(folder, mon
     recipe = one(folder, PLAIN)
     before = recipe.hash
     newer = make_dataclass(kind.__name__, [(name, float, field(default=0.5))], bases=(kind,), frozen=True)
-    module = "sampling_strategy" if part == "sampling" else "drive"
+    module = "sampling.strategy" if part == "sampling" else "playback.drive"
     monkeypatch.setattr(f"palpate.render.{module}.{kind.__name__}", newer)
     for cached in (sweep_recipe._sampling_defaults, sweep_recipe._drive_defaults):
         cached.cache_clear()

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion, static_pose
 from palpate.render import ImplicitObject, MeshObject, load_strategy
-from palpate.render.cli import app
+from palpate.render.cli.app import app
 from palpate.render.errors import ImplicitError, PlanError, StrategyError, TrustStoreError, UntrustedCodeError
 from palpate.render.strategies.intersection_strategy import IntersectionStrategy, draft_strategy
 from palpate.render.sweeps.sweep_plan import draft_plans, load_plans

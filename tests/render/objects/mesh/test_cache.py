@@ -185,13 +185,13 @@ def test_what_is_no_mesh_is_refused_as_without_a_cache(folder):
 
 
 def test_every_source_that_decides_about_the_result_is_in_the_key():
-    found, waiting = set(), [ROOT / "render" / "mend.py"]
+    found, waiting = set(), [ROOT / "render/objects/mesh/repair.py"]
     while waiting:
         path = waiting.pop()
         found.add(path)
         for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and node.level in (1, 2):
-                base = path.parent if node.level == 1 else ROOT
+            if isinstance(node, ast.ImportFrom) and node.level:
+                base = path.parents[node.level - 1]
                 named = base.joinpath(*node.module.split(".")).with_suffix(".py")
                 waiting += [named] if named.exists() and named not in found else []
     assert {str(path.relative_to(ROOT)) for path in found} == set(mesh_cache.SOURCES)

@@ -1,0 +1,5 @@
+"""`python -m palpate.render.cli` is the command `palpate`."""
+
+from .app import main
+
+main()

@@ -42,7 +42,7 @@ class ContourBatch:
     """Pause of the focal point at each point [s]; None means none; float32, shape [point]."""
     raw_error: float | None = None
     """How far the raw intersection can be from the exact one [m], except for what is thinner than a step
-    (docs/develop/architecture.md, "Grids"); see `Scene.raw_error`; None where that is not known.
+    (docs/develop/geometry.md, "Grids"); see `Scene.raw_error`; None where that is not known.
     It is no array, so `by_name` and `arrays` leave it out."""
 
     @property

@@ -6,7 +6,7 @@ surface, and between them it is straight. At tips it gets a point more, and node
 (march_tip, march_follow). What else is thinner than a cell may be missed, what is narrower may be joined or parted: at
 an ambiguous cell (inside and outside at opposite corners) its middle decides.
 
-The contract is the geometry's (docs/develop/architecture.md), where a node on the surface counts as outside; the
+The contract is the geometry's (docs/develop/geometry.md), where a node on the surface counts as outside; the
 grid's outer nodes lie on the patch's boundary, ON inside of it, and ON below its plane, so a solid that ends at either
 is treated as a mesh is. A cut edge's key is its place along the boundary, counter-clockwise from corner 0, for those
 there; inside the tile, row and column of its lower node. No edge is cut twice, so no point is made twice.

@@ -135,7 +135,7 @@ def plane_loops(
     """Find all loops of a closed surface in the whole planes of all patches at all poses.
 
     Arguments as for `find_pieces`; bounded: whether points that are flush with a side of a patch lie on it. Loops of a
-    section come in the order of their keys, see docs/develop/architecture.md.
+    section come in the order of their keys, see docs/develop/geometry.md.
     Raises PointLimitError, before memory is taken for them, if the loops have more points than `limit`.
     """
     device = pose.device

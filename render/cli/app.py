@@ -69,11 +69,7 @@ def _run(module: str, name: str, *arguments: object, as_json: bool) -> None:
     """Exit with the code of a command, whose module is imported only now: --help need not wait for it."""
 
     def command() -> object:
-        return getattr(import_module(module if module.startswith(".") else f".{module}", __package__), name)(
-            *arguments, as_json=as_json
-        )
-
-    raise typer.Exit(console.run(command, as_json=as_json))
+        return getattr(import_module(module, __package__), name)(*arguments, as_json=as_json))
 
 
 @app.callback()
@@ -98,7 +94,7 @@ def demo(
     json: Json = False,
 ) -> None:
     """Run the main job: explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
-    _run("demo_command", "run_demo", folder, clock, overwrite, as_json=json)
+    _run(".demo_command", "run_demo", folder, clock, overwrite, as_json=json)
 
 
 @app.command()
@@ -188,7 +184,7 @@ def render(
         "resume": resume,
         "overwrite": overwrite,
     }
-    _run("file_commands", "run_render", options, as_json=json)
+    _run(".file_commands", "run_render", options, as_json=json)
 
 
 @app.command()
@@ -211,7 +207,7 @@ def voxelise(
 ) -> None:
     """Turn a mesh into voxels: the way out for open meshes."""
     placement = {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at}
-    _run("voxelise_command", "run_voxelise", mesh, out, spacing, kind, sign, placement, device, overwrite, as_json=json)
+    _run(".voxelise_command", "run_voxelise", mesh, out, spacing, kind, sign, placement, device, overwrite, as_json=json)
 
 
 app.command()(sweep)
@@ -227,7 +223,7 @@ def strategies(
     json: Json = False,
 ) -> None:
     """List intersection strategies and the stages that they are made of."""
-    _run("strategies_command", "run_strategies", out, overwrite, as_json=json)
+    _run(".strategies_command", "run_strategies", out, overwrite, as_json=json)
 
 
 @app.command()
@@ -241,7 +237,7 @@ def info(
 ) -> None:
     """Tell what is in a contour file, in focal points or drives that a sweep keeps, or what is wrong with a mesh."""
     options = {"scale": scale, "solid": solid, "weld": weld, "fill_holes": fill_holes}
-    _run("file_commands", "run_info", file, options, as_json=json)
+    _run(".file_commands", "run_info", file, options, as_json=json)
 
 
 @app.command()
@@ -250,7 +246,7 @@ def check(
     json: Json = False,
 ) -> None:
     """Check that a contour file, a sweep's store or what it keeps is whole: exit 0 if it is, 1 if not."""
-    _run("file_commands", "run_check", file, as_json=json)
+    _run(".file_commands", "run_check", file, as_json=json)
 
 
 @app.command()
@@ -261,7 +257,7 @@ def figure(
     json: Json = False,
 ) -> None:
     """Draw contours on the object, the palm, length and draw frequency over time."""
-    _run("file_commands", "run_figure", files, out, overwrite, as_json=json)
+    _run(".file_commands", "run_figure", files, out, overwrite, as_json=json)
 
 
 @app.command()
@@ -312,7 +308,7 @@ def play(
 ) -> None:
     """Sample a contour file and stream it to an array; the array is off on every way out."""
     options = {name: value for name, value in locals().items() if name not in ("file", "json")}
-    _run("play_commands", "run_play", file, options, as_json=json)
+    _run(".play_commands", "run_play", file, options, as_json=json)
 
 
 @app.command()
@@ -328,7 +324,7 @@ def export(
 ) -> None:
     """Sample a contour file into a list of focal points that other programs read."""
     options = {"sampling": sampling, "speed": speed, "update_rate": update_rate, "duration": duration}
-    _run("play_commands", "run_export", file, out, options, overwrite, as_json=json)
+    _run(".play_commands", "run_export", file, out, options, overwrite, as_json=json)
 
 
 @app.command()
@@ -337,7 +333,7 @@ def sampling(
     json: Json = False,
 ) -> None:
     """List sampling presets, or print one as the JSON that --sampling takes: a start for one of your own."""
-    _run("play_commands", "run_sampling", name, as_json=json)
+    _run(".play_commands", "run_sampling", name, as_json=json)
 
 
 @app.command()
@@ -348,7 +344,7 @@ def devices(
     json: Json = False,
 ) -> None:
     """List the arrays that can be played to, and why one cannot be opened."""
-    _run("play_commands", "run_devices", calibration or [], as_json=json)
+    _run(".play_commands", "run_devices", calibration or [], as_json=json)
 
 
 app.command()(selftest)

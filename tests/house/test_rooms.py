@@ -1,0 +1,217 @@
+"""The house's rooms: which folder may import which, how many modules it holds, how large files and kernels may grow."""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections import Counter, defaultdict
+from importlib import import_module
+from importlib.metadata import files, version
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("kernels", "render", "device", "datasets")
+ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"kernels", "datasets", "device"}}
+SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+LARGE = ("render/sweeps", "tests/render/sweeps")  # until sweeps are written anew
+MODULES_MOST = 20
+ROW = re.compile(r"^\| `([a-z_0-9/]+)` \| (\d+) \| [^|]+ \| ([^|]*) \|$", re.MULTILINE)
+
+
+def folder_of(path):
+    return path.parent.relative_to(ROOT).as_posix()
+
+
+def imports_of(path):
+    """Files of the house, and names of other packages, that a file imports; lazily or for type checkers, too."""
+    own, other = set(), set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            other.update(name.name.split(".")[0] for name in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            other.add(node.module.split(".")[0])
+        elif isinstance(node, ast.ImportFrom):
+            base = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            for name in node.names:
+                named = [base / f"{name.name}.py", base / name.name / "__init__.py"]
+                named += [base.with_suffix(".py"), base / "__init__.py"]
+                own.add(next(file for file in named if file.exists()))
+    return own, other
+
+
+def is_init(path):
+    return path.name == "__init__.py"
+
+
+def arrows():
+    """Folders of the same package that the files of each folder import; what an `__init__` re-exports is no arrow."""
+    found = defaultdict(set)
+    for path in SOURCES:
+        package = path.relative_to(ROOT).parts[0]
+        for target in () if is_init(path) else imports_of(path)[0]:
+            folder = folder_of(target)
+            if folder.split("/")[0] == package and folder != folder_of(path):
+                found[folder_of(path)].add("root" if folder == package else folder.removeprefix(f"{package}/"))
+    return found
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_arrows_are_those_of_the_table_and_point_up(package):
+    page = (ROOT / "docs/develop/architecture.md").read_text()
+    rows = [row for row in ROW.findall(page) if row[0].split("/")[0] == package]
+    folders = {folder_of(path) for path in SOURCES if folder_of(path).split("/")[0] == package}
+    assert {name for name, _, _ in rows} == folders
+    found, above = arrows(), set()
+    for name, count, imports in rows:
+        listed = set(imports.split(", ")) if imports.strip() else set()
+        assert listed == found[name], (name, sorted(found[name]))
+        assert listed <= above, (name, sorted(listed - above))
+        assert int(count) == sum(folder_of(path) == name and not is_init(path) for path in SOURCES), name
+        above.add("root" if name == package else name.removeprefix(f"{package}/"))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_packages_import_what_they_may(package):
+    for path in (path for path in SOURCES if path.relative_to(ROOT).parts[0] == package):
+        own, other = imports_of(path)
+        assert {target.relative_to(ROOT).parts[0] for target in own} <= ALLOWED[package] | {package}, path
+        assert "palpate" not in other, path  # siblings are imported relatively
+        assert package == "render" or package == "kernels" or "warp" not in other, path
+        assert package != "kernels" or not other & {"h5py", "usb", "trimesh"}, path
+
+
+def test_folders_are_small_and_say_what_they_hold():
+    held = Counter(folder_of(path) for path in SOURCES if not is_init(path))
+    held.update(folder_of(path) for path in (ROOT / "tests").rglob("*.py"))
+    assert {name: count for name, count in held.items() if count > MODULES_MOST and name not in LARGE} == {}
+    for folder in {path.parent for path in SOURCES}:
+        line = (ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or "").partition("\n")[0]
+        assert line.endswith("."), folder
+    assert not (ROOT / "palpate").exists()  # it would hide the namespace
+
+
+def test_no_module_repeats_its_folder_and_none_is_for_odds_and_ends():
+    for path in SOURCES:
+        folder = path.parent.name
+        assert path.stem != folder, path
+        assert not path.stem.startswith(f"{folder}_"), path
+        assert not re.search(r"util|common|helper|manager|misc", path.stem), path
+
+
+def test_tests_mirror_the_packages():
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        place = path.parent.relative_to(ROOT / "tests")
+        assert (
+            place.parts[0] in ("house", "faults") or place.parts[:2] == ("device", "tiers") or (ROOT / place).is_dir()
+        )
+
+
+def test_documents_import_public_names_only():
+    import palpate.datasets
+    import palpate.device
+    import palpate.render
+
+    public = {name: set(getattr(palpate, name).__all__) for name in ("datasets", "device", "render")}
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
+        text = page.read_text()
+        for module, names in re.findall(r"^\s*from palpate\.([\w.]+) import ([\w, ]+)", text, re.MULTILINE):
+            assert module in public, (page.name, module)
+            assert {name.strip() for name in names.split(",")} <= public[module], (page.name, names)
+        for package, name in re.findall(r"`palpate\.(datasets|device|render)\.(\w+)", text):
+            assert name in public[package] | {"cli"}, (page.name, name)
+
+
+def test_every_folder_is_packed():
+    packed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+    assert packed == {"palpate." + folder_of(path).replace("/", ".") for path in SOURCES}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_files_and_kernels_stay_small(package):
+    for path in (path for path in SOURCES if path.relative_to(ROOT).parts[0] == package):
+        text = path.read_text()
+        assert text.count("\n") <= 400, path
+        for node in ast.walk(ast.parse(text)) if "wp.kernel" in text else ():
+            if isinstance(node, ast.FunctionDef) and any("wp.kernel" in ast.unparse(d) for d in node.decorator_list):
+                require_small_kernel(node, text)
+
+
+def require_small_kernel(node, text):
+    assert node.end_lineno - node.lineno <= 65, node.name
+    assert len(node.args.args) <= 16, node.name
+    assert node.name.startswith("_"), node.name
+    assert ast.get_docstring(node), node.name
+    signature = "\n".join(text.splitlines()[node.lineno - 1 : node.body[0].lineno])
+    assert "# In:" in signature, node.name
+    assert "# Out:" in signature, node.name
+
+
+def test_kernel_modules_are_compiled_exactly():
+    for path in (ROOT / "kernels").rglob("*.py"):
+        text = path.read_text()
+        assert ("@wp.kernel\n" not in text) or ("wp.set_module_options(EXACT)" in text), path
+        decorators = {line.strip() for line in text.splitlines() if line.strip().startswith("@wp.kernel")}
+        assert decorators <= {"@wp.kernel", "@wp.kernel(**MODULE)"}, path
+
+
+def test_precompiling_covers_every_kernel_module():
+    from palpate.kernels import STAGES
+
+    compiled = [path for path in SOURCES if "@wp.kernel\n" in path.read_text()]
+    assert {
+        path.relative_to(ROOT / "kernels").with_suffix("").as_posix().replace("/", ".") for path in compiled
+    } == set(STAGES)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_each_package_has_the_version_of_the_project(package):
+    module = import_module(f"palpate.{package}")
+    assert module.__version__ == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    with pytest.raises(AttributeError, match=f"module 'palpate.{package}' has no attribute 'nothing'"):
+        _ = module.nothing
+
+
+@pytest.mark.parametrize("package", ["kernels", "render"])
+def test_a_package_that_imports_little_does_not_read_the_metadata_until_asked(package):
+    """Reading them takes some ten times as long as importing these two."""
+    code = (
+        f"import sys, palpate.{package} as p; early = 'importlib.metadata' in sys.modules; print(early, p.__version__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", version("palpate")]
+
+
+def test_the_installed_package_has_every_module():
+    assert version("palpate")
+    listed = [str(f) for f in files("palpate") or []]
+    if any("__editable__" in name for name in listed):
+        return  # an editable install serves this very tree
+    for path in SOURCES:
+        assert f"palpate/{path.relative_to(ROOT).as_posix()}" in listed
+    for package in PACKAGES:
+        assert f"palpate/{package}/py.typed" in listed
+    assert not [name for name in listed if name.startswith(("tests", "palpate/tests"))]
+
+
+def test_readme_is_short_and_its_commands_are_those_that_ci_runs():
+    readme = (ROOT / "README.md").read_text()
+    assert readme.count("\n") <= 150
+    commands = re.findall(r"^(?:    |)(python3 -m venv .*)$", readme, re.MULTILINE)
+    assert len(commands) == 2
+    ci = (ROOT / ".ci" / "run").read_text()
+    assert "README.md" in ci  # it takes the command from there
+
+
+def test_what_scripts_import_is_found_under_its_name_whatever_was_imported_before():
+    import palpate.render as pipeline
+
+    assert sorted(pipeline.__all__) == sorted(pipeline._HOMES)
+    rooms = {path.stem for path in (ROOT / "render").iterdir()}
+    assert not rooms & set(pipeline.__all__)  # importing a room of that name would hide it
+    for name in pipeline.__all__:
+        assert getattr(pipeline, name) is getattr(import_module(f"palpate.render.{pipeline._HOMES[name]}"), name)
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = pipeline.nothing

@@ -69,7 +69,7 @@ def _run(module: str, name: str, *arguments: object, as_json: bool) -> None:
     """Exit with the code of a command, whose module is imported only now: --help need not wait for it."""
 
     def command() -> object:
-        return getattr(import_module(module, __package__), name)(*arguments, as_json=as_json))
+        return getattr(import_module(module, __package__), name)(*arguments, as_json=as_json)
 
 
 @app.callback()
@@ -207,7 +207,9 @@ def voxelise(
 ) -> None:
     """Turn a mesh into voxels: the way out for open meshes."""
     placement = {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at}
-    _run(".voxelise_command", "run_voxelise", mesh, out, spacing, kind, sign, placement, device, overwrite, as_json=json)
+    _run(
+        ".voxelise_command", "run_voxelise", mesh, out, spacing, kind, sign, placement, device, overwrite, as_json=json
+    )
 
 
 app.command()(sweep)

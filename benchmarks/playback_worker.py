@@ -16,7 +16,7 @@ import numpy as np
 import usb.backend.libusb1
 
 from palpate.device import ArrayModel, EmulatorBackend, Link, Player, array_model, encode_frames
-from palpate.device.discovery import open_link
+from palpate.device.boards.discovery import open_link
 from palpate.device.playing.limits import Limits
 
 CONTENT_FRAMES = 4096  # played round and round

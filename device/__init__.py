@@ -10,13 +10,20 @@ with open_link(model) as link:
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from .array import ArrayModel, FocalZone, UsbIdentity, array_model, array_names
+from .array import ArrayModel, FocalZone, UsbIdentity
+from .array_kind import ArrayKind, EmulationRequest, LinkRequest
+from .boards.built_in import register_built_in
+from .boards.discovery import ArrayInfo, find_arrays, find_serial_arrays, open_link, udev_rule
 from .boards.emulator.link import UsbLink
-from .boards.emulator.usb_side import EmulatorBackend, Fault, FaultKind
+from .boards.emulator.usb_side import EmulatorBackend
 from .clock import Clock, MonotonicClock, VirtualClock
 from .codec import encode_frames, off_frame
-from .discovery import ArrayInfo, find_arrays, find_serial_arrays, open_link, udev_rule
+from .emulation.faults import Fault, FaultKind
+from .emulation.peripheral import Descriptors, Peripheral
+from .emulation.usb_bus import EmulatedBus
 from .errors import (
+    ArrayKindError,
+    CalibrationError,
     DeviceBusyError,
     DeviceError,
     DeviceLostError,
@@ -34,16 +41,25 @@ from .errors import (
     UpdateRateError,
     WatchdogError,
 )
+from .flat_array import flat_array, flat_grid
 from .link import BoardStatus, Link
 from .playing.limits import Limits
 from .playing.player import Player
+from .registry import array_model, array_names, register_array, remove_array
 from .report import Lateness, LiveStatistics, PlayReport, QueueDepth, Underrun
+from .transports.bulk import open_bulk
+from .transports.stream import StreamLink
+from .wire_layout import Layout
 
 __all__ = [
     "ArrayInfo",
+    "ArrayKind",
+    "ArrayKindError",
     "ArrayModel",
     "BoardStatus",
+    "CalibrationError",
     "Clock",
+    "Descriptors",
     "DeviceBusyError",
     "DeviceError",
     "DeviceLostError",
@@ -51,24 +67,30 @@ __all__ = [
     "DevicePermissionError",
     "DeviceStallError",
     "DeviceTimeoutError",
+    "EmulatedBus",
+    "EmulationRequest",
     "EmulatorBackend",
     "Fault",
     "FaultKind",
     "FocalZone",
     "FrameError",
     "Lateness",
+    "Layout",
     "Limits",
     "LimitsError",
     "Link",
     "LinkError",
+    "LinkRequest",
     "LiveStatistics",
     "MonotonicClock",
     "NoBackendError",
+    "Peripheral",
     "PlayInterrupted",
     "PlayReport",
     "Player",
     "QueueDepth",
     "SafetyLimitError",
+    "StreamLink",
     "Underrun",
     "UnknownArrayError",
     "UpdateRateError",
@@ -81,10 +103,17 @@ __all__ = [
     "encode_frames",
     "find_arrays",
     "find_serial_arrays",
+    "flat_array",
+    "flat_grid",
     "off_frame",
+    "open_bulk",
     "open_link",
+    "register_array",
+    "remove_array",
     "udev_rule",
 ]
+
+register_built_in()  # here, so that they are known whatever is imported of this package
 
 if TYPE_CHECKING:
     __version__: str

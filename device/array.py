@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .array_name import ALIASES, canonical_name
-from .boards.pat16.board_file import CalibrationError, read_pat
 from .errors import UpdateRateError
 
 _Number = TypeVar("_Number", bound=np.generic)
@@ -146,9 +141,9 @@ class ArrayModel:
         rotation = _rotation(where[3:])
         return replace(
             own,
-            position=_frozen((own.position.astype(np.float64) @ rotation.T + where[:3]).astype(np.float32)),
-            normal=_frozen((own.normal.astype(np.float64) @ rotation.T).astype(np.float32)),
-            pose=_frozen(where),
+            position=frozen((own.position.astype(np.float64) @ rotation.T + where[:3]).astype(np.float32)),
+            normal=frozen((own.normal.astype(np.float64) @ rotation.T).astype(np.float32)),
+            pose=frozen(where),
             unplaced=own,
         )
 
@@ -185,35 +180,8 @@ class ArrayModel:
         return divider
 
 
-def array_names() -> tuple[str, ...]:
-    """Names of the built-in arrays."""
-    return tuple(ALIASES)
-
-
-def array_model(name: str, *, calibration: Path | None = None, baud: int | None = None) -> ArrayModel:
-    """The built-in array of that name.
-
-    Args:
-        name: one of `array_names()`, or what else it is called (`openmpd`), in any case; the model has the first.
-        calibration: board file (`.pat`) with the wiring and calibration of one board; for pat16 only.
-        baud: rate of the UART [Bd]; for sonicsurface only, 230400 unless its firmware was compiled for another.
-
-    Raises:
-        UnknownArrayError: no array of that name.
-        CalibrationError: the board file is wrong, or none of this array's.
-        UpdateRateError: no serial adapter has that baud rate.
-    """
-    name = canonical_name(name)
-    if calibration is not None and name != "pat16":
-        raise CalibrationError(f"array {name} has no board file; {calibration} is one of a pat16")
-    if baud is not None and name != "sonicsurface":
-        raise UpdateRateError(f"array {name} has no UART, so {baud} Bd mean nothing to it")
-    if name == "sonicsurface":
-        return _sonicsurface(SONICSURFACE_BAUD if baud is None else baud)
-    return _BUILDERS[name]() if calibration is None else _calibrated_pat16(calibration)
-
-
-def _frozen(value: NDArray[_Number]) -> NDArray[_Number]:
+def frozen(value: NDArray[_Number]) -> NDArray[_Number]:
+    """The array itself, made read-only."""
     value.flags.writeable = False
     return value
 
@@ -228,157 +196,3 @@ def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-def _flat_grid(column_count: int, row_count: int, pitch: float) -> NDArray[np.float32]:
-    """Positions [m] of transducers in the plane z = 0 about its middle, shape [transducer, 3], x fastest."""
-    x = (np.arange(column_count) - (column_count - 1) / 2) * pitch
-    y = (np.arange(row_count) - (row_count - 1) / 2) * pitch
-    row, column = np.meshgrid(y, x, indexing="ij")
-    return np.stack([column.ravel(), row.ravel(), np.zeros(row.size)], axis=1).astype(np.float32)
-
-
-def _facing_up(name: str, position: NDArray[np.float32], wire_order: NDArray[np.intp], **rest: object) -> ArrayModel:
-    """A model of transducers that all face +z, delays and gains of which are not known to differ."""
-    count = len(position)
-    values = {
-        "normal": _frozen(np.tile(np.array([0, 0, 1], np.float32), (count, 1))),
-        "carrier": 40e3,
-        "frame_clock": 40e3,
-        "frame_clock_reason": "its frame clock is 40 kHz",
-        "divider_min": 1,
-        "divider_max": 255,
-        "divider_default": 4,
-        "divider_sustained": 1,
-        "burst_frames": 0,
-        "delay_offset": _frozen(np.zeros(count, np.float32)),
-        "gain": _frozen(np.ones(count, np.float32)),
-        "calibrated": True,
-        "focal_zone": FocalZone(lateral=0.15, z_min=0.05, z_max=0.5),
-        "embedded": False,
-        "pose": _frozen(np.array([0, 0, 0, 0, 0, 0, 1.0])),
-    }
-    fields = {"name": name, "position": _frozen(position), "wire_order": _frozen(wire_order), **values, **rest}
-    return ArrayModel(**fields)  # pyright: ignore[reportArgumentType]  # a dict of unlike values; tests build each model
-
-
-@cache
-def _emulator() -> ArrayModel:
-    """The fictional board of docs/formats/emulator.md."""
-    # its wire runs along columns like a snake: columns from +x to -x, the first from +y down, the next up, in turn
-    column, step = np.divmod(np.arange(256), 16)
-    order = np.where(column % 2 == 0, 15 - step, step) * 16 + (15 - column)
-    return _facing_up(
-        "emulator",
-        _flat_grid(16, 16, _PITCH),
-        order,
-        fifo_frames=2048,
-        frame_bytes=512,
-        usb=UsbIdentity(0x1209, 0x0001, "palpate", "emulated 256-transducer array"),
-        embedded=True,
-    )
-
-
-@cache
-def _pat16() -> ArrayModel:
-    """A UCL/OpenMPD board as published board files describe it; each board needs its own (docs/guide/boards.md)."""
-    return _facing_up(
-        "pat16",
-        _flat_grid(16, 16, _PITCH),
-        np.argsort(_pat16_pins()),
-        divider_sustained=3,
-        burst_frames=28,
-        fifo_frames=34,
-        frame_bytes=512,
-        calibrated=False,
-        usb=UsbIdentity(0x0403, 0x6014, None, None),
-    )
-
-
-def _pat16_pins() -> NDArray[np.intp]:
-    """Pin of each transducer, in our order: the board's layout repeats every 4 columns and 2 rows."""
-    row, column = np.divmod(np.arange(256), 16)
-    down = 15 - row
-    corner = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])
-    return 248 - 64 * (column // 4) - 8 * (down // 2) + corner[column % 4, down % 2]
-
-
-def _calibrated_pat16(path: Path) -> ArrayModel:
-    """The board that a board file describes, its transducers put into our order."""
-    file, board = read_pat(path), _pat16()
-    count = board.transducer_count
-    if len(file.pin) != count or file.levels != 128:
-        raise CalibrationError(
-            f"{path}: describes a board of {len(file.pin)} transducers and {file.levels} steps of phase, but a pat16 "
-            f"has {count} and 128"
-        )
-    column, row = np.rint(file.position[:, :2].T / _PITCH + 7.5).astype(np.intp)
-    rank = np.argsort(row * 16 + column)
-    if (worst := np.abs(file.position[rank] - board.position).max()) > _PITCH / 2:
-        raise CalibrationError(
-            f"{path}: the positions are not 16 x 16 at 10.5 mm about the middle: one is {worst * 1e3:.4g} mm beside "
-            "its place, but half a pitch is the bound"
-        )
-    return replace(
-        board,
-        position=_frozen(file.position[rank].astype(np.float32)),
-        wire_order=_frozen(np.argsort(file.pin[rank])),
-        delay_offset=_frozen((file.phase_offset[rank] / 360).astype(np.float32)),
-        gain=_frozen(file.gain[rank].astype(np.float32)),
-        calibrated=True,
-        serial=file.serial,
-    )
-
-
-_PITCH = 10.5e-3  # [m]
-SONICSURFACE_BAUD = 230400
-"""Baud rate of SonicSurface's firmware as published [Bd]."""
-_BITS_PER_BYTE = 10  # 8N1
-_BAUD_LEAST, _BAUD_MOST = 1200, 12_000_000  # the fastest UART is an FT232H's
-
-
-@cache
-def _sonicsurface(baud: int) -> ArrayModel:
-    """UpnaLab's SonicSurface, its UART behind a serial adapter."""
-    frame_bytes = 258
-    if not _BAUD_LEAST <= baud <= _BAUD_MOST:
-        raise UpdateRateError(f"{baud} Bd is outside {_BAUD_LEAST}..{_BAUD_MOST} Bd, which serial adapters have")
-    rate = baud / _BITS_PER_BYTE / frame_bytes
-    # the board's layout repeats every 4 columns and 2 rows
-    row, column = np.divmod(np.arange(256), 16)
-    corner = np.array([[0, 7, 1, 2], [4, 3, 6, 5]])
-    slot = 64 * (column // 4) + 8 * (row // 2) + corner[row % 2, column % 4]
-    return _facing_up(
-        "sonicsurface",
-        _flat_grid(16, 16, _PITCH),
-        np.argsort(slot),
-        frame_clock=rate,
-        frame_clock_reason=f"its UART carries {rate:.1f} frames a second at {baud} Bd",
-        divider_max=1,
-        divider_default=1,
-        fifo_frames=3,  # adapters hold up to 640 bytes
-        frame_bytes=frame_bytes,
-        usb=None,
-        baud=baud,
-    )
-
-
-@cache
-def _autd3() -> ArrayModel:
-    """shinolab's AUTD3: 18 x 14 places at 10.16 mm, three of them taken by its screws."""
-    row, column = np.divmod(np.arange(18 * 14), 18)
-    screw = (row == 1) & np.isin(column, (1, 2, 16))
-    return _facing_up(
-        "autd3",
-        _flat_grid(18, 14, 10.16e-3)[~screw],
-        np.arange(249),
-        divider_max=20000,  # 2 Hz; the board has 65535, but a bank of one frame and an off pattern would take too long
-        divider_sustained=4,  # 100 Mbit/s carry no more of frames that change; a bank takes 1023
-        burst_frames=1023,
-        fifo_frames=0,
-        frame_bytes=498,
-        usb=None,
-    )
-
-
-_BUILDERS: dict[str, Callable[[], ArrayModel]] = {"emulator": _emulator, "pat16": _pat16, "autd3": _autd3}

@@ -1,18 +1,16 @@
-"""Drives to wire bytes and back to what they do: pure, vectorised. Each board's layout stands in `codec_layout`."""
+"""Drives to wire bytes and back to what they do: pure, vectorised. Each board's `Layout` says how."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .array import ArrayModel, array_model
-from .codec_layout import LAYOUTS, Layout
-from .errors import FrameError, UnknownArrayError, UpdateRateError
+from .array import ArrayModel
+from .errors import FrameError
+from .registry import array_model, kind_of
+from .wire_layout import Layout
 
 CHUNK_FRAMES = 256  # 256 KiB of float32 at 256 transducers: temporaries stay in the cache
-
-_PAT16_DIVIDER_BYTE, _PAT16_LOAD_BYTE = 26, 34
-_PAT16_MARK = 0x80
 
 
 def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel | str = "emulator") -> NDArray[np.uint8]:
@@ -24,7 +22,7 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel |
             transducer has the smaller delay.
         amplitude: relative pressure amplitude 0..1, shape [frame] or [frame, transducer]; 0 is off. A sonicsurface
             is on from 0.5; `switched_count` tells how many amplitudes that changes.
-        array: the array, or the name of a built-in one.
+        array: the array, or the name of one.
 
     Returns:
         The wire bytes, shape [frame, frame_bytes].
@@ -63,8 +61,7 @@ def off_frame(*, array: ArrayModel | str = "emulator") -> NDArray[np.uint8]:
     frame = np.zeros((1, model.frame_bytes), np.uint8)
     silent = np.zeros((1, model.transducer_count), np.float32)
     layout.pack(silent, silent, model.wire_order, frame)
-    if model.name == "pat16":
-        frame &= _PAT16_MARK  # phases of silent pulses say nothing; without them a frame is off byte for byte
+    frame &= layout.off_bits
     return frame[0]
 
 
@@ -91,28 +88,9 @@ def switched_count(amplitude: ArrayLike, *, array: ArrayModel | str = "emulator"
     return int(np.count_nonzero((level > 0) & (level < 1))) if layout.amplitude_steps == 1 else 0
 
 
-def with_divider(frames: NDArray[np.uint8], divider: int) -> NDArray[np.uint8]:
-    """Frames of a pat16, shape [..., 512], that also set its update rate to 40 kHz / divider, 1..255.
-
-    The divider stands in bit 7 of bytes 26..33, lowest bit first; bit 7 of byte 34 says that it is there.
-    Raises `UpdateRateError` for another divider.
-    """
-    if not 1 <= divider <= 255:
-        raise UpdateRateError(f"divider {divider} is outside 1..255 of array pat16")
-    marked = frames.copy()
-    bits = marked[..., _PAT16_DIVIDER_BYTE:_PAT16_LOAD_BYTE]
-    bits &= 0xFF ^ _PAT16_MARK
-    bits |= ((divider >> np.arange(8) & 1) * _PAT16_MARK).astype(np.uint8)
-    marked[..., _PAT16_LOAD_BYTE] |= _PAT16_MARK
-    return marked
-
-
 def _resolve(array: ArrayModel | str) -> tuple[ArrayModel, Layout]:
     model = array_model(array) if isinstance(array, str) else array
-    try:
-        return model, LAYOUTS[model.name]
-    except KeyError:
-        raise UnknownArrayError(f"array {model.name!r} has no wire format; known: {', '.join(LAYOUTS)}") from None
+    return model, kind_of(model).layout
 
 
 def _whole(frames: NDArray[np.uint8], model: ArrayModel) -> NDArray[np.uint8]:

@@ -3,6 +3,8 @@
 ```
 DeviceError
 ├── UnknownArrayError      (ValueError)       no array model of that name
+├── ArrayKindError         (ValueError)       a kind of array that cannot be registered
+├── CalibrationError       (ValueError)       a board file that is wrong, or none where one is needed
 ├── UpdateRateError        (ValueError)       a rate that the board lacks, or can't keep up
 ├── FrameError             (ValueError)       drives or blocks that no frame can be made of
 ├── LimitsError            (ValueError)       limits of a playback that are none
@@ -37,6 +39,14 @@ class DeviceError(Exception):
 
 class UnknownArrayError(DeviceError, ValueError):
     """No array model has that name."""
+
+
+class ArrayKindError(DeviceError, ValueError):
+    """A kind of array has a name that is taken, or a field of a wrong type, or builds another array's model."""
+
+
+class CalibrationError(DeviceError, ValueError):
+    """A board file that cannot be read or makes no sense, or none where one is needed."""
 
 
 class UpdateRateError(DeviceError, ValueError):

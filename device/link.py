@@ -6,10 +6,13 @@ from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Literal, Protocol, Self
 
 from .array import ArrayModel
 from .clock import Clock
+
+TransportKind = Literal["auto", "sync", "queued"]
+"""How bytes go to a USB endpoint: by blocking writes, or several transfers under way; "auto" queues through libusb."""
 
 
 def never() -> bool:

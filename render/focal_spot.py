@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 
 from ..datasets.rigid import rotated
-from ..device.array import ArrayModel, array_model
+from ..device.array import ArrayModel
+from ..device.registry import array_model
 from .errors import StrategyError
 from .validation import require_number
 

@@ -1,4 +1,4 @@
-"""Emulated serial ports with SonicSurface boards behind them: adapters, the driver's buffer, plugs, faults.
+"""Emulated serial ports with boards behind them: adapters, the driver's buffer, plugs, faults.
 
 What passes through here is bytes; nothing here knows what they mean. docs/formats/emulator.md has what is modelled.
 """
@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
 
-from ..boards.sonicsurface.model import BAUD, SonicBoard
 from ..clock import Clock, MonotonicClock
 from ..transports.serial_line import PortInfo, SerialPort, SerialPorts
 from .faults import Fault, FaultKind, FaultList
@@ -23,33 +23,64 @@ ADAPTER_BYTES = 640
 _UNFIT = (FaultKind.STALL,)
 
 
+class SerialBoard(Protocol):
+    """A model of a board at a serial line. Every call first does what is due by its clock."""
+
+    @property
+    def bytes_received(self) -> int:
+        """Bytes taken from the driver since power-up."""
+        ...
+
+    @property
+    def queued(self) -> int:
+        """Bytes taken that have not been sent on the line."""
+        ...
+
+    def set_line(self, baud: float) -> None:
+        """Bits a second that the sender sends [Bd]."""
+        ...
+
+    def accept(self, data: memoryview) -> int:
+        """Take as many of the bytes as there is room for in driver and adapter; returns their count."""
+        ...
+
+    def drop_queued(self, keep: int) -> None:
+        """Drop the bytes that have not been sent on the line yet, all but the first `keep`."""
+        ...
+
+    def power_off(self) -> None:
+        """Lose the power: silent at once, everything queued is gone."""
+        ...
+
+
+BoardT = TypeVar("BoardT", bound=SerialBoard, covariant=True)
+
+
 @dataclass(eq=False)
-class _Adapter:
+class _Adapter(Generic[BoardT]):
     """An adapter, its place, and the board at its line."""
 
     info: PortInfo
-    board: SonicBoard
+    board: BoardT
     plugged: bool = True
     is_open: bool = False
     faults: FaultList = field(default_factory=FaultList)
 
 
-class EmulatedPorts(SerialPorts):
-    """Serial ports with a SonicSurface at each: give them to `open_link` and `find_serial_arrays` as the backend.
+class EmulatedPorts(SerialPorts, Generic[BoardT]):
+    """Serial ports with a board at each: give them to `open_link` and `find_serial_arrays` as the backend.
 
     Args:
+        switch_on: makes a board fresh from power-up, with room for a count of bytes ahead of its line.
         serials: serial number of each adapter.
         clock: clock of all boards; None takes the monotonic one.
-        record: how many of its last played patterns each board keeps, for tests.
-        baud: bits a second that the boards sample at [Bd].
     """
 
     def __init__(
-        self, serials: Sequence[str], *, clock: Clock | None = None, record: int = 0, baud: float = BAUD
+        self, switch_on: Callable[[Clock, int], BoardT], serials: Sequence[str], *, clock: Clock | None = None
     ) -> None:
         self._clock: Clock = clock or MonotonicClock()
-        self._record = record
-        self._baud = baud
+        self._switch_on = switch_on
         self._adapters = [self._plug(number, serial) for number, serial in enumerate(serials)]
 
     @property
@@ -57,7 +88,7 @@ class EmulatedPorts(SerialPorts):
         """The boards' clock."""
         return self._clock
 
-    def board(self, index: int = 0) -> SonicBoard:
+    def board(self, index: int = 0) -> BoardT:
         """The board at an adapter."""
         return self._adapters[index].board
 
@@ -97,16 +128,15 @@ class EmulatedPorts(SerialPorts):
         adapter.board.set_line(baud)
         return _Port(adapter)
 
-    def _plug(self, number: int, serial: str | None) -> _Adapter:
+    def _plug(self, number: int, serial: str | None) -> _Adapter[BoardT]:
         info = PortInfo(f"emulated:{number}", serial, "emulated serial adapter", (0x10C4, 0xEA60))
-        board = SonicBoard(self._clock, record=self._record, baud=self._baud, chip_bytes=DRIVER_BYTES + ADAPTER_BYTES)
-        return _Adapter(info, board)
+        return _Adapter(info, self._switch_on(self._clock, DRIVER_BYTES + ADAPTER_BYTES))
 
 
 class _Port:
     """An opened port."""
 
-    def __init__(self, adapter: _Adapter) -> None:
+    def __init__(self, adapter: _Adapter[SerialBoard]) -> None:
         self._adapter = adapter
 
     def write(self, data: memoryview) -> int:
@@ -136,7 +166,7 @@ class _Port:
             self.drop_waiting()
         self._adapter.is_open = False
 
-    def _require_plugged(self) -> _Adapter:
+    def _require_plugged(self) -> _Adapter[SerialBoard]:
         if not self._adapter.plugged:
             raise _error(errno.EIO)
         return self._adapter

@@ -24,9 +24,9 @@ from ..errors import (
 )
 from ..link import Link
 from ..report import LiveStatistics, PlayReport
+from ..silence import is_switched_off
 from .limits import Guard, Limits
 from .signals import StopSignals
-from .silence import is_switched_off
 from .switching import PROMPT_THREADS
 from .writer import Writer
 

@@ -29,15 +29,17 @@ from types import TracebackType
 from typing import Final, Self
 
 from ..array import ArrayModel
-from ..discovery import open_link
+from ..array_kind import ArrayKind
+from ..boards.discovery import open_link
 from ..errors import DeviceBusyError, DeviceError, DeviceTimeoutError, LinkError, WatchdogError
 from ..link import Link
+from ..registry import array_kinds, kind_of, register_array
+from ..silence import is_switched_off, wait_silent
 from ..transports.pyserial import SystemPorts
 from ..transports.pyusb import Backend, libusb_backend
 from ..transports.serial_line import SerialPorts
 from ..transports.serial_lookup import choose_port
 from ..transports.usb_lookup import find_device
-from .silence import is_switched_off, wait_silent
 
 EXIT_GOODBYE: Final = 0
 EXIT_OFF: Final = 3
@@ -52,6 +54,7 @@ _RETRY = 0.05  # [s]
 _LENGTH = struct.Struct("<I")
 _BEAT, _GOODBYE = b".", b"G"
 _READY = b"ready"
+_UNPICKLABLE: Final = (pickle.PickleError, AttributeError, ImportError, TypeError)  # an array kind's local functions
 
 
 @dataclass(frozen=True)
@@ -113,11 +116,12 @@ class Watchdog:
             start_new_session=True,  # the terminal's SIGINT and SIGHUP are not for it
         )
         charge = self._charge
-        told = pickle.dumps((charge.model, charge.serial, charge.silence_max, charge.log))
         try:
-            self._send(_LENGTH.pack(len(told)) + told)
+            for part in (kind_of(charge.model), (charge.model, charge.serial, charge.silence_max, charge.log)):
+                told = pickle.dumps(part)
+                self._send(_LENGTH.pack(len(told)) + told)
             answer = self._answer()
-        except OSError as error:
+        except (OSError, *_UNPICKLABLE) as error:
             answer = f"it did not start ({error})".encode()
         if answer != _READY:
             process.kill()
@@ -257,12 +261,13 @@ def main() -> int:
         signal.signal(signum, signal.SIG_IGN)
     pipe = sys.stdin.fileno()
     # a pipe of our own, from the process that started this one
-    charge = _Charge(*pickle.loads(_read(pipe, _LENGTH.unpack(_read(pipe, _LENGTH.size))[0])))
     try:
+        _know(pickle.loads(_told(pipe)))
+        charge = _Charge(*pickle.loads(_told(pipe)))
         if charge.log is not None:
             open(charge.log, "a", encoding="utf-8").close()
         backend = _reach(charge)
-    except (DeviceError, OSError) as error:
+    except (DeviceError, OSError, *_UNPICKLABLE) as error:
         _tell(str(error).encode())
         return EXIT_FAILED
     _tell(_READY)
@@ -286,6 +291,17 @@ def _reach(charge: _Charge) -> Backend | SerialPorts:
     backend = libusb_backend()
     find_device(charge.model, charge.serial, backend)
     return backend
+
+
+def _know(kind: ArrayKind) -> None:
+    """Register the kind of the array, unless it is built in or its module did so when it was imported."""
+    if kind not in array_kinds():
+        register_array(kind)
+
+
+def _told(pipe: int) -> bytes:
+    """The next thing that the player says of the array."""
+    return _read(pipe, _LENGTH.unpack(_read(pipe, _LENGTH.size))[0])
 
 
 def _read(pipe: int, count: int) -> bytes:

@@ -14,8 +14,8 @@ from typing import NamedTuple, TypeVar
 from ..errors import DeviceLostError, DeviceTimeoutError, LinkError, SafetyLimitError
 from ..link import BoardStatus, Link
 from ..report import LiveStatistics, PlayReport
+from ..silence import DRAIN_MARGIN_NS, OFF_ATTEMPTS, wait_silent
 from .limits import Dose, Guard
-from .silence import DRAIN_MARGIN_NS, OFF_ATTEMPTS, wait_silent
 from .timeline import Timeline
 
 T = TypeVar("T")

@@ -8,14 +8,15 @@ from pathlib import Path
 
 from ..array import ArrayModel
 from ..errors import DeviceNotFoundError, DevicePermissionError, LinkError, link_error
+from ..registry import array_model, array_names
 from .serial_line import PortInfo, SerialPort, SerialPorts
-
-_FT232H = (0x0403, 0x6014)  # behind it is a pat16, if anything
 
 
 def likely_ports(ports: SerialPorts) -> list[PortInfo]:
-    """The ports that a SonicSurface may be at: those of USB adapters, but for an FT232H."""
-    return [info for info in ports.listed() if info.usb_ids not in (None, _FT232H)]
+    """The ports that an array may be at: those of USB adapters, but for the chips of arrays that are on USB."""
+    identities = [array_model(name).usb for name in array_names()]
+    chips = [(usb.vendor, usb.product) for usb in identities if usb is not None]  # such as a pat16's FT232H
+    return [info for info in ports.listed() if info.usb_ids is not None and info.usb_ids not in chips]
 
 
 def choose_port(model: ArrayModel, wanted: str | None, ports: SerialPorts) -> PortInfo:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
-from typing import Literal, Protocol, get_args
+from typing import Protocol, get_args
 
 from ..clock import Clock
 from ..errors import LinkError
-from ..link import never
+from ..link import TransportKind, never
 from .libusb import is_queueable
 from .pyusb import UsbDevice
 from .queued import QUEUE_DEPTH, QueuedTransport
 from .sync import SyncTransport
-
-TransportKind = Literal["auto", "sync", "queued"]
 
 
 class Transport(Protocol):

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import errno
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple, Protocol, cast, runtime_checkable
 
 from ..array import ArrayModel
 from ..clock import Clock
-from ..emulation.peripheral import EmulatedBoard
-from ..emulation.usb_bus import EmulatedBus
 from ..errors import DeviceNotFoundError, link_error
 from .pyusb import Backend, UsbDevice, UsbError, devices, dispose
 
@@ -34,6 +32,16 @@ class DriverDevice(UsbDevice, Protocol):
 
     def attach_kernel_driver(self, interface: int) -> None:
         """Give it back."""
+        ...
+
+
+@runtime_checkable
+class ClockedBackend(Protocol):
+    """A backend that has a clock, as only emulated buses do."""
+
+    @property
+    def clock(self) -> Clock:
+        """Clock that its boards run by."""
         ...
 
 
@@ -136,6 +144,4 @@ def driver_is_bound(device: UsbDevice) -> bool:
 
 def emulated_clock(backend: Backend | None) -> Clock | None:
     """Clock that the boards of an emulated bus run by; None for any other bus."""
-    if not isinstance(backend, EmulatedBus):
-        return None
-    return cast("EmulatedBus[EmulatedBoard]", backend).clock
+    return backend.clock if isinstance(backend, ClockedBackend) else None

@@ -10,11 +10,11 @@ import warp as wp
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, frame_format
 from ...datasets.focus_files.ptlist import write_ptlist
-from ...device.array import array_model, array_names
-from ...device.discovery import find_arrays, find_serial_arrays, udev_rule
+from ...device.boards.discovery import find_arrays, find_serial_arrays, udev_rule
 from ...device.errors import NoBackendError
 from ...device.playing.limits import Limits
 from ...device.playing.signals import ending_on_signals
+from ...device.registry import array_kinds, array_model, array_names
 from ..errors import StrategyError
 from ..playback.drive import DriveStrategy
 from ..playback.file_playback import Connection, Playback, play_file
@@ -180,9 +180,11 @@ def connection_of(options: dict) -> Connection:
 def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
     """List arrays: what is emulated, what libusb sees, and what cannot be seen."""
     found: list[dict] = [
-        {"array": name, "serial": None, "where": "emulated", "accessible": True, "certain": True, "reason": None}
-        for name in array_names()
+        {"array": kind.name, "serial": None, "where": "emulated", "accessible": True, "certain": True, "reason": None}
+        for kind in array_kinds()
+        if kind.is_emulated
     ]
+    emulated_count = len(found)
     notes: list[str] = []
     for find in (lambda: find_arrays(calibrations=calibrations), find_serial_arrays):
         try:
@@ -200,9 +202,9 @@ def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
         name = f"{name} at {entry['where']}" if name in rows else name  # adapters without a serial number
         rows[name] = f"{told}: {entry['reason']}" if entry["reason"] else told
     console.say(rows, as_json=False, title="arrays")
-    if not notes and len(found) == len(array_names()):
+    if not notes and len(found) == emulated_count:
         notes.append("nothing on USB has the ids of an array's chip, and there is no serial adapter")
-    notes.append("an autd3 cannot be listed: --serial names the network interface that it hangs on")
+    notes += [kind.not_listed for kind in array_kinds() if kind.not_listed]
     tell("; ".join(notes), "note")
 
 

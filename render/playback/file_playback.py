@@ -14,21 +14,18 @@ import numpy as np
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, frame_format
 from ...datasets.focus_files.ptlist import read_ptlist
-from ...device.array import SONICSURFACE_BAUD, array_model
-from ...device.boards.autd3.link import open_autd3
-from ...device.boards.pat16.board_file import CalibrationError
+from ...device.array_kind import Emulation
+from ...device.boards.discovery import open_link
 from ...device.clock import Clock, MonotonicClock, VirtualClock
-from ...device.discovery import open_link
-from ...device.emulation.emulated_backend import EmulatedBus, emulated_backend
-from ...device.emulation.serial_bus import EmulatedPorts
-from ...device.link import Link
+from ...device.errors import CalibrationError
+from ...device.link import Link, TransportKind
 from ...device.playing.ensemble import play_together
 from ...device.playing.limits import Limits
 from ...device.playing.watchdog import Watchdog, is_watchable
+from ...device.registry import array_model, emulated_backend, kind_of
 from ...device.report import LiveStatistics, PlayReport
 from ...device.transports.pyusb import Backend
 from ...device.transports.serial_line import SerialPorts
-from ...device.transports.transport import TransportKind
 from ...kernels.driving.solve import POINTS_MOST
 from ..errors import StrategyError
 from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy
@@ -104,7 +101,7 @@ class Connection:
 
     emulate: bool = False
     clock: str = "monotonic"
-    backend: Backend | SerialPorts | None = None
+    backend: Backend | SerialPorts | Emulation | None = None
     transport: TransportKind = "auto"
     uncalibrated: bool = False
     """Play on a real pat16 without its board file."""
@@ -125,16 +122,15 @@ class Connection:
                 f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated "
                 "here or on a network"
             )
-        if emulated and model.name == "autd3":
-            return open_autd3(model, emulated=True)
-        backend = emulated_bus(placed, CLOCKS[self.clock]()) if emulated else self.backend
+        bus = emulated_bus(placed, CLOCKS[self.clock]()) if emulated else None
         try:
             return open_link(
                 model,
                 serial=placed.serial,
-                backend=backend,
+                backend=self.backend if bus is None else bus,
                 transport=self.transport,
                 uncalibrated=self.uncalibrated or emulated,
+                emulated=emulated,
             )
         except CalibrationError as error:
             ways = "" if model.calibrated else " (--calibration BOARD.pat, --emulate or --uncalibrated)"
@@ -154,14 +150,17 @@ class Connection:
             yield links
 
 
-def emulated_bus(placed: PlacedArray, clock: Clock) -> EmulatedBus | EmulatedPorts:
-    """A bus with a model of one board, of the serial number and the UART's rate that are asked for."""
+def emulated_bus(placed: PlacedArray, clock: Clock) -> Emulation | None:
+    """A bus with a model of one board, of the serial number and the UART's rate that are asked for.
+
+    None for an array whose link emulates it by itself.
+    """
     model = placed.model
+    if kind_of(model).emulates_itself:
+        return None
     serial = placed.serial or model.serial
     serials = None if serial is None else (serial,)
-    if model.name == "sonicsurface" and model.baud not in (None, SONICSURFACE_BAUD):
-        return emulated_backend("sonicsurface", clock=clock, serials=serials, baud=model.baud)
-    return emulated_backend(model.name, clock=clock, serials=serials)
+    return emulated_backend(model.name, clock=clock, serials=serials, baud=model.baud)
 
 
 def play_file(

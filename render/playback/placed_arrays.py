@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...datasets.bounded_file import read_json
-from ...device.array import ArrayModel, array_model
+from ...device.array import ArrayModel
+from ...device.registry import array_model
 from ..errors import StrategyError
 
 FIELDS = ("array", "serial", "calibration", "baud", "pose")

@@ -36,7 +36,7 @@ def run_acceptance(options: dict, *, as_json: bool) -> int:
             **machine(),
         },
     )
-    steps = steps_for(placed.model.name)
+    steps = steps_for(placed.model)
     with _kept(report, questioner), ending_on_signals(), session:
         link = session.link
         report.write(serial=link.serial, transport=link.transport, clock=link.clock.name)

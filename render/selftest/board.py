@@ -9,11 +9,11 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
-from ...device.emulation.serial_bus import EmulatedPorts
-from ...device.emulation.usb_bus import EmulatedBus
+from ...device.array_kind import Emulation
 from ...device.errors import DeviceError, DeviceNotFoundError, LinkError, PlayInterrupted
 from ...device.link import Link
 from ...device.playing.player import Player
+from ...device.registry import kind_of
 from ...device.report import PlayReport
 from ..errors import StrategyError
 from ..playback.file_playback import CLOCKS, Connection, emulated_bus
@@ -43,8 +43,8 @@ class BoardSession:
         model = placed.model
         self.model = model
         self.emulated = model.embedded or connection.emulate
-        self._bus: EmulatedBus | EmulatedPorts | None = None
-        if self.emulated and model.name != "autd3":
+        self._bus: Emulation | None = None
+        if self.emulated and not kind_of(model).emulates_itself:
             if connection.watchdog:
                 raise StrategyError(
                     f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated "

@@ -3,9 +3,12 @@
 docs/guide/first-contact.md is the same for people; a test holds that both agree.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from ...device.array import ArrayModel
+from ...device.registry import array_model, array_names
 from .frames import Stimulus
 
 Act = Literal["play", "stop", "unplug", "replug"]
@@ -14,9 +17,27 @@ Act = Literal["play", "stop", "unplug", "replug"]
 HEARD = 440.0  # [Hz], the A that instruments are tuned to: any tuner tells it
 TURN_RADIUS = 0.02  # [m]
 
-HOSTED = ("emulator", "pat16", "sonicsurface")  # arrays on USB
-CLOCKED = ("emulator", "pat16", "autd3")  # arrays fast enough for a tone that is heard
-EVERY = (*HOSTED, "autd3")
+SLOW_DIVIDER = 45  # 889 frames a second of 40 kHz
+
+
+def any_array(model: ArrayModel) -> bool:
+    """Every array."""
+    return True
+
+
+def has_plug(model: ArrayModel) -> bool:
+    """Arrays on USB, also behind a serial adapter: their plug can be pulled."""
+    return model.usb is not None or model.baud is not None
+
+
+def carries_tones(model: ArrayModel) -> bool:
+    """Arrays fast enough for a tone that is heard, which can be slowed down, too."""
+    return model.update_rate(model.divider_default) >= 4 * HEARD and model.divider_max >= SLOW_DIVIDER
+
+
+def is_behind_a_chip(model: ArrayModel) -> bool:
+    """Arrays behind an FTDI chip, which limits their rate."""
+    return model.usb is not None and model.usb.generic
 
 
 @dataclass(frozen=True)
@@ -45,8 +66,13 @@ class Step:
     stimuli: tuple[Stimulus, ...] = ()
     """What is played, one after the other."""
     act: Act = "play"
-    arrays: tuple[str, ...] = EVERY
-    """Names of the arrays that the step makes sense for."""
+    suits: Callable[[ArrayModel], bool] = any_array
+    """Which arrays the step makes sense for."""
+
+    @property
+    def arrays(self) -> tuple[str, ...]:
+        """Names of the arrays that the step makes sense for."""
+        return tuple(name for name in array_names() if self.suits(array_model(name)))
 
     @property
     def expected(self) -> str:
@@ -58,9 +84,9 @@ class Step:
         return next((answer for answer in self.answers if answer.key == key), None)
 
 
-def steps_for(array: str) -> tuple[Step, ...]:
+def steps_for(model: ArrayModel) -> tuple[Step, ...]:
     """The steps that make sense for an array, in their order."""
-    return tuple(step for step in STEPS if array in step.arrays)
+    return tuple(step for step in STEPS if step.suits(model))
 
 
 _GRID = (
@@ -68,8 +94,8 @@ _GRID = (
     "512 at each frame."
 )
 _WIRING = (
-    "pat16: lines 4 and 5 of its board file, or `_pat16_pins` in device/array.py without one; sonicsurface: "
-    "`_sonicsurface` in device/array.py; autd3: `_autd3` there."
+    "pat16: lines 4 and 5 of its board file, or `_pins` in device/boards/pat16/geometry.py without one; sonicsurface: "
+    "`_at_rate` in device/boards/sonicsurface/geometry.py; autd3: `autd3_model` in device/boards/autd3/geometry.py."
 )
 _OFFSETS = "pat16: `--calibration` with the board's own file, line 6 of which has the phase offsets."
 _NOTHING = "`palpate devices` and the supply; pat16: the mode of its FT232H (docs/guide/first-contact.md, failure 3)."
@@ -253,18 +279,21 @@ _CLOCK = (
         (
             Answer("a4", "It is an A of 440 Hz, steady."),
             Answer(
-                "higher", "It is higher.", "Frames play faster than they should.", "`frame_clock` in device/array.py."
+                "higher",
+                "It is higher.",
+                "Frames play faster than they should.",
+                "`frame_clock` in device/flat_array.py.",
             ),
             Answer(
                 "lower",
                 "It is lower, or its pitch wavers.",
                 "Frames play slower than they should: the board starves, or its clock is another.",
-                "The report's `underruns` say which: if they are 0, `frame_clock` in device/array.py.",
+                "The report's `underruns` say which: if they are 0, `frame_clock` in device/flat_array.py.",
             ),
             Answer("none", "No tone is heard.", "The board plays one frame only, or none.", _NOTHING),
         ),
         (Stimulus(4.0, modulation=HEARD),),
-        arrays=CLOCKED,
+        suits=carries_tones,
     ),
     Step(
         "divider",
@@ -278,7 +307,7 @@ _CLOCK = (
                 "The second is much higher.",
                 "The board did not take the divider of 45 and plays at its old rate.",
                 (
-                    "pat16: `with_divider` in device/codec.py; emulator: `UsbLink.start` in "
+                    "pat16: `with_divider` in device/boards/pat16/layout.py; emulator: `UsbLink.start` in "
                     "device/boards/emulator/link.py."
                 ),
             ),
@@ -286,7 +315,7 @@ _CLOCK = (
                 "lower",
                 "The second is lower.",
                 "The board took another divider: the order of its bits is another.",
-                "pat16: `with_divider` in device/codec.py.",
+                "pat16: `with_divider` in device/boards/pat16/layout.py.",
             ),
             Answer(
                 "first-only",
@@ -296,8 +325,8 @@ _CLOCK = (
             ),
             Answer("none", "No tone is heard.", "The board plays one frame only, or none.", _NOTHING),
         ),
-        (Stimulus(4.0, modulation=HEARD), Stimulus(4.0, modulation=None, divider=45)),
-        arrays=CLOCKED,
+        (Stimulus(4.0, modulation=HEARD), Stimulus(4.0, modulation=None, divider=SLOW_DIVIDER)),
+        suits=carries_tones,
     ),
     Step(
         "fast",
@@ -309,12 +338,12 @@ _CLOCK = (
                 "starved",
                 "It is lower, rough, or has gaps.",
                 "The chip passes on fewer than 6.8 MB/s, so the board starves at divider 3.",
-                "`divider_sustained` of `_pat16` in device/array.py: 4. Until then `--update-rate 10000` at most.",
+                "`divider_sustained` in device/boards/pat16/geometry.py: 4. Until then `--update-rate 10000` at most.",
             ),
             Answer("none", "No tone is heard.", "The board plays one frame only, or none.", _NOTHING),
         ),
         (Stimulus(10.0, modulation=HEARD, divider=3),),
-        arrays=("pat16",),
+        suits=is_behind_a_chip,
     ),
     Step(
         "minute",
@@ -373,7 +402,7 @@ _PLUG = (
         ),
         (Stimulus(30.0),),
         act="unplug",
-        arrays=HOSTED,
+        suits=has_plug,
     ),
     Step(
         "replug",
@@ -400,7 +429,7 @@ _PLUG = (
         ),
         (Stimulus(6.0, centre=(0.03, -0.02, 0.2)),),
         act="replug",
-        arrays=HOSTED,
+        suits=has_plug,
     ),
 )
 

@@ -24,9 +24,8 @@ from pydantic import ValidationInfo
 from ...datasets.errors import DatasetError
 from ...datasets.recordings.alignment import alignment_pose
 from ...datasets.shapes.built_in import shape_names
-from ...device.array import array_names
-from ...device.array_name import canonical_name
 from ...device.errors import DeviceError, UnknownArrayError
+from ...device.registry import array_names, canonical_name
 from ..errors import RenderError
 from ..objects.voxels.files import is_volume
 from ..playback.placed_arrays import load_rig

@@ -40,7 +40,8 @@ from palpate.datasets.recordings.alignment import alignment_pose
 from palpate.datasets.recordings.files import load_recording
 from palpate.datasets.storage.durable import ABANDONED_SECONDS, temporary_name, write_file, write_temporary
 from palpate.datasets.sweeps.table import load_table, write_parquet
-from palpate.device.boards.pat16.board_file import CalibrationError, read_pat
+from palpate.device.boards.pat16.board_file import read_pat
+from palpate.device.errors import CalibrationError
 from palpate.render.cli.trust_commands import code_of
 from palpate.render.errors import ImplicitError, MeshError, PlanError, StrategyError, VoxelError
 from palpate.render.hands.mesh_hand_file import read_hand, region_of

@@ -12,10 +12,8 @@ from board_file_cases import GRID, board_lines, write
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.device.array import array_model, array_names
-from palpate.device.array_name import ALIASES, canonical_name
-from palpate.device.boards.pat16.board_file import CalibrationError
-from palpate.device.errors import UnknownArrayError, UpdateRateError
+from palpate.device.errors import CalibrationError, UnknownArrayError, UpdateRateError
+from palpate.device.registry import array_kinds, array_model, array_names, canonical_name
 
 # published lists of wiring, as comma-separated text: OpenMPD's board files, SonicSurface.py
 PAT_PINS_SHA256 = "01f0ad1d1a1bb16fb6857e8386922bc5b80663cc7de0ee6d75236d9afb49c2d8"
@@ -118,8 +116,8 @@ def test_what_people_call_an_array_gives_the_one_of_its_own_name(called: str, ow
 
 
 def test_no_two_arrays_have_a_name_in_common() -> None:
-    names = [name for own, others in ALIASES.items() for name in (own, *others)]
-    assert sorted(map(canonical_name, names)) == sorted(own for own, others in ALIASES.items() for _ in (own, *others))
+    for kind in array_kinds():
+        assert {canonical_name(name) for name in (kind.name, *kind.aliases)} == {kind.name}
     assert array_names() == ("emulator", "pat16", "sonicsurface", "autd3")
 
 

@@ -12,10 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wire_decoders import DECODERS, Drive
 
-from palpate.device.array import ArrayModel, array_model, array_names
+from palpate.device.array import ArrayModel
 from palpate.device.boards.emulator.model import decode_frames, slot_position
-from palpate.device.codec import duty, encode_frames, is_emitting, off_frame, switched_count, with_divider
+from palpate.device.boards.pat16.layout import with_divider
+from palpate.device.codec import duty, encode_frames, is_emitting, off_frame, switched_count
 from palpate.device.errors import FrameError, UnknownArrayError, UpdateRateError
+from palpate.device.registry import array_model, array_names
 
 STEPS = {"emulator": 256, "pat16": 128, "sonicsurface": 32, "autd3": 256}
 AMPLITUDE_ERROR = {"emulator": 1 / 510, "pat16": np.pi / 256, "sonicsurface": 0.5, "autd3": 1 / 510}

@@ -10,22 +10,21 @@ import pytest
 import usb.core
 from board_file_cases import board_lines, write
 
-from palpate.device.array import array_model, array_names
+from palpate.device.boards.discovery import UDEV_FILE, find_arrays, find_serial_arrays, open_link, udev_rule
 from palpate.device.boards.emulator.link import UsbLink
-from palpate.device.boards.pat16.board_file import CalibrationError
 from palpate.device.boards.pat16.ftdi import FtdiPort
 from palpate.device.boards.pat16.link import PatLink
 from palpate.device.boards.sonicsurface.link import SonicLink
 from palpate.device.clock import VirtualClock
-from palpate.device.discovery import UDEV_FILE, find_arrays, find_serial_arrays, open_link, udev_rule
-from palpate.device.emulation.emulated_backend import emulated_backend
 from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.errors import (
+    CalibrationError,
     DeviceBusyError,
     DeviceNotFoundError,
     DevicePermissionError,
     NoBackendError,
 )
+from palpate.device.registry import array_model, array_names, emulated_backend
 from palpate.device.transports import usb_lookup as lookup
 from palpate.device.transports.usb_lookup import DeviceStrings
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from palpate.device.array import array_model
+from palpate.device.registry import array_model
 from palpate.render.errors import StrategyError
 from palpate.render.focal_spot import focal_width, peak_widths
 

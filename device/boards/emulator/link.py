@@ -6,16 +6,16 @@ import struct
 from typing import Self
 
 from ...array import ArrayModel
-from ...clock import Clock, MonotonicClock
+from ...array_kind import LinkRequest
+from ...clock import Clock
 from ...codec import off_frame
 from ...errors import DeviceTimeoutError, LinkError, link_error
-from ...link import BoardStatus
-from ...playing.silence import wait_silent
-from ...transports.pyusb import Backend, UsbDevice, UsbError, claim, dispose
+from ...link import BoardStatus, TransportKind
+from ...silence import wait_silent
+from ...transports.bulk import open_bulk
+from ...transports.pyusb import Backend, UsbDevice, UsbError
 from ...transports.stream import StreamLink
-from ...transports.transport import Transport, TransportKind, open_transport
-from ...transports.usb_lookup import emulated_clock, find_device
-from .usb_side import EmulatorBackend
+from ...transports.transport import Transport
 
 _BULK_OUT = 0x01
 _VENDOR_OUT, _VENDOR_IN = 0x40, 0xC0
@@ -51,21 +51,9 @@ class UsbLink(StreamLink):
             DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError: as their names say.
             LinkError: queued was asked for, and cannot be had.
         """
-        bus = EmulatorBackend() if backend is None and model.embedded else backend
-        clock = clock or emulated_clock(bus) or MonotonicClock()
-        device, found_serial = find_device(model, serial, bus)
-        who = f"{model.name} {found_serial}" if found_serial else model.name
-        try:
-            _configure(device)
-            claim(device, 0)
-            way = open_transport(device, _BULK_OUT, kind=transport, who=who, clock=clock)
-        except UsbError as error:
-            dispose(device)
-            raise link_error(who, error.errno, error) from error
-        except LinkError:
-            dispose(device)
-            raise
-        return cls(model, way, device, who, serial=found_serial, clock=clock)
+        request = LinkRequest(serial=serial, backend=backend, clock=clock, transport=transport)
+        opened = open_bulk(model, request, endpoint=_BULK_OUT)
+        return cls(model, opened.transport, opened.device, opened.who, serial=opened.serial, clock=opened.clock)
 
     def __init__(
         self, model: ArrayModel, transport: Transport, device: UsbDevice, who: str, *, serial: str | None, clock: Clock
@@ -108,13 +96,3 @@ class UsbLink(StreamLink):
         except UsbError as error:
             raise link_error(self._who, error.errno, error) from error
         return b"" if isinstance(reply, int) else reply.tobytes()
-
-
-def _configure(device: UsbDevice) -> None:
-    """Configure the device unless it is: doing it again would fail while another player has claimed it."""
-    try:
-        device.get_active_configuration()
-    except UsbError as error:
-        if error.errno is not None:  # pyusb's own "not set" has no errno
-            raise
-        device.set_configuration()

@@ -27,15 +27,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import DeviceError
+from ...errors import CalibrationError
 
 _SIZE_MOST = 1 << 20  # a board file has about 12 kB
 _SPAN_MOST = 1.0  # [m] from the middle: a file in millimetres exceeds it
 _PLACE = re.compile(r"\(([^()]*)\)")
-
-
-class CalibrationError(DeviceError, ValueError):
-    """A board file that cannot be read or makes no sense, or none where one is needed."""
 
 
 @dataclass(frozen=True, eq=False)

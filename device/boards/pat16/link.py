@@ -10,15 +10,15 @@ import numpy as np
 
 from ...array import ArrayModel
 from ...clock import Clock
-from ...codec import off_frame, with_divider
-from ...errors import DeviceTimeoutError
-from ...link import never
+from ...codec import off_frame
+from ...errors import CalibrationError, DeviceTimeoutError
+from ...link import TransportKind, never
 from ...transports.pyusb import Backend
 from ...transports.stream import StreamLink
-from ...transports.transport import Transport, TransportKind, open_transport
+from ...transports.transport import Transport, open_transport
 from ...transports.usb_lookup import emulated_clock
-from .board_file import CalibrationError
 from .ftdi import BULK_OUT, FtdiPort
+from .layout import with_divider
 
 _LATENCY_MS = 2
 _SLOWEST = 255

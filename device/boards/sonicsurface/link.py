@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from typing import Self
 
-from ...array import SONICSURFACE_BAUD, ArrayModel
+from ...array import ArrayModel
 from ...clock import Clock
 from ...codec import off_frame
 from ...transports.pyserial import SystemPorts
@@ -13,6 +13,7 @@ from ...transports.serial_line import SerialPorts
 from ...transports.serial_lookup import choose_port, open_port
 from ...transports.serial_transport import SerialTransport
 from ...transports.stream import StreamLink
+from .geometry import BAUD_PUBLISHED
 
 _PRIMARY_BOARD, _CLOCKS_ON = 0xC0, 0x97
 
@@ -54,7 +55,7 @@ class SonicLink(StreamLink):
             LinkError: it is no serial port, or it lacks the baud rate.
         """
         ports = ports or SystemPorts()
-        baud = model.baud or SONICSURFACE_BAUD
+        baud = model.baud or BAUD_PUBLISHED
         info = choose_port(model, serial, ports)
         port = open_port(model, info, ports, baud=baud)
         clock = clock or ports.clock

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 
 from palpate.device.boards.pat16.model import PatBoard
-from palpate.device.emulation.emulated_backend import EmulatedBus
+from palpate.device.emulation.usb_bus import EmulatedBus
 from palpate.device.transports.libusb import CANCELLED, COMPLETED, Completion
 
 

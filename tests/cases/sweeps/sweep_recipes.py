@@ -5,7 +5,7 @@ from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
 
-from palpate.device.array import array_model
+from palpate.device.registry import array_model
 from palpate.render.playback.drive import DriveStrategy
 from palpate.render.sampling.contour_sampling import SamplingStrategy, load_sampling
 from palpate.render.strategies.intersection_strategy import draft_strategy, load_strategy

@@ -11,10 +11,10 @@ from contour_cases import redigest
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames, frame_format
-from palpate.device.array import array_model
 from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
+from palpate.device.registry import array_model
 from palpate.render.errors import StrategyError
 from palpate.render.playback.drive import Driver
 from palpate.render.playback.file_playback import Connection, play_file

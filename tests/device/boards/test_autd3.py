@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from palpate.device.array import array_model
 from palpate.device.boards.autd3.link import BANK_FRAMES_MAX, Autd3Link
 from palpate.device.codec import encode_frames, off_frame
 from palpate.device.errors import DeviceTimeoutError, FrameError, LinkError, UpdateRateError
+from palpate.device.registry import array_model
 
 vendor = pytest.importorskip("autd3", reason="the vendor's package autd3 is not installed")
 pytest.importorskip("autd3_emulator", reason="the vendor's package autd3-emulator is not installed")

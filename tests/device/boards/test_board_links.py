@@ -11,13 +11,13 @@ import usb.util
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.device.array import array_model
+from palpate.device.boards.discovery import open_link
 from palpate.device.boards.pat16.model import pulses
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
-from palpate.device.discovery import open_link
-from palpate.device.emulation.emulated_backend import EmulatedBus, emulated_backend
 from palpate.device.emulation.serial_bus import EmulatedPorts
+from palpate.device.emulation.usb_bus import EmulatedBus
+from palpate.device.registry import array_model, emulated_backend
 
 NAMES = ("emulator", "pat16", "sonicsurface")
 OUT_ENDPOINT = {"emulator": 0x01, "pat16": 0x02}

@@ -10,10 +10,11 @@ from board_field import FOCUS, brightest_point, focal_delay, turns_apart
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.device.array import array_model
+from palpate.device.boards.pat16.layout import with_divider
 from palpate.device.boards.pat16.model import PatBoard, decode_frames, pulses
 from palpate.device.clock import VirtualClock
-from palpate.device.codec import encode_frames, off_frame, with_divider
+from palpate.device.codec import encode_frames, off_frame
+from palpate.device.registry import array_model
 
 FRAME = 512
 TICK = 25_000  # [ns]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from board_field import FOCUS, brightest_point, focal_delay, turns_apart
 
-from palpate.device.array import array_model
 from palpate.device.boards.sonicsurface.model import BAUD, SonicBoard, decode_patterns, slot_position
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames, off_frame
+from palpate.device.registry import array_model
 
 START, SWAP, CLOCKS_OFF, CLOCKS_ON, PRIMARY, SECONDARY = 0xFE, 0xFD, 0x96, 0x97, 0xC0, 0xC1
 BYTE = 10e9 / BAUD  # [ns]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import ast
 import errno
 import struct
 from array import array
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ import usb.util
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import palpate.device.boards.emulator.usb_side
 from palpate.device import EmulatorBackend, Fault, FaultKind, VirtualClock
 
 FRAME = 512
@@ -57,32 +54,6 @@ def board_usb(bus: EmulatorBackend) -> Iterator[usb.core.Device]:
 
 def tick(bus: EmulatorBackend, periods: float) -> None:
     bus.clock.advance(periods * PERIOD * 1e-9)
-
-
-def imported_modules(path: Path) -> set[str]:
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            names.add("." * node.level + (node.module or ""))
-    return names
-
-
-def test_the_emulator_knows_nothing_of_codec_array_or_drive() -> None:
-    # Followed through: what it imports of this package must not lead there either.
-    folder = Path(palpate.device.boards.emulator.usb_side.__file__).parent
-    waiting, reached = ["emulator"], set()
-    while waiting:
-        name = waiting.pop()
-        reached.add(name)
-        imported = imported_modules(folder / f"{name}.py")
-        local = {module[1:] for module in imported if module.startswith(".") and not module.startswith("..")}
-        assert not any(module.startswith(("..", "palpate")) for module in imported), (name, imported)
-        waiting += [] if name == "errors" else sorted(local - reached)  # errors imports for annotations only
-    assert reached == {
-        *("emulator", "board", "clock", "pyusb", "errors", "faults", "peripheral", "usb_bus"),
-    }
 
 
 def test_enumeration_gives_ids_strings_and_one_bulk_endpoint(bus: EmulatorBackend) -> None:

@@ -20,7 +20,7 @@ import pytest
 from palpate.device import Player, VirtualClock, array_model, encode_frames, open_link
 from palpate.device.boards.pat16 import model as pat_board
 from palpate.device.boards.pat16.model import PatBoard
-from palpate.device.emulation.emulated_backend import emulated_backend
+from palpate.device.registry import emulated_backend
 
 SOURCE = os.environ.get("PALPATE_OPENMPD_HARDWARE", "")
 pytestmark = [

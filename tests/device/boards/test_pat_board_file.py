@@ -15,9 +15,9 @@ from board_file_cases import board_lines, write
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.device.array import array_model
-from palpate.device.boards.pat16.board_file import CalibrationError, PatFile, read_pat
-from palpate.device.errors import DeviceError
+from palpate.device.boards.pat16.board_file import PatFile, read_pat
+from palpate.device.errors import CalibrationError, DeviceError
+from palpate.device.registry import array_model
 
 PINS, OFFSETS, FACTORS = 5, 6, 7  # line of each list of numbers in a file of seven lines
 NAMES = {PINS: "the pins", OFFSETS: "the phase offsets", FACTORS: "the amplitude factors"}

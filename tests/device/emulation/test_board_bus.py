@@ -15,12 +15,14 @@ import pytest
 import usb.core
 import usb.util
 
-import palpate.device.emulation.emulated_backend
+import palpate.device
 from palpate.device.clock import VirtualClock
-from palpate.device.emulation.emulated_backend import EmulatedBus, emulated_backend
 from palpate.device.emulation.faults import Fault, FaultKind
+from palpate.device.emulation.usb_bus import EmulatedBus
 from palpate.device.errors import UnknownArrayError
+from palpate.device.registry import emulated_backend
 
+DEVICE = Path(palpate.device.__file__).parent
 OUT, IN = 0x40, 0xC0
 RESET, FLOW, BAUD, LINE, SET_LATENCY, GET_LATENCY, BIT_MODE = 0, 2, 3, 4, 9, 0x0A, 0x0B
 NAMES = ("emulator", "pat16")
@@ -80,28 +82,40 @@ def raised(code: int, call: Callable[[], object]) -> None:
 
 def test_boards_are_written_from_documents_alone() -> None:
     # Followed through: nothing that a board, chip or bus imports may lead to a codec, an array model or a link.
-    folder = Path(palpate.device.emulation.emulated_backend.__file__).parent
-    waiting, reached = ["bus"], set()
+    waiting = [DEVICE / "boards" / side for side in ("emulator/usb_side", "pat16/usb_side", "sonicsurface/serial_side")]
+    reached: set[str] = set()
     while waiting:
         module = waiting.pop()
-        reached.add(module)
-        tree = ast.parse((folder / f"{module}.py").read_text())
-        imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level]
-        assert all(node.level == 1 and node.module for node in imports)
-        local = {node.module for node in imports}
-        waiting += [] if module == "errors" else sorted(local - reached)  # errors imports for annotations only
-    boards = {"board", "pat_board", "pat_reader", "sonic_board"}
-    buses = {"bus", "emulator", "ftdi_chip", "peripheral", "usb_bus", "faults", "serial_bus"}
-    assert reached == boards | buses | {"clock", "errors", "pyusb", "serial_line"}
+        reached.add(str(module.relative_to(DEVICE)))
+        if module.name == "errors":  # which imports for annotations only
+            continue
+        for node in ast.walk(ast.parse(module.with_suffix(".py").read_text())):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                imported = module.parents[node.level - 1] / (node.module or "").replace(".", "/")
+                waiting += [] if str(imported.relative_to(DEVICE)) in reached else [imported]
+    boards = {"emulator/model", "emulator/usb_side", "pat16/model", "pat16/frame_reader", "pat16/ftdi_model"}
+    boards |= {"pat16/usb_side", "sonicsurface/model", "sonicsurface/serial_side"}
+    buses = {"peripheral", "usb_bus", "faults", "serial_bus"}
+    assert reached == (
+        {f"boards/{name}" for name in boards}
+        | {f"emulation/{name}" for name in buses}
+        | {"clock", "errors", "transports/pyusb", "transports/serial_line"}
+    )
 
 
-@pytest.mark.parametrize("module", ["board", "pat_board", "sonic_board", "ftdi_chip", "peripheral", "clock"])
+@pytest.mark.parametrize(
+    "module",
+    [
+        *("boards/emulator/model", "boards/pat16/model", "boards/sonicsurface/model", "boards/pat16/ftdi_model"),
+        *("emulation/peripheral", "clock"),
+    ],
+)
 def test_models_need_no_usb_library(module: str) -> None:
     # So that another interpreter can run them behind another bus.
-    tree = ast.parse((Path(palpate.device.emulation.emulated_backend.__file__).parent / f"{module}.py").read_text())
+    tree = ast.parse((DEVICE / f"{module}.py").read_text())
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
-            assert node.module not in ("pyusb", "usb_bus", "bus")
+            assert (node.module or "").rpartition(".")[2] not in ("pyusb", "usb_bus")
         elif isinstance(node, ast.Import):
             assert not any(alias.name.startswith("usb") for alias in node.names)
 

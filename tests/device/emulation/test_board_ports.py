@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import palpate.device.emulation.serial_bus
+import palpate.device
+from palpate.device.boards.sonicsurface.serial_side import SonicPorts
 from palpate.device.clock import VirtualClock
 from palpate.device.emulation.faults import Fault, FaultKind
-from palpate.device.emulation.serial_bus import ADAPTER_BYTES, DRIVER_BYTES, EmulatedPorts
+from palpate.device.emulation.serial_bus import ADAPTER_BYTES, DRIVER_BYTES
 from palpate.device.transports.serial_line import SerialPort
 
 BAUD = 230_400
@@ -30,16 +31,16 @@ def patterns(data: bytes) -> bytes:
 
 
 @pytest.fixture
-def ports() -> EmulatedPorts:
-    return EmulatedPorts(["one", "two"], clock=VirtualClock(), record=1000)
+def ports() -> SonicPorts:
+    return SonicPorts(["one", "two"], clock=VirtualClock(), record=1000)
 
 
 @pytest.fixture
-def port(ports: EmulatedPorts) -> SerialPort:
+def port(ports: SonicPorts) -> SerialPort:
     return ports.open(ports.path(), baud=BAUD)
 
 
-def write_all(ports: EmulatedPorts, port: SerialPort, data: bytes) -> None:
+def write_all(ports: SonicPorts, port: SerialPort, data: bytes) -> None:
     left = memoryview(data)
     while left:
         left = left[port.write(left) :]
@@ -53,13 +54,14 @@ def raised(code: int, call: Callable[[], object]) -> None:
 
 
 def test_they_know_nothing_of_pyserial() -> None:
-    for module in ("serial_bus", "serial_line", "sonic_board"):
-        tree = ast.parse((Path(palpate.device.emulation.serial_bus.__file__).parent / f"{module}.py").read_text())
+    folder = Path(palpate.device.__file__).parent
+    for module in ("emulation/serial_bus", "transports/serial_line", "boards/sonicsurface/model"):
+        tree = ast.parse((folder / f"{module}.py").read_text())
         imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level}
-        assert imported <= {"clock", "faults", "serial_line", "sonic_board"}
+        assert imported <= {"clock", "faults", "transports.serial_line"}
 
 
-def test_what_is_written_is_played(ports: EmulatedPorts, port: SerialPort) -> None:
+def test_what_is_written_is_played(ports: SonicPorts, port: SerialPort) -> None:
     write_all(ports, port, frames(150))
     ports.clock.sleep_until_ns(round(151 * 258 * BYTE_NS))
     assert ports.board().played.tobytes() == patterns(frames(150))
@@ -68,7 +70,7 @@ def test_what_is_written_is_played(ports: EmulatedPorts, port: SerialPort) -> No
     assert not ports.board(1).frames_played
 
 
-def test_driver_and_adapter_hold_so_much_and_the_driver_says_so(ports: EmulatedPorts, port: SerialPort) -> None:
+def test_driver_and_adapter_hold_so_much_and_the_driver_says_so(ports: SonicPorts, port: SerialPort) -> None:
     assert port.write(memoryview(frames(30))) == DRIVER_BYTES + ADAPTER_BYTES
     assert (port.write(memoryview(frames(1))), port.waiting()) == (0, DRIVER_BYTES)
     ports.clock.sleep_until_ns(round(100.5 * BYTE_NS))
@@ -77,7 +79,7 @@ def test_driver_and_adapter_hold_so_much_and_the_driver_says_so(ports: EmulatedP
     assert (port.waiting(), ports.board().queued) == (0, ADAPTER_BYTES)
 
 
-def test_closing_drops_what_the_driver_holds_and_the_board_plays_on(ports: EmulatedPorts, port: SerialPort) -> None:
+def test_closing_drops_what_the_driver_holds_and_the_board_plays_on(ports: SonicPorts, port: SerialPort) -> None:
     port.write(memoryview(frames(10)))
     port.close()
     ports.clock.sleep_until_ns(10**9)
@@ -88,7 +90,7 @@ def test_closing_drops_what_the_driver_holds_and_the_board_plays_on(ports: Emula
 
 @pytest.mark.parametrize("offset", [0, 100])
 @pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.TIMEOUT, FaultKind.SHORT])
-def test_a_fault_strikes_at_its_byte(ports: EmulatedPorts, port: SerialPort, kind: FaultKind, offset: int) -> None:
+def test_a_fault_strikes_at_its_byte(ports: SonicPorts, port: SerialPort, kind: FaultKind, offset: int) -> None:
     whole = 3 * 258
     ports.inject(Fault(kind, byte=whole + offset))
     sent = memoryview(frames(6))
@@ -106,7 +108,7 @@ def test_a_fault_strikes_at_its_byte(ports: EmulatedPorts, port: SerialPort, kin
     assert ports.board().played.tobytes() == patterns(bytes(sent))
 
 
-def test_a_line_at_another_rate_is_misread(ports: EmulatedPorts) -> None:
+def test_a_line_at_another_rate_is_misread(ports: SonicPorts) -> None:
     port = ports.open(ports.path(), baud=115_200)
     write_all(ports, port, frames(2))
     ports.clock.sleep_until_ns(10**9)
@@ -114,7 +116,7 @@ def test_a_line_at_another_rate_is_misread(ports: EmulatedPorts) -> None:
 
 
 def test_a_recompiled_board_takes_a_faster_line() -> None:
-    ports = EmulatedPorts(["one"], clock=VirtualClock(), record=1000, baud=10.24e6 / 7)
+    ports = SonicPorts(["one"], clock=VirtualClock(), record=1000, baud=10.24e6 / 7)
     port = ports.open(ports.path(), baud=1_500_000)  # 2.5 % above
     write_all(ports, port, frames(20))
     ports.clock.sleep_until_ns(10**8)
@@ -122,7 +124,7 @@ def test_a_recompiled_board_takes_a_faster_line() -> None:
     assert 1e9 / np.diff(ports.board().played_ns).max() == pytest.approx(1.5e6 / 2580, rel=1e-3)
 
 
-def test_a_port_has_one_user_and_must_be_there(ports: EmulatedPorts, port: SerialPort) -> None:
+def test_a_port_has_one_user_and_must_be_there(ports: SonicPorts, port: SerialPort) -> None:
     raised(errno.EAGAIN, lambda: ports.open(ports.path(), baud=BAUD))
     raised(errno.ENOENT, lambda: ports.open("emulated:9", baud=BAUD))
     ports.inject(Fault(FaultKind.DENIED), index=1)
@@ -130,7 +132,7 @@ def test_a_port_has_one_user_and_must_be_there(ports: EmulatedPorts, port: Seria
     ports.open(ports.path(1), baud=BAUD).close()
 
 
-def test_after_replugging_a_board_is_as_from_power_up(ports: EmulatedPorts, port: SerialPort) -> None:
+def test_after_replugging_a_board_is_as_from_power_up(ports: SonicPorts, port: SerialPort) -> None:
     port.write(memoryview(frames(2)))
     ports.clock.sleep_until_ns(10**8)
     ports.unplug()

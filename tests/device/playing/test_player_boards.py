@@ -31,8 +31,9 @@ from palpate.device import (
     encode_frames,
     open_link,
 )
-from palpate.device.emulation.emulated_backend import EmulatedBus, emulated_backend
 from palpate.device.emulation.serial_bus import EmulatedPorts
+from palpate.device.emulation.usb_bus import EmulatedBus
+from palpate.device.registry import emulated_backend
 
 BOARDS = ("emulator", "pat16", "sonicsurface")
 USB_BOARDS = ("emulator", "pat16")

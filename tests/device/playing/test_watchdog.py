@@ -14,8 +14,8 @@ import pytest
 import umockdev_session
 
 from palpate.device import DeviceBusyError, UsbLink, VirtualClock, WatchdogError, array_model, encode_frames, open_link
-from palpate.device.emulation.emulated_backend import emulated_backend
 from palpate.device.playing.watchdog import EXIT_FAILED, EXIT_GOODBYE, EXIT_OFF, Watchdog, keep_watch, switch_off
+from palpate.device.registry import emulated_backend
 
 
 class Watched:

@@ -16,7 +16,7 @@ from palpate.device import (
     Player,
     array_model,
 )
-from palpate.device.discovery import find_arrays, open_link
+from palpate.device.boards.discovery import find_arrays, open_link
 
 MODEL = array_model("emulator")
 FRAME = 512

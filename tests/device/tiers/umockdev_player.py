@@ -19,7 +19,7 @@ import numpy as np
 import usb.backend.libusb1
 
 from palpate.device import Player, array_model, encode_frames
-from palpate.device.discovery import open_link
+from palpate.device.boards.discovery import open_link
 from palpate.device.playing.watchdog import Watchdog
 
 DEFAULTS: dict[str, Any] = {

@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.device.array import array_model
-from palpate.device.boards.pat16.board_file import CalibrationError
+from palpate.device.boards.discovery import open_link
 from palpate.device.boards.pat16.ftdi import FtdiPort
 from palpate.device.boards.pat16.link import PatLink
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames, off_frame
-from palpate.device.discovery import open_link
-from palpate.device.emulation.emulated_backend import emulated_backend
-from palpate.device.errors import DeviceBusyError, DeviceStallError, LinkError, UpdateRateError
+from palpate.device.errors import CalibrationError, DeviceBusyError, DeviceStallError, LinkError, UpdateRateError
+from palpate.device.registry import array_model, emulated_backend
 from palpate.device.transports.pyusb import UsbError
 
 BOARDS = pytest.mark.parametrize("name", ["pat16", "sonicsurface"])

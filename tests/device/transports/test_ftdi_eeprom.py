@@ -15,16 +15,16 @@ import pytest
 import usb.core
 import usb.util
 
-from palpate.device.array import array_model
+from palpate.device.boards.discovery import open_link
 from palpate.device.boards.pat16.ftdi import FtdiPort
 from palpate.device.boards.pat16.ftdi_model import EEPROM_BLANK, EEPROM_FIFO, Ft232h
 from palpate.device.boards.pat16.model import PatBoard
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
-from palpate.device.discovery import open_link
-from palpate.device.emulation.emulated_backend import EmulatedBus, emulated_backend
 from palpate.device.emulation.faults import Fault, FaultKind
+from palpate.device.emulation.usb_bus import EmulatedBus
 from palpate.device.errors import DeviceLostError, LinkError
+from palpate.device.registry import array_model, emulated_backend
 
 READ_EEPROM = 0x90
 

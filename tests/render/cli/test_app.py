@@ -329,8 +329,8 @@ def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monke
 
 
 def test_second_player_on_the_same_array_is_refused(rendered, monkeypatch):
-    from palpate.device.array import array_model
     from palpate.device.boards.emulator.link import UsbLink
+    from palpate.device.registry import array_model
 
     bus = EmulatorBackend(clock=VirtualClock())
     monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)

@@ -15,12 +15,12 @@ import pytest
 
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.motions.hand_motion import HandMotion, exploration
-from palpate.device.array import array_model
 from palpate.device.boards.autd3.link import Autd3Link, open_autd3
+from palpate.device.boards.discovery import open_link
 from palpate.device.codec import encode_frames
-from palpate.device.discovery import open_link
 from palpate.device.errors import DeviceLostError, DeviceNotFoundError, NoBackendError
 from palpate.device.playing.player import Player
+from palpate.device.registry import array_model
 from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, render
 from palpate.render.intersection.file_recording import record
 from palpate.render.playback.drive import drive_focus
@@ -191,7 +191,7 @@ def test_an_array_that_hears_nothing_from_its_host_stops_by_itself(pause, ending
 _HOST = """
 import sys
 from array import array
-from palpate.device.array import array_model
+from palpate.device.registry import array_model
 from palpate.device.boards.autd3.link import open_autd3
 from palpate.device.errors import LinkError
 frames = array("B", bytes([128]) * 498 * 1500)

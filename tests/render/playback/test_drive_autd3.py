@@ -7,7 +7,7 @@ import pytest
 from drive_cases import random_foci, turned
 from field_oracles import amplitude_error, pressure_of, wave_matrix
 
-from palpate.device.array import array_model
+from palpate.device.registry import array_model
 from palpate.render.playback.drive import Driver, DriveStrategy, drive_focus
 from palpate.render.sampling.contour_sampling import FocalPoints
 

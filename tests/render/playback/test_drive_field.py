@@ -6,9 +6,9 @@ from drive_cases import RADIUS, WAVELENGTH, random_foci
 from field_oracles import pressure_of, wave_matrix
 from scipy.special import j1
 
-from palpate.device.array import array_model
 from palpate.device.boards.emulator.model import decode_frames, slot_position
 from palpate.device.codec import encode_frames
+from palpate.device.registry import array_model
 from palpate.render.playback.drive import Driver, DriveStrategy, drive_focus
 from palpate.render.sampling.contour_sampling import FocalPoints
 

@@ -7,7 +7,7 @@ import pytest
 from drive_cases import RADIUS, WAVELENGTH, random_foci, turned
 from field_oracles import pressure_of, wave_matrix
 
-from palpate.device.array import array_model
+from palpate.device.registry import array_model
 from palpate.kernels.driving.solve import solve_points
 from palpate.render.errors import StrategyError
 from palpate.render.playback import drive as drive_module

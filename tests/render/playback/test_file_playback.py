@@ -12,8 +12,8 @@ from palpate.device.array import array_model
 from palpate.device.boards.emulator.usb_side import Fault, FaultKind
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
-from palpate.device.emulation.emulated_backend import emulated_backend
 from palpate.device.errors import DeviceLostError, UpdateRateError
+from palpate.device.registry import array_model, emulated_backend
 from palpate.render import MeshObject, Palm, closed_contour, record, render
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.playback import focus_source as source_module

@@ -11,7 +11,7 @@ from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.focus_files.frame_reader import FrameReader
 from palpate.device.clock import VirtualClock
-from palpate.device.emulation.emulated_backend import emulated_backend
+from palpate.device.registry import emulated_backend
 from palpate.render import MeshObject, Palm, closed_contour, record
 from palpate.render.playback import focus_source as source_module
 from palpate.render.playback.file_playback import Connection, play_file

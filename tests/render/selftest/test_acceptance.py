@@ -10,11 +10,10 @@ from acceptance_script import EXPECTED, Emulated, answers_of, shorten, spend_hou
 from typer.testing import CliRunner
 from umockdev_session import write_pat_file
 
-from palpate.device.array import array_model
 from palpate.device.clock import VirtualClock
-from palpate.device.emulation.emulated_backend import emulated_backend
 from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.errors import DeviceNotFoundError, DeviceStallError
+from palpate.device.registry import array_model, emulated_backend
 from palpate.render.cli.app import app
 from palpate.render.playback import file_playback as playback
 from palpate.render.playback.file_playback import Connection

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from palpate.device.registry import array_model
 from palpate.device.report import PlayReport
 from palpate.render.selftest.steps import STEPS, steps_for
 
@@ -63,7 +64,7 @@ def test_what_is_to_be_changed_is_there(step, answer):
     """Files exist, and the names in them; what else stands in backticks is a step, an answer, a field, or typed."""
     assert answer.meaning.endswith(".")
     assert answer.change.endswith((".", ")"))
-    named = [ROOT / name for name in re.findall(r"(?:device|render|docs)/[\w-]+\.(?:py|md)", answer.change)]
+    named = [ROOT / name for name in re.findall(r"(?:device|render|docs)/[\w/-]+\.(?:py|md)", answer.change)]
     text = "".join(path.read_text() for path in named)
     known = {field.name for field in fields(PlayReport)} | {"failure"} | {one.name for one in STEPS}
     known |= {one.key for one in step.answers}
@@ -77,7 +78,7 @@ def test_what_is_to_be_changed_is_there(step, answer):
 
 @pytest.mark.parametrize("array", ["emulator", "pat16", "sonicsurface", "autd3"])
 def test_each_array_has_the_steps_that_can_be_played_on_it(array):
-    names = [step.name for step in steps_for(array)]
+    names = [step.name for step in steps_for(array_model(array))]
     assert {"corner", "focus", "turn", "ending", "stopping", "minute"} <= set(names)
     assert ("unplug" in names) == (array != "autd3")  # which hangs on the network
     assert ("pitch" in names) == (array != "sonicsurface")  # 89 frames a second carry no tone

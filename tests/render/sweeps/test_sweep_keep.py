@@ -19,7 +19,7 @@ from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 from palpate.datasets.storage import hdf5_opening
 from palpate.datasets.storage.durable import FolderLock
 from palpate.datasets.sweeps.sweep_shard import read_shard
-from palpate.device.array import array_model
+from palpate.device.registry import array_model
 from palpate.render import MeshObject, Palm, record
 from palpate.render.errors import PalpateWarning
 from palpate.render.playback.drive import Driver

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..errors import DeviceLostError, LinkError
-from ..link import Link
+from .errors import DeviceLostError, LinkError
+from .link import Link
 
 OFF_ATTEMPTS = 3  # a stall on the off frame is passing, or it is not
 DRAIN_MARGIN_NS = 500_000_000  # beyond the playing time of what is queued, before the array counts as hung

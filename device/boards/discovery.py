@@ -8,19 +8,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .array import ArrayModel, array_model, array_names
-from .boards.emulator.link import UsbLink
-from .boards.pat16.board_file import read_pat
-from .boards.pat16.link import PatLink
-from .boards.sonicsurface.link import SonicLink
-from .clock import Clock
-from .link import Link
-from .transports.pyserial import SystemPorts
-from .transports.pyusb import Backend, UsbDevice, UsbError, claim, dispose
-from .transports.serial_line import PortInfo, SerialPorts
-from .transports.serial_lookup import likely_ports, no_permission
-from .transports.transport import TransportKind
-from .transports.usb_lookup import DeviceStrings, candidates, driver_is_bound, matches, strings_of
+from ..array import ArrayModel
+from ..array_kind import Emulation, LinkRequest
+from ..clock import Clock
+from ..errors import CalibrationError
+from ..link import Link, TransportKind
+from ..registry import array_kinds, array_model, array_names, emulated_backend, kind_of
+from ..transports.pyserial import SystemPorts
+from ..transports.pyusb import Backend, UsbDevice, UsbError, claim, dispose
+from ..transports.serial_line import PortInfo, SerialPorts
+from ..transports.serial_lookup import likely_ports, no_permission
+from ..transports.usb_lookup import DeviceStrings, candidates, driver_is_bound, matches, strings_of
 
 UDEV_FILE = "/etc/udev/rules.d/70-palpate.rules"
 """Where udev looks for rules of ours; its number must be below 73 for `uaccess` to work."""
@@ -45,19 +43,20 @@ class ArrayInfo:
 
 
 def find_arrays(backend: Backend | None = None, *, calibrations: Iterable[Path] = ()) -> tuple[ArrayInfo, ...]:
-    """Every array on a bus that a built-in model knows, and everything with a chip that one of them has.
+    """Every array on a bus that a registered kind knows, and everything with a chip that one of them has.
 
-    Neither an autd3 is among them nor a sonicsurface (`find_serial_arrays`). Listing disturbs no one who plays.
+    Neither an autd3 is among them nor what is at a serial port (`find_serial_arrays`). Listing disturbs no one who
+    plays.
 
     Args:
         backend: pyusb's backend of the bus; None is libusb's, real USB.
-        calibrations: board files: a chip with the serial number of one is known to be a pat16.
+        calibrations: board files: a chip with the serial number of one is known to be that board, such as a pat16.
 
     Raises:
         NoBackendError: libusb is missing.
         CalibrationError: a board file is wrong.
     """
-    known = {read_pat(path).serial for path in calibrations}
+    known = [board for path in calibrations for board in _boards_of(path)]
     found: list[ArrayInfo] = []
     for name in array_names():
         model = array_model(name)
@@ -70,7 +69,7 @@ def find_arrays(backend: Backend | None = None, *, calibrations: Iterable[Path] 
 
 
 def find_serial_arrays(ports: SerialPorts | None = None) -> tuple[ArrayInfo, ...]:
-    """Every serial adapter on USB, which a sonicsurface may be behind.
+    """Every serial adapter on USB, which an array with a UART, such as a sonicsurface, may be behind.
 
     Which one it is, only opening it would tell, and that can reset what else is there: so none is opened, and one that
     another program has is listed as accessible.
@@ -82,17 +81,20 @@ def find_serial_arrays(ports: SerialPorts | None = None) -> tuple[ArrayInfo, ...
         NoBackendError: pyserial is missing.
     """
     ports = ports or SystemPorts()
-    return tuple(_look_at_port(info, is_real=ports.clock is None) for info in likely_ports(ports))
+    names = [name for name in array_names() if array_model(name).baud is not None]
+    is_real = ports.clock is None
+    return tuple(_look_at_port(name, info, is_real=is_real) for name in names for info in likely_ports(ports))
 
 
 def open_link(
     model: ArrayModel,
     *,
     serial: str | None = None,
-    backend: Backend | SerialPorts | None = None,
+    backend: Backend | SerialPorts | Emulation | None = None,
     clock: Clock | None = None,
     transport: TransportKind = "auto",
     uncalibrated: bool = False,
+    emulated: bool = False,
 ) -> Link:
     """Find, open and claim an array.
 
@@ -102,29 +104,29 @@ def open_link(
             adapter or the path of its port; None takes the only adapter. For autd3 the network interface that it hangs
             on, or the address of an emulated one; None asks on each interface.
         backend: pyusb's backend; None is libusb's, or a new emulated bus for an array that is only emulated. For
-            sonicsurface the serial ports; None is the system's.
+            an array with a UART the serial ports; None is the system's.
         clock: clock that the board runs by; None takes an emulated bus's own, else the monotonic one.
         transport: "queued", "sync", or "auto": queued where the backend is libusb's. Of arrays on USB.
         uncalibrated: play on a real pat16 without its board file.
+        emulated: without a backend, open a new emulated array.
 
     Raises:
+        UnknownArrayError: the model's name is not registered, or there is no emulation of it.
         CalibrationError: a real pat16 needs its board file.
         DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError: as their names say.
         LinkError: whatever else happened.
     """
-    if model.name == "sonicsurface":
-        ports = backend if isinstance(backend, SerialPorts) else None
-        return SonicLink.open(model, serial=serial, ports=ports, clock=clock)
-    bus = None if isinstance(backend, SerialPorts) else backend
-    if model.name == "pat16":
-        return PatLink.open(
-            model, serial=serial, backend=bus, clock=clock, transport=transport, uncalibrated=uncalibrated
-        )
-    if model.name == "autd3":
-        from .boards.autd3.link import open_autd3  # an optional package stands behind it
-
-        return open_autd3(model, address=serial)
-    return UsbLink.open(model, serial=serial, backend=bus, clock=clock, transport=transport)
+    kind = kind_of(model)
+    is_new = emulated and backend is None
+    request = LinkRequest(
+        serial=serial,
+        backend=_emulated_bus(model, serial, clock) if is_new and not kind.emulates_itself else backend,
+        clock=clock,
+        transport=transport,
+        uncalibrated=uncalibrated,
+        emulated=is_new and kind.emulates_itself,
+    )
+    return kind.open_link(model, request)
 
 
 def udev_rule(model: ArrayModel) -> str:
@@ -140,7 +142,28 @@ def udev_rule(model: ArrayModel) -> str:
     )
 
 
-def _look_at(model: ArrayModel, device: UsbDevice, known: set[str]) -> ArrayInfo | None:
+def _emulated_bus(model: ArrayModel, serial: str | None, clock: Clock | None) -> Emulation:
+    """A new bus with one board, of the serial number that is asked for."""
+    serial = serial or model.serial
+    return emulated_backend(model.name, clock=clock, serials=None if serial is None else (serial,), baud=model.baud)
+
+
+def _boards_of(path: Path) -> list[tuple[str, str | None]]:
+    """Names and serial numbers of the boards that a calibration file may be of; raises CalibrationError if of none."""
+    boards: list[tuple[str, str | None]] = []
+    refusals: list[CalibrationError] = []
+    for kind in array_kinds():
+        if kind.calibration_serial is not None:
+            try:
+                boards.append((kind.name, kind.calibration_serial(path)))
+            except CalibrationError as error:
+                refusals.append(error)
+    if refusals and not boards:
+        raise refusals[0]
+    return boards
+
+
+def _look_at(model: ArrayModel, device: UsbDevice, known: list[tuple[str, str | None]]) -> ArrayInfo | None:
     """What there is to say of a device with an array's ids; None if it is none, or gone by now."""
     try:
         strings = strings_of(device)
@@ -149,20 +172,20 @@ def _look_at(model: ArrayModel, device: UsbDevice, known: set[str]) -> ArrayInfo
     if not matches(model, strings):
         return None
     generic = model.usb is not None and model.usb.generic
-    certain = not generic or (model.name == "pat16" and strings.serial in known)
+    certain = not generic or (strings.serial is not None and (model.name, strings.serial) in known)
     accessible, reason = _access(device)
     if not certain:
         reason = "; ".join(filter(None, [_likeness(model, strings), reason]))
     return ArrayInfo(model.name, strings.serial, _place(device), accessible, reason, certain)
 
 
-def _look_at_port(info: PortInfo, *, is_real: bool) -> ArrayInfo:
-    """What there is to say of a serial port."""
+def _look_at_port(name: str, info: PortInfo, *, is_real: bool) -> ArrayInfo:
+    """What there is to say of a serial port that an array of that name may be at."""
     accessible = not is_real or os.access(info.path, os.R_OK | os.W_OK)
-    reason = f"may be a sonicsurface: it is a serial adapter ({info.description})"
+    reason = f"may be a {name}: it is a serial adapter ({info.description})"
     if not accessible:
         reason += f"; {no_permission(info.path)}"
-    return ArrayInfo("sonicsurface", info.serial, info.path, accessible, reason, certain=False)
+    return ArrayInfo(name, info.serial, info.path, accessible, reason, certain=False)
 
 
 def _place(device: UsbDevice) -> str:

@@ -1,0 +1,96 @@
+"""What palpate knows of one kind of array, as a value: its names, model, wire layout, link and emulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from .array import ArrayModel
+from .clock import Clock
+from .link import Link, TransportKind
+from .wire_layout import Layout
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkRequest:
+    """How a link is asked for: the arguments of `open_link`."""
+
+    serial: str | None = None
+    """Which array; None: that of the calibration, or the first, or the only one."""
+    backend: object = None
+    """pyusb's backend, or serial ports; None: the system's."""
+    clock: Clock | None = None
+    """Clock that the board runs by; None: an emulated bus's own, else the monotonic one."""
+    transport: TransportKind = "auto"
+    """Of arrays on USB."""
+    uncalibrated: bool = False
+    """Play on a real board without the calibration that it needs."""
+    emulated: bool = False
+    """Open a new emulated array; only set where `ArrayKind.emulates_itself`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmulationRequest:
+    """How an emulated bus is asked for: the arguments of `emulated_backend`."""
+
+    serials: tuple[str, ...] | None = None
+    """Serial number of each board; None: one board."""
+    clock: Clock | None = None
+    """Clock of all boards; None: the monotonic one."""
+    record: int = 0
+    """How many of its last played frames each board keeps."""
+    baud: float | None = None
+    """Rate of the boards' UART [Bd]; None: the kind's own."""
+
+
+class Emulation(Protocol):
+    """An emulated bus: what `open_link` takes as its backend."""
+
+    @property
+    def clock(self) -> Clock:
+        """Clock of all boards."""
+        ...
+
+    def unplug(self, *, index: int = 0) -> None:
+        """Pull the plug of a board: it falls silent and is gone."""
+        ...
+
+    def replug(self, *, index: int = 0) -> None:
+        """Plug it in again, fresh from power-up."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArrayKind:
+    """One kind of array. `register_array` makes it known; everything that depends on an array's name asks it."""
+
+    name: str
+    """Name in files, in results and on the command line: small letters, digits and `-`."""
+    aliases: tuple[str, ...] = ()
+    """What else people call it."""
+    build: Callable[..., ArrayModel]
+    """Makes the model, whose name is `name`. It takes `calibration=` (a path) where there is a `calibration_serial`,
+    and `baud=` where `takes_baud`; without them it makes the usual model, the same each time."""
+    layout: Layout
+    """How a frame lies on the wire."""
+    open_link: Callable[[ArrayModel, LinkRequest], Link]
+    """Finds, opens and claims an array of a model of this kind."""
+    calibration_serial: Callable[[Path], str | None] | None = None
+    """Serial number of the board that a calibration file describes; raises CalibrationError for a wrong file. None: the
+    kind has no such files."""
+    takes_baud: bool = False
+    """Whether a baud rate can be asked for. Kinds whose model has one are looked for at serial ports; kinds whose model
+    has a `usb`, on USB."""
+    emulate: Callable[[EmulationRequest], Emulation] | None = None
+    """Makes a bus with emulated boards; None: there is none."""
+    emulates_itself: bool = False
+    """Whether its link opens an emulated array by itself (`LinkRequest.emulated`), without such a bus."""
+    not_listed: str | None = None
+    """Sentence without its end on why `palpate devices` cannot list it, and how it is named instead; None: it can."""
+
+    @property
+    def is_emulated(self) -> bool:
+        """Whether one can be played to without any hardware."""
+        return self.emulate is not None or self.emulates_itself

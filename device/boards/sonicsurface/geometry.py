@@ -1,0 +1,45 @@
+"""UpnaLab's SonicSurface: 16 x 16 transducers at 10.5 mm, its UART behind a serial adapter."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from ...array import ArrayModel
+from ...errors import UpdateRateError
+from ...flat_array import flat_array, flat_grid
+
+BAUD_PUBLISHED = 230400
+"""Baud rate of SonicSurface's firmware as published [Bd]."""
+_BITS_PER_BYTE = 10  # 8N1
+_BAUD_LEAST, _BAUD_MOST = 1200, 12_000_000  # the fastest UART is an FT232H's
+
+
+def sonicsurface_model(*, baud: int = BAUD_PUBLISHED) -> ArrayModel:
+    """The board, its firmware compiled for a baud rate [Bd]; raises UpdateRateError for one that no adapter has."""
+    return _at_rate(baud)  # whose cache then has one key for the default
+
+
+@cache
+def _at_rate(baud: int) -> ArrayModel:
+    frame_bytes = 258
+    if not _BAUD_LEAST <= baud <= _BAUD_MOST:
+        raise UpdateRateError(f"{baud} Bd is outside {_BAUD_LEAST}..{_BAUD_MOST} Bd, which serial adapters have")
+    rate = baud / _BITS_PER_BYTE / frame_bytes
+    # the board's layout repeats every 4 columns and 2 rows
+    row, column = np.divmod(np.arange(256), 16)
+    corner = np.array([[0, 7, 1, 2], [4, 3, 6, 5]])
+    slot = 64 * (column // 4) + 8 * (row // 2) + corner[row % 2, column % 4]
+    return flat_array(
+        "sonicsurface",
+        flat_grid(16, 16, 10.5e-3),
+        np.argsort(slot),
+        frame_clock=rate,
+        frame_clock_reason=f"its UART carries {rate:.1f} frames a second at {baud} Bd",
+        divider_max=1,
+        divider_default=1,
+        fifo_frames=3,  # adapters hold up to 640 bytes
+        frame_bytes=frame_bytes,
+        baud=baud,
+    )

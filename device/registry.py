@@ -1,0 +1,191 @@
+"""The kinds of arrays that are known, by their names. `boards/built_in.py` registers those that palpate has."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Final, cast
+
+from .array import ArrayModel
+from .array_kind import ArrayKind, Emulation, EmulationRequest
+from .clock import Clock
+from .errors import ArrayKindError, CalibrationError, UnknownArrayError, UpdateRateError
+from .wire_layout import Layout
+
+_NAME: Final = re.compile(r"[a-z][a-z0-9-]*")
+_KINDS: Final[dict[str, ArrayKind]] = {}
+
+
+def register_array(kind: ArrayKind) -> None:
+    """Make a kind of array known: its names then work wherever a built-in array's do, in this process.
+
+    Raises ArrayKindError, with the value: it is no `ArrayKind`, a field has a wrong type, or a name is taken.
+    """
+    _require_types(kind)
+    for called in (kind.name, *kind.aliases):
+        if (owner := _owner(called)) is not None:
+            raise ArrayKindError(f"array {kind.name} cannot be registered: {called!r} is a name of array {owner}")
+    _KINDS[kind.name] = kind
+
+
+def remove_array(name: str) -> None:
+    """Forget a kind of array, by any of its names. Raises UnknownArrayError."""
+    del _KINDS[canonical_name(name)]
+
+
+def array_kinds() -> tuple[ArrayKind, ...]:
+    """Every kind of array: built-in ones, then others as they were registered."""
+    return tuple(_KINDS.values())
+
+
+def array_names() -> tuple[str, ...]:
+    """Names of all arrays: built-in ones, then others as they were registered."""
+    return tuple(_KINDS)
+
+
+def canonical_name(name: str) -> str:
+    """The array's own name, from that or an alias in any case, with or without `-`, `_` and blanks.
+
+    Raises UnknownArrayError, with all names and aliases.
+    """
+    if (owner := _owner(name)) is not None:
+        return owner
+    known = ", ".join(
+        f"{kind.name} ({', '.join(kind.aliases)})" if kind.aliases else kind.name for kind in _KINDS.values()
+    )
+    raise UnknownArrayError(f"unknown array {name!r}; known: {known}")
+
+
+def kind_of(model: ArrayModel) -> ArrayKind:
+    """The kind of a model; raises UnknownArrayError for a model of a name that is not registered."""
+    try:
+        return _KINDS[model.name]
+    except KeyError:
+        raise UnknownArrayError(f"array {model.name!r} has no wire format; known: {', '.join(_KINDS)}") from None
+
+
+def array_model(name: str, *, calibration: Path | None = None, baud: int | None = None) -> ArrayModel:
+    """The array of that name.
+
+    Args:
+        name: one of `array_names()`, or what else it is called (`openmpd`), in any case; the model has the first.
+        calibration: board file (`.pat`) with the wiring and calibration of one board; of built-in arrays for pat16
+            only.
+        baud: rate of the UART [Bd]; of built-in arrays for sonicsurface only, 230400 unless its firmware was compiled
+            for another.
+
+    Raises:
+        UnknownArrayError: no array of that name.
+        CalibrationError: the board file is wrong, or none of this array's.
+        UpdateRateError: no serial adapter has that baud rate.
+        ArrayKindError: the kind builds something else than a model of its name.
+    """
+    kind = _KINDS[canonical_name(name)]
+    if calibration is not None and kind.calibration_serial is None:
+        owners = " or ".join(other.name for other in array_kinds() if other.calibration_serial)
+        raise CalibrationError(f"array {kind.name} has no board file; {calibration} is one of a {owners}")
+    if baud is not None and not kind.takes_baud:
+        raise UpdateRateError(f"array {kind.name} has no UART, so {baud} Bd mean nothing to it")
+    given = {"calibration": calibration, "baud": baud}
+    options = {option: value for option, value in given.items() if value is not None}
+    model = cast("object", kind.build(**options))  # of others' code: no checker has seen it
+    if not isinstance(model, ArrayModel):
+        raise ArrayKindError(f"build of array {kind.name} gives {model!r}, but it must give an ArrayModel")
+    if _KINDS.get(model.name) is not kind:
+        raise ArrayKindError(f"build of array {kind.name} gives a model named {model.name!r}")
+    return model
+
+
+def emulated_backend(
+    name: str,
+    *,
+    clock: Clock | None = None,
+    record: int = 0,
+    serials: Sequence[str] | None = None,
+    baud: float | None = None,
+) -> Emulation:
+    """A bus for pyusb, or serial ports, with models of a board; docs/formats/emulator.md has what they model.
+
+    The boards have been switched on for a while; one that is plugged in again is fresh from power-up.
+
+    Args:
+        name: name of an array with an emulated bus, such as `emulator`, `pat16` or `sonicsurface`.
+        clock: clock of all boards; None takes the monotonic one.
+        record: how many of its last played frames each board keeps, for tests.
+        serials: serial number of each board on the bus; None is one board.
+        baud: bits a second of boards with a UART [Bd]; None is the rate of the published firmware.
+
+    Raises:
+        UnknownArrayError: there is no model of that board.
+    """
+    kind = _KINDS.get(name)
+    if kind is None or kind.emulate is None:
+        known = ", ".join(other.name for other in array_kinds() if other.emulate)
+        raise UnknownArrayError(f"no board of array {name!r} is emulated; known: {known}")
+    given = None if serials is None else tuple(serials)
+    return kind.emulate(EmulationRequest(serials=given, clock=clock, record=record, baud=baud))
+
+
+def _owner(called: str) -> str | None:
+    """Name of the array that is called so; None if none is."""
+    wanted = _letters(called)
+    return next((k.name for k in _KINDS.values() if wanted in map(_letters, (k.name, *k.aliases))), None)
+
+
+def _letters(name: str) -> str:
+    return "".join(name.casefold().replace("-", "").replace("_", "").split())
+
+
+def _require_types(kind: object) -> None:
+    """Refuse what is no kind, or has a field of a wrong type: what comes from others is not type-checked."""
+    if not isinstance(kind, ArrayKind):
+        raise ArrayKindError(f"an array is registered as an ArrayKind, not as {kind!r}")
+    for field, (is_right, wanted) in _FIELDS.items():
+        value: object = getattr(kind, field)
+        if not is_right(value):
+            raise ArrayKindError(f"{field} of array {kind.name!r} is {value!r}, but it must be {wanted}")
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and _NAME.fullmatch(value) is not None
+
+
+def _are_aliases(value: object) -> bool:
+    aliases = cast("tuple[object, ...]", value) if isinstance(value, tuple) else (None,)
+    return all(isinstance(alias, str) and _letters(alias) for alias in aliases)
+
+
+def _is_flag(value: object) -> bool:
+    return isinstance(value, bool)
+
+
+def _is_function(value: object) -> bool:
+    return callable(value)
+
+
+def _is_function_or_none(value: object) -> bool:
+    return value is None or callable(value)
+
+
+def _is_layout(value: object) -> bool:
+    return isinstance(value, Layout)
+
+
+def _is_text_or_none(value: object) -> bool:
+    return value is None or isinstance(value, str)
+
+
+# field of an ArrayKind: (whether a value is right, what it must be)
+_FIELDS: Final[Mapping[str, tuple[Callable[[object], bool], str]]] = {
+    "name": (_is_name, "small letters, digits and -, a letter first"),
+    "aliases": (_are_aliases, "a tuple of names"),
+    "build": (_is_function, "a function"),
+    "layout": (_is_layout, "a Layout"),
+    "open_link": (_is_function, "a function"),
+    "calibration_serial": (_is_function_or_none, "a function or None"),
+    "takes_baud": (_is_flag, "True or False"),
+    "emulate": (_is_function_or_none, "a function or None"),
+    "emulates_itself": (_is_flag, "True or False"),
+    "not_listed": (_is_text_or_none, "a sentence or None"),
+}

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ...array import ArrayModel, UsbIdentity, frozen
 from ...errors import CalibrationError
 from ...flat_array import flat_array, flat_grid
-from .board_file import read_pat
 
 _PITCH = 10.5e-3  # [m]
 
@@ -50,6 +49,8 @@ def _pins() -> NDArray[np.intp]:
 
 def _calibrated(path: Path) -> ArrayModel:
     """The board that a board file describes, its transducers put into our order."""
+    from .board_file import read_pat  # most arrays have none
+
     file, board = read_pat(path), _published()
     count = board.transducer_count
     if len(file.pin) != count or file.levels != 128:

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING
 from ...array import ArrayModel
 from ...array_kind import ArrayKind, EmulationRequest, LinkRequest
 from ...transports.bulk import usb_backend
-from .board_file import read_pat
 from .geometry import pat16_model
 from .layout import LAYOUT
-from .link import PatLink
 
 if TYPE_CHECKING:
+    from .link import PatLink
     from .usb_side import PatBackend
 
 
 def _open_link(model: ArrayModel, request: LinkRequest) -> PatLink:
+    from .link import PatLink  # who plays to another array needs no link to this one
+
     return PatLink.open(
         model,
         serial=request.serial,
@@ -29,11 +30,13 @@ def _open_link(model: ArrayModel, request: LinkRequest) -> PatLink:
 
 
 def _calibration_serial(path: Path) -> str:
+    from .board_file import read_pat
+
     return read_pat(path).serial
 
 
 def _emulate(request: EmulationRequest) -> PatBackend:
-    from .usb_side import PatBackend  # who plays to a real board needs no model of one
+    from .usb_side import PatBackend
 
     return PatBackend(request.serials or ("PATEMU01",), clock=request.clock, record=request.record)
 

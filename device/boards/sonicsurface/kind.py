@@ -9,19 +9,21 @@ from ...array_kind import ArrayKind, EmulationRequest, LinkRequest
 from ...transports.serial_line import SerialPorts
 from .geometry import BAUD_PUBLISHED, sonicsurface_model
 from .layout import LAYOUT
-from .link import SonicLink
 
 if TYPE_CHECKING:
+    from .link import SonicLink
     from .serial_side import SonicPorts
 
 
 def _open_link(model: ArrayModel, request: LinkRequest) -> SonicLink:
+    from .link import SonicLink  # who plays to another array needs no link to this one
+
     ports = request.backend if isinstance(request.backend, SerialPorts) else None
     return SonicLink.open(model, serial=request.serial, ports=ports, clock=request.clock)
 
 
 def _emulate(request: EmulationRequest) -> SonicPorts:
-    from .model import BAUD  # who plays to a real board needs no model of one
+    from .model import BAUD
     from .serial_side import SonicPorts
 
     # boards with the published firmware do not sample at exactly the rate that hosts send at

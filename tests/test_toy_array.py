@@ -56,7 +56,7 @@ from palpate.render.cli.app import app
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.selftest.steps import steps_for
 
-PAGE = Path(__file__).parents[1] / "docs/develop/add-an-array.md"
+PAGE = next(folder for folder in Path(__file__).parents if (folder / "docs").is_dir()) / "docs/develop/add-an-array.md"
 FRAME = 33
 
 
@@ -259,6 +259,10 @@ def test_it_has_the_steps_of_an_array_on_usb(toy: ArrayModel) -> None:
 def test_no_watchdog_is_said_to_stand_that_could_not_switch_it_off(toy: ArrayModel, bus: EmulatedBus) -> None:
     # The functions of this kind stand in a test, which the watchdog's process cannot import.
     with open_link(toy, serial="one", backend=bus) as link, pytest.raises(WatchdogError, match="array toy one"):
+        Watchdog(link).__enter__()
+    remove_array("toy")
+    register_array(replace(TOY, emulate=lambda request: emulate_toy(request)))
+    with open_link(toy, serial="two", backend=bus) as link, pytest.raises(WatchdogError, match="no other process can"):
         Watchdog(link).__enter__()
 
 

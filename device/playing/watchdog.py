@@ -103,6 +103,7 @@ class Watchdog:
         self._heart = threading.Thread(target=self._beat, name="palpate-heartbeat", daemon=True)
 
     def __enter__(self) -> Self:
+        told = self._told()
         self._process = process = subprocess.Popen(
             [
                 sys.executable,
@@ -115,13 +116,10 @@ class Watchdog:
             bufsize=0,
             start_new_session=True,  # the terminal's SIGINT and SIGHUP are not for it
         )
-        charge = self._charge
         try:
-            for part in (kind_of(charge.model), (charge.model, charge.serial, charge.silence_max, charge.log)):
-                told = pickle.dumps(part)
-                self._send(_LENGTH.pack(len(told)) + told)
+            self._send(told)
             answer = self._answer()
-        except (OSError, *_UNPICKLABLE) as error:
+        except OSError as error:
             answer = f"it did not start ({error})".encode()
         if answer != _READY:
             process.kill()
@@ -144,6 +142,20 @@ class Watchdog:
     def process_id(self) -> int | None:
         """Id of the watchdog's process; None before it was started."""
         return self._process.pid if self._process else None
+
+    def _told(self) -> bytes:
+        """What the process is told first: the kind of the array, which its modules make known, then the charge."""
+        charge = self._charge
+        told = b""
+        for part in (kind_of(charge.model), (charge.model, charge.serial, charge.silence_max, charge.log)):
+            try:
+                pickled = pickle.dumps(part)
+            except _UNPICKLABLE as error:
+                raise WatchdogError(
+                    f"no other process can import what array {charge.model.name} is registered with: {error}"
+                ) from error
+            told += _LENGTH.pack(len(pickled)) + pickled
+        return told
 
     def _send(self, data: bytes) -> None:
         if self._process and self._process.stdin:

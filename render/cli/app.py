@@ -71,6 +71,8 @@ def _run(module: str, name: str, *arguments: object, as_json: bool) -> None:
     def command() -> object:
         return getattr(import_module(module, __package__), name)(*arguments, as_json=as_json)
 
+    raise typer.Exit(console.run(command, as_json=as_json))
+
 
 @app.callback()
 def _options(

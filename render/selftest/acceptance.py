@@ -12,8 +12,9 @@ from ..playback.placed_arrays import PlacedArray, load_rig
 from ..terminal import console
 from .answers import AT_ALL_TIMES, InputEnded, Questioner, Reply
 from .board import BoardSession
+from .question import Answer, Step
 from .report import AcceptanceReport, calibration_of, entry_of, machine
-from .steps import Answer, Step, steps_for
+from .steps import steps_for
 
 
 def run_acceptance(options: dict, *, as_json: bool) -> int:

@@ -5,7 +5,7 @@ from typing import NamedTuple, TextIO
 
 from ..errors import RenderError, StrategyError
 from ..terminal.foreign_text import errors, tell
-from .steps import Answer, Step
+from .question import Answer, Step
 
 AT_ALL_TIMES = "? plays it again, s REASON skips the step, q ends; the report is kept"
 

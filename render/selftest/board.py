@@ -20,7 +20,7 @@ from ..playback.file_playback import CLOCKS, Connection, emulated_bus
 from ..playback.placed_arrays import PlacedArray
 from ..terminal import console
 from .frames import Stimulus
-from .steps import Step
+from .question import Step
 
 Note = Callable[[str], object]
 """Shows a line to the person."""

@@ -11,7 +11,7 @@ from ...datasets.storage.durable import write_file
 from ...device.array import ArrayModel
 from ..errors import RenderError, StrategyError
 from ..terminal import console
-from .steps import Step
+from .question import Step
 
 FORMAT = "palpate acceptance"
 VERSION = 1

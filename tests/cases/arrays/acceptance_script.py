@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.device.emulation.emulated_backend import emulated_backend
+from palpate.device.registry import emulated_backend
 from palpate.render.playback import file_playback as playback
 from palpate.render.selftest import frames as acceptance_frames
 from palpate.render.selftest.acceptance import run_acceptance

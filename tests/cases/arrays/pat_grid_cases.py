@@ -10,7 +10,8 @@ from palpate.device import (
     encode_frames,
 )
 from palpate.device.boards.pat16.model import PatBoard
-from palpate.device.emulation.emulated_backend import EmulatedBus, emulated_backend
+from palpate.device.emulation.usb_bus import EmulatedBus
+from palpate.device.registry import emulated_backend
 
 MODEL = array_model("pat16")
 FRAME = 512

@@ -8,7 +8,6 @@ import pytest
 from palpate.datasets import HandMotion, exploration
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.focus_files.ptlist import write_ptlist
-from palpate.device.array import array_model
 from palpate.device.boards.emulator.usb_side import Fault, FaultKind
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames

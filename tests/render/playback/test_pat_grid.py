@@ -25,7 +25,7 @@ from palpate.device import (
 )
 from palpate.device.boards.pat16.frame_reader import CommandReader
 from palpate.device.boards.pat16.model import PatBoard
-from palpate.device.emulation.emulated_backend import EmulatedBus
+from palpate.device.emulation.usb_bus import EmulatedBus
 
 SECOND = 1_000_000_000
 BYTE_NS = 125  # at the 8 MB/s of the chip

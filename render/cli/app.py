@@ -68,10 +68,11 @@ def _show_version(wanted: bool) -> None:
 def _run(module: str, name: str, *arguments: object, as_json: bool) -> None:
     """Exit with the code of a command, whose module is imported only now: --help need not wait for it."""
 
-    def command() -> object:
-        return getattr(import_module(module, __package__), name)(*arguments, as_json=as_json)
-
-    raise typer.Exit(console.run(command, as_json=as_json))
+    raise typer.Exit(
+        console.run(
+            lambda: getattr(import_module(module, __package__), name)(*arguments, as_json=as_json), as_json=as_json
+        )
+    )
 
 
 @app.callback()

@@ -12,6 +12,7 @@ try:
 
     from ..terminal import console
     from .array_options import Array, Calibration, Emulate, Serial, Uncalibrated, Watchdog
+    from .object_options import FillHoles, Inside, Kind, Label, Level, SolidRule, Spacing, Three, Unit, Weld
     from .selftest_options import selftest
     from .sweep_options import sweep
     from .trust_options import AllowCode, trust
@@ -28,7 +29,6 @@ app = typer.Typer(
 )
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
-Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 OBJECT_HELP = (
     "Mesh (STL, OBJ, PLY, GLB), volume (.npy .npz .nrrd .nii .nvdb), expression (.json), function (module:name), "
@@ -44,17 +44,6 @@ FLUSH_HELP = "How near to a patch's plane or side counts as on it; by default th
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
 MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
-Kind = Annotated[str | None, typer.Option(help="Of a volume: occupancy, distance, intensity, label.")]
-Level = Annotated[float | None, typer.Option(help="Of an intensity volume: its value on the surface.")]
-Label = Annotated[list[int] | None, typer.Option(help="Of a segmented volume: labels that are solid; may be repeated.")]
-Inside = Annotated[str | None, typer.Option(help="Of a volume: above or below, where values are solid.")]
-Spacing = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Of a volume, instead of the file's [m].")]
-Unit = Annotated[str | None, typer.Option(help="Of a volume file's lengths: m, cm, mm, um.")]
-SolidRule = Annotated[
-    str | None, typer.Option(help="Of a mesh: inside by winding number: winding (above 0), even-odd.")
-]
-Weld = Annotated[float | None, typer.Option(metavar="METRES", help="Of a mesh: merge vertices this close.")]
-FillHoles = Annotated[float | None, typer.Option(metavar="METRES", help="Of a mesh: close holes of at most this rim.")]
 KEPT_HELP = "Contour file, or focal points or drives of a sweep."
 DURATION_HELP = "Stop after this time [s] if the motion has not ended; a static pose needs it."
 

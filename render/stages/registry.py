@@ -38,7 +38,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 ROLES = ("raw", "prune", "transform")
 BY_RAW_KERNELS = ("outside", "close")  # stages that the raw intersection does as it goes
-BUILT_IN = ("prune", "joined", "built_in")  # modules of this folder that register stages
+BUILT_IN = ("prune", "built_in")  # modules of this folder that register stages
 PACKAGE = __name__.rpartition(".stages.")[0]  # palpate.render
 
 

@@ -15,6 +15,7 @@ from palpate.render import ContourBatch, IntersectionStrategy
 from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages import registry as registry
+from palpate.render.stages.prune import cut_batch
 from palpate.render.stages.registry import (
     Option,
     Setting,
@@ -26,7 +27,6 @@ from palpate.render.stages.registry import (
     register_prune,
     register_transform,
 )
-from palpate.render.stages.segment_removal import cut_batch
 from palpate.render.strategies.stage_runner import run_stages
 
 POSE = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (4, 1))

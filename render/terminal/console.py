@@ -145,9 +145,6 @@ def json_line(values: object) -> str:
 
 def finite(value: object) -> object:
     """A value with plain numbers, None where they are not finite."""
-    if isinstance(value, dict) and "stage" in value:
-        options = ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if key != "stage")
-        return f"{value['stage']} ({options})"
     if isinstance(value, dict):
         return {str(key): finite(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
@@ -164,6 +161,9 @@ def shown(value: object) -> str:
     """A value for people."""
     if isinstance(value, float):
         return f"{value:.6g}"
+    if isinstance(value, dict) and "stage" in value:
+        options = ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if key != "stage")
+        return f"{value['stage']} ({options})"
     if isinstance(value, dict):
         return ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if inner is not None)
     if isinstance(value, (list, tuple)):

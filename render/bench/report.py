@@ -125,9 +125,9 @@ def measure(job: BenchJob, *, quiet: bool = True) -> BenchReport:
         with one_core(job.one_core) as core:
             found, absent = find_peers(job.peers)
             rows = []
-            for name, thing in things.items():
+            for name, mesh in things.items():
                 for strategy in strategies:
-                    rows.append(measure_row(name, thing, strategy, found, absent, options))
+                    rows.append(measure_row(name, mesh, strategy, found, absent, options))
                     told()
             curves = (triangle_curve(options, told=told), pose_curve(options, told=told)) if job.curve else ()
     return BenchReport(

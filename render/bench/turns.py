@@ -43,7 +43,7 @@ class Trial:
     """What everyone is given: an object, a strategy, poses."""
 
     object: str
-    thing: MeshObject
+    mesh: MeshObject
     strategy: str
     pose: np.ndarray
     """float32, shape [pose, 7]."""
@@ -111,7 +111,7 @@ class PeerTurn:
     def _prepare(self) -> None:
         peer, trial, probe = self.peer, self.trial, self.trial.spread(PROBE_POSES)
         started = perf_counter()
-        peer.setup(trial.thing, trial.hand)
+        peer.setup(trial.mesh, trial.hand)
         self.setup_seconds = perf_counter() - started
         peer.contours(probe[:1], trial.stages)  # whatever a first call loads
         first = timed(self._call(probe[:1]))[0]
@@ -122,7 +122,7 @@ class PeerTurn:
             seconds = max(seconds, first)
         self.poses = min(len(trial.pose), fitting_count(self._cost, seconds, POSES_LEAST, POSES_MOST))
         sample = trial.spread(max(PROBE_POSES, min(self.poses, CHECK_POSES)))
-        self.agreement = check_peer(peer, trial.thing, trial.hand, sample, trial.stages)
+        self.agreement = check_peer(peer, trial.mesh, trial.hand, sample, trial.stages)
         if not self.agreement.agrees:
             self.fault = "disagrees", f"not the same contours: {self.agreement.told()}"
 

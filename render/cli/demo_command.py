@@ -32,14 +32,14 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ContourFileError(f"{folder}: cannot be made ({error.strerror})") from error
-    thing = MeshObject.load("tube")
+    mesh = MeshObject.load("tube")
     hand = Palm()
-    motion = exploration(thing.bounds, duration=30.0, rate=90.0, seed=1)
+    motion = exploration(mesh.bounds, duration=30.0, rate=90.0, seed=1)
     motion.save(folder / "motion.csv", overwrite=True)
     files = {"OC": folder / "tube-oc.h5", "CC": folder / "tube-cc.h5"}
     for label, strategy in (("OC", open_contour()), ("CC", closed_contour())):
         with console.progress_bar(f"render {label}", quiet=as_json) as progress:
-            record(files[label], thing, hand, motion, strategy, mode="overwrite", progress=progress)
+            record(files[label], mesh, hand, motion, strategy, mode="overwrite", progress=progress)
     rendered = perf_counter() - started
     picture = folder / "tube.png"
     draw_figure(files, picture, overwrite=True)

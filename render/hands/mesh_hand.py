@@ -12,6 +12,7 @@ import warp as wp
 
 from ...datasets.rigid import rotated
 from ...kernels.skin.edges import SkinEdges, upload_skin
+from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..objects.isosurface import isosurface
 from ..objects.solid import Solid
@@ -98,17 +99,18 @@ class MeshHand:
         return cls(vertices, read.faces, glabrous=region, step=step, name=name or path.name)
 
     @classmethod
+    @accept_old_keywords(thing="solid")
     def from_solid(
-        cls, thing: Solid, step: float, *, glabrous: Glabrous = "palm", palm_angle: float = 90.0, device: str = "cpu"
+        cls, solid: Solid, step: float, *, glabrous: Glabrous = "palm", palm_angle: float = 90.0, device: str = "cpu"
     ) -> "MeshHand":
         """A hand given as voxels or as an implicit function, in the hand's frame, meshed once in steps of `step` [m].
 
         glabrous, palm_angle: as for `load`; a mask cannot be known beforehand, a function can.
         """
-        bounds = np.asarray(thing.bounds, np.float64)
-        vertices, faces = isosurface(thing, bounds, step, device=device)
+        bounds = np.asarray(solid.bounds, np.float64)
+        vertices, faces = isosurface(solid, bounds, step, device=device)
         region = region_of(vertices.astype(np.float64), faces, glabrous, palm_angle)
-        return cls(vertices, faces, glabrous=region, name=thing.name)
+        return cls(vertices, faces, glabrous=region, name=solid.name)
 
     @property
     def patch_count(self) -> int:

@@ -14,6 +14,7 @@ from ...kernels.metrics.measure import measure_contours
 from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch, join_batches
 from ..coordinate_spacing import warn_of_spacing
+from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
 from ..objects.moving_object import object_poses
@@ -195,13 +196,14 @@ class _Rendering:
         return Chunk(first, stop, contours, lengths, removed, timing)
 
 
+@accept_old_keywords(thing="solid", moved="object_pose")
 def render(
-    thing: Solid,
+    solid: Solid,
     hand: Hand,
     motion: HandMotion | np.ndarray,
     strategy: IntersectionStrategy,
     *,
-    moved: HandMotion | np.ndarray | None = None,
+    object_pose: HandMotion | np.ndarray | None = None,
     points: str = "array",
     device: str = "cpu",
     devices: Sequence[str] | None = None,
@@ -210,7 +212,8 @@ def render(
 ) -> ContourBatch:
     """Contours of all poses, in memory on the host.
 
-    motion: a HandMotion, or poses alone, shape [pose, 7]. moved: poses of an object that moves, see `object_poses`.
+    motion: a HandMotion, or poses alone, shape [pose, 7]. object_pose: motion or poses of an object that moves, see
+    `object_poses`.
     points: "array", or "patch" for points relative to the middle of their patch, along its u, v and n, which float32
     holds to 4e-9 m anywhere (`array_points` gives them in the array's frame in float64). devices: one worker on each
     of these Warp devices, by default one on `device`; the contours are the same. memory: budget of what is being
@@ -222,8 +225,9 @@ def render(
     """
     batches = []
     pose = check_poses(motion)
-    scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion), points=points)
-    warn_of_spacing(thing.name, thing.bounds, pose, scene.moved)
+    poses = None if object_pose is None else object_poses(object_pose, motion)
+    scene = Scene.of(solid, hand, strategy, object_pose=poses, points=points)
+    warn_of_spacing(solid.name, solid.bounds, pose, scene.object_pose)
     chunks = rendered_chunks(scene, pose, device=device, devices=devices, memory=memory)
     with interrupt_between() as raise_if_interrupted:
         for chunk in chunks:

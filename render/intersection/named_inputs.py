@@ -98,22 +98,22 @@ def require_volume_options(given: dict[str, Any]) -> None:
 
 
 def refuse_options(options: dict[str, Any], whose: str, source: str) -> None:
-    """Raise StrategyError for the first option that is given and not of this kind of thing."""
+    """Raise StrategyError for the first option that is given and not for this kind of object, hand or motion."""
     for name, value in options.items():
         if value is not None:
             raise StrategyError(f"--{name.replace('_', '-')} is {whose}, which {source} is not")
 
 
-def simplified(thing: Solid, tolerance: float | None) -> tuple[Solid, Detail | None]:
+def simplified(solid: Solid, tolerance: float | None) -> tuple[Solid, Detail | None]:
     """The object simplified within a tolerance [m]; 0: a quarter of the focal width; None: as it is."""
     if tolerance is None:
-        return thing, None
+        return solid, None
     if not 0 <= tolerance < np.inf:  # a NaN compares false
         raise StrategyError(f"--simplify must be a length in metres of 0 or more, not {tolerance}")
-    if not isinstance(thing, MeshObject):
-        raise StrategyError(f"--simplify is of a mesh, which {thing.name} is not")
-    simple, detail = simplify(thing, tolerance or None)
-    simple.placement, simple.detail = thing.placement, detail.described()
+    if not isinstance(solid, MeshObject):
+        raise StrategyError(f"--simplify is of a mesh, which {solid.name} is not")
+    simple, detail = simplify(solid, tolerance or None)
+    simple.placement, simple.detail = solid.placement, detail.described()
     return simple, detail
 
 
@@ -130,7 +130,7 @@ def is_recording(source: str) -> bool:
     return not first.replace(" ", "").startswith(POSE_HEADERS)
 
 
-def load_motion(source: str, thing: Solid, options: dict[str, Any], watch: Watch = unwatched) -> HandMotion:
+def load_motion(source: str, solid: Solid, options: dict[str, Any], watch: Watch = unwatched) -> HandMotion:
     """A motion from a file of poses, or a synthetic exploration of the object; options of None take their defaults.
 
     watch: hears how far the exploration is.
@@ -139,7 +139,7 @@ def load_motion(source: str, thing: Solid, options: dict[str, Any], watch: Watch
     if source == EXPLORATION:
         try:
             progress = partial(watch, "exploration")
-            return exploration(thing.bounds, **{**EXPLORATION_DEFAULTS, **given}, progress=progress)
+            return exploration(solid.bounds, **{**EXPLORATION_DEFAULTS, **given}, progress=progress)
         except MotionError as error:
             raise StrategyError(f"{EXPLORATION}: {error}") from error
     if given:
@@ -189,7 +189,7 @@ def load_hand_and_motion(
     kind: str,
     palm: tuple[float, float] | None,
     source: str,
-    thing: Solid,
+    solid: Solid,
     *,
     exploration_options: dict[str, Any],
     side: str | None = None,
@@ -203,7 +203,7 @@ def load_hand_and_motion(
     """
     if not is_recording(source):
         refuse_options({"side": side, "alignment": alignment}, "of a recording of a hand", source)
-        return load_hand(kind, palm), load_motion(source, thing, exploration_options, watch)
+        return load_hand(kind, palm), load_motion(source, solid, exploration_options, watch)
     rate = exploration_options["rate"]
     refuse_options({k: v for k, v in exploration_options.items() if k != "rate"}, "of a synthetic exploration", source)
     recording = load_recording(source, hand=side, alignment=alignment)

@@ -25,6 +25,7 @@ import numpy as np
 
 from ...kernels.stages.point_function import map_intensity, map_points
 from ..contour_batch import ContourBatch
+from ..deprecated_names import OldAttribute
 from ..errors import StrategyError
 from ..objects.solid import Solid
 from ..validation import require_choice
@@ -132,16 +133,16 @@ class StageEntry:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a stage may look at beside the contours of one batch of poses."""
+    """Inputs of a stage beside the contours of one batch of poses."""
 
-    thing: Solid
+    solid: Solid
     hand: "Hand"
     pose: np.ndarray
     """Hand frame -> array frame, of this batch, float32, shape [pose, 7]."""
     first: int
     """Row of the motion that `pose` begins at."""
     device: str
-    """Where stages "on the device" run."""
+    """Warp device on which stages with on="device" run."""
     focal_width: float
     """FWHM of p^2 across the focus at the object's middle [m]."""
     step: float
@@ -150,10 +151,14 @@ class Setting:
     """Middle of the array's face [m], shape [3]."""
     array_normal: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     """Unit vector out of the array, shape [3]."""
-    moved: np.ndarray | None = None
-    """The object's pose at each pose, float32, shape [pose, 7]; None: it stands still."""
-    pivot: np.ndarray | None = None
-    """What of the object `moved` tells the place of, where it was placed [m], shape [3]; None: its bounds' middle."""
+    object_pose: np.ndarray | None = None
+    """Position of the object's centre and its rotation at each pose, float32 [pose, 7]; None: it stands still."""
+    object_centre: np.ndarray | None = None
+    """The point of the placed object whose position `object_pose` gives [m], shape [3]; None: middle of its bounds."""
+
+    thing = OldAttribute("solid")
+    moved = OldAttribute("object_pose")
+    pivot = OldAttribute("object_centre")
 
     @cached_property
     def frames(self) -> "PatchFrames":

@@ -62,7 +62,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     if len(arrays) > 1 and not as_json:
         values["arrays"] = [
             f"{report.array} {report.serial}: {report.frames} frames, {report.underruns} underruns, "
-            f"{console.told_of_off(report)};"
+            f"{console.off_state(report)};"
             for report in playback.reports
         ]
     console.say(values, as_json=as_json, title=str(file), told=TOLD_OF_PLAYING, unknown=ONLY_THE_BOARD_KNOWS)

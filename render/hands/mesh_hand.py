@@ -16,6 +16,7 @@ from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..objects.isosurface import isosurface
 from ..objects.solid import Solid
+from ..validation import is_number
 from .hand import PatchFrames, rigid_poses
 from .mesh_hand_check import checked_hand
 from .mesh_hand_file import Glabrous, face_normals, facing_palm, placed_hand, read_hand, region_of
@@ -48,8 +49,7 @@ class MeshHand:
         step: float | None = None,
         name: str = "hand",
     ) -> None:
-        is_number = isinstance(step, int | float | np.integer | np.floating) and not isinstance(step, bool)
-        if step is not None and not (is_number and STEP_SMALLEST <= step < np.inf):  # a NaN compares false
+        if step is not None and not (is_number(step) and STEP_SMALLEST <= step < np.inf):  # a NaN compares false
             raise StrategyError(f"{name}: step must be at least {STEP_SMALLEST:g} m, not {step!r}")
         self.name, self.step = name, None if step is None else float(step)
         surface = checked_hand(name, vertices, faces, glabrous)

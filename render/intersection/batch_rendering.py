@@ -21,8 +21,9 @@ from ..objects.moving_object import object_poses
 from ..objects.solid import Solid
 from ..runtime.gpu_download import Downloader
 from ..runtime.interrupt import interrupt_between
-from ..runtime.span_workers import Crew, PoseSpans, Work, warp_device
+from ..runtime.span_workers import PoseSpans, Work, WorkerThreads, warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy
+from ..validation import is_number
 from .scene import Scene
 
 MEMORY_DEFAULT = 512 * 10**6  # [byte]; or more for many workers:
@@ -74,7 +75,7 @@ def checked_memory(memory: float | None, devices: Sequence[str], *, smallest: in
     """A budget [byte], by default `memory_for` the devices; raises StrategyError for one that is none or too small."""
     if memory is None:
         return memory_for(devices)
-    if isinstance(memory, bool) or not isinstance(memory, int | float | np.integer | np.floating):
+    if not is_number(memory):
         raise StrategyError(f"memory must be a number of bytes, not {memory!r}")
     if not smallest <= memory < np.inf:  # a NaN compares false
         raise StrategyError(f"memory must be at least {smallest} bytes, not {memory}")
@@ -120,8 +121,8 @@ def rendered_chunks(
     turns = {name: threading.Lock() for name in names}
     for name in turns:
         rendering.prepare(name)
-    crew = Crew(spans, [rendering.work_on(name, turns[name]) for name in names])
-    yield from cast(Iterator[Chunk], crew.chunks())
+    threads = WorkerThreads(spans, [rendering.work_on(name, turns[name]) for name in names])
+    yield from cast(Iterator[Chunk], threads.chunks())
 
 
 @dataclass(frozen=True)

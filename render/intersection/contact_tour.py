@@ -17,7 +17,7 @@ from ...kernels.tours.tour import POINTS_MOST, TooManyPointsError, separation_th
 from ..errors import MeshError, PalpateWarning, StrategyError
 from ..hands.hand import Hand, PatchHand
 from ..objects.solid import Solid
-from ..validation import shown
+from ..validation import is_number, number_text
 
 LARGEST = float(np.finfo(np.float64).max)
 SEPARATION = 0.008  # [m]; MAMMOTH's
@@ -66,15 +66,14 @@ def contact_contours(
 
 
 def require_length(name: str, value: Any, least: float = 0.0) -> None:
-    """Refuse what is no positive, finite length, or one below the least [m]."""
-    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if not number or not 0.0 < value <= LARGEST or value < least:
+    """Raise StrategyError unless a value is a positive, finite length of at least `least` [m]."""
+    if not is_number(value) or not 0.0 < value <= LARGEST or value < least:
         bound = f"at least {least:g} m" if least else "a positive length in metres"
-        raise StrategyError(f"{name} must be {bound}, not {shown(value)}")
+        raise StrategyError(f"{name} must be {bound}, not {number_text(value)}")
 
 
 def require_inside(solid: Solid, name: str) -> None:
-    """Refuse an object without an inside for what needs one, by its name; see `Solid.require_closed`."""
+    """Raise MeshError, naming the raw intersection `name`, for an object without an inside (`Solid.require_closed`)."""
     try:
         solid.require_closed()
     except MeshError as error:

@@ -87,8 +87,8 @@ def takes_double(function: Any, name: str) -> bool:
         raise ImplicitError(f"{name}: must be a function decorated with @wp.func, not {type(function).__name__}")
     types = list(function.input_types.values())
     if len(types) != 1 or types[0] not in (wp.vec3, wp.vec3d):
-        shown = ", ".join(f"{key}: {getattr(kind, '__name__', kind)}" for key, kind in function.input_types.items())
-        raise ImplicitError(f"{name}: must take one position, wp.vec3 or wp.vec3d, and give a number, not ({shown})")
+        given = ", ".join(f"{key}: {getattr(kind, '__name__', kind)}" for key, kind in function.input_types.items())
+        raise ImplicitError(f"{name}: must take one position, wp.vec3 or wp.vec3d, and give a number, not ({given})")
     return types[0] == wp.vec3d
 
 
@@ -122,7 +122,8 @@ def try_function(function: Any, bounds: np.ndarray, name: str) -> np.ndarray:
     if border.any():
         at = bounds[0] + np.argwhere(border)[0] * size / cells
         warnings.warn(
-            f"{name}: reaches its bounds' border, at {shown(at)} for one, and is closed there: widen them to hold all",
+            f"{name}: reaches its bounds' border, at {point_text(at)} for one, and is closed there: widen them to "
+            "hold all",
             PalpateWarning,
             stacklevel=4,
         )
@@ -137,7 +138,7 @@ def judge_values(value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name:
         at = bounds[0] + first * np.ptp(bounds, axis=0) / cells
         raise ImplicitError(
             f"{name}: is not a number at {int(odd.sum())} of {odd.size} points within its bounds, "
-            f"at {shown(at)} for one ({value[tuple(first)]:g})"
+            f"at {point_text(at)} for one ({value[tuple(first)]:g})"
         )
     low, high = float(value.min()), float(value.max())
     tried = f"at all {value.size} points tried within its bounds"
@@ -184,10 +185,11 @@ def judge_jumps(field: Field, value: np.ndarray, bounds: np.ndarray, cells: np.n
     if stays.any():
         worst = int(np.argmax(np.where(stays, jump, 0.0)))
         raise ImplicitError(
-            f"{name}: is not continuous: it jumps from {below[worst]:g} to {above[worst]:g} at {shown(inner[worst])}"
+            f"{name}: is not continuous: it jumps from {below[worst]:g} to {above[worst]:g} at "
+            f"{point_text(inner[worst])}"
         )
 
 
-def shown(x: np.ndarray) -> str:
+def point_text(x: np.ndarray) -> str:
     """A place for a message."""
     return f"({', '.join(f'{c:.4g}' for c in x)}) m"

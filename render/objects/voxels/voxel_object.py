@@ -16,7 +16,7 @@ from ....kernels.fields.bricked_grid import bricked_field
 from ....kernels.fields.dense_grid import pad_outside
 from ....kernels.fields.field import Field
 from ...errors import PalpateWarning, VoxelError
-from ...validation import told
+from ...validation import value_text
 from ..mesh.solid_mesh import POOL_KEPT, Placement, warn_of_place
 from .grid import affine_of, applied, box_around, crossing_points, placed_affine
 from .values import check_inside, rule_of, signed_values, values_of
@@ -106,11 +106,13 @@ class VoxelObject:
         from .files import read_volume  # imports readers of many formats
 
         if not isinstance(path, str | Path):
-            raise VoxelError(f"a volume's path must be text or a Path, not {told(path)}")
+            raise VoxelError(f"a volume's path must be text or a Path, not {value_text(path)}")
         path = Path(path)
         try:
             if spacing is not None and unit is not None:
-                raise VoxelError(f"spacing is in metres: give it or unit, not both ({told(spacing)}, {told(unit)})")
+                raise VoxelError(
+                    f"spacing is in metres: give it or unit, not both ({value_text(spacing)}, {value_text(unit)})"
+                )
             volume = read_volume(path, unit)
             if kind is None and label is None:
                 kind = volume.kind

@@ -14,12 +14,12 @@ from ....kernels.solids.voxelise import GridNodes, cross_columns, measure_distan
 from ...deprecated_names import accept_old_keywords
 from ...errors import MeshError, PalpateWarning, VoxelError
 from ...runtime.loading_progress import Watch, unwatched
-from ...validation import told
+from ...validation import value_text
 from ..mesh.bodies import body_labels, settle_signs, signed_volumes
 from ..mesh.repair import winding_number
 from ..mesh.solid_mesh import MeshObject, Placement
 from .grid import LENGTHS, numbers_of
-from .values import PADDED_MOST, is_number
+from .values import PADDED_MOST, is_bounded_number
 from .voxel_object import VoxelObject
 
 SIGNS = ("auto", "crossings", "parity", "winding")
@@ -61,7 +61,7 @@ def sign_of(mesh: MeshObject, sign: str) -> str:
     with edges of one triangle     winding     none: columns would leak through the holes
     """
     if sign not in SIGNS:
-        raise VoxelError(f"sign must be one of {', '.join(SIGNS)}, not {told(sign)}")
+        raise VoxelError(f"sign must be one of {', '.join(SIGNS)}, not {value_text(sign)}")
     rims = rim_count(mesh.faces)
     agrees = rims == 0 and mesh.report.open_edges == 0
     if sign == "auto":
@@ -83,9 +83,9 @@ def grid_around(
     step = np.ravel(numbers_of("spacing", spacing, LENGTHS))
     step = np.repeat(step, 3) if len(step) == 1 else step
     if len(step) != 3 or not (np.isfinite(step) & (step > 0)).all():
-        raise VoxelError(f"spacing must be {LENGTHS}, not {told(spacing)}")
-    if margin is not None and not (is_number(margin) and margin >= 0):
-        raise VoxelError(f"margin must be a length in metres of at least 0, not {told(margin)}")
+        raise VoxelError(f"spacing must be {LENGTHS}, not {value_text(spacing)}")
+    if margin is not None and not (is_bounded_number(margin) and margin >= 0):
+        raise VoxelError(f"margin must be a length in metres of at least 0, not {value_text(margin)}")
     around = MARGIN * step if margin is None else np.full(3, float(margin))
     count = np.maximum(np.ceil((np.ptp(bounds, axis=0) + 2 * around) / step), 1.0) + 1
     if (count + 2).prod() > PADDED_MOST:
@@ -176,7 +176,7 @@ def known_device(device: str | None) -> str:
         return str(wp.get_device(device))
     except (ValueError, TypeError, RuntimeError, AttributeError) as error:
         known = ", ".join(str(x) for x in wp.get_devices())
-        raise VoxelError(f"device must be one of {known}, not {told(device)}") from error
+        raise VoxelError(f"device must be one of {known}, not {value_text(device)}") from error
 
 
 @accept_old_keywords(thing="mesh")
@@ -204,12 +204,12 @@ def voxelise(
     to hold anything, or thinner than the spacing; MeshError for a sign that needs a closed surface.
     """
     if kind not in ("distance", "occupancy"):
-        raise VoxelError(f"kind must be 'distance' or 'occupancy', not {told(kind)}")
+        raise VoxelError(f"kind must be 'distance' or 'occupancy', not {value_text(kind)}")
     if not isinstance(mesh, MeshObject):
-        raise VoxelError(f"a MeshObject is voxelised, not {told(mesh)}")
+        raise VoxelError(f"a MeshObject is voxelised, not {value_text(mesh)}")
     nodes = grid_around(mesh.bounds, spacing, margin, mesh.name)
-    if band is not None and not (is_number(band) and band >= 2 * nodes.spacing.max()):
-        raise VoxelError(f"band must be at least two voxels, {2 * nodes.spacing.max():g} m, not {told(band)}")
+    if band is not None and not (is_bounded_number(band) and band >= 2 * nodes.spacing.max()):
+        raise VoxelError(f"band must be at least two voxels, {2 * nodes.spacing.max():g} m, not {value_text(band)}")
     sign = sign_of(mesh, sign)
     device = known_device(device)
     vertices, faces, turned, points = mesh.vertices.astype(np.float64), mesh.faces, 0, np.zeros((0, 3))

@@ -57,7 +57,7 @@ class Curve:
 
 
 def triangle_curve(
-    options: BenchOptions, frequencies: Sequence[int] = FREQUENCIES, told: Callable[[], None] = lambda: None
+    options: BenchOptions, frequencies: Sequence[int] = FREQUENCIES, done: Callable[[], None] = lambda: None
 ) -> Curve:
     """Cost a pose of the blob at every frequency."""
     points, left_out = [], []
@@ -68,12 +68,12 @@ def triangle_curve(
             left_out.append(found)
         else:
             points.append(found)
-        told()
+        done()
     return _curve("blob", "triangles", points, left_out)
 
 
 def pose_curve(
-    options: BenchOptions, counts: Sequence[int] = POSE_COUNTS, told: Callable[[], None] = lambda: None
+    options: BenchOptions, counts: Sequence[int] = POSE_COUNTS, done: Callable[[], None] = lambda: None
 ) -> Curve:
     """Seconds of the tube's poses at every count."""
     mesh = MeshObject.load(OBJECT)
@@ -85,7 +85,7 @@ def pose_curve(
             left_out.append(found)
         else:
             points.append(found)
-        told()
+        done()
     return _curve(OBJECT, "poses", points, left_out)
 
 

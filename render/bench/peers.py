@@ -73,8 +73,8 @@ class Peer:
     @property
     def version(self) -> str:
         """Versions of the library and of what completes it."""
-        told = [f"{package} {version(package)}" for package in (*self.packages, *COMPLETION)]
-        return ", ".join(told)
+        versions = [f"{package} {version(package)}" for package in (*self.packages, *COMPLETION)]
+        return ", ".join(versions)
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class Agreement:
         """Whether it is the same output: at most 0.1 % of the poses apart, 1 % in their number of polylines."""
         return self.apart <= APART_SHARE * self.poses and self.lines_apart <= LINES_SHARE * self.poses
 
-    def told(self) -> str:
+    def text(self) -> str:
         """One sentence."""
         return (
             f"{self.apart} of {self.poses} poses differ in length (most: {self.apart_most:.2g} of it), "

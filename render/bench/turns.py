@@ -124,7 +124,7 @@ class PeerTurn:
         sample = trial.spread(max(PROBE_POSES, min(self.poses, CHECK_POSES)))
         self.agreement = check_peer(peer, trial.mesh, trial.hand, sample, trial.stages)
         if not self.agreement.agrees:
-            self.fault = "disagrees", f"not the same contours: {self.agreement.told()}"
+            self.fault = "disagrees", f"not the same contours: {self.agreement.text()}"
 
     def _call(self, pose: np.ndarray) -> Call:
         return partial(self.peer.contours, pose, self.trial.stages)
@@ -144,7 +144,7 @@ class PeerTurn:
         """The result, from the clocks of `calls` and our own time a pose [us]."""
         if self.fault:
             state, note = self.fault
-            return PeerRow(agreement=self.agreement, **self._told(state, note))
+            return PeerRow(agreement=self.agreement, **self._cells(state, note))
         state, note = ("timed", "") if self.repeated else ("once", f"timed once, {clocks[0].wall:.3g} s")
         cpu, wall, count = clocks[0].cpu, clocks[0].wall, self.poses
         if len(clocks) == 2:
@@ -152,7 +152,7 @@ class PeerTurn:
             note = "cost of a further pose, since every call prepares the mesh anew"
         us = 1e6 * (cpu if self.trial.options.one_core else wall) / count
         return PeerRow(
-            **self._told(state, note),
+            **self._cells(state, note),
             setup_seconds=self.setup_seconds,
             call_seconds=clocks[1].wall if len(clocks) == 2 else None,
             poses=self.poses,
@@ -164,7 +164,7 @@ class PeerTurn:
             agreement=self.agreement,
         )
 
-    def _told(self, state: str, note: str) -> dict[str, str]:
+    def _cells(self, state: str, note: str) -> dict[str, str]:
         peer = self.peer
         return {"name": peer.name, "state": state, "note": note, "version": peer.version, "licence": peer.licence}
 

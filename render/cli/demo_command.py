@@ -46,7 +46,7 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
     with console.playback_line("playing CC; Ctrl-C stops it", quiet=as_json) as line:
         playback = play_file(files["CC"], connection=connection, watch=line).as_dict()
     summary = summarise(files["CC"])
-    told = ("frames", "update_rate", "duration", "bytes", "underruns", "board_underruns", "jumps", "array", "clock")
+    names = ("frames", "update_rate", "duration", "bytes", "underruns", "board_underruns", "jumps", "array", "clock")
     values = {
         "motion": str(folder / "motion.csv"),
         "open_contours": str(files["OC"]),
@@ -57,9 +57,11 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
         "length_mean": summary["length_mean"],
         "r": summary["r"],
         "render_seconds": rendered,
-        **{name: playback[name] for name in told},
+        **{name: playback[name] for name in names},
         "revisit_rate": playback["revisit_rate"],
         "off_confirmed": playback["off_confirmed"],
         "seconds": perf_counter() - started,
     }
-    console.say(values, as_json=as_json, title="palpate demo: a tube explored by a palm, closed contours played")
+    console.show_values(
+        values, as_json=as_json, title="palpate demo: a tube explored by a palm, closed contours played"
+    )

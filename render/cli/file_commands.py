@@ -22,10 +22,10 @@ from ..reports.file_summary import summarise, summarise_frames
 from ..runtime.span_workers import worker_devices
 from ..strategies.intersection_strategy import load_strategy
 from ..terminal import console
-from ..terminal.foreign_text import tell
+from ..terminal.foreign_text import print_message
 
 SUFFIXES = (".h5", ".hdf5")
-TOLD_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
+SHOWN_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
             warn_if_removed(summary)
         else:
             warn_if_apart(solid, motion, summary["poses_drawn"], way=way)
-    console.say(summary, as_json=as_json, title=str(job.out), told=TOLD_OF_RENDERING)
+    console.show_values(summary, as_json=as_json, title=str(job.out), shown_names=SHOWN_OF_RENDERING)
     return console.DONE
 
 
@@ -175,12 +175,12 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
         console.start_warp()
         with console.loading_bar(str(file), quiet=as_json) as watch:
             facts = mesh_facts(str(file), options, watch)
-        told = [name for name, value in facts.items() if value not in (0, "")]
-        console.say(facts, as_json=as_json, title=str(file), told=told)
+        names = [name for name, value in facts.items() if value not in (0, "")]
+        console.show_values(facts, as_json=as_json, title=str(file), shown_names=names)
         return
     refuse_options(options, "of a mesh", str(file))
     if frame_format(file) is not None:
-        console.say(summarise_frames(file), as_json=as_json, title=str(file))
+        console.show_values(summarise_frames(file), as_json=as_json, title=str(file))
         return
     summary = summarise(file)
     if not summary["sealed"]:
@@ -188,7 +188,7 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
             f"{file} is still being written, or was interrupted: "
             f"{summary['poses_done']} of {summary['poses']} poses are done (palpate render --resume goes on)"
         )
-    console.say(summary, as_json=as_json, title=str(file))
+    console.show_values(summary, as_json=as_json, title=str(file))
 
 
 def run_check(file: Path, *, as_json: bool) -> int:
@@ -201,13 +201,15 @@ def run_check(file: Path, *, as_json: bool) -> int:
         problems = check_file(file) if frame_format(file) is None else check_frames(file)
         unproven, unknown = unproven_content(file), unknown_content(file)
     if as_json:
-        told = {"path": str(file), "whole": not problems, "problems": problems, "unknown": unknown}
-        console.say(told | ({"unproven": unproven} if unproven else {}), as_json=True, title="")
+        result = {"path": str(file), "whole": not problems, "problems": problems, "unknown": unknown}
+        console.show_values(result | ({"unproven": unproven} if unproven else {}), as_json=True, title="")
         return console.FAILED if problems else console.DONE
     for problem in problems:
-        tell(problem, "error")
+        print_message(problem, "error")
     if not problems:
-        console.say({"whole": "yes", "without digests": "; ".join(unproven) or None}, as_json=False, title=str(file))
+        console.show_values(
+            {"whole": "yes", "without digests": "; ".join(unproven) or None}, as_json=False, title=str(file)
+        )
     for sentence in unknown:
         console.warn(f"{file}: {sentence}, and nothing reads it")
     return console.FAILED if problems else console.DONE
@@ -216,4 +218,4 @@ def run_check(file: Path, *, as_json: bool) -> int:
 def run_figure(files: list[Path], out: Path, overwrite: bool, *, as_json: bool) -> None:
     """Draw."""
     draw_figure({path.stem: path for path in files}, out, overwrite=overwrite)
-    console.say({"picture": str(out)}, as_json=as_json, title="figure")
+    console.show_values({"picture": str(out)}, as_json=as_json, title="figure")

@@ -21,7 +21,7 @@ from ..objects.moving_object import object_poses
 from ..objects.solid import Solid
 from ..runtime.gpu_download import Downloader
 from ..runtime.interrupt import interrupt_between
-from ..runtime.span_workers import PoseSpans, Work, WorkerThreads, warp_device
+from ..runtime.span_workers import PoseSpans, SpanRenderer, WorkerThreads, warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..validation import is_number
 from .scene import Scene
@@ -106,7 +106,7 @@ def rendered_chunks(
     memory = checked_memory(memory, names)
     scene.require_poses(len(pose))
     wanted = 2 * len(names) + 1
-    names = names[: max(1, (memory // MEMORY_SMALLEST - 1) // 2)]  # a worker needs room to be of any use
+    names = names[: max(1, (memory // MEMORY_SMALLEST - 1) // 2)]  # fewer workers if memory is short
     rendering = _Rendering(scene, pose, memory, share_count=2 * len(names) + 1, share_count_wanted=wanted)
     on_cpus = all(wp.get_device(name).is_cpu for name in names)
     spans = PoseSpans(
@@ -127,7 +127,7 @@ def rendered_chunks(
 
 @dataclass(frozen=True)
 class _Rendering:
-    """What all workers share."""
+    """State shared by all workers."""
 
     scene: Scene
     pose: np.ndarray
@@ -146,8 +146,8 @@ class _Rendering:
         """Upload the object and load Warp's modules, once and by one thread: one pose takes all that chunks take."""
         self.scene.contours(self.pose[:1], 0, device)[0].lengths()
 
-    def work_on(self, device: str, turn: threading.Lock) -> Work:
-        """What a worker on that device does; those of one GPU take turns in computing, not in bringing down."""
+    def work_on(self, device: str, turn: threading.Lock) -> SpanRenderer:
+        """Function of a worker on a device; workers of one GPU take turns in computing, and download at any time."""
         if wp.get_device(device).is_cpu:
             return lambda first, stop: self._fitting(first, stop, lambda *span: self._on_cpu(device, *span))
         down = Downloader(device)

@@ -32,14 +32,14 @@ PACKAGES = ("palpate", "warp-lang", "numpy", "trimesh", "h5py")
 
 @dataclass(frozen=True)
 class Recording:
-    """What recording a motion's contours came to."""
+    """Result of recording a motion's contours."""
 
     path: Path
     pose_count: int
     rendered: int
     """Poses rendered by this call; the others were there already."""
     repairs: tuple[str, ...]
-    """What resuming found damaged and rendered again."""
+    """Descriptions of damage that resuming found and rendered again."""
 
 
 def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:

@@ -1,7 +1,7 @@
-"""Raw contours of a mesh on the patches of a hand, or what they come to: one batch of poses in one go.
+"""Raw contours of a mesh on the patches of a hand, or their metrics, for one batch of poses.
 
-Contours of a simple mesh are cut, joined and drawn by kernels. Those of a closed one that crosses itself are the
-boundary of what its winding number says is inside, which is found on the host, section by section.
+Contours of a simple mesh are cut, joined and drawn by kernels. Those of a closed mesh that crosses
+itself are the boundary of the region that its winding number defines as inside, computed on the host by section.
 """
 
 from typing import Any
@@ -104,7 +104,7 @@ def tally_intersection(
     method: str | None = None,
     timing: dict[str, float] | None = None,
 ) -> None:
-    """What `tally_contours` tells of `intersect`'s contours, to the bit, and no memory is taken for points.
+    """Metrics of `intersect`'s contours, bit-identical to those of `tally_contours`, without memory for points.
 
     value: float32, takes rows METRICS, shape [metric.., pose], the area NaN unless the strategy closes contours.
     length: takes that of all contours in float64 [m], shape [pose]. The others as for `intersect`.
@@ -126,7 +126,7 @@ def _pieces(
     method: str | None,
     timing: dict[str, float] | None,
 ) -> tuple[list[Any], tuple[Any, wp.array]]:
-    """What of the contours lies in each patch; and the surface and poses of sections it was found with."""
+    """Pieces of contours in each patch; and the surface and section poses that they were found with."""
     if needs_regularising(mesh):
         raise MeshError(f"{mesh.name} crosses itself: its contours are drawn to be measured (`intersect`)")
     if strategy.needs_closed:

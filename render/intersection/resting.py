@@ -1,4 +1,4 @@
-"""What counts as on a patch's plane and sides: a strategy's `flush`, or float32's spacing at the pose."""
+"""Distance at which a vertex counts as on a patch's plane or side: `flush`, or float32 spacings at the pose."""
 
 from weakref import WeakKeyDictionary
 
@@ -35,7 +35,7 @@ def patches_for(
     farthest: float = 0.0,
     relative: bool = False,
 ) -> wp.array:
-    """A hand's patches on a device, which know what counts as on them, dtype Patch, shape [patch].
+    """A hand's patches on a device, with the distance that counts as on them; dtype Patch, shape [patch].
 
     A strategy without `flush` gets FLUSH_RATE times the largest coordinate of the object and the patch, and of the
     object's own poses on top where it moves: those are rounded, too. farthest: see `farthest_of`; relative: whether

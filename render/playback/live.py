@@ -100,7 +100,7 @@ class Instant:
     """Focal points of a hand that moves now: a pose comes, the focal points until the next one go.
 
     Sample k is shown at k / update rate after the first pose, as in `sample_contours`: the same poses give the same
-    focal points, to the bit, if each is drawn until the time of the next. No sample is left out or comes twice,
+    focal points, bit for bit, if each is drawn until the time of the next. No sample is left out or comes twice,
     whenever poses come: what was not drawn before a pose is drawn from the one before it.
 
     solid, hand, strategy: as in `render`. sampling: how contours are drawn, by default at constant speed.
@@ -125,7 +125,7 @@ class Instant:
         sampling = sampling or SamplingStrategy()
         self.interval = interval
         self.sampler = Sampler(sampling)
-        """Its `count` tells what has been drawn."""
+        """Its `count` has the number of samples drawn."""
         self.contours: ContourBatch | None = None
         """Of the last pose, on the host, in memory that the next pose writes over: copy what shall last."""
         self._intersection = PoseContours(solid, hand, strategy)

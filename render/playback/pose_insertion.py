@@ -71,9 +71,9 @@ def insert_poses(
     if len(motion) == 1:
         return motion
     places = None if object_pose is None else object_poses(object_pose, motion)
-    looker = _Looker(Scene.of(solid, hand, strategy, object_pose=places), motion, object_pose, distance, device)
+    shift_test = _ShiftTest(Scene.of(solid, hand, strategy, object_pose=places), motion, object_pose, distance, device)
     gap = max(hold, 2.0 * float(np.median(np.diff(motion.time))))
-    return _with(motion, _inserted(motion, gap, looker))
+    return _with(motion, _inserted(motion, gap, shift_test))
 
 
 def _with(motion: HandMotion, inserted: list[Poses]) -> HandMotion:
@@ -85,10 +85,10 @@ def _with(motion: HandMotion, inserted: list[Poses]) -> HandMotion:
     return HandMotion(time[order], pose[order], motion.offset, motion.seed, count)
 
 
-def _inserted(motion: HandMotion, gap: float, looker: "_Looker") -> list[Poses]:
+def _inserted(motion: HandMotion, gap: float, shift_test: "_ShiftTest") -> list[Poses]:
     """Poses to be inserted, level by level of halving; gap: no interval longer than this is halved [s]."""
     time, pose = np.asarray(motion.time), motion.pose
-    wanted = looker.moves_far(time, pose, np.diff(time) <= gap)
+    wanted = shift_test.moves_far(time, pose, np.diff(time) <= gap)
     ends, out = [(a[:-1][wanted], a[1:][wanted]) for a in (time, pose)], []
     while True:
         (t0, t1), (p0, p1) = ends
@@ -102,11 +102,11 @@ def _inserted(motion: HandMotion, gap: float, looker: "_Looker") -> list[Poses]:
         out.append((middle, half))
         time, pose = np.stack([t0, middle, t1], axis=1).ravel(), np.stack([p0, half, p1], axis=1).reshape(-1, 7)
         compared = np.tile([True, True, False], len(middle))[:-1]
-        wanted = np.flatnonzero(looker.moves_far(time, pose, compared))
+        wanted = np.flatnonzero(shift_test.moves_far(time, pose, compared))
         ends = [(a[wanted], a[wanted + 1]) for a in (time, pose)]
 
 
-class _Looker:
+class _ShiftTest:
     """Tells between which poses contours move too far."""
 
     def __init__(

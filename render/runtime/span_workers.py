@@ -44,7 +44,7 @@ class Rendered(Protocol):
         ...
 
 
-Work = Callable[[int, int], Rendered]
+SpanRenderer = Callable[[int, int], Rendered]
 """Renders poses first..stop, or as many from the first as fit the memory."""
 
 
@@ -133,7 +133,7 @@ class PoseSpans:
 class WorkerThreads:
     """Worker threads; at most twice as many chunks as workers are being rendered or wait for the consumer."""
 
-    def __init__(self, spans: PoseSpans, works: Sequence[Work]) -> None:
+    def __init__(self, spans: PoseSpans, works: Sequence[SpanRenderer]) -> None:
         self._spans = spans
         self._limit = 2 * len(works)
         self._changed = threading.Condition()
@@ -177,7 +177,7 @@ class WorkerThreads:
                 thread.join()
         self._waiting.clear()
 
-    def _run(self, work: Work) -> None:
+    def _run(self, work: SpanRenderer) -> None:
         while (span := self._take()) is not None:
             try:
                 outcome = work(*span)

@@ -12,7 +12,7 @@ from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from .metrics import CAUSES, DwellMap, FocalPoints, SamplingCount, dwell_map
 from .path import Path, paths_of
-from .presets import PRESETS, load_sampling, preset, says_rate
+from .presets import PRESETS, load_sampling, preset, sets_rate
 from .sampler import Sampler
 from .strategy import (
     AmplitudeModulation,
@@ -49,7 +49,7 @@ __all__ = [
     "preset",
     "sample_bounds",
     "sample_contours",
-    "says_rate",
+    "sets_rate",
 ]
 
 

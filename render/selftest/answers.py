@@ -4,7 +4,7 @@ import sys
 from typing import NamedTuple, TextIO
 
 from ..errors import RenderError, StrategyError
-from ..terminal.foreign_text import errors, tell
+from ..terminal.foreign_text import errors, print_message
 from .steps import Answer, Step
 
 AT_ALL_TIMES = "? plays it again, s REASON skips the step, q ends; the report is kept"
@@ -36,7 +36,7 @@ class Questioner:
 
     def note(self, line: str) -> None:
         """Show a line."""
-        tell(line)
+        print_message(line)
 
     def ready(self, step: Step) -> Reply | None:
         """Wait until a person is ready for the step, if it plays something: None to play. A script is always ready."""

@@ -12,7 +12,7 @@ from ..errors import StrategyError, UntrustedCodeError
 from ..stages.option import Value
 from ..stages.registry import ROLES, Stage, find_stage, known_stages
 from ..trust.permission import AllowCode, Code, Namer, require_permission
-from ..trust.user_code import Source, find_module, run_all
+from ..trust.user_code import CodeSource, find_module, run_all
 from ..validation import load_by_name, read_fields, require_number
 from .stage_order import require_order
 
@@ -219,7 +219,7 @@ def require_module(name: object) -> str:
     return name
 
 
-def strategy_code(text: str, folder: Path | None, path: str = "") -> list[Source]:
+def strategy_code(text: str, folder: Path | None, path: str = "") -> list[CodeSource]:
     """Modules named by a strategy's JSON: located, not run. The rest of the JSON is checked first.
 
     folder: the file's, searched first. path: the file's, for messages.
@@ -231,7 +231,7 @@ def strategy_code(text: str, folder: Path | None, path: str = "") -> list[Source
     names = [require_module(name) for name in values.get("modules", ())]
     if names:
         _require_readable(values)
-    found: list[Source] = []
+    found: list[CodeSource] = []
     for name in names:
         try:
             found.append(find_module(name, folder, Namer.of(path, text)))

@@ -26,7 +26,7 @@ from ..contour_batch import ContourBatch
 from ..errors import SweepError
 from ..hands.hand import PatchHand
 from ..intersection.scene import PoseBlock, Scene
-from ..runtime.stage_timing import StageClock, settled, stage_times
+from ..runtime.stage_timing import StageClock, resolved_times, stage_times
 from ..sampling.strategy import SamplingStrategy
 from ..stages.registry import BY_RAW_KERNELS
 from .sweep_frequency import Pacer, needs_contours
@@ -106,7 +106,7 @@ def measure_batch(
     with StageClock(clock, "measure", device):
         sums = _sums(tallied, parts, asked, samplings, device)
     found = sums.numpy()  # the one download; waits for all that was asked of the device
-    seconds = settled(clock)
+    seconds = resolved_times(clock)
     if timing is not None:
         timing |= {stage: timing.get(stage, 0.0) + s for stage, s in seconds.items()}
     pacing = {"frequency": seconds.pop("frequency") / max(1, len(asked))}

@@ -29,7 +29,7 @@ from ..errors import (
 )
 from ..runtime.kernel_cache import require_private_cache, unusable_cache
 from ..runtime.loading_progress import Watch, unwatched
-from .foreign_text import errors, show_table, tell, visible
+from .foreign_text import errors, print_message, show_table, visible
 
 SHOWN_WARNINGS = (PalpateWarning, RecordingWarning)
 
@@ -111,15 +111,15 @@ UNITS = {
 """Units shown after values in tables; for --json, docs/guide/command-line.md gives them."""
 
 
-def say(
+def show_values(
     values: dict,
     *,
     as_json: bool,
     title: str,
-    told: Collection[str] | None = None,
+    shown_names: Collection[str] | None = None,
     unknown: Collection[str] = (),
 ) -> None:
-    """Print results: one JSON object with all values, or a table with those in `told` (by default all).
+    """Print results: one JSON object with all values, or a table with those in `shown_names` (by default all).
 
     A value that is None has no row in the table, or "not known" if its name is in `unknown`.
     """
@@ -128,7 +128,7 @@ def say(
         return
     rows: list[tuple[str, str]] = []
     for name, value in values.items():
-        if told is not None and name not in told:
+        if shown_names is not None and name not in shown_names:
             continue
         if value is not None:
             unit = f" {UNITS[name]}" if name in UNITS else ""
@@ -219,23 +219,23 @@ def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatisti
     def begin() -> None:
         nonlocal begun
         if not begun:
-            tell(title)
+            print_message(title)
             begun = True
 
     if quiet or not errors.is_terminal:
         yield lambda live, total: begin()
         return
-    told = TextColumn("{task.fields[told]}", markup=False)
-    with Progress(BarColumn(), MofNCompleteColumn(), told, console=errors, transient=True) as progress:
-        task = progress.add_task("frames", total=None, told="")
+    statistics = TextColumn("{task.fields[statistics]}", markup=False)
+    with Progress(BarColumn(), MofNCompleteColumn(), statistics, console=errors, transient=True) as progress:
+        task = progress.add_task("frames", total=None, statistics="")
 
         def show(live: LiveStatistics, total: int) -> None:
             begin()
-            told = (
+            text = (
                 f"{live.queue_bytes >> 10} KiB under way, {live.underruns} underruns, "
                 f"{live.lateness * 1e3:.1f} ms behind"
             )
-            progress.update(task, completed=live.frames, total=total, told=told)
+            progress.update(task, completed=live.frames, total=total, statistics=text)
 
         yield show
 
@@ -248,7 +248,7 @@ def parsed(app: Callable[..., object]) -> int:
         message = getattr(error, "message", None)
         if not hasattr(error, "format_message") or not isinstance(message, str):  # not an error of typer
             for line in "".join(traceback.format_exception(error)).splitlines():
-                tell(line)
+                print_message(line)
             return FAILED
         shown: Any = error
         if sys.argv[1:]:  # without arguments the message is the help, whose line breaks must stay
@@ -265,7 +265,7 @@ def run(command: Callable[[], object], *, as_json: bool) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the last flush fails again
-        tell("standard output was closed before the results were written", "error")
+        print_message("standard output was closed before the results were written", "error")
         return FAILED
     return code
 
@@ -290,8 +290,8 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
         except Exception as error:  # a bug in palpate: one sentence too, with the way to a traceback
             if os.environ.get("PALPATE_TRACEBACK"):
                 raise
-            told = f"{type(error).__name__}: {error}"
-            return fail(f"{told} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
+            name = f"{type(error).__name__}: {error}"
+            return fail(f"{name} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
     return code if isinstance(code, int) else DONE
 
 
@@ -300,16 +300,16 @@ def fail(
 ) -> int:
     """Report an error and return its exit code. lines: of a message that has several lines."""
     first, *rest = lines or (message,)
-    tell(first, "error")
+    print_message(first, "error")
     for line in rest:
-        tell(line)
+        print_message(line)
     if as_json:
         late = [late_warning(report)] if report and report.is_late else []
         played = {"report": report.as_dict(), "warnings": late} if report else {}
         sys.stdout.write(json_line({"error": message, **played}))
     elif report:
         after = "" if report.off_after is None else f"off frames taken {report.off_after:.3g} s after the end; "
-        tell(f"played until then: {report.frames} frames; {after}{off_state(report)}")
+        print_message(f"played until then: {report.frames} frames; {after}{off_state(report)}")
         if report.is_late:
             warn(late_warning(report))
     return code
@@ -337,7 +337,7 @@ def late_warning(report: PlayReport) -> str:
 
 def warn(sentence: str) -> None:
     """Warn on standard error."""
-    tell(sentence, "warning")
+    print_message(sentence, "warning")
 
 
 def _report_of(error: BaseException) -> PlayReport | None:
@@ -346,4 +346,4 @@ def _report_of(error: BaseException) -> PlayReport | None:
 
 def _show_warning(message: Warning | str, category: type[Warning], *rest: object) -> None:
     del category, rest
-    tell(message, "warning")
+    print_message(message, "warning")

@@ -23,7 +23,7 @@ from ....kernels.fields.probe import lattice_of, probe_nodes, probe_points
 from ....kernels.fields.user_function import Placed, raw_value
 from ...errors import ImplicitError, PalpateWarning, UntrustedCodeError
 from ...trust.permission import UNNAMED, AllowCode, Namer
-from ...trust.user_code import Source, find_file, find_installed, run_all
+from ...trust.user_code import CodeSource, find_file, find_installed, run_all
 
 TRIED = 64  # cells along the longest side of the bounds where a function is tried
 TRIED_LEAST = 8  # along the others
@@ -56,7 +56,7 @@ def load_function(spec: str, *, allow_code: AllowCode = False, namer: Namer = UN
     return getattr(module, name)
 
 
-def find_function_code(spec: str, namer: Namer = UNNAMED) -> Source:
+def find_function_code(spec: str, namer: Namer = UNNAMED) -> CodeSource:
     """The code that holds a function, none of which is run; raises ImplicitError for what is no name, or not there."""
     where, _, name = spec.rpartition(":")
     if not where or not name:
@@ -114,8 +114,8 @@ def try_function(function: Any, bounds: np.ndarray, name: str) -> np.ndarray:
     except Exception as error:  # Warp's compiler raises anything
         reason = str(error).strip().splitlines() or [""]
         raise ImplicitError(f"{name}: cannot be compiled ({type(error).__name__}: {reason[-1]})") from error
-    judge_values(value, bounds, cells, name)
-    judge_jumps(field, value, bounds, cells, name)
+    check_values(value, bounds, cells, name)
+    check_jumps(field, value, bounds, cells, name)
     inside = value < 0
     border = inside.copy()
     border[1:-1, 1:-1, 1:-1] = False
@@ -130,7 +130,7 @@ def try_function(function: Any, bounds: np.ndarray, name: str) -> np.ndarray:
     return inside
 
 
-def judge_values(value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name: str) -> None:
+def check_values(value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name: str) -> None:
     """Refuse values that leave no surface."""
     odd = ~np.isfinite(value)
     if odd.any():
@@ -166,7 +166,7 @@ def crossed_edges(value: np.ndarray, bounds: np.ndarray, cells: np.ndarray) -> t
     return bounds[0] + np.concatenate(inner)[::every] * step, bounds[0] + np.concatenate(outer)[::every] * step
 
 
-def judge_jumps(field: Field, value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name: str) -> None:
+def check_jumps(field: Field, value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name: str) -> None:
     """Refuse a function that jumps over 0: edges are halved around the change of sign, down to 1 nm."""
     inner, outer = crossed_edges(value, bounds, cells)
     below, above = (probe_points(field, x, device="cpu") for x in (inner, outer))

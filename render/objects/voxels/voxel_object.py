@@ -77,8 +77,8 @@ class VoxelObject:
         """Lowest and highest coordinates of the surface [m], array frame, float64, shape [2, 3]."""
         self._fields: dict[str, Field] = {}
         self._lock = Lock()
-        self._judge_border()
-        self._judge_place(hand)
+        self._check_border()
+        self._check_place(hand)
 
     @classmethod
     def load(
@@ -134,7 +134,7 @@ class VoxelObject:
         except VoxelError as error:
             raise VoxelError(str(error) if str(error).startswith(f"{path}:") else f"{path}: {error}") from error
 
-    def _judge_border(self) -> None:
+    def _check_border(self) -> None:
         sides = []
         for axis in range(3):
             for end, where in ((0, "first"), (-1, "last")):
@@ -147,7 +147,7 @@ class VoxelObject:
                 stacklevel=3,
             )
 
-    def _judge_place(self, hand: bool) -> None:
+    def _check_place(self, hand: bool) -> None:
         size = np.ptp(self.bounds, axis=0)
         if not (np.isfinite(size).all() and np.abs(self.bounds).max() < np.finfo(np.float32).max):
             raise VoxelError(f"coordinates overflow after placement (scale {self.placement.scale})")

@@ -15,7 +15,7 @@ from ...deprecated_names import accept_old_keywords
 from ...errors import MeshError, PalpateWarning, VoxelError
 from ...runtime.loading_progress import Watch, unwatched
 from ...validation import value_text
-from ..mesh.bodies import body_labels, settle_signs, signed_volumes
+from ..mesh.bodies import body_labels, resolve_signs, signed_volumes
 from ..mesh.repair import winding_number
 from ..mesh.solid_mesh import MeshObject, Placement
 from .grid import LENGTHS, numbers_of
@@ -105,7 +105,7 @@ def turn_bodies(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, in
         return faces, 0
     triangles = [vertices[faces[k]] for k in rows]
     volume = np.array([own_volume(part) for part in triangles])
-    sign = settle_signs(volume, bodies_around(triangles))
+    sign = resolve_signs(volume, bodies_around(triangles))
     turned = np.flatnonzero(volume * sign < 0)
     faces = faces.copy()
     for k in turned:

@@ -8,10 +8,10 @@ STRATEGY = {"raw": "section", "prune": [{"stage": "close-together", "distance": 
 
 
 def test_json_has_stages_with_options_as_objects(capsys):
-    console.say({"strategy": STRATEGY}, as_json=True, title="")
+    console.show_values({"strategy": STRATEGY}, as_json=True, title="")
     assert json.loads(capsys.readouterr().out) == {"strategy": STRATEGY}
 
 
 def test_a_table_has_stages_with_options_as_words(capsys):
-    console.say({"strategy": STRATEGY}, as_json=False, title="file.h5")
+    console.show_values({"strategy": STRATEGY}, as_json=False, title="file.h5")
     assert "close-together (distance 0.004) small" in capsys.readouterr().out

@@ -127,7 +127,7 @@ def bare(count: int, device: str) -> Callable[[], None]:
 
     def run() -> None:
         for _ in range(-(-count // batch)):
-            intersect(scene.thing, scene.hand, pose, scene.strategy)
+            intersect(scene.solid, scene.hand, pose, scene.strategy)
         wp.synchronize_device(device)
 
     return run

@@ -56,7 +56,7 @@ def measure(case: Case, device: str, poses: np.ndarray, repeats: int) -> tuple[d
 
 def lengths_of(trial: Trial) -> np.ndarray:
     """Lengths of all poses by kind [m], shape [pose, 3]."""
-    own = OwnTurn(trial.thing, trial.hand, trial.pose, trial.stages, trial.options.device)
+    own = OwnTurn(trial.mesh, trial.hand, trial.pose, trial.stages, trial.options.device)
     return np.concatenate([batch.lengths() for batch in own()])
 
 

@@ -14,7 +14,7 @@ from .errors import StrategyError
 
 KINDS = {"object": OBJECT, "hand": HAND, "made": MADE}
 
-Array = Any  # np.ndarray or wp.array, all alike: `on_device` tells; neither has the other's methods
+Array = Any  # np.ndarray or wp.array; all arrays of a batch are of one type (`ContourBatch.on_device`)
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class ContourBatch:
     points: Array
     """Vertices of polylines [m], array frame, float32, shape [point, 3] (vec3 [point] on a device)."""
     kind: Array
-    """Of the segment that starts here: 0 object, 1 hand, 2 made; a last point repeats the one before; uint8 [point]."""
+    """Kind of the segment that starts here: 0 object, 1 hand, 2 made; a last point repeats it; uint8, shape [point]."""
     polyline_start: Array
     """Offsets into points, int64, shape [polyline + 1]."""
     polyline_patch: Array
-    """Which patch of the hand, int32, shape [polyline]."""
+    """Index of the hand's patch, int32, shape [polyline]."""
     polyline_closed: Array
     """1 for a closed polyline, which also repeats its first point at its end; uint8, shape [polyline]."""
     pose_start: Array
@@ -67,7 +67,7 @@ class ContourBatch:
 
     @classmethod
     def from_device(cls, contours: Contours, patch_count: int) -> "ContourBatch":
-        """The kernels' result as a batch on their device."""
+        """Batch on a device from the arrays that kernels wrote."""
         start = contours.section_start
         return cls(
             points=contours.points,
@@ -80,15 +80,15 @@ class ContourBatch:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "ContourBatch":
-        """A batch of the arrays that a contour file names like the fields."""
+        """Batch from the arrays of a contour file, which have the names of the fields."""
         return cls(**{name: arrays[name] for name in array_names() if name in arrays})
 
     def by_name(self) -> dict[str, Array]:
-        """The arrays that are there, where they are."""
+        """Arrays by name, without those that are None; on the host or device as the batch."""
         return {name: value for name in array_names() if (value := getattr(self, name)) is not None}
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays that are there, as NumPy arrays."""
+        """Arrays by name, without those that are None, as NumPy arrays."""
         return self.numpy().by_name()
 
     def numpy(self) -> "ContourBatch":
@@ -151,13 +151,13 @@ def array_names() -> list[str]:
 
 
 def largest_error(batches: Sequence[ContourBatch]) -> float | None:
-    """The largest `raw_error` of batches [m]; None where one of them is not known."""
+    """The largest `raw_error` of batches [m]; None if one of them is unknown."""
     errors = [batch.raw_error for batch in batches if batch.raw_error is not None]
     return max(errors) if errors and len(errors) == len(batches) else None
 
 
 def join_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
-    """Batches of consecutive poses on the host as one."""
+    """Join batches of consecutive poses on the host."""
     if len(batches) == 1:
         return batches[0]
 
@@ -182,7 +182,7 @@ def join_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
 
 
 def join_polylines(one: ContourBatch, other: ContourBatch) -> ContourBatch:
-    """Two batches of the same poses on the host as one: of each pose and patch, polylines of the first come first."""
+    """Join two batches of the same poses on the host; for each pose and patch, the polylines of `one` come first."""
     both = join_batches([one, other])
     count = np.concatenate([np.diff(one.pose_start), np.diff(other.pose_start)])
     pose = np.repeat(np.tile(np.arange(one.pose_count), 2), count)
@@ -202,10 +202,10 @@ def join_polylines(one: ContourBatch, other: ContourBatch) -> ContourBatch:
 
 
 def object_part(batch: ContourBatch) -> ContourBatch:
-    """The object-kind segments of a batch on the host as contours of their own: OC from CC.
+    """Only the object's segments of a batch on the host, which makes open contours (OC) from closed ones (CC).
 
-    A closed polyline without other segments stays closed; every other run of object segments becomes an open one,
-    starting where it enters the patch.
+    A closed polyline of object segments alone stays closed. Every other run of object segments becomes an open
+    polyline that starts where the run enters the patch.
     """
     closed, patches, counts = [], [], []
     pieces: list[np.ndarray] = []
@@ -244,10 +244,10 @@ def object_part(batch: ContourBatch) -> ContourBatch:
 
 
 def require_seams(batch: ContourBatch, title: str) -> None:
-    """Refuse a closed polyline on the host whose first and last point, which are one, differ in what they carry.
+    """Raise StrategyError for a closed polyline on the host whose first and last point differ in intensity or dwell.
 
-    Focal points start a loop anywhere and pass its seam once, so one of the two values would be lost.
-    title: what holds the batch, for errors. Raises StrategyError.
+    They are one place, and sampling passes it once per cycle, so one of two values would be lost.
+    title: begins the error message.
     """
     for name in ("intensity", "dwell"):
         value = getattr(batch, name)

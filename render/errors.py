@@ -1,18 +1,18 @@
-"""What can go wrong in the pipeline; each message is complete in itself.
+"""Errors of the pipeline; each message can be understood alone.
 
 RenderError
-├── MeshError (ValueError)       an object that cannot be used, or not for this strategy
+├── MeshError (ValueError)       an object that cannot be used, or not with this strategy
 │   ├── VoxelError               a volume that cannot be read or used
-│   └── ImplicitError            an expression or function that is no solid
-├── StrategyError (ValueError)   a strategy or sampling that is not one
+│   └── ImplicitError            an expression or function that describes no solid
+├── StrategyError (ValueError)   an intersection or sampling strategy that is not valid
 ├── PoseError (ValueError)       poses that cannot be used
-├── SweepError                   a sweep that cannot be made, or not by this worker
-│   └── PlanError (ValueError)   a plan with a value that cannot be
+├── SweepError                   a sweep that fails, or a worker that cannot take part in it
+│   └── PlanError (ValueError)   a plan with an unknown key or a value that is not allowed
 ├── PlacementError (ValueError)  a placement that cannot be applied
-├── RepairError (ValueError)     an option of loading a mesh that cannot be
-├── UntrustedCodeError           code that data name, and that nobody has permitted
+├── RepairError (ValueError)     an option of loading a mesh with a value that is not allowed
+├── UntrustedCodeError           code named by a file that the user has not permitted to run
 ├── TrustStoreError              a store of accepted code that cannot be used
-└── KernelCacheError             a cache of compiled kernels that others can write, or that cannot be made
+└── KernelCacheError             a kernel cache that other users can write, or that cannot be created
 """
 
 
@@ -21,7 +21,7 @@ class RenderError(Exception):
 
 
 class MeshError(RenderError, ValueError):
-    """A mesh that cannot be used, or not for what was asked."""
+    """An object that cannot be used, or that lacks what an operation needs, such as a closed surface."""
 
 
 class VoxelError(MeshError):
@@ -41,7 +41,7 @@ class PlacementError(RenderError, ValueError):
 
 
 class RepairError(RenderError, ValueError):
-    """An option of how a mesh is mended, with a value that cannot be."""
+    """An option of mesh repair with a value that is not allowed."""
 
 
 class PoseError(RenderError, ValueError):
@@ -49,13 +49,13 @@ class PoseError(RenderError, ValueError):
 
 
 class SweepError(RenderError):
-    """A sweep that cannot be made, goes wrong, or a worker that cannot take part."""
+    """A sweep that cannot start or fails, or a worker that cannot take part in it."""
 
 
 class PlanError(SweepError, ValueError):
     """A plan of a sweep with an unknown key or an impossible value; the message names file, line and key.
 
-    Several faults, given as several arguments, are told one a line.
+    Given several arguments, it shows one fault per line.
     """
 
     def __str__(self) -> str:
@@ -63,16 +63,16 @@ class PlanError(SweepError, ValueError):
 
 
 class UntrustedCodeError(RenderError, ValueError):
-    """Code that data name and that nobody has permitted to run; the message lists all of it."""
+    """Code named by a file that the user has not permitted to run; the message lists all such code."""
 
 
 class TrustStoreError(RenderError):
-    """The store of accepted code cannot be read or written, or others could write it."""
+    """The store of accepted code cannot be read or written, or other users could write it."""
 
 
 class KernelCacheError(RenderError):
-    """Others can write the folder from which compiled kernels are run, or it cannot be made."""
+    """The folder of compiled kernels can be written by other users, or cannot be created."""
 
 
 class PalpateWarning(UserWarning):
-    """Something was mended, dropped or looks wrong; the work goes on."""
+    """Something was repaired, left out or looks wrong; the operation continues."""

@@ -12,8 +12,8 @@ from ..device.registry import array_model
 from .errors import StrategyError
 from .validation import require_number
 
-PISTON_RADIUS = 4.5e-3  # [m]; of a 40 kHz transducer of 10 mm, as simulators have it
-SPEED_OF_SOUND = 343.0  # [m/s]
+PISTON_RADIUS = 4.5e-3  # [m] of a 40 kHz transducer of 10 mm, as in published simulators
+SOUND_SPEED = 343.0  # [m/s] at 20 degrees C; 331.3 + 0.606 T
 ARRAY_DEFAULT = "emulator"  # 16 x 16 transducers at 10.5 mm
 HEIGHT_DEFAULT = 0.2  # [m]
 NEAREST = 0.01  # [m]; of a focal point to a transducer
@@ -54,7 +54,7 @@ def focal_width(
     point: float | np.ndarray = HEIGHT_DEFAULT,
     *,
     array: ArrayModel | None = None,
-    speed_of_sound: float = SPEED_OF_SOUND,
+    speed_of_sound: float = SOUND_SPEED,
     piston_radius: float = PISTON_RADIUS,
 ) -> FocalSize:
     """Size of a focal point: circular pistons at full amplitude, their waves in phase at the point, in free air.

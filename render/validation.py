@@ -1,8 +1,8 @@
-"""Strategies as people write them: their fields read from JSON, checked, and refused by name, value and bound."""
+"""Checks of values that users write (strategies in JSON, ranges, choices); errors name field, value and bounds."""
 
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -12,40 +12,48 @@ from .errors import StrategyError
 T = TypeVar("T")
 
 
+def is_number(value: object) -> TypeGuard[int | float | np.integer | np.floating]:
+    """Whether a value is a number of Python or NumPy; True and False are none."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
 def require_choice(name: str, value: object, known: tuple[str, ...]) -> None:
-    """Refuse what is none of the known names."""
+    """Raise StrategyError unless a value is one of the known names."""
     if not isinstance(value, str) or value not in known:
-        said = shown(value) if isinstance(value, int) else repr(value)
-        raise StrategyError(f"{name} must be one of {', '.join(known)}, not {said}")
+        given = number_text(value) if isinstance(value, int) else repr(value)
+        raise StrategyError(f"{name} must be one of {', '.join(known)}, not {given}")
 
 
 def require_number(name: str, value: object, low: float, high: float, *, unit: str = "", whole: bool = False) -> None:
-    """Refuse what is no number, not finite, or outside low..high."""
+    """Raise StrategyError unless a value is a finite number in low..high, and of type int if `whole`."""
     span = f"{low:g}..{high:g} {unit}".rstrip()
-    if isinstance(value, bool) or not isinstance(value, int if whole else int | float | np.integer | np.floating):
+    if not is_number(value) or (whole and not isinstance(value, int)):
         raise StrategyError(f"{name} must be {'a whole number' if whole else 'a number'} in {span}, not {value!r}")
     if not low <= value <= high:  # a NaN compares false; an int may be too large for a float
-        raise StrategyError(f"{name} must lie in {span}, not {shown(value)}")
+        raise StrategyError(f"{name} must lie in {span}, not {number_text(value)}")
 
 
-def shown(value: object) -> str:
-    """A refused value, in a sentence."""
+def number_text(value: object) -> str:
+    """A refused number for an error message."""
     huge = isinstance(value, int) and abs(value) >= 10**15  # Python refuses to print the largest
     return "a number that large" if huge else str(value)
 
 
-def told(value: object) -> str:
-    """The same of a value of any kind, on one line and not longer than a few words."""
+def value_text(value: object) -> str:
+    """A refused value of any type for an error message: one line of at most 80 characters."""
     try:
-        text = shown(value) if isinstance(value, int) else repr(value)
-    except ValueError:  # of a number within it that Python refuses to print
+        text = number_text(value) if isinstance(value, int) else repr(value)
+    except ValueError:  # it contains a number that Python refuses to print
         text = f"a {type(value).__name__} with too large a number"
     text = " ".join(text.split())
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def read_fields(text: str, known: Collection[str], name: str) -> dict[str, Any]:
-    """The fields of a JSON object, if it has no others; `name` is what it describes."""
+    """Fields of a JSON object; name: what the object describes, for errors.
+
+    Raises StrategyError for a text that is not a JSON object, and for unknown fields.
+    """
     try:
         values = parse_json(text)
     except (ValueError, FileBoundError) as error:
@@ -54,7 +62,7 @@ def read_fields(text: str, known: Collection[str], name: str) -> dict[str, Any]:
 
 
 def known_fields(values: object, known: Collection[str], name: str) -> dict[str, Any]:
-    """The fields of a parsed JSON object, if it has no others."""
+    """Fields of a parsed JSON object; arguments and errors as for `read_fields`."""
     if not isinstance(values, Mapping):
         raise StrategyError(f"{name}: must be a JSON object, not {type(values).__name__}")
     for key in values:
@@ -64,7 +72,10 @@ def known_fields(values: object, known: Collection[str], name: str) -> dict[str,
 
 
 def load_by_name(source: str, presets: Mapping[str, Callable[[], T]], read: Callable[[str], T], name: str) -> T:
-    """A preset by its name, or what `read` makes of a JSON file; `name` is what it is."""
+    """The preset called `source`, or the JSON file at that path, parsed by `read`; name: its kind, for errors.
+
+    Raises StrategyError for a source that is neither, and for a file that cannot be read.
+    """
     if source.lower() in presets:
         return presets[source.lower()]()
     path = Path(source)

@@ -152,7 +152,7 @@ def random_poses(count: int, seed: int = 0) -> np.ndarray:
     return np.concatenate([centre, turn / np.linalg.norm(turn, axis=1, keepdims=True)], axis=1).astype(np.float32)
 
 
-def bench_poses(motion: str, thing: MeshObject, count: int) -> np.ndarray:
+def bench_poses(motion: str, mesh: MeshObject, count: int) -> np.ndarray:
     """Poses by name, float32, shape [pose, 7]: `random`, or an `exploration` of the object at 90 Hz.
 
     Raises StrategyError for another name or fewer than one pose.
@@ -162,5 +162,5 @@ def bench_poses(motion: str, thing: MeshObject, count: int) -> np.ndarray:
     if motion == "random":
         return random_poses(count)
     if motion == "exploration":
-        return exploration(thing.bounds, duration=count / EXPLORATION_RATE, rate=EXPLORATION_RATE, seed=1).pose[:count]
+        return exploration(mesh.bounds, duration=count / EXPLORATION_RATE, rate=EXPLORATION_RATE, seed=1).pose[:count]
     raise StrategyError(f"unknown motion {motion!r}; known: {', '.join(MOTIONS)}")

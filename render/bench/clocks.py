@@ -94,11 +94,11 @@ class CopyTurn:
 class OwnTurn:
     """Renders all poses on a device and leaves the results there; poses are uploaded beforehand."""
 
-    def __init__(self, thing: MeshObject, hand: Palm, pose: np.ndarray, strategy: IntersectionStrategy, device: str):
-        self.thing, self.hand, self.strategy, self.device = thing, hand, strategy, device
+    def __init__(self, mesh: MeshObject, hand: Palm, pose: np.ndarray, strategy: IntersectionStrategy, device: str):
+        self.mesh, self.hand, self.strategy, self.device = mesh, hand, strategy, device
         self.pose_count = len(pose)
         probe = wp.array(pose[:: max(1, len(pose) // 500)], dtype=wp.transform, device=device)
-        points = intersect(thing, hand, probe, strategy)[0].point_count / len(probe)
+        points = intersect(mesh, hand, probe, strategy)[0].point_count / len(probe)
         size = chunk_size(points, wp.get_device(device).is_cuda)
         self._parts = [
             wp.array(pose[first : first + size], dtype=wp.transform, device=device)
@@ -107,7 +107,7 @@ class OwnTurn:
 
     def __call__(self, timing: dict[str, float] | None = None) -> list[ContourBatch]:
         """All chunks; returns when the device is done."""
-        batches = [intersect(self.thing, self.hand, part, self.strategy, timing=timing)[0] for part in self._parts]
+        batches = [intersect(self.mesh, self.hand, part, self.strategy, timing=timing)[0] for part in self._parts]
         wp.synchronize_device(self.device)
         return batches
 

@@ -57,56 +57,56 @@ class Curve:
 
 
 def triangle_curve(
-    options: BenchOptions, frequencies: Sequence[int] = FREQUENCIES, told: Callable[[], None] = lambda: None
+    options: BenchOptions, frequencies: Sequence[int] = FREQUENCIES, done: Callable[[], None] = lambda: None
 ) -> Curve:
     """Cost a pose of the blob at every frequency."""
     points, left_out = [], []
     for frequency in frequencies:
-        thing = blob_object(frequency)
-        found = _point(thing, row_poses(thing, STRATEGY, options), options)
+        mesh = blob_object(frequency)
+        found = _point(mesh, row_poses(mesh, STRATEGY, options), options)
         if isinstance(found, str):
             left_out.append(found)
         else:
             points.append(found)
-        told()
+        done()
     return _curve("blob", "triangles", points, left_out)
 
 
 def pose_curve(
-    options: BenchOptions, counts: Sequence[int] = POSE_COUNTS, told: Callable[[], None] = lambda: None
+    options: BenchOptions, counts: Sequence[int] = POSE_COUNTS, done: Callable[[], None] = lambda: None
 ) -> Curve:
     """Seconds of the tube's poses at every count."""
-    thing = MeshObject.load(OBJECT)
+    mesh = MeshObject.load(OBJECT)
     points, left_out = [], []
     for count in counts:
         too_long = points and points[-1].us * 1e-6 * count > SECONDS_MOST
-        found = f"{count} poses" if too_long else _point(thing, bench_poses(options.motion, thing, count), options)
+        found = f"{count} poses" if too_long else _point(mesh, bench_poses(options.motion, mesh, count), options)
         if isinstance(found, str):
             left_out.append(found)
         else:
             points.append(found)
-        told()
+        done()
     return _curve(OBJECT, "poses", points, left_out)
 
 
-def _point(thing: MeshObject, pose: np.ndarray, options: BenchOptions) -> CurvePoint | str:
-    own = OwnTurn(thing, Palm(), pose, load_strategy(STRATEGY), options.device)
+def _point(mesh: MeshObject, pose: np.ndarray, options: BenchOptions) -> CurvePoint | str:
+    own = OwnTurn(mesh, Palm(), pose, load_strategy(STRATEGY), options.device)
     found = Yield.of(own())
     once = timed(own)[1]
     if once > SECONDS_MOST:
-        return f"{len(thing.faces)} triangles, {len(pose)} poses"
+        return f"{len(mesh.faces)} triangles, {len(pose)} poses"
     clocks = interleaved([own], max(1, min(options.repeats, int(SECONDS_MOST / once))))[0]
     seconds = getattr(clocks, options.clock)
     segments = found.segments / len(pose)
     return CurvePoint(
-        triangles=len(thing.faces),
+        triangles=len(mesh.faces),
         poses=len(pose),
         repeats=clocks.repeats,
         segments_per_pose=segments,
         us=1e6 * seconds / len(pose),
         seconds=seconds,
         ns_per_segment=1e9 * seconds / max(found.segments, 1),
-        theory=segments * float(np.log2(len(thing.faces))),
+        theory=segments * float(np.log2(len(mesh.faces))),
     )
 
 

@@ -36,7 +36,7 @@ class FirstUse:
 def measure_first_use(device: str) -> FirstUse:
     """Run the command in subprocesses with a kernel cache of their own.
 
-    Raises RenderError with the last line that a failing one told.
+    Raises RenderError with the last line that a failing one printed.
     """
     with TemporaryDirectory(prefix="palpate-bench-") as folder:
         motion, out = Path(folder, "poses.csv"), Path(folder, "out.h5")

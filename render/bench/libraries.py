@@ -255,11 +255,11 @@ class Cgal(Peer):
     triangles_most = 20_000
     """A mesh is handed over one Python call a corner."""
 
-    def setup(self, thing: MeshObject, hand: Palm) -> None:
+    def setup(self, mesh: MeshObject, hand: Palm) -> None:
         """Refuse meshes whose handing over takes minutes."""
-        if len(thing.faces) > self.triangles_most:
+        if len(mesh.faces) > self.triangles_most:
             raise Declined(f"its meshes are handed over corner by corner: {self.triangles_most} triangles at most")
-        super().setup(thing, hand)
+        super().setup(mesh, hand)
 
     def prepare(self) -> None:
         """Mesh and tree."""

@@ -48,13 +48,13 @@ class Peer:
     rebuilds = False
     """Whether every call prepares the mesh anew, so that only what a further pose costs can be compared."""
 
-    def setup(self, thing: MeshObject, hand: Palm) -> None:
+    def setup(self, mesh: MeshObject, hand: Palm) -> None:
         """Convert the mesh and build what the library searches in; not part of what a pose costs.
 
         Raises Declined for a mesh that it is not made for.
         """
         self.hand = hand
-        self.vertices, self.faces = thing.vertices.astype(np.float64), thing.faces.astype(np.int64)
+        self.vertices, self.faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
         self.prepare()
 
     def prepare(self) -> None:
@@ -73,8 +73,8 @@ class Peer:
     @property
     def version(self) -> str:
         """Versions of the library and of what completes it."""
-        told = [f"{package} {version(package)}" for package in (*self.packages, *COMPLETION)]
-        return ", ".join(told)
+        versions = [f"{package} {version(package)}" for package in (*self.packages, *COMPLETION)]
+        return ", ".join(versions)
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class Agreement:
         """Whether it is the same output: at most 0.1 % of the poses apart, 1 % in their number of polylines."""
         return self.apart <= APART_SHARE * self.poses and self.lines_apart <= LINES_SHARE * self.poses
 
-    def told(self) -> str:
+    def text(self) -> str:
         """One sentence."""
         return (
             f"{self.apart} of {self.poses} poses differ in length (most: {self.apart_most:.2g} of it), "
@@ -188,16 +188,16 @@ class Agreement:
 
 
 def compare_contours(
-    found: Polylines, thing: MeshObject, hand: Palm, pose: np.ndarray, strategy: IntersectionStrategy
+    found: Polylines, mesh: MeshObject, hand: Palm, pose: np.ndarray, strategy: IntersectionStrategy
 ) -> Agreement:
     """Compare a peer's contours of poses [pose, 7] with ours on the CPU."""
-    ours, counts = _own_contours(thing, hand, pose, strategy)
+    ours, counts = _own_contours(mesh, hand, pose, strategy)
     spread = np.zeros(len(pose))
     normal = PalmFrames.of(pose).axes[:, 2]
     for step in (-SHIFT, SHIFT):
         moved = pose.copy()
         moved[:, :3] += (step * normal).astype(np.float32)
-        spread = np.maximum(spread, np.abs(_own_contours(thing, hand, moved, strategy)[0] - ours))
+        spread = np.maximum(spread, np.abs(_own_contours(mesh, hand, moved, strategy)[0] - ours))
     difference = np.abs(found.lengths(len(pose)) - ours)
     long = ours > 1e-3
     return Agreement(
@@ -209,17 +209,15 @@ def compare_contours(
 
 
 def _own_contours(
-    thing: MeshObject, hand: Palm, pose: np.ndarray, strategy: IntersectionStrategy
+    mesh: MeshObject, hand: Palm, pose: np.ndarray, strategy: IntersectionStrategy
 ) -> tuple[np.ndarray, np.ndarray]:
     """Length [m] and number of polylines longer than 4 um, both of shape [pose]."""
-    batch = intersect(thing, hand, wp.array(pose, dtype=wp.transform, device="cpu"), strategy)[0].numpy()
+    batch = intersect(mesh, hand, wp.array(pose, dtype=wp.transform, device="cpu"), strategy)[0].numpy()
     owner = np.repeat(np.arange(batch.pose_count), np.diff(batch.pose_start))
     flat = Polylines(batch.points.astype(np.float64), batch.polyline_start, owner)
     return flat.lengths(len(pose)), flat.counts(len(pose), longer_than=COUNTED)
 
 
-def check_peer(
-    peer: Peer, thing: MeshObject, hand: Palm, pose: np.ndarray, strategy: IntersectionStrategy
-) -> Agreement:
+def check_peer(peer: Peer, mesh: MeshObject, hand: Palm, pose: np.ndarray, strategy: IntersectionStrategy) -> Agreement:
     """Compare the contours of a peer that is set up with ours."""
-    return compare_contours(peer.contours(pose, strategy), thing, hand, pose, strategy)
+    return compare_contours(peer.contours(pose, strategy), mesh, hand, pose, strategy)

@@ -28,7 +28,7 @@ PACKAGES = ("palpate", "warp-lang", "numpy", "shapely")
 
 @dataclass(frozen=True)
 class BenchJob:
-    """Everything that `palpate bench` is told."""
+    """Options of `palpate bench`."""
 
     device: str
     objects: str
@@ -92,7 +92,7 @@ def run_bench(options: dict, *, as_json: bool) -> int:
     console.start_warp()
     report = measure(job, quiet=as_json)
     if as_json:
-        console.say(asdict(report), as_json=True, title="")
+        console.show_values(asdict(report), as_json=True, title="")
         return console.DONE
     screen = Console(highlight=False, soft_wrap=True, width=max(Console().width, SCREEN_WIDTH))
     if report.rows:
@@ -116,7 +116,7 @@ def measure(job: BenchJob, *, quiet: bool = True) -> BenchReport:
     done = 0
     with console.progress_bar("bench", quiet=quiet) as bar:
 
-        def told() -> None:
+        def row_done() -> None:
             nonlocal done
             done += 1
             bar(done, total)
@@ -125,15 +125,15 @@ def measure(job: BenchJob, *, quiet: bool = True) -> BenchReport:
         with one_core(job.one_core) as core:
             found, absent = find_peers(job.peers)
             rows = []
-            for name, thing in things.items():
+            for name, mesh in things.items():
                 for strategy in strategies:
-                    rows.append(measure_row(name, thing, strategy, found, absent, options))
-                    told()
-            curves = (triangle_curve(options, told=told), pose_curve(options, told=told)) if job.curve else ()
+                    rows.append(measure_row(name, mesh, strategy, found, absent, options))
+                    row_done()
+            curves = (triangle_curve(options, done=row_done), pose_curve(options, done=row_done)) if job.curve else ()
     return BenchReport(
         date=datetime.now(UTC).isoformat(timespec="seconds"),
-        machine=machine_told(options.device),
-        versions=versions_told(),
+        machine=machine_facts(options.device),
+        versions=package_versions(),
         options=asdict(job),
         core=core,
         rows=tuple(rows),
@@ -142,24 +142,24 @@ def measure(job: BenchJob, *, quiet: bool = True) -> BenchReport:
     )
 
 
-def machine_told(device: str) -> dict:
+def machine_facts(device: str) -> dict:
     """Names of the processor and the device."""
     target = wp.get_device(device)
-    told = {"cpu": _processor(), "device": target.name if target.is_cuda else "cpu", "system": platform.platform()}
+    facts = {"cpu": _processor(), "device": target.name if target.is_cuda else "cpu", "system": platform.platform()}
     if target.is_cuda:
-        told["cuda_driver"] = ".".join(str(part) for part in wp.get_cuda_driver_version() or ())
-    return told
+        facts["cuda_driver"] = ".".join(str(part) for part in wp.get_cuda_driver_version() or ())
+    return facts
 
 
-def versions_told() -> dict:
+def package_versions() -> dict:
     """Versions of palpate and what it stands on; peers tell theirs in their rows."""
-    told = {"python": platform.python_version()}
+    facts = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            told[package] = version(package)
+            facts[package] = version(package)
         except PackageNotFoundError:
             continue
-    return told
+    return facts
 
 
 def _processor() -> str:

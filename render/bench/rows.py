@@ -69,7 +69,7 @@ class Row:
 
 def measure_row(
     name: str,
-    thing: MeshObject,
+    mesh: MeshObject,
     strategy: str,
     peers: Sequence[Peer],
     absent: Sequence[Absence],
@@ -80,14 +80,14 @@ def measure_row(
     Raises MeshError where the strategy needs a closed object, StrategyError for an unknown strategy or motion, and
     fewer than one pose.
     """
-    trial = Trial(name, thing, strategy, row_poses(thing, strategy, options), options)
+    trial = Trial(name, mesh, strategy, row_poses(mesh, strategy, options), options)
     return measure_trial(trial, peers, absent)
 
 
 def measure_trial(trial: Trial, peers: Sequence[Peer] = (), absent: Sequence[Absence] = ()) -> Row:
     """Check the peers, then time palpate, a copy, and the peers in turns."""
     options = trial.options
-    own = OwnTurn(trial.thing, trial.hand, trial.pose, trial.stages, options.device)
+    own = OwnTurn(trial.mesh, trial.hand, trial.pose, trial.stages, options.device)
     kept, peak = memory_peak(own, options.device)  # first, while the pool's mark is low; and everything is warm
     found = Yield.of(kept)
     del kept
@@ -115,24 +115,24 @@ def measure_trial(trial: Trial, peers: Sequence[Peer] = (), absent: Sequence[Abs
     )
 
 
-def row_poses(thing: MeshObject, strategy: str, options: BenchOptions) -> np.ndarray:
+def row_poses(mesh: MeshObject, strategy: str, options: BenchOptions) -> np.ndarray:
     """As many poses as asked for, or as a repetition on the CPU has time for, or as fill a GPU."""
     if options.poses is not None:
-        return bench_poses(options.motion, thing, options.poses)
+        return bench_poses(options.motion, mesh, options.poses)
     if options.device != "cpu":
-        large = len(thing.faces) >= TRIANGLES_LARGE
-        return bench_poses(options.motion, thing, POSES_CUDA_LARGE if large else POSES_CUDA)
-    probe = bench_poses(options.motion, thing, POSES_LEAST)
-    own = OwnTurn(thing, Palm(), probe, load_strategy(strategy), options.device)
+        large = len(mesh.faces) >= TRIANGLES_LARGE
+        return bench_poses(options.motion, mesh, POSES_CUDA_LARGE if large else POSES_CUDA)
+    probe = bench_poses(options.motion, mesh, POSES_LEAST)
+    own = OwnTurn(mesh, Palm(), probe, load_strategy(strategy), options.device)
     timed(own)
     count = fitting_count(timed(own)[1] / len(probe), options.seconds, POSES_LEAST, POSES_MOST)
-    return bench_poses(options.motion, thing, count)
+    return bench_poses(options.motion, mesh, count)
 
 
 def _named(trial: Trial, ours: Clocks) -> dict:
     return {
         "object": trial.object,
-        "triangles": len(trial.thing.faces),
+        "triangles": len(trial.mesh.faces),
         "strategy": trial.strategy,
         "device": trial.options.device,
         "motion": trial.options.motion,

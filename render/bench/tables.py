@@ -28,14 +28,14 @@ def show_rows(rows: Sequence[Row], console: Console) -> None:
             console.print(plain(line))
     stages = _table("share of the time", ("object", "", "stages"))
     for row in rows:
-        told = ", ".join(f"{stage} {100 * share:.0f} %" for stage, share in row.stages.items())
-        _add(stages, row.object, row.strategy.upper(), told)
+        shares = ", ".join(f"{stage} {100 * share:.0f} %" for stage, share in row.stages.items())
+        _add(stages, row.object, row.strategy.upper(), shares)
     console.print(stages)
     for row in rows:
         if row.peak_bytes is not None:
             share = row.peak_bytes / max(row.result_bytes, 1)
-            told = f"{row.peak_bytes / 1e6:.1f} MB at the peak, {share:.3g} x results"
-            console.print(plain(f"{row.object} {row.strategy.upper()}: {told}"))
+            memory = f"{row.peak_bytes / 1e6:.1f} MB at the peak, {share:.3g} x results"
+            console.print(plain(f"{row.object} {row.strategy.upper()}: {memory}"))
 
 
 def show_curve(curve: Curve, console: Console) -> None:
@@ -60,11 +60,11 @@ def show_curve(curve: Curve, console: Console) -> None:
 
 def show_first_use(first: FirstUse, console: Console) -> None:
     """Three figures."""
-    told = (
+    text = (
         f"first use: palpate render cube, 1,000 poses: cold {first.cold:.2f} s, warm {first.warm:.2f} s; "
         f"palpate --help: {first.help:.2f} s"
     )
-    console.print(plain(told))
+    console.print(plain(text))
 
 
 def _peer_table(rows: Sequence[Row]) -> Table:
@@ -85,14 +85,14 @@ def _cell(peer: PeerRow) -> str:
 
 def _remarks(rows: Sequence[Row]) -> list[str]:
     """What is to be known of peers, each thing once."""
-    told: dict[str, None] = {}
+    notes: dict[str, None] = {}
     for row in rows:
         for peer in row.peers:
             of_all = peer.state in ("absent", "declined", "timed")
             place = "" if of_all else f", {row.object} {row.strategy.upper()}"
             if peer.note:
-                told[f"{peer.name}{place}: {peer.note}"] = None
-    return list(told)
+                notes[f"{peer.name}{place}: {peer.note}"] = None
+    return list(notes)
 
 
 def _table(title: str, columns: Sequence[str]) -> Table:

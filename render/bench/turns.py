@@ -43,7 +43,7 @@ class Trial:
     """What everyone is given: an object, a strategy, poses."""
 
     object: str
-    thing: MeshObject
+    mesh: MeshObject
     strategy: str
     pose: np.ndarray
     """float32, shape [pose, 7]."""
@@ -111,7 +111,7 @@ class PeerTurn:
     def _prepare(self) -> None:
         peer, trial, probe = self.peer, self.trial, self.trial.spread(PROBE_POSES)
         started = perf_counter()
-        peer.setup(trial.thing, trial.hand)
+        peer.setup(trial.mesh, trial.hand)
         self.setup_seconds = perf_counter() - started
         peer.contours(probe[:1], trial.stages)  # whatever a first call loads
         first = timed(self._call(probe[:1]))[0]
@@ -122,9 +122,9 @@ class PeerTurn:
             seconds = max(seconds, first)
         self.poses = min(len(trial.pose), fitting_count(self._cost, seconds, POSES_LEAST, POSES_MOST))
         sample = trial.spread(max(PROBE_POSES, min(self.poses, CHECK_POSES)))
-        self.agreement = check_peer(peer, trial.thing, trial.hand, sample, trial.stages)
+        self.agreement = check_peer(peer, trial.mesh, trial.hand, sample, trial.stages)
         if not self.agreement.agrees:
-            self.fault = "disagrees", f"not the same contours: {self.agreement.told()}"
+            self.fault = "disagrees", f"not the same contours: {self.agreement.text()}"
 
     def _call(self, pose: np.ndarray) -> Call:
         return partial(self.peer.contours, pose, self.trial.stages)
@@ -144,7 +144,7 @@ class PeerTurn:
         """The result, from the clocks of `calls` and our own time a pose [us]."""
         if self.fault:
             state, note = self.fault
-            return PeerRow(agreement=self.agreement, **self._told(state, note))
+            return PeerRow(agreement=self.agreement, **self._cells(state, note))
         state, note = ("timed", "") if self.repeated else ("once", f"timed once, {clocks[0].wall:.3g} s")
         cpu, wall, count = clocks[0].cpu, clocks[0].wall, self.poses
         if len(clocks) == 2:
@@ -152,7 +152,7 @@ class PeerTurn:
             note = "cost of a further pose, since every call prepares the mesh anew"
         us = 1e6 * (cpu if self.trial.options.one_core else wall) / count
         return PeerRow(
-            **self._told(state, note),
+            **self._cells(state, note),
             setup_seconds=self.setup_seconds,
             call_seconds=clocks[1].wall if len(clocks) == 2 else None,
             poses=self.poses,
@@ -164,7 +164,7 @@ class PeerTurn:
             agreement=self.agreement,
         )
 
-    def _told(self, state: str, note: str) -> dict[str, str]:
+    def _cells(self, state: str, note: str) -> dict[str, str]:
         peer = self.peer
         return {"name": peer.name, "state": state, "note": note, "version": peer.version, "licence": peer.licence}
 

@@ -91,7 +91,7 @@ def demo(
 
 @app.command()
 def render(
-    thing: Annotated[str, typer.Argument(metavar="OBJECT", help=OBJECT_HELP)],
+    source: Annotated[str, typer.Argument(metavar="OBJECT", help=OBJECT_HELP)],
     motion: Annotated[str, typer.Argument(metavar="MOTION", help=MOTION_HELP)],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.h5", help="Contour file to write.")],
     strategy: Annotated[str, typer.Option(help="By name (palpate strategies lists them), or a JSON file.")] = "cc",
@@ -150,7 +150,7 @@ def render(
 ) -> None:
     """Render the contours of an object on a moving hand into a contour file."""
     options = {
-        "thing": thing,
+        "source": source,
         "motion": motion,
         "out": out,
         "strategy": strategy,

@@ -32,21 +32,21 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ContourFileError(f"{folder}: cannot be made ({error.strerror})") from error
-    thing = MeshObject.load("tube")
+    mesh = MeshObject.load("tube")
     hand = Palm()
-    motion = exploration(thing.bounds, duration=30.0, rate=90.0, seed=1)
+    motion = exploration(mesh.bounds, duration=30.0, rate=90.0, seed=1)
     motion.save(folder / "motion.csv", overwrite=True)
     files = {"OC": folder / "tube-oc.h5", "CC": folder / "tube-cc.h5"}
     for label, strategy in (("OC", open_contour()), ("CC", closed_contour())):
         with console.progress_bar(f"render {label}", quiet=as_json) as progress:
-            record(files[label], thing, hand, motion, strategy, mode="overwrite", progress=progress)
+            record(files[label], mesh, hand, motion, strategy, mode="overwrite", progress=progress)
     rendered = perf_counter() - started
     picture = folder / "tube.png"
     draw_figure(files, picture, overwrite=True)
     with console.playback_line("playing CC; Ctrl-C stops it", quiet=as_json) as line:
         playback = play_file(files["CC"], connection=connection, watch=line).as_dict()
     summary = summarise(files["CC"])
-    told = ("frames", "update_rate", "duration", "bytes", "underruns", "board_underruns", "jumps", "array", "clock")
+    names = ("frames", "update_rate", "duration", "bytes", "underruns", "board_underruns", "jumps", "array", "clock")
     values = {
         "motion": str(folder / "motion.csv"),
         "open_contours": str(files["OC"]),
@@ -57,9 +57,11 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
         "length_mean": summary["length_mean"],
         "r": summary["r"],
         "render_seconds": rendered,
-        **{name: playback[name] for name in told},
+        **{name: playback[name] for name in names},
         "revisit_rate": playback["revisit_rate"],
         "off_confirmed": playback["off_confirmed"],
         "seconds": perf_counter() - started,
     }
-    console.say(values, as_json=as_json, title="palpate demo: a tube explored by a palm, closed contours played")
+    console.show_values(
+        values, as_json=as_json, title="palpate demo: a tube explored by a palm, closed contours played"
+    )

@@ -22,17 +22,17 @@ from ..reports.file_summary import summarise, summarise_frames
 from ..runtime.span_workers import worker_devices
 from ..strategies.intersection_strategy import load_strategy
 from ..terminal import console
-from ..terminal.foreign_text import tell
+from ..terminal.foreign_text import print_message
 
 SUFFIXES = (".h5", ".hdf5")
-TOLD_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
+SHOWN_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
 
 
 @dataclass(frozen=True)
 class RenderJob:
-    """Everything that `palpate render` is told."""
+    """All options of `palpate render`."""
 
-    thing: str
+    source: str
     motion: str
     out: Path
     strategy: str
@@ -68,14 +68,14 @@ def worker_count(text: str) -> int | None:
     return int(text)
 
 
-def warn_if_apart(thing: Solid, motion: HandMotion, drawn: int, *, way: str) -> None:
+def warn_if_apart(solid: Solid, motion: HandMotion, drawn: int, *, way: str) -> None:
     """Warn that no pose met the object, with what is needed to see why."""
     if drawn:
         return
     low, high = motion.pose[:, :3].min(axis=0), motion.pose[:, :3].max(axis=0)
     console.warn(
-        f"no pose meets the object: it reaches from {console.shown(thing.bounds[0].tolist())} to "
-        f"{console.shown(thing.bounds[1].tolist())} m, the palms' centres from {console.shown(low.tolist())} to "
+        f"no pose meets the object: it reaches from {console.shown(solid.bounds[0].tolist())} to "
+        f"{console.shown(solid.bounds[1].tolist())} m, the palms' centres from {console.shown(low.tolist())} to "
         f"{console.shown(high.tolist())} m; see {way}"
     )
 
@@ -101,30 +101,32 @@ def run_render(options: dict, *, as_json: bool) -> int:
         strategy = replace(strategy, step=job.step)
     if job.flush is not None:
         strategy = replace(strategy, flush=job.flush)
-    with console.loading_bar(job.thing, quiet=as_json) as watch:
+    with console.loading_bar(job.source, quiet=as_json) as watch:
         options = {"volume": job.volume, "mesh": job.mesh, "bounds": job.bounds}
         placement = Placement(**job.placement)
-        whole = load_solid(job.thing, placement, **options, allow_code=job.allow_code, watch=watch)
-    thing, detail = simplified(whole, job.simplify)
+        whole = load_solid(job.source, placement, **options, allow_code=job.allow_code, watch=watch)
+    solid, detail = simplified(whole, job.simplify)
     if strategy.needs_closed:
-        thing.require_closed()
+        solid.require_closed()
     with console.loading_bar(job.motion, quiet=as_json) as watch:
         hand, motion = load_hand_and_motion(
             job.hand,
             job.palm,
             job.motion,
-            thing,
+            solid,
             exploration_options=job.exploration,
             side=job.side,
             alignment=job.alignment,
             watch=watch,
         )
-    if job.step is not None and is_exact(thing, hand, strategy):
-        raise StrategyError(f"--step is of a grid on the skin, but {thing.name} is a mesh, cut exactly by {job.hand}")
-    moved = None if job.object_motion is None else HandMotion.load(job.object_motion)
+    if job.step is not None and is_exact(solid, hand, strategy):
+        raise StrategyError(f"--step is of a grid on the skin, but {solid.name} is a mesh, cut exactly by {job.hand}")
+    object_pose = None if job.object_motion is None else HandMotion.load(job.object_motion)
     started = perf_counter()
     if job.interpolate is not None:
-        motion = insert_poses(thing, hand, motion, strategy, distance=job.interpolate, moved=moved, device=devices[0])
+        motion = insert_poses(
+            solid, hand, motion, strategy, distance=job.interpolate, object_pose=object_pose, device=devices[0]
+        )
     done = len(motion)
     try:
         with console.progress_bar("poses", quiet=as_json) as bar:
@@ -136,11 +138,11 @@ def run_render(options: dict, *, as_json: bool) -> int:
 
             recording = record(
                 job.out,
-                thing,
+                solid,
                 hand,
                 motion,
                 strategy,
-                moved=moved,
+                object_pose=object_pose,
                 mode="resume" if job.resume else "overwrite" if job.overwrite else "create",
                 devices=devices,
                 memory=job.memory,
@@ -156,14 +158,14 @@ def run_render(options: dict, *, as_json: bool) -> int:
     summary = {**summarise(job.out), "poses_rendered": recording.rendered, "seconds": seconds}
     if detail is not None:
         summary |= {"detail": asdict(detail)}
-    if moved is None:
+    if object_pose is None:
         tracked = is_recording(job.motion) and job.alignment is None
         way = "--alignment: it is a recording in its tracker's frame" if tracked else "--at and --scale"
         if any(summary.get("removed_mean", {}).values()):  # they met
             warn_if_removed(summary)
         else:
-            warn_if_apart(thing, motion, summary["poses_drawn"], way=way)
-    console.say(summary, as_json=as_json, title=str(job.out), told=TOLD_OF_RENDERING)
+            warn_if_apart(solid, motion, summary["poses_drawn"], way=way)
+    console.show_values(summary, as_json=as_json, title=str(job.out), shown_names=SHOWN_OF_RENDERING)
     return console.DONE
 
 
@@ -173,12 +175,12 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
         console.start_warp()
         with console.loading_bar(str(file), quiet=as_json) as watch:
             facts = mesh_facts(str(file), options, watch)
-        told = [name for name, value in facts.items() if value not in (0, "")]
-        console.say(facts, as_json=as_json, title=str(file), told=told)
+        names = [name for name, value in facts.items() if value not in (0, "")]
+        console.show_values(facts, as_json=as_json, title=str(file), shown_names=names)
         return
     refuse_options(options, "of a mesh", str(file))
     if frame_format(file) is not None:
-        console.say(summarise_frames(file), as_json=as_json, title=str(file))
+        console.show_values(summarise_frames(file), as_json=as_json, title=str(file))
         return
     summary = summarise(file)
     if not summary["sealed"]:
@@ -186,7 +188,7 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
             f"{file} is still being written, or was interrupted: "
             f"{summary['poses_done']} of {summary['poses']} poses are done (palpate render --resume goes on)"
         )
-    console.say(summary, as_json=as_json, title=str(file))
+    console.show_values(summary, as_json=as_json, title=str(file))
 
 
 def run_check(file: Path, *, as_json: bool) -> int:
@@ -199,13 +201,15 @@ def run_check(file: Path, *, as_json: bool) -> int:
         problems = check_file(file) if frame_format(file) is None else check_frames(file)
         unproven, unknown = unproven_content(file), unknown_content(file)
     if as_json:
-        told = {"path": str(file), "whole": not problems, "problems": problems, "unknown": unknown}
-        console.say(told | ({"unproven": unproven} if unproven else {}), as_json=True, title="")
+        result = {"path": str(file), "whole": not problems, "problems": problems, "unknown": unknown}
+        console.show_values(result | ({"unproven": unproven} if unproven else {}), as_json=True, title="")
         return console.FAILED if problems else console.DONE
     for problem in problems:
-        tell(problem, "error")
+        print_message(problem, "error")
     if not problems:
-        console.say({"whole": "yes", "without digests": "; ".join(unproven) or None}, as_json=False, title=str(file))
+        console.show_values(
+            {"whole": "yes", "without digests": "; ".join(unproven) or None}, as_json=False, title=str(file)
+        )
     for sentence in unknown:
         console.warn(f"{file}: {sentence}, and nothing reads it")
     return console.FAILED if problems else console.DONE
@@ -214,4 +218,4 @@ def run_check(file: Path, *, as_json: bool) -> int:
 def run_figure(files: list[Path], out: Path, overwrite: bool, *, as_json: bool) -> None:
     """Draw."""
     draw_figure({path.stem: path for path in files}, out, overwrite=overwrite)
-    console.say({"picture": str(out)}, as_json=as_json, title="figure")
+    console.show_values({"picture": str(out)}, as_json=as_json, title="figure")

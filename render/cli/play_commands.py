@@ -20,13 +20,13 @@ from ..playback.drive import DriveStrategy
 from ..playback.file_playback import Connection, Playback, play_file
 from ..playback.focus_source import ContourSource
 from ..playback.placed_arrays import PlacedArray, load_rig
-from ..sampling.contour_sampling import PRESETS, Sampler, SamplingStrategy, joined, load_sampling, says_rate
+from ..sampling.contour_sampling import PRESETS, Sampler, SamplingStrategy, joined, load_sampling, sets_rate
 from ..sampling.strategy import JUMP_LENGTH
 from ..terminal import console
-from ..terminal.foreign_text import tell
+from ..terminal.foreign_text import print_message
 
 POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
-TOLD_OF_PLAYING = (
+SHOWN_OF_PLAYING = (
     "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "silenced", "board_underruns",
     "lateness", "queue_depth", "jumps", "jumps_by_cause", "jump_length", "hops", "hops_by_cause", "hop_speed_max",
     "step_longest", "draw_frequency_nominal", "revisit_rate", "absence_max", "samples", "silent", "held", "refused",
@@ -62,10 +62,12 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     if len(arrays) > 1 and not as_json:
         values["arrays"] = [
             f"{report.array} {report.serial}: {report.frames} frames, {report.underruns} underruns, "
-            f"{console.told_of_off(report)};"
+            f"{console.off_state(report)};"
             for report in playback.reports
         ]
-    console.say(values, as_json=as_json, title=str(file), told=TOLD_OF_PLAYING, unknown=ONLY_THE_BOARD_KNOWS)
+    console.show_values(
+        values, as_json=as_json, title=str(file), shown_names=SHOWN_OF_PLAYING, unknown=ONLY_THE_BOARD_KNOWS
+    )
     for sentence in warnings:
         console.warn(sentence)
     return console.FAILED if warnings and options["strict"] else console.DONE
@@ -115,7 +117,7 @@ def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json
     write_ptlist(out, focus.position, focus.intensity, rate, overwrite=overwrite)
     jumps = sum(sampler.count.jumps.values())
     values = {"points": len(focus.intensity), "update_rate": rate, "jumps": jumps, "path": str(out)}
-    console.say(values, as_json=as_json, title=str(out))
+    console.show_values(values, as_json=as_json, title=str(out))
 
 
 def require_device(device: str) -> None:
@@ -139,7 +141,7 @@ def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> S
         return None
     source = "stm" if options["sampling"] is None else options["sampling"]
     sampling = load_sampling(source)
-    if "update_rate" not in changes and not says_rate(source):
+    if "update_rate" not in changes and not sets_rate(source):
         model = arrays[0].model
         changes["update_rate"] = model.update_rate(model.divider_default)
     if "speed" in changes and sampling.pace.kind in ("frequency", "still"):
@@ -193,11 +195,13 @@ def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
             notes.append(str(error))
     if as_json:
         rules = {name: udev_rule(array_model(name)) for name in array_names()}
-        console.say({"devices": found, "note": "; ".join(notes) or None, "udev_rules": rules}, as_json=True, title="")
+        console.show_values(
+            {"devices": found, "note": "; ".join(notes) or None, "udev_rules": rules}, as_json=True, title=""
+        )
         return
     rows = {}
     for entry in found:
-        told = entry["where"] + ("" if entry["accessible"] else ", cannot be opened")
+        where = entry["where"] + ("" if entry["accessible"] else ", cannot be opened")
         name = f"{entry['array']} {entry['serial'] or ''}".strip() + ("" if entry["certain"] else "?")
         name = f"{name} at {entry['where']}" if name in rows else name  # adapters without a serial number
         rows[name] = f"{told}: {entry['reason']}" if entry["reason"] else told
@@ -212,6 +216,6 @@ def run_sampling(name: str | None, *, as_json: bool) -> None:
     """Show presets, or one strategy as the JSON that --sampling takes."""
     if name is None:
         rows = {name: strategy().to_json() for name, strategy in PRESETS.items()}
-        console.say({"presets": list(PRESETS)} if as_json else rows, as_json=as_json, title="sampling presets")
+        console.show_values({"presets": list(PRESETS)} if as_json else rows, as_json=as_json, title="sampling presets")
         return
     sys.stdout.write(json.dumps(load_sampling(name).described(), indent=None if as_json else 1) + "\n")

@@ -11,17 +11,17 @@ from ..terminal import console
 def run_strategies(out: Path | None, overwrite: bool, *, as_json: bool) -> None:
     """List strategies and stages, and draw them if a picture is asked for."""
     stages = {role: {name: entry.line for name, entry in known_stages(role).items()} for role in ROLES}
-    told: dict = {"strategies": dict(strategy_rows()), "stages": stages}
+    lists: dict = {"strategies": dict(strategy_rows()), "stages": stages}
     if out is not None:
         require_picture(out, overwrite=overwrite)
         console.start_warp()
         draw_gallery(out, overwrite=overwrite)
-        told["picture"] = str(out)
+        lists["picture"] = str(out)
     if as_json:
-        console.say(told, as_json=True, title="strategies")
+        console.show_values(lists, as_json=True, title="strategies")
         return
-    console.say(told["strategies"], as_json=False, title="strategies")
+    console.show_values(lists["strategies"], as_json=False, title="strategies")
     for role in ROLES:
-        console.say(stages[role], as_json=False, title=f"{role} stages")
+        console.show_values(stages[role], as_json=False, title=f"{role} stages")
     if out is not None:
-        console.say({"picture": str(out)}, as_json=False, title="picture")
+        console.show_values({"picture": str(out)}, as_json=False, title="picture")

@@ -24,9 +24,11 @@ def run_trust(files: list[str], remove: list[str], *, as_json: bool) -> None:
     known = entries()
     if as_json:
         values = {"accepted": [_entry(code).digest for code in codes], "removed": [entry.digest for entry in removed]}
-        console.say({**values, "entries": [vars(entry) for entry in known]}, as_json=True, title="")
+        console.show_values({**values, "entries": [vars(entry) for entry in known]}, as_json=True, title="")
         return
-    console.say({entry.digest[:16]: _told(entry) for entry in known}, as_json=False, title="accepted code")
+    console.show_values(
+        {entry.digest[:16]: _entry_text(entry) for entry in known}, as_json=False, title="accepted code"
+    )
 
 
 def code_of(file: str) -> list[Code]:
@@ -73,6 +75,6 @@ def _meant(word: str) -> list[Accepted]:
     return found
 
 
-def _told(entry: Accepted) -> str:
+def _entry_text(entry: Accepted) -> str:
     named = f", named by {entry.named_by}" if entry.named_by else ""
     return f"{entry.name} ({', '.join(entry.files)}){named}, {entry.when}"

@@ -40,7 +40,7 @@ def run_voxelise(
     started = perf_counter()
     place, name = Placement(**placement), worker_devices(device, 1)[0]
     with console.loading_bar(mesh, quiet=as_json) as watch:
-        told = voxelise_file(
+        facts = voxelise_file(
             mesh,
             out,
             spacing=spacing,
@@ -52,4 +52,4 @@ def run_voxelise(
             overwrite=overwrite,
         )
     seconds = perf_counter() - started
-    console.say({**told, "bytes": out.stat().st_size, "seconds": seconds}, as_json=as_json, title=str(out))
+    console.show_values({**facts, "bytes": out.stat().st_size, "seconds": seconds}, as_json=as_json, title=str(out))

@@ -117,12 +117,12 @@ def require_fitting(hand: Hand, motion: HandMotion, base: HandMotion, name: str)
         raise PoseError(f"hand {name} is articulated for {hand.pose_count} poses, but its motion has {len(motion)}")
     if (motion.time is None) != (base.time is None) or (motion.time is None and len(motion) != len(base)):
         raise PoseError(
-            f"hand {name}: its motion has {_told(motion)}, the first hand's {_told(base)}; "
+            f"hand {name}: its motion has {_description(motion)}, the first hand's {_description(base)}; "
             "give all of them times, or none and as many poses"
         )
 
 
-def _told(motion: HandMotion) -> str:
+def _description(motion: HandMotion) -> str:
     return f"{len(motion)} poses {'without' if motion.time is None else 'over'} time"
 
 

@@ -11,6 +11,7 @@ import warp as wp
 from ...datasets.rigid import rotated
 from ...kernels.patch import ON, Patch
 from ..errors import PoseError, RenderError, StrategyError
+from ..validation import is_number
 
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 SMALLEST, LARGEST = 1e-4, 1.0  # side of a palm [m]
@@ -19,7 +20,7 @@ CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 class PatchFrames(NamedTuple):
-    """Where a hand's patches are, in the array frame."""
+    """Positions and axes of a hand's patches at poses, in the array frame."""
 
     origin: np.ndarray
     """Middle of each patch [m], float64, shape [pose, patch, 3]."""
@@ -41,7 +42,7 @@ class PatchFrames(NamedTuple):
 
 @runtime_checkable
 class Hand(Protocol):
-    """What every hand offers: Palm, PlaneHand, MeshHand. Poses are hand frame -> array frame."""
+    """Interface of all hands: Palm, PlaneHand, MeshHand. Poses are hand frame -> array frame."""
 
     @property
     def patch_count(self) -> int:
@@ -50,30 +51,30 @@ class Hand(Protocol):
 
     @property
     def pose_count(self) -> int | None:
-        """Rows of an articulated hand, one for each pose of its motion; None for a rigid hand, which suits any."""
+        """Number of poses of an articulated hand, equal to those of its motion; None for a rigid hand."""
         ...
 
     def described(self) -> dict[str, Any]:
-        """What a file says about the hand, for JSON: kind, sizes, SHA-256 of its arrays."""
+        """Description of the hand that a file stores as JSON: kind, sizes, SHA-256 of its arrays."""
         ...
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What a file stores of the hand beside that, by name; empty for most."""
+        """Arrays of the hand that a file stores beside the description, by name; empty for most hands."""
         ...
 
     def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
-        """Poses of the hand, float32 [n, 1, 7], or of each patch, [n, patch, 7]: what kernels take.
+        """Poses for kernels: of the hand, float32 [n, 1, 7], or of each patch, float32 [n, patch, 7].
 
-        pose: float32, shape [n, 7], rows `first`.. of the motion. A rigid hand's are `pose` itself (`sections_on`).
+        pose: float32, shape [n, 7], rows `first`.. of the motion. For a rigid hand the result is `pose` itself.
         """
         ...
 
     def frames(self, pose: np.ndarray, first: int = 0) -> PatchFrames:
-        """Where the patches are; arguments as for `section_poses`."""
+        """Frames of the patches at poses; arguments as for `section_poses`."""
         ...
 
     def corners(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
-        """Outlines for pictures [m], shape [n, patch, 4, 3]; NaN for a patch that is not there."""
+        """Outlines for pictures [m], shape [n, patch, 4, 3]; NaN for a patch that is absent at a pose."""
         ...
 
 
@@ -96,7 +97,7 @@ class Palm:
     """Along v [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse a palm that is no size for skin: float32 could not tell its corners apart."""
+        """Raise StrategyError for sides outside SMALLEST..LARGEST: float32 cannot separate corners of smaller ones."""
         width, length = require_sides("palm", self.width, self.length)
         object.__setattr__(self, "width", width)
         object.__setattr__(self, "length", length)
@@ -120,7 +121,7 @@ class Palm:
         return rigid_poses(pose)
 
     def frames(self, pose: np.ndarray, first: int = 0) -> PatchFrames:
-        """Where the palm is at poses, shape [pose, 7]."""
+        """Frame of the palm's patch at poses, shape [pose, 7]."""
         return frames_at(rigid_poses(pose), np.array([[self.width, self.length]]) / 2)
 
     def corners(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
@@ -131,19 +132,18 @@ class Palm:
         return self.frames(pose, first).corners()
 
     def described(self) -> dict:
-        """What a file says about the hand, for JSON."""
+        """Description of the hand that a file stores as JSON."""
         return {"kind": "palm", **asdict(self)}
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Nothing: the JSON tells all."""
+        """Empty: the description is complete."""
         return {}
 
 
 def require_sides(name: str, width: float, length: float) -> tuple[float, float]:
-    """Both sides of a patch as plain numbers; raises StrategyError unless they lie in SMALLEST..LARGEST [m]."""
+    """Both sides of a patch as Python floats; raises StrategyError unless they lie in SMALLEST..LARGEST [m]."""
     for field, value in (("width", width), ("length", length)):
-        is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-        if not (is_number and SMALLEST <= value <= LARGEST):  # a NaN compares false
+        if not (is_number(value) and SMALLEST <= value <= LARGEST):  # a NaN compares false
             raise StrategyError(f"{name} {field} must lie between {SMALLEST:g} and {LARGEST:g} m, not {value!r}")
     return float(width), float(length)
 
@@ -156,12 +156,12 @@ def require_rows(hand: Hand, pose_count: int) -> None:
 
 @lru_cache(maxsize=16)
 def _palm_on(palm: Palm, device: str) -> wp.array:
-    """Its patch; kept, since making one takes as long as launching ten kernels."""
+    """The palm's patch on a device; cached, because making one takes as long as launching ten kernels."""
     return patches_on(device, palm.frames(np.array(IDENTITY)))
 
 
 def patches_on(device: str, frames: PatchFrames) -> wp.array:
-    """Patches as kernels take them, dtype Patch, shape [patch], of frames of one pose."""
+    """Patches for kernels, dtype Patch, shape [patch], from frames of one pose."""
     patches = []
     for k, half in enumerate(frames.half):
         patch = Patch()
@@ -173,19 +173,19 @@ def patches_on(device: str, frames: PatchFrames) -> wp.array:
 
 
 def rigid_poses(pose: np.ndarray) -> np.ndarray:
-    """Poses of a hand that is all in one piece as `Hand.section_poses`: float32, shape [pose, 1, 7]."""
+    """`Hand.section_poses` of a rigid hand: float32, shape [pose, 1, 7]."""
     return np.atleast_2d(np.asarray(pose, np.float32))[:, None]
 
 
 def poses_on_host(pose: np.ndarray | wp.array) -> np.ndarray:
-    """Poses as NumPy has them, float32, shape [pose, 7], of those or of wp.transform [pose]."""
+    """Poses as a NumPy array, float32, shape [pose, 7]; also takes wp.transform [pose]."""
     return pose.numpy().reshape(-1, 7) if isinstance(pose, wp.array) else pose
 
 
 def sections_on(hand: Hand, pose: np.ndarray | wp.array, first: int, device: str) -> wp.array:
     """`Hand.section_poses` on a Warp device, wp.transform, shape [pose, 1 or patch].
 
-    pose: float32, shape [pose, 7], or wp.transform [pose] on that device, where those of a rigid hand stay.
+    pose: float32, shape [pose, 7], or wp.transform [pose] on that device, which is not copied for a rigid hand.
     """
     if isinstance(pose, wp.array) and hand.pose_count is None:
         return pose.reshape((-1, 1))
@@ -193,7 +193,7 @@ def sections_on(hand: Hand, pose: np.ndarray | wp.array, first: int, device: str
 
 
 def frames_at(pose: np.ndarray, half: np.ndarray) -> PatchFrames:
-    """Frames of patches that lie in the middle of their own frames, by their poses, shape [pose, patch, 7]."""
+    """Frames of patches from their poses, shape [pose, patch, 7], and half extents [m], shape [patch, 2]."""
     pose = np.asarray(pose, np.float64)
     q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
     u, back, n = (rotated(q, np.eye(3)[k]) for k in (0, 2, 1))
@@ -203,7 +203,7 @@ def frames_at(pose: np.ndarray, half: np.ndarray) -> PatchFrames:
 def hand_from(described: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> Hand:
     """The hand that a file describes; arrays: those of its /hand by name.
 
-    Raises StrategyError for a kind that this version does not know, and for a description that lacks something.
+    Raises StrategyError for a kind that this version does not know, and for a description that lacks a field.
     """
     if not isinstance(described, Mapping):
         raise StrategyError(f"the description of a hand must be a mapping, not {described!r:.60}")

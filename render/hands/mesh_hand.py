@@ -12,9 +12,11 @@ import warp as wp
 
 from ...datasets.rigid import rotated
 from ...kernels.skin.edges import SkinEdges, upload_skin
+from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..objects.isosurface import isosurface
 from ..objects.solid import Solid
+from ..validation import is_number
 from .hand import PatchFrames, rigid_poses
 from .mesh_hand_check import checked_hand
 from .mesh_hand_file import Glabrous, face_normals, facing_palm, placed_hand, read_hand, region_of
@@ -47,8 +49,7 @@ class MeshHand:
         step: float | None = None,
         name: str = "hand",
     ) -> None:
-        is_number = isinstance(step, int | float | np.integer | np.floating) and not isinstance(step, bool)
-        if step is not None and not (is_number and STEP_SMALLEST <= step < np.inf):  # a NaN compares false
+        if step is not None and not (is_number(step) and STEP_SMALLEST <= step < np.inf):  # a NaN compares false
             raise StrategyError(f"{name}: step must be at least {STEP_SMALLEST:g} m, not {step!r}")
         self.name, self.step = name, None if step is None else float(step)
         surface = checked_hand(name, vertices, faces, glabrous)
@@ -98,17 +99,18 @@ class MeshHand:
         return cls(vertices, read.faces, glabrous=region, step=step, name=name or path.name)
 
     @classmethod
+    @accept_old_keywords(thing="solid")
     def from_solid(
-        cls, thing: Solid, step: float, *, glabrous: Glabrous = "palm", palm_angle: float = 90.0, device: str = "cpu"
+        cls, solid: Solid, step: float, *, glabrous: Glabrous = "palm", palm_angle: float = 90.0, device: str = "cpu"
     ) -> "MeshHand":
         """A hand given as voxels or as an implicit function, in the hand's frame, meshed once in steps of `step` [m].
 
         glabrous, palm_angle: as for `load`; a mask cannot be known beforehand, a function can.
         """
-        bounds = np.asarray(thing.bounds, np.float64)
-        vertices, faces = isosurface(thing, bounds, step, device=device)
+        bounds = np.asarray(solid.bounds, np.float64)
+        vertices, faces = isosurface(solid, bounds, step, device=device)
         region = region_of(vertices.astype(np.float64), faces, glabrous, palm_angle)
-        return cls(vertices, faces, glabrous=region, name=thing.name)
+        return cls(vertices, faces, glabrous=region, name=solid.name)
 
     @property
     def patch_count(self) -> int:

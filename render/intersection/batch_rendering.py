@@ -14,14 +14,16 @@ from ...kernels.metrics.measure import measure_contours
 from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch, join_batches
 from ..coordinate_spacing import warn_of_spacing
+from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
 from ..objects.moving_object import object_poses
 from ..objects.solid import Solid
 from ..runtime.gpu_download import Downloader
 from ..runtime.interrupt import interrupt_between
-from ..runtime.span_workers import Crew, PoseSpans, Work, warp_device
+from ..runtime.span_workers import PoseSpans, SpanRenderer, WorkerThreads, warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy
+from ..validation import is_number
 from .scene import Scene
 
 MEMORY_DEFAULT = 512 * 10**6  # [byte]; or more for many workers:
@@ -73,7 +75,7 @@ def checked_memory(memory: float | None, devices: Sequence[str], *, smallest: in
     """A budget [byte], by default `memory_for` the devices; raises StrategyError for one that is none or too small."""
     if memory is None:
         return memory_for(devices)
-    if isinstance(memory, bool) or not isinstance(memory, int | float | np.integer | np.floating):
+    if not is_number(memory):
         raise StrategyError(f"memory must be a number of bytes, not {memory!r}")
     if not smallest <= memory < np.inf:  # a NaN compares false
         raise StrategyError(f"memory must be at least {smallest} bytes, not {memory}")
@@ -104,7 +106,7 @@ def rendered_chunks(
     memory = checked_memory(memory, names)
     scene.require_poses(len(pose))
     wanted = 2 * len(names) + 1
-    names = names[: max(1, (memory // MEMORY_SMALLEST - 1) // 2)]  # a worker needs room to be of any use
+    names = names[: max(1, (memory // MEMORY_SMALLEST - 1) // 2)]  # fewer workers if memory is short
     rendering = _Rendering(scene, pose, memory, share_count=2 * len(names) + 1, share_count_wanted=wanted)
     on_cpus = all(wp.get_device(name).is_cpu for name in names)
     spans = PoseSpans(
@@ -119,13 +121,13 @@ def rendered_chunks(
     turns = {name: threading.Lock() for name in names}
     for name in turns:
         rendering.prepare(name)
-    crew = Crew(spans, [rendering.work_on(name, turns[name]) for name in names])
-    yield from cast(Iterator[Chunk], crew.chunks())
+    threads = WorkerThreads(spans, [rendering.work_on(name, turns[name]) for name in names])
+    yield from cast(Iterator[Chunk], threads.chunks())
 
 
 @dataclass(frozen=True)
 class _Rendering:
-    """What all workers share."""
+    """State shared by all workers."""
 
     scene: Scene
     pose: np.ndarray
@@ -144,8 +146,8 @@ class _Rendering:
         """Upload the object and load Warp's modules, once and by one thread: one pose takes all that chunks take."""
         self.scene.contours(self.pose[:1], 0, device)[0].lengths()
 
-    def work_on(self, device: str, turn: threading.Lock) -> Work:
-        """What a worker on that device does; those of one GPU take turns in computing, not in bringing down."""
+    def work_on(self, device: str, turn: threading.Lock) -> SpanRenderer:
+        """Function of a worker on a device; workers of one GPU take turns in computing, and download at any time."""
         if wp.get_device(device).is_cpu:
             return lambda first, stop: self._fitting(first, stop, lambda *span: self._on_cpu(device, *span))
         down = Downloader(device)
@@ -195,13 +197,14 @@ class _Rendering:
         return Chunk(first, stop, contours, lengths, removed, timing)
 
 
+@accept_old_keywords(thing="solid", moved="object_pose")
 def render(
-    thing: Solid,
+    solid: Solid,
     hand: Hand,
     motion: HandMotion | np.ndarray,
     strategy: IntersectionStrategy,
     *,
-    moved: HandMotion | np.ndarray | None = None,
+    object_pose: HandMotion | np.ndarray | None = None,
     points: str = "array",
     device: str = "cpu",
     devices: Sequence[str] | None = None,
@@ -210,7 +213,8 @@ def render(
 ) -> ContourBatch:
     """Contours of all poses, in memory on the host.
 
-    motion: a HandMotion, or poses alone, shape [pose, 7]. moved: poses of an object that moves, see `object_poses`.
+    motion: a HandMotion, or poses alone, shape [pose, 7]. object_pose: motion or poses of an object that moves, see
+    `object_poses`.
     points: "array", or "patch" for points relative to the middle of their patch, along its u, v and n, which float32
     holds to 4e-9 m anywhere (`array_points` gives them in the array's frame in float64). devices: one worker on each
     of these Warp devices, by default one on `device`; the contours are the same. memory: budget of what is being
@@ -222,8 +226,9 @@ def render(
     """
     batches = []
     pose = check_poses(motion)
-    scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion), points=points)
-    warn_of_spacing(thing.name, thing.bounds, pose, scene.moved)
+    poses = None if object_pose is None else object_poses(object_pose, motion)
+    scene = Scene.of(solid, hand, strategy, object_pose=poses, points=points)
+    warn_of_spacing(solid.name, solid.bounds, pose, scene.object_pose)
     chunks = rendered_chunks(scene, pose, device=device, devices=devices, memory=memory)
     with interrupt_between() as raise_if_interrupted:
         for chunk in chunks:

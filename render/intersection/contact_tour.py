@@ -17,7 +17,7 @@ from ...kernels.tours.tour import POINTS_MOST, TooManyPointsError, separation_th
 from ..errors import MeshError, PalpateWarning, StrategyError
 from ..hands.hand import Hand, PatchHand
 from ..objects.solid import Solid
-from ..validation import shown
+from ..validation import is_number, number_text
 
 LARGEST = float(np.finfo(np.float64).max)
 SEPARATION = 0.008  # [m]; MAMMOTH's
@@ -25,7 +25,7 @@ NODES_MOST = 1 << 22  # points of skin that are looked at in one go: up to 30 by
 
 
 def contact_contours(
-    thing: Solid,
+    solid: Solid,
     hand: Hand,
     pose: np.ndarray,
     first: int = 0,
@@ -47,9 +47,9 @@ def contact_contours(
     """
     require_length("contact: step", step)
     require_length("contact: separation", separation)
-    require_inside(thing, "contact")
+    require_inside(solid, "contact")
     pose = np.asarray(pose, np.float32).reshape(-1, 7)
-    skin = _Skin(thing, hand, device, step)
+    skin = _Skin(solid, hand, device, step)
     parts = []
     size = max(1, NODES_MOST // max(skin.point_count, 1))
     try:
@@ -66,17 +66,16 @@ def contact_contours(
 
 
 def require_length(name: str, value: Any, least: float = 0.0) -> None:
-    """Refuse what is no positive, finite length, or one below the least [m]."""
-    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if not number or not 0.0 < value <= LARGEST or value < least:
+    """Raise StrategyError unless a value is a positive, finite length of at least `least` [m]."""
+    if not is_number(value) or not 0.0 < value <= LARGEST or value < least:
         bound = f"at least {least:g} m" if least else "a positive length in metres"
-        raise StrategyError(f"{name} must be {bound}, not {shown(value)}")
+        raise StrategyError(f"{name} must be {bound}, not {number_text(value)}")
 
 
-def require_inside(thing: Solid, name: str) -> None:
-    """Refuse an object without an inside for what needs one, by its name; see `Solid.require_closed`."""
+def require_inside(solid: Solid, name: str) -> None:
+    """Raise MeshError, naming the raw intersection `name`, for an object without an inside (`Solid.require_closed`)."""
     try:
-        thing.require_closed()
+        solid.require_closed()
     except MeshError as error:
         raise MeshError(f'raw "{name}" needs an object with an inside: {error}') from error
 
@@ -84,10 +83,10 @@ def require_inside(thing: Solid, name: str) -> None:
 class _Skin:
     """A hand's skin as points, whichever kind of hand it is."""
 
-    def __init__(self, thing: Solid, hand: Hand, device: str, step: float) -> None:
-        self.thing, self.device, self.step = thing, device, step
+    def __init__(self, solid: Solid, hand: Hand, device: str, step: float) -> None:
+        self.solid, self.device, self.step = solid, device, step
         self.hand: Any = hand  # a PatchHand or a MeshHand
-        self.field = thing.field_on(device)
+        self.field = solid.field_on(device)
         if isinstance(hand, PatchHand):
             self.patch: Any = hand.on(device)
             sides = 2.0 * self.patch.numpy()["half"].reshape(-1, 2)
@@ -100,9 +99,9 @@ class _Skin:
         """Points inside the object at poses first.., and where each pose's start."""
         section = wp.array(self.hand.section_poses(pose, first), dtype=wp.transform, ndim=2, device=self.device)
         if isinstance(self.hand, PatchHand):
-            return inside_nodes(self.field, section, self.patch, step=self.step, bounds=self.thing.bounds)
+            return inside_nodes(self.field, section, self.patch, step=self.step, bounds=self.solid.bounds)
         vertex = self.hand.vertices_on(self.device, first, first + len(pose))
-        return inside_vertices(self.field, Posed(section, self.skin, vertex), self.thing.bounds)
+        return inside_vertices(self.field, Posed(section, self.skin, vertex), self.solid.bounds)
 
 
 def thinned(point: wp.array, start: wp.array, *, separation: float, first: int, name: str) -> tuple[wp.array, wp.array]:

@@ -15,6 +15,7 @@ from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.storage.schema import removed_name
 from ..contour_batch import KINDS
 from ..coordinate_spacing import warn_of_spacing
+from ..deprecated_names import accept_old_keywords
 from ..hands.hand import Hand
 from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.moving_object import about_outline, object_poses
@@ -31,34 +32,37 @@ PACKAGES = ("palpate", "warp-lang", "numpy", "trimesh", "h5py")
 
 @dataclass(frozen=True)
 class Recording:
-    """What recording a motion's contours came to."""
+    """Result of recording a motion's contours."""
 
     path: Path
     pose_count: int
     rendered: int
     """Poses rendered by this call; the others were there already."""
     repairs: tuple[str, ...]
-    """What resuming found damaged and rendered again."""
+    """Descriptions of damage that resuming found and rendered again."""
 
 
 def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
     """Everything of a contour file that is known before the first pose is rendered."""
-    thing, hand = scene.thing, scene.hand
-    described = thing.described()
-    vertices, faces = thing.outline_mesh()
-    meshed, sources = isinstance(thing, MeshObject), stage_sources(scene.strategy)
+    solid, hand = scene.solid, scene.hand
+    described = solid.described()
+    vertices, faces = solid.outline_mesh()
+    meshed, sources = isinstance(solid, MeshObject), stage_sources(scene.strategy)
+    outline_pose = scene.object_pose
+    if outline_pose is not None:
+        outline_pose = about_outline(outline_pose, scene.object_centre, vertices)
     return FileHeader(
         pose=motion.pose,
         time=motion.time,
         time_offset=motion.offset,
         seed=motion.seed,
         inserted=motion.inserted,
-        object_name=thing.name,
+        object_name=solid.name,
         vertices=vertices,
         faces=faces,
         placement=described["placement"],
         representation={} if meshed else {k: v for k, v in described.items() if k not in ("name", "placement")},
-        moved=None if scene.moved is None else about_outline(scene.moved, scene.pivot, vertices),
+        moved=outline_pose,
         object_attributes={k: described[k] for k in ("triangles", "repair", "report", "detail") if k in described},
         hand=hand.described(),
         hand_arrays=hand.arrays(),
@@ -82,14 +86,15 @@ def metrics_of(chunk: Chunk) -> dict[str, np.ndarray]:
     return metrics
 
 
+@accept_old_keywords(thing="solid", moved="object_pose")
 def record(
     path: str | Path,
-    thing: Solid,
+    solid: Solid,
     hand: Hand,
     motion: HandMotion,
     strategy: IntersectionStrategy,
     *,
-    moved: HandMotion | np.ndarray | None = None,
+    object_pose: HandMotion | np.ndarray | None = None,
     mode: Literal["create", "resume", "overwrite"] = "create",
     device: str = "cpu",
     devices: Sequence[str] | None = None,
@@ -100,15 +105,16 @@ def record(
     """Render a motion into a contour file; what was reported done survives a kill and a full disk.
 
     mode: "create" refuses an existing file; "resume" goes on with an unfinished one of the same object, hand, motion,
-    strategy and version; "overwrite" replaces it when the new one is whole. moved: poses of an object that moves, see
-    `object_poses`. devices: one worker on each of these Warp
-    devices, by default one on `device`; the file is the same. memory: budget of all chunks, computed or written
-    [byte], by default `memory_for` the workers; the motion itself (36 bytes a pose) and the object come on top.
+    strategy and version; "overwrite" replaces it when the new one is complete. object_pose: motion or poses of an
+    object that moves, see `object_poses`. devices: one worker on each of these Warp devices, by default one on
+    `device`; the file is the same. memory: budget of all chunks, computed or written [byte], by default `memory_for`
+    the workers; the motion itself (36 bytes a pose) and the object come on top.
     progress: called with the poses that are done, safe on the disk, and with all.
     Raises MeshError, StrategyError, MotionError and warns as `render` does; ContourFileError for what the file refuses.
     """
-    scene = Scene.of(thing, hand, strategy, moved=None if moved is None else object_poses(moved, motion))
-    warn_of_spacing(thing.name, thing.bounds, motion.pose, scene.moved)
+    poses = None if object_pose is None else object_poses(object_pose, motion)
+    scene = Scene.of(solid, hand, strategy, object_pose=poses)
+    warn_of_spacing(solid.name, solid.bounds, motion.pose, scene.object_pose)
     names = [warp_device(name) for name in ([device] if devices is None else devices)]
     memory = checked_memory(memory, names, smallest=4 * MEMORY_SMALLEST)
     header = file_header(scene, motion, ",".join(dict.fromkeys(names)))

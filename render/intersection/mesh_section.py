@@ -1,7 +1,7 @@
-"""Raw contours of a mesh on the patches of a hand, or what they come to: one batch of poses in one go.
+"""Raw contours of a mesh on the patches of a hand, or their metrics, for one batch of poses.
 
-Contours of a simple mesh are cut, joined and drawn by kernels. Those of a closed one that crosses itself are the
-boundary of what its winding number says is inside, which is found on the host, section by section.
+Contours of a simple mesh are cut, joined and drawn by kernels. Those of a closed mesh that crosses
+itself are the boundary of the region that its winding number defines as inside, computed on the host by section.
 """
 
 from typing import Any
@@ -26,7 +26,7 @@ from .section_regularisation import regularised_contours
 
 
 def intersect(
-    thing: MeshObject,
+    mesh: MeshObject,
     hand: PatchHand,
     pose: wp.array,
     strategy: IntersectionStrategy,
@@ -45,15 +45,15 @@ def intersect(
     result is the same. timing: takes the seconds of each stage, which are then waited for one by one. farthest,
     relative: see `patches_for`.
     """
-    patch = patches_for(hand, thing, strategy, str(pose.device), farthest=farthest, relative=relative)
-    if needs_regularising(thing):
-        batch, count = _regularised(thing.solid_part, patch, pose, strategy, point_limit, method, timing)
-        if not thing.report.sheet_faces:
+    patch = patches_for(hand, mesh, strategy, str(pose.device), farthest=farthest, relative=relative)
+    if needs_regularising(mesh):
+        batch, count = _regularised(mesh.solid_part, patch, pose, strategy, point_limit, method, timing)
+        if not mesh.report.sheet_faces:
             return batch, count
         options = {"method": method, "timing": timing, "farthest": farthest, "relative": relative}
-        sheets, added = intersect(thing.sheet_part, hand, pose, strategy, point_limit=point_limit, **options)
+        sheets, added = intersect(mesh.sheet_part, hand, pose, strategy, point_limit=point_limit, **options)
         return join_polylines(batch.numpy(), sheets.numpy()).to(str(pose.device)), count + added
-    found, (surface, section) = _pieces(thing, patch, pose, strategy, method, timing)
+    found, (surface, section) = _pieces(mesh, patch, pose, strategy, method, timing)
     device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
     with StageClock(timing, "join", device):
         joined = join_pieces(surface, found, section, patch, closes=closes, limit=point_limit)
@@ -62,16 +62,16 @@ def intersect(
     return ContourBatch.from_device(contours, hand.patch_count), joined.point_count
 
 
-def needs_regularising(thing: MeshObject) -> bool:
+def needs_regularising(mesh: MeshObject) -> bool:
     """Whether the contours in which planes cut a mesh are not the boundary of its sections: it crosses itself.
 
     The sections of a surface with open edges have no inside to be regularised by: its contours are drawn as cut.
     """
-    return not thing.is_simple and thing.report.closed
+    return not mesh.is_simple and mesh.report.closed
 
 
 def _regularised(
-    thing: MeshObject,
+    mesh: MeshObject,
     patch: wp.array,
     pose: wp.array,
     strategy: IntersectionStrategy,
@@ -82,19 +82,19 @@ def _regularised(
     """`intersect` for a mesh that crosses itself; points of the loops that are cut count for the limit, too."""
     device = str(pose.device)
     section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
-    surface = thing.on(device)
+    surface = mesh.on(device)
     with StageClock(timing, "find", device):
         loops = plane_loops(surface, section, patch, bounded=strategy.bounded, method=method, limit=point_limit)
     with StageClock(timing, "regularise", device):
         stages = {"bounded": strategy.bounded, "closes": strategy.closes}
-        batch = regularised_contours(loops, patch, solid=thing.solid, gap=gap_of(thing), **stages)
+        batch = regularised_contours(loops, patch, solid=mesh.solid, gap=gap_of(mesh), **stages)
         if point_limit is not None and batch.point_count > point_limit:
             raise PointLimitError(batch.point_count, point_limit)
         return batch.to(device), batch.point_count
 
 
 def tally_intersection(
-    thing: MeshObject,
+    mesh: MeshObject,
     hand: PatchHand,
     pose: wp.array,
     strategy: IntersectionStrategy,
@@ -104,13 +104,13 @@ def tally_intersection(
     method: str | None = None,
     timing: dict[str, float] | None = None,
 ) -> None:
-    """What `tally_contours` tells of `intersect`'s contours, to the bit, and no memory is taken for points.
+    """Metrics of `intersect`'s contours, bit-identical to those of `tally_contours`, without memory for points.
 
     value: float32, takes rows METRICS, shape [metric.., pose], the area NaN unless the strategy closes contours.
     length: takes that of all contours in float64 [m], shape [pose]. The others as for `intersect`.
     """
-    patch = patches_for(hand, thing, strategy, str(pose.device))
-    found, (surface, section) = _pieces(thing, patch, pose, strategy, method, timing)
+    patch = patches_for(hand, mesh, strategy, str(pose.device))
+    found, (surface, section) = _pieces(mesh, patch, pose, strategy, method, timing)
     device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
     with StageClock(timing, "join", device):
         ordered = order_pieces(surface, found, section, patch, closes=closes)
@@ -119,21 +119,21 @@ def tally_intersection(
 
 
 def _pieces(
-    thing: MeshObject,
+    mesh: MeshObject,
     patch: wp.array,
     pose: wp.array,
     strategy: IntersectionStrategy,
     method: str | None,
     timing: dict[str, float] | None,
 ) -> tuple[list[Any], tuple[Any, wp.array]]:
-    """What of the contours lies in each patch; and the surface and poses of sections it was found with."""
-    if needs_regularising(thing):
-        raise MeshError(f"{thing.name} crosses itself: its contours are drawn to be measured (`intersect`)")
+    """Pieces of contours in each patch; and the surface and section poses that they were found with."""
+    if needs_regularising(mesh):
+        raise MeshError(f"{mesh.name} crosses itself: its contours are drawn to be measured (`intersect`)")
     if strategy.needs_closed:
-        thing.require_closed()
+        mesh.require_closed()
     device = str(pose.device)
     section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
-    surface = thing.on(device)
+    surface = mesh.on(device)
     with StageClock(timing, "find", device):
         found = find_pieces(surface, section, patch, bounded=strategy.bounded, closes=strategy.closes, method=method)
     return found, (surface, section)

@@ -1,4 +1,4 @@
-"""Objects, hands and motions as the command line names them.
+"""Load objects, hands and motions from the names and files that the command line takes.
 
 | OBJECT | becomes |
 |---|---|
@@ -46,9 +46,9 @@ from ..validation import require_choice
 
 EXPLORATION = "exploration"
 EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
-HEADER_BYTES = 65536  # of a CSV, in which its header is
-SOLID_HAND_STEP = 0.002  # [m]; of the mesh of a hand that is given as a solid: finer than any focus
-POSE_HEADERS = ("time,x,y,z", "x,y,z")  # how a CSV of poses begins, and a recording's does not
+HEADER_BYTES = 65536  # first bytes of a CSV, in which its header is searched
+SOLID_HAND_STEP = 0.002  # [m]; grid step of the mesh of a hand given as a solid; smaller than any focus
+POSE_HEADERS = ("time,x,y,z", "x,y,z")  # first columns of a CSV of poses; a CSV recording has others
 
 
 def load_solid(
@@ -61,13 +61,13 @@ def load_solid(
     allow_code: AllowCode = False,
     watch: Watch = unwatched,
 ) -> Solid:
-    """An object of any kind, by the table above.
+    """Load an object of any kind, by the table above.
 
-    volume: options of `VoxelObject.load`, mesh: those of `MeshObject.load`; None among them is an option not given.
-    bounds: of a function [m]. allow_code: whether the module of a function may be run, see `trust`.
-    watch: takes the stages of loading a mesh.
-    Raises UntrustedCodeError for a function without that permission, MeshError for what cannot be loaded, StrategyError
-    for options of another kind of object.
+    volume: options of `VoxelObject.load`, mesh: those of `MeshObject.load`; a value of None counts as not given.
+    bounds: of a function [m]. allow_code: whether a function's module may run, see `trust.permission`.
+    watch: called with the stages of loading a mesh.
+    Raises UntrustedCodeError for a function without that permission, MeshError for an object that cannot be loaded,
+    StrategyError for options of another kind of object.
     """
     repair = {name: value for name, value in (mesh or {}).items() if value is not None}
     given = {name: value for name, value in (volume or {}).items() if value is not None}
@@ -86,7 +86,7 @@ def load_solid(
 
 
 def require_volume_options(given: dict[str, Any]) -> None:
-    """Raise StrategyError for an option of a volume that no volume can have; others depend on its values."""
+    """Raise StrategyError for options that are wrong for every volume; others are checked with its values."""
     for name, known in (("kind", KINDS), ("unit", tuple(UNITS)), ("inside", ("below", "above"))):
         if name in given:
             require_choice(f"--{name}", given[name], known)
@@ -98,27 +98,27 @@ def require_volume_options(given: dict[str, Any]) -> None:
 
 
 def refuse_options(options: dict[str, Any], whose: str, source: str) -> None:
-    """Raise StrategyError for the first option that is given and not of this kind of thing."""
+    """Raise StrategyError for the first option that is given and not for this kind of object, hand or motion."""
     for name, value in options.items():
         if value is not None:
             raise StrategyError(f"--{name.replace('_', '-')} is {whose}, which {source} is not")
 
 
-def simplified(thing: Solid, tolerance: float | None) -> tuple[Solid, Detail | None]:
-    """The object simplified within a tolerance [m]; 0: a quarter of the focal width; None: as it is."""
+def simplified(solid: Solid, tolerance: float | None) -> tuple[Solid, Detail | None]:
+    """Simplify an object within a tolerance [m]; 0: a quarter of the focal width; None: do not simplify."""
     if tolerance is None:
-        return thing, None
+        return solid, None
     if not 0 <= tolerance < np.inf:  # a NaN compares false
         raise StrategyError(f"--simplify must be a length in metres of 0 or more, not {tolerance}")
-    if not isinstance(thing, MeshObject):
-        raise StrategyError(f"--simplify is of a mesh, which {thing.name} is not")
-    simple, detail = simplify(thing, tolerance or None)
-    simple.placement, simple.detail = thing.placement, detail.described()
+    if not isinstance(solid, MeshObject):
+        raise StrategyError(f"--simplify is of a mesh, which {solid.name} is not")
+    simple, detail = simplify(solid, tolerance or None)
+    simple.placement, simple.detail = solid.placement, detail.described()
     return simple, detail
 
 
 def is_recording(source: str) -> bool:
-    """Whether a motion's file holds the joints of a hand, not poses of a palm."""
+    """Whether a file holds recorded joints of a hand rather than poses of a palm."""
     path = Path(source)
     if path.suffix.lower() in (".json", ".npz"):
         return True
@@ -130,16 +130,16 @@ def is_recording(source: str) -> bool:
     return not first.replace(" ", "").startswith(POSE_HEADERS)
 
 
-def load_motion(source: str, thing: Solid, options: dict[str, Any], watch: Watch = unwatched) -> HandMotion:
-    """A motion from a file of poses, or a synthetic exploration of the object; options of None take their defaults.
+def load_motion(source: str, solid: Solid, options: dict[str, Any], watch: Watch = unwatched) -> HandMotion:
+    """Load a motion from a file of poses, or make a synthetic exploration of the object.
 
-    watch: hears how far the exploration is.
+    options: of the exploration; None: the default. watch: called with the progress of the exploration.
     """
     given = {name: value for name, value in options.items() if value is not None}
     if source == EXPLORATION:
         try:
             progress = partial(watch, "exploration")
-            return exploration(thing.bounds, **{**EXPLORATION_DEFAULTS, **given}, progress=progress)
+            return exploration(solid.bounds, **{**EXPLORATION_DEFAULTS, **given}, progress=progress)
         except MotionError as error:
             raise StrategyError(f"{EXPLORATION}: {error}") from error
     if given:
@@ -152,7 +152,7 @@ def load_motion(source: str, thing: Solid, options: dict[str, Any], watch: Watch
 
 
 def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecording | None = None) -> Hand:
-    """A hand by the table above; with a recording that is `held`, those that have joints are posed by it."""
+    """Load a hand by the table above; a recording, which must be `held`, poses the hands that have joints."""
     if kind == "palm":
         return Palm() if palm is None else Palm(*palm)
     if palm is not None:
@@ -176,7 +176,7 @@ def load_hand_solid(source: str) -> Solid:
 
 
 def own_skin(recording: HandRecording | None = None) -> MeshHand:
-    """palpate's own hand: flat, or of the breadth and in the poses of a recording."""
+    """palpate's own hand mesh: flat, or with the breadth and in the poses of a recording."""
     if recording is None:
         shape = hand_shape()
         return MeshHand(shape.vertices, shape.faces, glabrous=shape.glabrous, name="skin")
@@ -189,21 +189,21 @@ def load_hand_and_motion(
     kind: str,
     palm: tuple[float, float] | None,
     source: str,
-    thing: Solid,
+    solid: Solid,
     *,
     exploration_options: dict[str, Any],
     side: str | None = None,
     alignment: Path | None = None,
     watch: Watch = unwatched,
 ) -> tuple[Hand, HandMotion]:
-    """A hand and its motion, of poses or of a recording.
+    """Load a hand and its motion, from poses or from a recording.
 
-    exploration_options: duration, rate, seed; a rate resamples a recording. side, alignment: of a recording.
-    watch: hears how far a synthetic exploration is.
+    exploration_options: duration, rate, seed; with a recording only rate, at which it is resampled. side, alignment:
+    options of a recording. watch: called with the progress of a synthetic exploration.
     """
     if not is_recording(source):
         refuse_options({"side": side, "alignment": alignment}, "of a recording of a hand", source)
-        return load_hand(kind, palm), load_motion(source, thing, exploration_options, watch)
+        return load_hand(kind, palm), load_motion(source, solid, exploration_options, watch)
     rate = exploration_options["rate"]
     refuse_options({k: v for k, v in exploration_options.items() if k != "rate"}, "of a synthetic exploration", source)
     recording = load_recording(source, hand=side, alignment=alignment)

@@ -21,7 +21,7 @@ STEP_LEAST = 1e-5  # [m]
 
 
 def overlap_contours(
-    thing: Solid,
+    solid: Solid,
     hand: Hand,
     pose: np.ndarray,
     first: int = 0,
@@ -44,8 +44,8 @@ def overlap_contours(
     pose = np.asarray(pose, np.float32).reshape(-1, 7)
     parts, own = [], first
     try:
-        for solid, rows in hand_solids(hand, first, len(pose)):
-            for found in shared_surfaces(thing, solid, pose[rows], step=step, device=device, limit=NODES_MOST):
+        for hand_part, rows in hand_solids(hand, first, len(pose)):
+            for found in shared_surfaces(solid, hand_part, pose[rows], step=step, device=device, limit=NODES_MOST):
                 parts.append(thinned(*found, separation=separation, first=own, name="overlap"))
                 own += found[1].shape[0] - 1
         point, start = joined_points(parts, device)
@@ -57,7 +57,7 @@ def overlap_contours(
 
 
 def overlap_points(
-    thing: Solid, hand: Solid, pose: np.ndarray, *, step: float, device: str = "cpu", limit: int = NODES_MOST
+    solid: Solid, hand: Solid, pose: np.ndarray, *, step: float, device: str = "cpu", limit: int = NODES_MOST
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points on the surface of the Boolean intersection of an object and a hand, at each pose.
 
@@ -72,41 +72,41 @@ def overlap_points(
     """
     hand.require_closed()
     points, start = [np.zeros((0, 3), np.float32)], [np.zeros(1, np.int64)]
-    for found, ends in shared_surfaces(thing, hand, pose, step=step, device=device, limit=limit):
+    for found, ends in shared_surfaces(solid, hand, pose, step=step, device=device, limit=limit):
         points.append(found.numpy())
         start.append(start[-1][-1] + ends.numpy()[1:])
     return np.concatenate(points), np.concatenate(start)
 
 
 def shared_surfaces(
-    thing: Solid, hand: Any, pose: np.ndarray, *, step: float, device: str, limit: int
+    solid: Solid, hand: Any, pose: np.ndarray, *, step: float, device: str, limit: int
 ) -> Iterator[tuple[wp.array, wp.array]]:
     """Points of consecutive poses and where each pose's start, on the device: see `overlap_points`."""
     require_length("overlap: step", step, STEP_LEAST)
-    require_inside(thing, "overlap")
+    require_inside(solid, "overlap")
     pose = np.asarray(pose, np.float32).reshape(-1, 7)
-    first, count = node_blocks(thing.bounds, hand.bounds, pose, step)
+    first, count = node_blocks(solid.bounds, hand.bounds, pose, step)
     nodes = count.prod(axis=1, dtype=np.int64)
     if len(nodes) and nodes.max() > limit:
         raise StrategyError(
             f"overlap: a step of {step:.3g} m takes {nodes.max()} nodes at pose {nodes.argmax()}, of which {limit} are "
             f"allowed; {step * (nodes.max() / limit) ** (1 / 3):.2g} m fits"
         )
-    one, other = thing.field_on(device), hand.field_on(device)
+    one, other = solid.field_on(device), hand.field_on(device)
     for rows in launches(nodes, limit):
         yield find_shared_surface(one, other, pose[rows], first[rows], count[rows], step=step, device=device)
 
 
-def node_blocks(thing: np.ndarray, hand: np.ndarray, pose: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+def node_blocks(solid: np.ndarray, hand: np.ndarray, pose: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Lowest node [step] and number of nodes along each axis of the box that both are in, int32, shape [pose, 3].
 
-    thing, hand: bounds in their own frames [m], shape [2, 3].
+    solid, hand: bounds in their own frames [m], shape [2, 3].
     """
     corners = corners_of(hand)
     wide = pose.astype(np.float64)
     turn = wide[:, None, 3:] / np.linalg.norm(wide[:, None, 3:], axis=2, keepdims=True)
-    moved = wide[:, None, :3] + rotated(turn, corners[None])
-    low, high = np.maximum(thing[0], moved.min(axis=1)), np.minimum(thing[1], moved.max(axis=1))
+    corner = wide[:, None, :3] + rotated(turn, corners[None])
+    low, high = np.maximum(solid[0], corner.min(axis=1)), np.minimum(solid[1], corner.max(axis=1))
     first, last = np.floor(low / step), np.ceil(high / step)
     count = np.where((low <= high).all(axis=1, keepdims=True), last - first + 1, 0)
     return first.astype(np.int32), count.astype(np.int32)

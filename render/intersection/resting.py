@@ -1,4 +1,4 @@
-"""What counts as on a patch's plane and sides: a strategy's `flush`, or float32's spacing at the pose."""
+"""Distance at which a vertex counts as on a patch's plane or side: `flush`, or float32 spacings at the pose."""
 
 from weakref import WeakKeyDictionary
 
@@ -13,29 +13,29 @@ from ..strategies.intersection_strategy import IntersectionStrategy
 _REACH: WeakKeyDictionary[Solid, float] = WeakKeyDictionary()  # of objects that are in use
 
 
-def farthest_of(moved: np.ndarray | None) -> float:
+def farthest_of(object_pose: np.ndarray | None) -> float:
     """Largest coordinate of the poses of an object that moves [m], shape [pose, 7]; 0 for one that stands still."""
-    return 0.0 if moved is None or not len(moved) else float(np.abs(moved[:, :3]).max())
+    return 0.0 if object_pose is None or not len(object_pose) else float(np.abs(object_pose[:, :3]).max())
 
 
-def reach_of(thing: Solid) -> float:
+def reach_of(solid: Solid) -> float:
     """Largest coordinate of an object [m], looked for once; 0 for one without bounds."""
-    if thing not in _REACH:
-        reach = float(np.abs(thing.bounds).max())
-        _REACH[thing] = reach if np.isfinite(reach) else 0.0
-    return _REACH[thing]
+    if solid not in _REACH:
+        reach = float(np.abs(solid.bounds).max())
+        _REACH[solid] = reach if np.isfinite(reach) else 0.0
+    return _REACH[solid]
 
 
 def patches_for(
     hand: PatchHand,
-    thing: Solid,
+    solid: Solid,
     strategy: IntersectionStrategy,
     device: str,
     *,
     farthest: float = 0.0,
     relative: bool = False,
 ) -> wp.array:
-    """A hand's patches on a device, which know what counts as on them, dtype Patch, shape [patch].
+    """A hand's patches on a device, with the distance that counts as on them; dtype Patch, shape [patch].
 
     A strategy without `flush` gets FLUSH_RATE times the largest coordinate of the object and the patch, and of the
     object's own poses on top where it moves: those are rounded, too. farthest: see `farthest_of`; relative: whether
@@ -44,5 +44,5 @@ def patches_for(
     patch = hand.on(device)
     if strategy.flush is not None:
         return settle_patches(patch, flush=strategy.flush, relative=relative)
-    least = FLUSH_RATE * (reach_of(thing) + farthest)
+    least = FLUSH_RATE * (reach_of(solid) + farthest)
     return settle_patches(patch, flush=least, flush_rate=FLUSH_RATE, relative=relative)

@@ -13,7 +13,7 @@ MARGIN = 1e-4  # share of a lattice edge between a vertex and the edge's ends
 
 
 def isosurface(
-    thing: Solid | Field, bounds: np.ndarray, step: float, *, device: str = "cpu", limit: int = CELL_LIMIT
+    solid: Solid | Field, bounds: np.ndarray, step: float, *, device: str = "cpu", limit: int = CELL_LIMIT
 ) -> tuple[np.ndarray, np.ndarray]:
     """The surface as a mesh: vertices [m], float32, shape [vertex, 3], and faces, int32, shape [face, 3].
 
@@ -26,7 +26,7 @@ def isosurface(
     The mesh is closed, has no coinciding vertices, and its triangles are counter-clockwise from outside.
     Raises MeshError for bounds or a step that are none, more cells than the limit, and where no node is inside.
     """
-    name = "field" if isinstance(thing, Field) else thing.name
+    name = "field" if isinstance(solid, Field) else solid.name
     bounds = np.asarray(bounds, np.float64)
     if bounds.shape != (2, 3) or not np.isfinite(bounds).all() or (bounds[0] > bounds[1]).any():
         raise MeshError(f"{name}: bounds must be finite, lowest then highest, shape [2, 3], not {bounds.tolist()}")
@@ -43,7 +43,7 @@ def isosurface(
     if margin > 0.25:
         raise MeshError(f"{name}: a step of {step:.3g} m is below what float32 resolves this far from the origin")
     lattice = lattice_of(bounds.mean(axis=0) - cells * step / 2, step)
-    field = thing if isinstance(thing, Field) else thing.field_on(device)
+    field = solid if isinstance(solid, Field) else solid.field_on(device)
     shape = tuple(int(n) + 1 for n in cells)
     vertex, corner = mesh_isosurface(field, lattice, (shape[0], shape[1], shape[2]), margin=margin, device=device)
     if not corner.shape[0]:

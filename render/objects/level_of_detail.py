@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ..deprecated_names import accept_old_keywords
 from ..errors import MeshError, StrategyError
 from ..focal_spot import focal_width
 from .hausdorff import hausdorff_distance
@@ -32,7 +33,8 @@ class Detail:
         return asdict(self)
 
 
-def simplify(thing: MeshObject, tolerance: float | None = None, *, device: str = "cpu") -> tuple[MeshObject, Detail]:
+@accept_old_keywords(thing="mesh")
+def simplify(mesh: MeshObject, tolerance: float | None = None, *, device: str = "cpu") -> tuple[MeshObject, Detail]:
     """The mesh with fewer triangles, closed, and how far the two surfaces are from each other.
 
     tolerance: no point of either surface ends farther from the other than this [m]; None: a quarter of the width of a
@@ -45,39 +47,39 @@ def simplify(thing: MeshObject, tolerance: float | None = None, *, device: str =
     """
     if tolerance is None:
         try:
-            tolerance = focal_width(thing.bounds.mean(axis=0)).width / 4
+            tolerance = focal_width(mesh.bounds.mean(axis=0)).width / 4
         except StrategyError as error:
-            raise StrategyError(f"{thing.name}: {error}; give a tolerance, or move the object") from error
+            raise StrategyError(f"{mesh.name}: {error}; give a tolerance, or move the object") from error
     if not (np.isfinite(tolerance) and tolerance > 0):
-        raise MeshError(f"{thing.name}: tolerance must be a positive length in metres, not {tolerance}")
-    if not thing.report.closed:
+        raise MeshError(f"{mesh.name}: tolerance must be a positive length in metres, not {tolerance}")
+    if not mesh.report.closed:
         raise MeshError(
-            f"{thing.name}: only a closed surface can be simplified, but it has {thing.report.open_edges} open edges "
+            f"{mesh.name}: only a closed surface can be simplified, but it has {mesh.report.open_edges} open edges "
             "or bodies that overlap; voxelising it closes it"
         )
-    whole = (thing.vertices, thing.faces)
-    best, before = whole, len(thing.faces)
+    whole = (mesh.vertices, mesh.faces)
+    best, before = whole, len(mesh.faces)
     for share in SHARES:
-        found = collapsed(thing, share * tolerance)
+        found = collapsed(mesh, share * tolerance)
         if 0 < len(found[1]) < len(best[1]):
             _, bound = hausdorff_distance(whole, found, accuracy=ACCURACY * tolerance, limit=tolerance, device=device)
             best = found if bound <= tolerance else best
     if best is whole:
-        return thing, Detail(tolerance, 0.0, 0.0, before, before)
+        return mesh, Detail(tolerance, 0.0, 0.0, before, before)
     distance, bound = hausdorff_distance(whole, best, accuracy=ACCURACY * tolerance, device=device)
-    simple = MeshObject(*best, name=thing.name, solid=thing.solid)
+    simple = MeshObject(*best, name=mesh.name, solid=mesh.solid)
     return simple, Detail(tolerance, distance, bound, before, len(simple.faces))
 
 
-def collapsed(thing: MeshObject, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+def collapsed(mesh: MeshObject, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [m], float32, and faces of what manifold3d makes of a closed mesh; no faces if it cannot take it."""
     import manifold3d  # 50 ms that only simplifying costs
 
-    middle = thing.bounds.mean(axis=0)
-    near = (thing.vertices - middle).astype(np.float32)
-    solid = manifold3d.Manifold(manifold3d.Mesh(near, thing.faces.astype(np.uint32)))
-    if solid.status() != manifold3d.Error.NoError:
-        raise MeshError(f"{thing.name}: cannot be simplified ({solid.status().name})")
-    mesh = solid.simplify(tolerance).to_mesh()
-    vertices = np.asarray(mesh.vert_properties)[:, :3].astype(np.float64) + middle
-    return vertices.astype(np.float32), np.asarray(mesh.tri_verts, np.int32)
+    middle = mesh.bounds.mean(axis=0)
+    near = (mesh.vertices - middle).astype(np.float32)
+    manifold = manifold3d.Manifold(manifold3d.Mesh(near, mesh.faces.astype(np.uint32)))
+    if manifold.status() != manifold3d.Error.NoError:
+        raise MeshError(f"{mesh.name}: cannot be simplified ({manifold.status().name})")
+    out = manifold.simplify(tolerance).to_mesh()
+    vertices = np.asarray(out.vert_properties)[:, :3].astype(np.float64) + middle
+    return vertices.astype(np.float32), np.asarray(out.tri_verts, np.int32)

@@ -1,4 +1,4 @@
-"""Objects that move: where they are at each pose of the hand, and the hand as they see it."""
+"""Objects that move: their pose at each pose of the hand, and hand poses in their frame."""
 
 import numpy as np
 
@@ -6,65 +6,68 @@ from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.rigid import composed, inverted, rotated, slerp
 from ..errors import PoseError
 
-EDGE_MOST = 0.1  # [s]; a motion's end is held for an interval, but of keyframes no longer than this
+EDGE_MOST = 0.1  # [s]; longest time for which the first and last pose hold beyond the object's motion
 
 
-def seen_from(moved: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Poses as they are to an object that has moved, float32, shape [pose, 7].
+def seen_from(object_pose: np.ndarray, object_centre: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Hand poses in the frame of an object that moves: as if it had stayed where it was placed; float32 [pose, 7].
 
-    moved: where the object's pivot is [m], and how it is turned, shape [pose, 7]; pivot: where it is as placed [m];
-    pose: hand frame -> array frame, shape [pose, 7].
+    object_pose: position of the object's centre [m] and its rotation, shape [pose, 7]; object_centre: position of that
+    point as placed [m]; pose: hand frame -> array frame, shape [pose, 7].
     """
-    seen = composed(inverted(moved), pose)
-    seen[:, :3] += pivot
+    seen = composed(inverted(object_pose), pose)
+    seen[:, :3] += object_centre
     return seen.astype(np.float32)
 
 
-def back_to(moved: np.ndarray, pivot: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points where the object was placed that have moved with it [m], float64; a row of `moved` for each [point, 3]."""
-    back = inverted(moved)
-    return back[:, :3] + rotated(back[:, 3:], points.astype(np.float64)) + pivot
+def back_to(object_pose: np.ndarray, object_centre: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points on a moving object, moved back to where it was placed [m], float64, shape [point, 3].
 
-
-def about_outline(moved: np.ndarray, pivot: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """The same motion, told of the middle of an outline's bounds: what a file stores beside the outline.
-
-    moved: of `pivot` [m], shape [pose, 7]; vertices: of the outline where the object was placed [m].
+    object_pose: a row for each point.
     """
-    shift = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64).mean(axis=0) - pivot
+    back = inverted(object_pose)
+    return back[:, :3] + rotated(back[:, 3:], points.astype(np.float64)) + object_centre
+
+
+def about_outline(object_pose: np.ndarray, object_centre: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """The object's poses, given for the middle of its outline's bounds, as a file stores them beside the outline.
+
+    object_pose: poses of `object_centre` [m], shape [pose, 7]; vertices: of the outline as placed [m].
+    """
+    shift = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64).mean(axis=0) - object_centre
     if not shift.any():
-        return moved
-    out = np.array(moved, np.float64)
+        return object_pose
+    out = np.array(object_pose, np.float64)
     out[:, :3] += rotated(out[:, 3:], shift)
     return out.astype(np.float32)
 
 
-def object_poses(moved: HandMotion | np.ndarray, motion: HandMotion | np.ndarray) -> np.ndarray:
-    """The object's pose at each pose of the hand, float32, shape [pose, 7]; between its own times it moves evenly.
+def object_poses(object_pose: HandMotion | np.ndarray, motion: HandMotion | np.ndarray) -> np.ndarray:
+    """The object's pose at each pose of the hand, float32, shape [pose, 7], interpolated linearly in time.
 
-    moved: the object's motion (position: where the middle of its placed bounds is), or a pose for each of the hand's.
-    Raises PoseError where numbers differ, times are missing, or the hand is there before or after the object; its ends
-    are held for an interval of its own, but no longer than 0.1 s.
+    object_pose: the object's motion (position: of the middle of its placed bounds), or one pose for each hand pose.
+    Before its first and after its last pose the object keeps that pose for one of its own intervals, at most 0.1 s.
+    Raises PoseError where numbers of poses differ, times are missing, or the hand's times reach farther than that.
     """
     time = motion.time if isinstance(motion, HandMotion) else None
-    if not isinstance(moved, HandMotion):
-        moved = HandMotion(None, np.asarray(moved))
-    if len(moved) == 1:
-        return np.repeat(moved.pose, len(motion), axis=0)
-    if moved.time is None or time is None or not isinstance(motion, HandMotion):
-        if len(moved) != len(motion):
+    if not isinstance(object_pose, HandMotion):
+        object_pose = HandMotion(None, np.asarray(object_pose))
+    if len(object_pose) == 1:
+        return np.repeat(object_pose.pose, len(motion), axis=0)
+    if object_pose.time is None or time is None or not isinstance(motion, HandMotion):
+        if len(object_pose) != len(motion):
             raise PoseError(
-                f"the object has {len(moved)} poses, the hand {len(motion)}: give both times, or as many poses"
+                f"the object has {len(object_pose)} poses, the hand {len(motion)}: give both times, or as many poses"
             )
-        return moved.pose
-    own = moved.time + (moved.offset - motion.offset)
+        return object_pose.pose
+    own = object_pose.time + (object_pose.offset - motion.offset)
     edge = 1e-6 + min(float(np.median(np.diff(own))), EDGE_MOST)
     if time[0] < own[0] - edge or time[-1] > own[-1] + edge:
         raise PoseError(
             f"the object's motion lasts from {own[0]:g} to {own[-1]:g} s of the hand's time, "
             f"the hand's from {time[0]:g} to {time[-1]:g} s"
         )
-    return between(own, moved.pose.astype(np.float64), np.clip(time, own[0], own[-1]))
+    return between(own, object_pose.pose.astype(np.float64), np.clip(time, own[0], own[-1]))
 
 
 def between(own: np.ndarray, pose: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What every object can be asked, be it a mesh, voxels or a function."""
+"""Solid: the interface of all objects, meshes, voxels and functions alike."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -27,9 +27,9 @@ class Solid(Protocol):
         ...
 
     def outline_mesh(self) -> tuple[np.ndarray, np.ndarray]:
-        """A mesh to look at and measure distances to: vertices [m], float32 [vertex, 3]; faces, int32 [face, 3]."""
+        """Surface mesh for pictures and distances: vertices [m], float32 [vertex, 3]; faces, int32 [face, 3]."""
         ...
 
     def described(self) -> dict[str, Any]:
-        """What a file says about the object, for JSON: name, placement, `hash` of all that decides its surface, ..."""
+        """Description that a file stores as JSON: name, placement, `hash` of all that determines the surface, ..."""
         ...

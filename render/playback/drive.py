@@ -1,4 +1,4 @@
-"""Focal points -> drives of arrays: a delay for each transducer, an amplitude for each frame."""
+"""Convert focal points to drives of arrays: a delay for each transducer, an amplitude for each frame."""
 
 import json
 from collections.abc import Sequence
@@ -13,19 +13,18 @@ from ...kernels.driving.slew import limit_slew, lock_gauge
 from ...kernels.driving.solve import POINTS_MOST, SIZES, solve_points
 from ...kernels.driving.wave import transducers_on
 from ..errors import StrategyError
+from ..focal_spot import PISTON_RADIUS, SOUND_SPEED
 from ..sampling.contour_sampling import FocalPoints
 from ..validation import read_fields, require_choice, require_number
 
-SOUND_SPEED = 343.0  # [m/s] at 20 degrees C; 331.3 + 0.606 T
-PISTON_RADIUS = 4.5e-3  # [m] of a transducer of 10 mm
-REST = (0.0, 0.0, 0.2)  # [m] where silent frames aim before there was a focal point
-CHUNK = 512  # frames; at 256 transducers their distances stay in the cache
-OVER = 1e-6  # by which rounding may lift an intensity above 1
-TARGET_STEPS = 1 << 16  # to which ratios of pressures are rounded, lest modulation make new problems of the same ratios
+REST = (0.0, 0.0, 0.2)  # [m] aim of silent frames before the first focal point
+FRAMES_AT_ONCE = 512  # so that their distances to 256 transducers stay in the processor's cache
+INTENSITY_TOLERANCE = 1e-6  # by which rounding may raise an intensity above 1
+TARGET_STEPS = 1 << 16  # pressure ratios are rounded to 1 / this, so that modulated frames with equal ratios stay equal
 
-# Amplitudes: rms error of 4 foci, median of random frames. Change: of a transducer's delay from frame to frame while 4
-# foci go 7 m/s at 40 kHz, mean over transducers, 90 % of frames below it | largest. WGS hops between solutions that
-# are as good, since each frame is solved from the start; one focus changes by 0.004 turns.
+# Amplitudes: rms error of 4 foci, median over random frames. Change: of a transducer's delay from frame to frame for 4
+# foci at 7 m/s and 40 kHz, mean over transducers: 90 % quantile | maximum over frames. WGS solves each frame anew and
+# may switch between equally good solutions. With one focus the change is 0.004 turns.
 #
 # solver        iterations of GS-PAT, of WGS, by default     amplitudes      change [turns]
 SOLVERS = {
@@ -42,43 +41,42 @@ class Drives(NamedTuple):
 
     delay: np.ndarray  # [turns of the carrier], 0..1, float32, shape [frame, transducer]
     amplitude: np.ndarray  # relative pressure amplitude 0..1, float32, shape [frame]
-    refused: int  # focal points outside the focal zones, or of an intensity that is none: silenced
+    refused: int  # focal points that are silenced: outside the focal zones, or with an invalid intensity
 
 
 @dataclass(frozen=True)
 class DriveStrategy:
-    """How focal points become drives.
+    """Conversion of focal points to drives.
 
-    A frame with one focal point is focused exactly, and its amplitude is the point's. A frame with several gives all
-    transducers one common amplitude, the greatest of the points', and phases such that the pressures at the points are
-    in the ratio of theirs: intensities scaled by a factor scale every pressure by it, and a lone point at 1 is the
-    array at full power. The points of a frame share what the array emits, so each gets less than it would alone (of 4,
-    about half).
+    A frame with one focal point is focused exactly and has that point's amplitude. In a frame with several, all
+    transducers have one amplitude, the greatest of the points', and a solver finds phases for which the pressures at
+    the points have the ratios of their amplitudes. So scaling all intensities scales all pressures. The points of a
+    frame share the emitted power, so each gets less pressure than alone (with 4 points about half).
 
     Raises StrategyError for a value out of its range, with field, value and bound.
     """
 
     amplitude: str = "pressure"
-    """What an intensity is: relative pressure amplitude, or relative radiation force (pressure = its square root)."""
+    """Meaning of intensity: relative pressure amplitude, or relative radiation force (pressure = its square root)."""
     solver: str = "gs-pat+wgs"
     """For frames with several focal points: naive, gs-pat, wgs, gs-pat+wgs."""
     gs_pat_iterations: int | None = None
-    """Of a solver that has GS-PAT; by default 20 alone, 10 before WGS."""
+    """Iterations of a solver with GS-PAT; by default 20, or 10 if WGS follows."""
     wgs_iterations: int | None = None
-    """Of a solver that has WGS; by default 20 alone, 6 after GS-PAT."""
+    """Iterations of a solver with WGS; by default 20, or 6 after GS-PAT."""
     slew: float | None = None
-    """Most that a transducer's delay changes [turns] in a period of the carrier, hence carrier / update_rate times as
-    much in a frame, which must be less than half a turn. The phase that all transducers share is locked first, so that
-    4/256 quietens jumps and follows a focal point at 7 m/s whichever way it goes. None: no limit."""
+    """Largest change of a transducer's delay [turns] in a carrier period. In a frame the limit is carrier / update_rate
+    times as large, and must be below half a turn. The common phase of all transducers is fixed before, so 4/256 makes
+    jumps quieter and still follows a focal point at 7 m/s in any direction. None: no limit."""
     sound_speed: float = SOUND_SPEED
     """[m/s]"""
     level_max: float = 1.0
-    """Amplitude that intensity 1 is given, relative to what the array can."""
+    """Amplitude for intensity 1, relative to the array's full amplitude."""
     piston_radius: float = PISTON_RADIUS
-    """Of a transducer [m], for the solvers: how it directs its sound; 0 is a monopole."""
+    """Radius of a transducer's piston [m], from which solvers compute its directivity; 0: a monopole."""
 
     def __post_init__(self) -> None:
-        """Refuse what is not a drive."""
+        """Check every field."""
         require_choice("amplitude", self.amplitude, AMPLITUDES)
         require_choice("solver", self.solver, tuple(SOLVERS))
         require_number("sound_speed", self.sound_speed, 300.0, 400.0, unit="m/s (speed of sound in air)")
@@ -96,7 +94,7 @@ class DriveStrategy:
 
     @property
     def iterations(self) -> tuple[int, int]:
-        """Of GS-PAT and of WGS, defaults filled in."""
+        """Number of iterations of GS-PAT and of WGS, with defaults filled in."""
         gs_pat, wgs = SOLVERS[self.solver]
         return self.gs_pat_iterations or gs_pat, self.wgs_iterations or wgs
 
@@ -116,11 +114,11 @@ class DriveStrategy:
 
 
 class Driver:
-    """Makes the drives of one array, or of several side by side, block after block.
+    """Computes the drives of one array, or of several side by side, block after block.
 
-    What a frame gets depends on the frames before it (held positions, phase gauge, slew), not on how they are cut into
-    blocks. Raises StrategyError for no array, arrays of different carriers, or a slew limit without update rate or at
-    one so low that it would limit nothing.
+    A frame depends on the frames before it (held positions, common phase, slew limit), not on their division into
+    blocks. Raises StrategyError for no array, arrays of different carriers, a slew limit without update rate, and an
+    update rate so low that the slew limit has no effect.
     """
 
     def __init__(
@@ -147,9 +145,9 @@ class Driver:
     def reset(self) -> None:
         """Forget the frames so far: the next one starts from rest."""
         self._held: np.ndarray | None = None  # [m], shape [focus, 3]
-        self._target: np.ndarray | None = None  # of the last frame that was not silent, shape [focus]
+        self._target: np.ndarray | None = None  # targets of the last frame that was not silent, shape [focus]
         self._unlocked: np.ndarray | None = None  # last frame before its gauge was locked [turns], shape [transducer]
-        self._turned = 0.0  # by how much it was turned as a whole [turns]
+        self._turned = 0.0  # common phase by which it was turned [turns]
         self._now: np.ndarray | None = None  # last frame as it was driven [turns], shape [transducer]
 
     def _slew_step(self, carrier: float, update_rate: float | None) -> float | None:
@@ -171,7 +169,7 @@ class Driver:
 
         focus: position [m], common frame, shape [frame, 3], or [frame, focus, 3] with up to 8 focal points a frame;
         intensity 0..1, shape [frame] or [frame, focus]. Points that no array can reach, that are not finite, or have
-        an intensity outside 0..1 get intensity 0 and are counted; phases then aim at where the point was before.
+        an intensity outside 0..1 get intensity 0 and are counted; phases then aim at the point's last valid position.
         Raises StrategyError for other shapes.
         """
         position, intensity = np.asarray(focus.position, np.float32), np.asarray(focus.intensity, np.float32)
@@ -183,7 +181,7 @@ class Driver:
         if intensity.shape != position.shape[:2]:
             raise StrategyError(f"intensity must have shape {position.shape[:2]}, not {intensity.shape}")
         usable = np.any([array.in_reach(position) for array in self.arrays], axis=0)
-        usable &= (intensity >= 0) & (intensity <= 1 + OVER)
+        usable &= (intensity >= 0) & (intensity <= 1 + INTENSITY_TOLERANCE)
         refused = int(np.count_nonzero(~usable & (intensity != 0)))
         level = self.strategy.pressure(np.minimum(np.where(usable, intensity, np.float32(0)), np.float32(1)))
         position = self._hold(position, usable)
@@ -196,7 +194,7 @@ class Driver:
         return [Drives(delay, drives.amplitude, drives.refused) for delay in np.split(drives.delay, ends, axis=1)]
 
     def _hold(self, position: np.ndarray, usable: np.ndarray) -> np.ndarray:
-        """Positions, those that are not usable replaced by the last one before them, of earlier blocks too."""
+        """Positions, each unusable one replaced by the last usable one before it, also from earlier blocks."""
         point_count = position.shape[1]
         if self._held is None or len(self._held) != point_count:
             self._held = np.tile(np.float32(REST), (point_count, 1))
@@ -208,7 +206,7 @@ class Driver:
         return held
 
     def _targets(self, level: np.ndarray) -> np.ndarray:
-        """Pressures relative to the greatest of their frame; a silent frame has those of the last that was not."""
+        """Pressures relative to the largest of their frame; a silent frame repeats those of the last audible frame."""
         before = self._target
         if before is None or len(before) != level.shape[1]:
             before = np.ones(level.shape[1], np.float32)
@@ -221,7 +219,7 @@ class Driver:
         return held
 
     def _delays(self, position: np.ndarray, level: np.ndarray) -> np.ndarray:
-        """Delays of frames, of which points and level are usable."""
+        """Delays of frames from usable positions and levels."""
         if len(position) == 0:
             return np.empty((0, len(self._position)), np.float32)
         if position.shape[1] == 1:
@@ -230,14 +228,14 @@ class Driver:
                 return delay
             return self._slew(self._locked(wp.array(delay, device=self._device)))
         target = self._targets(level)
-        # frames that ask for the same as the one before are solved once: still points, whatever their modulation
+        # a frame with the points and ratios of the one before is not solved again: points at rest, also when modulated
         new = np.ones(len(position), bool)
         new[1:] = (position[1:] != position[:-1]).any(axis=(1, 2)) | (target[1:] != target[:-1]).any(axis=1)
         delay = self._locked(self._solve(position[new], target[new]))
         return self._slew(delay if new.all() else delay[np.cumsum(new) - 1])
 
     def _locked(self, delay: wp.array) -> np.ndarray:
-        """Delays, each frame turned as a whole to be in phase with the one before."""
+        """Delays, with each frame's common phase turned to that of the frame before."""
         last = delay[-1:].numpy()[0].copy()  # before it is turned in place
         before = wp.array(delay[:1].numpy()[0] if self._unlocked is None else self._unlocked, device=self._device)
         self._turned = lock_gauge(delay, before=before, turned=self._turned)
@@ -267,7 +265,7 @@ class Driver:
         )
 
     def _slew(self, delay: np.ndarray) -> np.ndarray:
-        """Delays, their changes limited where the strategy says so."""
+        """Delays, with their changes limited if the strategy has a slew limit."""
         if self._step is None:
             return delay
         before = wp.array(delay[0] if self._now is None else self._now, device=self._device)
@@ -289,10 +287,10 @@ def focus_delays(position: np.ndarray, transducer: np.ndarray, wavelength: float
     square = np.einsum("ij,ij->i", transducer, transducer)
     right = np.ascontiguousarray(np.column_stack([-2 * transducer, np.full(len(transducer), one), square]).T)
     turns = np.empty((len(position), len(transducer)), np.float32)
-    whole = np.empty((min(CHUNK, len(position)), len(transducer)), np.float32)
-    for start in range(0, len(position), CHUNK):
-        part = turns[start : start + CHUNK]
-        np.matmul(left[start : start + CHUNK], right, out=part)
+    whole = np.empty((min(FRAMES_AT_ONCE, len(position)), len(transducer)), np.float32)
+    for start in range(0, len(position), FRAMES_AT_ONCE):
+        part = turns[start : start + FRAMES_AT_ONCE]
+        np.matmul(left[start : start + FRAMES_AT_ONCE], right, out=part)
         np.sqrt(np.maximum(part, 0, out=part), out=part)
         part *= np.float32(-1 / wavelength)
         part -= np.floor(part, out=whole[: len(part)])
@@ -302,8 +300,8 @@ def focus_delays(position: np.ndarray, transducer: np.ndarray, wavelength: float
 def drive_focus(focus: FocalPoints, array: ArrayModel, *, sound_speed: float = SOUND_SPEED) -> Drives:
     """Delays that make every transducer's wave arrive in phase: frac(-r / lambda) turns.
 
-    Time factor exp(+j w t): a wave that has come the distance r lags by k r, so the drive leads by it, and the farther
-    transducer has the smaller delay. Every transducer gets the same amplitude. Focal points outside the focal zone,
+    Time factor exp(+j w t): a wave lags by k r after the distance r, so the drive must lead by k r, and a farther
+    transducer has a smaller delay. Every transducer gets the same amplitude. Focal points outside the focal zone,
     and any that are not finite, get amplitude 0 and are counted.
     """
     return Driver(array, DriveStrategy(sound_speed=sound_speed)).drive(focus)

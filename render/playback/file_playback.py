@@ -40,21 +40,21 @@ CLOCKS: dict[str, Callable[[], Clock]] = {"monotonic": MonotonicClock, "virtual"
 
 @dataclass(frozen=True)
 class Playback:
-    """What playing a file came to."""
+    """Result of playing a file."""
 
     reports: tuple[PlayReport, ...]
     """The player's report on each array."""
     sampling: SamplingStrategy | None
     """None for focal points that were read from a file."""
     count: SamplingCount | None
-    """Of the first time, if it was played several times."""
+    """Counts of the sampler; of the first repetition if there were several."""
     refused: int
-    """Focal points of the first time that no array can reach, or that were none: silenced."""
+    """Focal points of the first repetition that were silenced: out of reach of all arrays, or invalid."""
     switched: int
-    """Frames of the first time whose amplitude an array that can only switch played as 0 or 1."""
+    """Frames of the first repetition that an array without amplitude control played with amplitude 0 or 1."""
     drive: DriveStrategy
     repeats: int = 1
-    """How often the file was to be played."""
+    """Requested number of repetitions."""
 
     @property
     def played(self) -> PlayReport:
@@ -93,10 +93,10 @@ class Playback:
 
 @dataclass(frozen=True)
 class Connection:
-    """How the arrays of a playback are reached.
+    """Options of the connection to the arrays of a playback.
 
-    The emulated array is emulated always, a real one only if asked for. `backend` is pyusb's for tests; `clock` is
-    that of emulated arrays, "monotonic" or "virtual" (as fast as it goes).
+    The array "emulator" is always emulated, others only with `emulate`. backend: of pyusb, for tests. clock: of
+    emulated arrays, "monotonic" (real time) or "virtual" (as fast as possible).
     """
 
     emulate: bool = False
@@ -106,10 +106,10 @@ class Connection:
     uncalibrated: bool = False
     """Play on a real pat16 without its board file."""
     watchdog: bool = False
-    """A process beside this one switches the array off if this one is killed."""
+    """Whether a second process switches the array off if this one is killed."""
 
     def __post_init__(self) -> None:
-        """Refuse a clock or a transport that there is not."""
+        """Raise StrategyError for an unknown clock or transport."""
         require_choice("clock", self.clock, tuple(CLOCKS))
         require_choice("transport", self.transport, get_args(TransportKind))
 
@@ -138,7 +138,7 @@ class Connection:
 
     @contextmanager
     def all_of(self, arrays: Sequence[PlacedArray]) -> Iterator[list[Link]]:
-        """Links to all arrays, closed in the end."""
+        """Links to all arrays, closed at the end of the context."""
         with ExitStack() as stack:
             links = []
             for placed in arrays:
@@ -176,24 +176,24 @@ def play_file(
     device: str = "cpu",
     watch: Callable[[LiveStatistics, int], object] | None = None,
 ) -> Playback:
-    """Play a contour file, or focal points: a .PTLIST, or what a sweep keeps; the arrays are off in the end.
+    """Play a contour file, or focal points from a .PTLIST or a sweep; afterwards the arrays are off.
 
     Args:
         path: the file.
-        array: name of an array, or several arrays with where they stand (`load_rig`).
-        sampling: how contours become focal points; its update rate is that of the playback. Focal points have
-            their own.
-        drive: how focal points become drives.
-        duration: how long [s]; a motion ends by itself, a static pose does not.
-        repeats: how often, one after the other; 64 MB of frames are kept for that, a longer file is read again.
-        limits: of on-time and duty; None takes the defaults.
-        connection: how the arrays are reached.
-        device: Warp's device for solvers of several focal points.
-        watch: called now and then with live statistics (of the first array) and the frames in all.
+        array: name of an array, or several placed arrays (`load_rig`).
+        sampling: conversion of contours to focal points; its update rate is that of the playback. A file of focal
+            points has its own rate and takes none.
+        drive: conversion of focal points to drives.
+        duration: of the playback [s]; needed for a static pose, which has no end.
+        repeats: number of repetitions; up to 64 MB of frames are kept for them, a longer file is read again.
+        limits: of on-time and duty cycle; None: the defaults.
+        connection: options of the connection to the arrays.
+        device: Warp device for solvers of several focal points.
+        watch: called regularly with live statistics of the first array and the number of all frames.
 
     Raises:
         ContourFileError, PoseError, StrategyError, DeviceError: before anything is sent.
-        ContourFileError: the file was cut off or changed while it played; the array is off.
+        ContourFileError: the file was truncated or changed while it played; the array is off.
         DeviceError (with `report`), PlayInterrupted: while playing.
     """
     arrays = (PlacedArray(array_model(array)),) if isinstance(array, str) else tuple(array)
@@ -228,9 +228,9 @@ def play_file(
 def opened(
     path: Path, sampling: SamplingStrategy | None, duration: float | None, arrays: Sequence[PlacedArray]
 ) -> Iterator[tuple[FocusSource, Sampler | None, float, ContourFile | FrameReader | None]]:
-    """A file's focal points, what samples them, and their update rate [Hz], by default the first array's own.
+    """Open a file: its focal points, their sampler or None, their update rate [Hz], and the file.
 
-    Last the file that is read while they are played; None for one that was read whole.
+    By default the update rate is the first array's. The file is None if it was read completely beforehand.
     """
     if path.suffix.lower() == ".ptlist":
         if sampling is not None:
@@ -260,7 +260,7 @@ def opened(
 
 
 def unchanged(frames: FrameSource, file: ContourFile | FrameReader) -> Iterator[tuple[array[int], ...]]:
-    """Blocks of frames, each looked at after it was read: a file that was cut off or changed ends them by an error."""
+    """Blocks of frames; raises ContourFileError if the file was truncated or changed before a block was read."""
     for block in frames:
         file.require_unchanged()
         yield block

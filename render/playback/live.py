@@ -14,6 +14,7 @@ from ...kernels.section.piece_search import method_for
 from ...kernels.section.single_pose import CPU, Room, RoomSize
 from ..contour_batch import ContourBatch
 from ..coordinate_spacing import warn_of_spacing
+from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand, PatchHand
 from ..intersection.batch_rendering import check_poses
@@ -36,7 +37,7 @@ NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_p
 class PoseContours:
     """Contours of one pose at a time: those of `render`, bit for bit.
 
-    thing, hand, strategy: as in `render`; the hand must be rigid. method: how contours are looked for, see
+    solid, hand, strategy: as in `render`; the hand must be rigid. method: how contours are looked for, see
     `find_pieces`. Sections of a mesh by planes take well under a millisecond: memory is taken when made, and anew,
     twice as much, when a pose needs more. Anything else, meshes that cross themselves too, is rendered as `render`
     does, in milliseconds. Not for two threads at once. Raises MeshError where the strategy needs a closed surface and
@@ -46,7 +47,7 @@ class PoseContours:
 
     def __init__(
         self,
-        thing: Solid,
+        solid: Solid,
         hand: Hand,
         strategy: IntersectionStrategy,
         *,
@@ -57,21 +58,21 @@ class PoseContours:
             raise StrategyError(
                 f"the hand has {hand.pose_count} poses of its own: one pose at a time takes a rigid one"
             )
-        scene = Scene.of(thing, hand, strategy)
-        warn_of_spacing(thing.name, thing.bounds)
-        middle = np.array([*thing.bounds.mean(axis=0), *PALM_DOWN], np.float32)
+        scene = Scene.of(solid, hand, strategy)
+        warn_of_spacing(solid.name, solid.bounds)
+        middle = np.array([*solid.bounds.mean(axis=0), *PALM_DOWN], np.float32)
         self.grown = 0
         """How often memory was taken anew."""
         self._scene: Scene | None = scene
         if not (
-            isinstance(thing, MeshObject) and isinstance(hand, PatchHand) and scene.is_raw and scene.exact
-        ) or needs_regularising(thing):
+            isinstance(solid, MeshObject) and isinstance(hand, PatchHand) and scene.is_raw and scene.exact
+        ) or needs_regularising(solid):
             self.at(middle)
             return
         self._scene = None
         pose = wp.array(hand.section_poses(middle[None]), dtype=wp.transform, device=CPU)
-        intersect(thing, hand, pose, strategy, method=method)  # refuses what cannot be done
-        surface, patch = thing.on(CPU), patches_for(hand, thing, strategy, CPU)
+        intersect(solid, hand, pose, strategy, method=method)  # refuses what cannot be done
+        surface, patch = solid.on(CPU), patches_for(hand, solid, strategy, CPU)
         self._made_of = surface, patch
         self._stages = {
             "outside": "outside" in strategy.prune,
@@ -99,18 +100,19 @@ class Instant:
     """Focal points of a hand that moves now: a pose comes, the focal points until the next one go.
 
     Sample k is shown at k / update rate after the first pose, as in `sample_contours`: the same poses give the same
-    focal points, to the bit, if each is drawn until the time of the next. No sample is left out or comes twice,
+    focal points, bit for bit, if each is drawn until the time of the next. No sample is left out or comes twice,
     whenever poses come: what was not drawn before a pose is drawn from the one before it.
 
-    thing, hand, strategy: as in `render`. sampling: how contours are drawn, by default at constant speed.
+    solid, hand, strategy: as in `render`. sampling: how contours are drawn, by default at constant speed.
     interval: expected between poses [s]; a pose is held for twice that if `sampling.hold` is shorter.
     Not for two threads at once. Raises MeshError where the strategy needs a closed surface and the object has none,
     StrategyError for an interval out of its range.
     """
 
+    @accept_old_keywords(thing="solid")
     def __init__(
         self,
-        thing: Solid,
+        solid: Solid,
         hand: Hand,
         strategy: IntersectionStrategy,
         sampling: SamplingStrategy | None = None,
@@ -123,10 +125,10 @@ class Instant:
         sampling = sampling or SamplingStrategy()
         self.interval = interval
         self.sampler = Sampler(sampling)
-        """Its `count` tells what has been drawn."""
+        """Its `count` has the number of samples drawn."""
         self.contours: ContourBatch | None = None
         """Of the last pose, on the host, in memory that the next pose writes over: copy what shall last."""
-        self._intersection = PoseContours(thing, hand, strategy)
+        self._intersection = PoseContours(solid, hand, strategy)
         self._rate = sampling.update_rate
         self._hold = max(sampling.hold, 2.0 * interval)
         self._began = 0.0  # when the first pose came [s]

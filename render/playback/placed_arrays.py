@@ -1,4 +1,4 @@
-"""The arrays of a playback: one by name, or several that stand somewhere, from a JSON file."""
+"""Arrays of a playback and their poses: one array by name, or several from a JSON file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +16,9 @@ class PlacedArray:
     """One array of a playback."""
 
     model: ArrayModel
-    """With its calibration, where it stands in the common frame."""
+    """The array with its calibration and its pose in the common frame."""
     serial: str | None = None
-    """Which one; for autd3 its network interface or address. None: the first."""
+    """Serial number; for autd3 the network interface or address. None: the first array found."""
 
 
 def load_rig(
@@ -28,7 +28,7 @@ def load_rig(
 
     The file's objects have `array` and, where needed, `serial`, `calibration` (a board file, beside the JSON file if
     its path is relative), `baud`, and `pose`: x y z [m] and quaternion xyzw of the array's frame in the common one.
-    Raises StrategyError for a file that is none, naming field and value; DeviceError for arrays that there are not.
+    Raises StrategyError for an invalid file, naming field and value; DeviceError for unknown arrays.
     """
     if not source.endswith(".json"):
         return (PlacedArray(array_model(source, calibration=calibration, baud=baud), serial),)

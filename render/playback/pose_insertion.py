@@ -37,23 +37,24 @@ Poses = tuple[np.ndarray, np.ndarray]
 
 
 def insert_poses(
-    thing: Solid,
+    solid: Solid,
     hand: Hand,
     motion: HandMotion,
     strategy: IntersectionStrategy,
     *,
     distance: float,
-    moved: HandMotion | None = None,
+    object_pose: HandMotion | None = None,
     hold: float = HOLD,
     device: str = "cpu",
 ) -> HandMotion:
     """The motion with poses inserted where contours would move by more than `distance` [m]; no pose is changed.
 
-    thing, hand, strategy: as in `render`; the hand must be rigid. Where a pose changes, one focal point that follows
+    solid, hand, strategy: as in `render`; the hand must be rigid. Where a pose changes, one focal point that follows
     contours without pauses or sections steps by about 4 v / f_s at most if `distance` is 3 v / f_s (measured: 4.03);
     with v / f_s no hop at a new pose was found. With pauses, sections, several focal points or continuity
     "finish" it goes on where these want it, which may be farther: only the contours keep the distance.
-    moved: motion of an object that moves. hold: a longer interval [s], and longer than two median ones, is a gap.
+    object_pose: motion of an object that moves. hold: an interval longer than this [s] and than twice the median one is
+    a gap.
     Raises StrategyError for a hand with poses of its own and a distance below 10 um or above 0.1 m, PoseError for poses
     without times, and what `render` raises.
     """
@@ -65,14 +66,14 @@ def insert_poses(
         )
     if motion.time is None:
         raise PoseError("poses are inserted between two times, but this motion has none")
-    if moved is not None and moved.time is None and len(moved) > 1:
+    if object_pose is not None and object_pose.time is None and len(object_pose) > 1:
         raise PoseError("poses are inserted between two times, but the object's motion has none")
     if len(motion) == 1:
         return motion
-    places = None if moved is None else object_poses(moved, motion)
-    looker = _Looker(Scene.of(thing, hand, strategy, moved=places), motion, moved, distance, device)
+    places = None if object_pose is None else object_poses(object_pose, motion)
+    shift_test = _ShiftTest(Scene.of(solid, hand, strategy, object_pose=places), motion, object_pose, distance, device)
     gap = max(hold, 2.0 * float(np.median(np.diff(motion.time))))
-    return _with(motion, _inserted(motion, gap, looker))
+    return _with(motion, _inserted(motion, gap, shift_test))
 
 
 def _with(motion: HandMotion, inserted: list[Poses]) -> HandMotion:
@@ -84,10 +85,10 @@ def _with(motion: HandMotion, inserted: list[Poses]) -> HandMotion:
     return HandMotion(time[order], pose[order], motion.offset, motion.seed, count)
 
 
-def _inserted(motion: HandMotion, gap: float, looker: "_Looker") -> list[Poses]:
+def _inserted(motion: HandMotion, gap: float, shift_test: "_ShiftTest") -> list[Poses]:
     """Poses to be inserted, level by level of halving; gap: no interval longer than this is halved [s]."""
     time, pose = np.asarray(motion.time), motion.pose
-    wanted = looker.moves_far(time, pose, np.diff(time) <= gap)
+    wanted = shift_test.moves_far(time, pose, np.diff(time) <= gap)
     ends, out = [(a[:-1][wanted], a[1:][wanted]) for a in (time, pose)], []
     while True:
         (t0, t1), (p0, p1) = ends
@@ -101,18 +102,18 @@ def _inserted(motion: HandMotion, gap: float, looker: "_Looker") -> list[Poses]:
         out.append((middle, half))
         time, pose = np.stack([t0, middle, t1], axis=1).ravel(), np.stack([p0, half, p1], axis=1).reshape(-1, 7)
         compared = np.tile([True, True, False], len(middle))[:-1]
-        wanted = np.flatnonzero(looker.moves_far(time, pose, compared))
+        wanted = np.flatnonzero(shift_test.moves_far(time, pose, compared))
         ends = [(a[wanted], a[wanted + 1]) for a in (time, pose)]
 
 
-class _Looker:
+class _ShiftTest:
     """Tells between which poses contours move too far."""
 
     def __init__(
-        self, scene: Scene, motion: HandMotion, moved: HandMotion | None, distance: float, device: str
+        self, scene: Scene, motion: HandMotion, object_pose: HandMotion | None, distance: float, device: str
     ) -> None:
         self._scene, self._distance, self._device = scene, distance, device
-        self._moved, self._offset = moved, motion.offset
+        self._object_pose, self._offset = object_pose, motion.offset
 
     def moves_far(self, time: np.ndarray, pose: np.ndarray, compared: np.ndarray) -> np.ndarray:
         """For which of the intervals that are compared another pose is wanted, bool, shape [pose - 1]."""
@@ -125,15 +126,17 @@ class _Looker:
         return wanted | (compared & (np.diff(time) > HOLD))
 
     def _far(self, time: np.ndarray, pose: np.ndarray, compared: np.ndarray) -> np.ndarray:
-        scene = self._scene if self._moved is None else replace(self._scene, moved=self._places(self._moved, time))
+        scene = self._scene
+        if self._object_pose is not None:
+            scene = replace(scene, object_pose=self._places(self._object_pose, time))
         batch = scene.contours(np.ascontiguousarray(pose), 0, self._device)[0].to(self._device)
         spacing = self._distance / SPACINGS
         lines = (batch.points, batch.polyline_start, batch.pose_start)
         return judge_shifts(*lines, compared, limit=self._distance - spacing / 2, spacing=spacing)
 
-    def _places(self, moved: HandMotion, time: np.ndarray) -> np.ndarray:
+    def _places(self, object_pose: HandMotion, time: np.ndarray) -> np.ndarray:
         """Where the object is at other times of the hand."""
-        if moved.time is None or len(moved) == 1:
-            return np.repeat(moved.pose[:1], len(time), axis=0)
-        own = moved.time + (moved.offset - self._offset)
-        return between(own, moved.pose.astype(np.float64), np.clip(time, own[0], own[-1]))
+        if object_pose.time is None or len(object_pose) == 1:
+            return np.repeat(object_pose.pose[:1], len(time), axis=0)
+        own = object_pose.time + (object_pose.offset - self._offset)
+        return between(own, object_pose.pose.astype(np.float64), np.clip(time, own[0], own[-1]))

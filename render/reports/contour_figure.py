@@ -128,10 +128,10 @@ def _lengths(file: ContourFile) -> np.ndarray:
 def _draw_scenes(figure, file: ContourFile, length: np.ndarray, across: np.ndarray, title: str) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    thing, hand, pose = file.object(), hand_from(file.hand, file.hand_arrays()), file.motion()["pose"]
+    solid, hand, pose = file.object(), hand_from(file.hand, file.hand_arrays()), file.motion()["pose"]
     poses = shown_poses(np.nan_to_num(length), rotated(pose[:, 3:], np.array([0.0, 1.0, 0.0])))
     drawn = np.nan_to_num(length)[poses] > 0
-    meshes = [1e3 * object_at(thing, int(i)) for i in poses]
+    meshes = [1e3 * object_at(solid, int(i)) for i in poses]
     skins = [1e3 * skin_at(hand, pose[i : i + 1], int(i)) for i in poses]
     shown = [*meshes, *(skin for skin, is_drawn in zip(skins, drawn, strict=True) if is_drawn)]
     extent = np.concatenate([polygons.reshape(-1, 3) for polygons in shown])
@@ -164,14 +164,14 @@ def _draw_scenes(figure, file: ContourFile, length: np.ndarray, across: np.ndarr
         figure.legend(lines, names, loc="outside lower center", ncols=len(names), frameon=False)
 
 
-def object_at(thing: dict, pose: int) -> np.ndarray:
+def object_at(solid: dict, pose: int) -> np.ndarray:
     """Triangles of a file's object at a pose [m], shape [face, 3, 3]."""
-    vertices = thing["vertices"]
-    if "moved" in thing:
+    vertices = solid["vertices"]
+    if "moved" in solid:
         middle = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64).mean(axis=0)
-        place = thing["moved"][pose].astype(np.float64)
+        place = solid["moved"][pose].astype(np.float64)
         vertices = place[:3] + rotated(place[3:], vertices - middle)
-    return vertices[thing["faces"]]
+    return vertices[solid["faces"]]
 
 
 def skin_at(hand: Hand, pose: np.ndarray, row: int) -> np.ndarray:

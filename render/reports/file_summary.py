@@ -42,7 +42,7 @@ def summarise(path: str | Path) -> dict:
                 longest = max(longest, float(metrics["length"].max(initial=0.0)))
         mean = totals / max(done, 1)
         time = _times(file)
-        thing = file.object()
+        solid = file.object()
         speed = SamplingStrategy().speed
         out = {
             "path": str(path),
@@ -64,11 +64,11 @@ def summarise(path: str | Path) -> dict:
             "strategy": file.strategy,
             "hand": file.hand,
             "object": {
-                "name": thing["name"],
-                "triangles": len(thing["faces"]),
-                "hash": thing["hash"],
-                "placement": thing["placement"],
-                **thing["representation"],
+                "name": solid["name"],
+                "triangles": len(solid["faces"]),
+                "hash": solid["hash"],
+                "placement": solid["placement"],
+                **solid["representation"],
             },
             **file.attributes,
         }

@@ -93,9 +93,9 @@ def draw_gallery(
         if name not in lines:
             raise StrategyError(f"unknown strategy {name!r}; known: {', '.join(lines)}")
     shown = list(names or lines)
-    thing, hand = shown_object(), Palm()
+    solid, hand = shown_object(), Palm()
     frames = hand.frames(POSE)
-    section = _flat(render(thing, hand, POSE, IntersectionStrategy(), device=device), frames)
+    section = _flat(render(solid, hand, POSE, IntersectionStrategy(), device=device), frames)
     rows = -(-(len(shown) + 1) // COLUMNS)
     with mpl.rc_context({"font.size": 7, "text.parse_math": False}):
         figure = Figure(figsize=(10.0, 2.2 * rows))
@@ -106,10 +106,10 @@ def draw_gallery(
         for axes, name in zip(panels, shown, strict=False):
             _draw_background(axes, section, frames)
             strategy = PRESETS[name]()
-            solid = strategy.raw_stage.name == "overlap"  # not for patches
-            batch = render(thing, shown_block(hand) if solid else hand, POSE, strategy, device=device)
+            needs_solid = strategy.raw_stage.name == "overlap"  # not for patches
+            batch = render(solid, shown_block(hand) if needs_solid else hand, POSE, strategy, device=device)
             _draw_contours(axes, batch, frames)
-            if solid:
+            if needs_solid:
                 note = f"the hand a block {1e3 * DEEP:g} mm deep, from above"
                 told_below = axes.text(
                     0.0, -0.01, note, transform=axes.transAxes, fontsize=6, color="#444444", va="top"

@@ -1,10 +1,10 @@
-"""How far loading has come: what tells a progress bar, if anybody looks."""
+"""Progress of loading: the callback type for a progress bar."""
 
 from collections.abc import Callable
 
 Watch = Callable[[str, int, int], None]
-"""Takes the name of a stage of loading, how much of it is done, and how much there is."""
+"""Called with the name of a stage of loading, the amount done, and the amount in all."""
 
 
 def unwatched(stage: str, done: int, total: int) -> None:
-    """A `Watch` that tells nobody."""
+    """A `Watch` that does nothing."""

@@ -1,13 +1,13 @@
-"""Workers: threads that take spans of poses, and hand in chunks that come out in pose order.
+"""Worker threads that render spans of poses and give chunks, which the consumer gets in pose order.
 
-A Warp launch on a CPU is one thread, and releases the interpreter: workers on one CPU are its cores. On a GPU two
-workers take turns, one computing while the results of the other come down.
+A Warp launch on a CPU uses one thread and releases the interpreter lock, so there is one worker per core. On a GPU two
+workers take turns: one computes while the results of the other are downloaded.
 
-| what happens                | what comes of it                                                              |
+| event                       | result                                                                        |
 |-----------------------------|-------------------------------------------------------------------------------|
-| a worker raises             | chunks before it come out, then its exception, as itself; then all are joined |
-| the consumer stops, is hit  | spans under way are finished and dropped, all are joined                      |
-| a span is too large         | the worker hands in its beginning, anyone takes the rest                      |
+| a worker raises             | the consumer gets the chunks before it, then the exception; all are joined    |
+| the consumer stops, raises  | current spans are finished and dropped, all threads are joined                |
+| a span is too large         | the worker gives a chunk of its first poses; any worker takes the rest        |
 """
 
 from __future__ import annotations
@@ -22,36 +22,36 @@ import warp as wp
 
 from ..errors import StrategyError
 
-WORKERS_MOST = 256  # on one device; more than any machine has cores for is a slip of the finger
-GPU_WORKERS = 2  # one computes while the other's results come down
-POSES_FIRST = 2048  # of the first spans, which tell how large the others may be
-POSES_FEWEST = 4096  # that a span is divided for, so that all workers end together
-BEFORE_ALL = -1  # a pose before the first: what waits there comes out next
-GROWTH = 4  # of a span over the last one at most: its poses may be denser
+WORKERS_MOST = 256  # on one device; a larger number is probably a typing error
+GPU_WORKERS = 2  # one computes while the other downloads its results
+POSES_FIRST = 2048  # in each of the first spans, whose contours show how large the next may be
+POSES_FEWEST = 4096  # smaller spans are not made so that all workers end together
+BEFORE_ALL = -1  # a pose before the first: an error stored there is raised next
+GROWTH = 4  # largest ratio of a span to the one before, as later poses may have more points
 
 
 class Rendered(Protocol):
-    """What workers hand in."""
+    """Result of a worker."""
 
     @property
     def stop(self) -> int:
-        """The pose after its last; may be less than was asked for."""
+        """The pose after its last; may be below the requested end."""
         ...
 
     @property
     def point_count(self) -> int:
-        """Points of its contours."""
+        """Number of points of its contours."""
         ...
 
 
-Work = Callable[[int, int], Rendered]
-"""Renders poses first..stop, or the beginning of them that fits the memory."""
+SpanRenderer = Callable[[int, int], Rendered]
+"""Renders poses first..stop, or as many from the first as fit the memory."""
 
 
 def warp_device(name: str) -> str:
-    """The Warp device of that name.
+    """Full name of a Warp device.
 
-    Raises StrategyError, listing what there is, for one that this machine lacks.
+    Raises StrategyError, listing the devices, for one that this machine lacks.
     """
     known = [str(device) for device in wp.get_devices()]
     if name not in known and not (name == "cuda" and "cuda:0" in known):
@@ -60,10 +60,10 @@ def warp_device(name: str) -> str:
 
 
 def worker_devices(device: str, workers: int | None = None) -> list[str]:
-    """The device of each worker, for the command line's words.
+    """Device of each worker, from the command line's options --device and --workers.
 
     device: "cpu", "cuda:0", several with commas between them, "cuda" (all GPUs), "auto" (the first GPU, else the CPU).
-    workers: on each device; None is one for each core on the CPU, and two on a GPU.
+    workers: number on each device; None: one for each core of the CPU, two for a GPU.
     Raises StrategyError for a device that this machine lacks, one named twice, no workers, or more than WORKERS_MOST.
     """
     if workers is not None and workers < 1:
@@ -81,10 +81,10 @@ def worker_devices(device: str, workers: int | None = None) -> list[str]:
 
 
 class PoseSpans:
-    """Which poses are rendered next: spans in pose order, as large as the budget of one allows.
+    """Queue of the poses that are not rendered yet, taken as spans in pose order, as large as the budget allows.
 
-    budget: of a span's working arrays [byte]; pose_bytes, point_bytes: what they take for each; worker_count: who
-    share the last poses.
+    budget: for the working arrays of one span [byte]; pose_bytes, point_bytes: their size for each pose and point;
+    worker_count: number of workers, among which the last poses are divided.
     """
 
     def __init__(
@@ -119,21 +119,21 @@ class PoseSpans:
         return first, stop
 
     def give_back(self, first: int, stop: int) -> None:
-        """Have poses rendered that were taken; they were too many."""
+        """Return poses first..stop of a span that did not fit the memory."""
         if first < stop:
             heapq.heappush(self._left, (first, stop))
             self._pose_count += stop - first
 
     def learn(self, pose_count: int, point_count: int) -> None:
-        """Size the next spans by what one took, with a quarter to spare for denser poses."""
+        """Set the size of the next spans from the points of one, with a quarter in reserve for denser poses."""
         needed = self._pose_bytes + 1.25 * self._point_bytes * point_count / pose_count
         self._size = max(1, min(int(0.8 * self._budget / needed), GROWTH * pose_count))
 
 
-class Crew:
-    """Workers at their spans. At most twice as many chunks as workers are under way or wait for their turn."""
+class WorkerThreads:
+    """Worker threads; at most twice as many chunks as workers are being rendered or wait for the consumer."""
 
-    def __init__(self, spans: PoseSpans, works: Sequence[Work]) -> None:
+    def __init__(self, spans: PoseSpans, works: Sequence[SpanRenderer]) -> None:
         self._spans = spans
         self._limit = 2 * len(works)
         self._changed = threading.Condition()
@@ -146,7 +146,7 @@ class Crew:
         ]
 
     def chunks(self) -> Iterator[Rendered]:
-        """Everything handed in, in pose order; the threads live as long as this is gone through."""
+        """All chunks in pose order; the threads end with this generator."""
         try:
             for thread in self._threads:
                 thread.start()
@@ -154,12 +154,12 @@ class Crew:
                 if isinstance(outcome, BaseException):
                     raise outcome
                 yield outcome
-                del outcome  # or it would be kept until the next one is there
+                del outcome  # otherwise its memory would be kept until the next chunk
         finally:
             self._dismiss()
 
     def _next(self) -> Rendered | BaseException | None:
-        """The earliest chunk that is still to come, waited for; None after the last."""
+        """Wait for the next chunk in pose order; None after the last."""
         with self._changed:
             self._changed.wait_for(lambda: self._earliest() is None or self._earliest() in self._waiting)
             earliest = self._earliest()
@@ -177,24 +177,24 @@ class Crew:
                 thread.join()
         self._waiting.clear()
 
-    def _run(self, work: Work) -> None:
+    def _run(self, work: SpanRenderer) -> None:
         while (span := self._take()) is not None:
             try:
                 outcome = work(*span)
-            except BaseException as error:  # whatever it is, it is the consumer's
+            except BaseException as error:  # any exception is passed to the consumer
                 outcome = error
             self._hand_in(span, outcome)
-            del outcome  # or it would be kept until there is another
+            del outcome  # otherwise its memory would be kept until the next chunk
 
     def _take(self) -> tuple[int, int] | None:
-        """The next span, waited for until there is room for its chunk; None when all is done."""
+        """Wait until there is room for another chunk, and take the next span; None when all are rendered."""
         with self._changed:
             self._changed.wait_for(lambda: self._is_over() or self._may_take())
             if self._is_over():
                 return None
             try:
                 span = self._spans.take()
-            except BaseException as error:  # or the consumer would wait for ever
+            except BaseException as error:  # otherwise the consumer would wait for ever
                 self._waiting[BEFORE_ALL] = error
                 self._changed.notify_all()
                 return None
@@ -210,7 +210,7 @@ class Crew:
                 if not isinstance(outcome, BaseException):
                     self._spans.give_back(outcome.stop, stop)
                     self._spans.learn(outcome.stop - first, outcome.point_count)
-            except BaseException as error:  # of a chunk that is none: the consumer's, too
+            except BaseException as error:  # the worker gave an object that is no chunk: passed to the consumer too
                 self._waiting[first] = error
             finally:
                 self._changed.notify_all()
@@ -223,5 +223,6 @@ class Crew:
         return self._stopped or (self._spans.first is None and not self._at_work)
 
     def _may_take(self) -> bool:
-        # Never for ever: of the chunks that wait, the earliest goes out unless one before it is under way.
+        # Cannot deadlock: the consumer takes the earliest waiting chunk unless an earlier span is being rendered, and
+        # that span ends without needing another place.
         return self._spans.first is not None and len(self._at_work) + len(self._waiting) < self._limit

@@ -14,7 +14,7 @@ class QueuedTimes(dict[str, float]):
         """Take what the device will pass at a stage's begin and end."""
         self._stages.append((stage, begun, ended))
 
-    def settle(self) -> None:
+    def resolve(self) -> None:
         """Wait for what is queued, and add up."""
         for stage, begun, ended in self._stages:
             self[stage] = self.get(stage, 0.0) + wp.get_event_elapsed_time(begun, ended) / 1e3
@@ -26,10 +26,10 @@ def stage_times(device: str) -> dict[str, float]:
     return QueuedTimes() if wp.get_device(device).is_cuda else {}
 
 
-def settled(timing: dict[str, float]) -> dict[str, float]:
+def resolved_times(timing: dict[str, float]) -> dict[str, float]:
     """The seconds, once there."""
     if isinstance(timing, QueuedTimes):
-        timing.settle()
+        timing.resolve()
     return dict(timing)
 
 

@@ -1,7 +1,7 @@
 """Contours over time -> focal points at the update rate (Frier et al. 2019, Mulot et al. 2021).
 
-Sample k is shown at time k / update rate, whatever the poses' times are, so nothing drifts. What runs along the
-contours is told by `SamplingStrategy`; how drawing goes on from pose to pose by `Sampler`.
+Sample k is shown at time k / update rate, independent of the poses' times, so the two clocks do not drift apart.
+`SamplingStrategy` defines the motion along contours; `Sampler` continues it from pose to pose.
 """
 
 from collections.abc import Iterable, Iterator
@@ -12,7 +12,7 @@ from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from .metrics import CAUSES, DwellMap, FocalPoints, SamplingCount, dwell_map
 from .path import Path, paths_of
-from .presets import PRESETS, load_sampling, preset, says_rate
+from .presets import PRESETS, load_sampling, preset, sets_rate
 from .sampler import Sampler
 from .strategy import (
     AmplitudeModulation,
@@ -49,14 +49,14 @@ __all__ = [
     "preset",
     "sample_bounds",
     "sample_contours",
-    "says_rate",
+    "sets_rate",
 ]
 
 
 def sample_bounds(time: np.ndarray, duration: float, update_rate: float) -> np.ndarray:
-    """First sample of each pose and the end of the last, int64, shape [pose + 1].
+    """First sample of each pose, and the end of the last pose's samples, int64, shape [pose + 1].
 
-    Sample k is drawn from the pose that is the latest at time k / update rate.
+    Sample k lies on the contours of the latest pose at time k / update rate.
     """
     return np.ceil(np.append(time, duration) * update_rate - 1e-6).astype(np.int64)
 
@@ -74,12 +74,12 @@ def sample_contours(
     """Focal points of a motion's contours, in blocks of at least `block` samples.
 
     batches: contours of consecutive poses on the host. pose: shape [pose, 7]. time: of the poses, from 0 [s], shape
-    [pose]. duration: when the last pose ends [s]. hold: age at which a pose starts to fade [s]; None takes the
-    strategy's, or twice the median interval of these poses if that is longer.
+    [pose]. duration: when the last pose ends [s]. hold: age at which a pose starts to fade [s]; None: the
+    strategy's value, or twice the median interval of these poses if that is longer.
     """
     rate = sampler.strategy.update_rate
     bounds = sample_bounds(time, duration, rate).tolist()
-    if hold is None:  # one pose alone is not a motion with a pose missing
+    if hold is None:  # after a single pose no next one is missing
         hold = max(sampler.strategy.hold, 2.0 * float(np.median(np.diff(time)))) if len(time) > 1 else np.inf
     pose = np.asarray(pose, np.float64)
     waiting: list[FocalPoints] = []
@@ -87,7 +87,7 @@ def sample_contours(
     for batch in batches:
         for path in paths_of(batch):
             first, stop = bounds[index], bounds[index + 1]
-            while first < stop:  # a pose that lasts long is no reason for a long block
+            while first < stop:  # a pose that lasts long is divided into blocks
                 count = min(stop - first, block)
                 waiting.append(sampler.draw(path, pose[index], count, age=first / rate - time[index], hold=hold))
                 first += count
@@ -101,5 +101,5 @@ def sample_contours(
 
 
 def joined(parts: list[FocalPoints]) -> FocalPoints:
-    """Consecutive focal points as one."""
+    """Join consecutive focal points."""
     return parts[0] if len(parts) == 1 else FocalPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))

@@ -74,7 +74,7 @@ def load_sampling(source: str) -> SamplingStrategy:
     return load_by_name(source, PRESETS, SamplingStrategy.from_json, "sampling")
 
 
-def says_rate(source: str) -> bool:
+def sets_rate(source: str) -> bool:
     """Whether a strategy that `load_sampling` takes has an update rate of its own: a file that names one."""
     if source.lower() in PRESETS:
         return False

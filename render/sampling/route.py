@@ -22,7 +22,7 @@ CYCLES = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1,
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Piece:
+class RoutePiece:
     """One polyline."""
 
     points: np.ndarray
@@ -41,7 +41,7 @@ class Route:
     before, None for the first pose.
     """
 
-    def __init__(self, pieces: list[Piece], before: "Route | None") -> None:
+    def __init__(self, pieces: list[RoutePiece], before: "Route | None") -> None:
         self.pieces = pieces
         self.least = np.inf
         """Jumps of the shortest route when it was looked for last, or of this one if they were shorter since [m]."""
@@ -56,7 +56,7 @@ class Route:
         """What each polyline is recognised by at the next pose, shape [piece, 4]; see `marks_of`."""
         return marks_of([piece.points for piece in self.pieces])
 
-    def redrawn(self, order: np.ndarray, pieces: list[Piece], least: float) -> "Route":
+    def redrawn(self, order: np.ndarray, pieces: list[RoutePiece], least: float) -> "Route":
         """The same polylines in another order, turned and started as these pieces are."""
         other = Route(pieces, None)
         other.earlier, other.least = self.earlier[order], least
@@ -79,7 +79,7 @@ class Doors:
     """Doors of each piece."""
 
 
-def jump_total(pieces: list[Piece], *, back: bool = False, cyclic: bool = True) -> float:
+def jump_total(pieces: list[RoutePiece], *, back: bool = False, cyclic: bool = True) -> float:
     """Length of the jumps from each piece to the next, and from the last to the first [m].
 
     back: open pieces end where they start. cyclic: False leaves out the jump from the last piece to the first.
@@ -91,7 +91,7 @@ def jump_total(pieces: list[Piece], *, back: bool = False, cyclic: bool = True) 
 
 
 def steady_route(
-    pieces: list[Piece], before: Route | None, *, margin: float, back: bool = False, cyclic: bool = True
+    pieces: list[RoutePiece], before: Route | None, *, margin: float, back: bool = False, cyclic: bool = True
 ) -> Route:
     """The route of the pose before, for these pieces, unless another is shorter by a margin; first, the shortest.
 
@@ -117,7 +117,7 @@ def steady_route(
     return given.redrawn(*_with_new(order, kept, given, back=back, cyclic=cyclic), least)
 
 
-def _kept(given: Route, before: Route) -> tuple[np.ndarray, list[Piece]]:
+def _kept(given: Route, before: Route) -> tuple[np.ndarray, list[RoutePiece]]:
     """Order at the pose before of the pieces that it had, and these as they were drawn then."""
     order = np.argsort(given.earlier, kind="stable")
     known = order[given.earlier[order] >= 0]
@@ -125,8 +125,8 @@ def _kept(given: Route, before: Route) -> tuple[np.ndarray, list[Piece]]:
 
 
 def _with_new(
-    known: np.ndarray, kept: list[Piece], given: Route, *, back: bool, cyclic: bool
-) -> tuple[np.ndarray, list[Piece]]:
+    known: np.ndarray, kept: list[RoutePiece], given: Route, *, back: bool, cyclic: bool
+) -> tuple[np.ndarray, list[RoutePiece]]:
     """A route of the pieces that are known, with the new ones where they cost least: all in order, and as drawn.
 
     More than INSERTED_MOST new ones come last, by a route of their own: to insert them one by one takes too long.
@@ -143,7 +143,7 @@ def _with_new(
     return np.array(order), pieces
 
 
-def _drawn_like(pieces: list[Piece], before: list[Piece]) -> list[Piece]:
+def _drawn_like(pieces: list[RoutePiece], before: list[RoutePiece]) -> list[RoutePiece]:
     """Pieces the same way round as at the pose before; loops from the point nearest to where they started then."""
     points = np.concatenate([piece.points for piece in pieces])
     count = np.array([len(piece.points) for piece in pieces])
@@ -167,7 +167,7 @@ def _drawn_like(pieces: list[Piece], before: list[Piece]) -> list[Piece]:
     return out
 
 
-def _begun(piece: Piece, way: int, part: float) -> Piece:
+def _begun(piece: RoutePiece, way: int, part: float) -> RoutePiece:
     """A loop drawn from a point on: on the way from a vertex to the next, part 0..1."""
     way, part = (way + 1, 0.0) if part >= 1.0 else (way, part)
     if part == 0.0 and way in (0, len(piece.points) - 1):
@@ -184,10 +184,10 @@ def _begun(piece: Piece, way: int, part: float) -> Piece:
     if dwell is not None:  # a pause at the start is made at the end, and between two vertices there is none
         dwell[0] = 0.0
         dwell[-1] = dwell[-1] if part == 0.0 else 0.0
-    return Piece(begun(piece.points), True, None if piece.intensity is None else begun(piece.intensity), dwell)
+    return RoutePiece(begun(piece.points), True, None if piece.intensity is None else begun(piece.intensity), dwell)
 
 
-def _insertion(kept: list[Piece], piece: Piece, *, back: bool, cyclic: bool) -> tuple[int, Piece]:
+def _insertion(kept: list[RoutePiece], piece: RoutePiece, *, back: bool, cyclic: bool) -> tuple[int, RoutePiece]:
     """Where a piece makes a route least longer, and the piece in the way that does."""
     start = np.array([p.points[0] for p in kept])
     end = start if back else np.array([p.points[0] if p.closed else p.points[-1] for p in kept])
@@ -202,13 +202,13 @@ def _insertion(kept: list[Piece], piece: Piece, *, back: bool, cyclic: bool) -> 
     return int(place) + 1, _entered(piece, int(door), STARTS_TRIED)
 
 
-def _found(pieces: list[Piece], *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[Piece], float]:
+def _found(pieces: list[RoutePiece], *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[RoutePiece], float]:
     """The shortest route: numbers of its pieces, the pieces as it draws them, and the length of its jumps [m]."""
     order, route = _shortest(pieces, back=back, cyclic=cyclic)
     return order, route, jump_total(route, back=back, cyclic=cyclic)
 
 
-def shortest_route(pieces: list[Piece], *, back: bool = False, cyclic: bool = True) -> list[Piece]:
+def shortest_route(pieces: list[RoutePiece], *, back: bool = False, cyclic: bool = True) -> list[RoutePiece]:
     """The pieces in an order that makes `jump_total` small: loops start anywhere, open pieces run either way.
 
     Exact for up to four pieces, three where it is no cycle, but for the choice of starts on loops: 32 on each of two,
@@ -219,7 +219,7 @@ def shortest_route(pieces: list[Piece], *, back: bool = False, cyclic: bool = Tr
     return pieces if not 1 < len(pieces) <= PIECES_MOST else _shortest(pieces, back=back, cyclic=cyclic)[1]
 
 
-def _shortest(pieces: list[Piece], *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[Piece]]:
+def _shortest(pieces: list[RoutePiece], *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[RoutePiece]]:
     """Numbers of the pieces in the order of the shortest route, and the pieces as it draws them."""
     searched = len(pieces) <= SEARCHED_MOST
     share = max(1, DOORS // len(pieces))
@@ -241,7 +241,7 @@ def _shortest(pieces: list[Piece], *, back: bool, cyclic: bool) -> tuple[np.ndar
     return np.array([i for i, _ in picked]), route
 
 
-def _doors_of(pieces: list[Piece], share: int, *, back: bool, outside: bool) -> Doors:
+def _doors_of(pieces: list[RoutePiece], share: int, *, back: bool, outside: bool) -> Doors:
     """All doors; `outside` adds a place at no distance from any, where a route that is no cycle begins and ends."""
     entries, exits, of, flipped = [], [], [], []
     count = 0
@@ -340,7 +340,7 @@ def _jumps(doors: Doors, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return doors.jump[a[0] : a[-1] + 1, b[0] : b[-1] + 1]
 
 
-def _entered(piece: Piece, door: int, share: int) -> Piece:
+def _entered(piece: RoutePiece, door: int, share: int) -> RoutePiece:
     """The piece drawn from one of its doors on."""
     if door == 0:
         return piece
@@ -365,7 +365,7 @@ def _entered(piece: Piece, door: int, share: int) -> Piece:
     return replace(piece, points=points, intensity=intensity, dwell=dwell)
 
 
-def _reversed(piece: Piece) -> Piece:
+def _reversed(piece: RoutePiece) -> RoutePiece:
     """An open piece the other way round."""
     back, rest = (None if values is None else values[::-1] for values in (piece.intensity, piece.dwell))
     return replace(piece, points=piece.points[::-1], intensity=back, dwell=rest)

@@ -1,17 +1,17 @@
-"""Sampling strategies as data: how focal points run along contours, and what is laid over that motion.
+"""Sampling strategies as data: the motion of focal points along contours, and modulations of it.
 
-The words are those of Mulot et al. 2021 (DOLPHIN) and Frier et al. 2019; each group of parameters is a small dataclass.
+Terms follow Mulot et al. 2021 (DOLPHIN) and Frier et al. 2019; each group of parameters is a dataclass.
 
-| group | says | default |
+| group | meaning | default |
 |---|---|---|
 | `speed`, `update_rate` | how fast a focal point runs; how often it is moved | 7 m/s, 10 kHz |
 | `hold`, `fade` | what happens when the next pose is missing | 0.1 s, then 0.02 s |
-| `pace` | what is kept: speed, draw frequency, or speed within a band of draw frequencies; points a cycle | speed |
+| `pace` | what stays constant: speed, draw frequency, or speed within a band of frequencies; points a cycle | speed |
 | `order` | in which order a cycle's points come, and the contours of a pose | loop, shortest jumps |
 | `gap` | how the focal point gets from one polyline to the next | jump |
 | `dwell` | pauses at corners | none |
-| `am`, `lm` | what is laid over it: intensity, a small circle | none |
-| `sections` | the contour cut in sections, each drawn again and again before the next | none |
+| `am`, `lm` | amplitude modulation; lateral modulation, a small circle | none |
+| `sections` | the contour is divided into sections, each drawn many times before the next | none |
 | `foci` | focal points that run along the contours at once | 1 |
 | `continuity` | where drawing goes on when a new pose has other contours | nearest |
 """
@@ -27,19 +27,19 @@ from ..errors import StrategyError
 from ..validation import known_fields, read_fields, require_choice, require_number
 
 JUMP_LENGTH = 5e-3  # [m] a step this long is a jump at any speed
-SEAM = 1e-3  # of a sample: by so much a cycle may be longer than its samples, which is float32's noise in contours
+SEAM = 1e-3  # of a sample; a cycle longer by less gets no further sample: float32 noise of contours is that large
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How long a cycle takes.
+    """Duration of a cycle.
 
-    | kind | kept | draw frequency of contours of length L | samples a cycle |
+    | kind | constant | draw frequency of contours of length L | samples a cycle |
     |---|---|---|---|
     | speed | speed v | v / L | rounded up: never faster than v |
     | frequency | draw frequency f | f, whatever the length; the speed is f L | rounded |
     | capped | speed v where it can be | v / L, but at least `lowest` and at most `highest` | rounded, within the band |
-    | still | the place on the contour | 0 | 1 |
+    | still | the position on the contour | 0 | 1 |
 
     A frequency scales the whole cycle: pauses and fast returns too. The default band is that of MAMMOTH (Maunsbach et
     al. 2024).
@@ -49,13 +49,13 @@ class Pace:
     frequency: float = 70.0
     """Draw frequency of kind "frequency" [Hz]."""
     lowest: float = 60.0
-    """Draw frequency of kind "capped" [Hz]."""
+    """Lowest draw frequency of kind "capped" [Hz]."""
     highest: float = 200.0
-    """The same [Hz]."""
+    """Highest draw frequency of kind "capped" [Hz]."""
     points: int | None = None
     """Points a cycle, equally spaced in time, each shown for several updates; None: one an update.
 
-    Frier et al. 2019 found that this and the update rate are to be tuned apart.
+    Frier et al. 2019 found that it should be tuned separately from the update rate.
     """
 
     def __post_init__(self) -> None:
@@ -75,7 +75,7 @@ class Pace:
 
 @dataclass(frozen=True)
 class Order:
-    """In which order a cycle is drawn.
+    """Order in which the points of a cycle are drawn.
 
     | kind | a cycle | source |
     |---|---|---|
@@ -84,8 +84,7 @@ class Order:
     | step | `pace.points` points in the order 0, k, 2k ... modulo their number, prime to k | DOLPHIN |
     | random | `pace.points` points in a random order, the same in every cycle | DOLPHIN |
 
-    Contours that need fewer updates a cycle than there are points take as many updates as points in "step" and
-    "random": none is left out.
+    In "step" and "random" a cycle takes at least as many updates as points, so that every point is shown.
     """
 
     kind: str = "loop"
@@ -94,13 +93,12 @@ class Order:
     seed: int = 0
     """Of kind "random"."""
     route: str = "shortest"
-    """Of several polylines: "shortest" jumps between them (loops start anywhere, open pieces run either way), or
-    "given": the batch's own order, starts and directions."""
+    """Order of several polylines: "shortest" minimises the jumps between them (loops may start anywhere, open pieces
+    run in either direction), "given" keeps the batch's order, starts and directions."""
     margin: float = 0.2
-    """A pose keeps the route of the pose before until its jumps are longer, by this share and 5 mm, than they were when
-    the shortest route was looked for last, or ever since. Then it is looked for, and taken if the jumps are longer than
-    its own by as much. A shorter route that has become possible meanwhile is no reason to look. A change of the route
-    costs up to one more cycle until a polyline is drawn again, whereas longer jumps take no time."""
+    """Hysteresis against frequent changes of the route (the order of polylines). A new shortest route is searched only
+    when the total jump length exceeds, by this share plus 5 mm, its smallest value since the last search; it is taken
+    only if it is shorter by as much. For a change may delay a polyline by up to one cycle, but jumps take no time."""
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -113,19 +111,19 @@ class Order:
 
 @dataclass(frozen=True)
 class Gap:
-    """How the focal point gets from the end of a polyline to the start of the next, and from the last to the first.
+    """Way of the focal point from the end of a polyline to the start of the next, and from the last to the first.
 
     | kind | does |
     |---|---|
-    | jump | nothing in between: from one sample to the next |
-    | return | runs straight at `speed`, intensity kept |
+    | jump | goes there from one sample to the next |
+    | return | runs straight at `speed` with unchanged intensity |
     | pendulum | draws open pieces there and back, then jumps |
     | close | closes open pieces by their chord, drawn like the rest, then jumps |
     """
 
     kind: str = "jump"
     speed: float = 14.0
-    """Of kind "return" [m/s]; 14 was quieter than a jump in simulation, 60 louder."""
+    """Speed of kind "return" [m/s]; in simulation 14 was quieter than a jump, 60 louder."""
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -135,15 +133,15 @@ class Gap:
 
 @dataclass(frozen=True)
 class Dwell:
-    """Pauses at corners, and at the ends of open pieces; none along smooth arcs.
+    """Pauses at corners and at the ends of open polylines, not along smooth arcs.
 
-    Either `time` or `share` is given.
+    Only one of `time` and `share` may be above 0.
     """
 
     time: float = 0.0
-    """Of each pause [s]."""
+    """Duration of each pause [s]."""
     share: float = 0.0
-    """Of the cycle that all pauses take together, 0..0.99."""
+    """Share of the cycle that all pauses take together, 0..0.99."""
     angle: float = math.pi / 6
     """A corner turns by more than this [rad]."""
 
@@ -158,7 +156,7 @@ class Dwell:
 
 @dataclass(frozen=True)
 class AmplitudeModulation:
-    """Intensity times a wave between 1 - depth and 1, at its lowest at time 0."""
+    """Multiplies the intensity by a wave between 1 - depth and 1, lowest at time 0."""
 
     frequency: float = 200.0
     """[Hz]; Pacinian corpuscles are most sensitive at 200..250."""
@@ -190,15 +188,15 @@ class LateralModulation:
 
 @dataclass(frozen=True)
 class Sections:
-    """Contours cut in sections of equal length, drawn one after the other, each there and back many times.
+    """Contours divided into sections of equal length, drawn one after the other, each back and forth many times.
 
-    A section gets its share of the cycle (`pace.frequency`), those that hold a corner together `dwell.share` of it.
-    Passes through a section are odd in number, so that it ends where the next begins.
+    Sections share the cycle (`pace.frequency`); those with a corner together get `dwell.share` of it.
+    A section is passed an odd number of times, so that drawing ends where the next section begins.
     """
 
     count: int = 24
     speed: float = 2.0
-    """[m/s], as near as whole passes allow."""
+    """Speed within a section [m/s], rounded so that passes are whole."""
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -208,20 +206,20 @@ class Sections:
 
 @dataclass(frozen=True)
 class SamplingStrategy:
-    """How contours become focal points; by default spatio-temporal modulation at constant speed.
+    """Conversion of contours to focal points; by default spatio-temporal modulation at constant speed.
 
     Raises StrategyError for a value out of its range, naming field, value and bound, and for groups that exclude
     each other.
     """
 
     speed: float = 7.0
-    """Of a focal point along the contours [m/s]."""
+    """Speed of a focal point along the contours [m/s]."""
     update_rate: float = 10_000.0
     """Focal points a second [Hz]: the array's carrier / n."""
     hold: float = 0.1
-    """How long a pose is drawn while the next one is missing [s], but at least twice the poses' median interval."""
+    """Time for which a pose is drawn while the next one is missing [s]; at least twice the poses' median interval."""
     fade: float = 0.02
-    """How long the intensity then takes to 0 [s], the focal point still moving."""
+    """Time in which the intensity then falls to 0 [s]; the focal point keeps moving."""
     pace: Pace = field(default_factory=Pace)
     order: Order = field(default_factory=Order)
     gap: Gap = field(default_factory=Gap)
@@ -232,11 +230,11 @@ class SamplingStrategy:
     foci: int = 1
     """Focal points at once, equally spaced in time along the cycle."""
     continuity: str = "nearest"
-    """Where drawing goes on when a new pose has another number of polylines: at the "nearest" point, there once the
-    piece under way is finished ("finish"), or at the start of the new contours ("jump")."""
+    """Continuation when a new pose has another number of polylines: at the nearest point at once ("nearest") or after
+    the current polyline is finished ("finish"), or at the start of the new contours ("jump")."""
 
     def __post_init__(self) -> None:
-        """Refuse what is not a motion of focal points."""
+        """Check every field and their combination."""
         for name, low, high in (
             ("speed", 1e-3, 100.0),
             ("update_rate", 1.0, 40_000.0),
@@ -253,7 +251,7 @@ class SamplingStrategy:
         self._require_agreement()
 
     def _require_agreement(self) -> None:
-        """Refuse groups that exclude each other."""
+        """Raise StrategyError for groups that exclude each other."""
         pace, order = self.pace, self.order
         if order.kind in ("step", "random") and pace.points is None:
             raise StrategyError(f"pace.points must be given for order.kind {order.kind!r}, not None")
@@ -295,31 +293,31 @@ class SamplingStrategy:
 
     @property
     def jump_threshold(self) -> float:
-        """A longer step is a jump [m]: max(2 v / f_s, 5 mm), v that of a fast return where there is one."""
+        """Longest step that is not a jump [m]: max(2 v / f_s, 5 mm); v: speed, or that of a fast return if larger."""
         return max(2.0 * self._fastest / self.update_rate, JUMP_LENGTH)
 
     @property
     def step_ordinary(self) -> float:
         """Longest step along a contour at the nominal speeds, fast returns and small circles included [m].
 
-        A step of more than twice that is a hop, unless it is a jump. For pace.kind "frequency" and "capped" the
-        contours decide how fast a focal point runs: see `Track.step_ordinary`.
+        A step longer than twice this is a hop, or a jump above `jump_threshold`. For pace.kind "frequency" and "capped"
+        the speed depends on the contours: see `Track.step_ordinary`.
         """
         return self._fastest / self.update_rate + self.circle_step
 
     @property
     def circle_step(self) -> float:
-        """What a small circle adds to a step, at most [m]."""
+        """Most that lateral modulation adds to a step [m]."""
         return 0.0 if self.lm is None else 2 * math.pi * self.lm.radius * self.lm.frequency / self.update_rate
 
     @property
     def _fastest(self) -> float:
-        """[m/s]"""
+        """Largest nominal speed, fast returns included [m/s]."""
         return max(self.speed, self.gap.speed) if self.gap.kind == "return" else self.speed
 
     @property
     def plain(self) -> bool:
-        """Whether a contour's arc length is all there is to a cycle: no pauses, no way back, no sections."""
+        """Whether the duration of a cycle depends on arc length alone: no pauses, returns or sections."""
         return (
             self.order.kind != "pendulum"
             and self.gap.kind == "jump"
@@ -339,7 +337,7 @@ class SamplingStrategy:
         return np.where(length > 0, self.pace.frequency if self.pace.kind == "frequency" else 0.0, np.nan)
 
     def samples_of(self, seconds: float) -> int:
-        """Samples of a cycle that takes so long at the nominal speeds [s]; see `Pace`."""
+        """Number of samples of a cycle that takes `seconds` at the nominal speeds; see `Pace`."""
         pace, rate = self.pace, self.update_rate
         if pace.kind == "still":
             count = 1
@@ -355,7 +353,7 @@ class SamplingStrategy:
         return max(count, 1)
 
     def samples_a_cycle(self, length: float) -> int:
-        """Samples on contours of that length [m] without pauses or returns: N = ceil(f_s L / v) at constant speed."""
+        """Samples per cycle for a length of contours [m], no pauses or returns: ceil(f_s L / v) at constant speed."""
         return self.samples_of(length / self.speed)
 
     def described(self) -> dict[str, Any]:
@@ -370,7 +368,7 @@ class SamplingStrategy:
     def from_json(cls, text: str) -> "SamplingStrategy":
         """Read back what `to_json` wrote; missing fields take their defaults.
 
-        Raises StrategyError for what is not JSON, for unknown fields and for values out of range.
+        Raises StrategyError for a text that is not JSON, for unknown fields and for values out of range.
         """
         values = read_fields(text, [f.name for f in fields(cls)], "sampling")
         for name, kind in GROUPS.items():

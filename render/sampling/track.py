@@ -10,7 +10,7 @@ import numpy as np
 
 from .drawing_turns import by_turns
 from .path import Path
-from .route import PIECES_MOST, Piece, Route, steady_route
+from .route import PIECES_MOST, Route, RoutePiece, steady_route
 from .strategy import SamplingStrategy
 
 NEAR_CUT = 0.1  # of a section's length
@@ -198,7 +198,7 @@ def _piece_of_ways(piece: np.ndarray) -> np.ndarray:
     return np.where(piece[:-1] == piece[1:], piece[:-1], -1)
 
 
-def pieces_of(path: Path) -> list[Piece]:
+def pieces_of(path: Path) -> list[RoutePiece]:
     """The polylines of a path that have a length."""
     stops = [*path.first[1:].tolist(), len(path.points)]
     pieces = []
@@ -208,7 +208,7 @@ def pieces_of(path: Path) -> list[Piece]:
             dwell = None if path.dwell is None else path.dwell[first:stop].copy()
             if dwell is not None and closed:
                 dwell[0] = 0.0
-            pieces.append(Piece(path.points[first:stop], closed, intensity, dwell))
+            pieces.append(RoutePiece(path.points[first:stop], closed, intensity, dwell))
     return pieces
 
 
@@ -218,17 +218,17 @@ def _numbers_of(path: Path) -> np.ndarray:
     return np.repeat(np.cumsum(length > 0) - 1, np.diff(np.append(path.first, len(path.points))))
 
 
-def _closed(piece: Piece) -> Piece:
+def _closed(piece: RoutePiece) -> RoutePiece:
     """An open piece with its chord."""
     if piece.closed:
         return piece
     intensity, dwell = (None if v is None else np.append(v, v[0]) for v in (piece.intensity, piece.dwell))
     if dwell is not None:
         dwell[0] = 0.0
-    return Piece(np.vstack([piece.points, piece.points[:1]]), True, intensity, dwell)
+    return RoutePiece(np.vstack([piece.points, piece.points[:1]]), True, intensity, dwell)
 
 
-def _course_of(pieces: list[Piece], strategy: SamplingStrategy) -> Course:
+def _course_of(pieces: list[RoutePiece], strategy: SamplingStrategy) -> Course:
     """The pieces one after the other, with the ways between them, and the way back where the order asks for it."""
     corners = [_corners_of(piece, strategy) for piece in pieces]
     if strategy.gap.kind == "pendulum":
@@ -260,13 +260,13 @@ def _course_of(pieces: list[Piece], strategy: SamplingStrategy) -> Course:
     return course
 
 
-def _returned(piece: Piece) -> Piece:
+def _returned(piece: RoutePiece) -> RoutePiece:
     """A piece there and back."""
     points, intensity, dwell = (
         None if values is None else np.concatenate([values, values[-2::-1]])
         for values in (piece.points, piece.intensity, piece.dwell)
     )
-    return Piece(points, piece.closed, intensity, _paused_once(dwell))
+    return RoutePiece(points, piece.closed, intensity, _paused_once(dwell))
 
 
 def _paused_once(dwell: np.ndarray | None) -> np.ndarray | None:
@@ -281,7 +281,7 @@ def _there_and_back(corner: np.ndarray, strategy: SamplingStrategy) -> np.ndarra
     return out
 
 
-def _corners_of(piece: Piece, strategy: SamplingStrategy) -> np.ndarray:
+def _corners_of(piece: RoutePiece, strategy: SamplingStrategy) -> np.ndarray:
     """Vertices where a piece turns by more than an angle, and the ends of an open one, bool, shape [point].
 
     The corner at which a closed piece starts is marked at its end, and, for sections, at its start too. None without

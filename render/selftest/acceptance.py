@@ -143,7 +143,7 @@ def _summarise(steps: tuple[Step, ...], report: AcceptanceReport, questioner: Qu
         "skipped": skipped if as_json else list(skipped),
         "not_asked": missing,
     }
-    console.say(values, as_json=as_json, title="acceptance: what only hardware can tell")
+    console.show_values(values, as_json=as_json, title="acceptance: what only hardware can tell")
     return console.FAILED if unexpected or skipped or missing else console.DONE
 
 

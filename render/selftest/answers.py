@@ -36,7 +36,7 @@ class Questioner:
 
     def note(self, line: str) -> None:
         """Show a line."""
-        tell(line)
+        print_message(line)
 
     def ready(self, step: Step) -> Reply | None:
         """Wait until a person is ready for the step, if it plays something: None to play. A script is always ready."""

@@ -110,7 +110,7 @@ class BoardSession:
             entry |= {"error": str(error), "report": None if failed is None else failed.as_dict()}
             raise
         ended_ns = clock.now_ns()
-        self._note(f"{'It was stopped' if stops else 'Now it has ended'}: {console.told_of_off(report)}.")
+        self._note(f"{'It was stopped' if stops else 'Now it has ended'}: {console.off_state(report)}.")
         entry |= {"report": report.as_dict(), "stopped_within": (ended_ns - stops[0]) * 1e-9 if stops else None}
         self._note(counters(report, stimulus.frame_count(self.model), stopped=bool(stops)))
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from ...device.array import ArrayModel
 from ...device.codec import encode_frames
-from ..playback.drive import SOUND_SPEED, focus_delays
+from ..focal_spot import SOUND_SPEED
+from ..playback.drive import focus_delays
 
 FELT = 200.0  # [Hz] of modulation, where Pacinian corpuscles are most sensitive
 BLOCK_SECONDS = 0.05  # of frames in a block: how exactly a stop in the middle is placed

@@ -12,7 +12,7 @@ from ..playback.frame_source import FrameSource
 from ..playback.placed_arrays import load_rig
 from ..sampling.contour_sampling import FocalPoints, SamplingStrategy
 from ..terminal import console
-from ..terminal.foreign_text import tell
+from ..terminal.foreign_text import print_message
 
 MODULATION = 200.0  # [Hz], where Pacinian corpuscles are most sensitive
 RADIUS = 0.02  # [m]; 7 m/s around it is 56 turns a second
@@ -73,7 +73,7 @@ def run_selftest(options: dict, *, as_json: bool) -> None:
     with ending_on_signals(), connection.all_of(arrays) as links:
         for name, told in STIMULI.items():
             if not as_json:
-                tell(f"{told}: hold a palm {height:g} m above the array for {seconds:g} s")
+                print_message(f"{told}: hold a palm {height:g} m above the array for {seconds:g} s")
             frames = FrameSource(PointSource(stimulus(name, height, seconds, sampling)), Driver(models))
             results[name] = play_together(links, frames, update_rate=sampling.update_rate)
     values = {
@@ -89,4 +89,4 @@ def run_selftest(options: dict, *, as_json: bool) -> None:
             for name, reports in results.items()
             for report in reports
         ]
-    console.say(values, as_json=as_json, title="selftest: was it felt, a point, a circle, a slow turn?")
+    console.show_values(values, as_json=as_json, title="selftest: was it felt, a point, a circle, a slow turn?")

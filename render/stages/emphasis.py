@@ -177,13 +177,13 @@ _MESHES: OrderedDict[tuple[str, str], wp.Mesh] = OrderedDict()
 _LOCK = Lock()
 
 
-def mesh_of(thing: Solid, device: str) -> wp.Mesh:
+def mesh_of(solid: Solid, device: str) -> wp.Mesh:
     """The object's outline on a device, kept for the next batch."""
-    key = (thing.described()["hash"], device)
+    key = (solid.described()["hash"], device)
     with _LOCK:
         mesh = _MESHES.get(key)
         if mesh is None:
-            mesh = _MESHES[key] = mesh_for_depth(*thing.outline_mesh(), device)
+            mesh = _MESHES[key] = mesh_for_depth(*solid.outline_mesh(), device)
         _MESHES.move_to_end(key)
         while len(_MESHES) > MESHES_KEPT:
             _MESHES.popitem(last=False)
@@ -235,10 +235,10 @@ def weigh_by_depth(
 
 def _depth(setting: Setting, points: np.ndarray, row: np.ndarray) -> np.ndarray:
     """Depth of points in the object, wherever it is at their poses [m], float32, shape [point]."""
-    if setting.moved is not None and len(row):
-        pivot = setting.thing.bounds.mean(axis=0) if setting.pivot is None else setting.pivot
-        points = back_to(setting.moved[row], pivot, points)
-    return measure_depth(mesh_of(setting.thing, setting.device), points)
+    if setting.object_pose is not None and len(row):
+        object_centre = setting.solid.bounds.mean(axis=0) if setting.object_centre is None else setting.object_centre
+        points = back_to(setting.object_pose[row], object_centre, points)
+    return measure_depth(mesh_of(setting.solid, setting.device), points)
 
 
 def _deepest(setting: Setting, grid: int) -> np.ndarray:

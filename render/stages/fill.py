@@ -51,7 +51,7 @@ def hatch_regions(batch: ContourBatch, setting: Setting, *, spacing: float, angl
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Crossings:
+class LineCrossings:
     """Where hatch lines cross loops, by line, then along it."""
 
     row: np.ndarray
@@ -84,7 +84,7 @@ def hatch_lines(loops: list[np.ndarray], spacing: float, angle: float, *, connec
     return [line @ turn.T for line in lines]
 
 
-def _crossings(loops: list[np.ndarray], rows: np.ndarray) -> Crossings:
+def _crossings(loops: list[np.ndarray], rows: np.ndarray) -> LineCrossings:
     parts = []
     for k, a in enumerate(loops):
         b = np.roll(a, -1, axis=0)
@@ -98,10 +98,10 @@ def _crossings(loops: list[np.ndarray], rows: np.ndarray) -> Crossings:
     row, x, loop, along, enters = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((along, loop, -enters, x, row))
     point = np.stack([x, rows[row]], axis=1)[order]
-    return Crossings(row[order], point, loop[order], along[order], enters[order])
+    return LineCrossings(row[order], point, loop[order], along[order], enters[order])
 
 
-def _spans(found: Crossings) -> np.ndarray:
+def _spans(found: LineCrossings) -> np.ndarray:
     """First and last crossing of each stretch of a line inside the region, shape [span, 2]."""
     winding = np.cumsum(found.enters)  # 0 at the end of every line
     before = winding - found.enters
@@ -110,12 +110,12 @@ def _spans(found: Crossings) -> np.ndarray:
     return np.stack([first, last], axis=1)[long]
 
 
-def _apart(found: Crossings, spans: np.ndarray) -> list[np.ndarray]:
+def _apart(found: LineCrossings, spans: np.ndarray) -> list[np.ndarray]:
     """Each stretch by itself, every other line backwards."""
     return [found.point[span[::-1] if found.row[span[0]] % 2 else span] for span in spans]
 
 
-def _connected(found: Crossings, spans: np.ndarray, loops: list[np.ndarray]) -> list[np.ndarray]:
+def _connected(found: LineCrossings, spans: np.ndarray, loops: list[np.ndarray]) -> list[np.ndarray]:
     """Stretches joined along the boundary: from the end of one to where the same loop next crosses the next line."""
     span_of = np.full(len(found.row), -1)
     span_of[spans] = np.arange(len(spans))[:, None]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import StrategyError
-from ..validation import require_choice, require_number, shown
+from ..validation import number_text, require_choice, require_number
 
 Value = float | int | str | bool | None
 
@@ -41,7 +41,7 @@ class Option:
         else:
             require_number(name, value, self.low, self.high, unit=self.unit, whole=isinstance(self.default, int))
             if not abs(value or 0) <= sys.float_info.max:  # compared as it is: an int may be too large for a float
-                raise StrategyError(f"{name} must be finite, not {shown(value)}")
+                raise StrategyError(f"{name} must be finite, not {number_text(value)}")
 
     def resolved(self, value: Value, focal_width: float) -> Value:
         """The value, or the number that None stands for [m]."""

@@ -1,12 +1,13 @@
-"""Prune stages: what a focal point could not make felt, or the array not reach, is removed and its length counted.
+"""Prune stages remove what cannot be felt or what the array cannot reach, and measure the length removed.
 
 | stage | removes |
 |---|---|
 | off-skin | what lies farther from the skin than a focal radius |
-| close-together | what runs beside a longer contour, too near to be told from it |
+| close-together | what runs beside a longer contour, too near to be felt as separate |
 | small | loops and pieces too short to be felt as such |
 | turned-away | the contours of patches that face away from the array |
 | hidden | what too little of the array can see past the rest of the hand |
+| joined | sides of patches that touch, which would be drawn twice or inside the hand |
 
 Every length that depends on what can be felt is by default a multiple of the focal width, FWHM of p^2 across the focus
 (`focal_width`): docs/guide/pruning.md has the numbers and where they come from.
@@ -18,19 +19,57 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...kernels.stages.cut import divide_segments
+from ...kernels.stages.cut import cut_contours, divide_segments, gather_values, measure_removed, spread_keep
+from ...kernels.stages.joint import divide_joints, side_pairs
 from ...kernels.stages.prune import Patches, keep_long, keep_patches, part_off_skin
 from ...kernels.stages.prune_crowded import Beside, thin_contours
 from ...kernels.stages.prune_hidden import Aperture, see_past_mesh, see_past_patches
 from ..contour_batch import ContourBatch
+from ..errors import StrategyError
 from ..hands.hand import PatchFrames
+from ..hands.plane_hand import PlaneHand
 from .registry import Option, Setting, prune_stage
-from .segment_removal import cut_batch
 
 Pruned = tuple[ContourBatch, np.ndarray]
 
 ARRAY_SIDE = 0.168  # [m]; 16 transducers at 10.5 mm
-PARTS_A_DISTANCE = 8  # how finely segments are judged, by the distance that is asked about
+PARTS_A_DISTANCE = 8  # a segment is tested in parts of at most this share of the distance
+JOINT_ANGLE = math.radians(10.0)
+JOINT_GAP = 0.005  # [m]; about half a focal width: sides this near are one to the skin
+
+
+def cut_batch(batch: ContourBatch, keep: Any, *, parts: Any = None) -> tuple[ContourBatch, np.ndarray]:
+    """A batch without the segments whose `keep` is 0, and the length removed of each pose [m], float32, shape [pose].
+
+    keep: one value for the segment that starts at each point, bool or uint8, shape [point], on the host or device as
+    the batch; the value at a polyline's last point is ignored. parts: for a batch on a device, `Parts` into which
+    segments are divided; `keep` then has one value for each part. Rules of cutting: see `kernels.stages.cut`.
+    Raises StrategyError for a `keep` of another length.
+    """
+    on_host = not batch.on_device
+    if on_host:
+        keep = np.ascontiguousarray(np.asarray(keep) != 0).astype(np.uint8)
+        batch, keep = batch.to("cpu"), wp.array(keep, dtype=wp.uint8, device="cpu")
+    wanted = batch.point_count if parts is None else parts.segment.shape[0]
+    if keep.shape != (wanted,):
+        raise StrategyError(f"keep must have shape [{wanted}], one entry a segment, not {list(keep.shape)}")
+    if parts is None:
+        parts = divide_segments(batch.points, batch.polyline_start)
+        keep = spread_keep(parts, keep)
+    lines = (batch.points, batch.kind, batch.polyline_start, batch.polyline_patch, batch.polyline_closed)
+    cut = cut_contours(*lines, batch.pose_start, batch.intensity, keep, parts)
+    removed = measure_removed(batch.points, batch.polyline_start, batch.pose_start, parts, keep).numpy()
+    out = ContourBatch(
+        points=cut.points,
+        kind=cut.kind,
+        polyline_start=cut.polyline_start,
+        polyline_patch=cut.polyline_patch,
+        polyline_closed=cut.polyline_closed,
+        pose_start=cut.pose_start,
+        intensity=cut.intensity,
+        dwell=None if batch.dwell is None else gather_values(batch.dwell, cut, between=False),
+    )
+    return (out.numpy() if on_host else out), removed
 
 
 def patches_on(frames: PatchFrames, device: str) -> Any:
@@ -70,7 +109,7 @@ def prune_close_together(
 
     distance: between the two [m]; angle: by which directions may differ [rad]; apart: two places of one contour are
     compared if they are farther than this apart along it [m]; across: whether contours on different patches are
-    compared. Judged in parts of an eighth of the distance at most: see `kernels.prune_close`.
+    compared. Segments are tested in parts of at most an eighth of the distance: see `kernels.stages.prune_crowded`.
     """
     rule = Beside()
     rule.distance, rule.parallel = wp.float64(distance), wp.float64(math.cos(angle))
@@ -132,8 +171,8 @@ def prune_hidden(
     """Remove what less than half of the array sees past the hand.
 
     share: the least of sight lines that must be free, 0..1; aperture: side of the array's face [m]; lines: sight lines
-    along a side; grain: judged in parts no longer than this [m], by both their ends. A hand mesh hides what lies behind
-    any of its triangles.
+    along a side; grain: segments are tested in parts no longer than this [m], at both ends of each part. A hand mesh
+    hides what lies behind any of its triangles.
     """
     parts = divide_segments(batch.points, batch.polyline_start, grain)
     face = aperture_at(setting.array_position, setting.array_normal, aperture, lines)
@@ -165,3 +204,25 @@ def aperture_at(position: np.ndarray, normal: np.ndarray, side: float, count: in
 def is_mesh(setting: Setting) -> bool:
     """Whether the hand is a triangulated skin."""
     return hasattr(setting.hand, "skin_on")
+
+
+@prune_stage(
+    "joined", on="device", angle=Option(JOINT_ANGLE, 0.0, math.pi / 2, "rad"), gap=Option(JOINT_GAP, 0.0, 0.1, "m")
+)
+def drop_joined_sides(
+    batch: ContourBatch, setting: Setting, *, angle: float, gap: float
+) -> tuple[ContourBatch, np.ndarray]:
+    """Drop hand segments on sides by which patches touch.
+
+    Where the two sides of a joint are within `gap` [m] of each other, hand segments on them are dropped from both
+    patches while these are in one plane within `angle` [rad], else from the smaller one. Other hands, and other
+    segments, stay as they are. Returns the length removed [m], shape [pose].
+    """
+    hand = setting.hand
+    if not isinstance(hand, PlaneHand) or not hand.joints or batch.polyline_count == 0:
+        return batch, np.zeros(batch.pose_count, np.float32)
+    pose = wp.array(hand.section_poses(setting.pose, setting.first), dtype=wp.transform, device=setting.device)
+    pairs = [(hand.patch_index(j.patch), j.side, hand.patch_index(j.other), j.other_side) for j in hand.joints]
+    joint_sides = side_pairs(pairs, setting.device)
+    parts, keep = divide_joints(batch.by_name(), pose, hand.on(setting.device), joint_sides, angle=angle, gap=gap)
+    return cut_batch(batch, keep, parts=parts)

@@ -1,15 +1,15 @@
-"""Stages of an intersection strategy: their names and options, who they are, and how they run over a batch of contours.
+"""Registry of the stages of intersection strategies: name, options and function of each.
 
-A stage is registered by name: the package's own by the decorators `prune_stage` and `transform_stage`, a user's by
-`register_prune`, `register_transform` and `register_point_function`. A strategy names stages as data (`Stage`).
+Built-in stages are registered by the decorators `prune_stage` and `transform_stage`, user-defined ones by
+`register_prune`, `register_transform` and `register_point_function`. A strategy refers to stages as data (`Stage`).
 
-| role | called as | gives |
+| role | called as | returns |
 |---|---|---|
 | prune | f(batch, setting, **options) | the batch with segments removed, and the length removed [m], float32 [pose] |
 | transform | f(batch, setting, **options) | another batch |
 
-A stage on the "host" gets and gives NumPy arrays, one on the "device" Warp arrays on `setting.device`. Stages may be
-called by several threads at once, each with a batch of its own.
+A stage registered with on="host" takes and returns NumPy arrays, one with on="device" Warp arrays on `setting.device`.
+Several threads may call a stage at once, each with its own batch.
 """
 
 import hashlib
@@ -25,6 +25,7 @@ import numpy as np
 
 from ...kernels.stages.point_function import map_intensity, map_points
 from ..contour_batch import ContourBatch
+from ..deprecated_names import OldAttribute
 from ..errors import StrategyError
 from ..objects.solid import Solid
 from ..validation import require_choice
@@ -37,14 +38,14 @@ if TYPE_CHECKING:
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 ROLES = ("raw", "prune", "transform")
-BY_RAW_KERNELS = ("outside", "close")  # stages that the raw intersection does as it goes
-BUILT_IN = ("prune", "joined", "built_in")  # modules of this folder that register stages
+BY_RAW_KERNELS = ("outside", "close")  # stages that the raw intersection itself does
+BUILT_IN = ("prune", "built_in")  # modules of this folder that register stages
 PACKAGE = __name__.rpartition(".stages.")[0]  # palpate.render
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One stage as data: its name and the options that differ from its defaults.
+    """A stage as data: its name and the options that are given; others take their defaults.
 
     A stage without options equals its name: `"close" in strategy.transform`.
     """
@@ -53,21 +54,21 @@ class Stage:
     options: Mapping[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Keep the options as they are now."""
+        """Copy the options, so that later changes do not matter."""
         object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
 
     def __eq__(self, other: object) -> bool:
-        """By name and options."""
+        """Compare by name and options; a text equals the stage of that name without options."""
         if isinstance(other, str):
             return self.name == other and not self.options
         return isinstance(other, Stage) and self.name == other.name and self.options == other.options
 
     def __hash__(self) -> int:
-        """As a name alone, since that may be equal."""
+        """Hash of the name, because a stage may equal its name."""
         return hash(self.name)
 
     def __reduce__(self) -> tuple[type["Stage"], tuple[str, dict[str, Value]]]:
-        """Pickled as a plain dict, which a mapping proxy cannot be."""
+        """Pickle options as a dict, because a mapping proxy cannot be pickled."""
         return Stage, (self.name, dict(self.options))
 
     def described(self) -> str | dict[str, Value]:
@@ -76,7 +77,7 @@ class Stage:
 
     @classmethod
     def read(cls, value: object, role: str) -> "Stage":
-        """A stage of what `described` gives, or of a stage itself; `role` is the field it stands in."""
+        """Stage from the output of `described`, or the stage itself; role: the strategy's field, for errors."""
         if isinstance(value, Stage):
             return value
         if isinstance(value, str):
@@ -96,22 +97,22 @@ class StageEntry:
     """What it does, in one line."""
     options: Mapping[str, Option]
     function: Callable[..., Any] | None
-    """None: done by the raw intersection."""
+    """None: the raw intersection does it."""
     on: str = "host"
     needs_closed: bool = False
     digest: str = ""
-    """Of a user's function as it was registered, see `digest_of`, and of the file that registered it."""
+    """SHA-256 of a user-defined function when it was registered (`digest_of`) and of the file that registered it."""
     files: Mapping[str, str] = field(default_factory=dict)
-    """Files that define and register a user's function, and the digest of each as it was then."""
+    """Files that define and register a user-defined function, with the SHA-256 of each at that time."""
 
     @property
     def own(self) -> bool:
-        """Whether it is one of the package's, which are tested and not checked each time."""
-        module = getattr(self.function, "__module__", None) or ""  # None in code from a text
+        """Whether it belongs to palpate; the output of other stages is checked at each call."""
+        module = getattr(self.function, "__module__", None) or ""  # None for code run from a text
         return self.function is None or module.startswith(f"{PACKAGE}.")
 
     def check(self, stage: Stage) -> None:
-        """Refuse options that are unknown or out of range."""
+        """Raise StrategyError for options that are unknown or out of range."""
         for name, value in stage.options.items():
             if name not in self.options:
                 known = ", ".join(self.options) or "none"
@@ -119,11 +120,11 @@ class StageEntry:
             self.options[name].check(f"{self.role}: {self.name}.{name}", value)
 
     def defaults(self) -> dict[str, Value]:
-        """What every option is if it is not given."""
+        """Default of every option."""
         return {name: option.default for name, option in self.options.items()}
 
     def values(self, stage: Stage, focal_width: float) -> dict[str, Value]:
-        """Every option as the function gets it: given or default, None replaced by its focal widths."""
+        """Options for the function: given or default; None becomes the option's multiple of the focal width [m]."""
         return {
             name: option.resolved(stage.options.get(name, option.default), focal_width)
             for name, option in self.options.items()
@@ -132,16 +133,16 @@ class StageEntry:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a stage may look at beside the contours of one batch of poses."""
+    """Inputs of a stage beside the contours of one batch of poses."""
 
-    thing: Solid
+    solid: Solid
     hand: "Hand"
     pose: np.ndarray
     """Hand frame -> array frame, of this batch, float32, shape [pose, 7]."""
     first: int
     """Row of the motion that `pose` begins at."""
     device: str
-    """Where stages "on the device" run."""
+    """Warp device on which stages with on="device" run."""
     focal_width: float
     """FWHM of p^2 across the focus at the object's middle [m]."""
     step: float
@@ -150,14 +151,18 @@ class Setting:
     """Middle of the array's face [m], shape [3]."""
     array_normal: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     """Unit vector out of the array, shape [3]."""
-    moved: np.ndarray | None = None
-    """The object's pose at each pose, float32, shape [pose, 7]; None: it stands still."""
-    pivot: np.ndarray | None = None
-    """What of the object `moved` tells the place of, where it was placed [m], shape [3]; None: its bounds' middle."""
+    object_pose: np.ndarray | None = None
+    """Position of the object's centre and its rotation at each pose, float32 [pose, 7]; None: it stands still."""
+    object_centre: np.ndarray | None = None
+    """The point of the placed object whose position `object_pose` gives [m], shape [3]; None: middle of its bounds."""
+
+    thing = OldAttribute("solid")
+    moved = OldAttribute("object_pose")
+    pivot = OldAttribute("object_centre")
 
     @cached_property
     def frames(self) -> "PatchFrames":
-        """Patches at each pose, in the array's frame."""
+        """The hand's patches at each pose, in the array frame."""
         return self.hand.frames(self.pose, self.first)
 
 
@@ -167,7 +172,7 @@ _LOADED: set[str] = set()
 
 
 def load_built_in() -> None:
-    """Import the modules that register the package's own stages; no lock is held while they are imported."""
+    """Import the modules that register the built-in stages; no lock is held meanwhile."""
     for name in BUILT_IN:
         if name not in _LOADED:
             import_module(f"{__package__}.{name}")
@@ -182,7 +187,7 @@ def known_stages(role: str) -> dict[str, StageEntry]:
 
 
 def find_stage(role: str, name: str) -> StageEntry:
-    """A registered stage; raises StrategyError with the known names for another."""
+    """A registered stage; raises StrategyError, listing the known names, for an unknown one."""
     known = known_stages(role)
     if name not in known:
         raise StrategyError(f"{role}: unknown stage {name!r}; known: {', '.join(known)}")
@@ -190,9 +195,9 @@ def find_stage(role: str, name: str) -> StageEntry:
 
 
 def register_stage(entry: StageEntry) -> None:
-    """Enter a stage; raises StrategyError for a name that is taken.
+    """Register a stage; raises StrategyError for a name that another stage has.
 
-    A function that is defined again, as in a notebook or by a reload, takes its own place.
+    A function that is defined again, as in a notebook or by a reload, replaces its former definition.
     """
     if not entry.name or not isinstance(entry.name, str):
         raise StrategyError(f"a stage's name must be a text of one character at least, not {entry.name!r}")
@@ -201,18 +206,18 @@ def register_stage(entry: StageEntry) -> None:
         taken = _ENTRIES.get(entry.name)
         if taken is not None and (taken.role != entry.role or origin_of(taken.function) != origin_of(entry.function)):
             raise StrategyError(f"there is a {taken.role} stage {entry.name!r} already: {taken.line}")
-        _ENTRIES[entry.name] = entry if entry.own else _noted(entry)
+        _ENTRIES[entry.name] = entry if entry.own else _with_digests(entry)
 
 
-def _noted(entry: StageEntry) -> StageEntry:
-    """A user's stage with what it is made of at this moment: what it holds may change as it runs, its files may not."""
+def _with_digests(entry: StageEntry) -> StageEntry:
+    """A user-defined stage with SHA-256 of its function and files, taken now, before values in it change."""
     files = file_digests([place_of(entry.function), caller_file()])
     texts = [digest_of(entry.function), *sorted(set(files.values()))]
     return replace(entry, digest=hashlib.sha256("\0".join(texts).encode()).hexdigest(), files=files)
 
 
 def origin_of(function: Any) -> tuple[str, str]:
-    """Module and name of a function, through partials and Warp functions."""
+    """Module and qualified name of a function, also of one inside a partial or a Warp function."""
     function = innermost(function)
     return getattr(function, "__module__", None) or "", getattr(function, "__qualname__", repr(function))
 
@@ -223,10 +228,10 @@ def first_line(function: Callable[..., Any]) -> str:
 
 
 def register_prune(name: str, function: Callable[..., Any], *, on: str = "host", **defaults: Value | Option) -> None:
-    """Register a prune stage of one's own: f(batch, setting, **options) -> batch, or (batch, removed [pose]).
+    """Register a user-defined prune stage: f(batch, setting, **options) -> batch, or (batch, removed [pose]).
 
     on: "host" for NumPy arrays, "device" for Warp arrays. defaults: its options with their defaults; None means one
-    focal width, `Option` says more. Raises StrategyError for a name that is taken.
+    focal width, and an `Option` also has range and unit. Raises StrategyError for a name that another stage has.
     """
     register_stage(StageEntry(name, "prune", first_line(function), options_of(name, defaults), function, on))
 
@@ -239,7 +244,7 @@ def register_transform(
     needs_closed: bool = False,
     **defaults: Value | Option,
 ) -> None:
-    """Register a transform stage of one's own: f(batch, setting, **options) -> batch; see `register_prune`.
+    """Register a user-defined transform stage: f(batch, setting, **options) -> batch; see `register_prune`.
 
     needs_closed: whether inside and outside of the object must be defined, so that open meshes are refused.
     """
@@ -248,10 +253,10 @@ def register_transform(
 
 
 def register_point_function(name: str, func: Any, *, gives: str) -> None:
-    """Register a Warp function as a transform stage that is applied to every point on the device.
+    """Register a Warp function as a transform stage that runs for every point on the device.
 
-    func: a wp.func of a module file, x: wp.vec3 [m, array frame] -> wp.vec3 where it `gives` the "point", or -> float,
-    0..1, where it gives the "intensity".
+    func: a wp.func defined in a file. gives: "point" for x -> wp.vec3, the new point [m, array frame], or "intensity"
+    for x -> float in 0..1; x: wp.vec3 [m, array frame].
     """
     require_choice(f"stage {name!r}: gives", gives, ("point", "intensity"))
     stage = move_points if gives == "point" else set_intensity
@@ -260,12 +265,12 @@ def register_point_function(name: str, func: Any, *, gives: str) -> None:
 
 
 def move_points(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
-    """Every point at where a Warp function puts it."""
+    """Move every point to the result of a Warp function."""
     return ContourBatch(**{**batch.by_name(), "points": map_points(func, batch.points)})
 
 
 def set_intensity(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
-    """Intensity at every point as a Warp function says."""
+    """Set the intensity at every point to the result of a Warp function."""
     return ContourBatch(**{**batch.by_name(), "intensity": map_intensity(func, batch.points)})
 
 
@@ -292,7 +297,7 @@ def transform_stage(
 
 
 def _register_kernel_stages() -> None:
-    """Enter what the raw intersection does itself, see `intersect`."""
+    """Register the stages that the raw intersection itself does, see `Scene`."""
     point_options = {
         "separation": Option(None, 1e-4, 1.0, "m", widths=0.8),
         "closes": Option(True),

@@ -32,7 +32,7 @@ DEEP = 8  # bound to what is bound to ...: further down, how Python writes it
 
 def digest_of(function: Any) -> str:
     """SHA-256 of a function as the table says, its file as it is now; where the file lies does not count."""
-    return hashlib.sha256("\0".join(_Reader().told(function, 0)).encode()).hexdigest()
+    return hashlib.sha256("\0".join(_Reader().describe(function, 0)).encode()).hexdigest()
 
 
 def place_of(function: Any) -> str:
@@ -64,13 +64,13 @@ def file_digests(files: Iterable[str]) -> dict[str, str]:
 
 
 class _Reader:
-    """Reads what a function consists of, each thing once."""
+    """Reads what a function consists of, each object once."""
 
     def __init__(self) -> None:
-        self._seen: dict[int, tuple[int, Any]] = {}  # number, and the thing itself: else another may get its id
+        self._seen: dict[int, tuple[int, Any]] = {}  # number, and the object itself: else another may get its id
 
-    def told(self, value: Any, depth: int) -> list[str]:
-        """Texts that it is told by."""
+    def describe(self, value: Any, depth: int) -> list[str]:
+        """Texts that describe a value, for the digest."""
         value = _bare(value)
         value = value.numpy() if isinstance(value, wp.array) else value
         if isinstance(value, np.ndarray):
@@ -81,7 +81,7 @@ class _Reader:
         if isinstance(value, list | tuple):
             return [f"{len(value)}", *self._each(value, depth)]
         if isinstance(value, set | frozenset):
-            return [f"{len(value)}", *sorted("\0".join(_Reader().told(item, depth + 1)) for item in value)]
+            return [f"{len(value)}", *sorted("\0".join(_Reader().describe(item, depth + 1)) for item in value)]
         if isinstance(value, Mapping):
             return [f"{len(value)}", *self._named(value, depth)]
         has_state = hasattr(value, "__dict__") or hasattr(type(value), "__slots__")
@@ -107,10 +107,12 @@ class _Reader:
         return self._each((type(value), _state_of(value)), depth)
 
     def _each(self, values: Iterable[Any], depth: int) -> list[str]:
-        return [text for value in values for text in self.told(value, depth + 1)]
+        return [text for value in values for text in self.describe(value, depth + 1)]
 
     def _named(self, values: Mapping[Any, Any], depth: int) -> list[str]:
-        return [text for name in sorted(values, key=str) for text in (str(name), *self.told(values[name], depth + 1))]
+        return [
+            text for name in sorted(values, key=str) for text in (str(name), *self.describe(values[name], depth + 1))
+        ]
 
 
 def _bare(value: Any) -> Any:

@@ -12,36 +12,36 @@ from ..errors import StrategyError, UntrustedCodeError
 from ..stages.option import Value
 from ..stages.registry import ROLES, Stage, find_stage, known_stages
 from ..trust.permission import AllowCode, Code, Namer, require_permission
-from ..trust.user_code import Source, find_module, run_all
+from ..trust.user_code import CodeSource, find_module, run_all
 from ..validation import load_by_name, read_fields, require_number
 from .stage_order import require_order
 
 FIELDS = ("raw", "prune", "transform", "step", "flush", "modules")
-STEP_LOWEST, STEP_HIGHEST = 1e-5, 0.1  # of marching [m]
+STEP_LOWEST, STEP_HIGHEST = 1e-5, 0.1  # grid step of marching [m]
 FLUSH_HIGHEST = float(FLUSH_MOST)  # [m]
-STEPS_A_WIDTH = 4  # marching steps across the focus where none is given
+STEPS_A_WIDTH = 4  # default: marching steps across the focal width
 
 
 @dataclass(frozen=True)
 class IntersectionStrategy:
     """A raw intersection and the stages that follow it; a stage is a name, or a `Stage` with options.
 
-    | field | says | default |
+    | field | meaning | default |
     |---|---|---|
-    | `raw` | how object and hand meet | section |
-    | `prune` | what is removed, in this order | nothing: the whole section of the plane |
-    | `transform` | what is made of the rest, in this order | nothing |
+    | `raw` | the raw intersection of object and hand | section |
+    | `prune` | stages that remove parts, in this order | none: the section of the whole plane |
+    | `transform` | stages that change the rest, in this order | none |
     | `step` | grid step of marching [m] | a quarter of the focal width |
-    | `flush` | how near to a patch's plane or side counts as on it [m] | three float32 spacings at the pose |
-    | `modules` | Python modules that register stages of one's own, run with permission (`trust`) | none |
+    | `flush` | distance at which a vertex counts as on a patch's plane or side [m] | 3 float32 spacings at the pose |
+    | `modules` | Python modules that register user-defined stages, run with permission (`trust`) | none |
 
-    On a patch's plane counts as on its +n side, on a patch's side as outside. `flush` is of planes: a skin has none.
+    A vertex on a patch's plane counts as on its +n side, one on a patch's side as outside. Hand meshes ignore `flush`.
     "close" needs raw "section" and "outside" before it. A stage may be listed again with other options.
-    Raises StrategyError for an unknown stage, an option that it does not have or that is out of range, and an order
-    that means nothing.
+    Raises StrategyError for an unknown stage, an option that is unknown or out of range, and an order of stages that
+    makes no sense.
     """
 
-    raw: "Stage | str" = Stage("section")  # noqa: RUF009  # frozen, so one for all is none too few
+    raw: "Stage | str" = Stage("section")  # noqa: RUF009  # a shared default is safe, because stages are frozen
     prune: "tuple[Stage | str, ...]" = ()
     transform: "tuple[Stage | str, ...]" = ()
     step: float | None = None
@@ -49,7 +49,7 @@ class IntersectionStrategy:
     modules: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Take names as stages, and check every one."""
+        """Turn names into stages, and check every stage."""
         object.__setattr__(self, "raw", Stage.read(self.raw, "raw"))
         for name in ("prune", "transform", "modules"):
             require_list(name, getattr(self, name))
@@ -75,7 +75,7 @@ class IntersectionStrategy:
         require_order(self.raw_stage.name, *([s.name for s in self.stages()[role]] for role in ("prune", "transform")))
 
     def _require_order(self) -> None:
-        """Refuse what closes nothing."""
+        """Raise StrategyError for a stage "close" that has nothing to close."""
         if not self.closes:
             return
         if not self.bounded:
@@ -96,12 +96,12 @@ class IntersectionStrategy:
 
     @property
     def prune_stages(self) -> tuple[Stage, ...]:
-        """What is removed."""
+        """Stages that remove parts, in order."""
         return tuple(Stage.read(stage, "prune") for stage in self.prune)
 
     @property
     def transform_stages(self) -> tuple[Stage, ...]:
-        """What is made of the rest."""
+        """Stages that change the rest, in order."""
         return tuple(Stage.read(stage, "transform") for stage in self.transform)
 
     @property
@@ -122,8 +122,8 @@ class IntersectionStrategy:
     def resolved(self, focal_width: float, *, marches: bool = False) -> "IntersectionStrategy":
         """The same strategy with every option of its stages as a number.
 
-        focal_width: FWHM of p^2 across the focus [m], by which options that are None are scaled.
-        marches: whether a grid is marched over, so that `step` needs a number too.
+        focal_width: FWHM of p^2 across the focus [m]; options that are None become multiples of it.
+        marches: whether the raw intersection uses a grid, so that `step` must be a number too.
         """
         require_number("focal width", focal_width, 1e-6, 1.0, unit="m")
         full = {
@@ -134,7 +134,7 @@ class IntersectionStrategy:
         return replace(self, raw=full["raw"][0], prune=full["prune"], transform=full["transform"], step=step)
 
     def described(self) -> dict[str, Any]:
-        """What a file says about the strategy, for JSON; `step`, `flush` and `modules` only where they are given."""
+        """Description that a file stores as JSON; `step`, `flush` and `modules` only if they are set."""
         raw, prune, transform = ([stage.described() for stage in stages] for stages in self.stages().values())
         out: dict[str, Any] = {"raw": raw[0], "prune": prune, "transform": transform}
         if self.step is not None:
@@ -151,49 +151,49 @@ class IntersectionStrategy:
     def from_json(cls, text: str, *, allow_code: AllowCode = False) -> "IntersectionStrategy":
         """Read back what `to_json` wrote; missing fields take their defaults.
 
-        allow_code: whether modules that it names, found on Python's path, may be run: see `load_strategy`.
+        allow_code: whether the modules that it names, found on Python's path, may run: see `load_strategy`.
         """
         return read_strategy(text, None, allow_code=allow_code)
 
 
 def open_contour() -> IntersectionStrategy:
-    """OC: what of the section lies inside the patch (strategy A of Martinez et al. 2019)."""
+    """OC: the part of the section that lies inside the patch (strategy A of Martinez et al. 2019)."""
     return IntersectionStrategy(prune=("outside",))
 
 
 def closed_contour() -> IntersectionStrategy:
-    """CC: the boundary of section ∩ patch; holds OC as its object-kind segments."""
+    """CC: the boundary of section ∩ patch; its segments of kind object are OC."""
     return IntersectionStrategy(prune=("outside",), transform=("close",))
 
 
 class Presets(MutableMapping[str, Callable[[], IntersectionStrategy]]):
-    """Strategies by name, all there at the first look; a loop over them goes on while a module adds its own."""
+    """Strategies by name; the built-in ones are imported at first use, and modules may add some during a loop."""
 
     def __init__(self, **own: Callable[[], IntersectionStrategy]) -> None:
-        """Those of this module."""
+        """Presets of this module, by name."""
         self._own = own
 
     def __getitem__(self, name: str) -> Callable[[], IntersectionStrategy]:
-        """What makes a strategy."""
+        """The function that makes a preset."""
         _load_built_in()
         return self._own[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Names as they are now."""
+        """Names at the time of the call."""
         _load_built_in()
         return iter(list(self._own))
 
     def __len__(self) -> int:
-        """How many there are now."""
+        """Number of presets."""
         _load_built_in()
         return len(self._own)
 
     def __setitem__(self, name: str, make: Callable[[], IntersectionStrategy]) -> None:
-        """Add one, as modules of stages do while they are imported."""
+        """Add a preset, as modules with stages do when they are imported."""
         self._own[name] = make
 
     def __delitem__(self, name: str) -> None:
-        """Take one out."""
+        """Remove a preset."""
         del self._own[name]
 
 
@@ -207,23 +207,23 @@ PRESETS = Presets(oc=open_contour, cc=closed_contour)
 
 
 def require_list(name: str, value: object) -> None:
-    """Refuse what is no list, a text for one."""
+    """Raise StrategyError for a value that is not a list; a text is not one."""
     if not isinstance(value, list | tuple):
         raise StrategyError(f"{name} must be a list, not {value!r}")
 
 
 def require_module(name: object) -> str:
-    """A module's name, or StrategyError."""
+    """Return the name of a module; raises StrategyError for another value."""
     if not isinstance(name, str) or not all(part.isidentifier() for part in name.split(".")):
         raise StrategyError(f"modules: must be names of Python modules, not {name!r}")
     return name
 
 
-def strategy_code(text: str, folder: Path | None, path: str = "") -> list[Source]:
-    """The modules that a strategy's JSON names, found and not run, once all else that can be judged was.
+def strategy_code(text: str, folder: Path | None, path: str = "") -> list[CodeSource]:
+    """Modules named by a strategy's JSON: located, not run. The rest of the JSON is checked first.
 
-    folder: of the file, where they are looked for first. path: of the file, for messages.
-    Raises StrategyError for what is no strategy, and a module that is not there.
+    folder: the file's, searched first. path: the file's, for messages.
+    Raises StrategyError for a text that is no strategy, and for a module that is not found.
     """
     values = read_fields(text, FIELDS, "strategy")
     for field in ("prune", "transform", "modules"):
@@ -231,7 +231,7 @@ def strategy_code(text: str, folder: Path | None, path: str = "") -> list[Source
     names = [require_module(name) for name in values.get("modules", ())]
     if names:
         _require_readable(values)
-    found: list[Source] = []
+    found: list[CodeSource] = []
     for name in names:
         try:
             found.append(find_module(name, folder, Namer.of(path, text)))
@@ -241,7 +241,7 @@ def strategy_code(text: str, folder: Path | None, path: str = "") -> list[Source
 
 
 def _require_readable(values: Mapping[str, Any]) -> None:
-    """Refuse what is wrong whatever stages the modules register: they are not run for a strategy that is none."""
+    """Raise StrategyError for values that no module could make valid, so that modules of a bad strategy do not run."""
     for role in ROLES:
         given = values.get(role, "section" if role == "raw" else [])
         for stage in [Stage.read(one, role) for one in ([given] if role == "raw" else given)]:
@@ -255,7 +255,7 @@ def _require_readable(values: Mapping[str, Any]) -> None:
 def read_strategy(
     text: str, folder: Path | None, *, allow_code: AllowCode = False, path: str = ""
 ) -> "IntersectionStrategy":
-    """A strategy from JSON, its modules run first: see `strategy_code`, and `load_strategy` for what is raised."""
+    """Strategy from JSON, after its modules have run; arguments: see `strategy_code`, errors: see `load_strategy`."""
     sources = strategy_code(text, folder, path)
     require_permission([source.code for source in sources], allow_code)
     for source in sources:
@@ -263,7 +263,7 @@ def read_strategy(
             run_all([source], allow_code)
         except (StrategyError, UntrustedCodeError):
             raise
-        except (Exception, SystemExit) as error:  # whatever a user's module raises
+        except (Exception, SystemExit) as error:  # a user's module may raise anything
             name = source.code.name
             raise StrategyError(f"modules: cannot import {name!r} ({type(error).__name__}: {error})") from error
     values = read_fields(text, FIELDS, "strategy")
@@ -276,8 +276,9 @@ def load_strategy(source: str, *, allow_code: AllowCode = False) -> Intersection
     """A strategy by preset name (oc, cc, ...) or from a JSON file.
 
     Modules that the file names are looked for beside it, then on Python's path.
-    allow_code: whether they may be run, see `trust`; False: those that `palpate trust` has accepted.
-    Raises UntrustedCodeError for modules without permission, StrategyError for what is neither, or no strategy.
+    allow_code: which of them may run, see `trust.permission`; False: those that `palpate trust` has accepted.
+    Raises UntrustedCodeError for modules without permission, StrategyError for a source that is neither a preset nor
+    a file with a strategy.
     """
     path = Path(source).resolve()
 
@@ -288,9 +289,9 @@ def load_strategy(source: str, *, allow_code: AllowCode = False) -> Intersection
 
 
 def draft_strategy(path: str) -> tuple[dict[str, Any], list[Code]]:
-    """A file's strategy as far as it is known before its modules are run, as `described` gives it, and their code.
+    """Strategy of a file without running its modules, in the form of `described`, and the code of the modules.
 
-    Raises StrategyError for a file that is no strategy, whatever the modules register.
+    Raises StrategyError for a file that is no strategy.
     """
 
     def read(text: str) -> tuple[dict[str, Any], list[Code]]:

@@ -1,4 +1,4 @@
-"""A strategy's prune and transform stages, run over a batch of contours; what a user's stage gives is checked."""
+"""Run a strategy's prune and transform stages over a batch of contours; output of user-defined stages is checked."""
 
 from collections.abc import Mapping
 
@@ -15,11 +15,11 @@ from .intersection_strategy import IntersectionStrategy
 def run_stages(
     batch: ContourBatch, strategy: IntersectionStrategy, setting: Setting
 ) -> tuple[ContourBatch, dict[str, np.ndarray]]:
-    """Run all prune, then all transform stages but those that the raw intersection does.
+    """Run all prune stages, then all transform stages, except those that the raw intersection does.
 
-    Returns the batch, wherever the last stage left it, and the length that each prune stage removed [m], float32,
-    shape [pose], by name; one that is listed again is "name#2". Raises StrategyError, naming the stage, for a stage
-    of a user's own that raises or gives no batch.
+    Returns the batch, on the host or device as the last stage, and the length that each prune stage removed [m],
+    float32, shape [pose], by name; a stage that is listed again is "name#2". Raises StrategyError, naming the stage,
+    for a user-defined stage that raises or returns no valid batch.
     """
     removed: dict[str, np.ndarray] = {}
     for stage in strategy.prune_stages:
@@ -34,7 +34,7 @@ def run_stages(
 
 
 def _run_stage(role: str, stage: Stage, batch: ContourBatch, setting: Setting) -> tuple[ContourBatch, np.ndarray]:
-    """One stage where it wants its batch; the second is meaningless for a transformation."""
+    """Run a stage on the host or its device; the second result, the length removed, is empty for a transform stage."""
     entry = find_stage(role, stage.name)
     function = entry.function
     if function is None:
@@ -50,14 +50,14 @@ def _run_stage(role: str, stage: Stage, batch: ContourBatch, setting: Setting) -
 def _run_checked(
     entry: StageEntry, batch: ContourBatch, setting: Setting, values: Mapping[str, Value]
 ) -> tuple[ContourBatch, np.ndarray]:
-    """A stage of a user's own, its errors and its result told by its name."""
+    """Run a user-defined stage; errors that it raises, or that its result causes, name it."""
     title = f"{entry.role} stage {entry.name!r}"
-    before = batch.length() if entry.role == "prune" else np.zeros(0)  # now: it may write into what it gets
+    before = batch.length() if entry.role == "prune" else np.zeros(0)  # first: the stage may write into it
     try:
         result = entry.function(batch, setting, **values) if entry.function else None
     except StrategyError:
         raise
-    except (Exception, SystemExit) as error:  # whatever a user's function raises
+    except (Exception, SystemExit) as error:  # a user's function may raise anything
         raise StrategyError(f"{title} failed: {type(error).__name__}: {error}") from error
     removed = None
     if entry.role == "prune" and isinstance(result, tuple) and len(result) == 2:

@@ -117,14 +117,14 @@ def prepare(assignment: Assignment, wire: Wire) -> Work:
 
     from ...kernels import compile_kernels
     from ..runtime.span_workers import warp_device
-    from ..terminal.console import TOLD_WARNINGS, start_warp
+    from ..terminal.console import SHOWN_WARNINGS, start_warp
 
-    for kind in TOLD_WARNINGS:
+    for kind in SHOWN_WARNINGS:
         warnings.simplefilter("always", kind)
     otherwise = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
-        for kind in TOLD_WARNINGS:
+        for kind in SHOWN_WARNINGS:
             if issubclass(category, kind):
                 wire.send(Told(kind, str(message)))
                 return

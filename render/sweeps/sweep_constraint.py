@@ -19,7 +19,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from ..validation import told
+from ..validation import value_text
 from .sweep_axes import KEYS, value_of
 from .sweep_lines import Place
 from .sweep_values import Check, Fault, Number, near, refuse, swept
@@ -74,7 +74,7 @@ class Constraint:
 def constraint_of(table: object, folder: Path) -> Constraint:
     """A constraint of a plan's table; raises faults."""
     if not isinstance(table, dict) or not table:
-        refuse(f"must be a table of at least one axis.key = value, not {told(table)}")
+        refuse(f"must be a table of at least one axis.key = value, not {value_text(table)}")
     entries: dict[str, tuple[Entry, ...]] = {}
     for path, value in _flat(table):
         place: Place = path
@@ -102,17 +102,17 @@ def _flat(table: Mapping[str, Any]) -> list[tuple[tuple[str, ...], Any]]:
 def _entry(key: str, check: Check | None, value: object, folder: Path, place: Place) -> Entry:
     if isinstance(value, dict):
         if not isinstance(check, Number):
-            refuse(f"must be a value or a list of them, not {told(value)}: it is no number", place)
+            refuse(f"must be a value or a list of them, not {value_text(value)}: it is no number", place)
         if not value or set(value) - set(BOUNDS):
-            refuse(f"must have at_least, at_most or both, not {told(value)}", place)
+            refuse(f"must have at_least, at_most or both, not {value_text(value)}", place)
         for name, bound in value.items():
             if isinstance(bound, bool) or not isinstance(bound, int | float) or bound != bound:
-                refuse(f"{name} must be a number in {check.span}, not {told(bound)}", place)
+                refuse(f"{name} must be a number in {check.span}, not {value_text(bound)}", place)
         return Entry(key, at_least=value.get("at_least"), at_most=value.get("at_most"))
     if check is None:
         texts = value if isinstance(value, list) else [value]
         if not texts or not all(isinstance(text, str) and text for text in texts):
-            refuse(f"must be a name, or a list of names, not {told(value)}", place)
+            refuse(f"must be a name, or a list of names, not {value_text(value)}", place)
         return Entry(key, tuple(texts), folder=folder)
     try:
         return Entry(key, tuple(swept(check)(value)))

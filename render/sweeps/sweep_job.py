@@ -12,7 +12,7 @@ from ...datasets.sweeps.sweep_store import SweepStore
 from ..errors import PlanError, SweepError
 from ..runtime.span_workers import WORKERS_MOST
 from ..terminal import console
-from ..terminal.foreign_text import show_table, tell, write
+from ..terminal.foreign_text import print_message, show_table, write
 from .sweep_estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
 from .sweep_log import SweepProgress, sweep_bar
 from .sweep_missing import Counts, Failure, Key, Missing
@@ -217,7 +217,7 @@ def _say(report: SweepReport, outputs: dict[str, str], comparison: Comparison | 
         values["failures"] = [vars(failure) for failure in report.failures]
         values["notes"] = list(report.notes)
         values["comparison"] = None if comparison is None else comparison.to_dict()
-    console.say(values, as_json=as_json, title=outputs["store"], told=TOLD)
+    console.show_values(values, as_json=as_json, title=outputs["store"], shown_names=TOLD)
     if not as_json:
         _show_failures(report.failures)
         if comparison is not None:
@@ -235,7 +235,7 @@ def _show_failures(failures: Sequence[Failure]) -> None:
 
 def _show_comparison(comparison: Comparison) -> None:
     for sentence in comparison.sentences():
-        tell(sentence)
+        print_message(sentence)
     rows = comparison.rows(SHOWN)
     _show("what moved", ("recipe", "metric", "was", "is", "change"), rows, len(comparison.moved))
 
@@ -245,7 +245,7 @@ def _show(title: str, names: Sequence[str], rows: Sequence[Sequence[str]], count
         return
     show_table(title, rows, names, to_errors=True)
     if count > len(rows):
-        tell(f"and {count - len(rows)} more (--json has all)")
+        print_message(f"and {count - len(rows)} more (--json has all)")
 
 
 # ---- what it would cost
@@ -272,7 +272,7 @@ def _nothing(keys: Sequence[Key]) -> dict[Key, set[int]]:
 
 def _say_estimate(told: Estimate, *, as_json: bool) -> int:
     if as_json:
-        console.say(told.as_dict(), as_json=True, title="")
+        console.show_values(told.as_dict(), as_json=True, title="")
     else:
         for sentence in told.sentences():
             write(sentence)

@@ -75,7 +75,7 @@ def keep_contours(
             set_aside(path, damage)
         try:
             _claim(path, recipe)
-            record(path, scene.thing, scene.hand, motion, scene.strategy, mode="resume", device=device)
+            record(path, scene.solid, scene.hand, motion, scene.strategy, mode="resume", device=device)
             break
         except ContourFileError:
             if left == 0 or not (FolderLock.is_held(work_folder(path)) or is_kept(path)):
@@ -145,7 +145,7 @@ def contours_of(scene: Scene, motion: HandMotion, key: str, store: Path, device:
     """A rendering's contours: read where they are kept, else rendered as they are read."""
     path = contours_at(store, key)
     if not is_kept(path):
-        yield RenderedContours(scene, motion, device, name=scene.thing.name)
+        yield RenderedContours(scene, motion, device, name=scene.solid.name)
         return
     with ContourFile(path) as file:
         yield file

@@ -25,8 +25,8 @@ from ...kernels.metrics.tally import METRICS, STATISTICS, sum_parts, tally_conto
 from ..contour_batch import ContourBatch
 from ..errors import SweepError
 from ..hands.hand import PatchHand
-from ..intersection.scene import Scene
-from ..runtime.stage_timing import StageClock, settled, stage_times
+from ..intersection.scene import PoseBlock, Scene
+from ..runtime.stage_timing import StageClock, resolved_times, stage_times
 from ..sampling.strategy import SamplingStrategy
 from ..stages.registry import BY_RAW_KERNELS
 from .sweep_frequency import Pacer, needs_contours
@@ -106,7 +106,7 @@ def measure_batch(
     with StageClock(clock, "measure", device):
         sums = _sums(tallied, parts, asked, samplings, device)
     found = sums.numpy()  # the one download; waits for all that was asked of the device
-    seconds = settled(clock)
+    seconds = resolved_times(clock)
     if timing is not None:
         timing |= {stage: timing.get(stage, 0.0) + s for stage, s in seconds.items()}
     pacing = {"frequency": seconds.pop("frequency") / max(1, len(asked))}
@@ -163,7 +163,8 @@ def _tallied(
 
     The area is of raw contours, since stages may leave what encloses something else.
     """
-    batch = scene.raw_contours(pose, first, device, point_limit=limit, timing=clock)
+    block = PoseBlock(pose, first, device, limit, clock)
+    batch = scene.raw_contours(block)
     encloses = scene.strategy.closes and isinstance(scene.hand, PatchHand)
     stages = [stage.name for stage in scene.strategy.prune_stages if stage.name not in BY_RAW_KERNELS]
     names = (*METRICS, *dict.fromkeys(map(removed_name, stages)))
@@ -175,7 +176,7 @@ def _tallied(
     if not scene.is_raw:
         if encloses:
             tally_contours(batch, value, length, measures=False, encloses=True)
-        batch, removed = scene.staged(batch, pose, first, device, timing=clock)
+        batch, removed = scene.staged(batch, block)
         batch = batch.to(device)
     with StageClock(clock, "measure", device):
         tally_contours(batch, value, length, measures=True, encloses=encloses and scene.is_raw)
@@ -191,7 +192,7 @@ def _tallied_undrawn(
     """The same of contours that are raw and exact, and not drawn: a GPU takes longer to write points than to walk."""
     value = wp.empty((len(METRICS) + 2 * paced, len(pose)), dtype=wp.float32, device=device)
     length = wp.empty(len(pose), dtype=wp.float64, device=device)
-    scene.tally(pose, first, device, value, length, timing=clock)
+    scene.tally(PoseBlock(pose, first, device, timing=clock), value, length)
     return Tallied(None, METRICS, value, length)
 
 

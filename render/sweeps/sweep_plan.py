@@ -20,7 +20,7 @@ from ...device.errors import DeviceError
 from ..errors import PalpateWarning, PlanError, RenderError
 from ..runtime.span_workers import WORKERS_MOST
 from ..trust.permission import AllowCode, Code, Namer, require_permission
-from ..validation import told
+from ..validation import value_text
 from .sweep_axes import DEFAULT_SOURCES, KEYS, MODELS, AxisTable, require_agreement, require_playable
 from .sweep_constraint import Constraint, constraint_of
 from .sweep_lines import Place, key_lines, line_of
@@ -38,7 +38,7 @@ def _names(known: tuple[str, ...]) -> BeforeValidator:
 
     def read(value: object) -> list[str]:
         if not isinstance(value, list):
-            refuse(f"must be a list of {', '.join(known)}, not {told(value)}")
+            refuse(f"must be a list of {', '.join(known)}, not {value_text(value)}")
         out: list[str] = []
         for k, item in enumerate(value):
             try:
@@ -52,7 +52,7 @@ def _names(known: tuple[str, ...]) -> BeforeValidator:
 
 def _read_flag(value: object) -> bool:
     if not isinstance(value, bool):
-        refuse(f"must be true or false, not {told(value)}")
+        refuse(f"must be true or false, not {value_text(value)}")
     return value
 
 
@@ -61,9 +61,9 @@ def _read_device(value: object) -> str:
     names = value if isinstance(value, list) else str(value).split(",") if isinstance(value, str) else []
     names = [name.strip() if isinstance(name, str) else name for name in names]
     if not names or not all(isinstance(name, str) and DEVICE.fullmatch(name) for name in names):
-        refuse(f"must be auto, cpu, cuda, cuda:0 or a list of these, not {told(value)}")
+        refuse(f"must be auto, cpu, cuda, cuda:0 or a list of these, not {value_text(value)}")
     if len(set(names)) < len(names) or (len(names) > 1 and {"auto", "cuda"} & set(names)):
-        refuse(f"must name each device once, and auto or cuda alone, not {told(value)}")
+        refuse(f"must name each device once, and auto or cuda alone, not {value_text(value)}")
     return ",".join(names)
 
 
@@ -71,7 +71,7 @@ def _read_workers(value: object) -> int | None:
     if value == "auto":
         return None
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= WORKERS_MOST:
-        refuse(f"must be auto, or a number of workers in 1..{WORKERS_MOST}, not {told(value)}")
+        refuse(f"must be auto, or a number of workers in 1..{WORKERS_MOST}, not {value_text(value)}")
     return value
 
 
@@ -119,7 +119,7 @@ class _Document:
     def validated(self, model: type[BaseModel], table: object, place: Place, shelf: Shelf | None = None) -> Any:
         """A table as its model has it; None, with its faults noted, if it is none."""
         if not isinstance(table, dict):
-            return self.fault(place, f"must be a table, not {told(table)}")
+            return self.fault(place, f"must be a table, not {value_text(table)}")
         try:
             return model.model_validate(table, context=shelf)
         except ValidationError as error:
@@ -344,14 +344,14 @@ def _judge_drives(document: _Document, product: Product) -> None:
     samplings, arrays = (axis for axis in product.axes if axis.name in ("sampling", "array"))
     if samplings.is_lazy or arrays.is_lazy:
         return
-    told: set[tuple[float, int, str]] = set()
+    reported: set[tuple[float, int, str]] = set()
     for sampling in samplings.parts():
         described = sampling.content["described"]
         for array in arrays.parts():
             case = described["update_rate"], described["foci"], array.digest
-            if case in told or not product.has({"sampling": sampling, "array": array}):
+            if case in reported or not product.has({"sampling": sampling, "array": array}):
                 continue
-            told.add(case)
+            reported.add(case)
             try:
                 require_playable(sampling, array)
             except (RenderError, DeviceError) as error:
@@ -386,7 +386,7 @@ def _constraints(document: _Document, name: Literal["exclude", "only"] | str, fo
     """Constraints of one kind."""
     given = document.tables.get(name, [])
     if not isinstance(given, list):
-        document.fault((name,), f"must be tables, [[{name}]], not {told(given)}")
+        document.fault((name,), f"must be tables, [[{name}]], not {value_text(given)}")
         return []
     out: list[Constraint] = []
     for k, table in enumerate(given):

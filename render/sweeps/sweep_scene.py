@@ -87,7 +87,7 @@ class Rendering:
 
         Not where a user's stage sees them, which may go by `Setting.first` and by what else is in its batch.
         """
-        return self.scene.hand.pose_count is None and self.scene.moved is None and not self.has_own_stages
+        return self.scene.hand.pose_count is None and self.scene.object_pose is None and not self.has_own_stages
 
 
 class Workshop:

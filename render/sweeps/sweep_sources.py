@@ -36,7 +36,7 @@ from ..stages.registry import Stage, find_stage
 from ..strategies.intersection_strategy import PRESETS, IntersectionStrategy, draft_strategy, load_strategy
 from ..strategies.user_stage_sources import require_unedited, stage_sources
 from ..trust.permission import UNNAMED, AllowCode, Code, Namer
-from ..validation import told
+from ..validation import value_text
 from .sweep_recipe import digest_source
 from .sweep_values import Fault, Values, refuse
 
@@ -134,7 +134,7 @@ def alignments(value: object, info: ValidationInfo) -> Values:
     for k, item in enumerate(items):
         place = (k,) if isinstance(value, list) else ()
         if not isinstance(item, str):
-            refuse(f"must be the path of a JSON file, not {told(item)}", place)
+            refuse(f"must be the path of a JSON file, not {value_text(item)}", place)
         path = shelf.file(item)
         _refuse_bytes(str(path), place)
         try:
@@ -148,7 +148,7 @@ def alignments(value: object, info: ValidationInfo) -> Values:
 def _found(axis: str, item: object, shelf: Shelf, place: tuple[int, ...]) -> list[Source]:
     """What one entry of `source` names: one source, or all files of a pattern."""
     if not isinstance(item, str) or not item:
-        refuse(f"must be a name, a path or a pattern of paths, not {told(item)}", place)
+        refuse(f"must be a name, a path or a pattern of paths, not {value_text(item)}", place)
     texts = [item]
     if any(joker in item for joker in JOKERS) and not shelf.file(item).is_file():
         texts = sorted(glob.glob(item, root_dir=shelf.folder, recursive=True))

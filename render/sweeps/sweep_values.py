@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NoReturn, overload
 
-from ..validation import told
+from ..validation import value_text
 from .sweep_lines import Place
 
 QUANTITY = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s\d].*?)\s*")
@@ -90,13 +90,13 @@ class Number:
         if isinstance(value, str):
             refuse(self._of_text(value))
         if isinstance(value, bool) or not isinstance(value, int | float):
-            refuse(f"must be a number in {self.span}, not {told(value)}")
+            refuse(f"must be a number in {self.span}, not {value_text(value)}")
         if not self.low <= value <= self.high:  # a NaN compares false
-            refuse(f"must lie in {self.span}, not {told(value)}{self._smaller_unit(value)}")
+            refuse(f"must lie in {self.span}, not {value_text(value)}{self._smaller_unit(value)}")
         if not self.whole:
             return float(value) + 0.0  # no -0.0
         if isinstance(value, float) and not value.is_integer():
-            refuse(f"must be a whole number in {self.span}, not {told(value)}")
+            refuse(f"must be a whole number in {self.span}, not {value_text(value)}")
         return int(value)
 
     def _of_text(self, text: str) -> str:
@@ -129,7 +129,7 @@ class Vector:
     def __call__(self, value: object) -> list[float]:
         """The numbers."""
         if not isinstance(value, list) or len(value) != self.size:
-            refuse(f"must be a list of {self.size} numbers in {self.number.span}, not {told(value)}")
+            refuse(f"must be a list of {self.size} numbers in {self.number.span}, not {value_text(value)}")
         return [_at(k, self.number, item) for k, item in enumerate(value)]
 
 
@@ -156,7 +156,7 @@ class Choice:
     def __call__(self, value: object) -> str:
         """The name."""
         if not isinstance(value, str) or value not in self.known:
-            refuse(f"must be one of {', '.join(self.known)}, not {told(value)}{near(value, self.known)}")
+            refuse(f"must be one of {', '.join(self.known)}, not {value_text(value)}{near(value, self.known)}")
         return value
 
 
@@ -167,7 +167,7 @@ class Text:
     def __call__(self, value: object) -> str:
         """The text."""
         if not isinstance(value, str) or not value:
-            refuse(f"must be a text, not {told(value)}")
+            refuse(f"must be a text, not {value_text(value)}")
         return value
 
 
@@ -180,7 +180,7 @@ def swept(check: Check) -> Callable[[object], Values]:
     def read(value: object) -> Values:
         if isinstance(value, dict):
             if not isinstance(check, Number):
-                refuse(f"cannot be a range, {told(value)}: it is no number")
+                refuse(f"cannot be a range, {value_text(value)}: it is no number")
             return Values(_ranged(value, check))
         several = isinstance(value, list)
         if isinstance(check, Vector | Labels):
@@ -219,7 +219,7 @@ def _ranged(value: dict[str, Any], check: Number) -> Sequence[float]:
     for key in keys - (LINEAR | STEPPED | SEEDS):
         refuse(f"unknown key {key!r} of a range; known: from, to, count, step, log, first", (key,))
     if keys not in (LINEAR, STEPPED, SEEDS):
-        refuse(f"a range is from, to and count, or from, to and step, or first and count, not {told(value)}")
+        refuse(f"a range is from, to and count, or from, to and step, or first and count, not {value_text(value)}")
     if keys == SEEDS:
         return _consecutive(value, check)
     first, last = (_at_key(end, check, value[end]) for end in ("from", "to"))
@@ -227,7 +227,7 @@ def _ranged(value: dict[str, Any], check: Number) -> Sequence[float]:
         refuse(f"must be at most `to`, {last:g}, not {first:g}", ("from",))
     log = value.get("log", False)
     if not isinstance(log, bool) or (log and "step" in value):
-        refuse(f"must be true or false, and goes with from, to and count, not {told(log)}", ("log",))
+        refuse(f"must be true or false, and goes with from, to and count, not {value_text(log)}", ("log",))
     if "step" in value:
         return _stepped(value["step"], first, last, check)
     count = int(_at_key("count", Number(1, COUNT_MOST, whole=True), value["count"]))
@@ -250,7 +250,7 @@ def _at_key(key: str, check: Callable[[Any], Any], item: object) -> Any:
 def _consecutive(value: dict[str, Any], check: Number) -> range:
     """Seeds."""
     if not check.whole:
-        refuse(f"first and count are of whole numbers; here from, to and count, or step, not {told(value)}")
+        refuse(f"first and count are of whole numbers; here from, to and count, or step, not {value_text(value)}")
     if "log" in value:
         refuse("goes with from, to and count", ("log",))
     first = int(_at_key("first", check, value["first"]))
@@ -264,10 +264,10 @@ def _stepped(value: object, first: float, last: float, check: Number) -> Sequenc
     span = fraction(last) - fraction(first)
     step = fraction(_at_key("step", Number(0, 1e300, check.unit), value))
     if step == 0:
-        refuse(f"must be above 0, not {told(value)}", ("step",))
+        refuse(f"must be above 0, not {value_text(value)}", ("step",))
     count = span // step + 1  # a whole number of any size
     if count > COUNT_MOST:
-        refuse(f"must be larger: more than {COUNT_MOST:g} numbers are {told(value)} apart", ("step",))
+        refuse(f"must be larger: more than {COUNT_MOST:g} numbers are {value_text(value)} apart", ("step",))
     return _spaced(first, step, count, check)
 
 

@@ -1,4 +1,4 @@
-"""How the command line talks: progress and warnings to standard error, results to standard output, exit codes."""
+"""Output of the command line: progress and warnings on standard error, results on standard output, exit codes."""
 
 import contextlib
 import json
@@ -29,15 +29,15 @@ from ..errors import (
 )
 from ..runtime.kernel_cache import require_private_cache, unusable_cache
 from ..runtime.loading_progress import Watch, unwatched
-from .foreign_text import errors, show_table, tell, visible
+from .foreign_text import errors, print_message, show_table, visible
 
-TOLD_WARNINGS = (PalpateWarning, RecordingWarning)
+SHOWN_WARNINGS = (PalpateWarning, RecordingWarning)
 
 DONE, FAILED, MISUSED = 0, 1, 2
 
 DESCRIPTION = TextColumn("{task.description}", markup=False)
 
-LOADING_SILENT = 1.0  # [s]; what loads in less needs no bar
+LOADING_SILENT = 1.0  # [s] before a progress bar for loading appears
 
 MISUSES = (
     StrategyError,
@@ -49,15 +49,15 @@ MISUSES = (
     UnknownArrayError,
     UpdateRateError,
 )
-"""Errors that are about what was asked, not about what happened."""
+"""Errors caused by the request (exit code MISUSED); others are failures of a valid request (FAILED)."""
 
 
 def start_warp() -> None:
     """Start Warp without its greeting, and without the line it writes where there is no CUDA driver.
 
-    That line comes from native code, past every setting; whatever else is written meanwhile is passed on.
-    The cache of kernels is made for this user alone; raises KernelCacheError for one that others can
-    write, or that cannot be made.
+    Native code writes that line and no setting prevents it, so standard error is caught meanwhile and the rest is
+    written again. The kernel cache is created for this user alone; raises KernelCacheError for one that other users
+    can write, or that cannot be created.
     """
     wp.config.log_level = wp.LOG_WARNING
     sys.stderr.flush()
@@ -68,7 +68,7 @@ def start_warp() -> None:
         try:
             wp.init()
         except OSError as error:
-            if error.filename is None:  # of Warp's own libraries
+            if error.filename is None:  # an error of Warp's own libraries, not of the cache
                 raise
             raise unusable_cache(error) from error
         finally:
@@ -108,27 +108,27 @@ UNITS = {
     "absence_max": "s",
     "height": "m",
 }
-"""What stands behind a value in a table; machines have docs/guide/command-line.md."""
+"""Units shown after values in tables; for --json, docs/guide/command-line.md gives them."""
 
 
-def say(
+def show_values(
     values: dict,
     *,
     as_json: bool,
     title: str,
-    told: Collection[str] | None = None,
+    shown_names: Collection[str] | None = None,
     unknown: Collection[str] = (),
 ) -> None:
-    """Print results: one JSON object for machines, a table for people, of the values `told` (all).
+    """Print results: one JSON object with all values, or a table with those in `shown_names` (by default all).
 
-    A value that is None has no row in the table, or "not known" if it is one of `unknown`.
+    A value that is None has no row in the table, or "not known" if its name is in `unknown`.
     """
     if as_json:
         sys.stdout.write(json_line(values))
         return
     rows: list[tuple[str, str]] = []
     for name, value in values.items():
-        if told is not None and name not in told:
+        if shown_names is not None and name not in shown_names:
             continue
         if value is not None:
             unit = f" {UNITS[name]}" if name in UNITS else ""
@@ -139,15 +139,12 @@ def say(
 
 
 def json_line(values: object) -> str:
-    """One line of JSON, all of it ASCII; numbers that JSON has no word for (NaN, infinity) become null."""
-    return json.dumps(finite(values), allow_nan=False).replace("\x7f", "\\u007f") + "\n"  # the control character left
+    """One line of ASCII JSON; NaN and infinity, which JSON does not have, become null."""
+    return json.dumps(finite(values), allow_nan=False).replace("\x7f", "\\u007f") + "\n"  # json.dumps leaves DEL
 
 
 def finite(value: object) -> object:
-    """A value with plain numbers, None where they are not finite."""
-    if isinstance(value, dict) and "stage" in value:
-        options = ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if key != "stage")
-        return f"{value['stage']} ({options})"
+    """A value with numbers as Python's types, None for those that are not finite; containers element by element."""
     if isinstance(value, dict):
         return {str(key): finite(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
@@ -156,14 +153,17 @@ def finite(value: object) -> object:
         return value
     if isinstance(value, np.integer):
         return int(value)
-    number = float(value)  # type: ignore[arg-type]  # what is left is a float, NumPy's or Python's
+    number = float(value)  # type: ignore[arg-type]  # only floats are left, NumPy's or Python's
     return number if np.isfinite(number) else None
 
 
 def shown(value: object) -> str:
-    """A value for people."""
+    """A value as words for a table."""
     if isinstance(value, float):
         return f"{value:.6g}"
+    if isinstance(value, dict) and "stage" in value:
+        options = ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if key != "stage")
+        return f"{value['stage']} ({options})"
     if isinstance(value, dict):
         return ", ".join(f"{key} {shown(inner)}" for key, inner in value.items() if inner is not None)
     if isinstance(value, (list, tuple)):
@@ -173,7 +173,7 @@ def shown(value: object) -> str:
 
 @contextlib.contextmanager
 def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], None]]:
-    """A bar on standard error while something runs; called with what is done and the total."""
+    """Progress bar on standard error; yields a function to call with the count done and the total."""
     if quiet or not errors.is_terminal:
         yield lambda done, total: None
         return
@@ -185,9 +185,9 @@ def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], No
 
 @contextlib.contextmanager
 def loading_bar(title: str, *, quiet: bool) -> Iterator[Watch]:
-    """A bar on standard error once something has been loading for LOADING_SILENT, with the name of its stage.
+    """Progress bar with the stage's name on standard error, once loading has taken LOADING_SILENT.
 
-    A timer shows it, since a stage that is one call of NumPy reports nothing until its end.
+    A timer starts it, because a stage that is one call of NumPy reports nothing before its end.
     """
     if quiet or not errors.is_terminal:
         yield unwatched
@@ -210,48 +210,48 @@ def loading_bar(title: str, *, quiet: bool) -> Iterator[Watch]:
 
 @contextlib.contextmanager
 def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatistics, int], None]]:
-    """A title when playing has begun, then live statistics, on standard error; called with these and the frames in all.
+    """A title when playing begins, then live statistics, on standard error.
 
-    quiet, or no terminal: the title alone.
+    Yields a function to call with the statistics and the number of all frames. quiet, or no terminal: title only.
     """
     begun = False
 
     def begin() -> None:
         nonlocal begun
         if not begun:
-            tell(title)
+            print_message(title)
             begun = True
 
     if quiet or not errors.is_terminal:
         yield lambda live, total: begin()
         return
-    told = TextColumn("{task.fields[told]}", markup=False)
-    with Progress(BarColumn(), MofNCompleteColumn(), told, console=errors, transient=True) as progress:
-        task = progress.add_task("frames", total=None, told="")
+    statistics = TextColumn("{task.fields[statistics]}", markup=False)
+    with Progress(BarColumn(), MofNCompleteColumn(), statistics, console=errors, transient=True) as progress:
+        task = progress.add_task("frames", total=None, statistics="")
 
         def show(live: LiveStatistics, total: int) -> None:
             begin()
-            told = (
+            text = (
                 f"{live.queue_bytes >> 10} KiB under way, {live.underruns} underruns, "
                 f"{live.lateness * 1e3:.1f} ms behind"
             )
-            progress.update(task, completed=live.frames, total=total, told=told)
+            progress.update(task, completed=live.frames, total=total, statistics=text)
 
         yield show
 
 
 def parsed(app: Callable[..., object]) -> int:
-    """The exit code of a typer app; what typer says of wrong arguments, and a traceback, are made visible."""
+    """Run a typer app and return its exit code; control characters in its messages and tracebacks are escaped."""
     try:
         code = app(standalone_mode=False)
     except Exception as error:
         message = getattr(error, "message", None)
-        if not hasattr(error, "format_message") or not isinstance(message, str):  # none of typer's
+        if not hasattr(error, "format_message") or not isinstance(message, str):  # not an error of typer
             for line in "".join(traceback.format_exception(error)).splitlines():
-                tell(line)
+                print_message(line)
             return FAILED
         shown: Any = error
-        if sys.argv[1:]:  # without any it is the help, which has several lines
+        if sys.argv[1:]:  # without arguments the message is the help, whose line breaks must stay
             shown.message = visible(message)
         shown.show()
         return int(shown.exit_code)
@@ -259,20 +259,20 @@ def parsed(app: Callable[..., object]) -> int:
 
 
 def run(command: Callable[[], object], *, as_json: bool) -> int:
-    """Run a command and turn what goes wrong into one sentence and an exit code; no traceback for a user's mistake."""
+    """Run a command; errors become one sentence and an exit code, without a traceback."""
     try:
         code = _run(command, as_json=as_json)
         sys.stdout.flush()
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what the interpreter flushes in the end
-        tell("standard output was closed before the results were written", "error")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the last flush fails again
+        print_message("standard output was closed before the results were written", "error")
         return FAILED
     return code
 
 
 def _run(command: Callable[[], object], *, as_json: bool) -> int:
     with warnings.catch_warnings():
-        for kind in TOLD_WARNINGS:
+        for kind in SHOWN_WARNINGS:
             warnings.simplefilter("always", kind)
         warnings.showwarning = _show_warning
         try:
@@ -287,41 +287,41 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
             return fail("interrupted", FAILED, as_json)
         except BrokenPipeError:
             raise
-        except Exception as error:  # a fault of palpate's own: still one sentence, and the way to say more
+        except Exception as error:  # a bug in palpate: one sentence too, with the way to a traceback
             if os.environ.get("PALPATE_TRACEBACK"):
                 raise
-            told = f"{type(error).__name__}: {error}"
-            return fail(f"{told} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
+            name = f"{type(error).__name__}: {error}"
+            return fail(f"{name} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
     return code if isinstance(code, int) else DONE
 
 
 def fail(
     message: str, code: int, as_json: bool, report: PlayReport | None = None, *, lines: Sequence[object] = ()
 ) -> int:
-    """Say what went wrong. lines: the message's, where it has several."""
+    """Report an error and return its exit code. lines: of a message that has several lines."""
     first, *rest = lines or (message,)
-    tell(first, "error")
+    print_message(first, "error")
     for line in rest:
-        tell(line)
+        print_message(line)
     if as_json:
         late = [late_warning(report)] if report and report.is_late else []
         played = {"report": report.as_dict(), "warnings": late} if report else {}
         sys.stdout.write(json_line({"error": message, **played}))
     elif report:
         after = "" if report.off_after is None else f"off frames taken {report.off_after:.3g} s after the end; "
-        tell(f"played until then: {report.frames} frames; {after}{told_of_off(report)}")
+        print_message(f"played until then: {report.frames} frames; {after}{off_state(report)}")
         if report.is_late:
             warn(late_warning(report))
     return code
 
 
-def told_of_off(report: PlayReport) -> str:
-    """Whether an array is off, in words."""
+def off_state(report: PlayReport) -> str:
+    """Words on whether an array is off."""
     return report.off_doubt or "the array says that it is off"
 
 
 def late_warning(report: PlayReport) -> str:
-    """How often an array ran dry, was silent amid the content, and how late frames were; and who says so."""
+    """Sentence on how often an array ran out of frames or was silent, and how late frames were, with the source."""
     board = "the board's own count is not known"
     if report.board_underruns is not None and report.board_starved is not None:
         board = f"by the board's own count {report.board_underruns} times, for {report.board_starved:.4g} s"
@@ -337,7 +337,7 @@ def late_warning(report: PlayReport) -> str:
 
 def warn(sentence: str) -> None:
     """Warn on standard error."""
-    tell(sentence, "warning")
+    print_message(sentence, "warning")
 
 
 def _report_of(error: BaseException) -> PlayReport | None:
@@ -346,4 +346,4 @@ def _report_of(error: BaseException) -> PlayReport | None:
 
 def _show_warning(message: Warning | str, category: type[Warning], *rest: object) -> None:
     del category, rest
-    tell(message, "warning")
+    print_message(message, "warning")

@@ -34,7 +34,7 @@ def plain(text: object) -> Text:
     return Text(visible(text))
 
 
-def tell(text: object, kind: Literal["", "error", "warning", "note"] = "") -> None:
+def print_message(text: object, kind: Literal["", "error", "warning", "note"] = "") -> None:
     """A line on standard error, begun with what kind of news it is."""
     errors.print(Text.assemble((f"{kind}: ", STYLES[kind]), visible(text)) if kind else plain(text))
 

@@ -1,13 +1,13 @@
-"""Code that data name is run only where a person said so.
+"""Permission to run code that is named by data files; without it such code never runs.
 
-| who says so | what then runs |
+| permission by | code that may run |
 |---|---|
-| `--allow-code`, `allow_code=True` | all code that this command, or this call, names |
-| `palpate trust FILE` | code whose files, and the file that names it, are as they were then (`trust_store`) |
-| the parent of a sweep | in its workers, files with the SHA-256 of those that the parent ran |
+| `--allow-code`, `allow_code=True` | all code that the files of this command or call name |
+| `palpate trust FILE` | code whose files, and the file that names it, have not changed since (`accepted_code`) |
+| the parent process of a sweep | in its workers, files with the SHA-256 of those that the parent ran |
 
-Code that a script passes as an object (a function, a registered stage) needs no permission, nor does a module that this
-process has imported already: loading it runs nothing.
+Code that a script passes as an object (a function, a registered stage) needs no permission. Nor does a module that this
+process has imported already, because loading it again runs nothing.
 """
 
 import hashlib
@@ -22,49 +22,49 @@ from .accepted_code import accepted
 FORMAT = "palpate code 1"
 
 AllowCode = bool | frozenset[str]
-"""True: all code; False: what the store has accepted; a set: files with one of these SHA-256, and no other."""
+"""True: all code; False: code that `palpate trust` has accepted; a set: only files with one of these SHA-256."""
 
 
 @dataclass(frozen=True)
 class Namer:
-    """The data that name code."""
+    """Source of a name of code: a data file, or the user."""
 
     path: str = ""
-    """Their file; empty: a command line, or a script."""
+    """Path of the data file; empty: a command line, or a script."""
     sha256: str = ""
-    """Of their text; empty: a person wrote the name."""
+    """SHA-256 of its text; empty: the user gave the name."""
 
     @classmethod
     def of(cls, path: object, text: str) -> "Namer":
-        """A file of data and its text."""
+        """Namer for a data file with this text."""
         return cls(str(path), hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest())
 
 
 UNNAMED: Final = Namer()
-"""A person wrote the name."""
+"""The user gave the name."""
 
 
 @dataclass(frozen=True)
 class Code:
-    """Code that data name, found and read; none of it was run."""
+    """Code that a data file or the user names: located and read, not run."""
 
     name: str
-    """As the data have it: a module, `file.py:function`, `package.module:function`; or a file alone."""
+    """Name as given: a module, `file.py:function`, `package.module:function`, or a file."""
     files: tuple[tuple[str, str], ...]
-    """Path and SHA-256 of each file that would run: of a module in packages, theirs come first."""
+    """Path and SHA-256 of each file that would run; files of the packages around a module come first."""
     namer: Namer = UNNAMED
     is_loaded: bool = False
-    """Whether this process has imported it, as it is now."""
+    """Whether this process has already imported exactly this code."""
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the files' content, the name, and the text of what names them: what `palpate trust` accepts."""
+        """SHA-256 over the files' contents, the name and the naming file's text; `palpate trust` stores it."""
         lines = [FORMAT, self.namer.sha256, self.name if self.namer.sha256 else "", *(sha for _, sha in self.files)]
         return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
     @property
     def acceptable(self) -> str:
-        """What `palpate trust` is given to accept it; empty for a text that is no file's."""
+        """Argument of `palpate trust` that accepts this code; empty if a text without a file names it."""
         if self.namer.sha256:
             return self.namer.path
         is_file = self.name.rpartition(":")[0].endswith(".py") or self.name.endswith(".py")
@@ -72,13 +72,13 @@ class Code:
 
     @property
     def title(self) -> str:
-        """In sentences."""
+        """Name and files, for messages."""
         files = ", ".join(f"{path}, SHA-256 {sha256[:16]}" for path, sha256 in self.files)
         return f"{self.name} ({files or 'no file: a part of Python itself, or a folder'})"
 
 
 def require_permission(codes: Sequence[Code], allow_code: AllowCode) -> None:
-    """Raise UntrustedCodeError, which lists what would run, unless all of it may; runs nothing."""
+    """Raise UntrustedCodeError, which lists the code, unless all of it may run; runs nothing."""
     codes = [code for code in codes if not code.is_loaded]
     if allow_code is True or not codes:
         return
@@ -96,7 +96,7 @@ def require_permission(codes: Sequence[Code], allow_code: AllowCode) -> None:
 
 
 def _refusal(codes: Sequence[Code]) -> str:
-    """What would run, and how to permit it."""
+    """Error message: the code that would run, and how to permit it."""
     titles = "; ".join(dict.fromkeys(code.title for code in codes))
     words = dict.fromkeys(code.acceptable for code in codes)
     accepts = f", `palpate trust {shlex.join(words)}` accepts it as it is now" if all(words) else ""

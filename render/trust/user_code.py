@@ -33,7 +33,7 @@ _SHA256: dict[str, str] = {}
 
 
 @dataclass(frozen=True)
-class Source:
+class CodeSource:
     """Where code is, and how it is run."""
 
     code: Code
@@ -45,7 +45,7 @@ class Source:
     """Of that file."""
 
 
-def find_module(name: str, folder: Path | None, namer: Namer) -> Source:
+def find_module(name: str, folder: Path | None, namer: Namer) -> CodeSource:
     """A module that a strategy names, beside its file or on Python's path; raises ImportError if there is none, and
     OSError for one that cannot be read."""
     beside = None if folder is None or "." in name else folder / f"{name}.py"
@@ -54,7 +54,7 @@ def find_module(name: str, folder: Path | None, namer: Namer) -> Source:
     return find_installed(name, namer)
 
 
-def find_file(path: Path, namer: Namer) -> Source:
+def find_file(path: Path, namer: Namer) -> CodeSource:
     """A Python file that a function is in; one that was edited becomes another module. Raises ImportError, OSError."""
     if not path.is_file():
         raise ImportError("no such file")
@@ -62,7 +62,7 @@ def find_file(path: Path, namer: Namer) -> Source:
     return _of_file(path, path.name, namer, own=_private_name(path, content), content=content)
 
 
-def find_installed(name: str, namer: Namer) -> Source:
+def find_installed(name: str, namer: Namer) -> CodeSource:
     """A module on Python's path, found without importing the packages that it is in; raises ImportError, OSError."""
     is_loaded = name in sys.modules
     if is_loaded:
@@ -74,17 +74,17 @@ def find_installed(name: str, namer: Namer) -> Source:
     if not is_loaded and (unread := [origin for origin, content in contents if content is None]):
         raise ImportError(f"{name!r} comes from {unread[0]}, which cannot be read, so nobody can judge it")
     digests = tuple((origin, _sha256(content)) for origin, content in contents if content is not None)
-    return Source(Code(name, digests, namer, is_loaded), name)
+    return CodeSource(Code(name, digests, namer, is_loaded), name)
 
 
-def run_all(sources: Iterable[Source], allow_code: AllowCode) -> list[ModuleType]:
+def run_all(sources: Iterable[CodeSource], allow_code: AllowCode) -> list[ModuleType]:
     """Run code, unless this process has: raises UntrustedCodeError before any of it, and whatever the code raises."""
     sources = list(sources)
     require_permission([source.code for source in sources], allow_code)
     return [_run(source) for source in sources]
 
 
-def _of_file(path: Path, name: str, namer: Namer, *, own: str, content: bytes | None = None) -> Source:
+def _of_file(path: Path, name: str, namer: Namer, *, own: str, content: bytes | None = None) -> CodeSource:
     content = read_code(path) if content is None else content
     imported = sys.modules.get(name)
     file = getattr(imported, "__file__", None)
@@ -92,10 +92,10 @@ def _of_file(path: Path, name: str, namer: Namer, *, own: str, content: bytes | 
         own = name
     is_loaded = own == name or (own in sys.modules and _SHA256.get(own) == _sha256(content))
     code = Code(name, ((str(path.resolve()), _sha256(content)),), namer, is_loaded)
-    return Source(code, own, path, content)
+    return CodeSource(code, own, path, content)
 
 
-def _run(source: Source) -> ModuleType:
+def _run(source: CodeSource) -> ModuleType:
     if source.path is None:
         return importlib.import_module(source.module)
     with _LOCK:

@@ -20,7 +20,9 @@ def run_stage(name, batch, setting, **options):
 
 
 def a_setting(pose, *, thing=None, hand=None, device="cpu", moved=None):
-    return Setting(thing, hand or Palm(), np.asarray(pose, np.float32), 0, device, FOCAL_WIDTH, 0.0025, moved=moved)
+    return Setting(
+        thing, hand or Palm(), np.asarray(pose, np.float32), 0, device, FOCAL_WIDTH, 0.0025, object_pose=moved
+    )
 
 
 def random_poses(rng, count):

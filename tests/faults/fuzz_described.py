@@ -95,11 +95,11 @@ def read_volume(path: Path) -> Any:
 
 def cache_seeds(folder: Path) -> None:
     from palpate.render.objects.mesh.cache import write_entry
-    from palpate.render.objects.mesh.repair import Repair, mend_mesh
+    from palpate.render.objects.mesh.repair import Repair, repair_mesh
 
     mesh = box()
     write_entry(
-        folder / f"{'0' * 64}.npz", mend_mesh(mesh.vertices, mesh.faces.astype(np.int64), Repair("winding", 0, 0))
+        folder / f"{'0' * 64}.npz", repair_mesh(mesh.vertices, mesh.faces.astype(np.int64), Repair("winding", 0, 0))
     )
 
 

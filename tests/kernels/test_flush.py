@@ -19,7 +19,7 @@ from palpate.datasets.shapes.built_in import shape
 from palpate.kernels.flush import settle_patches
 from palpate.render import ImplicitObject, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
-from palpate.render.intersection.scene import Scene
+from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.objects.functions.expression import box
 from palpate.render.playback.live import PoseContours
 
@@ -62,7 +62,7 @@ def lengths_at_rest(name, palm, offset, strategy, *, distance=0.2, count=60, see
     ]
     moved = np.hstack([places, turns.as_quat()]).astype(np.float32)
     thing = MeshObject(vertices + np.array([0.0, 0.0, 0.2]), faces)
-    return np.array(still), render(thing, palm, poses, strategy, moved=moved, device=device).length()
+    return np.array(still), render(thing, palm, poses, strategy, object_pose=moved, device=device).length()
 
 
 @pytest.mark.exhaustive
@@ -182,7 +182,7 @@ def test_one_pose_at_a_time_and_undrawn_sums_have_the_same_flush():
             points = PoseContours(thing, palm, strategy, method=method).at(pose).points
             assert points.tobytes() == expected.points.tobytes()
         value, length = empty(1, "cpu")
-        Scene.of(thing, palm, strategy).tally(pose[None], 0, "cpu", value, length)
+        Scene.of(thing, palm, strategy).tally(PoseBlock(pose[None], 0, "cpu"), value, length)
         assert length.numpy()[0] == pytest.approx(0.16, abs=TOLERANCE)
         assert expected.length()[0] == pytest.approx(0.16, abs=TOLERANCE)
 
@@ -198,7 +198,7 @@ def test_every_patch_of_a_hand_rests(articulated, device):
     hand = PlaneHand(patches, (), own)
     moved = np.hstack([places, turns.as_quat()]).astype(np.float32)
     thing = MeshObject(vertices + np.array([0.0, 0.0, 0.2]), faces)
-    lengths = render(thing, hand, poses, closed_contour(), moved=moved, device=device).length()
+    lengths = render(thing, hand, poses, closed_contour(), object_pose=moved, device=device).length()
     assert lengths == pytest.approx(0.24, abs=TOLERANCE)
 
 
@@ -209,6 +209,6 @@ def test_a_palm_on_the_face_of_a_function_gives_one_outcome(device):
     moved = np.hstack([places, turns.as_quat()]).astype(np.float32)
     strategy = IntersectionStrategy(prune=("outside",), transform=("close",), step=0.004)
     lengths = render(
-        cube, Palm(0.04, 0.04), carried(turns, places, [0, 0, 0.065]), strategy, moved=moved, device=device
+        cube, Palm(0.04, 0.04), carried(turns, places, [0, 0, 0.065]), strategy, object_pose=moved, device=device
     )
     assert lengths.length() == pytest.approx(0.16, abs=1e-4)

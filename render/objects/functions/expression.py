@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...errors import ImplicitError
-from ...validation import told
+from ...validation import value_text
 
 Vector = tuple[float, float, float]
 UNIT = 1e-14  # a length this near to 1 is 1
@@ -35,14 +35,14 @@ FARTHEST = 1e3  # [m]; of every coordinate
 def number(where: str, value: Any, low: float, high: float) -> float:
     """A finite number within a range, or ImplicitError."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not low <= value <= high:
-        raise ImplicitError(f"{where} must be a number from {low:g} to {high:g}, not {told(value)}")
+        raise ImplicitError(f"{where} must be a number from {low:g} to {high:g}, not {value_text(value)}")
     return float(value)
 
 
 def vector(where: str, value: Any, low: float = -FARTHEST, high: float = FARTHEST, count: int = 3) -> tuple[float, ...]:
     """Finite numbers within a range, or ImplicitError."""
     if not isinstance(value, tuple | list | np.ndarray) or len(value) != count:
-        raise ImplicitError(f"{where} must be {count} numbers, not {told(value)}")
+        raise ImplicitError(f"{where} must be {count} numbers, not {value_text(value)}")
     return tuple(number(where, x, low, high) for x in value)
 
 
@@ -51,7 +51,7 @@ def unit(where: str, value: Any, count: int = 3) -> tuple[float, ...]:
     x = vector(where, value, count=count)
     length = math.hypot(*x)
     if length < 1e-9:
-        raise ImplicitError(f"{where} must not be of length 0: {told(value)}")
+        raise ImplicitError(f"{where} must not be of length 0: {value_text(value)}")
     return x if abs(length - 1) < UNIT else tuple(c / length for c in x)
 
 
@@ -246,7 +246,7 @@ class Operator(Expression):
         """Refuse what are no operands, too few, too many, or too deep."""
         low, high = self.counts
         if not isinstance(self.of, tuple | list) or not all(isinstance(part, Expression) for part in self.of):
-            raise ImplicitError(f"{self.op}: works on expressions, not {told(self.of)}")
+            raise ImplicitError(f"{self.op}: works on expressions, not {value_text(self.of)}")
         if len(self.of) < low or (high is not None and len(self.of) > high):
             wanted = f"{low}" if low == high else f"at least {low}" if high is None else f"{low} to {high}"
             raise ImplicitError(f"{self.op}: works on {wanted} expression{'s' * (wanted != '1')}, not {len(self.of)}")

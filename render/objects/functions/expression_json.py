@@ -12,7 +12,7 @@ from typing import Any
 
 from ....datasets.bounded_file import FileBoundError, parse_json, read_text
 from ...errors import ImplicitError
-from ...validation import told
+from ...validation import value_text
 from .expression import (
     DEEPEST,
     Box,
@@ -43,11 +43,11 @@ def expression_from(described: Any, depth: int = 0) -> Expression:
     if depth > DEEPEST:
         raise ImplicitError(f"expression: more than {DEEPEST} operators above one another")
     if not isinstance(described, Mapping):
-        raise ImplicitError(f'expression: a node must be a JSON object with an "op", not {told(described)}')
+        raise ImplicitError(f'expression: a node must be a JSON object with an "op", not {value_text(described)}')
     op = described.get("op")
     kind = KINDS.get(op) if isinstance(op, str) else None
     if kind is None:
-        raise ImplicitError(f"expression: unknown op {told(op)}; known: {', '.join(KINDS)}")
+        raise ImplicitError(f"expression: unknown op {value_text(op)}; known: {', '.join(KINDS)}")
     known = {field.name: field for field in fields(kind)}
     unknown = sorted(str(name) for name in set(described) - set(known) - {"op"})
     if unknown:
@@ -58,7 +58,7 @@ def expression_from(described: Any, depth: int = 0) -> Expression:
     values = {name: described[name] for name in known if name in described}
     if "of" in values:
         if not isinstance(values["of"], list | tuple):
-            raise ImplicitError(f"{op}: of must be a list of expressions, not {told(values['of'])}")
+            raise ImplicitError(f"{op}: of must be a list of expressions, not {value_text(values['of'])}")
         values["of"] = tuple(expression_from(part, depth + 1) for part in values["of"])
     return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
 

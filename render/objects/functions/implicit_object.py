@@ -82,7 +82,7 @@ class ImplicitObject:
             self._own_bounds, self._frame = given, placed_frame(self.placement, given)
             self.bounds = box_of_box(self._frame, given)
         if not hand:
-            self._judge_place()
+            self._check_place()
 
     @classmethod
     def load(
@@ -98,7 +98,7 @@ class ImplicitObject:
         """Load a JSON file's expression, or a function by name: see the class."""
         return cls(source, bounds=bounds, placement=placement, name=name, hand=hand, allow_code=allow_code)
 
-    def _judge_place(self) -> None:
+    def _check_place(self) -> None:
         warn_of_place(self.name, self.bounds, "for millimetres use --scale 0.001 (scale = 0.001)")
 
     @cached_property

@@ -23,7 +23,7 @@ from ....kernels.fields.probe import lattice_of, probe_nodes, probe_points
 from ....kernels.fields.user_function import Placed, raw_value
 from ...errors import ImplicitError, PalpateWarning, UntrustedCodeError
 from ...trust.permission import UNNAMED, AllowCode, Namer
-from ...trust.user_code import Source, find_file, find_installed, run_all
+from ...trust.user_code import CodeSource, find_file, find_installed, run_all
 
 TRIED = 64  # cells along the longest side of the bounds where a function is tried
 TRIED_LEAST = 8  # along the others
@@ -56,7 +56,7 @@ def load_function(spec: str, *, allow_code: AllowCode = False, namer: Namer = UN
     return getattr(module, name)
 
 
-def find_function_code(spec: str, namer: Namer = UNNAMED) -> Source:
+def find_function_code(spec: str, namer: Namer = UNNAMED) -> CodeSource:
     """The code that holds a function, none of which is run; raises ImplicitError for what is no name, or not there."""
     where, _, name = spec.rpartition(":")
     if not where or not name:
@@ -87,8 +87,8 @@ def takes_double(function: Any, name: str) -> bool:
         raise ImplicitError(f"{name}: must be a function decorated with @wp.func, not {type(function).__name__}")
     types = list(function.input_types.values())
     if len(types) != 1 or types[0] not in (wp.vec3, wp.vec3d):
-        shown = ", ".join(f"{key}: {getattr(kind, '__name__', kind)}" for key, kind in function.input_types.items())
-        raise ImplicitError(f"{name}: must take one position, wp.vec3 or wp.vec3d, and give a number, not ({shown})")
+        given = ", ".join(f"{key}: {getattr(kind, '__name__', kind)}" for key, kind in function.input_types.items())
+        raise ImplicitError(f"{name}: must take one position, wp.vec3 or wp.vec3d, and give a number, not ({given})")
     return types[0] == wp.vec3d
 
 
@@ -114,22 +114,23 @@ def try_function(function: Any, bounds: np.ndarray, name: str) -> np.ndarray:
     except Exception as error:  # Warp's compiler raises anything
         reason = str(error).strip().splitlines() or [""]
         raise ImplicitError(f"{name}: cannot be compiled ({type(error).__name__}: {reason[-1]})") from error
-    judge_values(value, bounds, cells, name)
-    judge_jumps(field, value, bounds, cells, name)
+    check_values(value, bounds, cells, name)
+    check_jumps(field, value, bounds, cells, name)
     inside = value < 0
     border = inside.copy()
     border[1:-1, 1:-1, 1:-1] = False
     if border.any():
         at = bounds[0] + np.argwhere(border)[0] * size / cells
         warnings.warn(
-            f"{name}: reaches its bounds' border, at {shown(at)} for one, and is closed there: widen them to hold all",
+            f"{name}: reaches its bounds' border, at {point_text(at)} for one, and is closed there: widen them to "
+            "hold all",
             PalpateWarning,
             stacklevel=4,
         )
     return inside
 
 
-def judge_values(value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name: str) -> None:
+def check_values(value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name: str) -> None:
     """Refuse values that leave no surface."""
     odd = ~np.isfinite(value)
     if odd.any():
@@ -137,7 +138,7 @@ def judge_values(value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name:
         at = bounds[0] + first * np.ptp(bounds, axis=0) / cells
         raise ImplicitError(
             f"{name}: is not a number at {int(odd.sum())} of {odd.size} points within its bounds, "
-            f"at {shown(at)} for one ({value[tuple(first)]:g})"
+            f"at {point_text(at)} for one ({value[tuple(first)]:g})"
         )
     low, high = float(value.min()), float(value.max())
     tried = f"at all {value.size} points tried within its bounds"
@@ -165,7 +166,7 @@ def crossed_edges(value: np.ndarray, bounds: np.ndarray, cells: np.ndarray) -> t
     return bounds[0] + np.concatenate(inner)[::every] * step, bounds[0] + np.concatenate(outer)[::every] * step
 
 
-def judge_jumps(field: Field, value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name: str) -> None:
+def check_jumps(field: Field, value: np.ndarray, bounds: np.ndarray, cells: np.ndarray, name: str) -> None:
     """Refuse a function that jumps over 0: edges are halved around the change of sign, down to 1 nm."""
     inner, outer = crossed_edges(value, bounds, cells)
     below, above = (probe_points(field, x, device="cpu") for x in (inner, outer))
@@ -184,10 +185,11 @@ def judge_jumps(field: Field, value: np.ndarray, bounds: np.ndarray, cells: np.n
     if stays.any():
         worst = int(np.argmax(np.where(stays, jump, 0.0)))
         raise ImplicitError(
-            f"{name}: is not continuous: it jumps from {below[worst]:g} to {above[worst]:g} at {shown(inner[worst])}"
+            f"{name}: is not continuous: it jumps from {below[worst]:g} to {above[worst]:g} at "
+            f"{point_text(inner[worst])}"
         )
 
 
-def shown(x: np.ndarray) -> str:
+def point_text(x: np.ndarray) -> str:
     """A place for a message."""
     return f"({', '.join(f'{c:.4g}' for c in x)}) m"

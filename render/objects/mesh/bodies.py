@@ -144,7 +144,7 @@ def rows_of(label: np.ndarray) -> list[np.ndarray]:
     return np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))[:-1])
 
 
-def settle_signs(volume: np.ndarray, around: list[set[int]]) -> np.ndarray:
+def resolve_signs(volume: np.ndarray, around: list[set[int]]) -> np.ndarray:
     """Which way each body should face: +1 a solid, -1 a cavity; from the outermost inwards.
 
     solid around it   faces     outermost body turned   becomes

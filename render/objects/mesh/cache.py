@@ -23,7 +23,7 @@ import numpy as np
 from ....datasets.array_file import read_arrays
 from ....datasets.storage.durable import discard, temporary_name, write_temporary
 from ...runtime.loading_progress import Watch, unwatched
-from .repair import Mended, Repair, mend_mesh
+from .repair import Mended, Repair, repair_mesh
 from .report import MeshReport
 
 SWITCH = "PALPATE_CACHE"  # environment variable: "off", or a folder to use instead
@@ -60,7 +60,7 @@ def repaired_mesh(
     *,
     announce: Callable[[int], None] | None = None,
 ) -> Mended:
-    """`mend_mesh`, or what it gave for the same mesh before.
+    """Repaired mesh of `repair_mesh`, from disk if the same mesh was repaired before.
 
     announce: called with the number of triangles before a mesh is repaired, not where that was done before.
     """
@@ -75,10 +75,10 @@ def repaired_mesh(
     if announce is not None:
         announce(len(faces))
     started = perf_counter()
-    mended = mend_mesh(vertices, faces, repair, watch)
+    repaired = repair_mesh(vertices, faces, repair, watch)
     if path is not None and perf_counter() - started >= SECONDS_LEAST:
-        write_entry(path, mended)
-    return mended
+        write_entry(path, repaired)
+    return repaired
 
 
 def cache_folder() -> Path | None:
@@ -135,17 +135,17 @@ def read_entry(path: Path) -> Mended | None:
     return Mended(vertices, faces.astype(np.int64), solid_count, report)
 
 
-def write_entry(path: Path, mended: Mended) -> None:
+def write_entry(path: Path, repaired: Mended) -> None:
     """Keep a repaired mesh if that can be done: not on a full disk, nor in a folder that may not be written."""
-    if mended.vertices.nbytes + mended.faces.nbytes // 2 > BYTES_MOST:
+    if repaired.vertices.nbytes + repaired.faces.nbytes // 2 > BYTES_MOST:
         return
     content = BytesIO()  # first in memory: zipfile reports a full disk again when it is deleted
     np.savez(
         content,
-        vertices=mended.vertices,
-        faces=mended.faces.astype(np.int32),
-        solid_count=np.array(mended.solid_count),
-        report=np.array(json.dumps(asdict(mended.report), default=np.generic.item)),
+        vertices=repaired.vertices,
+        faces=repaired.faces.astype(np.int32),
+        solid_count=np.array(repaired.solid_count),
+        report=np.array(json.dumps(asdict(repaired.report), default=np.generic.item)),
     )
     temporary = temporary_name(path.with_name(f".{path.stem}"))
     try:

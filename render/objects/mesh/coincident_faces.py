@@ -12,19 +12,19 @@ GAP_LARGEST = 1e-6  # [m]; a tenth of what contours are right to
 _GAPS: WeakKeyDictionary[MeshObject, float] = WeakKeyDictionary()
 
 
-def gap_of(thing: MeshObject) -> float:
+def gap_of(mesh: MeshObject) -> float:
     """How far from each other faces of a mesh may count as one place [m]; 0 if none lie on each other for sure.
 
     Vertices are rounded to float32, so between faces that touched there are gaps and walls of that width. Faces that
     merely look opposite ways in one plane count, too: telling them apart would take longer than it saves. Worked out
     once for each object.
     """
-    if thing not in _GAPS:
-        vertices = thing.vertices.astype(np.float64)
-        touches = thing.solid != "winding" or _has_opposite_planes(vertices, thing.faces)
-        spacing = float(np.spacing(np.abs(thing.vertices).max()))
-        _GAPS[thing] = min(ROUNDINGS * spacing, GAP_LARGEST) if touches else 0.0
-    return _GAPS[thing]
+    if mesh not in _GAPS:
+        vertices = mesh.vertices.astype(np.float64)
+        touches = mesh.solid != "winding" or _has_opposite_planes(vertices, mesh.faces)
+        spacing = float(np.spacing(np.abs(mesh.vertices).max()))
+        _GAPS[mesh] = min(ROUNDINGS * spacing, GAP_LARGEST) if touches else 0.0
+    return _GAPS[mesh]
 
 
 def _has_opposite_planes(vertices: np.ndarray, faces: np.ndarray) -> bool:

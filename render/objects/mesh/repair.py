@@ -22,8 +22,8 @@ from .bodies import (
     flat_bodies,
     nest_bodies,
     points_behind,
+    resolve_signs,
     rows_of,
-    settle_signs,
     signed_volumes,
 )
 from .coincident_triangles import count_repeats, repeated, split_shared, unify_patches
@@ -74,7 +74,7 @@ class Surface:
     tolerance: float
 
 
-def mend_mesh(
+def repair_mesh(
     vertices: np.ndarray, faces: np.ndarray, repair: Repair | None = None, watch: Watch = unwatched
 ) -> Mended:
     """Weld, drop, turn and unite, and say what was done.
@@ -97,7 +97,7 @@ def mend_mesh(
     solid, sheets = replace(surface, faces=surface.faces[is_closed]), surface.faces[~is_closed]
     if len(solid.faces):
         watch("bodies", 0, 1)
-        solid, flat = settled_solid(solid, repair, watch)
+        solid, flat = resolved_solid(solid, repair, watch)
         if len(solid.faces) == len(sheets) == 0:  # nothing but sheets with their backs: drawn as open surfaces
             sheets = flat
     return finished(solid, sheets, surface.vertices)
@@ -184,7 +184,7 @@ def filled_surface(surface: Surface, length: float) -> Surface:
     return replace(out, report=replace(out.report, faces_turned=turned + out.report.faces_turned))
 
 
-def settled_solid(surface: Surface, repair: Repair, watch: Watch) -> tuple[Surface, np.ndarray]:
+def resolved_solid(surface: Surface, repair: Repair, watch: Watch) -> tuple[Surface, np.ndarray]:
     """Bodies told apart, turned, left out where they bound nothing, and united where they cross.
 
     Returns also one side of the flat bodies that were left out.
@@ -235,7 +235,7 @@ def bounding_bodies(surface: Surface, label: np.ndarray, repair: Repair, watch: 
     else:
         around, outside = [set() for _ in volume], np.zeros((0, 2), np.int64)
     even_odd = repair.solid == "even-odd"
-    sign = alternating_signs(around) if even_odd else settle_signs(volume, around)
+    sign = alternating_signs(around) if even_odd else resolve_signs(volume, around)
     turned = np.sign(volume) * sign < 0
     faces = np.where(turned[label][:, None], faces[:, ::-1], faces)
     report = replace(

@@ -1,4 +1,4 @@
-"""Objects to render: meshes, from a file, from arrays, or built in."""
+"""MeshObject: a mesh from a file, from arrays or built in, placed in the array's frame and repaired."""
 
 import hashlib
 import warnings
@@ -24,18 +24,18 @@ from .cache import cache_folder, repaired_mesh
 from .repair import Repair
 from .report import MeshReport
 
-SIZE_LARGEST = 5.0  # [m]; larger than any workspace, the usual size of an object drawn in millimetres
-_EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by identity, while an object has them
-POOL_KEPT = 0.5  # of a GPU's memory, kept for the next batch: giving it back at every wait costs milliseconds
-TRIANGLES_ANNOUNCED = 2_000_000  # before as many are repaired, it is said how long that takes
-REPAIR_SECONDS, REPAIR_GIGABYTES = 8.0, 0.6  # a million triangles; measured, docs/measured/performance.md
+SIZE_LARGEST = 5.0  # [m]; a larger object does not fit any workspace: its file is probably in millimetres
+_EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by `MeshObject.identity`
+POOL_KEPT = 0.5  # share of a GPU's memory kept for the next batch, because freeing it at every wait takes milliseconds
+TRIANGLES_ANNOUNCED = 2_000_000  # a warning gives the expected time before repairing at least as many
+REPAIR_SECONDS, REPAIR_GIGABYTES = 8.0, 0.6  # for a million triangles; measured, docs/measured/performance.md
 SOLID_RULES = ("winding", "even-odd")
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How an object's own coordinates become the array's: scale, turn up, fit, rotate, move, in this order."""
+    """Transform from a file's coordinates to the array's: scale, `up`, fit, rotate and move, in this order."""
 
     scale: float = 1.0
     """Factor on all coordinates (0.001 for a file in millimetres)."""
@@ -49,7 +49,7 @@ class Placement:
     """Where the middle of the bounding box goes [m], array frame; None leaves it where it is."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be applied."""
+        """Raise PlacementError for a value that is not allowed."""
         if not (np.isfinite(self.scale) and self.scale > 0):
             raise PlacementError(f"scale must be positive, not {self.scale}")
         if self.up not in UP_AXES:
@@ -74,7 +74,7 @@ class Placement:
         return out + (middle if self.at is None else np.asarray(self.at))
 
     def factor_of(self, vertices: np.ndarray) -> float:
-        """By how much lengths grow."""
+        """Factor by which lengths grow."""
         if self.fit is None:
             return self.scale
         finite = vertices[np.isfinite(vertices).all(axis=-1)] if vertices.ndim == 2 else vertices[:0]
@@ -84,9 +84,10 @@ class Placement:
 
 
 def warn_of_place(name: str, bounds: np.ndarray, way: str) -> None:
-    """Warn (PalpateWarning) of an object that is too large, with the way out, or that lies behind the array.
+    """Warn (PalpateWarning) of an object that is too large or reaches behind the array.
 
-    bounds: [m], array frame, shape [2, 3]. For methods that constructors call.
+    bounds: [m], array frame, shape [2, 3]; way: advice against the size. Call it from a method that a constructor
+    calls: the warning is attributed to the constructor's caller.
     """
     size, low, high = np.ptp(bounds, axis=0), bounds[0, 2], bounds[1, 2]
     if size.max() > SIZE_LARGEST:
@@ -118,16 +119,16 @@ def up_rotation(up: str) -> np.ndarray:
 
 
 def require_solid_rule(solid: str) -> str:
-    """The rule for what is inside, as given; raises RepairError unless it is one of SOLID_RULES."""
+    """Return the rule for what is inside; raises RepairError unless it is one of SOLID_RULES."""
     if solid not in SOLID_RULES:
         raise RepairError(f"solid must be one of {', '.join(SOLID_RULES)}, not {solid!r}")
     return solid
 
 
 def repeats_at_most(points: np.ndarray) -> int:
-    """How many float32 points have a hash that another one has: no fewer than lie where another one does.
+    """Upper bound on the number of float32 points that repeat an earlier one, from equal hashes.
 
-    It is 20 times as fast as sorting the points, which only coordinates that are too coarse need.
+    It is 20 times as fast as sorting the points; an exact count is needed only if this bound is large.
     """
     mixed = np.zeros(len(points), np.uint64)
     for column in np.ascontiguousarray(points.T).view(np.uint32):
@@ -143,7 +144,7 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Raises MeshError for a missing file, one that cannot be read, and one without triangles.
     """
     with interrupt_between() as interrupted:
-        import trimesh  # half a second that built-in objects need not wait for; it swallows Ctrl-C on the way
+        import trimesh  # takes half a second, which built-in objects save; it swallows Ctrl-C meanwhile
 
         from .files import load_scene, mesh_arrays
 
@@ -156,9 +157,9 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
         transform, name = scene.graph[nodes[0]] if len(nodes) == 1 else (None, None)
         mesh = scene.geometry.get(name)
         if not isinstance(mesh, trimesh.Trimesh) or not np.array_equal(transform, np.eye(4)):
-            mesh = scene.to_mesh() if scene.geometry else trimesh.Trimesh()  # copies and hashes all of it, ten times
+            mesh = scene.to_mesh() if scene.geometry else trimesh.Trimesh()  # slow: hashes all ten times
         vertices, faces = mesh_arrays(mesh)
-    except Exception as error:  # readers of many formats, each with errors of its own
+    except Exception as error:  # each format's reader raises its own errors
         raise MeshError(f"{path}: cannot be read as a mesh ({type(error).__name__}: {error})") from error
     if len(faces) == 0:
         raise MeshError(f"{path}: has no triangles ({path.stat().st_size} bytes)")
@@ -166,15 +167,15 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 class MeshObject:
-    """A triangle mesh in the array's frame, judged and mended.
+    """A triangle mesh in the array's frame, checked and repaired.
 
     vertices: [m], shape [vertex, 3]; faces: int, shape [face, 3], counter-clockwise from outside.
     solid: what is inside: "winding", where the winding number of all bodies is above 0, or "even-odd", where it is odd.
     weld: vertices at most this far apart are merged [m]; fill_holes: holes whose rim is at most this long are closed
-    [m]; both of the object as placed. watch: takes the stages of loading as they pass.
-    Warns (PalpateWarning) of what was found and mended, of a size that suggests millimetres, and of an object behind
+    [m]; both lengths in the placed object. watch: called with each stage of loading.
+    Warns (PalpateWarning) of faults found or repaired, of a size that suggests millimetres, and of an object behind
     the array.
-    Raises MeshError for what is no mesh, RepairError for an option that cannot be.
+    Raises MeshError for arrays that are no mesh, RepairError for an option with a value that is not allowed.
     """
 
     def __init__(
@@ -195,23 +196,23 @@ class MeshObject:
         self.placement = placement or Placement()
         vertices, faces = np.asarray(vertices), np.asarray(faces)
         self._scale = self.placement.factor_of(vertices)
-        mended = repaired_mesh(vertices, faces, self._repair(weld, fill_holes), watch, announce=self._announce)
-        self.report = mended.report
-        """What was found and done; lengths in the unit of the vertices as given."""
-        self._solid_count = mended.solid_count
+        repaired = repaired_mesh(vertices, faces, self._repair(weld, fill_holes), watch, announce=self._announce)
+        self.report = repaired.report
+        """Faults found and repairs made; lengths in the unit of the vertices as given."""
+        self._solid_count = repaired.solid_count
         self._repair_options = {"solid": self.solid, "weld": weld, "fill_holes": fill_holes}
-        self.vertices = self.placement.applied_to(mended.vertices).astype(np.float32)
+        self.vertices = self.placement.applied_to(repaired.vertices).astype(np.float32)
         """[m], float32, shape [vertex, 3]."""
-        self.faces = mended.faces.astype(np.int32)
-        """int32, shape [face, 3]; those that bound the solid first, then open surfaces."""
-        self._on: dict[str, Any] = {}  # device: Surface, which is no type to a type checker
+        self.faces = repaired.faces.astype(np.int32)
+        """int32, shape [face, 3]; first the faces that bound the solid, then those of open surfaces."""
+        self._on: dict[str, Any] = {}  # by device: a Surface, a Warp struct that type checkers do not know
         self._fields: dict[str, Field] = {}
         self.detail: dict[str, Any] | None = None
-        """What simplifying did, if it was simplified."""
+        """Result of `simplify`; None if the mesh was not simplified."""
         self._lock = RLock()
         self._warn_of_report()
-        self._judge_size()
-        self._judge_rounding(mended.vertices)
+        self._check_size()
+        self._check_rounding(repaired.vertices)
 
     @classmethod
     def load(
@@ -261,12 +262,12 @@ class MeshObject:
         if phrases:
             warnings.warn(f"{self.name}: " + "; ".join(phrases), PalpateWarning, stacklevel=3)
 
-    def _judge_size(self) -> None:
+    def _check_size(self) -> None:
         if not np.isfinite(self.vertices).all():
             raise MeshError(f"{self.name}: coordinates overflow after placement (scale {self.placement.scale})")
         warn_of_place(self.name, self.bounds, "like a file in millimetres: use --scale 0.001 (scale = 0.001)")
 
-    def _judge_rounding(self, vertices: np.ndarray) -> None:
+    def _check_rounding(self, vertices: np.ndarray) -> None:
         allowed = len(vertices) // 100
         placed = self.vertices + np.float32(0)  # -0 is 0
         if repeats_at_most(placed) <= allowed:
@@ -287,7 +288,7 @@ class MeshObject:
 
     @cached_property
     def edges(self) -> HalfEdges:
-        """Half-edges, in the order that contours are numbered by; the same for all objects that are equal as placed."""
+        """Half-edges, in the order by which contours are numbered; shared by objects with the same placed mesh."""
         edges = _EDGES.get(self.identity)
         if edges is None:
             edges = _EDGES[self.identity] = HalfEdges(self.vertices, self.faces)
@@ -295,7 +296,7 @@ class MeshObject:
 
     @cached_property
     def identity(self) -> str:
-        """SHA-256 over vertices and faces as placed, and the rule of inside unless that is "winding"."""
+        """SHA-256 over placed vertices and faces, and over the rule `solid` unless it is "winding"."""
         rule = b"" if self.solid == SOLID_RULES[0] else b"/" + self.solid.encode()
         return hashlib.sha256(self.vertices.tobytes() + b"/" + self.faces.tobytes() + rule).hexdigest()
 
@@ -316,7 +317,7 @@ class MeshObject:
 
     @cached_property
     def solid_part(self) -> "MeshObject":
-        """The object without the open surfaces that enclose nothing: what closed contours are of."""
+        """The object without open surfaces, which enclose nothing: closed contours are made of this part."""
         if self.report.sheet_faces == 0:
             return self
         report = replace(self.report, sheet_faces=0, open_edges=0, holes=0, rim_longest=0.0)
@@ -324,7 +325,7 @@ class MeshObject:
 
     @cached_property
     def sheet_part(self) -> "MeshObject":
-        """The open surfaces alone, drawn as they are cut."""
+        """The open surfaces alone; their contours stay as they are cut."""
         return self._of_faces(self.faces[self._solid_count :], replace(self.report, crossings=0, sheet_faces=0))
 
     def _of_faces(self, faces: np.ndarray, report: MeshReport) -> "MeshObject":
@@ -359,7 +360,7 @@ class MeshObject:
         return self.vertices, self.faces
 
     def described(self) -> dict:
-        """What a file says about the object, for JSON."""
+        """Description of the object that a file stores as JSON."""
         return {
             "name": self.name,
             "triangles": len(self.faces),

@@ -30,43 +30,43 @@ def mesh_facts(source: str, options: dict[str, Any], watch: Watch = unwatched) -
     placement = Placement(scale=given.pop("scale", 1.0))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PalpateWarning)
-        thing = MeshObject.load(source, placement=placement, watch=watch, **given)
-    report = thing.report
+        mesh = MeshObject.load(source, placement=placement, watch=watch, **given)
+    report = mesh.report
     told = "; ".join(report.changes() + report.faults(placement.scale))  # the table has it row by row
-    texts = [str(warning.message).removeprefix(f"{thing.name}: ") for warning in caught]
+    texts = [str(warning.message).removeprefix(f"{mesh.name}: ") for warning in caught]
     numbers = asdict(report)
     for name in ("rim_longest", "fill_closes", "weld_closes"):
         numbers[name] *= placement.scale
     return {
-        "size": np.ptp(thing.bounds, axis=0).tolist(),
-        "triangles_kept": len(thing.faces),
-        "vertices_kept": len(thing.vertices),
-        "solid": thing.solid,
+        "size": np.ptp(mesh.bounds, axis=0).tolist(),
+        "triangles_kept": len(mesh.faces),
+        "vertices_kept": len(mesh.vertices),
+        "solid": mesh.solid,
         **numbers,
-        "closed_contours": closed_contours(thing),
+        "closed_contours": closed_contours(mesh),
         "changed": "; ".join(report.changes()) or "nothing",
         "left": "; ".join(report.faults(placement.scale)) or "nothing",
         "warned": "; ".join(text for text in texts if text != told),
-        "could_be_done": "; ".join(ways_out(thing, placement.scale)) or "nothing needed",
+        "could_be_done": "; ".join(ways_out(mesh, placement.scale)) or "nothing needed",
     }
 
 
-def closed_contours(thing: MeshObject) -> str:
+def closed_contours(mesh: MeshObject) -> str:
     """Whether CC can be had of a mesh."""
-    if not thing.report.closed:
+    if not mesh.report.closed:
         return "refused: inside and outside are not defined"
-    return "exact" if thing.is_simple else "regularised pose by pose"
+    return "exact" if mesh.is_simple else "regularised pose by pose"
 
 
-def ways_out(thing: MeshObject, scale: float) -> list[str]:
+def ways_out(mesh: MeshObject, scale: float) -> list[str]:
     """What a user could do about what is left, one phrase each; scale: metres of the object as placed a unit."""
-    report, out = thing.report, []
-    if scale == 1.0 and np.ptp(thing.bounds, axis=0).max() > SIZE_LARGEST:
+    report, out = mesh.report, []
+    if scale == 1.0 and np.ptp(mesh.bounds, axis=0).max() > SIZE_LARGEST:
         out.append("--scale 0.001 takes the file as one in millimetres")
     if report.weld_closes:
         out.append(f"--weld {ROOM * scale * report.weld_closes:.2g} merges vertices until no edge is open")
     if report.fill_closes:
         out.append(f"--fill-holes {ROOM * scale * report.fill_closes:.2g} closes every hole")
     if not report.closed:
-        out.append(f"palpate voxelise {thing.name} makes a closed solid of it")
+        out.append(f"palpate voxelise {mesh.name} makes a closed solid of it")
     return out

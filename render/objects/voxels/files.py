@@ -29,7 +29,7 @@ from ....datasets.bounded_file import (
 from ....datasets.storage.durable import write_temporary
 from ....kernels.solids.voxelise import gather_volume
 from ...errors import PalpateWarning, VoxelError
-from ...validation import told
+from ...validation import value_text
 from .grid import affine_of
 from .values import require_room
 
@@ -296,7 +296,7 @@ def read_volume(path: str | Path, unit: str | None = None) -> VolumeFile:
     """
     path = Path(path)
     if unit is not None and not (isinstance(unit, str) and unit in UNITS):
-        raise VoxelError(f"unit must be one of {', '.join(UNITS)}, not {told(unit)}")
+        raise VoxelError(f"unit must be one of {', '.join(UNITS)}, not {value_text(unit)}")
     reader = next((read for end, read in READERS.items() if path.name.lower().endswith(end)), None)
     if reader is None:
         way = " (OpenVDB's nanovdb_convert makes .nvdb of .vdb)" if path.suffix == ".vdb" else ""

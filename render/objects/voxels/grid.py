@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...errors import VoxelError
-from ...validation import told
+from ...validation import value_text
 from ..mesh.solid_mesh import Placement
 
 LENGTHS = "one or three positive lengths in metres"
@@ -20,7 +20,7 @@ def numbers_of(name: str, value: object, wanted: str) -> np.ndarray:
     try:
         return np.array(value, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise VoxelError(f"{name} must be {wanted}, not {told(value)}") from error
+        raise VoxelError(f"{name} must be {wanted}, not {value_text(value)}") from error
 
 
 def affine_of(
@@ -35,26 +35,26 @@ def affine_of(
             raise VoxelError("give affine, or spacing, origin and direction, not both")
         out = numbers_of("affine", affine, "finite, [4, 4] and end in 0 0 0 1")
         if out.shape != (4, 4) or not np.isfinite(out).all() or (out[3] != [0, 0, 0, 1]).any():
-            raise VoxelError(f"affine must be finite, [4, 4] and end in 0 0 0 1, not {told(out.tolist())}")
+            raise VoxelError(f"affine must be finite, [4, 4] and end in 0 0 0 1, not {value_text(out.tolist())}")
     else:
         step = np.ravel(numbers_of("spacing", 1.0 if spacing is None else spacing, LENGTHS))
         step = np.repeat(step, 3) if len(step) == 1 else step
         if len(step) != 3 or not (np.isfinite(step) & (step > 0)).all():
-            raise VoxelError(f"spacing must be {LENGTHS}, not {told(spacing)}")
+            raise VoxelError(f"spacing must be {LENGTHS}, not {value_text(spacing)}")
         start = np.zeros(3) if origin is None else numbers_of("origin", origin, COORDINATES)
         if start.shape != (3,) or not np.isfinite(start).all():
-            raise VoxelError(f"origin must be {COORDINATES}, not {told(origin)}")
+            raise VoxelError(f"origin must be {COORDINATES}, not {value_text(origin)}")
         turn = np.eye(3) if direction is None else numbers_of("direction", direction, DIRECTIONS)
         if turn.shape != (3, 3) or not (abs(np.linalg.norm(turn, axis=0) - 1.0) <= SKEW).all():
-            raise VoxelError(f"direction must be {DIRECTIONS}, not {told(turn.tolist())}")
+            raise VoxelError(f"direction must be {DIRECTIONS}, not {value_text(turn.tolist())}")
         out = np.eye(4)
         out[:3, :3], out[:3, 3] = turn * step, start
     axes = out[:3, :3]
     reach = np.abs(axes).max(axis=0)
     if reach.all() and not ((reach >= FINEST) & (reach <= COARSEST)).all():
-        raise VoxelError(f"voxels must be {FINEST:g}..{COARSEST:g} m apart, not {told(reach.tolist())}")
+        raise VoxelError(f"voxels must be {FINEST:g}..{COARSEST:g} m apart, not {value_text(reach.tolist())}")
     if not reach.all() or abs(np.linalg.det(axes / np.linalg.norm(axes, axis=0))) < SKEW:
-        raise VoxelError(f"the axes of the volume must not lie in a plane: {told(axes.T.tolist())} [m/voxel]")
+        raise VoxelError(f"the axes of the volume must not lie in a plane: {value_text(axes.T.tolist())} [m/voxel]")
     return out
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import VoxelError
-from ...validation import told
+from ...validation import is_number, value_text
 
 LARGEST = float(np.finfo(np.float64).max)
 LABEL_LARGEST = 2**64
@@ -37,18 +37,17 @@ class VoxelRule:
     """Standard deviation of the Gaussian that occupancy and labels are blurred with [m]; 0 leaves them as they are."""
 
 
-def is_number(value: object) -> bool:
-    """Whether something is one finite number, no text and no truth."""
-    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    return number and abs(value) <= LARGEST
+def is_bounded_number(value: object) -> bool:
+    """Whether a value is a number of at most LARGEST, positive or negative."""
+    return is_number(value) and bool(abs(value) <= LARGEST)
 
 
 def labels_of(label: object) -> tuple[int, ...]:
     """Labels as whole numbers; raises VoxelError for what is none."""
     given = list(label) if isinstance(label, Sequence | np.ndarray | set | range) and np.ndim(label) == 1 else [label]
     for x in given:
-        if not is_number(x) or x != int(x) or abs(x) >= LABEL_LARGEST:
-            raise VoxelError(f"label must be a whole number, or several, not {told(x)}")
+        if not is_bounded_number(x) or x != int(x) or abs(x) >= LABEL_LARGEST:
+            raise VoxelError(f"label must be a whole number, or several, not {value_text(x)}")
     if not given:
         raise VoxelError("label must be a whole number, or several, not none at all")
     return tuple(int(x) for x in given)
@@ -67,22 +66,22 @@ def rule_of(
     if kind is None:
         kind = "label" if label is not None else "intensity" if level is not None else kind_of(values)
     if not isinstance(kind, str) or kind not in KINDS:
-        raise VoxelError(f"kind must be one of {', '.join(KINDS)}, not {told(kind)}")
+        raise VoxelError(f"kind must be one of {', '.join(KINDS)}, not {value_text(kind)}")
     by_level = kind in ("distance", "intensity")
     if (label is not None) != (kind == "label"):
         raise VoxelError(
-            f"kind {kind!r} and label {told(label)} do not go together: labels need label=..., and only they"
+            f"kind {kind!r} and label {value_text(label)} do not go together: labels need label=..., and only they"
         )
     if not by_level and (level is not None or inside is not None):
         raise VoxelError(f"level and inside are for kinds distance and intensity, not for {kind!r}")
     if kind == "intensity" and level is None:
         raise VoxelError(f"intensities need a level between {values.min():g} and {values.max():g}: level=...")
-    if level is not None and not is_number(level):
-        raise VoxelError(f"level must be finite, not {told(level)}")
+    if level is not None and not is_bounded_number(level):
+        raise VoxelError(f"level must be finite, not {value_text(level)}")
     if inside not in (None, "below", "above"):
-        raise VoxelError(f"inside must be 'below' or 'above' the level, not {told(inside)}")
-    if not is_number(smooth) or smooth < 0:
-        raise VoxelError(f"smooth must be a length in metres of at least 0, not {told(smooth)}")
+        raise VoxelError(f"inside must be 'below' or 'above' the level, not {value_text(inside)}")
+    if not is_bounded_number(smooth) or smooth < 0:
+        raise VoxelError(f"smooth must be a length in metres of at least 0, not {value_text(smooth)}")
     if smooth and by_level:
         raise VoxelError(f"smooth is for occupancy and labels, not for kind {kind!r}")
     labels = () if label is None else labels_of(label)
@@ -108,7 +107,7 @@ def values_of(values: object) -> np.ndarray:
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise VoxelError(f"values must be [i, j, k] of numbers, not {told(values)}") from error
+        raise VoxelError(f"values must be [i, j, k] of numbers, not {value_text(values)}") from error
     check_values(array)
     return array
 

@@ -16,7 +16,7 @@ from ....kernels.fields.bricked_grid import bricked_field
 from ....kernels.fields.dense_grid import pad_outside
 from ....kernels.fields.field import Field
 from ...errors import PalpateWarning, VoxelError
-from ...validation import told
+from ...validation import value_text
 from ..mesh.solid_mesh import POOL_KEPT, Placement, warn_of_place
 from .grid import affine_of, applied, box_around, crossing_points, placed_affine
 from .values import check_inside, rule_of, signed_values, values_of
@@ -77,8 +77,8 @@ class VoxelObject:
         """Lowest and highest coordinates of the surface [m], array frame, float64, shape [2, 3]."""
         self._fields: dict[str, Field] = {}
         self._lock = Lock()
-        self._judge_border()
-        self._judge_place(hand)
+        self._check_border()
+        self._check_place(hand)
 
     @classmethod
     def load(
@@ -106,11 +106,13 @@ class VoxelObject:
         from .files import read_volume  # imports readers of many formats
 
         if not isinstance(path, str | Path):
-            raise VoxelError(f"a volume's path must be text or a Path, not {told(path)}")
+            raise VoxelError(f"a volume's path must be text or a Path, not {value_text(path)}")
         path = Path(path)
         try:
             if spacing is not None and unit is not None:
-                raise VoxelError(f"spacing is in metres: give it or unit, not both ({told(spacing)}, {told(unit)})")
+                raise VoxelError(
+                    f"spacing is in metres: give it or unit, not both ({value_text(spacing)}, {value_text(unit)})"
+                )
             volume = read_volume(path, unit)
             if kind is None and label is None:
                 kind = volume.kind
@@ -132,7 +134,7 @@ class VoxelObject:
         except VoxelError as error:
             raise VoxelError(str(error) if str(error).startswith(f"{path}:") else f"{path}: {error}") from error
 
-    def _judge_border(self) -> None:
+    def _check_border(self) -> None:
         sides = []
         for axis in range(3):
             for end, where in ((0, "first"), (-1, "last")):
@@ -145,7 +147,7 @@ class VoxelObject:
                 stacklevel=3,
             )
 
-    def _judge_place(self, hand: bool) -> None:
+    def _check_place(self, hand: bool) -> None:
         size = np.ptp(self.bounds, axis=0)
         if not (np.isfinite(size).all() and np.abs(self.bounds).max() < np.finfo(np.float32).max):
             raise VoxelError(f"coordinates overflow after placement (scale {self.placement.scale})")

@@ -11,14 +11,15 @@ import warp as wp
 
 from ....kernels.section.edge_pairing import twins_of
 from ....kernels.solids.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
+from ...deprecated_names import accept_old_keywords
 from ...errors import MeshError, PalpateWarning, VoxelError
 from ...runtime.loading_progress import Watch, unwatched
-from ...validation import told
-from ..mesh.bodies import body_labels, settle_signs, signed_volumes
+from ...validation import value_text
+from ..mesh.bodies import body_labels, resolve_signs, signed_volumes
 from ..mesh.repair import winding_number
 from ..mesh.solid_mesh import MeshObject, Placement
 from .grid import LENGTHS, numbers_of
-from .values import PADDED_MOST, is_number
+from .values import PADDED_MOST, is_bounded_number
 from .voxel_object import VoxelObject
 
 SIGNS = ("auto", "crossings", "parity", "winding")
@@ -51,7 +52,7 @@ def rim_count(faces: np.ndarray) -> int:
     return int(np.count_nonzero(count % 2))
 
 
-def sign_of(thing: MeshObject, sign: str) -> str:
+def sign_of(mesh: MeshObject, sign: str) -> str:
     """How to decide what is inside, once `auto` is resolved.
 
     surface                        auto        also possible
@@ -60,15 +61,15 @@ def sign_of(thing: MeshObject, sign: str) -> str:
     with edges of one triangle     winding     none: columns would leak through the holes
     """
     if sign not in SIGNS:
-        raise VoxelError(f"sign must be one of {', '.join(SIGNS)}, not {told(sign)}")
-    rims = rim_count(thing.faces)
-    agrees = rims == 0 and thing.report.open_edges == 0
+        raise VoxelError(f"sign must be one of {', '.join(SIGNS)}, not {value_text(sign)}")
+    rims = rim_count(mesh.faces)
+    agrees = rims == 0 and mesh.report.open_edges == 0
     if sign == "auto":
         return "crossings" if agrees else "winding" if rims else "parity"
     if rims and sign != "winding":
-        raise MeshError(f"{thing.name}: sign={sign!r} needs a closed surface; it has {rims} open edges")
+        raise MeshError(f"{mesh.name}: sign={sign!r} needs a closed surface; it has {rims} open edges")
     if sign == "crossings" and not agrees:
-        raise MeshError(f"{thing.name}: sign='crossings' needs sides that agree; sign='parity' does not")
+        raise MeshError(f"{mesh.name}: sign='crossings' needs sides that agree; sign='parity' does not")
     return sign
 
 
@@ -82,9 +83,9 @@ def grid_around(
     step = np.ravel(numbers_of("spacing", spacing, LENGTHS))
     step = np.repeat(step, 3) if len(step) == 1 else step
     if len(step) != 3 or not (np.isfinite(step) & (step > 0)).all():
-        raise VoxelError(f"spacing must be {LENGTHS}, not {told(spacing)}")
-    if margin is not None and not (is_number(margin) and margin >= 0):
-        raise VoxelError(f"margin must be a length in metres of at least 0, not {told(margin)}")
+        raise VoxelError(f"spacing must be {LENGTHS}, not {value_text(spacing)}")
+    if margin is not None and not (is_bounded_number(margin) and margin >= 0):
+        raise VoxelError(f"margin must be a length in metres of at least 0, not {value_text(margin)}")
     around = MARGIN * step if margin is None else np.full(3, float(margin))
     count = np.maximum(np.ceil((np.ptp(bounds, axis=0) + 2 * around) / step), 1.0) + 1
     if (count + 2).prod() > PADDED_MOST:
@@ -104,7 +105,7 @@ def turn_bodies(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, in
         return faces, 0
     triangles = [vertices[faces[k]] for k in rows]
     volume = np.array([own_volume(part) for part in triangles])
-    sign = settle_signs(volume, bodies_around(triangles))
+    sign = resolve_signs(volume, bodies_around(triangles))
     turned = np.flatnonzero(volume * sign < 0)
     faces = faces.copy()
     for k in turned:
@@ -175,11 +176,12 @@ def known_device(device: str | None) -> str:
         return str(wp.get_device(device))
     except (ValueError, TypeError, RuntimeError, AttributeError) as error:
         known = ", ".join(str(x) for x in wp.get_devices())
-        raise VoxelError(f"device must be one of {known}, not {told(device)}") from error
+        raise VoxelError(f"device must be one of {known}, not {value_text(device)}") from error
 
 
+@accept_old_keywords(thing="mesh")
 def voxelise(
-    thing: MeshObject,
+    mesh: MeshObject,
     *,
     spacing: float | Sequence[float],
     kind: str = "distance",
@@ -202,15 +204,15 @@ def voxelise(
     to hold anything, or thinner than the spacing; MeshError for a sign that needs a closed surface.
     """
     if kind not in ("distance", "occupancy"):
-        raise VoxelError(f"kind must be 'distance' or 'occupancy', not {told(kind)}")
-    if not isinstance(thing, MeshObject):
-        raise VoxelError(f"a MeshObject is voxelised, not {told(thing)}")
-    nodes = grid_around(thing.bounds, spacing, margin, thing.name)
-    if band is not None and not (is_number(band) and band >= 2 * nodes.spacing.max()):
-        raise VoxelError(f"band must be at least two voxels, {2 * nodes.spacing.max():g} m, not {told(band)}")
-    sign = sign_of(thing, sign)
+        raise VoxelError(f"kind must be 'distance' or 'occupancy', not {value_text(kind)}")
+    if not isinstance(mesh, MeshObject):
+        raise VoxelError(f"a MeshObject is voxelised, not {value_text(mesh)}")
+    nodes = grid_around(mesh.bounds, spacing, margin, mesh.name)
+    if band is not None and not (is_bounded_number(band) and band >= 2 * nodes.spacing.max()):
+        raise VoxelError(f"band must be at least two voxels, {2 * nodes.spacing.max():g} m, not {value_text(band)}")
+    sign = sign_of(mesh, sign)
     device = known_device(device)
-    vertices, faces, turned, points = thing.vertices.astype(np.float64), thing.faces, 0, np.zeros((0, 3))
+    vertices, faces, turned, points = mesh.vertices.astype(np.float64), mesh.faces, 0, np.zeros((0, 3))
     deep = np.zeros(nodes.shape, bool)
     if band is None and kind == "occupancy" and sign != "winding":
         band = 2 * nodes.spacing.max()  # all that matters is which voxels lie on the surface
@@ -229,18 +231,18 @@ def voxelise(
     distance[deep] = ROUNDING * nodes.spacing.min()
     if turned:
         warnings.warn(
-            f"{thing.name}: {turned} of its bodies faced inwards and were turned over", PalpateWarning, stacklevel=2
+            f"{mesh.name}: {turned} of its bodies faced inwards and were turned over", PalpateWarning, stacklevel=2
         )
     if not inside.any():
         why = "it is too open to hold anything" if sign == "winding" else "it is thinner than the spacing"
-        raise VoxelError(f"{thing.name}: no voxel of {spacing} m lies inside: {why}")
+        raise VoxelError(f"{mesh.name}: no voxel of {spacing} m lies inside: {why}")
     return VoxelObject(
         np.where(inside, -distance, distance) if kind == "distance" else inside,
         spacing=nodes.spacing,
         origin=nodes.origin,
         kind=kind,
-        name=thing.name,
-        source=asdict(VoxelReport(thing.identity, sign, turned, len(points))),
+        name=mesh.name,
+        source=asdict(VoxelReport(mesh.identity, sign, turned, len(points))),
     )
 
 
@@ -261,8 +263,8 @@ def voxelise_file(
     """Voxelise a built-in object or a mesh file into a file of voxels; returns what it says about itself, for JSON."""
     from .files import save_voxels
 
-    thing = MeshObject.load(source, placement=placement, watch=watch)
+    mesh = MeshObject.load(source, placement=placement, watch=watch)
     watch("voxels", 0, 1)
-    voxels = voxelise(thing, spacing=spacing, kind=kind, margin=margin, band=band, sign=sign, device=device)
+    voxels = voxelise(mesh, spacing=spacing, kind=kind, margin=margin, band=band, sign=sign, device=device)
     save_voxels(voxels, out, overwrite=overwrite)
     return {**voxels.described(), "file": str(out)}

@@ -11,7 +11,7 @@ from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.metrics.tally import METRICS, measure_gaps, sum_parts, tally_contours
 from palpate.render import MeshObject, Palm, closed_contour, open_contour
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
-from palpate.render.intersection.scene import Scene
+from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.objects.functions.expression import box, sphere
 from palpate.render.objects.functions.implicit_object import ImplicitObject
 
@@ -55,7 +55,7 @@ def signed_area(points, frames, pose, patch):
 def test_lengths_polylines_and_area_are_those_of_the_oracle(name, hand, device):
     scene = Scene.of(thing_of(name), hand, closed_contour())
     poses = generic_poses(60, 4)
-    batch = scene.raw_contours(poses, 0, device)
+    batch = scene.raw_contours(PoseBlock(poses, 0, device))
     got, length = tallied(batch, device)
     host, frames = batch.numpy(), hand.frames(poses)
     area = np.zeros(len(poses))
@@ -88,7 +88,7 @@ def section_area(thing, pose):
 def test_area_is_that_of_shapely_holes_left_out(name, device):
     thing = thing_of(name)
     poses = generic_poses(80, 11, spread=0.04)
-    got, _ = tallied(Scene.of(thing, Palm(), closed_contour()).raw_contours(poses, 0, device), device)
+    got, _ = tallied(Scene.of(thing, Palm(), closed_contour()).raw_contours(PoseBlock(poses, 0, device)), device)
     want = np.array([section_area(thing, pose) for pose in poses])
     np.testing.assert_allclose(got["area"], want, atol=5e-9)
     if name != "cube":
@@ -98,13 +98,15 @@ def test_area_is_that_of_shapely_holes_left_out(name, device):
 def test_a_palm_wholly_inside_has_its_own_area(device):
     pose = np.array([[0, 0, 0.2, 0.1, 0.2, 0.3, 0.9]], np.float32)
     for hand, area in ((Palm(0.05, 0.03), 0.0015), (Palm(0.001, 0.02), 2e-5)):
-        got, _ = tallied(Scene.of(thing_of("cube"), hand, closed_contour()).raw_contours(pose, 0, device), device)
+        got, _ = tallied(
+            Scene.of(thing_of("cube"), hand, closed_contour()).raw_contours(PoseBlock(pose, 0, device)), device
+        )
         np.testing.assert_allclose(got["area"], area, rtol=2e-5)
         assert got["length_object"] == 0
 
 
 def test_flags_leave_the_other_rows_as_they_are(device):
-    batch = Scene.of(thing_of("tube"), Palm(), open_contour()).raw_contours(generic_poses(20, 1), 0, device)
+    batch = Scene.of(thing_of("tube"), Palm(), open_contour()).raw_contours(PoseBlock(generic_poses(20, 1), 0, device))
     got, _ = tallied(batch, device, encloses=False)
     assert np.isnan(got["area"]).all()
     value = wp.full((len(METRICS), 20), 7.0, dtype=wp.float32, device=device)
@@ -117,7 +119,7 @@ def test_flags_leave_the_other_rows_as_they_are(device):
 
 
 def test_gaps_are_those_of_open_polylines_only(device):
-    batch = Scene.of(thing_of("shell"), Palm(), open_contour()).raw_contours(generic_poses(50, 3), 0, device)
+    batch = Scene.of(thing_of("shell"), Palm(), open_contour()).raw_contours(PoseBlock(generic_poses(50, 3), 0, device))
     open_length, chord, count = (array.numpy() for array in measure_gaps(batch))
     host = batch.numpy()
     for pose in range(50):

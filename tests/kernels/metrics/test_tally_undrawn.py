@@ -18,7 +18,7 @@ from palpate.kernels.section.tally_undrawn import tally_pieces
 from palpate.render import MeshObject, Palm, closed_contour, open_contour
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
-from palpate.render.intersection.scene import Scene
+from palpate.render.intersection.scene import PoseBlock, Scene
 
 PALM = [[0.0425, 0.0425]]
 SEVERAL = [[0.04, 0.03], [0.3, 0.3], [0.004, 0.003], [0.05, 0.01]]
@@ -105,10 +105,10 @@ def test_a_scene_tells_the_same_with_and_without_points(name, strategy, device):
     for hand in hands:
         scene = Scene.of(MeshObject.load(name), hand, strategy)
         drawn, walked = empty(60, device), empty(60, device)
-        tally_contours(scene.raw_contours(poses, 0, device), *drawn, measures=True, encloses=strategy.closes)
+        tally_contours(scene.raw_contours(PoseBlock(poses, 0, device)), *drawn, measures=True, encloses=strategy.closes)
         if not strategy.closes:
             drawn[0][METRICS.index("area")].fill_(np.nan)
-        scene.tally(poses, 0, device, *walked)
+        scene.tally(PoseBlock(poses, 0, device), *walked)
         assert_same([array.numpy() for array in drawn], [array.numpy() for array in walked])
 
 

@@ -12,7 +12,7 @@ from palpate.render.objects.functions.expression import box, sphere, torus, unio
 from palpate.render.objects.functions.expression_compiler import compile_expression, expression_bounds
 from palpate.render.objects.functions.implicit_object import ImplicitObject
 from palpate.render.objects.isosurface import MARGIN, isosurface
-from palpate.render.objects.mesh.repair import mend_mesh
+from palpate.render.objects.mesh.repair import repair_mesh
 
 
 def volume(vertices, faces):
@@ -53,7 +53,7 @@ def test_cells_cut_in_every_way_still_close(rng):
     e = union(*[sphere(0.011).moved(*at) for at in rng.uniform(-0.1, 0.1, (300, 3))])
     vertices, faces = meshed(e, 0.01)
     assert_closed(faces)
-    assert mend_mesh(vertices.astype(np.float64), faces).report.open_edges == 0
+    assert repair_mesh(vertices.astype(np.float64), faces).report.open_edges == 0
 
 
 @pytest.mark.parametrize(

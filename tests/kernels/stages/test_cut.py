@@ -8,7 +8,7 @@ from contour_random import kinds_agree, random_batch
 from palpate.kernels.stages.cut import cut_contours, divide_segments, measure_removed
 from palpate.render import ContourBatch
 from palpate.render.errors import StrategyError
-from palpate.render.stages.segment_removal import cut_batch
+from palpate.render.stages.prune import cut_batch
 from palpate.render.stages.user_output_check import checked_batch
 
 

@@ -158,7 +158,7 @@ def test_a_wrong_peer_is_reported_and_not_timed(faults, state, strategy):
 def test_polylines_that_are_split_are_noticed():
     trial = _trial("oc")
     peer = _mirror()
-    peer.setup(trial.thing, trial.hand)
+    peer.setup(trial.mesh, trial.hand)
     whole = peer.contours
 
     def split(pose, strategy):
@@ -169,7 +169,7 @@ def test_polylines_that_are_split_are_noticed():
         return Polylines(points, middle, np.insert(found.pose, 0, found.pose[0]))
 
     peer.contours = split
-    agreement = check_peer(peer, trial.thing, trial.hand, trial.pose[:50], trial.stages)
+    agreement = check_peer(peer, trial.mesh, trial.hand, trial.pose[:50], trial.stages)
     assert (agreement.apart, agreement.lines_apart) == (0, 1)
     assert not agreement.agrees
 

@@ -40,8 +40,8 @@ PATCHES = tuple(HandPatch(name, 0.06, 0.05, (x, 0, 0.01, 0, 0.6, 0, 0.8)) for na
 def test_points_relative_to_patches_are_those_of_the_array_once_placed(hand, strategy, moves, device):
     poses = generic_poses(80, 3)
     moved = generic_poses(80, 4) if moves else None
-    there = render(TUBE, hand, poses, strategy, moved=moved, device=device)
-    own = render(TUBE, hand, poses, strategy, moved=moved, points="patch", device=device)
+    there = render(TUBE, hand, poses, strategy, object_pose=moved, device=device)
+    own = render(TUBE, hand, poses, strategy, object_pose=moved, points="patch", device=device)
     np.testing.assert_array_equal(own.polyline_start, there.polyline_start)
     np.testing.assert_array_equal(own.kind, there.kind)
     placed = array_points(own, hand, poses)

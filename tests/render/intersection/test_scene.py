@@ -54,7 +54,7 @@ def test_an_object_that_stays_where_it_was_placed_is_one_that_stands_still(make)
     middle = thing.bounds.mean(axis=0)
     hands = poses_at(middle)
     still = np.tile(np.array([*middle, 0, 0, 0, 1], np.float32), (len(hands), 1))
-    batch, expected = (render(thing, Palm(), hands, STEP, moved=moved) for moved in (still, None))
+    batch, expected = (render(thing, Palm(), hands, STEP, object_pose=moved) for moved in (still, None))
     assert expected.length().max() > 0.02
     np.testing.assert_array_equal(batch.pose_start, expected.pose_start)
     np.testing.assert_allclose(batch.length(), expected.length(), atol=1e-5)
@@ -68,7 +68,7 @@ def test_a_file_tells_where_the_middle_of_its_outline_is_so_that_pictures_are_ri
     turn = np.sqrt(0.5)
     moved = np.array([[0.01, 0.02, 0.25, turn, 0, 0, turn]] * 3, np.float32)  # a quarter turn about x
     motion = HandMotion(np.arange(3) / 90, poses_at(np.array([0.01, 0.02, 0.25]), 3))
-    record(path, thing, Palm(), motion, STEP, moved=moved)
+    record(path, thing, Palm(), motion, STEP, object_pose=moved)
     assert check_file(path) == []
     away = outline - middle
     expected = np.stack([away[:, 0], -away[:, 2], away[:, 1]], axis=1) + moved[0, :3]
@@ -83,7 +83,7 @@ def test_a_still_and_a_moving_object_are_not_drawn_in_one_picture(tmp_path):
     moved = np.array([[0.01, 0.02, 0.25, 0, 0, 0, 1]], np.float32)
     paths = {name: tmp_path / f"{name}.h5" for name in ("still", "moving", "again")}
     for path, where in zip(paths.values(), (None, moved, moved), strict=True):
-        record(path, TUBE, Palm(), motion, CC, moved=where)
+        record(path, TUBE, Palm(), motion, CC, object_pose=where)
     for first, second in (("still", "moving"), ("moving", "still")):
         with pytest.raises(StrategyError, match=f"{second}.h5 is of another object motion than .*{first}.h5"):
             draw_figure({first: paths[first], second: paths[second]}, tmp_path / "picture.png")
@@ -95,7 +95,7 @@ def test_a_still_and_a_moving_object_are_not_drawn_in_one_picture(tmp_path):
 
 def test_the_focal_width_is_that_where_a_moving_object_is():
     moved = np.array([[0, 0, z, 0, 0, 0, 1] for z in (0.28, 0.3, 0.5)], np.float32)
-    scene = Scene.of(TUBE, Palm(), replace(CC, transform=(Stage("close"), Stage("hatch"))), moved=moved)
+    scene = Scene.of(TUBE, Palm(), replace(CC, transform=(Stage("close"), Stage("hatch"))), object_pose=moved)
     assert scene.focal_width == pytest.approx(focal_width(0.3).width, rel=1e-6)
 
 

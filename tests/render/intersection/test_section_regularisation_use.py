@@ -17,7 +17,7 @@ from palpate.render.errors import MeshError, StrategyError
 from palpate.render.hands.hand import rigid_poses
 from palpate.render.intersection import section_regularisation as regularisation
 from palpate.render.intersection.mesh_section import intersect, tally_intersection
-from palpate.render.intersection.scene import Scene
+from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.intersection.section_regularisation import FILL_RULES, STEP, UNIT, Loops, Planes
 from palpate.render.playback.live import PoseContours
 
@@ -121,7 +121,7 @@ def test_a_mesh_that_crosses_itself_is_drawn_to_be_measured():
     value = wp.empty((len(METRICS), 10), dtype=wp.float32, device="cpu")
     length = wp.empty(10, dtype=wp.float64, device="cpu")
     with pytest.raises(StrategyError, match="simple mesh"):
-        scene.tally(poses, 0, "cpu", value, length)
+        scene.tally(PoseBlock(poses, 0, "cpu"), value, length)
     with pytest.raises(MeshError, match="crosses itself"):
         tally_intersection(thing, Palm(), sections(poses), CC, value, length)
 

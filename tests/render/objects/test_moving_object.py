@@ -30,7 +30,7 @@ def moved_points(points, place):
 
 def test_contours_of_a_moved_object_are_those_of_the_object_made_where_it_is():
     hands, places = generic_poses(60, 5), object_motion(60)
-    batch = render(TUBE, PALM, hands, closed_contour(), moved=places)
+    batch = render(TUBE, PALM, hands, closed_contour(), object_pose=places)
     length = batch.length()
     for row in range(60):
         there = MeshObject(moved_points(TUBE.vertices, places[row]), TUBE.faces)
@@ -47,7 +47,7 @@ def test_an_object_that_stays_where_it_was_placed_is_one_that_stands_still():
     hands = generic_poses(40, 6)
     still = np.tile(np.array([*MIDDLE, 0, 0, 0, 1], np.float32), (40, 1))
     batch, expected = (
-        render(TUBE, PALM, hands, closed_contour(), moved=still),
+        render(TUBE, PALM, hands, closed_contour(), object_pose=still),
         render(TUBE, PALM, hands, closed_contour()),
     )
     np.testing.assert_array_equal(batch.pose_start, expected.pose_start)
@@ -59,7 +59,7 @@ def test_a_hand_that_moves_with_the_object_keeps_its_contour():
     turn = Rotation.from_quat(places[:, 3:])
     own = np.array([0.02, 0.01, 0.03])
     hands = np.concatenate([places[:, :3] + turn.apply(own), turn.as_quat()], axis=1).astype(np.float32)
-    length = render(TUBE, PALM, hands, closed_contour(), moved=places).length()
+    length = render(TUBE, PALM, hands, closed_contour(), object_pose=places).length()
     assert length[0] > 0.1
     np.testing.assert_allclose(length, length[0], atol=2e-6)
 
@@ -106,16 +106,16 @@ def test_a_clock_is_shared_and_what_does_not_fit_is_refused():
     with pytest.raises(PoseError, match=r"from 0 to 10 s of the hand's time, the hand's from 0 to 10.2 s"):
         next(ends)  # not held for an interval of 10 s
     with pytest.raises(PoseError, match="the object has 3 poses, the motion 10"):
-        Scene.of(TUBE, PALM, closed_contour(), moved=object_motion(3)).require_poses(10)
+        Scene.of(TUBE, PALM, closed_contour(), object_pose=object_motion(3)).require_poses(10)
 
 
 def test_a_file_keeps_where_the_object_was_and_resumes_only_with_the_same(tmp_path):
     hands, path = HandMotion(np.arange(12) / 90, generic_poses(12, 2)), tmp_path / "moved.h5"
-    record(path, TUBE, PALM, hands, closed_contour(), moved=object_motion(12))
+    record(path, TUBE, PALM, hands, closed_contour(), object_pose=object_motion(12))
     assert check_file(path) == []
     with ContourFile(path) as file:
         np.testing.assert_array_equal(file.object()["moved"], object_motion(12))
-        expected = render(TUBE, PALM, hands, closed_contour(), moved=object_motion(12))
+        expected = render(TUBE, PALM, hands, closed_contour(), object_pose=object_motion(12))
         np.testing.assert_array_equal(file.contours()["points"], expected.points)
     with pytest.raises(Exception, match="object motion was"):
-        record(path, TUBE, PALM, hands, closed_contour(), moved=object_motion(12, seed=4), mode="resume")
+        record(path, TUBE, PALM, hands, closed_contour(), object_pose=object_motion(12, seed=4), mode="resume")

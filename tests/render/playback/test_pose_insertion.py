@@ -159,7 +159,7 @@ def test_an_object_that_moves_is_followed_too():
     aside = np.array([[0, 0, 0], [0, -0.004, 0], [0, -0.008, 0]])
     places = np.concatenate([CUBE.bounds.mean(axis=0) + aside, np.tile([0, 0, 0, 1.0], (3, 1))], axis=1)
     moved = HandMotion(np.arange(3) / 90, places)
-    denser = insert_poses(CUBE, Palm(), still_hand, open_contour(), distance=1e-3, moved=moved)
+    denser = insert_poses(CUBE, Palm(), still_hand, open_contour(), distance=1e-3, object_pose=moved)
     np.testing.assert_allclose(denser.time, np.arange(17) / 8 / 90)
     assert insert_poses(CUBE, Palm(), still_hand, open_contour(), distance=1e-3).inserted == 0
 
@@ -169,10 +169,10 @@ def test_an_object_that_is_elsewhere_but_stays_needs_no_times():
     x, y, z = CUBE.bounds.mean(axis=0)
     place = np.array([[x, y - 0.004, z, 0, 0, 0, 1.0]])
     motion, rest = sideways([5e-3, 5e-3]), {"distance": 1e-3}
-    once = insert_poses(CUBE, Palm(), motion, closed_contour(), moved=HandMotion(None, place), **rest)
+    once = insert_poses(CUBE, Palm(), motion, closed_contour(), object_pose=HandMotion(None, place), **rest)
     stays = HandMotion(motion.time[[0, -1]], np.repeat(place, 2, axis=0))
     np.testing.assert_array_equal(
-        once.time, insert_poses(CUBE, Palm(), motion, closed_contour(), moved=stays, **rest).time
+        once.time, insert_poses(CUBE, Palm(), motion, closed_contour(), object_pose=stays, **rest).time
     )
     assert once.inserted > 0
 
@@ -194,4 +194,4 @@ def test_what_has_no_poses_in_between_is_refused():
     with pytest.raises(PoseError, match="this motion has none"):
         insert_poses(CUBE, Palm(), HandMotion(None, motion.pose), closed_contour(), **rest)
     with pytest.raises(PoseError, match="object's motion has none"):
-        insert_poses(CUBE, Palm(), motion, closed_contour(), moved=HandMotion(None, motion.pose), **rest)
+        insert_poses(CUBE, Palm(), motion, closed_contour(), object_pose=HandMotion(None, motion.pose), **rest)

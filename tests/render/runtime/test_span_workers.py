@@ -22,7 +22,7 @@ from palpate.render.errors import StrategyError
 from palpate.render.intersection import batch_rendering as batch_module
 from palpate.render.intersection.batch_rendering import POINT_BYTES, memory_for, rendered_chunks
 from palpate.render.intersection.scene import SECTION_BYTES, Scene
-from palpate.render.runtime.span_workers import Crew, PoseSpans, worker_devices
+from palpate.render.runtime.span_workers import PoseSpans, WorkerThreads, worker_devices
 
 PALM = Palm()
 TUBE = MeshObject.load("tube")
@@ -90,7 +90,7 @@ def test_chunks_cover_every_pose_in_order_within_bounds(ranges, size, workers, f
         return Made(first, min(stop, first + fits))
 
     covered = []
-    for chunk in Crew(spans_of(pairs, size=size, workers=workers), [work] * workers).chunks():
+    for chunk in WorkerThreads(spans_of(pairs, size=size, workers=workers), [work] * workers).chunks():
         covered += range(chunk.first, chunk.stop)
         with lock:
             alive -= 1
@@ -105,7 +105,7 @@ def test_a_failure_of_the_bookkeeping_comes_out_and_nobody_waits_for_ever(at):
 
     spans = spans_of([(0, 40)])
     setattr(spans, at, fail)
-    crew = Crew(spans, [Made] * 2)
+    crew = WorkerThreads(spans, [Made] * 2)
     for thread in crew._threads:
         thread.daemon = True
     got = []
@@ -133,7 +133,7 @@ def test_a_failure_comes_out_as_itself_after_all_chunks_before_it(workers):
         time.sleep(0.001 if first % 20 else 0.01)
         return Made(first, stop)
 
-    chunks = Crew(spans_of([(0, 1000)], workers=workers), [work] * workers).chunks()
+    chunks = WorkerThreads(spans_of([(0, 1000)], workers=workers), [work] * workers).chunks()
     with pytest.raises(RuntimeError) as raised:
         done.extend((chunk.first, chunk.stop) for chunk in chunks)
     assert raised.value is fault
@@ -151,12 +151,12 @@ def test_the_earliest_of_several_failures_comes_out():
         raise ValueError("late")
 
     with pytest.raises(ValueError, match="early"):
-        list(Crew(spans_of([(0, 100)]), [work] * 2).chunks())
+        list(WorkerThreads(spans_of([(0, 100)]), [work] * 2).chunks())
 
 
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, GeneratorExit])
 def test_a_consumer_that_stops_early_leaves_no_thread(interruption):
-    chunks = Crew(spans_of([(0, 1000)]), [lambda a, b: Made(a, b)] * 2).chunks()
+    chunks = WorkerThreads(spans_of([(0, 1000)]), [lambda a, b: Made(a, b)] * 2).chunks()
     next(chunks)
     if interruption is GeneratorExit:
         chunks.close()

@@ -296,7 +296,7 @@ def test_depth_turns_about_the_pivot_that_contours_do(device):
     batch, setting = one_loop(SQUARE)
     half, pivot = [0.0, 1.0, 0.0, 0.0], np.array([0.0, 0.0, 0.19])
     moved = np.array([[0.0, 0.0, 0.19, *half]], np.float32)  # upside down about a point 10 mm below the middle
-    placed = replace(a_setting(setting.pose, thing=Block(), device=device, moved=moved), pivot=pivot)
+    placed = replace(a_setting(setting.pose, thing=Block(), device=device, moved=moved), object_centre=pivot)
     out = run_stage("depth", batch, placed, at="patch", deep=0.04, lowest=0.0)
     assert out.intensity == pytest.approx(0.25, abs=1e-4)  # the block is 20 mm lower then, the palm 10 mm deep in it
 
@@ -354,7 +354,7 @@ def test_depth_of_an_object_that_is_said_to_stay_is_that_of_one_that_stands_stil
     moved = np.array([[*cube.bounds.mean(axis=0), 0, 0, 0, 1]], np.float32)
     for at in ("patch", "point"):
         strategy = IntersectionStrategy(prune=("outside",), transform=("close", Stage("depth", {"at": at})))
-        still, said = (render(cube, Palm(), pose, strategy, moved=m).intensity for m in (None, moved))
+        still, said = (render(cube, Palm(), pose, strategy, object_pose=m).intensity for m in (None, moved))
         assert said == pytest.approx(still, abs=1e-5)
         assert at == "point" or still.min() > 0.35
 

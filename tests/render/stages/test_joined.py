@@ -12,7 +12,7 @@ from palpate.render import ContourBatch, IntersectionStrategy, MeshObject, Palm,
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
 from palpate.render.intersection.mesh_section import intersect
-from palpate.render.stages.joined import JOINT_GAP, drop_joined_sides
+from palpate.render.stages.prune import JOINT_GAP, drop_joined_sides
 from palpate.render.stages.registry import Setting
 
 STRATEGIES = {"oc": open_contour(), "cc": closed_contour()}

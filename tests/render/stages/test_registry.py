@@ -26,7 +26,6 @@ from palpate.render.stages.registry import (
     register_prune,
     register_transform,
 )
-from palpate.render.stages.segment_removal import cut_batch
 from palpate.render.strategies.stage_runner import run_stages
 
 POSE = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (4, 1))

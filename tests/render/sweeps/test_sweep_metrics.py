@@ -197,7 +197,7 @@ def test_poses_on_the_device_give_the_same_contours(device):
     scenes = [
         Scene.of(TUBE, Palm(), CC),
         Scene.of(TUBE, PlaneHand((HandPatch("a", 0.05, 0.05), HandPatch("b", 0.07, 0.02))), CC),
-        Scene.of(TUBE, Palm(), CC, moved=moved),
+        Scene.of(TUBE, Palm(), CC, object_pose=moved),
         Scene.of(TUBE, articulated, CC),
         Scene.of(TUBE, Palm(), PRUNED),
         Scene.of(CUBE, MeshHand(*grid_skin()), replace(CC, step=0.01)),
@@ -270,7 +270,7 @@ def test_contours_are_drawn_only_where_their_points_are_needed(device):
         for name, column in undrawn.columns[0].items():
             np.testing.assert_array_equal(drawn.columns[0][name], column)
     assert "draw" in measured(Scene.of(TUBE, Palm(), PRUNED), pose, device).contours["seconds"]
-    moved = Scene.of(TUBE, Palm(), CC, moved=generic_poses(len(pose), 8))
+    moved = Scene.of(TUBE, Palm(), CC, object_pose=generic_poses(len(pose), 8))
     assert "draw" in measured(moved, pose, device).contours["seconds"]
     with pytest.raises(StrategyError, match="stands still"):
         moved.tally(pose, 0, device, *(wp.empty(1, device=device),) * 2)

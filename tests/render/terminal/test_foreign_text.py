@@ -119,8 +119,8 @@ def test_a_traceback_is_shown_and_not_obeyed(monkeypatch, capsys, rendered):
 def test_warnings_faults_and_tables_are_shown_and_not_obeyed(capsys):
     def command():
         warnings.warn(f"{TITLE}[red]", PalpateWarning, stacklevel=1)
-        console.say({f"a{CLEAR}": f"[b]{TITLE}", "n": 1}, as_json=False, title=f"[i]{TITLE}")
-        console.say({f"a{CLEAR}\x7f": f"[b]{TITLE}"}, as_json=True, title="")
+        console.show_values({f"a{CLEAR}": f"[b]{TITLE}", "n": 1}, as_json=False, title=f"[i]{TITLE}")
+        console.show_values({f"a{CLEAR}\x7f": f"[b]{TITLE}"}, as_json=True, title="")
         raise PlanError(f"one{TITLE}", "two\nOK: three")
 
     assert console.run(command, as_json=False) == MISUSED

@@ -27,13 +27,13 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def repairs(monkeypatch):
     """The number of triangles of each mesh that was repaired, not read."""
-    seen, repair = [], mesh_cache.mend_mesh
+    seen, repair = [], mesh_cache.repair_mesh
 
     def counted(vertices, faces, *rest):
         seen.append(len(faces))
         return repair(vertices, faces, *rest)
 
-    monkeypatch.setattr(mesh_cache, "mend_mesh", counted)
+    monkeypatch.setattr(mesh_cache, "repair_mesh", counted)
     return seen
 
 

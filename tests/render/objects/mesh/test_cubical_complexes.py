@@ -19,7 +19,7 @@ from voxel_complexes import (
 )
 
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
-from palpate.render.objects.mesh.repair import mend_mesh
+from palpate.render.objects.mesh.repair import repair_mesh
 from palpate.render.objects.mesh.report import MeshReport
 
 SETS = 8  # of complexes, so that one that fails is found soon
@@ -61,7 +61,7 @@ def test_random_complexes_load_as_their_union(number, kind):
         exact += 1
         disguises.add((complex_.walls, complex_.diagonals, complex_.turned))
         mesh, rotated = disguised(triangles_of(complex_, rng), rng, "turned" in kind, "float32" in kind)
-        mended = mend_mesh(*mesh)
+        mended = repair_mesh(*mesh)
         assert mended.solid_count == len(mended.faces)
         assert (mended.report.crossings, mended.report.bodies_united, mended.report.open_edges) == (0, 0, 0), seed
         off = 1e-4 if "float32" in kind else 1e-9
@@ -82,7 +82,7 @@ def test_corners_on_sides_closed_by_slivers_change_nothing(kind):
             continue
         triangles = with_slivers(triangles_of(complex_, rng), rng)
         mesh, rotated = disguised(triangles, rng, "turned" in kind, "float32" in kind)
-        mended = mend_mesh(*mesh)
+        mended = repair_mesh(*mesh)
         assert mended.solid_count == len(mended.faces)
         assert (mended.report.crossings, mended.report.open_edges) == (0, 0), seed
         assert mended.report.faces_dropped >= 0
@@ -100,7 +100,7 @@ def test_walls_that_are_there_once_make_a_cavity_solid():
     rng = np.random.default_rng(2)
     for walls, want in ((0, filled), (2, filled), (1, np.ones_like(filled))):
         for _ in range(5):
-            mended = mend_mesh(*as_soup(triangles_of(Complex(filled, walls, True, False), rng)))
+            mended = repair_mesh(*as_soup(triangles_of(Complex(filled, walls, True, False), rng)))
             assert_is_solid(mended.vertices, mended.faces, want, 1e-9, walls)
     assert has_cavity(filled)
 
@@ -127,7 +127,7 @@ def test_boxes_that_overlap_touch_and_nest_load_as_their_union(number, kind):
         rng = np.random.default_rng([number, seed])
         filled, triangles = random_boxes(rng)
         mesh, rotated = disguised(rng.permutation(triangles), rng, "turned" in kind, "float32" in kind)
-        mended = mend_mesh(*mesh)
+        mended = repair_mesh(*mesh)
         if mended.report.crossings == 0 or kind == "as it is":
             off = 1e-4 if "float32" in kind else 1e-9
             assert_is_solid(mended.vertices @ rotated, mended.faces, filled, off, seed)
@@ -146,7 +146,7 @@ def test_a_cube_many_times_in_one_place_is_one_cube(turn):
         if seed % 2:
             cubes = [cube[:, :: int(rng.choice([-1, 1]))] for cube in cubes]
         mesh, rotated = disguised(np.concatenate(cubes), rng, turn, False)
-        mended = mend_mesh(*mesh)
+        mended = repair_mesh(*mesh)
         assert len(mended.faces) == 12
         assert mended.report.crossings == 0
         assert_is_solid(mended.vertices @ rotated, mended.faces, np.ones((1, 1, 1), bool), 1e-9, seed)
@@ -162,7 +162,7 @@ def test_two_bodies_with_one_base_are_what_either_holds():
         rng = np.random.default_rng(seed)
         turned = seed % 2 == 1
         mesh, rotated = disguised(np.concatenate([box, pyramid]), rng, turned, False)
-        mended = mend_mesh(*mesh)
+        mended = repair_mesh(*mesh)
         assert mended.report.crossings == 0
         assert_is_solid(mended.vertices @ rotated, mended.faces, np.ones((1, 1, 1), bool), 1e-9, seed)
 
@@ -218,7 +218,7 @@ def test_contours_of_boxes_that_touch_stay_when_all_is_turned(grid, device):
 
 
 def test_report_of_clean_cubes_says_nothing_was_done():
-    report = mend_mesh(
+    report = repair_mesh(
         *as_soup(triangles_of(Complex(np.ones((1, 1, 1), bool), 0, True, False), np.random.default_rng(3)))
     ).report
     assert report == MeshReport(triangles=12, vertices_welded=28)

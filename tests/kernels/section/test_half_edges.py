@@ -91,7 +91,7 @@ def edge_of(edges, half):
 def forest(request, monkeypatch):
     """Both ways to choose what is scanned: that of small meshes and that of meshes too large for a trail."""
     if request.param == "by order":
-        monkeypatch.setattr(surface_module, "TRAIL_LARGEST", 0)
+        monkeypatch.setattr(surface_module, "SCAN_FACES_MOST", 0)
     return request.param
 
 
@@ -187,7 +187,7 @@ def test_the_uploaded_trail_knows_the_half_edge_each_way(name, device):
 
 
 def test_no_trail_is_made_of_a_mesh_that_is_too_large_for_one(device):
-    edges = HalfEdges(*soup(surface_module.TRAIL_LARGEST + 1))
+    edges = HalfEdges(*soup(surface_module.SCAN_FACES_MOST + 1))
     uploaded = upload_surface(edges, device)
     assert uploaded.trail.shape[0] == 0
     assert uploaded.rank.shape[0] == 3 * len(edges.faces)

@@ -30,7 +30,7 @@ def read_arrays(path: Path, wanted: Collection[str] | None = None) -> dict[str, 
             if not zipfile.is_zipfile(file):
                 file.seek(0)
                 return {ONLY: _array(file, path.stat().st_size, 0)[0]}
-            return _archived(file, wanted)
+            return _read_members(file, wanted)
         except (OSError, MemoryError):
             raise
         except Exception as error:  # zipfile, zlib, the parsers of Python's literals: each with errors of its own
@@ -55,7 +55,7 @@ def array_shape(path: Path, name: str) -> tuple[int, ...]:
             return ()
 
 
-def _archived(file: BinaryIO, wanted: Collection[str] | None) -> dict[str, NDArray[Any]]:
+def _read_members(file: BinaryIO, wanted: Collection[str] | None) -> dict[str, NDArray[Any]]:
     found: dict[str, NDArray[Any]] = {}
     taken = 0
     with zipfile.ZipFile(file) as archive:

@@ -88,7 +88,7 @@ def open_regular(path: str | os.PathLike[str], most: int | None = None) -> Binar
         FileBoundError: It is not a regular file, or larger than `most`.
         OSError: From the system.
     """
-    stream = open(path, "rb", opener=_unblocked)  # noqa: SIM115 - the caller closes it
+    stream = open(path, "rb", opener=_open_unblocked)  # noqa: SIM115 - the caller closes it
     try:
         status = os.fstat(stream.fileno())
         if not stat.S_ISREG(status.st_mode):
@@ -103,7 +103,7 @@ def open_regular(path: str | os.PathLike[str], most: int | None = None) -> Binar
     return stream
 
 
-def _unblocked(path: str, flags: int) -> int:
+def _open_unblocked(path: str, flags: int) -> int:
     """Open a file with O_NONBLOCK, so that opening a pipe does not wait for its writer."""
     return os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY)
 
@@ -143,18 +143,18 @@ def read_limited(stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File, what: str, dec
     return bytes(content)
 
 
-def gunzipped(content: bytes, declared: int | None = None) -> bytes:
+def gunzip(content: bytes, declared: int | None = None) -> bytes:
     """Decompress gzip; raises FileBoundError beyond the budget or the declared size [byte], ValueError if damaged."""
-    return _unpacked(gzip.open(io.BytesIO(content)), declared)
+    return _decompress(gzip.open(io.BytesIO(content)), declared)
 
 
-def bunzipped(content: bytes, declared: int | None = None) -> bytes:
-    """Decompress bzip2; raises as `gunzipped`."""
-    return _unpacked(bz2.open(io.BytesIO(content)), declared)
+def bunzip(content: bytes, declared: int | None = None) -> bytes:
+    """Decompress bzip2; raises as `gunzip`."""
+    return _decompress(bz2.open(io.BytesIO(content)), declared)
 
 
-def inflated(content: bytes) -> bytes:
-    """Decompress zlib; raises as `gunzipped`."""
+def inflate(content: bytes) -> bytes:
+    """Decompress zlib; raises as `gunzip`."""
     limit = byte_limit()
     try:
         unpacked = zlib.decompressobj().decompress(content, limit + 1)
@@ -164,7 +164,7 @@ def inflated(content: bytes) -> bytes:
     return unpacked
 
 
-def _unpacked(stream: gzip.GzipFile | bz2.BZ2File, declared: int | None) -> bytes:
+def _decompress(stream: gzip.GzipFile | bz2.BZ2File, declared: int | None) -> bytes:
     try:
         with stream:
             return read_limited(stream, "what is packed in it", declared)
@@ -174,7 +174,7 @@ def _unpacked(stream: gzip.GzipFile | bz2.BZ2File, declared: int | None) -> byte
         raise ValueError(f"damaged where it is packed ({error})") from error
 
 
-def unzipped(content: bytes) -> dict[str, bytes]:
+def unzip(content: bytes) -> dict[str, bytes]:
     """The members of a zip file by name; the budget holds for their total decompressed size.
 
     Raises FileBoundError beyond the budget, ValueError for a damaged file.

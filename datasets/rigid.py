@@ -14,7 +14,7 @@ Numbers = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def rotated(quaternion: Numbers, x: Numbers) -> Numbers:
+def rotate(quaternion: Numbers, x: Numbers) -> Numbers:
     """Rotate vectors, shape [..., 3], by quaternions, shape [..., 4]."""
     axis, w = quaternion[..., :3], quaternion[..., 3:]
     across = np.cross(axis, x)
@@ -34,28 +34,28 @@ def conjugate(quaternion: Numbers) -> Numbers:
 
 def pose_product(a: Numbers, b: Numbers) -> Numbers:
     """Poses b, given in frames that are at poses a, in the frame of a; shape [..., 7]."""
-    position = a[..., :3] + rotated(a[..., 3:], b[..., :3])
+    position = a[..., :3] + rotate(a[..., 3:], b[..., :3])
     return np.concatenate([position, quaternion_product(a[..., 3:], b[..., 3:])], axis=-1)
 
 
 def pose_inverse(pose: Numbers) -> Numbers:
     """Inverse poses: `pose_product(pose_inverse(p), p)` is the identity; shape [..., 7]."""
     back = conjugate(pose[..., 3:])
-    return np.concatenate([-rotated(back, pose[..., :3]), back], axis=-1)
+    return np.concatenate([-rotate(back, pose[..., :3]), back], axis=-1)
 
 
-def composed(outer: ArrayLike, inner: ArrayLike) -> Numbers:
+def compose(outer: ArrayLike, inner: ArrayLike) -> Numbers:
     """`pose_product` for quaternions of any norm: poses `inner`, given in frames `outer`, in the frame of `outer`.
 
     Poses are x y z [m] and a quaternion xyzw, shape [..., 7]. An identity `inner` gives `outer` bit-identical.
     """
     outer, inner = np.asarray(outer, np.float64), np.asarray(inner, np.float64)
-    position = outer[..., :3] + rotated(unit(outer[..., 3:]), inner[..., :3])
+    position = outer[..., :3] + rotate(unit(outer[..., 3:]), inner[..., :3])
     turn = quaternion_product(outer[..., 3:], inner[..., 3:])
     return np.concatenate([position, turn], axis=-1)
 
 
-def inverted(pose: ArrayLike) -> Numbers:
+def invert(pose: ArrayLike) -> Numbers:
     """`pose_inverse` for quaternions of any norm, shape [..., 7]."""
     pose = np.asarray(pose, np.float64)
     return pose_inverse(np.concatenate([pose[..., :3], unit(pose[..., 3:])], axis=-1))
@@ -63,7 +63,7 @@ def inverted(pose: ArrayLike) -> Numbers:
 
 def matrix_of(quaternion: Numbers) -> Numbers:
     """Rotation matrices of quaternions, shape [..., 3, 3]; their columns are the axes of the rotated frame."""
-    columns = [rotated(quaternion, axis) for axis in np.eye(3)]
+    columns = [rotate(quaternion, axis) for axis in np.eye(3)]
     return np.stack(columns, axis=-1)
 
 

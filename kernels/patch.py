@@ -67,13 +67,13 @@ class Frame:
 
 
 @wp.func
-def widened(x: wp.vec3):
+def to_float64(x: wp.vec3):
     """The vector in float64."""
     return wp.vec3d(wp.float64(x[0]), wp.float64(x[1]), wp.float64(x[2]))
 
 
 @wp.func
-def rotated(a: wp.vec3d, w: wp.float64, x: wp.vec3d):
+def rotate(a: wp.vec3d, w: wp.float64, x: wp.vec3d):
     """Rotate x by the quaternion (a, w) of any norm."""
     s = wp.float64(2.0) / (wp.dot(a, a) + w * w)
     t = wp.cross(a, x)
@@ -84,13 +84,13 @@ def rotated(a: wp.vec3d, w: wp.float64, x: wp.vec3d):
 def frame_at(pose: wp.transform, patch: Patch):
     """Frame of a patch of the hand at a pose."""
     q = wp.transform_get_rotation(pose)
-    a = widened(wp.vec3(q[0], q[1], q[2]))
+    a = to_float64(wp.vec3(q[0], q[1], q[2]))
     w = wp.float64(q[3])
     f = Frame()
-    f.origin = widened(wp.transform_get_translation(pose)) + rotated(a, w, patch.origin)
-    f.u = rotated(a, w, patch.u)
-    f.v = rotated(a, w, patch.v)
-    f.n = rotated(a, w, patch.n)
+    f.origin = to_float64(wp.transform_get_translation(pose)) + rotate(a, w, patch.origin)
+    f.u = rotate(a, w, patch.u)
+    f.v = rotate(a, w, patch.v)
+    f.n = rotate(a, w, patch.n)
     far = wp.max(wp.max(wp.abs(f.origin[0]), wp.abs(f.origin[1])), wp.abs(f.origin[2]))
     f.flush = wp.clamp(wp.max(patch.flush, patch.flush_rate * far), ON, FLUSH_MOST)
     f.relative = patch.relative
@@ -106,12 +106,12 @@ def section_frame(pose: wp.array2d[wp.transform], patch: wp.array[Patch], sectio
 
 
 @wp.func
-def placed(f: Frame, x: wp.vec3):
+def patch_coordinates(f: Frame, x: wp.vec3):
     """Coordinates of a vertex along u, v and n [m]; n is exactly 0 if the vertex counts as on the plane.
 
     Vertices above the plane are not moved to it: they are on the +n side already, and their contour stays exact.
     """
-    d = widened(x) - f.origin
+    d = to_float64(x) - f.origin
     h = wp.dot(f.n, d)
     if -f.flush <= h and h <= ON:
         h = wp.float64(0.0)
@@ -125,19 +125,19 @@ def above(h: wp.float64):
 
 
 @wp.func
-def narrowed(x: wp.vec3d):
+def to_float32(x: wp.vec3d):
     """The vector rounded to float32."""
     return wp.vec3(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2]))
 
 
 @wp.func
-def coarse_of(f: Frame, half: wp.vec2d, reach: float):
+def coarse_frame(f: Frame, half: wp.vec2d, reach: float):
     """The frame in float32. reach: largest |x| + |y| + |z| of any vertex that will be tested [m]."""
     g = Coarse()
-    g.origin = narrowed(f.origin)
-    g.u = narrowed(f.u)
-    g.v = narrowed(f.v)
-    g.n = narrowed(f.n)
+    g.origin = to_float32(f.origin)
+    g.u = to_float32(f.u)
+    g.v = to_float32(f.v)
+    g.n = to_float32(f.n)
     g.distance = wp.float32(wp.dot(f.n, f.origin))
     g.half = wp.vec2(wp.float32(half[0]), wp.float32(half[1]))
     # Origin, axes, difference, products and sums: at most 7 roundings of 2^-24 each. Added: flush with its rounding.
@@ -147,7 +147,7 @@ def coarse_of(f: Frame, half: wp.vec2d, reach: float):
 
 
 @wp.func
-def half_of(patch: Patch, bounded: int):
+def half_extents(patch: Patch, bounded: int):
     """Half extents of a patch [m]; bounded = 0: UNBOUNDED, for the whole plane."""
     if bounded == 0:
         return wp.vec2d(UNBOUNDED, UNBOUNDED)
@@ -160,20 +160,20 @@ def is_above(f: Frame, g: Coarse, x: wp.vec3):
     h = wp.dot(g.n, x) - g.distance
     if wp.abs(h) > g.unsure:
         return h > 0.0
-    return above(placed(f, x)[2])
+    return above(patch_coordinates(f, x)[2])
 
 
 @wp.func
-def lifted(f: Frame, p: wp.vec2d):
+def output_point(f: Frame, p: wp.vec2d):
     """The output point of plane coordinates p [m]: in the array's frame, or in the patch's if `Frame.relative`."""
     x = f.origin + p[0] * f.u + p[1] * f.v
     if f.relative == 1:
         x = wp.vec3d(p[0], p[1], wp.float64(0.0))
-    return narrowed(x)
+    return to_float32(x)
 
 
 @wp.func
-def brought_to_sides(p: wp.vec2d, half: wp.vec2d, flush: wp.float64):
+def snap_to_sides(p: wp.vec2d, half: wp.vec2d, flush: wp.float64):
     """A point of the patch's plane, moved onto each side that it is inside of by at most `flush` [m]."""
     x = half[0] - wp.abs(p[0])
     y = half[1] - wp.abs(p[1])

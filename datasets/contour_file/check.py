@@ -59,7 +59,7 @@ class _Findings:
             entry = self.rows.setdefault((name, problem), [int(flagged[0]) + first, 0])
             entry[1] += int(flagged.size)
 
-    def listed(self) -> list[str]:
+    def sentences_of_all(self) -> list[str]:
         counted = [f"{name}: {problem} ({n}, first {row})" for (name, problem), (row, n) in self.rows.items()]
         return [*self.sentences, *counted]
 
@@ -95,7 +95,7 @@ def unproven_content(path: str | PathLike[str]) -> list[str]:
 def _check_open(file: ContourFile) -> list[str]:
     findings = _Findings()
     if not file.sealed:
-        findings.tell(_unfinished(file))
+        findings.tell(_unfinished_problem(file))
     for problem in file.problems:
         findings.tell(problem)
     header, parts = file.parts()
@@ -116,10 +116,10 @@ def _check_open(file: ContourFile) -> list[str]:
             _check_contours(file, findings)  # only fields that are right by themselves can be compared
     except ContourFileError as error:
         findings.tell(str(error))
-    return findings.listed()
+    return findings.sentences_of_all()
 
 
-def _unfinished(file: ContourFile) -> str:
+def _unfinished_problem(file: ContourFile) -> str:
     done = sum(stop - first for first, stop in file.done)
     held = FolderLock.is_held(file.folder)
     state = "is still being written" if held else "was not finished, --resume goes on with it"

@@ -51,7 +51,7 @@ class ContourFile:
         self.path = Path(path)
         self.sealed, self._header_file, parts, self.problems = _open(self.path)
         """Sentences on what of an unfinished file is damaged; resuming renders it again."""
-        self._pieces: list[_Piece] = []
+        self._blocks: list[_PoseBlock] = []
         self._fitting: set[tuple[Path, tuple[Field, ...]]] = set()
         try:
             refuse_foreign(self._header_file)
@@ -61,9 +61,9 @@ class ContourFile:
             if self.pose_count == 0:
                 raise ContourFileError(f"{self._header_file.path}: /motion/pose has no rows")
             if self.sealed:
-                self._pieces = [_Piece(0, self.pose_count, self._header_file)]
+                self._blocks = [_PoseBlock(0, self.pose_count, self._header_file)]
             else:
-                self._pieces = [_Piece(part.part.first, part.part.stop, part) for part in parts]
+                self._blocks = [_PoseBlock(part.part.first, part.part.stop, part) for part in parts]
             if verify:
                 self.require_whole()
         except ContourFileError:
@@ -81,7 +81,7 @@ class ContourFile:
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
         self._header_file.close()
-        for piece in self._pieces:
+        for piece in self._blocks:
             piece.rows.close()
 
     def require_whole(self) -> None:
@@ -116,13 +116,13 @@ class ContourFile:
 
     def parts(self) -> tuple[Hdf5Reader, list[tuple[Hdf5Reader | PartReader, int]]]:
         """What this file is made up of: its header, and the rows of the poses done with the poses' numbers."""
-        return self._header_file, [(self._checked(piece), piece.stop - piece.first) for piece in self._pieces]
+        return self._header_file, [(self._rows_of(piece), piece.stop - piece.first) for piece in self._blocks]
 
     @property
     def done(self) -> list[tuple[int, int]]:
         """Pose ranges (first, stop) that can be read, joined where they touch."""
         ranges: list[tuple[int, int]] = []
-        for piece in self._pieces:
+        for piece in self._blocks:
             if ranges and ranges[-1][1] == piece.first:
                 ranges[-1] = (ranges[-1][0], piece.stop)
             else:
@@ -132,18 +132,18 @@ class ContourFile:
     @cached_property
     def polyline_count(self) -> int:
         """Number of polylines of the poses done."""
-        return sum(self._row_count(piece, "/contours/polyline_closed") for piece in self._pieces)
+        return sum(self._row_count(piece, "/contours/polyline_closed") for piece in self._blocks)
 
     @cached_property
     def point_count(self) -> int:
         """Number of points of the poses done, the repeated ones of closed polylines included."""
-        return sum(self._row_count(piece, "/contours/points") for piece in self._pieces)
+        return sum(self._row_count(piece, "/contours/points") for piece in self._blocks)
 
     @property
     def optional(self) -> tuple[str, ...]:
         """The optional fields of /contours and /metrics that any of the poses done has."""
         fields = [spec for spec in (*CONTOURS, *METRICS) if spec.optional]
-        return tuple(spec.name for spec in fields if any(spec.path in piece.rows for piece in self._pieces))
+        return tuple(spec.name for spec in fields if any(spec.path in piece.rows for piece in self._blocks))
 
     @cached_property
     def strategy(self) -> dict[str, Any]:
@@ -224,7 +224,7 @@ class ContourFile:
 
         A pose with more points is a range by itself. For going through a file of any size in bounded memory.
         """
-        for piece in self._pieces:
+        for piece in self._blocks:
             for first in range(0, piece.stop - piece.first, _BLOCK_POSES):
                 stop = min(first + _BLOCK_POSES, piece.stop - piece.first)
                 point_start = self._point_start(piece, first, stop)
@@ -248,26 +248,26 @@ class ContourFile:
             for spec in wanted
         }
 
-    def _metric(self, spec: Field, piece: _Piece, first: int, stop: int) -> NDArray[Any]:
-        rows = self._checked(piece)
+    def _metric(self, spec: Field, piece: _PoseBlock, first: int, stop: int) -> NDArray[Any]:
+        rows = self._rows_of(piece)
         if spec.optional and spec.path not in rows:
             return np.full(stop - first, spec.absent, spec.dtype)
         return rows.read(spec.path, first, stop)
 
     def timing(self) -> Timing:
         """How long each chunk took by stage; chunks in the order of their poses."""
-        return join_timing([get_timing(self._checked(piece)) for piece in self._pieces])
+        return join_timing([get_timing(self._rows_of(piece)) for piece in self._blocks])
 
-    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[_Piece, int, int]]:
+    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[_PoseBlock, int, int]]:
         """Pieces that make up a pose range, each with the rows in it; the numbers of rows of the fields fit."""
         stop = self.pose_count if stop is None else stop
         if not 0 <= first <= stop <= self.pose_count:
             raise ContourFileError(
                 f"{self.path}: poses {first} to {stop} are out of range, there are {self.pose_count} poses"
             )
-        parts: list[tuple[_Piece, int, int]] = []
+        parts: list[tuple[_PoseBlock, int, int]] = []
         reached = first
-        for piece in self._pieces:
+        for piece in self._blocks:
             if piece.first <= reached < min(stop, piece.stop):
                 self._require_fitting(piece.rows, fields, piece.stop - piece.first)
                 end = min(stop, piece.stop)
@@ -283,8 +283,8 @@ class ContourFile:
             require_fitting(rows, fields, poses)
             self._fitting.add((rows.path, fields))
 
-    def _contours_of(self, piece: _Piece, first: int, stop: int) -> Arrays:
-        file = self._checked(piece)
+    def _contours_of(self, piece: _PoseBlock, first: int, stop: int) -> Arrays:
+        file = self._rows_of(piece)
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
@@ -296,19 +296,19 @@ class ContourFile:
                 arrays[spec.name] = file.read(spec.path, *rows[str(spec.dims[0])])
         return arrays
 
-    def _point_start(self, piece: _Piece, first: int, stop: int) -> NDArray[np.int64]:
+    def _point_start(self, piece: _PoseBlock, first: int, stop: int) -> NDArray[np.int64]:
         """Offsets into a piece's points where its poses `first` to `stop` begin, and where the last of them ends."""
-        file = self._checked(piece)
+        file = self._rows_of(piece)
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
         return np.asarray(polyline_start[pose_start - low], np.int64)
 
-    def _row_count(self, piece: _Piece, name: str) -> int:
-        _, shape = self._checked(piece).layout(name)
+    def _row_count(self, piece: _PoseBlock, name: str) -> int:
+        _, shape = self._rows_of(piece).layout(name)
         return shape[0]
 
-    def _checked(self, piece: _Piece) -> Hdf5Reader | PartReader:
+    def _rows_of(self, piece: _PoseBlock) -> Hdf5Reader | PartReader:
         rows = piece.rows
         if isinstance(rows, PartReader) and rows.part.recipe != self._recipe_hash:
             raise ContourFileError(f"{rows.path} is of another rendering than the folder it lies in")
@@ -319,7 +319,7 @@ class ContourFile:
         return recipe_hash(self.recipe)
 
 
-class _Piece(NamedTuple):
+class _PoseBlock(NamedTuple):
     """Rows of consecutive poses."""
 
     first: int

@@ -169,7 +169,7 @@ class Rows:
         begun = old % CHUNK_ROWS
         first = [] if begun == 0 else [np.concatenate([self.tail(index), new[: CHUNK_ROWS - begun]])]
         rest = new[CHUNK_ROWS - begun if begun else 0 : count - old]
-        return [part for rows in (*first, rest) for part in encoded(spec, rows, CHUNK_ROWS)]
+        return [part for rows in (*first, rest) for part in encode_chunks(spec, rows, CHUNK_ROWS)]
 
 
 def _pose_of(
@@ -191,7 +191,7 @@ def row_shape(spec: Field) -> tuple[int, ...]:
     return tuple(size for size in spec.dims[1:] if isinstance(size, int))
 
 
-def encoded(spec: Field, rows: NDArray[Any], chunk_rows: int) -> list[tuple[memoryview, bytes]]:
+def encode_chunks(spec: Field, rows: NDArray[Any], chunk_rows: int) -> list[tuple[memoryview, bytes]]:
     """Chunks as HDF5's filter leaves them: rows, which stay where they are, and checksum. rows: of whole chunks."""
     if rows.size == 0:
         return []
@@ -203,7 +203,7 @@ def _checksums(contents: NDArray[np.uint8]) -> list[bytes]:
     return [checksum.tobytes() for checksum in fletcher32(contents).astype("<u4")]
 
 
-def decoded(spec: Field, content: bytes, digest: int | None) -> NDArray[Any] | None:
+def decode_chunk(spec: Field, content: bytes, digest: int | None) -> NDArray[Any] | None:
     """Rows of a chunk of `CHUNK_ROWS`; None if it is not what was written.
 
     digest: XXH3-64 of the chunk; None where an older palpate wrote it, then its checksum decides.
@@ -219,9 +219,9 @@ def decoded(spec: Field, content: bytes, digest: int | None) -> NDArray[Any] | N
 
 
 def proven_digest(content: memoryview, spec: Field, digest: int | None) -> int | None:
-    """XXH3-64 of the rows of a chunk of `CHUNK_ROWS`; None if it is not what was written (`decoded`)."""
+    """XXH3-64 of the rows of a chunk of `CHUNK_ROWS`; None if it is not what was written (`decode_chunk`)."""
     if digest is None:
-        rows = decoded(spec, bytes(content), None)
+        rows = decode_chunk(spec, bytes(content), None)
         return None if rows is None else content_digest(rows.data)
     if len(content) != chunk_bytes(spec):
         return None

@@ -56,7 +56,7 @@ def unknown_content(path: str | PathLike[str]) -> list[str]:
     try:
         with Hdf5Reader(path) as file:
             known = _KNOWN.get(str(file.attribute("/", "format")))
-            return [] if known is None else _unknown(file.structure.attributes, known)
+            return [] if known is None else _find_unknown(file.structure.attributes, known)
     except ContourFileError:
         return []
 
@@ -74,7 +74,7 @@ def unproven_attributes(file: Hdf5Reader) -> list[str]:
     ]
 
 
-def _unknown(found: Mapping[str, tuple[str, ...]], known: Mapping[str, Set[str]]) -> list[str]:
+def _find_unknown(found: Mapping[str, tuple[str, ...]], known: Mapping[str, Set[str]]) -> list[str]:
     sentences: list[str] = []
     for path in sorted(found):
         parent = path.rpartition("/")[0] or "/"

@@ -132,7 +132,7 @@ class FrameReader:
         return out
 
     def _format(self) -> str:
-        found = _known_format(self._file)
+        found = _format_version(self._file)
         if found is None:
             raise ContourFileError(f"{self.path} holds neither focal points nor drives of a sweep")
         if (major := get_version(self._file)[0]) > VERSION_MAJOR:
@@ -160,12 +160,12 @@ def frame_format(path: str | PathLike[str]) -> str | None:
     """FOCAL_POINTS or DRIVES, if a file says that it is that; None for everything else, also for no file."""
     try:
         with Hdf5Reader(path) as file:
-            return _known_format(file)
+            return _format_version(file)
     except ContourFileError:
         return None
 
 
-def _known_format(file: Hdf5Reader) -> str | None:
+def _format_version(file: Hdf5Reader) -> str | None:
     found = file.attribute("/", "format")
     return found if isinstance(found, str) and found in _FIELDS else None
 

@@ -62,13 +62,13 @@ def knuckle_width(position: Numbers) -> float:
     return _median(width)
 
 
-def completed(position: Numbers, quaternion: Numbers, radius: Numbers, *, is_left: bool) -> CompletedJoints:
+def complete_joints(position: Numbers, quaternion: Numbers, radius: Numbers, *, is_left: bool) -> CompletedJoints:
     """Positions [m], quaternions and radii [m] with what no frame gives derived.
 
     Shapes [frame, 26, 3], [frame, 26, 4] and [frame, 26]; NaN is unknown.
     """
     position, quaternion, radius = position.copy(), quaternion.copy(), radius.copy()
-    derived = ~_given(position)
+    derived = ~_has_values(position)
     width = knuckle_width(position)
     axes = _palm_axes(position, quaternion, is_left=is_left)
     if derived[Joint.WRIST]:
@@ -79,7 +79,7 @@ def completed(position: Numbers, quaternion: Numbers, radius: Numbers, *, is_lef
     if derived[Joint.PALM]:
         position[:, Joint.PALM] = (position[:, Joint.MIDDLE_METACARPAL] + position[:, Joint.MIDDLE_PROXIMAL]) / 2.0
     turned = joint_orientations(position, axes, is_left=is_left)
-    for joint in np.flatnonzero(~_given(quaternion)):
+    for joint in np.flatnonzero(~_has_values(quaternion)):
         quaternion[:, joint] = turned[:, joint]
     shares = radius_shares() * (BREADTH_SHARE * width)
     for joint in np.flatnonzero(~np.isfinite(radius).any(axis=0)):
@@ -145,7 +145,7 @@ def _finger_base(wrist: Numbers, knuckle: Numbers, axes: Numbers) -> Numbers:
     return wrist + np.einsum("fik,fk->fi", axes, reach)
 
 
-def _given(values: Numbers) -> NDArray[np.bool_]:
+def _has_values(values: Numbers) -> NDArray[np.bool_]:
     return np.asarray(is_finite(values).any(axis=0))
 
 

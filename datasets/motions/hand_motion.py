@@ -60,7 +60,7 @@ class HandMotion:
     """Number of poses that were interpolated between two poses of the tracker."""
 
     def __post_init__(self) -> None:
-        time, pose, offset = _checked(self.time, self.pose, self.offset, row_place)
+        time, pose, offset = _validate(self.time, self.pose, self.offset, row_place)
         for name, value in (("time", time), ("pose", pose), ("offset", offset)):
             object.__setattr__(self, name, value)
 
@@ -94,7 +94,7 @@ class HandMotion:
         rows = read_rows(Path(path))
         motion = object.__new__(cls)  # skips __post_init__, which would check and copy everything again
         try:
-            time, pose, offset = _checked(rows.time, rows.pose, rows.offset, rows.place, copy=False)
+            time, pose, offset = _validate(rows.time, rows.pose, rows.offset, rows.place, copy=False)
         except MotionError as error:
             raise MotionError(f"{path}: {error}") from None
         values = {"time": time, "pose": pose, "offset": offset, "seed": rows.seed, "inserted": 0}
@@ -165,21 +165,21 @@ def _numbers(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.
     return array
 
 
-def _checked(
+def _validate(
     time: ArrayLike | None, pose: ArrayLike, offset: float, place: Callable[[int], str], *, copy: bool = True
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float32], float]:
     """Validate time, pose and offset and convert them for `HandMotion`; copy=False: arrays of the right type are not
     copied."""
-    checked_pose = _checked_pose(pose, place, copy=copy)
+    checked_pose = _validate_pose(pose, place, copy=copy)
     if not math.isfinite(offset):
         raise MotionError(f"offset must be finite, got {offset!r} s")
     if time is None:
         return None, checked_pose, float(offset)
-    checked_time, shift = _checked_time(time, checked_pose.shape[0], place, copy=copy)
+    checked_time, shift = _validate_time(time, checked_pose.shape[0], place, copy=copy)
     return checked_time, checked_pose, float(offset) + shift
 
 
-def _checked_pose(pose: ArrayLike, place: Callable[[int], str], *, copy: bool) -> NDArray[np.float32]:
+def _validate_pose(pose: ArrayLike, place: Callable[[int], str], *, copy: bool) -> NDArray[np.float32]:
     try:
         given = np.asarray(pose)
         rows = given if given.dtype.kind == "f" and given.itemsize in (4, 8) else np.array(pose, dtype=np.float64)
@@ -217,7 +217,7 @@ def _normalise(rows: NDArray[np.float64], place: Callable[[int], str]) -> None:
     rows[loose, 3:] /= norm[loose, None]
 
 
-def _checked_time(
+def _validate_time(
     time: ArrayLike, pose_count: int, place: Callable[[int], str], *, copy: bool
 ) -> tuple[NDArray[np.float64], float]:
     try:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import RecordingError
-from ..hand_model.frames import completed, side_from_axes, side_from_bends
+from ..hand_model.frames import complete_joints, side_from_axes, side_from_bends
 from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
 from ..rigid import Numbers, is_finite
 from .recording import HandRecording
@@ -77,8 +77,8 @@ def name_place(names: list[str]) -> Callable[[int], str]:
 
 def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
     """One hand of a clip as a recording. Raises RecordingError; the table above says which hand."""
-    seen = _chosen(clip.sightings, None if hand is None else str(hand))
-    time = _checked_time(clip)
+    seen = _choose(clip.sightings, None if hand is None else str(hand))
+    time = _validate_time(clip)
     first, count = seen[0].frame, seen[-1].frame - seen[0].frame + 1
     position, quaternion = np.full((count, JOINT_COUNT, 3), np.nan), np.full((count, JOINT_COUNT, 4), np.nan)
     radius = np.full((count, JOINT_COUNT), np.nan)
@@ -90,7 +90,7 @@ def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
         array[~np.isfinite(array)] = np.nan
     _check_norms(quaternion, clip.place, first)
     side = _side(seen, position, quaternion)
-    whole = completed(position, quaternion, radius, is_left=side == "left")
+    whole = complete_joints(position, quaternion, radius, is_left=side == "left")
     pose = np.concatenate([whole.position, whole.quaternion], axis=2)
     known = is_finite(pose)
     pose[~known] = np.nan
@@ -107,19 +107,19 @@ def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
     )
 
 
-def _chosen(sightings: list[Sighting], hand: str | None) -> list[Sighting]:
+def _choose(sightings: list[Sighting], hand: str | None) -> list[Sighting]:
     if not sightings:
         raise RecordingError("no hand in any frame")
     seen = [s for s in sightings if hand is None or (s.side == hand if hand in SIDES else s.hand_id == hand)]
     if not seen:
-        raise RecordingError(f"no hand {hand!r}; there is {_listed(sightings)}")
+        raise RecordingError(f"no hand {hand!r}; there is {_list_hands(sightings)}")
     frames = [s.frame for s in seen]
     if len({s.side for s in seen}) > 1 or len(set(frames)) < len(frames):
-        raise RecordingError(f"several hands: {_listed(seen)}; choose one by id" + ("" if hand else " or side"))
+        raise RecordingError(f"several hands: {_list_hands(seen)}; choose one by id" + ("" if hand else " or side"))
     return sorted(seen, key=lambda s: s.frame)
 
 
-def _listed(sightings: list[Sighting]) -> str:
+def _list_hands(sightings: list[Sighting]) -> str:
     count: dict[tuple[str, str], int] = {}
     for s in sightings:
         key = (s.side or "a", s.hand_id)
@@ -127,7 +127,7 @@ def _listed(sightings: list[Sighting]) -> str:
     return ", ".join(f"{side} hand {name!r} ({number} frames)" for (side, name), number in count.items())
 
 
-def _checked_time(clip: Clip) -> Numbers | None:
+def _validate_time(clip: Clip) -> Numbers | None:
     if clip.time is None:
         return None
     time = np.array(clip.time, dtype=np.float64)

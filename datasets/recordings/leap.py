@@ -15,7 +15,7 @@ from ..array_file import ONLY, read_arrays
 from ..errors import RecordingError
 from ..hand_model.frames import PALM_RADIUS_SHARE, axes_from
 from ..hand_model.joints import DIGITS, ENDS_JOINTS, LEAP_BONES, LEAP_DIGITS, Joint, leap_starts
-from ..rigid import Numbers, quaternion_of, rotated
+from ..rigid import Numbers, quaternion_of, rotate
 from .clip import SIDES, Clip, Sighting, frame_place, line_place, unknown_joints
 from .json_fields import LENGTH_UNITS, TIME_UNITS, Json, Table, entry, items, number, optional, unit_factor, vector
 
@@ -157,7 +157,7 @@ def _hand(hand: Json, frame: int, length: float) -> Sighting:
 def _palm_directions(palm: Json, place: str) -> tuple[Numbers, Numbers]:
     if optional(palm, "normal", place) is None and optional(palm, "orientation", place) is not None:
         turn = vector(entry(palm, "orientation", place), 4, f"{place}, palm orientation")
-        return rotated(turn, np.array([0.0, -1.0, 0.0])), rotated(turn, np.array([0.0, 0.0, -1.0]))
+        return rotate(turn, np.array([0.0, -1.0, 0.0])), rotate(turn, np.array([0.0, 0.0, -1.0]))
     normal = vector(entry(palm, "normal", place), 3, f"{place}, palm normal")
     return normal, vector(entry(palm, "direction", place), 3, f"{place}, palm direction")
 

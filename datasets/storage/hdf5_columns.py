@@ -196,12 +196,12 @@ def open_columns(
     path: Path, content: bytes | None = None, *, unread: Collection[str] = ()
 ) -> Generator[StrictFile, None, None]:
     """An HDF5 file open for reading, see `open_hdf5`; failures within name it (SweepStoreError)."""
-    with failures_named(path), open_hdf5(path, content, unread=unread) as file:
+    with naming_failures(path), open_hdf5(path, content, unread=unread) as file:
         yield file
 
 
 @contextmanager
-def failures_named(path: Path) -> Generator[None, None, None]:
+def naming_failures(path: Path) -> Generator[None, None, None]:
     """Turns what h5py and the system raise for a bad file into one sentence."""
     try:
         yield

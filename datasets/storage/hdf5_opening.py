@@ -53,7 +53,7 @@ def open_hdf5(path: str | PathLike[str], content: bytes | None = None, *, unread
         Hdf5Error: Not a regular file, an empty file, or a structure that is refused.
         Exception: From h5py for a foreign or damaged file (`hdf5.FAILURES`).
     """
-    source = _Memory(content) if content is not None else _Handle(path)
+    source = _MemorySource(content) if content is not None else _FileSource(path)
     try:
         return StrictFile(source, unread)
     except BaseException:
@@ -64,7 +64,7 @@ def open_hdf5(path: str | PathLike[str], content: bytes | None = None, *, unread
 class StrictFile:
     """An open HDF5 file whose structure was validated; a context manager."""
 
-    def __init__(self, source: _Source, unread: Collection[str]) -> None:
+    def __init__(self, source: _ByteSource, unread: Collection[str]) -> None:
         self._source, self._unread = source, frozenset(unread)
         if source.size == 0:
             raise Hdf5Error("the file is empty")
@@ -194,7 +194,7 @@ def _brief(value: object) -> str:
     return shown if len(shown) <= 80 else f"{shown[:80]}..."
 
 
-class _Source:
+class _ByteSource:
     """A file object that HDF5 reads from; each read fills its buffer completely or raises."""
 
     size: int
@@ -253,7 +253,7 @@ class _Source:
         """Release the handle; a second call does nothing."""
 
 
-class _Memory(_Source):
+class _MemorySource(_ByteSource):
     """Bytes in memory."""
 
     def __init__(self, content: bytes) -> None:
@@ -267,7 +267,7 @@ class _Memory(_Source):
         return self.size, 0
 
 
-class _Handle(_Source):
+class _FileSource(_ByteSource):
     """A regular file; raises Hdf5Error for anything else."""
 
     def __init__(self, path: str | PathLike[str]) -> None:

@@ -127,7 +127,7 @@ def walk(file_id: Any, require: Callable[[Any, Declared], None]) -> Structure:
                     raise Hdf5Error(f"{path} lies {depth + 1} groups deep, expected at most {DEPTH_MOST}")
                 pending.append((path, opened, depth + 1))
             elif isinstance(opened, _h5d.DatasetID):
-                structure.datasets[path] = _declared(opened, path)
+                structure.datasets[path] = _declaration(opened, path)
                 require(opened, structure.datasets[path])
             else:
                 raise Hdf5Error(f"{path} is neither a group nor a dataset, but a {type(opened).__name__}")
@@ -174,7 +174,7 @@ def _name(name: bytes, parent: str) -> str:
     return text
 
 
-def _declared(dataset: Any, path: str) -> Declared:
+def _declaration(dataset: Any, path: str) -> Declared:
     """A dataset's header; raises Hdf5Error for what palpate's files never have."""
     plist = dataset.get_create_plist()
     layout = int(plist.get_layout())

@@ -35,7 +35,7 @@ def open_database(path: Path, *, writes: bool, busy_seconds: float) -> sqlite3.C
         OSError, sqlite3.Error: As the system and SQLite say.
     """
     _require_own_files(path)
-    connection = _connected(path, "rw" if writes else "ro", busy_seconds)
+    connection = _connect(path, "rw" if writes else "ro", busy_seconds)
     try:
         connection.execute("PRAGMA user_version")  # the first look: SQLite judges the journal
         return connection
@@ -46,10 +46,10 @@ def open_database(path: Path, *, writes: bool, busy_seconds: float) -> sqlite3.C
     except BaseException:
         connection.close()
         raise
-    return _opened_copy(path, busy_seconds)
+    return _open_copy(path, busy_seconds)
 
 
-def _connected(path: Path, access: str, busy_seconds: float) -> sqlite3.Connection:
+def _connect(path: Path, access: str, busy_seconds: float) -> sqlite3.Connection:
     return sqlite3.connect(
         f"{path.absolute().as_uri()}?mode={access}",
         uri=True,
@@ -84,12 +84,12 @@ def _require_own_files(path: Path) -> None:
         )
 
 
-def _opened_copy(path: Path, busy_seconds: float) -> sqlite3.Connection:
+def _open_copy(path: Path, busy_seconds: float) -> sqlite3.Connection:
     """Open a copy of a database and its journal, in which SQLite undoes the transaction."""
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         copy = Path(folder) / path.name
         _copy_unchanging(path, copy)
-        connection = _connected(copy, "rw", busy_seconds)
+        connection = _connect(copy, "rw", busy_seconds)
         try:
             connection.execute("PRAGMA user_version")
         except BaseException:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 import warp as wp
 
-from .dense_grid import blended, clamped, dense_field, grain_of
+from .dense_grid import clamp_index, dense_field, grain_of, interpolate
 from .field import ROOT_WIDTH, Field, share_of
 
 SHIFT = 1
@@ -102,17 +102,17 @@ def reach_of(data: Bricked, i: int, j: int, k: int):
 
 
 @wp.func
-def between(values: wp.array[wp.float32], one: int, two: int, t: wp.float64):
+def interpolate_entries(values: wp.array[wp.float32], one: int, two: int, t: wp.float64):
     """Between two values by their places."""
-    return blended(wp.float64(values[one]), wp.float64(values[two]), t)
+    return interpolate(wp.float64(values[one]), wp.float64(values[two]), t)
 
 
 @wp.func
 def value_at(data: Bricked, at: wp.vec3d):
     """Value at an index."""
-    p = clamped(at[0], data.last[0])
-    q = clamped(at[1], data.last[1])
-    r = clamped(at[2], data.last[2])
+    p = clamp_index(at[0], data.last[0])
+    q = clamp_index(at[1], data.last[1])
+    r = clamp_index(at[2], data.last[2])
     i = wp.min(int(p), data.cells[0])
     j = wp.min(int(q), data.cells[1])
     k = wp.min(int(r), data.cells[2])
@@ -124,13 +124,13 @@ def value_at(data: Bricked, at: wp.vec3d):
     j_low = place_j(data, j)
     j_high = place_j(data, j + 1)
     base = place_i(data, i)
-    a = between(data.values, base + j_low + k_low, base + j_low + k_high, r)
-    b = between(data.values, base + j_high + k_low, base + j_high + k_high, r)
-    low = blended(a, b, q)
+    a = interpolate_entries(data.values, base + j_low + k_low, base + j_low + k_high, r)
+    b = interpolate_entries(data.values, base + j_high + k_low, base + j_high + k_high, r)
+    low = interpolate(a, b, q)
     base = place_i(data, i + 1)
-    a = between(data.values, base + j_low + k_low, base + j_low + k_high, r)
-    b = between(data.values, base + j_high + k_low, base + j_high + k_high, r)
-    return blended(low, blended(a, b, q), p)
+    a = interpolate_entries(data.values, base + j_low + k_low, base + j_low + k_high, r)
+    b = interpolate_entries(data.values, base + j_high + k_low, base + j_high + k_high, r)
+    return interpolate(low, interpolate(a, b, q), p)
 
 
 @wp.func
@@ -165,9 +165,9 @@ def bricked_root(data: Bricked, a: wp.vec3d, b: wp.vec3d):
 def bricked_inside(data: Bricked, x: wp.vec3d):
     """`Field.inside` of the volume: a brick of one side need not be looked into."""
     at = index_of(data, x)
-    i = wp.min(int(clamped(at[0], data.last[0])), data.cells[0])
-    j = wp.min(int(clamped(at[1], data.last[1])), data.cells[1])
-    k = wp.min(int(clamped(at[2], data.last[2])), data.cells[2])
+    i = wp.min(int(clamp_index(at[0], data.last[0])), data.cells[0])
+    j = wp.min(int(clamp_index(at[1], data.last[1])), data.cells[1])
+    k = wp.min(int(clamp_index(at[2], data.last[2])), data.cells[2])
     reach = reach_of(data, i >> SHIFT, j >> SHIFT, k >> SHIFT)
     if reach != 0:
         return reach < 0
@@ -181,7 +181,7 @@ def bricked_ball(data: Bricked, x: wp.vec3d, radius: wp.float64):
     brick = wp.vec3i()
     room = wp.float64(1.0e9)  # to where the own brick ends, less what the ball reaches [voxel]
     for k in range(3):
-        p = clamped(at[k], data.last[k])
+        p = clamp_index(at[k], data.last[k])
         own = wp.min(int(p), data.cells[k]) >> SHIFT
         brick[k] = own
         p = p - wp.float64(own) * WIDE

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..patch import EXACT, ON, narrowed, widened
+from ..patch import EXACT, ON, to_float32, to_float64
 from ..section.half_edges import LEAF, Surface
 from ..section.tree_search import node_after
-from ..section.triangle_walk import loaded, vertex_of
+from ..section.triangle_walk import load_vec4, vertex_of
 from .field import Field, root_of
 
 wp.set_module_options(EXACT)
@@ -58,9 +58,9 @@ class Triangle:
 def face_from(surface: Surface, face: int, x: wp.vec3d):
     """A face's corners less x: the same bits in all faces that share a corner."""
     t = Triangle()
-    t.a = widened(vertex_of(loaded(surface.corner, 3 * face))) - x
-    t.b = widened(vertex_of(loaded(surface.corner, 3 * face + 1))) - x
-    t.c = widened(vertex_of(loaded(surface.corner, 3 * face + 2))) - x
+    t.a = to_float64(vertex_of(load_vec4(surface.corner, 3 * face))) - x
+    t.b = to_float64(vertex_of(load_vec4(surface.corner, 3 * face + 1))) - x
+    t.c = to_float64(vertex_of(load_vec4(surface.corner, 3 * face + 2))) - x
     return t
 
 
@@ -139,16 +139,16 @@ def span_of(surface: Surface, low: wp.vec3d, high: wp.vec3d):
     slack = wp.float64(surface.reach) * ROUNDING + ON
     by = wp.vec3d(slack, slack, slack)
     s = Span()
-    s.low = narrowed(low - by)
-    s.high = narrowed(high + by)
+    s.low = to_float32(low - by)
+    s.high = to_float32(high + by)
     return s
 
 
 @wp.func
 def apart(surface: Surface, node: int, s: Span):
     """Whether a node's box lies apart from a span; an empty one, of half extents -1 m, lies so or has no faces."""
-    centre = loaded(surface.node_centre, node)
-    half = loaded(surface.node_half, node)
+    centre = load_vec4(surface.node_centre, node)
+    half = load_vec4(surface.node_half, node)
     if centre[0] + half[0] < s.low[0] or centre[0] - half[0] > s.high[0]:
         return True
     if centre[1] + half[1] < s.low[1] or centre[1] - half[1] > s.high[1]:
@@ -318,7 +318,7 @@ def is_near(t: Triangle, radius: wp.float64):
 
 
 @wp.func
-def settled_ball(surface: Surface, x: wp.vec3d, radius: wp.float64, rule: int):
+def side_of_ball(surface: Surface, x: wp.vec3d, radius: wp.float64, rule: int):
     """1 or -1 where no face comes as near to x as radius, which is outside or inside then; else 0."""
     room = radius * (wp.float64(1.0) + wp.float64(1.0e-6)) + wp.float64(1.0e-9)  # and rounding
     by = wp.vec3d(room, room, room)
@@ -338,7 +338,7 @@ def settled_ball(surface: Surface, x: wp.vec3d, radius: wp.float64, rule: int):
 @wp.func
 def mesh_ball(inside: Inside, x: wp.vec3d, radius: wp.float64):
     """`Field.ball` of a closed surface."""
-    return settled_ball(inside.surface, x, radius, inside.rule)
+    return side_of_ball(inside.surface, x, radius, inside.rule)
 
 
 @wp.kernel
@@ -355,7 +355,7 @@ def _settle_cells(
     i, j, k = wp.tid()
     half = wp.float64(0.5)
     at = wp.vec3d(wp.float64(i) + half, wp.float64(j) + half, wp.float64(k) + half)
-    settled[i, j, k] = wp.int8(settled_ball(surface, low + cell * at, wp.float64(0.8661) * cell, rule))
+    settled[i, j, k] = wp.int8(side_of_ball(surface, low + cell * at, wp.float64(0.8661) * cell, rule))
 
 
 def mesh_field(surface: Any, bounds: np.ndarray, *, solid: str = "winding") -> Field:

@@ -23,13 +23,13 @@ class Placed:
 
 
 @wp.func
-def own_point(data: Placed, x: wp.vec3d):
+def local_point(data: Placed, x: wp.vec3d):
     """A point of the array's frame in the function's own coordinates."""
     return (data.turn * (x - data.at)) / data.scale
 
 
 @wp.func
-def cut_value(data: Placed, own: wp.vec3d, f: wp.float64):
+def value_in_box(data: Placed, own: wp.vec3d, f: wp.float64):
     """The function's value, raised outside the box: above 0 there whatever the function says."""
     known = NOWHERE
     if wp.isfinite(f):
@@ -44,14 +44,14 @@ def function_value(function: Any, double: bool) -> Any:
 
     @wp.func
     def value_double(data: Placed, x: wp.vec3d):
-        own = own_point(data, x)
-        return cut_value(data, own, wp.float64(function(own)))
+        own = local_point(data, x)
+        return value_in_box(data, own, wp.float64(function(own)))
 
     @wp.func
     def value_single(data: Placed, x: wp.vec3d):
-        own = own_point(data, x)
+        own = local_point(data, x)
         rounded = wp.vec3(wp.float32(own[0]), wp.float32(own[1]), wp.float32(own[2]))
-        return cut_value(data, own, wp.float64(function(rounded)))
+        return value_in_box(data, own, wp.float64(function(rounded)))
 
     return value_double if double else value_single
 

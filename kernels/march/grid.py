@@ -42,7 +42,7 @@ class Lattice:
 
 
 @wp.struct
-class Moved:
+class MovedNodes:
     """Nodes that lie elsewhere than the grid says, section by section."""
 
     start: wp.array[wp.int32]  # a section's first one, shape [section]; no sections where no node is moved
@@ -97,7 +97,7 @@ def node_at(lattice: Lattice, i: wp.float64, j: wp.float64):
 
 
 @wp.func
-def place_of(moved: Moved, section: int, nodes: int, i: int, j: int):
+def place_of(moved: MovedNodes, section: int, nodes: int, i: int, j: int):
     """Where node (i, j) lies, in grid steps from node (0, 0); nodes: of a row."""
     out = wp.vec2d(wp.float64(i), wp.float64(j))
     if section < moved.start.shape[0]:
@@ -108,7 +108,7 @@ def place_of(moved: Moved, section: int, nodes: int, i: int, j: int):
 
 
 @wp.func
-def is_done(moved: Moved, section: int):
+def is_done(moved: MovedNodes, section: int):
     """Whether nodes were moved, but none of this section."""
     if section >= moved.start.shape[0]:
         return False

@@ -7,7 +7,7 @@ import warp as wp
 from ..offsets import BLOCK, last_of, offsets_of
 from ..patch import EXACT
 from ..section.contour_writing import Contours
-from ..section.row_walker import Lines
+from ..section.row_walker import LineArrays
 from .sample import NO_POINT
 from .walk import Trails
 
@@ -99,7 +99,7 @@ def _write_lines(
     patch_count: int,
     point_base: wp.int64,  # points of the chunks before
     # Out:
-    lines: Lines,
+    lines: LineArrays,
 ):
     """Write a slot's point, and where a polyline ends what there is to say of it."""
     slot = wp.tid()
@@ -167,7 +167,7 @@ def write_lines(
 ) -> Contours:
     """Write a chunk's contours; offsets go on from the points and polylines of those before, and end with their end."""
     device = point.device
-    lines = Lines()
+    lines = LineArrays()
     lines.points = wp.empty(kept.point_count, dtype=wp.vec3, device=device)
     lines.kind = wp.empty(kept.point_count, dtype=wp.uint8, device=device)
     end = point_base + kept.point_count

@@ -11,8 +11,8 @@ import warp as wp
 
 from ..fields.field import MODULE, Field, inside_function, made_once, root_function
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, narrowed
-from .grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, Moved, is_done, node_at, place_of
+from ..patch import EXACT, to_float32
+from .grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, MovedNodes, is_done, node_at, place_of
 
 wp.set_module_options(EXACT)
 
@@ -258,7 +258,7 @@ def root_kernel(root: Any, data_type: Any) -> Any:
         grid: wp.array[Grid],
         code: wp.array[wp.int32],
         section: wp.array[wp.int32],
-        moved: Moved,
+        moved: MovedNodes,
         # Out:
         point: wp.array[wp.vec3],  # those of sections that are done come written
     ):
@@ -279,7 +279,7 @@ def root_kernel(root: Any, data_type: Any) -> Any:
                 moved, section[slot], nodes, i + wp.where(what == ALONG_U, 1, 0), j + wp.where(what == ALONG_V, 1, 0)
             )
             x = root(data, x, node_at(lat, p[0], p[1]))
-        point[slot] = narrowed(x + lat.lift)
+        point[slot] = to_float32(x + lat.lift)
 
     return _find_roots
 
@@ -341,7 +341,7 @@ def find_roots(
     grids: Grids,
     code: wp.array,
     section: wp.array,
-    moved: Moved,
+    moved: MovedNodes,
     point: wp.array,
 ) -> None:
     """Write where the points with these codes lie [m], float32, shape [slot]; those of sections that are done stay."""

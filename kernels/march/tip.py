@@ -21,8 +21,8 @@ import warp as wp
 
 from ..fields.field import MODULE, Field, inside_function, made_once, root_function
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, narrowed, widened
-from .grid import Grid, Grids, Lattice, Moved, node_at
+from ..patch import EXACT, to_float32, to_float64
+from .grid import Grid, Grids, Lattice, MovedNodes, node_at
 from .turn import list_turns
 from .walk import Trails
 
@@ -56,7 +56,7 @@ class Tips:
     track_count: wp.array[wp.int32]  # places of it
 
 
-class Found(NamedTuple):
+class FoundTips(NamedTuple):
     """Tips, and the points that go with them."""
 
     tip: wp.array  # of each slot, vec3 [m]: what comes after its point; the point itself where there is none
@@ -226,7 +226,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         return is_near(data, c, p, q) and is_near(data, c, q, p)
 
     @wp.func
-    def climbed(data: data_type, begin: Climb, track: wp.array2d[wp.vec2d], row: int):
+    def climb_tip(data: data_type, begin: Climb, track: wp.array2d[wp.vec2d], row: int):
         """The highest section; `count` is 0 if there is no tip."""
         c = begin
         track[row, 0] = c.m
@@ -274,12 +274,12 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         tips.what[row] = NO_TIP
         far[row] = 0
         lat = lattice[section[slot]]
-        p = grid_place(lat, widened(point[slot]) - lat.lift)
-        q = grid_place(lat, widened(point[after[slot]]) - lat.lift)
+        p = grid_place(lat, to_float64(point[slot]) - lat.lift)
+        q = grid_place(lat, to_float64(point[after[slot]]) - lat.lift)
         c = begun(data, lat, p, q, least)
         if c.count == 0:
             return
-        c = climbed(data, c, tips.track, row)
+        c = climb_tip(data, c, tips.track, row)
         if c.count == 0:
             return
         end = tip_of(data, c)
@@ -294,14 +294,14 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
             far[row] = 1
         else:
             tips.what[row] = TIP
-            tip[slot] = narrowed(node_at(lat, end[0], end[1]) + lat.lift)
+            tip[slot] = to_float32(node_at(lat, end[0], end[1]) + lat.lift)
 
     return _climb_tips
 
 
 def find_tips(
-    field: Field, lattice: wp.array, grids: Grids, trails: Trails, point: wp.array, moved: Moved, *, least: float
-) -> Found:
+    field: Field, lattice: wp.array, grids: Grids, trails: Trails, point: wp.array, moved: MovedNodes, *, least: float
+) -> FoundTips:
     """Climb from every step that turns far; waits for the device.
 
     least: height of the lowest tip [grid step]. moved: once nodes are, only their sections are looked at.
@@ -310,7 +310,7 @@ def find_tips(
     turns = list_turns(trails, point, moved)
     count = turns.slot.shape[0]
     if count == 0:
-        return Found(point, 0)
+        return FoundTips(point, 0)
     tip = wp.clone(point)
     tips = Tips()
     tips.what, tips.track_count = (wp.empty(count, dtype=wp.int32, device=device) for _ in range(2))
@@ -325,4 +325,4 @@ def find_tips(
         block_dim=BLOCK,
     )
     room = offsets_of(far)
-    return Found(tip, last_of(room), tips, turns.start, room)
+    return FoundTips(tip, last_of(room), tips, turns.start, room)

@@ -7,9 +7,9 @@ import warp as wp
 from ..patch import BOTTOM, EXACT, Patch, section_frame
 from .edge_pairing import OPEN
 from .half_edges import Surface
-from .pieces import CLOSED, Pieces, count_row, section_of, store_piece
+from .pieces import CLOSED, ContourPieces, count_row, section_of, store_piece
 from .segment_clipping import NONE, Segment, needs_left, segment_of
-from .triangle_walk import left_from, link_of, loaded
+from .triangle_walk import corners_left_from, link_of, load_vec4
 
 wp.set_module_options(EXACT)
 
@@ -51,7 +51,7 @@ def quiet(code_p: int, code_q: int):
 
 
 @wp.struct
-class Tour:
+class EventTour:
     """A loop read from its events, and the piece that it is on."""
 
     begin: int  # event with which the loop begins
@@ -70,9 +70,9 @@ class Tour:
 
 
 @wp.func
-def begun(surface: Surface, k: int, what: int, old: Tour):
+def begin_tour(surface: Surface, k: int, what: int, old: EventTour):
     """The tour of the loop that begins with event k."""
-    t = Tour()
+    t = EventTour()
     t.pieces = old.pieces
     t.winding = old.winding
     t.begin = k
@@ -82,14 +82,14 @@ def begun(surface: Surface, k: int, what: int, old: Tour):
     if (what & TO) == 0:
         t.inside = 1
         t.clear = 1
-        if link_of(loaded(surface.corner, t.half)) != OPEN:  # else a chain: its first piece is one
+        if link_of(load_vec4(surface.corner, t.half)) != OPEN:  # else a chain: its first piece is one
             t.whole = 1
             t.partial = 1
     return t
 
 
 @wp.func
-def advanced(tour: Tour, what: int, steps: int, e: Segment, clear: int, pieces: Pieces, row: int):
+def advance(tour: EventTour, what: int, steps: int, e: Segment, clear: int, pieces: ContourPieces, row: int):
     """The tour after an event; clear: 1 if no side is met near a corner or a crossing."""
     t = tour
     at = what >> HALF
@@ -124,14 +124,14 @@ def _clip_loops(
     patch: wp.array[Patch],
     events: Events,
     # Out:
-    pieces: Pieces,
+    pieces: ContourPieces,
 ):
     """Find the pieces of each row's section in its events."""
     row = wp.tid()
     section = section_of(pieces, row)
     own = patch[section % patch.shape[0]]
     count = events.count[row]
-    tour = Tour()
+    tour = EventTour()
     tour.pieces = wp.where(count > events.room, count, 0)  # no more pieces than events
     count = wp.where(count > events.room, 0, count)
     k = int(0)
@@ -141,15 +141,15 @@ def _clip_loops(
         what = event[0]
         k += 1
         if (what & BEGIN) != 0:
-            tour = begun(surface, k, what, tour)
+            tour = begin_tour(surface, k, what, tour)
         else:
             left = int(0)
             clear = wp.where((what & CLEAR) != 0, 1, 0)
             if needs_left((what >> FROM) & TO, what & TO):
                 f = section_frame(pose, patch, section)
-                left = left_from(surface, f, what >> HALF, own.half)
+                left = corners_left_from(surface, f, what >> HALF, own.half)
                 clear = 0
-            tour = advanced(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)
+            tour = advance(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)
             if tour.done == 1 and tour.whole == 1:
                 half = tour.first
                 store_piece(

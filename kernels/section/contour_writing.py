@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT, Patch, half_of, section_frame
+from ..patch import EXACT, Patch, half_extents, section_frame
 from .half_edges import Surface
 from .joining import Entries, Joined
-from .pieces import Pieces, section_of
-from .row_walker import Lines, Pen, draw_row
+from .pieces import ContourPieces, section_of
+from .row_walker import LineArrays, PolylineWriter, draw_row
 
 wp.set_module_options(EXACT)
 
@@ -31,25 +31,25 @@ def _draw_contours(
     surface: Surface,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
-    pieces: Pieces,
+    pieces: ContourPieces,
     entries: Entries,
     bounded: int,  # 0: the whole plane
     closes: int,  # 1: CC, 0: OC
     section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
     # Out:
-    lines: Lines,
+    lines: LineArrays,
 ):
     """Write each row's polylines."""
     row = wp.tid()
     section = section_of(pieces, row)
     own = section % patch.shape[0]
-    pen = Pen()
+    pen = PolylineWriter()
     pen.i = point_start[section]
     pen.line = section_start[section]
     pen.patch = own
     f = section_frame(pose, patch, section)
-    pen = draw_row(surface, f, half_of(patch[own], bounded), pieces, entries, row, closes, lines, pen)
+    pen = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, pen)
     if section == section_start.shape[0] - 2:
         lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
 
@@ -69,7 +69,7 @@ def draw_contours(
         polyline_closed=wp.empty(joined.polyline_count, dtype=wp.uint8, device=device),
         section_start=joined.section_start,
     )
-    lines = Lines()
+    lines = LineArrays()
     lines.points, lines.kind, lines.polyline_start = out.points, out.kind, out.polyline_start
     lines.polyline_patch, lines.polyline_closed = out.polyline_patch, out.polyline_closed
     for pieces, entries in joined.rows:

@@ -66,7 +66,7 @@ def twins_of(faces: np.ndarray, vertices: np.ndarray | None = None, tolerance: f
             group = _split_by_patch(half, group, downward, patch)
             by_patch = np.lexsort((half, patch[half // 3]))
             half, group, turn, downward = half[by_patch], group[by_patch], turn[by_patch], downward[by_patch]
-        _pair(twin, *_matched(half, group, turn, downward, by_rank=vertices is None), tail)
+        _pair(twin, *_match_brackets(half, group, turn, downward, by_rank=vertices is None), tail)
     return twin
 
 
@@ -148,7 +148,7 @@ def _turns(
     return turn
 
 
-def _matched(
+def _match_brackets(
     half: np.ndarray, group: np.ndarray, turn: np.ndarray, downward: np.ndarray, *, by_rank: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of half-edges of edges with more than two triangles, matched like brackets within each group, an edge's.

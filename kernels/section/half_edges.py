@@ -110,7 +110,7 @@ class HalfEdges:
     def trail(self) -> tuple[np.ndarray, np.ndarray]:
         """The scan path: one path over all scanned edges. Vertices, shape [step + 1], and the half-edge of each step,
         OPEN for a jump."""
-        return trail_through(self)
+        return scan_path_of(self)
 
     @cached_property
     def rank(self) -> np.ndarray:
@@ -179,7 +179,7 @@ def deep_tree(tail: np.ndarray, head: np.ndarray) -> np.ndarray:
     return used
 
 
-def trail_through(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
+def scan_path_of(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
     """A path over every scanned edge once, with jumps: vertices [step + 1], half-edges [step] (OPEN: jump)."""
     own = surface.scanned & ((surface.twin == OPEN) | (np.arange(len(surface.twin)) < surface.twin))
     at: dict[int, list[tuple[int, int]]] = {}
@@ -208,7 +208,7 @@ def trail_through(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
     return np.array(vertices, np.int64), np.array(halves, np.int64)
 
 
-def row_groups(function: np.ufunc, rows: np.ndarray, size: int) -> np.ndarray:
+def reduce_groups(function: np.ufunc, rows: np.ndarray, size: int) -> np.ndarray:
     """Reduce each group of `size` rows by a binary ufunc; ten times as fast as `ufunc.reduce` over a short axis."""
     return reduce(function, (rows[k::size] for k in range(size)))
 
@@ -225,12 +225,12 @@ def boxes_of(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray, int]:
     high = -low
     low[:face_count], high[:face_count] = reduce(np.minimum, corners), reduce(np.maximum, corners)
     lows, highs = np.full((2 * leaf_count, 3), np.inf, np.float32), np.full((2 * leaf_count, 3), -np.inf, np.float32)
-    low, high = row_groups(np.minimum, low, LEAF), row_groups(np.maximum, high, LEAF)
+    low, high = reduce_groups(np.minimum, low, LEAF), reduce_groups(np.maximum, high, LEAF)
     first = leaf_count
     while first:
         lows[first : 2 * first], highs[first : 2 * first] = low, high
         if first > 1:
-            low, high = row_groups(np.minimum, low, 2), row_groups(np.maximum, high, 2)
+            low, high = reduce_groups(np.minimum, low, 2), reduce_groups(np.maximum, high, 2)
         first //= 2
     empty = lows[:, 0] > highs[:, 0]
     lows[empty] = highs[empty] = 0.0
@@ -251,21 +251,21 @@ def upload_surface(surface: HalfEdges, device: str) -> Surface:
     out.is_open = int(surface.open_count > 0)
     out.reach = float(np.abs(surface.vertices).sum(axis=1).max())
     vertices, halves = surface.trail if surface.has_trail else (np.zeros(0, int), np.zeros(0, int))
-    out.trail = wp.array(padded(surface.vertices[vertices]), dtype=wp.vec4, device=device)
-    out.trail_half = wp.array(sides_of(surface, vertices, halves), dtype=wp.vec2i, device=device)
+    out.trail = wp.array(pad_to_vec4(surface.vertices[vertices]), dtype=wp.vec4, device=device)
+    out.trail_half = wp.array(step_halves(surface, vertices, halves), dtype=wp.vec2i, device=device)
     centre, half, leaf_first = boxes_of(surface)
-    out.node_centre = wp.array(padded(centre), dtype=wp.vec4, device=device)
-    out.node_half = wp.array(padded(half), dtype=wp.vec4, device=device)
+    out.node_centre = wp.array(pad_to_vec4(centre), dtype=wp.vec4, device=device)
+    out.node_half = wp.array(pad_to_vec4(half), dtype=wp.vec4, device=device)
     out.leaf_first = leaf_first
     return out
 
 
-def padded(x: np.ndarray) -> np.ndarray:
+def pad_to_vec4(x: np.ndarray) -> np.ndarray:
     """Append a zero to each vector: a GPU loads 16 bytes at once."""
     return np.hstack([x, np.zeros((len(x), 1), np.float32)]).astype(np.float32)
 
 
-def sides_of(surface: HalfEdges, vertices: np.ndarray, halves: np.ndarray) -> np.ndarray:
+def step_halves(surface: HalfEdges, vertices: np.ndarray, halves: np.ndarray) -> np.ndarray:
     """Half-edges forth and back of the scan path's step that ends at each vertex, int32, shape [step + 1, 2]."""
     out = np.full((len(vertices), 2), OPEN, np.int32)
     step = np.flatnonzero(halves != OPEN)

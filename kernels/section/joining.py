@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
-from ..patch import EXACT, Frame, Patch, corner, lifted, outcode, section_frame
+from ..patch import EXACT, Frame, Patch, corner, outcode, output_point, section_frame
 from .half_edges import Surface
-from .pieces import CLOSED, Pieces, room_of, section_of, start_of
+from .pieces import CLOSED, ContourPieces, room_of, section_of, start_of
 from .segment_clipping import side_point, side_position
 from .triangle_walk import crossing_after, crossing_at, point_of
 
@@ -33,7 +33,7 @@ class Entries:
 
 
 @wp.struct
-class Ends:
+class PieceEnds:
     """Where a row's open pieces enter and leave, sorted along the boundary; scratch, by slot."""
 
     leaving: wp.array[wp.int32]  # piece, in the order of the places where pieces leave; in the end, by key
@@ -47,7 +47,7 @@ class Ends:
 
 
 @wp.func
-def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp.int64, ends: Ends):
+def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces, i: wp.int64, ends: PieceEnds):
     """Compute where an open piece enters and leaves its patch; count its steps there that are of some length."""
     side = pieces.side[i]
     position = wp.vec2d()
@@ -57,20 +57,20 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp
         c = crossing_at(surface, f, pieces.half[i])
         q = point_of(f, crossing_after(surface, f, c), half)
         p = side_point(side[0], point_of(f, c, half), q, half)
-        x = lifted(f, p)
+        x = output_point(f, p)
         position[0] = side_position(side[0], p)
         ends.first[i] = x
-        if outcode(q, half) == 0 and not (x == lifted(f, q)):
+        if outcode(q, half) == 0 and not (x == output_point(f, q)):
             steps += 1
     if side[1] != NONE:
         c = crossing_at(surface, f, pieces.out[i])
         p = point_of(f, c, half)
         q = side_point(side[1], p, point_of(f, crossing_after(surface, f, c), half), half)
-        y = lifted(f, q)
+        y = output_point(f, q)
         position[1] = side_position(side[1], q)
         ends.last[i] = y
         if outcode(p, half) == 0:
-            x = lifted(f, p)
+            x = output_point(f, p)
         if not (x == y):
             steps += 1
     ends.position[i] = position
@@ -78,7 +78,7 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp
 
 
 @wp.func
-def comes_before(pieces: Pieces, base: wp.int64, one: int, two: int, by: int, ends: Ends):
+def comes_before(pieces: ContourPieces, base: wp.int64, one: int, two: int, by: int, ends: PieceEnds):
     """Whether a slot's piece comes before another's: by where they enter or leave, then by key."""
     a = base + wp.int64(one) * pieces.stride
     b = base + wp.int64(two) * pieces.stride
@@ -94,7 +94,13 @@ def comes_before(pieces: Pieces, base: wp.int64, one: int, two: int, by: int, en
 
 @wp.func
 def sort_slots(
-    pieces: Pieces, base: wp.int64, count: int, by: int, only_open: bool, ends: Ends, order: wp.array[wp.int32]
+    pieces: ContourPieces,
+    base: wp.int64,
+    count: int,
+    by: int,
+    only_open: bool,
+    ends: PieceEnds,
+    order: wp.array[wp.int32],
 ):
     """Shell sort of a row's slots; returns how many there are. For a few it is an insertion sort."""
     n = int(0)
@@ -121,7 +127,7 @@ def sort_slots(
 
 
 @wp.func
-def match_ends(pieces: Pieces, base: wp.int64, count: int, winding: int, ends: Ends):
+def match_ends(pieces: ContourPieces, base: wp.int64, count: int, winding: int, ends: PieceEnds):
     """Match leaving and entering ends; returns how many open pieces there are.
 
     Along the boundary the solid begins where a piece leaves and ends where one enters. At corner 0 `winding` stretches
@@ -149,7 +155,7 @@ def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, cor
     steps = int(0)
     p = x
     for k in range(corners):
-        q = lifted(f, corner((side + 1 + k) % 4, half))
+        q = output_point(f, corner((side + 1 + k) % 4, half))
         if not (p == q):
             steps += 1
         p = q
@@ -159,7 +165,7 @@ def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, cor
 
 
 @wp.func
-def loop_steps(pieces: Pieces, base: wp.int64, first: int, f: Frame, half: wp.vec2d, ends: Ends):
+def loop_steps(pieces: ContourPieces, base: wp.int64, first: int, f: Frame, half: wp.vec2d, ends: PieceEnds):
     """Steps of some length around the loop of a piece."""
     own = base + wp.int64(first) * pieces.stride
     steps = ends.steps[own]
@@ -178,7 +184,9 @@ def loop_steps(pieces: Pieces, base: wp.int64, first: int, f: Frame, half: wp.ve
 
 
 @wp.func
-def enter_loop(pieces: Pieces, base: wp.int64, first: int, kept: bool, ends: Ends, entries: Entries, entry: int):
+def enter_loop(
+    pieces: ContourPieces, base: wp.int64, first: int, kept: bool, ends: PieceEnds, entries: Entries, entry: int
+):
     """Mark the pieces of a loop as drawn, and enter them from entry on if it is kept; returns the next free entry."""
     n = int(entry)
     slot = int(first)
@@ -210,7 +218,7 @@ def write_row(entries: Entries, row: int, section: int, entry: int, lines: int, 
 @wp.kernel
 def _join_single_pieces(
     # In:
-    pieces: Pieces,
+    pieces: ContourPieces,
     closes: int,  # 1: CC, 0: OC
     # Out:
     entries: Entries,
@@ -266,14 +274,14 @@ def end_steps(side: wp.vec2i, through: bool):
 def _join_pieces(
     # In:
     surface: Surface,
-    pieces: Pieces,
+    pieces: ContourPieces,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     closes: int,  # 1: CC, 0: OC
     rest: wp.array[wp.int32],
     rest_count: wp.array[wp.int32],
     # Out:
-    ends: Ends,  # scratch
+    ends: PieceEnds,  # scratch
     entries: Entries,
 ):
     """Order each row's pieces, loop by loop, and count polylines and points without steps of zero length."""
@@ -374,7 +382,7 @@ def join_pieces(
 
 def room_to_join(pieces: Any, device: Any) -> tuple[Any, Any]:
     """Ends and Entries for as many pieces."""
-    ends, entries = Ends(), Entries()
+    ends, entries = PieceEnds(), Entries()
     slot_count = pieces.half.shape[0]
     for field in ("leaving", "entering", "follower", "corners", "steps"):
         setattr(ends, field, wp.empty(slot_count, dtype=wp.int32, device=device))

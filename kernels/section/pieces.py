@@ -10,7 +10,7 @@ CLOSED = wp.constant(1 << 30)  # in a piece's key: a loop that never leaves the 
 
 
 @wp.struct
-class Pieces:
+class ContourPieces:
     """Pieces by slot; slot s of row r stands at start[r] + s * stride."""
 
     section: wp.array[wp.int32]  # of each row; empty if rows are sections
@@ -29,7 +29,7 @@ class Pieces:
 
 
 @wp.func
-def room_of(pieces: Pieces, row: int):
+def room_of(pieces: ContourPieces, row: int):
     """Slots of a row."""
     if pieces.room.shape[0] == 0:
         return SLOTS
@@ -37,7 +37,7 @@ def room_of(pieces: Pieces, row: int):
 
 
 @wp.func
-def start_of(pieces: Pieces, row: int):
+def start_of(pieces: ContourPieces, row: int):
     """Place of a row's slot 0."""
     if pieces.start.shape[0] == 0:
         return wp.int64(row)
@@ -53,14 +53,23 @@ def section_at(section: wp.array[wp.int32], row: int):
 
 
 @wp.func
-def section_of(pieces: Pieces, row: int):
+def section_of(pieces: ContourPieces, row: int):
     """Section of a row."""
     return section_at(pieces.section, row)
 
 
 @wp.func
 def store_piece(
-    pieces: Pieces, row: int, slot: int, half: int, out: int, enter: int, leave: int, steps: int, key: int, clear: int
+    pieces: ContourPieces,
+    row: int,
+    slot: int,
+    half: int,
+    out: int,
+    enter: int,
+    leave: int,
+    steps: int,
+    key: int,
+    clear: int,
 ):
     """Put a piece where there is room for it; clear: 1 if its ends are (see `Pieces.steps`), 0 if nobody knows."""
     if slot < room_of(pieces, row):
@@ -73,7 +82,7 @@ def store_piece(
 
 
 @wp.func
-def count_row(pieces: Pieces, row: int, count: int, winding: int):
+def count_row(pieces: ContourPieces, row: int, count: int, winding: int):
     """Write how many pieces a row has, and whether it has room for them."""
     pieces.count[row] = count
     pieces.winding[row] = winding
@@ -83,7 +92,7 @@ def count_row(pieces: Pieces, row: int, count: int, winding: int):
 
 def room_for_sections(section_count: int, device: str) -> Any:
     """Pieces with a row a section and SLOTS slots a row, slot by slot, so that neighbouring rows are neighbours."""
-    pieces = Pieces()
+    pieces = ContourPieces()
     pieces.section = wp.empty(0, dtype=wp.int32, device=device)
     pieces.start = wp.empty(0, dtype=wp.int64, device=device)
     pieces.room = wp.empty(0, dtype=wp.int32, device=device)
@@ -96,7 +105,7 @@ def room_for_excess(found: Any, device: str) -> Any:
     count = found.count.numpy()
     section = np.flatnonzero(count > SLOTS)
     start = np.concatenate([[0], np.cumsum(count[section], dtype=np.int64)])
-    pieces = Pieces()
+    pieces = ContourPieces()
     pieces.section = wp.array(section.astype(np.int32), device=device)
     pieces.start = wp.array(start[:-1], dtype=wp.int64, device=device)
     pieces.room = wp.array(count[section], dtype=wp.int32, device=device)

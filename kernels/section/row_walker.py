@@ -13,11 +13,11 @@ from typing import Any
 
 import warp as wp
 
-from ..patch import Frame, corner, lifted, outcode, widened
+from ..patch import Frame, corner, outcode, output_point, to_float64
 from .edge_pairing import OPEN
 from .half_edges import Surface
 from .joining import BEGIN, BOUNDARY, CORNERS, SLOT, Entries
-from .pieces import CLOSED, Pieces, start_of
+from .pieces import CLOSED, ContourPieces, start_of
 from .segment_clipping import corners_left, segment_of, side_point
 from .triangle_walk import crossing_after, crossing_at, point_of
 
@@ -27,7 +27,7 @@ MADE = 2
 
 
 @wp.struct
-class Lines:
+class LineArrays:
     """Where contours are written: see `draw.Contours`; `kind` comes as OBJECT."""
 
     points: wp.array[wp.vec3]
@@ -38,7 +38,7 @@ class Lines:
 
 
 @wp.struct
-class Pen:
+class PolylineWriter:
     """The last point, not written before the next one is known to differ from it."""
 
     i: wp.int64  # where it goes
@@ -50,7 +50,7 @@ class Pen:
 
 
 @wp.struct
-class Tape:
+class LengthAccumulator:
     """The last point, and sums over what lies before it."""
 
     x: wp.vec3
@@ -63,7 +63,7 @@ class Tape:
 
 
 @wp.func
-def drawn_to(lines: Lines, pen: Pen, y: wp.vec3, draws: bool):
+def write_to(lines: LineArrays, pen: PolylineWriter, y: wp.vec3, draws: bool):
     """The pen at y, its point before written if it draws and the way was of some length."""
     out = pen
     if draws and not (pen.x == y):
@@ -78,18 +78,18 @@ def drawn_to(lines: Lines, pen: Pen, y: wp.vec3, draws: bool):
 
 
 @wp.func
-def added_to(encloses: int, tape: Tape, y: wp.vec3, draws: bool):
+def add_to(encloses: int, tape: LengthAccumulator, y: wp.vec3, draws: bool):
     """The pen at y, the way added if it draws and that was of some length."""
     out = tape
     if draws and not (tape.x == y):
-        way = wp.length(widened(y - tape.x))
+        way = wp.length(to_float64(y - tape.x))
         if tape.kind == OBJECT:
             out.outline = tape.outline + way
         else:
             out.side = tape.side + way
         if encloses == 1:
-            origin = widened(tape.first)
-            out.own = tape.own + wp.cross(widened(tape.x) - origin, widened(y) - origin)
+            origin = to_float64(tape.first)
+            out.own = tape.own + wp.cross(to_float64(tape.x) - origin, to_float64(y) - origin)
     if draws:
         out.x = y
         out.kind = OBJECT
@@ -97,7 +97,7 @@ def added_to(encloses: int, tape: Tape, y: wp.vec3, draws: bool):
 
 
 @wp.func
-def begun_line(lines: Lines, pen: Pen, begins: bool, closed: bool):
+def begin_line(lines: LineArrays, pen: PolylineWriter, begins: bool, closed: bool):
     """The pen where a polyline starts, which is entered, if one begins."""
     out = pen
     if begins:
@@ -109,7 +109,7 @@ def begun_line(lines: Lines, pen: Pen, begins: bool, closed: bool):
 
 
 @wp.func
-def begun_sum(encloses: int, tape: Tape, begins: bool, closed: bool):
+def begin_sum(encloses: int, tape: LengthAccumulator, begins: bool, closed: bool):
     """The pen where a polyline starts if one begins."""
     out = tape
     if begins:
@@ -118,7 +118,7 @@ def begun_sum(encloses: int, tape: Tape, begins: bool, closed: bool):
 
 
 @wp.func
-def ended_line(lines: Lines, pen: Pen, ends: bool):
+def end_line(lines: LineArrays, pen: PolylineWriter, ends: bool):
     """The pen after a polyline, if it ends here, whose last point is written; its kind repeats the one before."""
     out = pen
     if ends:
@@ -129,7 +129,7 @@ def ended_line(lines: Lines, pen: Pen, ends: bool):
 
 
 @wp.func
-def ended_sum(encloses: int, tape: Tape, ends: bool):
+def end_sum(encloses: int, tape: LengthAccumulator, ends: bool):
     """The pen after a polyline if it ends here."""
     out = tape
     if ends:
@@ -138,28 +138,28 @@ def ended_sum(encloses: int, tape: Tape, ends: bool):
 
 
 @wp.func
-def draw_boundary(lines: Lines, pen: Pen, f: Frame, half: wp.vec2d, draws: bool):
+def draw_boundary(lines: LineArrays, pen: PolylineWriter, f: Frame, half: wp.vec2d, draws: bool):
     """The patch's whole boundary as a polyline of five points, if the pen draws."""
-    out = begun_line(lines, pen, draws, True)
+    out = begin_line(lines, pen, draws, True)
     if draws:
         for k in range(5):
-            lines.points[out.i] = lifted(f, corner(k % 4, half))
+            lines.points[out.i] = output_point(f, corner(k % 4, half))
             lines.kind[out.i] = wp.uint8(HAND)
             out.i = out.i + wp.int64(1)
     return out
 
 
 @wp.func
-def add_boundary(encloses: int, tape: Tape, f: Frame, half: wp.vec2d, draws: bool):
+def add_boundary(encloses: int, tape: LengthAccumulator, f: Frame, half: wp.vec2d, draws: bool):
     """The patch's whole boundary as a polyline, if the pen draws."""
-    out = begun_sum(encloses, tape, draws, True)
+    out = begin_sum(encloses, tape, draws, True)
     if draws:
-        out.x = lifted(f, corner(0, half))
+        out.x = output_point(f, corner(0, half))
         out.first = out.x
     for k in range(wp.where(draws, 4, 0)):
         out.kind = HAND
-        out = added_to(encloses, out, lifted(f, corner((k + 1) % 4, half)), draws)
-    return ended_sum(encloses, out, draws)
+        out = add_to(encloses, out, output_point(f, corner((k + 1) % 4, half)), draws)
+    return end_sum(encloses, out, draws)
 
 
 def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, boundary: Any) -> Any:
@@ -174,24 +174,24 @@ def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, bou
         q = point_of(f, n, side)
         code_p = outcode(p, side)
         code_q = outcode(q, side)
-        x = lifted(f, p)
+        x = output_point(f, p)
         if code_p != 0:
-            x = lifted(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).enter, p, q, side))
+            x = output_point(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).enter, p, q, side))
         out = to(sink, pen, x, not starts)
         if starts:
             out.first = x
         out.x = x
         out.kind = OBJECT
         while code_q == 0 and n.half != OPEN and n.half != half:
-            out = to(sink, out, lifted(f, q), True)
+            out = to(sink, out, output_point(f, q), True)
             p = q
             code_p = code_q
             n = crossing_after(surface, f, n)
             q = point_of(f, n, side)
             code_q = outcode(q, side)
-        x = lifted(f, q)
+        x = output_point(f, q)
         if code_q != 0:
-            x = lifted(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).leave, p, q, side))
+            x = output_point(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).leave, p, q, side))
         return to(sink, out, x, True)
 
     @wp.func
@@ -201,7 +201,7 @@ def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, bou
         if draws:
             out.kind = HAND
         for k in range(count):
-            out = to(sink, out, lifted(f, corner((first + k) % 4, half)), draws)
+            out = to(sink, out, output_point(f, corner((first + k) % 4, half)), draws)
             if draws:
                 out.kind = HAND
         return out
@@ -211,7 +211,7 @@ def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, bou
         surface: Surface,
         f: Frame,
         side: wp.vec2d,
-        pieces: Pieces,
+        pieces: ContourPieces,
         entries: Entries,
         row: int,
         closes: int,
@@ -244,5 +244,5 @@ def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, bou
     return draw_row
 
 
-draw_row = row_walker(Lines, Pen, drawn_to, begun_line, ended_line, draw_boundary)
-add_row = row_walker(int, Tape, added_to, begun_sum, ended_sum, add_boundary)
+draw_row = row_walker(LineArrays, PolylineWriter, write_to, begin_line, end_line, draw_boundary)
+add_row = row_walker(int, LengthAccumulator, add_to, begin_sum, end_sum, add_boundary)

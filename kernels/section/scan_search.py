@@ -20,18 +20,18 @@ from ..patch import (
     Coarse,
     Frame,
     Patch,
-    coarse_of,
-    half_of,
+    coarse_frame,
+    half_extents,
     is_above,
-    lifted,
     outcode,
+    output_point,
     section_frame,
 )
 from .clip_events import BEGIN, CLEAR, END, FROM, HALF, STOP, Events, _clip_loops, quiet, room_for_events, write_event
 from .edge_pairing import OPEN
 from .half_edges import MASK_WORDS, Surface
 from .pieces import section_at
-from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, loaded, point_of, vertex_of
+from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
@@ -53,9 +53,9 @@ def swept(surface: Surface, f: Frame, g: Coarse, start: int, lists: bool, halves
     """Count the scanned crossings of the trail after step `start`, and list as many as there is room for."""
     found = Sweep()
     found.first = OPEN
-    was = is_above(f, g, vertex_of(loaded(surface.trail, start)))
+    was = is_above(f, g, vertex_of(load_vec4(surface.trail, start)))
     for i in range(start + 1, surface.trail.shape[0]):
-        side = is_above(f, g, vertex_of(loaded(surface.trail, i)))
+        side = is_above(f, g, vertex_of(load_vec4(surface.trail, i)))
         if side != was:
             half = surface.trail_half[i][wp.where(was, 0, 1)]
             if half != OPEN:
@@ -71,7 +71,7 @@ def swept(surface: Surface, f: Frame, g: Coarse, start: int, lists: bool, halves
 
 
 @wp.func
-def marked(mask: wp.array[wp.uint32], rank: int):
+def is_marked(mask: wp.array[wp.uint32], rank: int):
     """Whether a walk has passed the scanned edge of that rank."""
     return (mask[rank >> 5] >> wp.uint32(rank & 31)) & wp.uint32(1) != wp.uint32(0)
 
@@ -130,11 +130,11 @@ def moves(f: Frame, g: Coarse, side: wp.vec2d, c: Crossing, p: Spot, n: Crossing
     room = wp.float64(2.0 * g.unsure) * p.d * q.d  # each may be brought to a side
     if wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room:
         return True
-    return not (lifted(f, point_of(f, c, side)) == lifted(f, point_of(f, n, side)))
+    return not (output_point(f, point_of(f, c, side)) == output_point(f, point_of(f, n, side)))
 
 
 @wp.func
-def walked(
+def walk_loop(
     surface: Surface,
     f: Frame,
     g: Coarse,
@@ -189,7 +189,7 @@ def walked(
 
 
 @wp.func
-def passed(surface: Surface, f: Frame, half: int, mask: wp.array[wp.uint32]):
+def mark_loop(surface: Surface, f: Frame, half: int, mask: wp.array[wp.uint32]):
     """Mark the scanned crossings of a loop; returns how many there are."""
     count = int(0)
     c = crossing_at(surface, f, half)
@@ -221,21 +221,21 @@ def _walk_first_loops(
     row = wp.tid()
     own = section_at(section, row)
     f = section_frame(pose, patch, own)
-    side = half_of(patch[own % patch.shape[0]], bounded)
-    g = coarse_of(f, side, surface.reach)
+    side = half_extents(patch[own % patch.shape[0]], bounded)
+    g = coarse_frame(f, side, surface.reach)
     nothing = wp.zeros(shape=1, dtype=wp.int32)
     no_mask = wp.zeros(shape=1, dtype=wp.uint32)
     found = swept(surface, f, g, 0, False, nothing)
     walk = Walk()
     if found.count > 0 and surface.is_open == 0:
-        walk = walked(surface, f, g, side, found.first, False, False, no_mask, events, row, 0)
+        walk = walk_loop(surface, f, g, side, found.first, False, False, no_mask, events, row, 0)
     events.count[row] = walk.events
     if walk.scanned < found.count:
         rest[wp.atomic_add(rest_count, 0, 1)] = row
 
 
 @wp.func
-def walked_others(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, row: int):
+def walk_other_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, row: int):
     """Walk around the loops of a row that have no events yet; returns how many events it has then."""
     count = events.count[row]
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
@@ -244,21 +244,21 @@ def walked_others(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events:
     total = found.count
     scanned = int(0)
     if count > 0:
-        scanned = passed(surface, f, found.first, mask)
+        scanned = mark_loop(surface, f, found.first, mask)
     k = int(0)
     while scanned < total and found.kept > 0:
         if k == found.kept:
             found = swept(surface, f, g, found.step, True, halves)
             k = 0
-        while k < found.kept and marked(mask, surface.rank[halves[k]]):
+        while k < found.kept and is_marked(mask, surface.rank[halves[k]]):
             k += 1
         if k < found.kept:
             half = halves[k]
-            chain = link_of(loaded(surface.corner, half)) == OPEN
-            walk = walked(surface, f, g, side, half, chain, True, mask, events, row, count)
+            chain = link_of(load_vec4(surface.corner, half)) == OPEN
+            walk = walk_loop(surface, f, g, side, half, chain, True, mask, events, row, count)
             if walk.ended == 1 and not chain:
                 half = chain_start(surface, f, half)
-                walk = walked(surface, f, g, side, half, True, True, mask, events, row, count)
+                walk = walk_loop(surface, f, g, side, half, True, True, mask, events, row, count)
             count += walk.events
             scanned += walk.scanned
     return count
@@ -282,9 +282,9 @@ def _walk_other_loops(
         row = rest[wp.tid()]
         own = section_at(section, row)
         f = section_frame(pose, patch, own)
-        side = half_of(patch[own % patch.shape[0]], bounded)
-        g = coarse_of(f, side, surface.reach)
-        events.count[row] = walked_others(surface, f, g, side, events, row)
+        side = half_extents(patch[own % patch.shape[0]], bounded)
+        g = coarse_frame(f, side, surface.reach)
+        events.count[row] = walk_other_loops(surface, f, g, side, events, row)
 
 
 def trace_pieces(

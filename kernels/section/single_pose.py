@@ -12,8 +12,8 @@ import warp as wp
 from .clip_events import _clip_loops, room_for_events
 from .contour_writing import _draw_contours
 from .joining import _join_pieces, _join_single_pieces, room_to_join
-from .pieces import Pieces, with_slots
-from .row_walker import Lines
+from .pieces import ContourPieces, with_slots
+from .row_walker import LineArrays
 from .scan_search import _walk_first_loops, _walk_other_loops
 from .tree_search import _seek_pieces
 
@@ -50,9 +50,9 @@ class Room:
         self.size = size._replace(events=max(size.events, size.pieces))
         self._surface, self._patch, self._row_count = surface, patch, patch.shape[0]
         self._stages = [int(outside), int(close)]
-        self._pose, self._pose_rows = shared((1, 1), wp.transform)
-        self._counters, self._count = shared(3, wp.int32)
-        self._rest, _ = shared(self._row_count, wp.int32)
+        self._pose, self._pose_rows = shared_zeros((1, 1), wp.transform)
+        self._counters, self._count = shared_zeros(3, wp.int32)
+        self._rest, _ = shared_zeros(self._row_count, wp.int32)
         self._polylines, self._points = Offsets(self._row_count), Offsets(self._row_count)
         self._pieces = self._room_for_pieces()
         self._events = room_for_events(self._row_count, self.size.events, wp.get_device(CPU))
@@ -105,8 +105,8 @@ class Room:
 
     def _room_for_pieces(self) -> Any:
         room = self.size.pieces
-        pieces = Pieces()
-        pieces.section, _ = shared(0, wp.int32)
+        pieces = ContourPieces()
+        pieces.section, _ = shared_zeros(0, wp.int32)
         pieces.start = wp.array(np.arange(self._row_count) * room, dtype=wp.int64, device=CPU)
         pieces.room = wp.full(self._row_count, room, dtype=wp.int32, device=CPU)
         pieces.stride = 1
@@ -117,7 +117,7 @@ class Room:
     def _room_for_lines(self) -> tuple[Any, dict[str, np.ndarray]]:
         """Where contours are drawn, for the kernel and for NumPy."""
         line_most = self._row_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
-        lines, host = Lines(), {}
+        lines, host = LineArrays(), {}
         for field, size, dtype in (
             ("points", self.size.points, wp.vec3),
             ("kind", self.size.points, wp.uint8),
@@ -125,7 +125,7 @@ class Room:
             ("polyline_patch", line_most, wp.int32),
             ("polyline_closed", line_most, wp.uint8),
         ):
-            array, host[field] = shared(size, dtype)
+            array, host[field] = shared_zeros(size, dtype)
             setattr(lines, field, array)
         return lines, {**host, "pose_start": self._polylines.host[:: self._row_count]}
 
@@ -133,14 +133,14 @@ class Room:
         section = [self._surface, self._pose, self._patch, self._stages[0], self._pieces.section]
         rest = [self._rest, self._counters[SEVERAL:]]
         return [
-            (self._recorded(_walk_first_loops, section, [self._events, *rest]), None),
-            (self._recorded(_walk_other_loops, [*section, *rest], [self._events]), SEVERAL),
-            (self._recorded(_clip_loops, [*section[:3], self._events], [self._pieces]), None),
+            (self._record(_walk_first_loops, section, [self._events, *rest]), None),
+            (self._record(_walk_other_loops, [*section, *rest], [self._events]), SEVERAL),
+            (self._record(_clip_loops, [*section[:3], self._events], [self._pieces]), None),
         ]
 
     def _seeking(self) -> Launches:
         inputs = [self._surface, self._pose, self._patch, *self._stages]
-        return [(self._recorded(_seek_pieces, inputs, [self._pieces]), None)]
+        return [(self._record(_seek_pieces, inputs, [self._pieces]), None)]
 
     def _joining_and_drawing(self) -> tuple[Launches, wp.Launch]:
         ends, entries = room_to_join(self._pieces, CPU)
@@ -150,11 +150,11 @@ class Room:
         several = [self._surface, self._pieces, self._pose, self._patch, self._stages[1], *rest]
         drawn = [self._surface, self._pose, self._patch, self._pieces, entries, *self._stages]
         return [
-            (self._recorded(_join_single_pieces, single, [entries, *rest]), None),
-            (self._recorded(_join_pieces, several, [ends, entries]), LISTED),
-        ], self._recorded(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
+            (self._record(_join_single_pieces, single, [entries, *rest]), None),
+            (self._record(_join_pieces, several, [ends, entries]), LISTED),
+        ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
 
-    def _recorded(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
+    def _record(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
         launch = wp.launch(kernel, self._row_count, inputs=inputs, outputs=outputs, device=CPU, record_cmd=True)
         return cast(wp.Launch, launch)
 
@@ -163,8 +163,8 @@ class Offsets:
     """Counts of sections, which kernels write, and their offsets, which they read."""
 
     def __init__(self, section_count: int) -> None:
-        self.count, count = shared(section_count + 1, wp.int64)
-        self.start, self.host = shared(section_count + 1, wp.int64)
+        self.count, count = shared_zeros(section_count + 1, wp.int64)
+        self.start, self.host = shared_zeros(section_count + 1, wp.int64)
         self._scanned = count[:-1], self.host[1:]
 
     def scan(self) -> None:
@@ -177,7 +177,7 @@ class Offsets:
         return self.host.item(-1)
 
 
-def shared(size: int | tuple[int, ...], dtype: Any) -> tuple[wp.array, np.ndarray]:
+def shared_zeros(size: int | tuple[int, ...], dtype: Any) -> tuple[wp.array, np.ndarray]:
     """An array of zeros, for kernels and for NumPy."""
     array = wp.zeros(size, dtype=dtype, device=CPU)
     return array, array.numpy()

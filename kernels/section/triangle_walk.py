@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from ..patch import Frame, above, brought_to_sides, outcode, placed
+from ..patch import Frame, above, outcode, patch_coordinates, snap_to_sides
 from .edge_pairing import OPEN
 from .half_edges import Surface
 from .segment_clipping import blend, corners_left
@@ -29,7 +29,7 @@ class Crossing:
     return a.data[i];
 #endif
 """)
-def loaded(a: wp.array[wp.vec4], i: int) -> wp.vec4:
+def load_vec4(a: wp.array[wp.vec4], i: int) -> wp.vec4:
     """Entry i of an array that is aligned to 16 bytes."""
 
 
@@ -66,8 +66,8 @@ def crossing_at(surface: Surface, f: Frame, half: int):
     """The crossing of a half-edge that runs down through the plane."""
     c = Crossing()
     c.half = half
-    c.upper = placed(f, vertex_of(loaded(surface.corner, half)))
-    c.lower = placed(f, vertex_of(loaded(surface.corner, half_after(half))))
+    c.upper = patch_coordinates(f, vertex_of(load_vec4(surface.corner, half)))
+    c.lower = patch_coordinates(f, vertex_of(load_vec4(surface.corner, half_after(half))))
     return c
 
 
@@ -80,12 +80,12 @@ def crossing_after(surface: Surface, f: Frame, c: Crossing):
     below                         the next but one (third to upper end)
     """
     n = Crossing()
-    third = loaded(surface.corner, half_before(c.half))
-    x = placed(f, vertex_of(third))
+    third = load_vec4(surface.corner, half_before(c.half))
+    x = patch_coordinates(f, vertex_of(third))
     up = above(x[2])
     n.upper = wp.where(up, x, c.upper)
     n.lower = wp.where(up, c.lower, x)
-    link = link_of(loaded(surface.corner, wp.where(up, half_after(c.half), half_before(c.half))))
+    link = link_of(load_vec4(surface.corner, wp.where(up, half_after(c.half), half_before(c.half))))
     n.half = link >> 1  # of OPEN: OPEN
     n.scanned = link & 1
     return n
@@ -96,11 +96,11 @@ def crossing_before(surface: Surface, f: Frame, c: Crossing):
     """The crossing that comes before c, OPEN if c begins a chain: through the triangle on the other side."""
     n = Crossing()
     n.half = OPEN
-    own = link_of(loaded(surface.corner, c.half))
+    own = link_of(load_vec4(surface.corner, c.half))
     if own != OPEN:
         half = own >> 1  # runs up through the plane
-        third = loaded(surface.corner, half_before(half))
-        x = placed(f, vertex_of(third))
+        third = load_vec4(surface.corner, half_before(half))
+        x = patch_coordinates(f, vertex_of(third))
         if above(x[2]):
             n.half = half_before(half)
             n.upper = x
@@ -109,7 +109,7 @@ def crossing_before(surface: Surface, f: Frame, c: Crossing):
             n.half = half_after(half)
             n.upper = c.upper
             n.lower = x
-        n.scanned = link_of(loaded(surface.corner, n.half)) & 1  # OPEN is odd: an open edge is scanned
+        n.scanned = link_of(load_vec4(surface.corner, n.half)) & 1  # OPEN is odd: an open edge is scanned
     return n
 
 
@@ -131,11 +131,11 @@ def point_of(f: Frame, c: Crossing, side: wp.vec2d):
     """Where on the plane the crossing lies, in the patch's frame [m]: on a side that it is flush with."""
     p = wp.vec2d(c.upper[0], c.upper[1])
     q = wp.vec2d(c.lower[0], c.lower[1])
-    return brought_to_sides(blend(p, q, c.upper[2], c.lower[2]), side, f.flush)
+    return snap_to_sides(blend(p, q, c.upper[2], c.lower[2]), side, f.flush)
 
 
 @wp.func
-def left_from(surface: Surface, f: Frame, half: int, side: wp.vec2d):
+def corners_left_from(surface: Surface, f: Frame, half: int, side: wp.vec2d):
     """Corners of the patch to the left of the segment from the crossing of a half-edge to the next: `corners_left`."""
     c = crossing_at(surface, f, half)
     return corners_left(point_of(f, c, side), point_of(f, crossing_after(surface, f, c), side), side)

@@ -8,7 +8,7 @@ import warp as wp
 
 from ..fields.field import MODULE, Field, root_function
 from ..offsets import BLOCK
-from ..patch import narrowed, rotated, widened
+from ..patch import rotate, to_float32, to_float64
 from .edges import Skin
 
 WORD = 32  # vertices whose signs share a word
@@ -30,15 +30,15 @@ class Turn:
 def turn_of(pose: wp.transform):
     """Hand frame -> array frame."""
     q = wp.transform_get_rotation(pose)
-    a = widened(wp.vec3(q[0], q[1], q[2]))
+    a = to_float64(wp.vec3(q[0], q[1], q[2]))
     w = wp.float64(q[3])
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
     t = Turn()
-    t.x = rotated(a, w, wp.vec3d(one, zero, zero))
-    t.y = rotated(a, w, wp.vec3d(zero, one, zero))
-    t.z = rotated(a, w, wp.vec3d(zero, zero, one))
-    t.origin = widened(wp.transform_get_translation(pose))
+    t.x = rotate(a, w, wp.vec3d(one, zero, zero))
+    t.y = rotate(a, w, wp.vec3d(zero, one, zero))
+    t.z = rotate(a, w, wp.vec3d(zero, zero, one))
+    t.origin = to_float64(wp.transform_get_translation(pose))
     return t
 
 
@@ -46,14 +46,14 @@ def turn_of(pose: wp.transform):
 def vertex_in_hand(skin: Skin, vertex: wp.array2d[wp.vec3], row: int, k: int):
     """Vertex k of the skin in the hand's frame [m]; row: of `vertex`."""
     if skin.source.shape[0] == 0:
-        return widened(vertex[row, k])
+        return to_float64(vertex[row, k])
     s = skin.source[k]
-    w = widened(skin.weight[k])
-    x = w[0] * widened(vertex[row, s[0]])
+    w = to_float64(skin.weight[k])
+    x = w[0] * to_float64(vertex[row, s[0]])
     if s[1] >= 0:
-        x += w[1] * widened(vertex[row, s[1]])
+        x += w[1] * to_float64(vertex[row, s[1]])
     if s[2] >= 0:
-        x += w[2] * widened(vertex[row, s[2]])
+        x += w[2] * to_float64(vertex[row, s[2]])
     return x
 
 
@@ -203,7 +203,7 @@ def place_kernel(root: Any, data_type: Any) -> Any:
             if half % 3 == 2:
                 after = half - 2
             x = root(data, x, vertex_at(skin, vertex, own, t, skin.half[after][0]))
-        point[i] = narrowed(x)
+        point[i] = to_float32(x)
 
     return _place_points
 

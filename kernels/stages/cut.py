@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, narrowed, widened
+from ..patch import EXACT, to_float32, to_float64
 
 wp.set_module_options(EXACT)
 
@@ -48,7 +48,7 @@ class Parts:
 
 
 @wp.struct
-class Pen:
+class PartWriter:
     """Where pieces are written."""
 
     source: wp.array[wp.int64]
@@ -77,20 +77,20 @@ def share_end(parts: Parts, part: wp.int64):
 @wp.func
 def segment_length(points: wp.array[wp.vec3], i: wp.int64):
     """Length of the segment that starts at point i [m]."""
-    return wp.length(widened(points[i + wp.int64(1)]) - widened(points[i]))
+    return wp.length(to_float64(points[i + wp.int64(1)]) - to_float64(points[i]))
 
 
 @wp.func
 def point_at(points: wp.array[wp.vec3], i: wp.int64, share: wp.float64):
     """Point of the segment that starts at point i [m]; a share of 0 is that point to the bit."""
-    x = widened(points[i])
+    x = to_float64(points[i])
     if share > wp.float64(0.0):
-        x = x + share * (widened(points[i + wp.int64(1)]) - x)
+        x = x + share * (to_float64(points[i + wp.int64(1)]) - x)
     return x
 
 
 @wp.func
-def draw_point(pen: Pen, i: wp.int64, source: wp.int64, share: wp.float64, kind: wp.uint8):
+def draw_point(pen: PartWriter, i: wp.int64, source: wp.int64, share: wp.float64, kind: wp.uint8):
     """Write one point of a piece."""
     pen.source[i] = source
     pen.share[i] = share
@@ -158,7 +158,7 @@ def _cut_lines(
     # Out:
     piece_count: wp.array[wp.int64],
     point_count: wp.array[wp.int64],
-    pen: Pen,
+    pen: PartWriter,
 ):
     """Walk a polyline's parts and count its pieces, or write them."""
     line = wp.tid()
@@ -217,7 +217,7 @@ def _gather_points(
 ):
     """Each point at its place on its segment."""
     i = wp.tid()
-    gathered[i] = narrowed(point_at(points, source[i], share[i]))
+    gathered[i] = to_float32(point_at(points, source[i], share[i]))
 
 
 @wp.kernel
@@ -321,7 +321,7 @@ def cut_contours(
         parts = divide_segments(points, polyline_start)
         keep = spread_keep(parts, keep)
     device, line_count = points.device, polyline_start.shape[0] - 1
-    none, pen = wp.empty(0, dtype=wp.int64, device=device), Pen()
+    none, pen = wp.empty(0, dtype=wp.int64, device=device), PartWriter()
     piece_count, point_count = (wp.zeros(line_count + 1, dtype=wp.int64, device=device) for _ in range(2))
     lines = [polyline_start, polyline_patch, polyline_closed, kind, parts, keep]
     launch(_cut_lines, line_count, [*lines, none, none], [piece_count, point_count, pen])

@@ -13,7 +13,7 @@ from typing import Any
 import warp as wp
 
 from ..offsets import BLOCK, offsets_of
-from ..patch import EXACT, Frame, Patch, corner, placed, require_section_poses, section_frame
+from ..patch import EXACT, Frame, Patch, corner, patch_coordinates, require_section_poses, section_frame
 from ..section.row_walker import HAND
 from ..section.segment_clipping import side_position
 from .cut import Parts, parts_from
@@ -107,7 +107,7 @@ def _find_touching_sides(
 
 
 @wp.struct
-class Stretch:
+class SideInterval:
     """A segment on a side of its patch."""
 
     side: int  # NONE if it is on none
@@ -119,10 +119,10 @@ class Stretch:
 @wp.func
 def stretch_of(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3):
     """The segment x -> y as a stretch of a side of a patch."""
-    out = Stretch()
+    out = SideInterval()
     out.side = NONE
-    p3 = placed(f, x)
-    q3 = placed(f, y)
+    p3 = patch_coordinates(f, x)
+    q3 = patch_coordinates(f, y)
     p = wp.vec2d(p3[0], p3[1])
     q = wp.vec2d(q3[0], q3[1])
     for k in range(4):
@@ -142,7 +142,7 @@ def stretch_of(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3):
 
 
 @wp.func
-def next_end(s: Stretch, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]):
+def next_end(s: SideInterval, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]):
     """Where the first dropped stretch begins or ends after the start of s, by more than EDGE; else where s ends."""
     found = s.stop
     for k in range(pair.shape[0]):
@@ -159,7 +159,7 @@ def next_end(s: Stretch, own: int, row: int, pair: wp.array[SidePair], dropped: 
 
 @wp.func
 def is_dropped(
-    s: Stretch, stop: wp.float64, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]
+    s: SideInterval, stop: wp.float64, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]
 ):
     """Whether the middle of s, up to `stop`, lies on a dropped stretch."""
     middle = s.sign * wp.float64(0.5) * (s.start + stop)
@@ -189,7 +189,7 @@ def pose_of(pose_start: wp.array[wp.int64], line: int):
 @wp.func
 def stretch_at(outline: Outline, f: Frame, half: wp.vec2d, i: wp.int64):
     """The segment that starts at a point, if it is of the hand."""
-    s = Stretch()
+    s = SideInterval()
     s.side = NONE
     if int(outline.kind[i]) == HAND:
         s = stretch_of(f, half, outline.points[i], outline.points[i + wp.int64(1)])

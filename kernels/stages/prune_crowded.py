@@ -277,7 +277,7 @@ def is_crowded(bits: Bits, lines: Lines, line: int, own: wp.int64, other: int, r
 
 
 @wp.func
-def judge_line(bits: Bits, lines: Lines, line: int, begin: int, end: int, rule: Beside):
+def prune_line(bits: Bits, lines: Lines, line: int, begin: int, end: int, rule: Beside):
     """Remove the parts of a line that run beside kept ones; 1 if there were any."""
     removed = int(0)
     broken = wp.int64(0)
@@ -319,7 +319,7 @@ def _thin_poses(
                 if last < 0 or (other != last and is_longer(lines, last, other)):
                     if line < 0 or is_longer(lines, other, line):
                         line = other
-            if judge_line(bits, lines, line, begin, end, rule) == 1:
+            if prune_line(bits, lines, line, begin, end, rule) == 1:
                 changed = int(1)
             last = line
 

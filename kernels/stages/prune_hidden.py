@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..patch import EXACT, narrowed
+from ..patch import EXACT, to_float32
 from .cut import Parts, launch, parts_of, point_at, share_end
 from .prune import Patches, find_poses
 
@@ -78,10 +78,10 @@ def count_past_patches(x: wp.vec3d, patches: Patches, pose: int, aperture: Apert
 def count_past_mesh(x: wp.vec3d, mesh: wp.uint64, back: wp.transform, aperture: Aperture):
     """How many points of the array's face are seen from x past the hand's mesh."""
     clear = wp.float32(CLEAR)
-    a = wp.transform_point(back, narrowed(x))
+    a = wp.transform_point(back, to_float32(x))
     seen = int(0)
     for p in range(aperture.count * aperture.count):
-        way = wp.transform_point(back, narrowed(face_point(aperture, p))) - a
+        way = wp.transform_point(back, to_float32(face_point(aperture, p))) - a
         reach = wp.length(way)
         way = way / wp.max(reach, clear)
         hit = wp.mesh_query_ray(mesh, a + clear * way, way, reach - clear)

@@ -11,7 +11,7 @@ import warp as wp
 
 from ..fields.field import MODULE, Field, inside_function, made_once
 from ..offsets import last_of, offsets_of
-from ..patch import EXACT, narrowed, rotated, widened
+from ..patch import EXACT, rotate, to_float32, to_float64
 
 wp.set_module_options(EXACT)
 
@@ -58,8 +58,8 @@ def node_place(blocks: Blocks, pose: int, index: int, corner: int):
 def in_hand_frame(pose: wp.transform, x: wp.vec3d):
     """A point in the hand's frame."""
     q = wp.transform_get_rotation(pose)
-    back = -widened(wp.vec3(q[0], q[1], q[2]))
-    return rotated(back, wp.float64(q[3]), x - widened(wp.transform_get_translation(pose)))
+    back = -to_float64(wp.vec3(q[0], q[1], q[2]))
+    return rotate(back, wp.float64(q[3]), x - to_float64(wp.transform_get_translation(pose)))
 
 
 @wp.func
@@ -181,7 +181,7 @@ def overlap_kernels(in_thing: Any, thing_type: Any, in_hand: Any, hand_type: Any
                 middle = x
             else:
                 end = x
-        point[before[node]] = narrowed(wp.float64(0.5) * (middle + end))
+        point[before[node]] = to_float32(wp.float64(0.5) * (middle + end))
 
     return _mark_shared, _place_points
 

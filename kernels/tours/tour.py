@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, widened
+from ..patch import EXACT, to_float64
 from ..section.contour_writing import Contours
 from ..section.row_walker import MADE
 
@@ -42,7 +42,7 @@ class Tour:
 @wp.func
 def apart(x: wp.vec3, y: wp.vec3):
     """Square of the distance of two points [m2]."""
-    d = widened(x) - widened(y)
+    d = to_float64(x) - to_float64(y)
     return wp.dot(d, d)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
-from ...datasets.rigid import composed, inverted, rotated, slerp
+from ...datasets.rigid import compose, invert, rotate, slerp
 from ..errors import PoseError
 
 EDGE_MOST = 0.1  # [s]; a motion's end is held for an interval, but of keyframes no longer than this
@@ -15,15 +15,15 @@ def seen_from(moved: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndar
     moved: where the object's pivot is [m], and how it is turned, shape [pose, 7]; pivot: where it is as placed [m];
     pose: hand frame -> array frame, shape [pose, 7].
     """
-    seen = composed(inverted(moved), pose)
+    seen = compose(invert(moved), pose)
     seen[:, :3] += pivot
     return seen.astype(np.float32)
 
 
 def back_to(moved: np.ndarray, pivot: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points where the object was placed that have moved with it [m], float64; a row of `moved` for each [point, 3]."""
-    back = inverted(moved)
-    return back[:, :3] + rotated(back[:, 3:], points.astype(np.float64)) + pivot
+    back = invert(moved)
+    return back[:, :3] + rotate(back[:, 3:], points.astype(np.float64)) + pivot
 
 
 def about_outline(moved: np.ndarray, pivot: np.ndarray, vertices: np.ndarray) -> np.ndarray:
@@ -35,7 +35,7 @@ def about_outline(moved: np.ndarray, pivot: np.ndarray, vertices: np.ndarray) ->
     if not shift.any():
         return moved
     out = np.array(moved, np.float64)
-    out[:, :3] += rotated(out[:, 3:], shift)
+    out[:, :3] += rotate(out[:, 3:], shift)
     return out.astype(np.float32)
 
 

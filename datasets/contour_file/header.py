@@ -281,8 +281,8 @@ def refuse_foreign(file: Hdf5Reader) -> None:
     """Raise ContourFileError unless the file is a contour file of a version that this reader understands."""
     found = file.attribute("/", "format")
     if not isinstance(found, str) or found != FORMAT_NAME:  # an array would be compared number by number
-        told = _OTHER_FILES.get(found) if isinstance(found, str) else None
-        what = f"it holds {told}" if told else f"its root has no format {FORMAT_NAME!r}"
+        description = _OTHER_FILES.get(found) if isinstance(found, str) else None
+        what = f"it holds {description}" if description else f"its root has no format {FORMAT_NAME!r}"
         raise ContourFileError(f"{file.path} is HDF5, but not a contour file: {what}")
     major, minor = get_version(file)
     if major > FORMAT_VERSION[0]:

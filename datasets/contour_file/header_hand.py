@@ -50,9 +50,9 @@ def require_hand(hand: Mapping[str, Any], arrays: Arrays, pose_count: int) -> No
             raise ContourFileError(text)
 
 
-def _require_rows(name: str, arrays: Arrays, poses: int, told: object, what: str) -> None:
+def _require_rows(name: str, arrays: Arrays, poses: int, described: object, what: str) -> None:
     """Raise ContourFileError unless an array has as many rows as there are poses times patches or vertices."""
-    each = len(cast(Sequence[object], told)) if isinstance(told, list | tuple) else told
+    each = len(cast(Sequence[object], described)) if isinstance(described, list | tuple) else described
     if not isinstance(each, int) or isinstance(each, bool):
         raise ContourFileError(f"/hand: its description does not tell its {what}")
     if len(arrays[name]) != poses * each:

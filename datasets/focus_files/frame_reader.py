@@ -101,10 +101,10 @@ class FrameReader:
         """The sweep's recipe that the frames are of; empty if the file tells none."""
         if self._file.attribute("/", "recipe") is None:
             return {}
-        told = self.described("/", "recipe")
-        if not isinstance(told, dict):
+        stored = self.described("/", "recipe")
+        if not isinstance(stored, dict):
             raise ContourFileError(f"{self.path}: attribute recipe of / is no JSON object")
-        return cast("dict[str, Any]", told)
+        return cast("dict[str, Any]", stored)
 
     def text(self, group: str, name: str) -> str | None:
         """A text attribute; None if it is not there."""

@@ -35,13 +35,13 @@ def posed_vertices(shape: HandShape, joints_in_hand: ArrayLike, radius: ArrayLik
         raise RecordingError("index and little knuckle lie in the same place: the hand has no breadth")
     across = pose[:, Joint.LITTLE_PROXIMAL, 0] - pose[:, Joint.INDEX_PROXIMAL, 0]
     if (np.median(across) < 0.0) != shape.is_left:
-        said = "a left" if shape.is_left else "a right"
-        raise RecordingError(f"the shape is {said} hand, the joints are the other hand's")
+        hand_side = "a left" if shape.is_left else "a right"
+        raise RecordingError(f"the shape is {hand_side} hand, the joints are the other hand's")
     thick = _thickness(shape, radius, broad, len(pose))
     scale = np.stack([thick, thick, np.full_like(thick, broad)], axis=2)
     bones = [start for start, _ in BONES]
-    stretch = bone_lengths(pose[..., :3]) / bone_lengths(rest[..., :3])
-    scale[:, bones, 2] = stretch[:, bones]
+    length_ratio = bone_lengths(pose[..., :3]) / bone_lengths(rest[..., :3])
+    scale[:, bones, 2] = length_ratio[:, bones]
     linear = np.einsum("fjik,fjk,jlk->fjil", _bone_axes(pose), scale, _bone_axes(rest)[0])
     return _blend(shape, linear, pose[..., :3])
 

@@ -144,27 +144,27 @@ def _check_norms(quaternion: Numbers, place: Callable[[int], str], first: int) -
     bad = np.argwhere(np.abs(norm - 1.0) > 1e-2)  # files round; HandRecording is told the exact direction
     if bad.size:
         frame, joint = (int(index) for index in bad[0])
-        said = f"{place(first + frame)}: {JOINT_NAMES[joint]} has quaternion norm {norm[frame, joint]:.6g}, not 1"
-        raise RecordingError(said)
+        message = f"{place(first + frame)}: {JOINT_NAMES[joint]} has quaternion norm {norm[frame, joint]:.6g}, not 1"
+        raise RecordingError(message)
     quaternion /= norm[..., None]
 
 
 def _side(seen: list[Sighting], position: Numbers, quaternion: Numbers) -> str:
     """The side that the file says; where it says none, what the joints say; refused where bent fingers deny it."""
-    said = seen[0].side
+    stated = seen[0].side
     palm = quaternion[:, Joint.PALM]
     if not is_finite(palm).any():
         palm = quaternion[:, Joint.MIDDLE_METACARPAL]
     turned = is_finite(palm).any()
     found = side_from_axes(position, palm) if turned else side_from_bends(position)
-    if said is None and found is None:
+    if stated is None and found is None:
         raise RecordingError("the file does not say whether the hand is left or right, and its joints do not tell")
-    if said is not None and found not in (None, said):
+    if stated is not None and found not in (None, stated):
         raise RecordingError(
-            f"said to be a {said} hand, but its joints are those of a {found} one"
+            f"said to be a {stated} hand, but its joints are those of a {found} one"
             + ("" if turned else ": its fingers bend to the back") + "; wrong handedness or mirrored positions"
         )  # fmt: skip
-    return said or found or "right"
+    return stated or found or "right"
 
 
 def _typical(radius: Numbers) -> Numbers:

@@ -59,27 +59,27 @@ def load_recording(
     return recording if alignment is None else recording.transformed(alignment)
 
 
-def _clip(path: Path, said: str | None, image_mirrored: bool | None) -> Clip:
-    if said is not None and said not in FORMATS:
-        raise RecordingError(f"unknown format {said!r}; known: {', '.join(FORMATS)}")
+def _clip(path: Path, name: str | None, image_mirrored: bool | None) -> Clip:
+    if name is not None and name not in FORMATS:
+        raise RecordingError(f"unknown format {name!r}; known: {', '.join(FORMATS)}")
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise RecordingError(f"unknown suffix {path.suffix!r} for a recording; known: {', '.join(_SUFFIXES)}")
     if suffix == ".npz":
         found, read = "leap", leap_arrays
-        if said not in (None, found):
-            raise RecordingError(f"a .npz file is read as leap, not as {said}")
+        if name not in (None, found):
+            raise RecordingError(f"a .npz file is read as leap, not as {name}")
         return read(path)
     if suffix == ".csv":
         table = read_table(path)
-        form = said or _table_format(table)
+        form = name or _table_format(table)
         if form == "leap":
             return leap_table(table)
         if form == "webxr-static":
             raise RecordingError("webxr-static is a JSON format")
         return landmarks_table(table, image_mirrored) if form == "mediapipe" else joints_table(table)
     content = read_json(path)
-    form = said or _json_format(content)
+    form = name or _json_format(content)
     if form == "leap":
         return leap_json(content)
     if form == "mediapipe":
@@ -95,11 +95,11 @@ def _table_format(table: Table) -> str:
 
 
 def _json_format(content: Json) -> str:
-    said: Json = cast("dict[str, Json]", content).get("format") if isinstance(content, dict) else None
-    if said is not None:
-        if said not in FORMATS:
-            raise RecordingError(f"unknown format {said!r}; known: {', '.join(FORMATS)}")
-        return str(said)
+    name: Json = cast("dict[str, Json]", content).get("format") if isinstance(content, dict) else None
+    if name is not None:
+        if name not in FORMATS:
+            raise RecordingError(f"unknown format {name!r}; known: {', '.join(FORMATS)}")
+        return str(name)
     for key, form in (("palm", "leap"), ("world_landmarks", "mediapipe"), ("joints", "openxr")):
         if any(isinstance(hand, dict) and key in hand for hand in _hands(content)):
             return form

@@ -111,8 +111,8 @@ def unit_factor(head: Json, name: str, units: dict[str, float], default: str | N
     unit = optional(head, name, "file") if isinstance(head, dict) else None
     unit = default if unit is None else unit
     if not isinstance(unit, str) or unit not in units:
-        said = "is missing" if unit is None else f"is {unit!r}"
-        raise RecordingError(f"{name!r} {said}; it must be one of {', '.join(units)}")
+        problem = "is missing" if unit is None else f"is {unit!r}"
+        raise RecordingError(f"{name!r} {problem}; it must be one of {', '.join(units)}")
     return units[unit]
 
 
@@ -181,8 +181,8 @@ def read_table(path: Path) -> Table:
                         raise RecordingError(f"line {reader.line_num}: column {twice[0]} is there twice")
                     continue
                 if len(row) != len(columns):
-                    said = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"
-                    raise RecordingError(said)
+                    problem = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"
+                    raise RecordingError(problem)
                 rows.append(row)
                 lines.append(reader.line_num)
     except UnicodeDecodeError as error:

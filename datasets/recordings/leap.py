@@ -221,10 +221,10 @@ def _set_palm(
         joints[2][Joint.PALM] = PALM_RADIUS_SHARE * (0.085 if np.isnan(width) else width)
 
 
-def _side(said: str, place: str) -> str:
-    side = _SIDE_OF.get(said.strip().lower())
+def _side(name: str, place: str) -> str:
+    side = _SIDE_OF.get(name.strip().lower())
     if side is None:
-        raise RecordingError(f"{place}: type {said!r} is neither left nor right")
+        raise RecordingError(f"{place}: type {name!r} is neither left nor right")
     return side
 
 

@@ -42,11 +42,11 @@ def joints_json(content: Json) -> Clip:
         place = frame_place(index)
         time.append(number(entry(frame, "time", place), f"{place}, time") * second)
         for hand in items(entry(frame, "hands", place), f"{place}, hands"):
-            said = entry(hand, "handedness", place)
-            where = f"{place}, {said} hand"
+            stated = entry(hand, "handedness", place)
+            where = f"{place}, {stated} hand"
             joints = _joints(entry(hand, "joints", where), where, length)
             name = optional(hand, "id", where)
-            seen.append(Sighting(index, str(said if name is None else name), _side(said, place), *joints))
+            seen.append(Sighting(index, str(stated if name is None else name), _side(stated, place), *joints))
     return Clip(time, seen, frame_place)
 
 
@@ -114,8 +114,8 @@ def _joints(node: Json, place: str, length: float) -> tuple[Numbers, Numbers, Nu
             continue
         position[joint], quaternion[joint] = _joint_pose(values, where)
         position[joint] *= length
-        said = optional(values, "locationFlags", where)
-        if said is not None and flags(said, f"{where}, locationFlags") & _BOTH_VALID != _BOTH_VALID:
+        stated = optional(values, "locationFlags", where)
+        if stated is not None and flags(stated, f"{where}, locationFlags") & _BOTH_VALID != _BOTH_VALID:
             position[joint] = math.nan
         radius[joint] = number(optional(values, "radius", where), f"{where}, radius") * length
     _require_all_joints(listed, place)
@@ -167,8 +167,8 @@ def _joint(name: str, place: str) -> Joint:
     return joint
 
 
-def _side(said: Json, place: str) -> str:
-    side = _SIDE_OF.get(str(said).strip().lower())
+def _side(name: Json, place: str) -> str:
+    side = _SIDE_OF.get(str(name).strip().lower())
     if side is None:
-        raise RecordingError(f"{place}: handedness {said!r} is neither {' nor '.join(SIDES)}")
+        raise RecordingError(f"{place}: handedness {name!r} is neither {' nor '.join(SIDES)}")
     return side

@@ -212,9 +212,9 @@ def _validate_pose(pose: Numbers, valid: NDArray[np.bool_] | None) -> tuple[Numb
     return rows, flag
 
 
-def _validate_flags(name: str, said: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def _validate_flags(name: str, values: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     try:
-        flags = np.array(said)
+        flags = np.array(values)
     except (TypeError, ValueError):  # rows of different lengths
         flags = np.array(None)
     if flags.dtype.kind not in "biuf" or not np.isin(flags, (0, 1)).all():
@@ -224,10 +224,10 @@ def _validate_flags(name: str, said: NDArray[np.bool_], shape: tuple[int, ...]) 
     return flags.astype(np.bool_)
 
 
-def _refuse(bad: NDArray[np.bool_], values: Numbers, said: str) -> None:
+def _refuse(bad: NDArray[np.bool_], values: Numbers, problem: str) -> None:
     if bad.any():
         frame, joint = (int(index) for index in np.argwhere(bad)[0])
-        raise RecordingError(f"frame {frame}: {JOINT_NAMES[joint]} {said.format(values[frame, joint])}")
+        raise RecordingError(f"frame {frame}: {JOINT_NAMES[joint]} {problem.format(values[frame, joint])}")
 
 
 def _validate_time(time: Numbers | None, frame_count: int) -> tuple[Numbers | None, float]:

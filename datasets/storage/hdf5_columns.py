@@ -139,8 +139,8 @@ def take_column(file: StrictFile, path: str) -> NDArray[Any]:
     if len(shape := file.declared(path).shape) != 1:
         raise Hdf5Error(f"{path} has shape {list(shape)}, expected one dimension")
     array = file.read(path)
-    told = file.attribute(path, "dtype")
-    return array.astype(np.bool_) if isinstance(told, str) and told == BOOL else array
+    stored_dtype = file.attribute(path, "dtype")
+    return array.astype(np.bool_) if isinstance(stored_dtype, str) and stored_dtype == BOOL else array
 
 
 @contextmanager

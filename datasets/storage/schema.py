@@ -142,7 +142,7 @@ def shape_problem(spec: Field, dtype: np.dtype[Any], shape: tuple[int, ...]) -> 
     if dtype != spec.dtype:
         return f"{spec.path} is {dtype}, expected {spec.dtype}"
     fixed = tuple(size if isinstance(size, int) else None for size in spec.dims)
-    if len(shape) != len(fixed) or any(want not in (None, got) for want, got in zip(fixed, shape, strict=True)):
+    if len(shape) != len(fixed) or any(wanted not in (None, got) for wanted, got in zip(fixed, shape, strict=True)):
         return f"{spec.path} has shape {list(shape)}, expected [{', '.join(map(str, spec.dims))}]"
     if spec.is_offset and shape[0] == 0:
         return f"{spec.path} has no entries, expected at least the first offset 0"

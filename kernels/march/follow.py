@@ -30,7 +30,7 @@ class Chain:
 
     base: int  # the section's first byte
     grid: Grid
-    want: bool
+    wanted: bool
     node: wp.vec2i  # the nearest one to the last place
     place: wp.vec2d
     next: int  # where the next moved node is noted
@@ -119,8 +119,8 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
     """The kernel that moves nodes, for a field's `inside`."""
 
     @wp.func
-    def has_sign(data: data_type, lat: Lattice, p: wp.vec2d, want: bool):
-        return inside(data, node_at(lat, p[0], p[1])) == want
+    def has_sign(data: data_type, lat: Lattice, p: wp.vec2d, wanted: bool):
+        return inside(data, node_at(lat, p[0], p[1])) == wanted
 
     @wp.func
     def link_node(data: data_type, lat: Lattice, chain: Chain, moved: MovedNodes, n: wp.vec2i, at: wp.vec2d):

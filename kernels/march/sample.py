@@ -54,11 +54,11 @@ def distance_to_box(x: wp.vec3d, low: wp.vec3d, high: wp.vec3d):
 
 
 @made_once
-def settle_kernel(ball: Any, data_type: Any) -> Any:
+def classify_kernel(ball: Any, data_type: Any) -> Any:
     """The kernel that settles whole tiles, for a field's `ball`."""
 
     @wp.kernel(**MODULE)
-    def _settle_tiles(
+    def _classify_tiles(
         # In:
         data: data_type,
         low: wp.vec3d,  # bounds of the solid [m]
@@ -68,7 +68,7 @@ def settle_kernel(ball: Any, data_type: Any) -> Any:
         patch_of: wp.array[wp.int32],
         # Out:
         bits: wp.array[wp.uint32],
-        unsettled: wp.array[wp.int32],  # 1 for the others, shape [tile + 1], the last one stays 0
+        unclassified: wp.array[wp.int32],  # 1 for the others, shape [tile + 1], the last one stays 0
     ):
         """Fill tiles that are inside or outside as a whole."""
         row, own = wp.tid()
@@ -85,10 +85,10 @@ def settle_kernel(ball: Any, data_type: Any) -> Any:
         side = int(1)
         if distance_to_box(middle, low, high) <= radius:
             side = ball(data, middle, radius)
-        unsettled[tile] = wp.where(side == 0, 1, 0)
+        unclassified[tile] = wp.where(side == 0, 1, 0)
         bits[tile] = wp.where(side < 0, FULL, wp.uint32(0))
 
-    return _settle_tiles
+    return _classify_tiles
 
 
 @made_once
@@ -148,14 +148,14 @@ def sample_kernel(inside: Any, ball: Any, data_type: Any) -> Any:
 @wp.kernel
 def _list_tiles(
     # In:
-    unsettled: wp.array[wp.int32],
+    unclassified: wp.array[wp.int32],
     place: wp.array[wp.int32],  # its offsets
     # Out:
     listed: wp.array[wp.int32],
 ):
     """List the tiles that are not settled, in order."""
     tile = wp.tid()
-    if unsettled[tile] == 1:
+    if unclassified[tile] == 1:
         listed[place[tile]] = tile
 
 
@@ -293,21 +293,21 @@ def sample_nodes(field: Field, lattice: wp.array, grids: Grids, bounds: np.ndarr
     pose_count = lattice.shape[0] // grids.grid.shape[0]
     tile_count = pose_count * grids.patch_of.shape[0]
     bits = wp.empty(tile_count, dtype=wp.uint32, device=device)
-    unsettled = wp.zeros(tile_count + 1, dtype=wp.int32, device=device)
+    unclassified = wp.zeros(tile_count + 1, dtype=wp.int32, device=device)
     low, high = (wp.vec3d(*side) for side in np.asarray(bounds, np.float64))
     layout = [lattice, grids.grid, grids.patch_of]
     ball = field.ball or ball_unknown
     wp.launch(
-        settle_kernel(ball, field.data_type),
+        classify_kernel(ball, field.data_type),
         (pose_count, grids.patch_of.shape[0]),
         inputs=[field.data, low, high, *layout],
-        outputs=[bits, unsettled],
+        outputs=[bits, unclassified],
         device=device,
         block_dim=BLOCK,
     )
-    place = offsets_of(unsettled)
+    place = offsets_of(unclassified)
     listed = wp.empty(last_of(place), dtype=wp.int32, device=device)
-    wp.launch(_list_tiles, tile_count, inputs=[unsettled, place], outputs=[listed], device=device, block_dim=BLOCK)
+    wp.launch(_list_tiles, tile_count, inputs=[unclassified, place], outputs=[listed], device=device, block_dim=BLOCK)
     wp.launch(
         sample_kernel(inside_function(field), ball, field.data_type),
         2 * listed.shape[0],

@@ -72,7 +72,7 @@ class Climb:
 
     lat: Lattice
     least: wp.float64  # height of the lowest tip
-    want: bool  # whether the region is inside
+    wanted: bool  # whether the region is inside
     d: wp.vec2d  # the step
     m: wp.vec2d  # its middle
     out: wp.vec2d  # as long as the step, across it, to where the tip is
@@ -125,8 +125,8 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
     """The kernel that climbs tips, for a field's `inside` and `root`."""
 
     @wp.func
-    def has_sign(data: data_type, lat: Lattice, p: wp.vec2d, want: bool):
-        return inside(data, node_at(lat, p[0], p[1])) == want
+    def has_sign(data: data_type, lat: Lattice, p: wp.vec2d, wanted: bool):
+        return inside(data, node_at(lat, p[0], p[1])) == wanted
 
     @wp.func
     def is_clear(data: data_type, c: Climb, to: wp.vec2d):

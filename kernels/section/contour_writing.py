@@ -1,4 +1,4 @@
-"""Ordered pieces -> contours in the array's frame, walked a second time and written."""
+"""Writing contours: walks the ordered pieces a second time and writes points in the array's frame."""
 
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ wp.set_module_options(EXACT)
 
 
 class Contours(NamedTuple):
-    """Device arrays of a contour batch (design: ContourBatch)."""
+    """Device arrays of a contour batch; sections are numbered pose * patches + patch."""
 
     points: wp.array  # vec3 [m], array frame, shape [point]
     kind: wp.array  # uint8, shape [point]
@@ -44,12 +44,12 @@ def _draw_contours(
     row = wp.tid()
     section = section_of(pieces, row)
     own = section % patch.shape[0]
-    pen = PolylineWriter()
-    pen.i = point_start[section]
-    pen.line = section_start[section]
-    pen.patch = own
+    writer = PolylineWriter()
+    writer.i = point_start[section]
+    writer.line = section_start[section]
+    writer.patch = own
     f = section_frame(pose, patch, section)
-    pen = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, pen)
+    writer = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
     if section == section_start.shape[0] - 2:
         lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
 
@@ -57,7 +57,7 @@ def _draw_contours(
 def draw_contours(
     surface: Any, pose: wp.array, patch: wp.array, joined: Joined, *, bounded: bool, closes: bool
 ) -> Contours:
-    """Write what `join_pieces` ordered and counted, with the same arguments as there and in `find_pieces`."""
+    """Write the polylines that `join_pieces` ordered and counted; arguments as for it and `find_pieces`."""
     device = pose.device
     out = Contours(
         points=wp.empty(joined.point_count, dtype=wp.vec3, device=device),

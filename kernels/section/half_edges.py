@@ -22,8 +22,8 @@ class Surface:
     rank: wp.array[wp.int32]  # `HalfEdges.rank`, shape [half]
     is_open: wp.int32  # 1 if any edge has a triangle on one side only
     reach: wp.float32  # largest |x| + |y| + |z| of a vertex [m]; bounds the rounding of float32 heights
-    trail: wp.array[wp.vec4]  # vertices [m] along the scan path, shape [step + 1]
-    trail_half: wp.array[wp.vec2i]  # half-edges of the step that ends here, forth and back; OPEN for none or a jump
+    scan_path: wp.array[wp.vec4]  # vertices [m] along the scan path, shape [step + 1]
+    scan_path_half: wp.array[wp.vec2i]  # half-edges of the step that ends here, forth and back; OPEN for none or a jump
     node_centre: wp.array[wp.vec4]  # centres of the hierarchy's boxes, a heap whose root is 1 [m]
     node_half: wp.array[wp.vec4]  # half extents of the boxes [m]; -1 for an empty box
     leaf_first: wp.int32  # heap number of the first leaf
@@ -96,7 +96,7 @@ class HalfEdges:
         return scanned
 
     @cached_property
-    def has_trail(self) -> bool:
+    def has_scan_path(self) -> bool:
         """Whether the surface is small enough for a scan path."""
         inner = np.count_nonzero(self.scanned & (self.twin != OPEN)) // 2
         return len(self.faces) <= SCAN_FACES_MOST and inner + self.open_count <= 32 * MASK_WORDS
@@ -107,19 +107,19 @@ class HalfEdges:
         return np.where(self.twin == OPEN, OPEN, 2 * self.twin + self.scanned).astype(np.int32)
 
     @cached_property
-    def trail(self) -> tuple[np.ndarray, np.ndarray]:
+    def scan_path(self) -> tuple[np.ndarray, np.ndarray]:
         """The scan path: one path over all scanned edges. Vertices, shape [step + 1], and the half-edge of each step,
         OPEN for a jump."""
-        return scan_path_of(self)
+        return build_scan_path(self)
 
     @cached_property
     def rank(self) -> np.ndarray:
         """Rank of each scanned edge, equal for its two half-edges; along the scan path if there is one. int32, shape
         [half]."""
         rank = np.arange(len(self.twin), dtype=np.int32)
-        if not self.has_trail:
+        if not self.has_scan_path:
             return np.where(self.twin == OPEN, rank, np.minimum(self.twin, rank))
-        half = self.trail[1]
+        half = self.scan_path[1]
         half = half[half != OPEN]
         rank[half] = np.arange(len(half))
         inner = half[self.twin[half] != OPEN]
@@ -179,7 +179,7 @@ def deep_tree(tail: np.ndarray, head: np.ndarray) -> np.ndarray:
     return used
 
 
-def scan_path_of(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
+def build_scan_path(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
     """A path over every scanned edge once, with jumps: vertices [step + 1], half-edges [step] (OPEN: jump)."""
     own = surface.scanned & ((surface.twin == OPEN) | (np.arange(len(surface.twin)) < surface.twin))
     at: dict[int, list[tuple[int, int]]] = {}
@@ -250,9 +250,9 @@ def upload_surface(surface: HalfEdges, device: str) -> Surface:
     out.rank = wp.array(surface.rank, dtype=wp.int32, device=device)
     out.is_open = int(surface.open_count > 0)
     out.reach = float(np.abs(surface.vertices).sum(axis=1).max())
-    vertices, halves = surface.trail if surface.has_trail else (np.zeros(0, int), np.zeros(0, int))
-    out.trail = wp.array(pad_to_vec4(surface.vertices[vertices]), dtype=wp.vec4, device=device)
-    out.trail_half = wp.array(step_halves(surface, vertices, halves), dtype=wp.vec2i, device=device)
+    vertices, halves = surface.scan_path if surface.has_scan_path else (np.zeros(0, int), np.zeros(0, int))
+    out.scan_path = wp.array(pad_to_vec4(surface.vertices[vertices]), dtype=wp.vec4, device=device)
+    out.scan_path_half = wp.array(step_halves(surface, vertices, halves), dtype=wp.vec2i, device=device)
     centre, half, leaf_first = boxes_of(surface)
     out.node_centre = wp.array(pad_to_vec4(centre), dtype=wp.vec4, device=device)
     out.node_half = wp.array(pad_to_vec4(half), dtype=wp.vec4, device=device)

@@ -41,14 +41,14 @@ class PieceEnds:
     follower: wp.array[wp.int32]  # the piece that the boundary leads to from where this one leaves; NONE once drawn
     corners: wp.array[wp.int32]  # how many corners it passes on the way
     position: wp.array[wp.vec2d]  # how far along its side each piece enters and leaves [m]
-    steps: wp.array[wp.int32]  # steps of some length
+    steps: wp.array[wp.int32]  # steps of non-zero length
     first: wp.array[wp.vec3]  # first and last point [m], array frame
     last: wp.array[wp.vec3]
 
 
 @wp.func
 def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces, i: wp.int64, ends: PieceEnds):
-    """Compute where an open piece enters and leaves its patch; count its steps there that are of some length."""
+    """Compute where an open piece enters and leaves its patch; add its steps of non-zero length there."""
     side = pieces.side[i]
     position = wp.vec2d()
     steps = pieces.steps[i] // 2
@@ -130,10 +130,10 @@ def sort_slots(
 def match_ends(pieces: ContourPieces, base: wp.int64, count: int, winding: int, ends: PieceEnds):
     """Match leaving and entering ends; returns how many open pieces there are.
 
-    Along the boundary the solid begins where a piece leaves and ends where one enters. At corner 0 `winding` stretches
-    are open already: the first entries end those, so the k-th leaving end goes with the (k + winding)-th entering one,
-    around the corner where that is past the last. By rank alone: ends that rounding has swapped stay matched, and no
-    corner is passed where two ends all but coincide.
+    Along the boundary a solid interval begins where a piece leaves and ends where one enters. At corner 0, `winding`
+    solid intervals are already open, and the first `winding` entering ends close them. So leaving end k pairs with
+    entering end (k + winding) mod n, all ends sorted along the boundary. Pairing uses sort rank, not distances: two
+    ends that rounding has swapped still pair, and no spurious corner is inserted between them.
     """
     n = sort_slots(pieces, base, count, 1, True, ends, ends.leaving)
     sort_slots(pieces, base, count, 0, True, ends, ends.entering)
@@ -151,7 +151,7 @@ def match_ends(pieces: ContourPieces, base: wp.int64, count: int, winding: int, 
 
 @wp.func
 def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, corners: int):
-    """Steps of some length from x, on a side, by way of that many corners to y."""
+    """Number of steps of non-zero length from x, on a side, past that many corners to y."""
     steps = int(0)
     p = x
     for k in range(corners):
@@ -166,7 +166,7 @@ def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, cor
 
 @wp.func
 def loop_steps(pieces: ContourPieces, base: wp.int64, first: int, f: Frame, half: wp.vec2d, ends: PieceEnds):
-    """Steps of some length around the loop of a piece."""
+    """Number of steps of non-zero length around the loop of a piece."""
     own = base + wp.int64(first) * pieces.stride
     steps = ends.steps[own]
     if pieces.key[own] >= CLOSED or pieces.side[own][1] == NONE or ends.corners[own] == NONE:
@@ -209,7 +209,7 @@ def enter_loop(
 
 @wp.func
 def write_row(entries: Entries, row: int, section: int, entry: int, lines: int, points: int):
-    """Write what joining a row came to."""
+    """Write a row's number of entries, and its section's number of polylines and points."""
     entries.count[row] = entry
     entries.polylines[section] = wp.int64(lines)
     entries.points[section] = wp.int64(points)
@@ -223,9 +223,9 @@ def _join_single_pieces(
     # Out:
     entries: Entries,
     rest: wp.array[wp.int32],  # rows for `_join_pieces`, in any order, shape [row]
-    rest_count: wp.array[wp.int32],  # how many there are, comes as 0, shape [1]
+    rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
 ):
-    """Join rows with one piece at most whose steps at the patch's sides are surely of some length; list the others."""
+    """Join rows with at most one piece if its steps at sides surely have non-zero length; list the others."""
     row = wp.tid()
     count = pieces.count[row]
     inside = closes == 1 and pieces.winding[row] > 0

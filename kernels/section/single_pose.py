@@ -15,7 +15,7 @@ from .joining import _join_pieces, _join_single_pieces, room_to_join
 from .pieces import ContourPieces, with_slots
 from .row_walker import LineArrays
 from .scan_search import _walk_first_loops, _walk_other_loops
-from .tree_search import _seek_pieces
+from .tree_search import _tree_search_pieces
 
 CPU = "cpu"  # a GPU takes 1.2 ms for its launches alone
 SEVERAL, LISTED, EXCESS = range(3)  # counters: patches with more loops, with more pieces to join, without room
@@ -58,7 +58,7 @@ class Room:
         self._events = room_for_events(self._row_count, self.size.events, wp.get_device(CPU))
         self._events.count.zero_()  # seeking leaves them so
         self._lines, self._host = self._room_for_lines()
-        self._find = self._tracing() if method == "trace" else self._seeking()
+        self._find = self._scan_search() if method == "trace" else self._tree_search()
         self._join, self._draw = self._joining_and_drawing()
 
     def fill(self, pose: np.ndarray) -> RoomSize | None:
@@ -129,7 +129,7 @@ class Room:
             setattr(lines, field, array)
         return lines, {**host, "pose_start": self._polylines.host[:: self._row_count]}
 
-    def _tracing(self) -> Launches:
+    def _scan_search(self) -> Launches:
         section = [self._surface, self._pose, self._patch, self._stages[0], self._pieces.section]
         rest = [self._rest, self._counters[SEVERAL:]]
         return [
@@ -138,9 +138,9 @@ class Room:
             (self._record(_clip_loops, [*section[:3], self._events], [self._pieces]), None),
         ]
 
-    def _seeking(self) -> Launches:
+    def _tree_search(self) -> Launches:
         inputs = [self._surface, self._pose, self._patch, *self._stages]
-        return [(self._record(_seek_pieces, inputs, [self._pieces]), None)]
+        return [(self._record(_tree_search_pieces, inputs, [self._pieces]), None)]
 
     def _joining_and_drawing(self) -> tuple[Launches, wp.Launch]:
         ends, entries = room_to_join(self._pieces, CPU)

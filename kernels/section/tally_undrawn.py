@@ -40,15 +40,15 @@ def _tally_pieces(
     if section % patch.shape[0] != own:
         return
     at = section // patch.shape[0]
-    tape = LengthAccumulator()
-    tape.outline = total[at, 0]
-    tape.side = total[at, 1]
+    sums = LengthAccumulator()
+    sums.outline = total[at, 0]
+    sums.side = total[at, 1]
     f = section_frame(pose, patch, section)
-    tape = add_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, closes, tape)
-    total[at, 0] = tape.outline
+    sums = add_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, closes, sums)
+    total[at, 0] = sums.outline
     if closes == 1:
-        total[at, 1] = tape.side
-        total[at, 2] += wp.length(tape.swept)
+        total[at, 1] = sums.side
+        total[at, 2] += wp.length(sums.swept)
 
 
 @wp.kernel

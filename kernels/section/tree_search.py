@@ -1,4 +1,4 @@
-"""Contours of large surfaces: a hierarchy of boxes, traversed by the oriented patch, finds what lies in it."""
+"""Tree search, for large surfaces: traverse the box hierarchy for the faces that the patch crosses."""
 
 from typing import Any
 
@@ -26,12 +26,12 @@ from .triangle_walk import crossing_after, crossing_at, is_first, link_of, load_
 
 wp.set_module_options(EXACT)
 
-LISTED = 8  # crossed faces that a traversal lists before they are looked at
+LISTED = 8  # crossed faces that a traversal lists before they are processed
 
 
 @wp.struct
 class Window:
-    """The rectangle that is looked for, along u and v of a patch's frame [m]."""
+    """The rectangle that is searched, along u and v of a patch's frame [m]."""
 
     low: wp.vec2
     high: wp.vec2
@@ -39,16 +39,16 @@ class Window:
 
 @wp.struct
 class Cursor:
-    """Where a traversal has come to, and what it found on the way."""
+    """Position of a traversal."""
 
     node: int  # heap number; 0 at the end
     place: int  # of the next face in the leaf
-    listed: int  # faces set aside
+    listed: int  # crossed faces listed since the last call
 
 
 @wp.func
 def reach_along(axis: wp.vec3, half: wp.vec3):
-    """How far a box of these half extents reaches along an axis."""
+    """Half extent of a box along an axis."""
     return wp.abs(axis[0]) * half[0] + wp.abs(axis[1]) * half[1] + wp.abs(axis[2]) * half[2]
 
 
@@ -75,7 +75,7 @@ def meets(surface: Surface, g: Coarse, w: Window, node: int):
 
 @wp.func
 def node_after(node: int):
-    """The node that comes next once all below this one is done; 0 at the end."""
+    """The next node in the traversal that is not below this one; 0 at the end."""
     n = node + 1
     while n % 2 == 0:
         n = n // 2
@@ -118,7 +118,7 @@ def down_half(surface: Surface, f: Frame, g: Coarse, face: int):
 
 @wp.func
 def traverse(surface: Surface, f: Frame, g: Coarse, w: Window, at: Cursor, halves: wp.array[wp.int32]):
-    """Go on with a traversal, listing half-edges by which faces are crossed, until the list is full or all is done."""
+    """Continue a traversal: list the downward half-edges of crossed faces until the list is full or the end."""
     out = Cursor()
     out.node = at.node
     out.place = at.place
@@ -139,11 +139,11 @@ def traverse(surface: Surface, f: Frame, g: Coarse, w: Window, at: Cursor, halve
 
 @wp.struct
 class TreeResult:
-    """What is known of a section so far."""
+    """Pieces and scanned crossings of a section found so far."""
 
     count: int  # pieces
     total: int  # scanned crossings inside the patch
-    passed: int  # of them, how many lie on pieces
+    passed: int  # those of them that lie on pieces
 
 
 @wp.func
@@ -207,7 +207,7 @@ def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: Con
 def process_crossing(
     surface: Surface, f: Frame, side: wp.vec2d, half: int, found: TreeResult, pieces: ContourPieces, row: int
 ):
-    """Walk the piece that begins in a crossed face, if one does, or count its scanned crossing inside."""
+    """Process one crossed face: count its crossing if scanned and inside, and walk the piece that begins there, if any."""
     out = found
     link = link_of(load_vec4(surface.corner, half))
     c = crossing_at(surface, f, half)
@@ -235,8 +235,8 @@ def is_candidate(surface: Surface, f: Frame, side: wp.vec2d, half: int):
 
 
 @wp.func
-def wound(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.array[wp.int32]):
-    """Winding number around corner 0: what crosses the line of side 0 beyond it, away from the patch."""
+def winding_at_corner(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.array[wp.int32]):
+    """Winding number around corner 0, from crossings of the line of side 0, beyond corner 0 and outside the patch."""
     w = Window()
     w.low = wp.vec2(-wp.float32(UNBOUNDED), -g.half[1])
     w.high = -g.half
@@ -254,17 +254,17 @@ def wound(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.arra
 
 
 @wp.kernel
-def _seek_pieces(
+def _tree_search_pieces(
     # In:
     surface: Surface,
     pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
     patch: wp.array[Patch],
     bounded: int,  # 0: the whole plane
-    closes: int,  # 1: the winding number is asked for
+    closes: int,  # 1: compute the winding number
     # Out:
     pieces: ContourPieces,
 ):
-    """Find the pieces of each row's section: first those that enter, then loops that nothing has passed."""
+    """Find the pieces of each row's section: first open pieces, then loops whose crossings lie on no piece yet."""
     row = wp.tid()
     section = section_of(pieces, row)
     f = section_frame(pose, patch, section)
@@ -294,11 +294,15 @@ def _seek_pieces(
             k += 1
     winding = int(0)
     if closes == 1:
-        winding = wound(surface, f, g, side, halves)
+        winding = winding_at_corner(surface, f, g, side, halves)
     count_row(pieces, row, found.count, winding)
 
 
-def seek_pieces(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
+def tree_search_pieces(
+    surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool
+) -> None:
     """Find the pieces of a surface of any size."""
     inputs = [surface, pose, patch, int(bounded), int(closes)]
-    wp.launch(_seek_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK)
+    wp.launch(
+        _tree_search_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK
+    )

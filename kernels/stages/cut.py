@@ -90,11 +90,11 @@ def point_at(points: wp.array[wp.vec3], i: wp.int64, share: wp.float64):
 
 
 @wp.func
-def draw_point(pen: PartWriter, i: wp.int64, source: wp.int64, share: wp.float64, kind: wp.uint8):
+def draw_point(writer: PartWriter, i: wp.int64, source: wp.int64, share: wp.float64, kind: wp.uint8):
     """Write one point of a piece."""
-    pen.source[i] = source
-    pen.share[i] = share
-    pen.kind[i] = kind
+    writer.source[i] = source
+    writer.share[i] = share
+    writer.kind[i] = kind
 
 
 @wp.kernel
@@ -158,7 +158,7 @@ def _cut_lines(
     # Out:
     piece_count: wp.array[wp.int64],
     point_count: wp.array[wp.int64],
-    pen: PartWriter,
+    writer: PartWriter,
 ):
     """Walk a polyline's parts and count its pieces, or write them."""
     line = wp.tid()
@@ -183,22 +183,22 @@ def _cut_lines(
             segment = parts.segment[part]
             if drawing == 0:
                 if writes:
-                    pen.polyline_start[piece] = at
-                    pen.polyline_patch[piece] = polyline_patch[line]
-                    pen.polyline_closed[piece] = polyline_closed[line] * wp.uint8(int(whole))
+                    writer.polyline_start[piece] = at
+                    writer.polyline_patch[piece] = polyline_patch[line]
+                    writer.polyline_closed[piece] = polyline_closed[line] * wp.uint8(int(whole))
                 piece += wp.int64(1)
             if drawing == 0 or parts.share[part] == wp.float64(0.0):
                 if writes:
-                    draw_point(pen, at, segment, parts.share[part], kind[segment])
+                    draw_point(writer, at, segment, parts.share[part], kind[segment])
                 at += wp.int64(1)
             drawing = int(1)
             if j + 1 == count or keep[after] == wp.uint8(0):
                 if writes:
                     end = share_end(parts, part)
                     if end == wp.float64(1.0):
-                        draw_point(pen, at, segment + wp.int64(1), wp.float64(0.0), kind[segment])
+                        draw_point(writer, at, segment + wp.int64(1), wp.float64(0.0), kind[segment])
                     else:
-                        draw_point(pen, at, segment, end, kind[segment])
+                        draw_point(writer, at, segment, end, kind[segment])
                 at += wp.int64(1)
                 drawing = int(0)
     if not writes:
@@ -321,24 +321,32 @@ def cut_contours(
         parts = divide_segments(points, polyline_start)
         keep = spread_keep(parts, keep)
     device, line_count = points.device, polyline_start.shape[0] - 1
-    none, pen = wp.empty(0, dtype=wp.int64, device=device), PartWriter()
+    none, writer = wp.empty(0, dtype=wp.int64, device=device), PartWriter()
     piece_count, point_count = (wp.zeros(line_count + 1, dtype=wp.int64, device=device) for _ in range(2))
     lines = [polyline_start, polyline_patch, polyline_closed, kind, parts, keep]
-    launch(_cut_lines, line_count, [*lines, none, none], [piece_count, point_count, pen])
+    launch(_cut_lines, line_count, [*lines, none, none], [piece_count, point_count, writer])
     piece_start, point_start = offsets_of(piece_count), offsets_of(point_count)
     pieces, total = last_of(piece_start), last_of(point_start)
-    pen.source = wp.empty(total, dtype=wp.int64, device=device)
-    pen.share = wp.empty(total, dtype=wp.float64, device=device)
-    pen.kind = wp.empty(total, dtype=wp.uint8, device=device)
-    pen.polyline_start = wp.full(pieces + 1, total, dtype=wp.int64, device=device)
-    pen.polyline_patch = wp.empty(pieces, dtype=wp.int32, device=device)
-    pen.polyline_closed = wp.empty(pieces, dtype=wp.uint8, device=device)
-    launch(_cut_lines, line_count, [*lines, piece_start, point_start], [none, none, pen])
+    writer.source = wp.empty(total, dtype=wp.int64, device=device)
+    writer.share = wp.empty(total, dtype=wp.float64, device=device)
+    writer.kind = wp.empty(total, dtype=wp.uint8, device=device)
+    writer.polyline_start = wp.full(pieces + 1, total, dtype=wp.int64, device=device)
+    writer.polyline_patch = wp.empty(pieces, dtype=wp.int32, device=device)
+    writer.polyline_closed = wp.empty(pieces, dtype=wp.uint8, device=device)
+    launch(_cut_lines, line_count, [*lines, piece_start, point_start], [none, none, writer])
     start, moved = wp.empty_like(pose_start), wp.empty(total, dtype=wp.vec3, device=device)
     launch(_start_poses, start.shape[0], [pose_start, piece_start], [start])
-    launch(_gather_points, total, [points, pen.source, pen.share], [moved])
+    launch(_gather_points, total, [points, writer.source, writer.share], [moved])
     cut = Cut(
-        moved, pen.kind, pen.polyline_start, pen.polyline_patch, pen.polyline_closed, start, None, pen.source, pen.share
+        moved,
+        writer.kind,
+        writer.polyline_start,
+        writer.polyline_patch,
+        writer.polyline_closed,
+        start,
+        None,
+        writer.source,
+        writer.share,
     )
     return cut if intensity is None else cut._replace(intensity=gather_values(intensity, cut))
 

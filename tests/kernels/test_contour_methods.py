@@ -234,7 +234,7 @@ def test_surfaces_without_a_trail_are_sought_and_never_traced(device):
     patch, poses, most = patch_array(HALF, device), generic_poses(20, 12), 32 * MASK_WORDS // 3  # three edges each
     for count in (most + 1, SCAN_FACES_MOST + 1):
         surface = surface_on(soup(count), device)
-        with pytest.raises(ValueError, match=f"{count} triangles has no trail"):
+        with pytest.raises(ValueError, match=f"{count} triangles has no scan path"):
             draw(surface, poses, patch, "oc", "trace")
         assert_same_bits(draw(surface, poses, patch, "oc", None), draw(surface, poses, patch, "oc", "seek"))
     surface = surface_on(soup(most), device)

@@ -1,7 +1,7 @@
 """Rigid motions in NumPy: rotations of vectors, products and inverses of poses, slerp.
 
-A quaternion is x y z w with norm 1 unless a function says otherwise; a pose is x y z [m] and a quaternion, shape
-[..., 7]. Leading shapes broadcast. Unknown values are NaN, and every result that depends on one is NaN.
+A quaternion is x y z w with norm 1, except where a function allows any norm; a pose is x y z [m] and a quaternion,
+shape [..., 7]. Leading shapes broadcast. Unknown values are NaN, and every result that depends on one is NaN.
 """
 
 import numpy as np
@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 POSITION_FARTHEST = 1e6
 """Largest coordinate of a position [m]; the float32 spacing there is 6 cm, so farther positions count as mistakes."""
+
+NORM_TOLERANCE = 1e-3
+"""Largest difference of a quaternion's norm from 1 in poses that are given or read; larger ones are refused."""
 
 Numbers = NDArray[np.float64]
 Flags = NDArray[np.bool_]

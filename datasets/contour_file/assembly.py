@@ -65,7 +65,7 @@ class Assembly:
             self._add(spec, shape, list(rows.addresses[index]), tail, digests[index])
 
     def front(self, room: int) -> tuple[bytearray, list[Buffer]] | None:
-        """What goes before the rows, filled up to `room` bytes, and what goes behind them; None if room is too small.
+        """Bytes before the rows, padded to `room`, and bytes after the rows; None if `room` is too small.
 
         Once only: it completes the assembly by the digests.
         """

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ContourFileError
+from ..rigid import NORM_TOLERANCE
 from ..storage.durable import FolderLock
 from ..storage.hdf5 import FAILURES, Hdf5Reader
 from ..storage.schema import (
@@ -29,7 +30,7 @@ from ..storage.schema import (
     shape_problem,
 )
 from .header import get_header, get_texts, recipe_differences
-from .header_hand import NORM_TOLERANCE, hand_problem
+from .header_hand import hand_problem
 from .part_reader import PartReader
 from .reader import ContourFile
 from .timing import get_timing
@@ -44,7 +45,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass
 class _Findings:
-    """Problems, each kind told once with how many there are and the first one's row."""
+    """Problems; each kind is reported once, with its count and its first row."""
 
     sentences: list[str] = field(default_factory=list[str])
     rows: dict[tuple[str, str], list[int]] = field(default_factory=dict[tuple[str, str], list[int]])
@@ -81,7 +82,7 @@ def check_file(path: str | PathLike[str]) -> list[str]:
 
 
 def unproven_content(path: str | PathLike[str]) -> list[str]:
-    """What of a file of contours or frames no digest proves: all of it where it is older than digests, else nothing.
+    """Sentences on content that no digest verifies: all content of a file without digests, otherwise none.
 
     Empty for a file that is not sealed, or cannot be read.
     """

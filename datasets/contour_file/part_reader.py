@@ -63,7 +63,7 @@ class PartReader:
         return name in self
 
     def attribute(self, name: str, key: str) -> str | None:
-        """What a dataset's attribute will be; None if it will have none."""
+        """The attribute that the sealed dataset will have; None if it will have none."""
         specs = {spec.path: spec for spec in (*self.part.rows.fields, *TIMING)}
         known = {"units": specs[name].unit, "frame": specs[name].frame} if name in specs else {}
         return known.get(key)

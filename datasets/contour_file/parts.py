@@ -10,7 +10,7 @@ yet (`part_log.py`). The binary data of a range's record are the field of each c
 |-------------------------------------|-------------------------------------------------------------------|
 | a whole record                      | all is well                                                       |
 | a record cut short                  | the writer was killed: that range was never reported done         |
-| a whole record with another CRC     | damage: that range and those after it are done again, and told of |
+| a whole record with another CRC     | damage: that range and those after it are done again, and reported |
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class FilePart:
 
 
 def work_folder(path: Path) -> Path:
-    """Where the parts of a file lie until it is sealed; raises ContourFileError for a path without a name."""
+    """Folder of a file's parts until it is sealed; raises ContourFileError for a path without a name."""
     if not path.name:  # "/", "."
         raise ContourFileError(f"{path} is a folder, not a contour file")
     return path.with_name(path.name + ".partial")
@@ -156,7 +156,7 @@ def begin_part(folder: Path, first: int, recipe: str, begin: int, *, optional: t
 
 
 def read_part(log: Path, *, limit: int | None = None) -> FilePart:
-    """A part as its log tells it, up to its last whole record (or the one that ends at `limit`).
+    """A part as described by its log, up to its last whole record (or the one that ends at `limit`).
 
     Raises ContourFileError where not even its first record can be read, or its rows are gone.
     """
@@ -184,7 +184,7 @@ def read_part(log: Path, *, limit: int | None = None) -> FilePart:
 def readable_parts(folder: Path) -> tuple[list[FilePart], list[str]]:
     """Parts of a folder that can be read and hold poses, in pose order and without those that overlap one before.
 
-    And a sentence for each that is damaged, as far as logs tell.
+    And a sentence for each that is damaged, as far as logs show.
     """
     parts: list[FilePart] = []
     problems: list[str] = []
@@ -202,7 +202,7 @@ def readable_parts(folder: Path) -> tuple[list[FilePart], list[str]]:
 
 
 def verify_part(part: FilePart) -> FilePart:
-    """The part up to the range of poses before the first damaged chunk; `problem` says if there is any."""
+    """The part up to the range of poses before the first damaged chunk; `problem` describes the damage, if any."""
     damaged = _first_damaged(part)
     if damaged is None:
         return part

@@ -37,7 +37,7 @@ class ContourFile:
     """A contour file opened for reading; use it in a `with`, or `close()` it.
 
     Where `path` does not exist but the work folder beside it does, the pose ranges done so far are read: `sealed` is
-    False, `done` says which, and asking for any other pose raises. What a writer does later is not seen.
+    False, `done` lists them, and reading any other pose raises. Ranges that are written later are not seen.
 
     Rows are proven by the file's digests whenever they are read, where it has any (format 1.2 and newer). `verify`
     reads and proves everything first.
@@ -87,8 +87,8 @@ class ContourFile:
     def require_whole(self) -> None:
         """Read everything once, in bounded memory, and refuse what is not what was written, by its digest.
 
-        Rows are proven whenever they are read; this proves also those that nobody asks for, and the attributes. It
-        proves against accidents: whoever changes a file can write other digests. Raises ContourFileError also where a
+        Rows are proven whenever they are read; this verifies also rows that are never read, and the attributes. It
+        proves against accidents: who changes a file can also change its digests. Raises ContourFileError also where a
         file has no digests: formats 1.0 and 1.1 had none.
         """
         file = self._header_file
@@ -115,7 +115,7 @@ class ContourFile:
         return self._header_file.path.parent
 
     def parts(self) -> tuple[Hdf5Reader, list[tuple[Hdf5Reader | PartReader, int]]]:
-        """What this file is made up of: its header, and the rows of the poses done with the poses' numbers."""
+        """The file's header, and for each rendered range of poses its rows and its number of poses."""
         return self._header_file, [(self._rows_of(piece), piece.stop - piece.first) for piece in self._blocks]
 
     @property
@@ -157,7 +157,7 @@ class ContourFile:
 
     @cached_property
     def recipe(self) -> dict[str, str]:
-        """What decides the data, field by field (`FileHeader.recipe`)."""
+        """Everything that determines the data, as text by field (`FileHeader.recipe`)."""
         return get_texts(self._header_file, "/", "recipe")
 
     @cached_property
@@ -255,7 +255,7 @@ class ContourFile:
         return rows.read(spec.path, first, stop)
 
     def timing(self) -> Timing:
-        """How long each chunk took by stage; chunks in the order of their poses."""
+        """Time that each chunk took, by stage; chunks in the order of their poses."""
         return join_timing([get_timing(self._rows_of(piece)) for piece in self._blocks])
 
     def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[_PoseBlock, int, int]]:

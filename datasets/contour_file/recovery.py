@@ -1,4 +1,4 @@
-"""Taking over the parts of a rendering that stopped: what can be trusted is kept, what else there is is told of."""
+"""Taking over the parts of a rendering that stopped: intact rows are kept, and damage is reported."""
 
 from __future__ import annotations
 

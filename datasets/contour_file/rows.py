@@ -29,14 +29,14 @@ def row_fields(optional: Collection[str] = ()) -> tuple[Field, ...]:
 
 
 def optional_fields(names: Iterable[str]) -> tuple[str, ...]:
-    """Which of the names are optional fields, in the order of the tables."""
+    """The names that are optional fields, in the order of the tables."""
     names = set(names)
     return tuple(spec.name for spec in (*CONTOURS, *METRICS) if spec.optional and spec.name in names)
 
 
 @dataclass(frozen=True)
 class Growth:
-    """What some more poses add."""
+    """Rows that further poses add."""
 
     counts: list[int]
     """Rows of each field that there are with them."""
@@ -50,7 +50,7 @@ class Growth:
 
 @dataclass
 class Rows:
-    """Where the rows of consecutive poses lie: whole chunks in a file, tails here; offsets as if they were all."""
+    """Location of the rows of consecutive poses: full chunks in a file, later rows (tails) in memory."""
 
     fields: tuple[Field, ...]
     end: int
@@ -79,7 +79,7 @@ class Rows:
     def grown(
         self, contours: Mapping[str, NDArray[Any]], metrics: Mapping[str, NDArray[Any]]
     ) -> tuple[Growth, list[Buffer]]:
-        """What poses add behind those that there are, and the bytes of the chunks that they make whole, in order.
+        """Rows that poses add after the existing ones, and the bytes of the chunks that they fill, in order.
 
         Nothing changes before `accept`. Chunks are views of the arrays where they can be.
         """
@@ -124,12 +124,12 @@ class Rows:
         return self.tails[index][0]
 
     def tail_counts(self, counts: Sequence[int]) -> list[int]:
-        """How many rows of a growth to `counts` are in no whole chunk, by field."""
+        """Number of rows outside full chunks after growing to `counts`, by field."""
         begins = self._tail_begins(counts)
         return [count - old - begin for count, old, begin in zip(counts, self.counts, begins, strict=True)]
 
     def _tail_begins(self, counts: Sequence[int]) -> list[int]:
-        """Which of the rows that are new begin the tail, by field."""
+        """Index of the first new row in the tail, by field."""
         return [max(count // CHUNK_ROWS * CHUNK_ROWS - old, 0) for count, old in zip(counts, self.counts, strict=True)]
 
     def _column(
@@ -175,7 +175,7 @@ class Rows:
 def _pose_of(
     spec: Field, rows: NDArray[np.int64], contours: Mapping[str, NDArray[Any]], *, started: bool
 ) -> NDArray[np.int64]:
-    """Which of the new poses brings a new row. An offset is known with the row that ends there."""
+    """The new pose that each new row belongs to. An offset counts with the row that ends there."""
     dim = str(spec.dims[0]).removesuffix(" + 1")
     if spec.is_offset and not started:
         rows = np.maximum(rows - 1, 0)

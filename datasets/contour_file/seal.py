@@ -40,7 +40,7 @@ _ROOM_TO_SPARE = 1 << 14
 
 @dataclass(frozen=True)
 class FileFrame:
-    """What a file has before its rows: the same for every writer of one run."""
+    """Content of a file before its rows; equal for all writers of one run."""
 
     room: int
     """Bytes for HDF5's metadata, at the beginning."""

@@ -1,4 +1,4 @@
-"""How long the chunks of a rendering took: /timing of a contour file."""
+"""Time that the chunks of a rendering took: /timing of a contour file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .part_reader import PartReader
 
 
 class Timing(NamedTuple):
-    """How long the chunks of a rendering took; outside the promise of determinism."""
+    """Time that the chunks of a rendering took; it differs from run to run."""
 
     stages: list[str]
     """Names of the columns of `seconds`."""

@@ -1,6 +1,6 @@
-"""What a file of contours or of frames holds beside what its format names.
+"""Content of a file of contours or frames that its format does not name.
 
-A newer minor version, or somebody else, may have put it there: it is no fault, and nothing of it is read.
+A newer minor version or another program may have added it: it is no error, and is never read.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _KNOWN: Mapping[str, Mapping[str, Set[str]]] = {
 def unknown_content(path: str | PathLike[str]) -> list[str]:
     """Groups, datasets and attributes that a file's format does not name, a sentence each; a group stands for its own.
 
-    Empty for a file that is not sealed, or cannot be read: `check_file` and `check_frames` say so.
+    Empty for a file that is not sealed, or cannot be read: `check_file` and `check_frames` report that.
     """
     try:
         with Hdf5Reader(path) as file:

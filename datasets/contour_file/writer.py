@@ -4,7 +4,7 @@
 |--------|--------|-------|------------------------------------------------------------------------|
 | no     | no     | no    | begins, as "create"                                                    |
 | yes    | no     | no    | compares with OUT.h5; nothing is missing                               |
-| any    | no     | yes   | refuses: nothing tells what the parts belong to                        |
+| any    | no     | yes   | refuses: it is unknown what the parts belong to                         |
 | yes    | same   | any   | killed after sealing: compares, nothing is missing, removes the folder |
 | yes    | other  | any   | as the next line if the run may overwrite, else refuses                |
 | no     | other  | any   | compares with the header, goes on with the poses missing               |
@@ -238,7 +238,7 @@ class ContourWriter:
         try:
             self._lock = FolderLock(self._folder)
             if mode == "create":
-                self._refuse_sealed()  # again: now that nobody else can seal
+                self._refuse_sealed()  # again: now no other process can seal
                 self._refuse_unfinished(fresh)
             if mode == "overwrite":
                 self._clear_folder()
@@ -391,7 +391,7 @@ class ContourWriter:
             (self._folder / name).unlink(missing_ok=True)
 
     def _remove_folder(self) -> None:
-        # The file is whole by now; a folder that cannot go (something else lies in it) harms nobody.
+        # The file is whole by now; a folder that cannot go (another file is in it) does no harm.
         with contextlib.suppress(OSError):
             self._clear_folder()
             if self._lock is not None:

@@ -48,7 +48,7 @@ class FrameFile:
     whole datasets beside the frames, by path. What killed writers of the same file have left is removed.
 
     Raises:
-        OSError: As the system says (ENOSPC, EFBIG, ...), from the constructor if there is no room for all frames;
+        OSError: From the system (ENOSPC, EFBIG, ...), from the constructor if there is no room for all frames;
             nothing is left behind.
     """
 
@@ -174,9 +174,9 @@ def _lock_file(path: Path) -> int:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove temporary files of this name that nobody writes any more."""
+    """Remove temporary files of this name that no process writes any more."""
     for left in path.parent.glob(f"{path.name}.*{TEMPORARY_SUFFIX}"):
-        with contextlib.suppress(OSError):  # somebody else has removed it
+        with contextlib.suppress(OSError):  # another process has removed it
             if (handle := _lock_file(left)) >= 0:
                 discard(left)
                 os.close(handle)

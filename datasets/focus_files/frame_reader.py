@@ -98,7 +98,7 @@ class FrameReader:
             return None
 
     def recipe(self) -> dict[str, Any]:
-        """The sweep's recipe that the frames are of; empty if the file tells none."""
+        """The sweep's recipe that the frames are of; empty if the file has none."""
         if self._file.attribute("/", "recipe") is None:
             return {}
         stored = self.described("/", "recipe")
@@ -112,7 +112,7 @@ class FrameReader:
         return value if isinstance(value, str) else None
 
     def problems(self) -> list[str]:
-        """What is wrong, a sentence for the recipe and each dataset: all are read, in blocks. Empty if nothing is."""
+        """Problems of the recipe and the datasets, a sentence each; reads all data in blocks. Empty if none."""
         out: list[str] = []
         try:
             self.recipe()
@@ -157,7 +157,7 @@ class FrameReader:
 
 
 def frame_format(path: str | PathLike[str]) -> str | None:
-    """FOCAL_POINTS or DRIVES, if a file says that it is that; None for everything else, also for no file."""
+    """FOCAL_POINTS or DRIVES by the file's format attribute; None for any other file, or none."""
     try:
         with Hdf5Reader(path) as file:
             return _format_version(file)

@@ -1,4 +1,4 @@
-"""What trackers leave out of a hand, derived from what they give: orientations, wrist, metacarpals, palm, radii.
+"""Derivation of orientations, wrist, metacarpals, palm and radii that a tracker does not give.
 
 | missing                      | derived as                                                                            |
 |------------------------------|---------------------------------------------------------------------------------------|
@@ -37,7 +37,7 @@ _SHARES = {
     "RING": (PALM_RADIUS_SHARE, 0.125, 0.1, 0.093, 0.08),
     "LITTLE": (PALM_RADIUS_SHARE, 0.11, 0.088, 0.083, 0.07),
 }
-_BEND_LEAST = 0.3  # sum of sines over 8 joints: flatter fingers do not tell which way they bend
+_BEND_LEAST = 0.3  # sum of sines over 8 joints: flatter fingers do not show their direction of bending
 
 
 class CompletedJoints(NamedTuple):
@@ -104,9 +104,9 @@ def joint_orientations(position: Numbers, palm_axes: Numbers, *, is_left: bool) 
 
 
 def side_from_axes(position: Numbers, palm: Numbers) -> str | None:
-    """Which hand joints belong to: `left` where the knuckles run from index to little finger along -X of the palm.
+    """Side of a hand from its axes: `left` if the knuckles run from index to little finger along -X of the palm.
 
-    position: [frame, 26, 3]; palm: quaternions, [frame, 4]. None where no frame tells.
+    position: [frame, 26, 3]; palm: quaternions, [frame, 4]. None if no frame determines it.
     """
     across = position[:, Joint.LITTLE_PROXIMAL] - position[:, Joint.INDEX_PROXIMAL]
     along = _median(np.sum(across * matrix_of(palm)[..., 0], axis=1))
@@ -114,7 +114,7 @@ def side_from_axes(position: Numbers, palm: Numbers) -> str | None:
 
 
 def side_from_bends(position: Numbers) -> str | None:
-    """Which hand joints belong to, from positions alone: fingers bend towards the palm. None for flat fingers."""
+    """Side of a hand from positions only: fingers bend towards the palm. None for flat fingers."""
     across = unit(position[:, Joint.LITTLE_PROXIMAL] - position[:, Joint.INDEX_PROXIMAL])
     total = np.zeros(len(position))
     for finger in FINGERS:

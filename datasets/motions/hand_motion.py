@@ -16,15 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..bounded_file import FileBoundError, require_bytes
 from ..errors import MotionError
-from ..rigid import POSITION_FARTHEST
+from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
 from .exploration import FLOOR, MARGIN, Progress, exploration_path, unheard
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """Quaternion xyzw of a hand above the array: palm down, fingers pointing away from the user (+y of the array)."""
-
-NORM_TOLERANCE = 1e-3
-"""Largest difference of a quaternion's norm from 1; quaternions that differ more are refused."""
 
 BOUNDS_FARTHEST = 100.0
 """Largest coordinate of the bounds of an exploration [m]; larger ones are probably in wrong units."""

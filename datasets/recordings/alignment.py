@@ -6,7 +6,7 @@
 ```
 
 `position` [m] is the tracker's origin in the array's frame, `orientation` xyzw turns the tracker's axes into the
-array's; `matrix` says the same by rows. A scale or a mirror is no alignment and is refused: units are the reader's.
+array's; `matrix` is the same, row by row. A scale or a mirror is no alignment and is refused: units are the reader's.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""What a tracker's file says of hands, frame by frame, and one of them chosen.
+"""Content of a tracker's file, frame by frame, and the choice of one hand.
 
 | asked for             | hands in the file                                        | what is taken                 |
 |-----------------------|----------------------------------------------------------|-------------------------------|
@@ -23,12 +23,12 @@ SIDES = ("left", "right")
 
 
 class Sighting(NamedTuple):
-    """One hand in one frame; NaN is what the tracker does not say."""
+    """One hand in one frame; values that the tracker does not give are NaN."""
 
     frame: int
     hand_id: str
     side: str | None
-    """`left` or `right`; None where the file does not say."""
+    """`left` or `right`; None if the file does not state it."""
     position: Numbers
     """[m], shape [26, 3]."""
     quaternion: Numbers
@@ -76,7 +76,7 @@ def name_place(names: list[str]) -> Callable[[int], str]:
 
 
 def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
-    """One hand of a clip as a recording. Raises RecordingError; the table above says which hand."""
+    """One hand of a clip as a recording. Raises RecordingError; the table above describes the choice of the hand."""
     seen = _choose(clip.sightings, None if hand is None else str(hand))
     time = _validate_time(clip)
     first, count = seen[0].frame, seen[-1].frame - seen[0].frame + 1
@@ -141,7 +141,7 @@ def _validate_time(clip: Clip) -> Numbers | None:
 
 def _check_norms(quaternion: Numbers, place: Callable[[int], str], first: int) -> None:
     norm = np.linalg.norm(quaternion, axis=2)
-    bad = np.argwhere(np.abs(norm - 1.0) > 1e-2)  # files round; HandRecording is told the exact direction
+    bad = np.argwhere(np.abs(norm - 1.0) > 1e-2)  # files round; HandRecording gets unit quaternions
     if bad.size:
         frame, joint = (int(index) for index in bad[0])
         message = f"{place(first + frame)}: {JOINT_NAMES[joint]} has quaternion norm {norm[frame, joint]:.6g}, not 1"
@@ -150,7 +150,7 @@ def _check_norms(quaternion: Numbers, place: Callable[[int], str], first: int) -
 
 
 def _side(seen: list[Sighting], position: Numbers, quaternion: Numbers) -> str:
-    """The side that the file says; where it says none, what the joints say; refused where bent fingers deny it."""
+    """The side that the file states, otherwise the side of the joints; refused if bent fingers contradict the file."""
     stated = seen[0].side
     palm = quaternion[:, Joint.PALM]
     if not is_finite(palm).any():

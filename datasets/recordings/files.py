@@ -23,7 +23,7 @@ from .openxr import joints_json, joints_table, static_poses
 from .recording import HandRecording
 
 FORMATS = ("leap", "openxr", "webxr", "mediapipe", "webxr-static")
-"""What `load_recording` can be told to read."""
+"""Formats that `load_recording` reads."""
 
 _SUFFIXES = (".json", ".csv", ".npz")
 
@@ -36,11 +36,11 @@ def load_recording(
     alignment: Alignment | None = None,
     image_mirrored: bool | None = None,
 ) -> HandRecording:
-    """Read one hand of a recording; docs/formats/recordings.md tells each file's shape.
+    """Read one hand of a recording; docs/formats/recordings.md describes the formats.
 
-    format: one of `FORMATS`; None: what the file says or looks like. hand: `left`, `right` or an id; needed only where
+    format: one of `FORMATS`; None: as the file states or looks like. hand: `left`, `right` or an id; needed only where
     the file has several. alignment: tracker frame -> array frame (see `HandRecording.transformed`); None leaves the
-    tracker's. image_mirrored: MediaPipe only; whether it was shown a mirrored image, None: what the file says.
+    tracker's. image_mirrored: MediaPipe only; whether it was shown a mirrored image, None: as the file states.
 
     Raises RecordingError naming the file and, where it can, the frame, line and joint.
     """

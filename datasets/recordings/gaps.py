@@ -1,4 +1,4 @@
-"""Gaps in a recording of joints: held for a while, or bridged when resampled, never for longer than said."""
+"""Gaps in a recording of joints: held for a while, or bridged when resampled, never for longer than a limit."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ _SAME_TIME = 1e-9  # [s]
 
 
 class HeldJoints(NamedTuple):
-    """What `hold_joints` made of a recording."""
+    """Result of `hold_joints`."""
 
     pose: Numbers
     valid: Flags

@@ -39,7 +39,7 @@ def read_json(path: Path) -> Json:
 
 
 def entry(node: Json, name: str, place: str) -> Json:
-    """What an object holds under a name. Raises RecordingError where it has no such entry."""
+    """The value of an object's entry. Raises RecordingError if there is no such entry."""
     if not isinstance(node, dict):
         raise RecordingError(f"{place}: must be an object with {name!r}, got {_describe(node)}")
     if name not in node:
@@ -87,7 +87,7 @@ def truth(node: Json, place: str) -> bool | None:
 
 
 def flags(node: Json, place: str) -> int:
-    """A whole number of 0 or more, whose bits say something."""
+    """An integer >= 0 that is used as flags."""
     value = number(node, place)
     if not (value >= 0.0 and value.is_integer()):
         raise RecordingError(f"{place}: must be a whole number, got {_describe(node)}")
@@ -107,7 +107,7 @@ def vector(node: Json, size: int, place: str) -> Numbers:
 
 
 def unit_factor(head: Json, name: str, units: dict[str, float], default: str | None) -> float:
-    """Metres or seconds in a file's unit; refused where the file must say it and does not."""
+    """Metres or seconds in a file's unit; refused if the file must state it and does not."""
     unit = optional(head, name, "file") if isinstance(head, dict) else None
     unit = default if unit is None else unit
     if not isinstance(unit, str) or unit not in units:

@@ -39,7 +39,7 @@ class Bone(NamedTuple):
 
 
 def leap_json(content: Json) -> Clip:
-    """All hands of a LeapC recording as JSON; docs/formats/recordings.md tells its shape."""
+    """All hands of a LeapC recording as JSON; docs/formats/recordings.md describes its structure."""
     head: Json = {} if isinstance(content, list) else content
     frames = items(content if isinstance(content, list) else entry(content, "frames", "file"), "frames")
     length = unit_factor(head, "length_unit", LENGTH_UNITS, "mm")
@@ -57,7 +57,7 @@ def leap_json(content: Json) -> Clip:
 
 
 def leap_table(table: Table) -> Clip:
-    """All hands of a Leap CSV: a row for each hand in each frame; docs/formats/recordings.md tells the columns."""
+    """All hands of a Leap CSV: a row for each hand in each frame; docs/formats/recordings.md describes the columns."""
     clock = table.numbers(["timestamp"])[:, 0] * TIME_UNITS["us"]
     ids, sides = table.texts("hand_id"), table.texts("type")
     palm = {name: table.numbers(_xyz(f"palm_{name}")) for name in _PALM_VECTORS}
@@ -86,7 +86,7 @@ def leap_table(table: Table) -> Clip:
 
 
 def leap_arrays(path: Path) -> Clip:
-    """Hands of a decoded leapjs recording (.npz): one hand a frame, lengths in `length_unit` (m unless it says)."""
+    """Hands of a decoded leapjs recording (.npz): one hand a frame, lengths in `length_unit` (m by default)."""
     found = _read_archive(path)
     count = len(found["t"]) if "t" in found and found["t"].ndim == 1 else 0
     shapes = {"t": (), "hand_id": (), "is_left": (), "joints": (5, 4, 3), "finger_width": (5,)}

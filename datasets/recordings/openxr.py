@@ -33,7 +33,7 @@ _STATIC_MATRIX, _STATIC_RADIUS = "m", "r"
 
 
 def joints_json(content: Json) -> Clip:
-    """All hands of an OpenXR or WebXR recording; docs/formats/recordings.md tells its shape."""
+    """All hands of an OpenXR or WebXR recording; docs/formats/recordings.md describes its structure."""
     length = unit_factor(content, "length_unit", LENGTH_UNITS, "m")
     second = unit_factor(content, "time_unit", TIME_UNITS, None)
     time: list[float] = []

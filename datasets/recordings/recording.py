@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..errors import RecordingError, RecordingWarning
 from ..hand_model.frames import BREADTH_SHARE, knuckle_width, side_from_axes
 from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
-from ..motions.hand_motion import NORM_TOLERANCE, HandMotion
-from ..rigid import POSITION_FARTHEST, Numbers, is_finite, pose_inverse, pose_product, rotate
+from ..motions.hand_motion import HandMotion
+from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST, Numbers, is_finite, pose_inverse, pose_product, rotate
 from .alignment import Alignment, alignment_pose
 from .gaps import hold_joints, resample_joints
 
@@ -54,7 +54,7 @@ class HandRecording:
     offset: float = 0.0
     """What the recording's clock read at time 0 [s]."""
     derived: tuple[str, ...] = ()
-    """Joints that the tracker does not give; `hand_frames` says how they were made."""
+    """Joints that the tracker does not give; `hand_frames` describes how they are derived."""
     counts: Mapping[str, int] = field(default_factory=dict[str, int])
     """What was found and done: absent_frames, missing_joints, held_joints, dropped_frames."""
     kept: NDArray[np.bool_] | None = None
@@ -80,7 +80,7 @@ class HandRecording:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Which joints are known, shape [frame, 26]."""
+        """Whether each joint is known, shape [frame, 26]."""
         return is_finite(self.joint_pose) if self.valid is None else self.valid
 
     @property
@@ -116,7 +116,7 @@ class HandRecording:
         """The palm's motion: a pose for each frame with a palm; where there is none, a gap of time.
 
         Sampling holds the last pose before a gap, then fades (`SamplingStrategy.hold`, `.fade`). Warns where no pose
-        is in front of the array, which `transformed` mends.
+        is in front of the array, which `transformed` corrects.
         """
         pose = self.skin_pose()
         if not _is_in_front(pose).any():
@@ -301,7 +301,7 @@ def _is_in_front(pose: Numbers) -> NDArray[np.bool_]:
 
 
 def _kept_at(at: Numbers, time: Numbers, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which joints are held at other times: those that are in the frame before or the frame after."""
+    """Whether each joint is held at other times: it is in the frame before or in the frame after."""
     after = np.minimum(np.searchsorted(time, at - 1e-9), len(time) - 1)
     before = np.where(time[after] <= at + 1e-9, after, np.maximum(after - 1, 0))
     return kept[before] | kept[after]

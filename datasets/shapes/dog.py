@@ -44,7 +44,7 @@ EAR_TIP: Point = (-4.2, 1.35, 12.5)
 
 
 def dog_tips() -> NDArray[np.float64]:
-    """Where the dog is pointed, in its own frame: nose, ears, tail; shape [4, 3]."""
+    """Pointed ends of the dog in its own frame: nose, ears, tail; shape [4, 3]."""
     return np.array([NOSE_TIP, EAR_TIP, _mirror(EAR_TIP), TAIL_TIP])
 
 

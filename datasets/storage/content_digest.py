@@ -2,7 +2,7 @@
 
 A trailer is 56 bytes behind a file's content: `palpate KIND VERSION` and a newline (16, filled with zeros), the
 content's length (uint64, little-endian) and its BLAKE2b-256. Digests prove against accident: a failing disk, a torn
-write, a cut copy. Whoever changes a file on purpose writes another digest behind it.
+write, a cut copy. Who changes a file on purpose can also write its new digest.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _mark(kind: str) -> bytes:
 
 
 def _end_of(stream: BinaryIO) -> tuple[int, bytes]:
-    """How many bytes a file has, and those of its trailer."""
+    """Size of a file [byte], and the bytes of its trailer."""
     total = stream.seek(0, os.SEEK_END)
     stream.seek(max(0, total - TRAILER.size))
     return total, stream.read(TRAILER.size)
@@ -100,7 +100,7 @@ def _file_digest(path: Path, size: int) -> bytes:
 
 
 def _parse_trailer(path: Path, last: bytes, total: int, kind: str, version: int) -> tuple[int, bytes]:
-    """Length and digest of the content, as a trailer tells them."""
+    """Length and digest of the content from a trailer."""
     if len(last) < TRAILER.size:
         raise SweepStoreError(f"{path} is damaged: {total} bytes are no {kind}")
     mark, size, digest = TRAILER.unpack(last)

@@ -1,6 +1,6 @@
 """Digests of a contour file's content: XXH3, which notices what Fletcher-32 does not (zeros, 0x0000 for 0xFFFF).
 
-They prove content against accidents, not against an attacker: whoever changes a file can write other digests.
+They prove content against accidents, not against an attacker: who changes a file can also change its digests.
 
 | where                    | what                                                                              |
 |--------------------------|-----------------------------------------------------------------------------------|

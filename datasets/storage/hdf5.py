@@ -132,11 +132,6 @@ class Hdf5Reader:
         with _failures(self.path, name):
             return chunk_addresses(self._opened.dataset(name))
 
-    def require_stored(self) -> None:
-        """Raise ContourFileError unless all bytes of all datasets are in the file."""
-        with _failures(self.path):
-            self._opened.require_all_stored()
-
     def attribute(self, name: str, key: str) -> Attribute | None:
         """An attribute of a group or dataset; None if it does not exist."""
         with _failures(self.path, f"attribute {key} of {name}"):

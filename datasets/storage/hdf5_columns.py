@@ -180,7 +180,7 @@ def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
     the last one's stays.
 
     Raises:
-        OSError: As the system says (ENOSPC, EFBIG, ...); nothing is left behind.
+        OSError: From the system (ENOSPC, EFBIG, ...); nothing is left behind.
     """
     temporary = temporary_name(path)
     try:

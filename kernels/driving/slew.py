@@ -27,7 +27,7 @@ def _measure_turns(
     # Out:
     turn: wp.array[wp.float32],
 ):
-    """How far each frame as a whole is turned against the one before: argument of <before, frame> [turns]."""
+    """Phase of each frame relative to the frame before: argument of <before, frame> [turns]."""
     frame = wp.tid() // lanes
     lane = wp.tid() % lanes
     along = wp.vec2()
@@ -119,7 +119,7 @@ def limit_slew(target: wp.array, *, before: wp.array, step: float) -> wp.array:
     target: [turns], 0..1, float32, shape [frame, transducer]. before: delays of the frame before, shape [transducer].
     Returns the same shape, 0..1. A transducer that is within a step of its target takes it exactly, so whatever it did
     before is forgotten: on CUDA all chunks of frames start at once, as if the target before them had been reached, and
-    those for which it had not are mended until none changes. The result is that of one frame after the other.
+    those for which it had not are repaired until none changes. The result is that of one frame after the other.
     """
     frame_count, transducer_count = target.shape
     delay, device = wp.empty_like(target), target.device

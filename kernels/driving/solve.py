@@ -179,7 +179,7 @@ SOLVERS = {size: _solver(size) for size in SIZES}
 def solve_points(points: wp.array, target: wp.array, transducers: Transducers, *, gs_pat: int, wgs: int) -> wp.array:
     """Delays of transducers for several points a frame [turns], 0..1, float32, shape [frame, transducer].
 
-    points: wp.vec3 [m], shape [frame, size], size one of SIZES: whoever has fewer fills up with target 0.
+    points: wp.vec3 [m], shape [frame, size], size one of SIZES: the caller pads fewer points with target 0.
     target: relative pressure, float32, the same shape; every frame needs one above 0.
     gs_pat, wgs: iterations of each, one after the other; none of both is naive.
     Raises ValueError for another size.

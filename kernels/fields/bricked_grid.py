@@ -17,7 +17,7 @@ from .field import ROOT_WIDTH, Field, share_of
 SHIFT = 1
 BRICK = 1 << SHIFT  # cells each way
 WIDE = wp.constant(wp.float64(BRICK))
-FAR = 100  # bricks; more is not told apart
+FAR = 100  # largest stored distance [brick]
 PAGE = (8, 8, 16)  # voxels
 LINE = (2, 2, 4)
 VALUES_MOST = 1 << 31  # what an int can count
@@ -39,7 +39,7 @@ class Bricked:
 
 
 def brick_reach(padded: np.ndarray) -> np.ndarray:
-    """How far each brick's side goes on, see Bricked.reach, for values of `pad_outside`, int8 [brick, brick, brick]."""
+    """`Bricked.reach` of each brick, from values of `pad_outside`; int8 [brick, brick, brick]."""
     from scipy.ndimage import distance_transform_cdt  # a tenth of a second that meshes do without
 
     inside = padded < 0
@@ -78,19 +78,19 @@ def page_reach(reach: np.ndarray) -> np.ndarray:
 
 @wp.func
 def place_i(data: Bricked, i: int):
-    """What the first index adds to a value's place."""
+    """Contribution of the first index to a value's storage index."""
     return (i >> 3) * data.stride[0] + (((i >> 1) & 3) << 8) + ((i & 1) << 3)
 
 
 @wp.func
 def place_j(data: Bricked, j: int):
-    """What the second index adds to a value's place."""
+    """Contribution of the second index to a value's storage index."""
     return (j >> 3) * data.stride[1] + (((j >> 1) & 3) << 6) + ((j & 1) << 2)
 
 
 @wp.func
 def place_k(k: int):
-    """What the third index adds to a value's place."""
+    """Contribution of the third index to a value's storage index."""
     return ((k >> 4) << 10) + (((k >> 2) & 3) << 4) + (k & 3)
 
 
@@ -194,7 +194,7 @@ def bricked_ball(data: Bricked, x: wp.vec3d, radius: wp.float64):
 
 
 def bricked_field(padded: np.ndarray, affine: np.ndarray, device: str) -> Field:
-    """`dense_field` with `Field.ball`, and of the same values to the bit; that itself if the volume is too large."""
+    """`dense_field` with `Field.ball`, with bit-identical values; `dense_field` itself if the volume is too large."""
     affine = np.asarray(affine, np.float64)
     if math.prod(-(-size // page) * page for size, page in zip(padded.shape, PAGE, strict=True)) >= VALUES_MOST:
         return dense_field(padded, affine, device)

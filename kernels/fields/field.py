@@ -56,6 +56,12 @@ class Field(NamedTuple):
     """Resolution of the data, as the voxel spacing: smaller details are not the solid's [m]."""
 
 
+@wp.func
+def ball_unknown(data: Any, x: wp.vec3d, radius: wp.float64):
+    """A ball function for fields without one: always unknown."""
+    return int(0)
+
+
 @made_once
 def distance_ball(value: Any) -> Any:
     """A wp.func as `Field.ball` for a 1-Lipschitz value function, such as a signed distance [m]."""

@@ -13,7 +13,7 @@ HIGHEST = wp.constant(wp.float64(1e30))
 
 @wp.struct
 class Placed:
-    """Where a function's own coordinates lie in the array's frame, and the box that its solid ends at."""
+    """Placement of a function's own coordinates in the array's frame, and the bounding box of its solid."""
 
     turn: wp.mat33d  # array frame -> own axes
     at: wp.vec3d  # of its origin, array frame [m]
@@ -30,7 +30,7 @@ def local_point(data: Placed, x: wp.vec3d):
 
 @wp.func
 def value_in_box(data: Placed, own: wp.vec3d, f: wp.float64):
-    """The function's value, raised outside the box: above 0 there whatever the function says."""
+    """The function's value, raised outside the box so that it is always above 0 there."""
     known = NOWHERE
     if wp.isfinite(f):
         known = f
@@ -58,7 +58,7 @@ def function_value(function: Any, double: bool) -> Any:
 
 @made_once
 def raw_value(function: Any, double: bool) -> Any:
-    """What a Warp function itself says of a point in its own coordinates, be it a number or not."""
+    """Return value of a Warp function at a point in its own coordinates; it may be NaN."""
 
     @wp.func
     def raw_double(data: Placed, x: wp.vec3d):

@@ -32,7 +32,7 @@ from .walk import Trails, walk_sections
 
 CPU_TILES = 1 << 17  # of a chunk: what is read again is still in the cache
 GPU_TILES = 1 << 23  # 32 MiB of bits
-GRAIN_MOST = 0.25  # of a step: details of a coarser field are not told from its grain
+GRAIN_MOST = 0.25  # of a step: details of a coarser field cannot be distinguished from its grain
 SLOTS_MOST = 1 << 26  # cut edges of a chunk of several poses, 40 bytes each
 
 

@@ -201,7 +201,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
         cut_start: wp.array[wp.int32],  # a section's first slot
         room: wp.array[wp.int32],  # far tips before each turn
         # Out:
-        moved: MovedNodes,  # its bits come as they are without tips
+        moved: MovedNodes,  # its bits are initialised as without tips
     ):
         """Move a section's nodes onto its far tips, one tip after the other."""
         row = wp.tid()

@@ -17,7 +17,7 @@ LINE = wp.constant(wp.int64(1 << 32))  # counts of points and of polylines in on
 
 
 class Kept(NamedTuple):
-    """What is left of a chunk's points."""
+    """Points of a chunk that are kept."""
 
     start: wp.array  # of each slot: points before it + LINE x polylines before it, int64, shape [slot + 1]
     point_count: int
@@ -40,7 +40,7 @@ def ends_line(after: wp.array[wp.int32], slot: int):
 
 @wp.func
 def has_step(after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
-    """Whether a step of some length starts at this point."""
+    """Whether a step of non-zero length starts at this point."""
     return after[slot] >= 0 and not (point[slot] == point[after[slot]])
 
 
@@ -52,7 +52,7 @@ def has_tip(after: wp.array[wp.int32], point: wp.array[wp.vec3], tip: wp.array[w
 
 @wp.func
 def last_step(after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
-    """The last step of some length of the polyline that ends at a slot, or NO_POINT."""
+    """The last step of non-zero length of the polyline that ends at a slot, or NO_POINT."""
     first = first_of(after, slot)
     k = int(slot)
     while k >= first:
@@ -72,7 +72,7 @@ def _count_points(
     # Out:
     count: wp.array[wp.int64],  # see Kept.start
 ):
-    """Count a point where a step of some length starts, its tip, and a line and its last point where one ends."""
+    """Count a point where a step of non-zero length starts, its tip, and a line and its last point where one ends."""
     slot = wp.tid()
     n = wp.int64(0)
     if slot < code.shape[0]:

@@ -1,7 +1,7 @@
 """Ask a field about the nodes of grids: which are inside, where cells are ambiguous, where an edge is cut.
 
 Kernels are made for a field's functions and shared by all fields that have them. Each tile is asked about as a whole
-first, if the field can answer (`Field.ball`); its nodes only where that does not settle it.
+first, if the field can answer (`Field.ball`); its nodes only if that does not classify the tile.
 """
 
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from ..fields.field import MODULE, Field, inside_function, made_once, root_function
+from ..fields.field import MODULE, Field, ball_unknown, inside_function, made_once, root_function
 from ..offsets import BLOCK, last_of, offsets_of
 from ..patch import EXACT, to_float32
 from .grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, MovedNodes, is_done, node_at, place_of
@@ -29,18 +29,12 @@ NEAR_ALL = wp.constant(wp.float64(1.0 + 1e-6))  # of the distance of a tile's co
 
 
 class Samples(NamedTuple):
-    """What marching knows of the nodes of a chunk of sections; a tile's bits stand where its number says."""
+    """Signs of the nodes of a chunk of sections; bits of a tile are stored by the tile's number."""
 
     bits: wp.array  # uint32, shape [tile]: which nodes are inside
     saddle: wp.array  # uint32, shape [tile]: cells with inside at their middle, of those that are ambiguous
     start: wp.array  # uint32, shape [tile]: edges along u from outside to inside
     cut_start: wp.array  # offsets of the sections' cut edges, and `spare` each, int32, shape [section + 1]
-
-
-@wp.func
-def ball_unknown(data: Any, x: wp.vec3d, radius: wp.float64):
-    """A field that cannot tell about all points of a ball at once."""
-    return int(0)
 
 
 @wp.func
@@ -55,7 +49,7 @@ def distance_to_box(x: wp.vec3d, low: wp.vec3d, high: wp.vec3d):
 
 @made_once
 def classify_kernel(ball: Any, data_type: Any) -> Any:
-    """The kernel that settles whole tiles, for a field's `ball`."""
+    """Make the kernel that classifies whole tiles with a field's `ball`."""
 
     @wp.kernel(**MODULE)
     def _classify_tiles(
@@ -153,7 +147,7 @@ def _list_tiles(
     # Out:
     listed: wp.array[wp.int32],
 ):
-    """List the tiles that are not settled, in order."""
+    """List the unclassified tiles, in order."""
     tile = wp.tid()
     if unclassified[tile] == 1:
         listed[place[tile]] = tile
@@ -285,7 +279,7 @@ def root_kernel(root: Any, data_type: Any) -> Any:
 
 
 def sample_nodes(field: Field, lattice: wp.array, grids: Grids, bounds: np.ndarray) -> wp.array:
-    """Which nodes of sections are inside a field, uint32, shape [tile of all poses]; waits for the device once.
+    """Whether nodes of sections are inside a field, uint32, shape [tile of all poses]; waits for the device once.
 
     bounds: lowest and highest coordinates of the solid [m], shape [2, 3]; nothing beyond is looked at.
     """

@@ -49,7 +49,7 @@ FAR_TIP = wp.constant(2)  # beyond the cells around its step, or beyond the grid
 
 @wp.struct
 class Tips:
-    """What climbing from the steps that turn far has found."""
+    """Tips found by climbing from the steps that turn far."""
 
     what: wp.array[wp.int32]  # NO_TIP, TIP, FAR_TIP; shape [turn + 1]
     track: wp.array2d[wp.vec2d]  # the way to a tip: the step's middle, sections' middles, the tip; shape [turn, TRACK]
@@ -264,7 +264,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         turn: wp.array[wp.int32],  # slots
         least: wp.float64,
         # Out:
-        tip: wp.array[wp.vec3],  # comes as `point`; shape [slot]
+        tip: wp.array[wp.vec3],  # initialised like `point`; shape [slot]
         tips: Tips,
         far: wp.array[wp.int32],  # 1 for a far tip; shape [turn + 1], the last one stays 0
     ):

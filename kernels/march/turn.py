@@ -1,4 +1,4 @@
-"""Which steps of polylines turn so far that the surface may leave them: where a tip may lie that no node told of.
+"""Detection of polyline steps that turn so far that an unseen tip of the surface may lie there.
 
 A step turns far if its direction and those of its neighbours differ by more than MOST_TURN, or if it has no neighbour
 on the surface. Only points are compared here, so smooth contours cost no question to the field.
@@ -44,7 +44,7 @@ def slot_before(code: wp.array[wp.int32], after: wp.array[wp.int32], slot: int):
 
 @wp.func
 def is_drawn(code: wp.array[wp.int32], after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
-    """Whether a step of the object's kind and of some length starts at a slot."""
+    """Whether a step of the object's kind and of non-zero length starts at a slot."""
     if slot == NO_POINT:
         return False
     return code[slot] != NO_POINT and code[slot] & 1 == 0 and has_step(after, point, slot)

@@ -1,7 +1,7 @@
 """Whether contours move farther from a pose to the next than a focal point may step.
 
-A point is judged by how far the nearest point of the next pose's contours is. Contours that appear there do not count,
-those that disappear do: who draws them must go on elsewhere.
+A point's shift is its distance from the nearest point of the next pose's contours. Contours that appear there do not
+count; those that disappear do, as the focal point that draws them must continue elsewhere.
 """
 
 import numpy as np
@@ -52,7 +52,7 @@ def _find_shifts(
     polyline_pose: wp.array[wp.int32],
     compared: wp.array[wp.uint8],  # whether a pose is compared with the next, shape [pose]
     limit: wp.float64,  # [m]
-    spacing: wp.float64,  # of the points that are judged [m]
+    spacing: wp.float64,  # of the tested points [m]
     # Out:
     far: wp.array[wp.uint8],
 ):
@@ -96,7 +96,7 @@ def find_shifts(
     """Whether contours have a point that is farther than `limit` from those of the next pose, bool, shape [pose].
 
     Contours as in ContourBatch, on one device. compared: for which poses, bool, shape [pose]; the last has no next one.
-    limit [m]; spacing: of the points that are judged along contours [m], so that up to half of it may be overlooked.
+    limit [m]; spacing: of the tested points along contours [m]; shifts up to half of it may be missed.
     """
     device, pose_count = points.device, len(compared)
     line_count = np.diff(pose_start.numpy())

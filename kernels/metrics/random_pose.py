@@ -77,7 +77,7 @@ def random_poses(
     """Poses first..stop of a seed, wp.transform, shape [pose]: independent, uniform in a cube and on SO(3).
 
     size: side of the cube [m], at least 0; at: its middle [m]. seed, first, stop: 0..2^63 - 1. out: takes the poses, as
-    many as there are, for instance a stretch of a larger array. Raises ValueError for arguments out of these bounds.
+    many as there are, for instance a range of a larger array. Raises ValueError for arguments out of these bounds.
     """
     if not (0 <= first <= stop < 2**63 and 0 <= seed < 2**63):
         raise ValueError(f"poses {first}..{stop} of seed {seed}: all must lie in 0..2^63 - 1, in this order")

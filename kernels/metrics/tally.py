@@ -26,7 +26,7 @@ INFINITY = wp.constant(wp.float64(float("inf")))
 
 @wp.struct
 class Pacing:
-    """How a sampling strategy turns lengths into the time of a cycle, and that into a number of samples."""
+    """Parameters that convert lengths to the time of a cycle, and the time to a number of samples."""
 
     speed: wp.float64  # [m/s]
     return_speed: wp.float64  # [m/s] along chords; infinite where they take no time
@@ -116,7 +116,7 @@ def _measure_gaps(
     chord: wp.array[wp.float64],  # from their ends back to their starts [m]
     piece_count: wp.array[wp.int32],  # polylines that have a length
 ):
-    """What of a pose's contours a focal point jumps or goes back over."""
+    """Lengths that a focal point jumps or retraces in a pose's contours."""
     pose = wp.tid()
     length = wp.float64(0.0)
     back = wp.float64(0.0)
@@ -148,7 +148,7 @@ def _pace_poses(
     # Out:
     value: wp.array2d[wp.float32],  # draw frequency nominal and actual [Hz], shape [2, pose]
 ):
-    """How often a pose's contours are drawn, pauses left out: as the strategy wants, and as whole samples allow."""
+    """Draw frequency of a pose's contours, without pauses: as requested, and rounded to whole samples [Hz]."""
     pose = wp.tid()
     own = length[pose]
     if own <= wp.float64(0.0):

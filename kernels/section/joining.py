@@ -9,12 +9,11 @@ from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
 from ..patch import EXACT, Frame, Patch, corner, outcode, output_point, section_frame
 from .half_edges import Surface
 from .pieces import CLOSED, ContourPieces, room_of, section_of, start_of
-from .segment_clipping import side_point, side_position
+from .segment_clipping import NONE, side_point, side_position
 from .triangle_walk import crossing_after, crossing_at, point_of
 
 wp.set_module_options(EXACT)
 
-NONE = wp.constant(-1)
 BY_KEY = wp.constant(2)  # an order of pieces; 0 and 1: by where they enter, leave
 BEGIN = wp.constant(1 << 24)  # in an entry: a polyline begins with this piece
 CORNERS = wp.constant(25)  # bits above it: how many corners of the patch follow the piece
@@ -34,7 +33,7 @@ class Entries:
 
 @wp.struct
 class PieceEnds:
-    """Where a row's open pieces enter and leave, sorted along the boundary; scratch, by slot."""
+    """Ends of a row's open pieces, sorted along the boundary; scratch, by slot."""
 
     leaving: wp.array[wp.int32]  # piece, in the order of the places where pieces leave; in the end, by key
     entering: wp.array[wp.int32]  # piece, in the order of the places where pieces enter
@@ -326,7 +325,7 @@ def _join_pieces(
 class Ordered(NamedTuple):
     """Polylines that are ordered."""
 
-    rows: list[tuple[Any, Any]]  # Pieces and Entries
+    rows: list[tuple[Any, Any]]  # ContourPieces and Entries
     polylines: wp.array  # of each section, int64, shape [section + 1], the last one 0
     points: wp.array
 
@@ -334,7 +333,7 @@ class Ordered(NamedTuple):
 class Joined(NamedTuple):
     """Polylines that are ordered and counted, not yet drawn."""
 
-    rows: list[tuple[Any, Any]]  # Pieces and Entries
+    rows: list[tuple[Any, Any]]  # ContourPieces and Entries
     section_start: wp.array  # offsets of each section's polylines, int64, shape [section + 1]
     point_start: wp.array  # offsets of each section's points
     polyline_count: int

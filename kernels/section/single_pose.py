@@ -24,7 +24,7 @@ Launches = list[tuple[wp.Launch, int | None]]  # each with the counter that must
 
 
 class RoomSize(NamedTuple):
-    """How much of everything a room has."""
+    """Capacities of a `Room`."""
 
     pieces: int = 32
     """Of a patch."""
@@ -81,7 +81,7 @@ class Room:
         return None
 
     def contours(self) -> dict[str, np.ndarray]:
-        """What it was filled with, where it lies: arrays of a contour batch by name."""
+        """The contours of the last pose, without copying: arrays of a contour batch by name."""
         line_count, point_count, host = self._polylines.total, self._points.total, self._host
         return {
             "points": host["points"][:point_count],
@@ -115,7 +115,7 @@ class Room:
         return pieces
 
     def _room_for_lines(self) -> tuple[Any, dict[str, np.ndarray]]:
-        """Where contours are drawn, for the kernel and for NumPy."""
+        """Allocate the output arrays of contours, shared by the kernel and NumPy."""
         line_most = self._row_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
         lines, host = LineArrays(), {}
         for field, size, dtype in (

@@ -207,7 +207,7 @@ def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: Con
 def process_crossing(
     surface: Surface, f: Frame, side: wp.vec2d, half: int, found: TreeResult, pieces: ContourPieces, row: int
 ):
-    """Process one crossed face: count its crossing if scanned and inside, and walk the piece that begins there, if any."""
+    """Process a crossed face: count its crossing if scanned and inside; walk the piece that begins there, if any."""
     out = found
     link = link_of(load_vec4(surface.corner, half))
     c = crossing_at(surface, f, half)

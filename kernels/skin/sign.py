@@ -1,4 +1,4 @@
-"""Which vertices of skin lie inside a solid, and where the surface crosses an edge of it."""
+"""Signs of skin vertices (inside a solid or not), and crossings of the surface with skin edges."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from ..fields.field import MODULE, Field, root_function
+from ..fields.field import MODULE, Field, ball_unknown, root_function
 from ..offsets import BLOCK
 from ..patch import rotate, to_float32, to_float64
 from .edges import Skin
@@ -70,15 +70,9 @@ def is_inside(inside: wp.array2d[wp.uint32], pose: int, k: int):
     return ((inside[pose, k // WORD] >> wp.uint32(k % WORD)) & wp.uint32(1)) != wp.uint32(0)
 
 
-@wp.func
-def never_known(data: Any, x: wp.vec3d, radius: wp.float64):
-    """`Field.ball` of a field that has none."""
-    return 0
-
-
 @wp.struct
 class Box:
-    """Where the vertices of a word lie [m]."""
+    """Bounds of the vertices of a word [m]."""
 
     low: wp.vec3d
     high: wp.vec3d
@@ -99,7 +93,7 @@ def box_of(skin: Skin, vertex: wp.array2d[wp.vec3], row: int, t: Turn, first: in
 
 @cache
 def sign_kernel(value: Any, ball: Any, data_type: Any) -> Any:
-    """Kernel that asks a field about every vertex, by words where its `ball` settles them."""
+    """Kernel that asks a field about every vertex, by words where its `ball` classifies them."""
 
     @wp.kernel(**MODULE)
     def _sign_vertices(
@@ -233,14 +227,14 @@ def sign_vertices(field: Field, posed: Posed, bounds: np.ndarray | None = None) 
     if wp.get_device(device).is_cuda:
         kernel, size = ballot_kernel(field.value, field.data_type), (pose_count, word_count * WORD)
     else:
-        kernel = sign_kernel(field.value, field.ball or never_known, field.data_type)
+        kernel = sign_kernel(field.value, field.ball or ball_unknown, field.data_type)
         size = (pose_count, word_count)
     wp.launch(kernel, size, inputs=inputs, outputs=[inside], device=device, block_dim=BLOCK)
     return inside
 
 
 def place_points(field: Field, posed: Posed, spot: wp.array) -> wp.array:
-    """Where each spot is, vec3 [m], array frame, shape [point]."""
+    """Position of each spot, vec3 [m], array frame, shape [point]."""
     point = wp.empty(spot.shape[0], dtype=wp.vec3, device=spot.device)
     inputs = [field.data, *posed, spot]
     kernel = place_kernel(root_function(field), field.data_type)

@@ -193,7 +193,7 @@ def common_corner(f: wp.vec3i, g: wp.vec3i, skip: int):
 
 @wp.func
 def place_in(f: wp.vec3i, vertex: int):
-    """Which corner of f a vertex is."""
+    """Corner number of a vertex in face f."""
     if f[0] == vertex:
         return 0
     if f[1] == vertex:
@@ -291,7 +291,7 @@ def _find_crossings(
     first: int,  # face of the first thread
     # Out:
     pair: wp.array[wp.vec2i],  # faces that cross, in any order
-    count: wp.array[wp.int32],  # how many there are, or more than there is room for; comes as 0, shape [1]
+    count: wp.array[wp.int32],  # their number, also beyond the room; zero-initialised, shape [1]
 ):
     """Find the faces after each face that cross it. Once the room is used up no more are looked for."""
     own = first + wp.tid()

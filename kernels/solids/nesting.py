@@ -1,4 +1,4 @@
-"""Which bodies of a mesh lie around a point: signed crossings of the ray that runs up from it, body by body, exactly.
+"""Bodies of a mesh around a point: exact signed crossings, for each body, of the ray that runs up from the point.
 
 A face above the point counts +1 if it looks up there, -1 if it looks down; the sum over a closed body is its winding
 number at the point. Whether the ray passes through a face is asked edge by edge, with one answer for both its faces.
@@ -38,7 +38,7 @@ def _cross_upwards(
     first: int,  # point of the first thread
     # Out:
     hit: wp.array[wp.vec3i],  # point, face, 1 if it looks up or -1; in any order
-    count: wp.array[wp.int32],  # how many there are, or more than there is room for; comes as 0, shape [1]
+    count: wp.array[wp.int32],  # their number, also beyond the room; zero-initialised, shape [1]
 ):
     """Find the faces straight above each point. Stop where room is short: the count of all may overflow."""
     own = first + wp.tid()

@@ -4,7 +4,7 @@ A segment is divided into *parts*, each kept or removed. What is kept of a polyl
 
 | polyline | parts removed | becomes |
 |---|---|---|
-| any | none | itself, to the bit: where it was divided inside is forgotten |
+| any | none | itself, bit-identical: divisions inside it are dropped |
 | open | some | open pieces, in its order |
 | closed | some | open pieces, beginning after its first removed part; one goes on across the seam |
 | any | all | nothing |
@@ -40,7 +40,7 @@ class Cut(NamedTuple):
 
 @wp.struct
 class Parts:
-    """What segments are divided into; the segment that starts at point i has the parts start[i]..start[i + 1]."""
+    """Parts of segments; the segment that starts at point i has the parts start[i]..start[i + 1]."""
 
     start: wp.array[wp.int64]  # shape [point + 1]; none at a polyline's last point
     segment: wp.array[wp.int64]  # which one it is of, shape [part]
@@ -49,7 +49,7 @@ class Parts:
 
 @wp.struct
 class PartWriter:
-    """Where pieces are written."""
+    """Output arrays of the parts that stay."""
 
     source: wp.array[wp.int64]
     share: wp.array[wp.float64]
@@ -68,7 +68,7 @@ def parts_of(parts: Parts, polyline_start: wp.array[wp.int64], line: int):
 
 @wp.func
 def share_end(parts: Parts, part: wp.int64):
-    """Where in its segment a part ends."""
+    """Position in its segment where a part ends, 0..1."""
     if part + wp.int64(1) == parts.start[parts.segment[part] + wp.int64(1)]:
         return wp.float64(1.0)
     return parts.share[part + wp.int64(1)]
@@ -82,7 +82,7 @@ def segment_length(points: wp.array[wp.vec3], i: wp.int64):
 
 @wp.func
 def point_at(points: wp.array[wp.vec3], i: wp.int64, share: wp.float64):
-    """Point of the segment that starts at point i [m]; a share of 0 is that point to the bit."""
+    """Point of the segment that starts at point i [m]; a share of 0 gives that point bit-identically."""
     x = to_float64(points[i])
     if share > wp.float64(0.0):
         x = x + share * (to_float64(points[i + wp.int64(1)]) - x)
@@ -246,7 +246,7 @@ def _start_poses(
     # Out:
     start: wp.array[wp.int64],
 ):
-    """Where each pose's pieces begin."""
+    """Write the first polyline of each pose."""
     pose = wp.tid()
     start[pose] = piece_start[pose_start[pose]]
 
@@ -284,7 +284,7 @@ def divide_segments(points: wp.array, polyline_start: wp.array, longest: float =
 
 
 def parts_from(start: wp.array) -> Parts:
-    """Equal parts of every segment, as many as offsets tell, int64, shape [point + 1]; their shares may be written."""
+    """Equal parts of every segment, as many as the offsets give: int64, shape [point + 1]; callers may set shares."""
     parts = Parts()
     parts.start = start
     total = last_of(start)
@@ -314,7 +314,7 @@ def cut_contours(
 ) -> Cut:
     """Contours without the segments whose `keep` is 0: uint8, shape [point], that of the segment that starts there.
 
-    parts: what segments are divided into; `keep` then says it of each part, uint8, shape [part].
+    parts: parts of the segments; `keep` is then per part, uint8, shape [part].
     All arrays as in a contour batch, on one device.
     """
     if parts is None:
@@ -352,7 +352,7 @@ def cut_contours(
 
 
 def gather_values(values: wp.array, cut: Cut, *, between: bool = True) -> wp.array:
-    """What points had before, float32, at the points that are left; within segments linear, or 0 if not `between`."""
+    """Values, float32, of the points that are left; interpolated within segments, or 0 there if not `between`."""
     out = wp.empty(cut.source.shape[0], dtype=wp.float32, device=values.device)
     launch(_gather_values, out.shape[0], [values, cut.source, cut.share, int(between)], [out])
     return out

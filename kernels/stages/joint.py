@@ -69,7 +69,7 @@ def _find_touching_sides(
     # Out:
     dropped: wp.array3d[wp.vec2d],  # from, to: `side_position` [m], from > to for nothing; shape [pose, pair, 2]
 ):
-    """Find where the sides of each pair touch, and on which of the two patches that stretch is dropped."""
+    """Find where the sides of each pair touch, and on which of the two patches that interval is dropped."""
     row, k = wp.tid()
     nothing = wp.vec2d(wp.float64(1.0), wp.float64(-1.0))
     dropped[row, k, 0] = nothing
@@ -118,7 +118,7 @@ class SideInterval:
 
 @wp.func
 def stretch_of(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3):
-    """The segment x -> y as a stretch of a side of a patch."""
+    """The segment x -> y as an interval of a patch's side."""
     out = SideInterval()
     out.side = NONE
     p3 = patch_coordinates(f, x)
@@ -143,7 +143,7 @@ def stretch_of(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3):
 
 @wp.func
 def next_end(s: SideInterval, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]):
-    """Where the first dropped stretch begins or ends after the start of s, by more than EDGE; else where s ends."""
+    """The first end of a dropped interval after the start of s, by more than EDGE; the end of s if there is none."""
     found = s.stop
     for k in range(pair.shape[0]):
         for r in range(2):
@@ -161,7 +161,7 @@ def next_end(s: SideInterval, own: int, row: int, pair: wp.array[SidePair], drop
 def is_dropped(
     s: SideInterval, stop: wp.float64, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]
 ):
-    """Whether the middle of s, up to `stop`, lies on a dropped stretch."""
+    """Whether the middle of s, up to `stop`, lies in a dropped interval."""
     middle = s.sign * wp.float64(0.5) * (s.start + stop)
     for k in range(pair.shape[0]):
         for r in range(2):
@@ -203,9 +203,9 @@ def _count_joint_parts(
     pair: wp.array[SidePair],
     dropped: wp.array3d[wp.vec2d],
     # Out:
-    count: wp.array[wp.int64],  # of each segment, shape [point + 1], comes as 0
+    count: wp.array[wp.int64],  # of each segment, shape [point + 1], zero-initialised
 ):
-    """Count the parts into which the ends of dropped stretches divide each segment of a polyline."""
+    """Count the parts into which the ends of dropped intervals divide each segment of a polyline."""
     line = wp.tid()
     base = outline.polyline_start[line]
     own = outline.polyline_patch[line]
@@ -271,7 +271,7 @@ def side_pairs(pairs: list[tuple[int, int, int, int]], device: Any) -> wp.array:
 def divide_joints(
     contours: dict[str, Any], pose: wp.array, patch: wp.array, pair: wp.array, *, angle: float, gap: float
 ) -> tuple[Any, wp.array]:
-    """Divide hand segments where patches touch, and tell which parts are to be dropped; see the table above.
+    """Divide hand segments where patches touch, and find the parts to drop; see the table above.
 
     contours: arrays of a contour batch by name, on one device. pose: wp.transform, shape [pose, 1 or patch]; patch:
     Patch, shape [patch]; pair: see `side_pairs`. angle: of patches in one plane at most [rad]; gap: between sides

@@ -33,7 +33,7 @@ def _move_contours(
 def move_contours(
     points: wp.array, polyline_start: wp.array, pose_start: wp.array, moved: wp.array, pivot: np.ndarray
 ) -> None:
-    """Move contours in place: points [m], vec3, of each pose as `moved` says, wp.transform, shape [pose].
+    """Move contours in place: points [m], vec3, of each pose by its transform in `moved`, wp.transform, shape [pose].
 
     pivot: where the transforms' origin is among the points [m], shape [3].
     """

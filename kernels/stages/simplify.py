@@ -1,4 +1,4 @@
-"""Which vertices of polylines can go, Douglas and Peucker (1973): what is left out stays within a tolerance."""
+"""Simplification of polylines after Douglas and Peucker (1973): removed vertices lie within a tolerance."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ class Strokes:
 
 @wp.func
 def excess_of(s: Strokes, a: wp.int64, b: wp.int64, i: wp.int64):
-    """How far vertex i is from the segment a..b, in tolerances: the larger of way and intensity."""
+    """Distance of vertex i from the segment a..b, in tolerances: the larger of position and intensity."""
     p = to_float64(s.points[a])
     d = to_float64(s.points[b]) - p
     x = to_float64(s.points[i]) - p

@@ -45,7 +45,7 @@ def pose_of_node(start: wp.array[int], node: int):
 
 @wp.func
 def node_place(blocks: Blocks, pose: int, index: int, corner: int):
-    """Where a node of a pose's block is, or the one at a corner (bits x, y, z) of its cell [m]."""
+    """Position of a node of a pose's block, or of the one at a corner (bits x, y, z) of its cell [m]."""
     across = blocks.count[pose, 2]
     row = index // across
     i = blocks.first[pose, 0] + row // blocks.count[pose, 1] + (corner & 1)
@@ -131,7 +131,7 @@ def overlap_kernels(in_solid: Any, solid_type: Any, in_hand: Any, hand_type: Any
         # Out:
         inside: wp.array[wp.uint8],
     ):
-        """Which nodes are in both solids."""
+        """Mark nodes that are in both solids."""
         node = wp.tid()
         pose = pose_of_node(blocks.start, node)
         x = node_place(blocks, pose, node - blocks.start[pose], 0)

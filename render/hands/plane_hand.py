@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...datasets.rigid import compose, rotate
+from ...datasets.rigid import NORM_TOLERANCE, compose, rotate
 from ..errors import PoseError, StrategyError
 from .hand import IDENTITY, PatchFrames, frames_at, patches_on, require_sides, rigid_poses
 from .joint_planes import FINGERS, planes_of_joints
 
-NORM_TOLERANCE = 1e-3  # of a quaternion, as of a motion's
 ABSENT = np.array([0.0, 1000.0, 0.0, 0.0, 0.0, 0.0, 1.0], np.float32)
 """Array-frame pose of a patch that is not there: a plane 1 km away, where no contour is."""
 

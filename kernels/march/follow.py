@@ -40,7 +40,7 @@ class Chain:
 @wp.func
 def has_bit(moved: MovedNodes, c: Chain, n: wp.vec2i):
     """Whether a node is in the region."""
-    return is_inside(moved.bits, c.base, c.grid, n[0], n[1]) == c.want
+    return is_inside(moved.bits, c.base, c.grid, n[0], n[1]) == c.wanted
 
 
 @wp.func
@@ -134,7 +134,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
             if v < u:
                 between = wp.vec2i(c.node[0], n[1])
             place = wp.lerp(c.place, at, wp.float64(0.5) * (u + v))
-            if not is_on_boundary(c.grid, between) and has_sign(data, lat, place, c.want):
+            if not is_on_boundary(c.grid, between) and has_sign(data, lat, place, c.wanted):
                 c = set_node(c, moved, between, place)
         c.node = n
         c.place = at
@@ -146,7 +146,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
         c = chain
         place = snap_to_boundary(c.grid, at)
         node = nearest_node(place)
-        if not is_corner_node(c.grid, node) and has_sign(data, lat, place, c.want):
+        if not is_corner_node(c.grid, node) and has_sign(data, lat, place, c.wanted):
             c = link_node(data, lat, c, moved, node, place)
         return set_node(c, moved, c.node, c.place)
 
@@ -163,7 +163,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
                 if leaves < share:
                     c = left(data, lat, c, moved, at)
                     c.stop = -1
-                elif has_sign(data, lat, at, c.want):
+                elif has_sign(data, lat, at, c.wanted):
                     node = inner_node(c.grid, at)
                     if node == c.node:
                         c.place = at
@@ -217,7 +217,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
         for turn in range(first, end):
             if tips.what[turn] == FAR_TIP and c.grid.nu > 1 and c.grid.nv > 1:
                 m = tips.track[turn, 0]
-                c.want = inside(data, node_at(lattice[row], m[0], m[1]))
+                c.wanted = inside(data, node_at(lattice[row], m[0], m[1]))
                 c.node = first_node(moved, c, m)
                 if c.node[0] >= 0:
                     c.stop = room_stop

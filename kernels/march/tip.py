@@ -134,7 +134,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         way = to - c.x
         count = int(wp.length(way) / STRIDE) + 1
         for k in range(count):
-            if not has_sign(data, c.lat, c.x + (wp.float64(k + 1) / wp.float64(count)) * way, c.want):
+            if not has_sign(data, c.lat, c.x + (wp.float64(k + 1) / wp.float64(count)) * way, c.wanted):
                 return False
         return True
 
@@ -147,7 +147,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         """The root on a way from a place in the region, doubled up to `most` times till it ends outside; else a."""
         b = a + way
         k = int(0)
-        while k < most and has_sign(data, c.lat, b, c.want):
+        while k < most and has_sign(data, c.lat, b, c.wanted):
             b = a + wp.float64(2 << k) * way
             k += 1
         if k == most:
@@ -168,10 +168,10 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         c.width = ONE
         c.out = wp.vec2d(c.d[1], -c.d[0])  # to the right, where it is outside
         gap = lowest_height(c)
-        c.want = has_sign(data, lat, c.m + gap * c.out, True)
-        if has_sign(data, lat, c.m - gap * c.out, c.want):
+        c.wanted = has_sign(data, lat, c.m + gap * c.out, True)
+        if has_sign(data, lat, c.m - gap * c.out, c.wanted):
             c.count = 1
-        if not c.want:
+        if not c.wanted:
             c.out = -c.out
         return c
 
@@ -184,7 +184,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         n.width = wp.dot(n.b - n.a, c.d) / wp.dot(c.d, c.d)
         n.height = height
         n.x = HALF * (n.a + n.b)
-        if not has_sign(data, c.lat, n.x, c.want):
+        if not has_sign(data, c.lat, n.x, c.wanted):
             n.x = y
         n.count = c.count + 1
         n.rest = n.width * (height - c.height) / (c.width - n.width)
@@ -216,7 +216,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         """Whether the surface passes near to one end of a section, by its width."""
         within = wp.lerp(one, other, wp.float64(0.25))
         beyond = wp.lerp(one, other, wp.float64(-0.25))
-        return has_sign(data, c.lat, within, c.want) and not has_sign(data, c.lat, beyond, c.want)
+        return has_sign(data, c.lat, within, c.wanted) and not has_sign(data, c.lat, beyond, c.wanted)
 
     @wp.func
     def is_straight(data: data_type, c: Climb, tip: wp.vec2d):

@@ -23,7 +23,7 @@ from poses import random_poses
 from turns import Case, Curves, copying, installed, measure_curves
 
 from palpate.datasets.hand_model.shape import hand_shape
-from palpate.datasets.rigid import rotated
+from palpate.datasets.rigid import rotate
 from palpate.datasets.shapes.built_in import shape
 from palpate.kernels.fields.mesh_inside import mesh_field
 from palpate.kernels.metrics.measure import measure_contours
@@ -83,7 +83,7 @@ def floor(poses: np.ndarray, device: str, *, rows: bool) -> Curves:
 def placed(poses: np.ndarray) -> list[np.ndarray]:
     """The hand's vertices in the array's frame, one array a pose."""
     vertices = hand().vertices[0].astype(np.float64)
-    return [(p[:3] + rotated(p[None, 3:], vertices)).astype(np.float32) for p in poses.astype(np.float64)]
+    return [(p[:3] + rotate(p[None, 3:], vertices)).astype(np.float32) for p in poses.astype(np.float64)]
 
 
 def vtk_surface(vertices: np.ndarray, faces: np.ndarray) -> Any:

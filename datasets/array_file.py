@@ -1,4 +1,4 @@
-"""NumPy's files, .npy and .npz, within the budget: their headers are judged before an array is made, and objects of
+"""NumPy's files, .npy and .npz, within the budget: their headers are validated before an array is made, and objects of
 Python, which run code as they are read, are never read."""
 
 import zipfile
@@ -16,13 +16,13 @@ ONLY = ""
 
 
 def read_arrays(path: Path, wanted: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """Arrays of an .npz file by name, or the one of an .npy file as `ONLY`; what the file is, its content says.
+    """Arrays of an .npz file by name, or the one of an .npy file as `ONLY`; the content decides which of the two it is.
 
     wanted: which to read where they are there; None: all.
 
     Raises:
         FileBoundError: It is no regular file; it, or its arrays together, hold more than the budget.
-        OSError: As the system says.
+        OSError: From the system.
         ValueError: It is none, damaged, or holds objects of Python.
     """
     with open_regular(path) as file:
@@ -30,7 +30,7 @@ def read_arrays(path: Path, wanted: Collection[str] | None = None) -> dict[str, 
             if not zipfile.is_zipfile(file):
                 file.seek(0)
                 return {ONLY: _array(file, path.stat().st_size, 0)[0]}
-            return _archived(file, wanted)
+            return _read_members(file, wanted)
         except (OSError, MemoryError):
             raise
         except Exception as error:  # zipfile, zlib, the parsers of Python's literals: each with errors of its own
@@ -38,7 +38,7 @@ def read_arrays(path: Path, wanted: Collection[str] | None = None) -> dict[str, 
 
 
 def array_shape(path: Path, name: str) -> tuple[int, ...]:
-    """Shape of an array by its header alone; () where that says none, which `read_arrays` will explain.
+    """Shape of an array by its header alone; () if it has none; `read_arrays` raises the error then.
 
     name: in an .npz file; an .npy file has one array only. Raises OSError as `read_arrays`.
     """
@@ -55,7 +55,7 @@ def array_shape(path: Path, name: str) -> tuple[int, ...]:
             return ()
 
 
-def _archived(file: BinaryIO, wanted: Collection[str] | None) -> dict[str, NDArray[Any]]:
+def _read_members(file: BinaryIO, wanted: Collection[str] | None) -> dict[str, NDArray[Any]]:
     found: dict[str, NDArray[Any]] = {}
     taken = 0
     with zipfile.ZipFile(file) as archive:

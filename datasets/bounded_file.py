@@ -1,12 +1,12 @@
-"""Reading files of strangers: regular files only, and no more bytes than a budget, also where they are compressed.
+"""Reading untrusted files: only regular files, and within a byte budget, which also holds for decompressed content.
 
-| a file that                                   | is refused                                                        |
-|-----------------------------------------------|-------------------------------------------------------------------|
-| is a pipe, a socket, a device or a folder     | when it is opened, without waiting for a writer                   |
-| is larger than the budget                     | before it is read                                                 |
-| unpacks to more than the budget, or says so   | before that is allocated; what it says of itself is not believed  |
-| is JSON or TOML that would need more memory   | before it is parsed                                               |
-| another file names, but lies in another place | before it is opened                                               |
+| a file is refused if it                          | when                                                           |
+|--------------------------------------------------|----------------------------------------------------------------|
+| is a pipe, a socket, a device or a folder        | on opening, without waiting for a writer                       |
+| is larger than the budget                        | before it is read                                              |
+| decompresses to more than the budget             | before that is allocated, whatever size the file declares      |
+| is JSON or TOML that would need more memory      | before it is parsed                                            |
+| is named by a file in another folder             | before it is opened                                            |
 """
 
 import bz2
@@ -25,42 +25,42 @@ from pathlib import Path
 from typing import IO, Any, BinaryIO
 
 LIMIT_VARIABLE = "PALPATE_READ_MB"
-"""Environment variable: how much one file may hold, packed and unpacked [MB]."""
+"""Environment variable: budget of one file, compressed and decompressed [MB]."""
 LIMIT_DEFAULT = 3_000_000_000
-"""The same without it [byte]: the largest volume that Warp holds, in float32; or 60 million triangles of STL."""
+"""Budget without the variable [byte]: the largest float32 volume in Warp, or 60 million STL triangles."""
 
 ANY_SIZE = 1 << 63
-"""[byte] that no file exceeds."""
+"""A size that no file exceeds [byte]."""
 
 DEPTH_MOST = 900
-"""Lists and objects of JSON in each other."""
+"""Most levels of nested lists and objects in JSON."""
 LINE_MOST = 1 << 20
-"""Characters of one line of text."""
+"""Most characters of one line of text."""
 CODE_MOST = 16_000_000
-"""Bytes of one file of source code, a hundred times the longest that people write."""
+"""Largest file of source code [byte], a hundred times the longest that people write."""
 TOML_MOST = 1 << 24
-"""Characters of one TOML text, a hundred times the longest plan."""
+"""Most characters of one TOML text, a hundred times the longest sweep plan."""
 KEY_PARTS_MOST = 32
-"""Parts of one dotted key of TOML."""
+"""Most parts of one dotted key in TOML."""
 
 _BLOCK_BYTES = 1 << 20
 _BROKEN = (zipfile.BadZipFile, zlib.error, gzip.BadGzipFile, EOFError, RuntimeError, NotImplementedError, ValueError)
-# What CPython allocates at most for each of these in JSON, measured with 3.11: a list, an object, a name that is there
-# once only, a number or a text with its place.
+# Most bytes that CPython 3.11 allocates per such character of JSON (measured): a list, an object, a unique name, and
+# a number or text with its list entry.
 _MARK_BYTES = {"[": 64, "{": 160, ":": 128, "=": 128, ",": 64}
 
 
 class FileBoundError(OSError):
-    """A file is not read: it is no regular file, too large, or lies where it may not; the message says which."""
+    """A file is not read because it is not a regular file, too large or in a forbidden place; the message names why."""
 
 
-# A bare or quoted part and its dot, in linear time: nothing that a part has taken is tried again.
+# One bare or quoted part of a key and its dot; possessive quantifiers never backtrack, so matching takes linear time.
 _PART = r"""(?>(?<![A-Za-z0-9_-])[A-Za-z0-9_-]++|(?<!\\)"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""
 _LONG_KEY = re.compile(f"(?:{_PART}){{{KEY_PARTS_MOST}}}")
 
 
 def byte_limit() -> int:
-    """How many bytes one file may hold, packed and unpacked; raises FileBoundError where the variable is no number."""
+    """Budget of one file, compressed and decompressed [byte]; raises FileBoundError if LIMIT_VARIABLE is no number."""
     text = os.environ.get(LIMIT_VARIABLE, "")
     if not text:
         return LIMIT_DEFAULT
@@ -70,7 +70,7 @@ def byte_limit() -> int:
 
 
 def require_bytes(count: int, what: str) -> None:
-    """Raise FileBoundError for more bytes than may be read; `what` needs them."""
+    """Raise FileBoundError if `count` bytes exceed the budget; `what` is the subject of the message."""
     limit = byte_limit()
     if count > limit:
         raise FileBoundError(
@@ -80,15 +80,15 @@ def require_bytes(count: int, what: str) -> None:
 
 
 def open_regular(path: str | os.PathLike[str], most: int | None = None) -> BinaryIO:
-    """Open a regular file for reading; a pipe or a device is refused at once, where `open` would wait for its writer.
+    """Open a regular file for reading; a pipe or device is refused at once, where `open` would wait for its writer.
 
-    most: bytes that it may hold; None: the budget. `ANY_SIZE` is for callers that read in blocks.
+    most: largest size [byte]; None: the budget. Callers that read in blocks pass `ANY_SIZE`.
 
     Raises:
-        FileBoundError: It is no regular file, or larger than that.
-        OSError: As the system says.
+        FileBoundError: It is not a regular file, or larger than `most`.
+        OSError: From the system.
     """
-    stream = open(path, "rb", opener=_unblocked)  # noqa: SIM115 - the caller closes it
+    stream = open(path, "rb", opener=_open_unblocked)  # noqa: SIM115 - the caller closes it
     try:
         status = os.fstat(stream.fileno())
         if not stat.S_ISREG(status.st_mode):
@@ -103,8 +103,8 @@ def open_regular(path: str | os.PathLike[str], most: int | None = None) -> Binar
     return stream
 
 
-def _unblocked(path: str, flags: int) -> int:
-    """Open a file without waiting, as a pipe would for its writer."""
+def _open_unblocked(path: str, flags: int) -> int:
+    """Open a file with O_NONBLOCK, so that opening a pipe does not wait for its writer."""
     return os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY)
 
 
@@ -128,7 +128,7 @@ def read_text(path: str | os.PathLike[str]) -> str:
 
 
 def read_limited(stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File, what: str, declared: int | None = None) -> bytes:
-    """All that a stream gives; raises FileBoundError once it is more than the budget, or than is declared."""
+    """All bytes of a stream; raises FileBoundError once they exceed the budget or the declared size [byte]."""
     limit = byte_limit()
     if declared is not None and declared < limit:
         content = stream.read(declared + 1)
@@ -143,19 +143,18 @@ def read_limited(stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File, what: str, dec
     return bytes(content)
 
 
-def gunzipped(content: bytes, declared: int | None = None) -> bytes:
-    """What gzip has packed; raises FileBoundError for more than the budget or than declared, ValueError where it is
-    damaged."""
-    return _unpacked(gzip.open(io.BytesIO(content)), declared)
+def gunzip(content: bytes, declared: int | None = None) -> bytes:
+    """Decompress gzip; raises FileBoundError beyond the budget or the declared size [byte], ValueError if damaged."""
+    return _decompress(gzip.open(io.BytesIO(content)), declared)
 
 
-def bunzipped(content: bytes, declared: int | None = None) -> bytes:
-    """What bzip2 has packed; raises as `gunzipped`."""
-    return _unpacked(bz2.open(io.BytesIO(content)), declared)
+def bunzip(content: bytes, declared: int | None = None) -> bytes:
+    """Decompress bzip2; raises as `gunzip`."""
+    return _decompress(bz2.open(io.BytesIO(content)), declared)
 
 
-def inflated(content: bytes) -> bytes:
-    """What zlib has packed; raises as `gunzipped`."""
+def inflate(content: bytes) -> bytes:
+    """Decompress zlib; raises as `gunzip`."""
     limit = byte_limit()
     try:
         unpacked = zlib.decompressobj().decompress(content, limit + 1)
@@ -165,7 +164,7 @@ def inflated(content: bytes) -> bytes:
     return unpacked
 
 
-def _unpacked(stream: gzip.GzipFile | bz2.BZ2File, declared: int | None) -> bytes:
+def _decompress(stream: gzip.GzipFile | bz2.BZ2File, declared: int | None) -> bytes:
     try:
         with stream:
             return read_limited(stream, "what is packed in it", declared)
@@ -175,10 +174,10 @@ def _unpacked(stream: gzip.GzipFile | bz2.BZ2File, declared: int | None) -> byte
         raise ValueError(f"damaged where it is packed ({error})") from error
 
 
-def unzipped(content: bytes) -> dict[str, bytes]:
-    """The members of a zip file by name, within the budget together, whatever it says of their sizes.
+def unzip(content: bytes) -> dict[str, bytes]:
+    """The members of a zip file by name; the budget holds for their total decompressed size.
 
-    Raises FileBoundError; ValueError for a damaged file.
+    Raises FileBoundError beyond the budget, ValueError for a damaged file.
     """
     members: dict[str, bytes] = {}
     taken = 0
@@ -198,17 +197,17 @@ def unzipped(content: bytes) -> dict[str, bytes]:
 
 
 def file_beside(path: Path, name: str) -> Path:
-    """The file that another one names, in its own folder or below.
+    """Path of the file that the file `path` refers to by `name`, in the same folder or below.
 
-    Raises FileBoundError for an absolute name, one that leads out of the folder, by `..` or by a symbolic link, and
-    for what is no regular file there.
+    Raises FileBoundError for an absolute name, for one that leads out of the folder by `..` or a symbolic link, and
+    if it is not a regular file.
     """
     folder = path.parent.resolve()
     try:
         found = (folder / name).resolve()
         lies_within = not os.path.isabs(name) and found.is_relative_to(folder)
         is_regular = lies_within and found.is_file()
-    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, links in a circle
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name that is too long, a cycle of links
         raise FileBoundError(f"names the file {name[:200]!r}, which cannot be: {error}") from error
     if not lies_within:
         raise FileBoundError(f"names the file {name[:200]!r}, which must lie in the folder of {path.name} or below")
@@ -220,9 +219,9 @@ def file_beside(path: Path, name: str) -> Path:
 
 
 def require_parsable(content: str | bytes) -> None:
-    """Raise FileBoundError for JSON, TOML or CSV whose values might take more memory than the budget.
+    """Raise FileBoundError for JSON, TOML or CSV whose values could take more memory than the budget.
 
-    Its brackets and separators are counted for that, also those in texts, which takes a thousandth of parsing it.
+    The bound counts brackets and separators, also those inside texts; this takes a thousandth of the time of parsing.
     """
     marks = _MARK_BYTES.items()
     if isinstance(content, str):
@@ -233,9 +232,9 @@ def require_parsable(content: str | bytes) -> None:
 
 
 def text_lines(stream: IO[bytes]) -> Iterator[str]:
-    """Lines of UTF-8 text with or without a byte order mark, each ended by one LF, the last maybe not.
+    """Lines of UTF-8 text, with or without a byte order mark; each ends with one LF, except perhaps the last.
 
-    Raises ValueError, naming the line, for one of more than 1 MiB; UnicodeDecodeError.
+    Raises ValueError, naming the line, for a line of more than LINE_MOST characters; UnicodeDecodeError.
     """
     with io.TextIOWrapper(stream, encoding="utf-8-sig") as lines:
         number = 1
@@ -247,11 +246,11 @@ def text_lines(stream: IO[bytes]) -> Iterator[str]:
 
 
 def parse_json(text: str) -> Any:
-    """What JSON says.
+    """The value of a JSON text.
 
     Raises:
-        FileBoundError: It might take more memory than the budget.
-        ValueError: It is no JSON (json.JSONDecodeError), nested too deeply, or has a number of too many digits.
+        FileBoundError: It could take more memory than the budget.
+        ValueError: It is not JSON (json.JSONDecodeError), nested too deeply, or has a number with too many digits.
     """
     require_parsable(text)
     try:
@@ -260,14 +259,14 @@ def parse_json(text: str) -> Any:
         raise ValueError("nested too deeply") from None
     except json.JSONDecodeError:
         raise
-    except ValueError:  # Python's bound on the digits of an integer
+    except ValueError:  # Python limits the digits of an integer
         raise ValueError("a number has too many digits") from None
     _require_shallow(value)
     return value
 
 
 def _require_shallow(value: Any) -> None:
-    """Refuse depth that what comes after could not follow; Python 3.13 parses far more than 3.11 did."""
+    """Raise ValueError beyond DEPTH_MOST levels, which recursive readers could not follow; Python 3.13 parses more."""
     level: list[Any] = [value] if isinstance(value, list | dict) else []
     below: list[Any]
     for _ in range(DEPTH_MOST):
@@ -279,17 +278,16 @@ def _require_shallow(value: Any) -> None:
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:
-    """What a JSON file says; raises as `read_text` and `parse_json`."""
+    """The value of a JSON file; raises as `read_text` and `parse_json`."""
     return parse_json(read_text(path))
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """What TOML says.
+    """The table of a TOML text.
 
-    Python's parser takes memory with the square of a key's parts: 4 GB for a key of 60 kB.
-
-    Raises ValueError (tomllib.TOMLDecodeError) for what is no TOML, is nested too deeply, holds more than TOML_MOST
-    characters, or more than KEY_PARTS_MOST parts joined by dots, also in a text or a comment.
+    Raises ValueError (tomllib.TOMLDecodeError) if it is not TOML, is nested too deeply, has more than TOML_MOST
+    characters, or more than KEY_PARTS_MOST parts joined by dots, also in a text or a comment. The reason: memory of
+    Python's parser grows with the square of a key's parts, to 4 GB for a key of 60 kB.
     """
     if len(text) > TOML_MOST:
         raise ValueError(f"it holds {len(text)} characters, more than {TOML_MOST}")

@@ -1,4 +1,4 @@
-"""What goes wrong with files, motions and shapes; each message is one sentence fit to be shown as it is."""
+"""Errors of files, motions and shapes. Each message is one sentence that can be shown to the user unchanged."""
 
 
 class DatasetError(Exception):
@@ -10,9 +10,9 @@ class ContourFileError(DatasetError):
 
 
 class Hdf5Error(DatasetError, ValueError):
-    """An HDF5 file holds what palpate's never do; the message names the path inside the file, the value and the bound.
+    """An HDF5 file has content that palpate never writes; the message names the path in the file, value and bound.
 
-    Whoever reads the file puts its name before the message.
+    The caller that opened the file prepends the file's name.
     """
 
 
@@ -21,7 +21,7 @@ class MotionError(DatasetError, ValueError):
 
 
 class ShapeError(DatasetError, ValueError):
-    """A built-in shape is asked for that does not exist, or with impossible sizes."""
+    """A built-in shape does not exist, or its sizes are impossible."""
 
 
 class RecordingError(DatasetError, ValueError):
@@ -33,8 +33,8 @@ class SweepStoreError(DatasetError):
 
 
 class NotStoreError(SweepStoreError):
-    """What is named as a sweep's store is something else."""
+    """The path given as a sweep's store is not one."""
 
 
 class RecordingWarning(UserWarning):
-    """A recording of a hand looks wrong, but can be used."""
+    """A recording of a hand has a suspicious value, but can be used."""

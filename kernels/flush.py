@@ -1,4 +1,4 @@
-"""How near to a patch's plane and sides counts as on them, set for all patches of a hand."""
+"""The flush tolerance, within which a point counts as on a patch's plane or sides, for all patches of a hand."""
 
 from typing import Any
 
@@ -14,32 +14,32 @@ Measured (docs/measured/performance.md): a resting palm needs 1.4, that of an ob
 
 
 @wp.kernel
-def _settle_patches(
+def _resolve_flush(
     # In:
     patch: wp.array[Patch],
     flush: wp.float64,
     flush_rate: wp.float64,
     relative: wp.int32,
     # Out:
-    settled: wp.array[Patch],
+    resolved: wp.array[Patch],
 ):
-    """Copy each patch and set how it is asked and written."""
+    """Copy each patch with its flush and its frame of output points."""
     i = wp.tid()
     own = patch[i]
     own.flush = flush
     own.flush_rate = flush_rate
     own.relative = relative
-    settled[i] = own
+    resolved[i] = own
 
 
-def settle_patches(patch: wp.array, *, flush: float, flush_rate: float = 0.0, relative: bool = False) -> Any:
-    """The same patches with another flush, and with points written in the array's frame or relative to the patch.
+def resolve_flush(patch: wp.array, *, flush: float, flush_rate: float = 0.0, relative: bool = False) -> Any:
+    """Copies of patches with another flush, and with output points in the array's frame or relative to the patch.
 
-    patch: Patch, shape [patch]. At a pose, a vertex that is below the patch's plane by the larger of `flush` [m] and
-    `flush_rate` times the patch's largest coordinate [m] at most counts as on it; never more than FLUSH_MOST.
+    patch: Patch, shape [patch]. At a pose, the flush is the larger of `flush` [m] and `flush_rate` times the patch's
+    largest coordinate [m], at most FLUSH_MOST; a vertex at most that far below the plane counts as on it.
     Returns Patch, shape [patch], on the same device.
     """
-    settled = wp.empty_like(patch)
+    resolved = wp.empty_like(patch)
     inputs = [patch, wp.float64(flush), wp.float64(flush_rate), int(relative)]
-    wp.launch(_settle_patches, patch.shape[0], inputs=inputs, outputs=[settled], device=patch.device)
-    return settled
+    wp.launch(_resolve_flush, patch.shape[0], inputs=inputs, outputs=[resolved], device=patch.device)
+    return resolved

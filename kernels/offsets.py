@@ -1,12 +1,12 @@
-"""Rows on a device: how many threads work on them at a time, and counts to offsets."""
+"""Ragged rows on a device: block size of launches, and offsets from row lengths."""
 
 import warp as wp
 
-BLOCK = 64  # threads of a GPU's block: registers are scarce, and larger blocks leave more of them unused (measured)
+BLOCK = 64  # threads of a GPU block; larger ones leave more registers unused, and these kernels need many (measured)
 
 
 class PointLimitError(MemoryError):
-    """A batch has more points than the caller has room for."""
+    """A batch has more points than the caller's limit."""
 
     def __init__(self, count: int, limit: int) -> None:
         super().__init__(f"{count} points exceed the limit of {limit}")
@@ -14,12 +14,13 @@ class PointLimitError(MemoryError):
 
 
 def offsets_of(count: wp.array) -> wp.array:
-    """Exclusive prefix sum of counts whose last entry is a spare 0."""
+    """Offsets of rows: the exclusive prefix sum of counts. The last count must be an extra 0, so the last entry is the
+    total."""
     start = wp.empty_like(count)
     wp.utils.array_scan(count, start, inclusive=False)
     return start
 
 
 def last_of(start: wp.array) -> int:
-    """The total that offsets end with; waits for the device."""
+    """The last offset, which is the total; waits for the device."""
     return int(start[-1:].numpy()[0])

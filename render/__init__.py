@@ -45,8 +45,8 @@ if TYPE_CHECKING:
         sample_contours,
     )
     from .sampling.revisits import revisit_rate
+    from .stages.prune import cut_batch
     from .stages.registry import Stage, register_point_function, register_prune, register_transform
-    from .stages.segment_removal import cut_batch
     from .strategies.intersection_strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
     from .sweeps.sweep_dask import DaskEngine
     from .sweeps.sweep_engine import InProcess
@@ -87,7 +87,7 @@ _ROOMS = {
     "sample_contours",
     "sampling.revisits": "revisit_rate",
     "stages.registry": "Stage register_point_function register_prune register_transform",
-    "stages.segment_removal": "cut_batch",
+    "stages.prune": "cut_batch",
     "strategies.intersection_strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
     "sweeps.sweep_dask": "DaskEngine",
     "sweeps.sweep_engine": "InProcess",

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..datasets.rigid import rotated
+from ..datasets.rigid import rotate
 from ..device.array import ArrayModel
 from ..device.registry import array_model
 from .errors import StrategyError
@@ -71,7 +71,7 @@ def focal_width(
     except (TypeError, ValueError, OverflowError):
         place = np.full(0, np.nan)  # refused below
     if place.ndim == 0:
-        place = array.pose[:3] + rotated(array.pose[3:], np.array([0.0, 0.0, float(place)]))
+        place = array.pose[:3] + rotate(array.pose[3:], np.array([0.0, 0.0, float(place)]))
     if place.shape != (3,) or not np.isfinite(place).all():
         raise StrategyError(f"focal width: point must be a height or three finite numbers [m], not {point!r}")
     require_number("focal width: speed of sound", speed_of_sound, 100.0, 2000.0, unit="m/s")
@@ -85,7 +85,7 @@ def _focal_size(array: ArrayModel, place: tuple[float, ...], speed_of_sound: flo
     point = np.array(place)
     wave_length = speed_of_sound / array.carrier
     power = focused_power(array, point, wave_length, piston_radius)
-    x, y, z = rotated(array.pose[3:], np.eye(3))
+    x, y, z = rotate(array.pose[3:], np.eye(3))
 
     def widths(axis: np.ndarray, *levels: float) -> list[float]:
         return peak_widths(lambda t: power(point + t[:, None] * axis), wave_length / STEPS_A_WAVE, levels)

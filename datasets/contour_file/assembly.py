@@ -23,7 +23,7 @@ from ..storage.durable import Buffer, append_at
 from ..storage.hdf5_image import FILL, Hdf5Image
 from ..storage.hdf5_opening import Attribute
 from ..storage.schema import CHUNK_ROWS, DIGESTS, Field
-from .rows import CHECKSUM_BYTES, Rows, encoded
+from .rows import CHECKSUM_BYTES, Rows, encode_chunks
 
 _SUPERBLOCK_BYTES = 48
 
@@ -65,7 +65,7 @@ class Assembly:
             self._add(spec, shape, list(rows.addresses[index]), tail, digests[index])
 
     def front(self, room: int) -> tuple[bytearray, list[Buffer]] | None:
-        """What goes before the rows, filled up to `room` bytes, and what goes behind them; None if room is too small.
+        """Bytes before the rows, padded to `room`, and bytes after the rows; None if `room` is too small.
 
         Once only: it completes the assembly by the digests.
         """
@@ -112,8 +112,8 @@ class Assembly:
         self._digests[spec] = np.concatenate([digests, block_digests(rest, CHUNK_ROWS)])
         chunk_rows = min(CHUNK_ROWS, shape[0])
         whole = len(rest) // chunk_rows * chunk_rows if rest.size else 0
-        for rows in (rest[:whole], _filled(rest[whole:], chunk_rows)):
-            for part in encoded(spec, rows, chunk_rows):
+        for rows in (rest[:whole], _pad_chunk(rest[whole:], chunk_rows)):
+            for part in encode_chunks(spec, rows, chunk_rows):
                 addresses.append(self._end)
                 self._put_behind(part)
 
@@ -143,7 +143,7 @@ def write_assembly(path: Path, assembly: Assembly, end: int, room: int, *, fresh
     return True
 
 
-def _filled(rows: NDArray[Any], chunk_rows: int) -> NDArray[Any]:
+def _pad_chunk(rows: NDArray[Any], chunk_rows: int) -> NDArray[Any]:
     """The rows of a last chunk, with as many others as it lacks."""
     if len(rows) in (0, chunk_rows):
         return rows

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ContourFileError
+from ..rigid import NORM_TOLERANCE
 from ..storage.durable import FolderLock
 from ..storage.hdf5 import FAILURES, Hdf5Reader
 from ..storage.schema import (
@@ -29,7 +30,7 @@ from ..storage.schema import (
     shape_problem,
 )
 from .header import get_header, get_texts, recipe_differences
-from .header_hand import NORM_TOLERANCE, hand_problem
+from .header_hand import hand_problem
 from .part_reader import PartReader
 from .reader import ContourFile
 from .timing import get_timing
@@ -44,12 +45,12 @@ Flags = NDArray[np.bool_]
 
 @dataclass
 class _Findings:
-    """Problems, each kind told once with how many there are and the first one's row."""
+    """Problems; each kind is reported once, with its count and its first row."""
 
     sentences: list[str] = field(default_factory=list[str])
     rows: dict[tuple[str, str], list[int]] = field(default_factory=dict[tuple[str, str], list[int]])
 
-    def tell(self, sentence: str) -> None:
+    def add(self, sentence: str) -> None:
         self.sentences.append(sentence)
 
     def tell_rows(self, name: str, problem: str, flags: Flags, first: int) -> None:
@@ -59,7 +60,7 @@ class _Findings:
             entry = self.rows.setdefault((name, problem), [int(flagged[0]) + first, 0])
             entry[1] += int(flagged.size)
 
-    def listed(self) -> list[str]:
+    def sentences_of_all(self) -> list[str]:
         counted = [f"{name}: {problem} ({n}, first {row})" for (name, problem), (row, n) in self.rows.items()]
         return [*self.sentences, *counted]
 
@@ -81,7 +82,7 @@ def check_file(path: str | PathLike[str]) -> list[str]:
 
 
 def unproven_content(path: str | PathLike[str]) -> list[str]:
-    """What of a file of contours or frames no digest proves: all of it where it is older than digests, else nothing.
+    """Sentences on content that no digest verifies: all content of a file without digests, otherwise none.
 
     Empty for a file that is not sealed, or cannot be read.
     """
@@ -95,9 +96,9 @@ def unproven_content(path: str | PathLike[str]) -> list[str]:
 def _check_open(file: ContourFile) -> list[str]:
     findings = _Findings()
     if not file.sealed:
-        findings.tell(_unfinished(file))
+        findings.add(_unfinished_problem(file))
     for problem in file.problems:
-        findings.tell(problem)
+        findings.add(problem)
     header, parts = file.parts()
     check = _PartCheck(header, findings, "" if file.sealed else f"{header.path.name}: ")
     check.fields(MOTION)
@@ -115,11 +116,11 @@ def _check_open(file: ContourFile) -> list[str]:
         if not findings.rows and len(findings.sentences) == int(not file.sealed) + len(file.problems):
             _check_contours(file, findings)  # only fields that are right by themselves can be compared
     except ContourFileError as error:
-        findings.tell(str(error))
-    return findings.listed()
+        findings.add(str(error))
+    return findings.sentences_of_all()
 
 
-def _unfinished(file: ContourFile) -> str:
+def _unfinished_problem(file: ContourFile) -> str:
     done = sum(stop - first for first, stop in file.done)
     held = FolderLock.is_held(file.folder)
     state = "is still being written" if held else "was not finished, --resume goes on with it"
@@ -142,14 +143,14 @@ class _PartCheck:
             header.validate()
             stored, found = get_texts(part, "/", "recipe"), header.recipe
             if changed := recipe_differences(stored, {**found, "format": stored.get("format", "absent")}):
-                self._tell(f"/: recipe is not of what the file holds: {'; '.join(changed)}")
+                self._report(f"/: recipe is not of what the file holds: {'; '.join(changed)}")
             part.require_attributes()
             if part.text("/object", "hash") != header.object_hash:
-                self._tell("/object: hash is not of vertices and faces")
+                self._report("/object: hash is not of vertices and faces")
             if problem := hand_problem(header.hand, header.hand_arrays):
-                self._tell(problem)
+                self._report(problem)
         except ContourFileError as error:
-            self.findings.tell(str(error))
+            self.findings.add(str(error))
 
     def digests(self, part: Hdf5Reader) -> None:
         """Whether every dataset that is known has digests, where the file has any."""
@@ -159,13 +160,13 @@ class _PartCheck:
             self._layout(DIGESTS)
             known = [spec.path for spec in FIELDS if spec.path in part]
             for path in (path for path in known if path not in table.datasets):
-                self._tell(f"{path}: has no digest")
+                self._report(f"{path}: has no digest")
             for path in sorted(table.datasets.keys() - part.structure.datasets.keys()):
-                self._tell(f"{path!r}: has a digest, but is no dataset of the file")
+                self._report(f"{path!r}: has a digest, but is no dataset of the file")
             for sentence in unproven_attributes(part):
-                self._tell(sentence)
+                self._report(sentence)
         except ContourFileError as error:
-            self.findings.tell(str(error))
+            self.findings.add(str(error))
 
     def fields(self, fields: tuple[Field, ...], pose_count: int | None = None) -> None:
         """Layout, attributes, checksums and values of fields, and whether their numbers of rows fit each other."""
@@ -174,9 +175,9 @@ class _PartCheck:
             self._layout(spec)
         rows, problems = count_problems(self.shapes, fields)
         for problem in problems:
-            self._tell(problem)
+            self._report(problem)
         if pose_count is not None and rows.get("pose", pose_count) != pose_count:
-            self._tell(f"/{fields[0].group} has {rows['pose']} poses, expected {pose_count}")
+            self._report(f"/{fields[0].group} has {rows['pose']} poses, expected {pose_count}")
         for spec in present:
             if spec.path in self.shapes:
                 self._values(spec)
@@ -185,17 +186,17 @@ class _PartCheck:
         try:
             dtype, shape = self.part.layout(spec.path)
             if problem := shape_problem(spec, dtype, shape):
-                self._tell(problem)
+                self._report(problem)
                 return
             self.shapes[spec.path] = shape
-            for key, want in (("units", spec.unit), ("frame", spec.frame)):
+            for key, wanted in (("units", spec.unit), ("frame", spec.frame)):
                 got = self.part.attribute(spec.path, key)
-                if not isinstance(got, str) or got != want:  # an array would be compared number by number
-                    self._tell(f"{spec.path}: attribute {key} is {got!r}, expected {want!r}")
+                if not isinstance(got, str) or got != wanted:  # an array would be compared number by number
+                    self._report(f"{spec.path}: attribute {key} is {got!r}, expected {wanted!r}")
             if not self.part.has_checksum(spec.path):
-                self._tell(f"{spec.path}: has no Fletcher-32 checksums")
+                self._report(f"{spec.path}: has no Fletcher-32 checksums")
         except ContourFileError as error:
-            self.findings.tell(str(error))
+            self.findings.add(str(error))
 
     def _values(self, spec: Field) -> None:
         """Read all rows, one of them twice where blocks meet so that every step between rows is seen."""
@@ -205,22 +206,22 @@ class _PartCheck:
             try:
                 rows = self.part.read(spec.path, first - overlap, stop)
             except ContourFileError as error:
-                self.findings.tell(f"{error} (rows {first} to {stop})")
+                self.findings.add(f"{error} (rows {first} to {stop})")
                 continue
             for problem, flags in _value_flags(spec, rows):
                 self.findings.tell_rows(f"{self.inside}{spec.path}", problem, flags[overlap:], first)
             if spec.is_offset and first == 0 and rows[0] != 0:
-                self._tell(f"{spec.path}: begins with {rows[0]}, expected 0")
+                self._report(f"{spec.path}: begins with {rows[0]}, expected 0")
             if spec.is_offset and stop == count:
                 self._end(spec, int(rows[-1]))
 
     def _end(self, spec: Field, last: int) -> None:
         target = {"pose_start": "/contours/polyline_closed", "polyline_start": "/contours/points"}[spec.name]
         if target in self.shapes and last != self.shapes[target][0]:
-            self._tell(f"{spec.path}: ends with {last}, but {target} has {self.shapes[target][0]} rows")
+            self._report(f"{spec.path}: ends with {last}, but {target} has {self.shapes[target][0]} rows")
 
-    def _tell(self, sentence: str) -> None:
-        self.findings.tell(f"{self.inside}{sentence}")
+    def _report(self, sentence: str) -> None:
+        self.findings.add(f"{self.inside}{sentence}")
 
 
 def _value_flags(spec: Field, rows: NDArray[Any]) -> list[tuple[str, Flags]]:

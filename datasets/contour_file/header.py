@@ -23,11 +23,11 @@ from .header_hand import require_hand, require_quaternions
 
 
 class TextSource(Protocol):
-    """What has text attributes."""
+    """An object with text attributes."""
 
     @property
     def path(self) -> Path:
-        """Where it lies, for errors."""
+        """Path for error messages."""
         ...
 
     def text(self, name: str, key: str) -> str:
@@ -69,9 +69,9 @@ class FileHeader:
     moved: NDArray[np.float32] | None = None
     """Where the middle of the object is at each pose, and how it is turned, as `pose`; None: as placed."""
     hand_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
-    """Arrays of /hand by name; `hand` must tell their hash."""
+    """Arrays of /hand by name; `hand` must contain their hash."""
     object_attributes: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    """JSON, anything else worth keeping of the object (source file, what loading mended)."""
+    """JSON, anything else worth keeping of the object (source file, repairs while loading)."""
     time_offset: float = 0.0
     """What the recording's clock read at time 0 [s]."""
     seed: int | None = None
@@ -81,7 +81,7 @@ class FileHeader:
     raw_error: float | None = None
     """How far the raw intersection can be from the exact one [m]; None where that is not known; not in the recipe."""
     created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="microseconds"))
-    """ISO 8601 time of creation; with the recipe it tells one run from another."""
+    """ISO 8601 time of creation; together with the recipe it identifies a run."""
 
     @property
     def pose_count(self) -> int:
@@ -100,7 +100,7 @@ class FileHeader:
 
     @cached_property
     def recipe(self) -> dict[str, str]:
-        """What decides the data, field by field, each as text; two runs with equal recipes may be joined.
+        """Everything that determines the data, as text by field; runs with equal recipes may be joined.
 
         Left out: the device, dates, other software's versions, free attributes.
         """
@@ -192,7 +192,7 @@ def json_text(value: Mapping[str, Any], name: str) -> str:
 
 
 def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
-    """What a file says of its header beside the arrays: attributes by group."""
+    """Attributes that a file stores for its header, by group."""
     root: dict[str, Attribute] = {
         "format": FORMAT_NAME,
         "version": np.array(FORMAT_VERSION, dtype="<i4"),
@@ -281,8 +281,8 @@ def refuse_foreign(file: Hdf5Reader) -> None:
     """Raise ContourFileError unless the file is a contour file of a version that this reader understands."""
     found = file.attribute("/", "format")
     if not isinstance(found, str) or found != FORMAT_NAME:  # an array would be compared number by number
-        told = _OTHER_FILES.get(found) if isinstance(found, str) else None
-        what = f"it holds {told}" if told else f"its root has no format {FORMAT_NAME!r}"
+        description = _OTHER_FILES.get(found) if isinstance(found, str) else None
+        what = f"it holds {description}" if description else f"its root has no format {FORMAT_NAME!r}"
         raise ContourFileError(f"{file.path} is HDF5, but not a contour file: {what}")
     major, minor = get_version(file)
     if major > FORMAT_VERSION[0]:

@@ -1,4 +1,4 @@
-"""What a file says of its hand against the arrays that it holds of it, and poses of what moves."""
+"""Validation of a file's hand: its description against its arrays, and the poses of moving patches."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ContourFileError
+from ..rigid import NORM_TOLERANCE
 
-NORM_TOLERANCE = 1e-3
-"""A quaternion's norm is 1 within this."""
 SKIN = ("skin_vertices", "skin_faces", "skin_glabrous")
 ARRAYS_OF_KIND: dict[str, tuple[str, ...]] = {"palm": (), "planes": ("patch_pose",), "mesh": SKIN}
-"""Which arrays hands of a kind may have; those of other kinds, which newer versions may know, are not judged."""
+"""Which arrays hands of a kind may have; arrays of other kinds, which newer versions may have, are not validated."""
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -50,9 +49,9 @@ def require_hand(hand: Mapping[str, Any], arrays: Arrays, pose_count: int) -> No
             raise ContourFileError(text)
 
 
-def _require_rows(name: str, arrays: Arrays, poses: int, told: object, what: str) -> None:
+def _require_rows(name: str, arrays: Arrays, poses: int, described: object, what: str) -> None:
     """Raise ContourFileError unless an array has as many rows as there are poses times patches or vertices."""
-    each = len(cast(Sequence[object], told)) if isinstance(told, list | tuple) else told
+    each = len(cast(Sequence[object], described)) if isinstance(described, list | tuple) else described
     if not isinstance(each, int) or isinstance(each, bool):
         raise ContourFileError(f"/hand: its description does not tell its {what}")
     if len(arrays[name]) != poses * each:
@@ -79,7 +78,7 @@ def require_quaternions(path: str, pose: NDArray[Any], *, may_lack: bool = False
 
 
 def hand_problem(hand: Mapping[str, Any], arrays: Arrays) -> str | None:
-    """A sentence where the hash that a hand's description tells is not that of its arrays; None if it is.
+    """A sentence if the hash in a hand's description is not that of its arrays; None if it is.
 
     Of poses of patches: SHA-256 of their bytes, each NaN the usual one; of a skin: of vertices, faces and glabrous,
     each followed by "/". Little endian.

@@ -1,7 +1,7 @@
 """The log of a part: records one after another, each proven by checksums, read one at a time.
 
 A record is the length and CRC-32 of its content and the CRC-32 of these two (uint32, little endian), then its content:
-length of a JSON (uint32), the JSON, and binary data. What a log says is bounded before anything is made of it.
+length of a JSON (uint32), the JSON, and binary data. Sizes in a log are checked before memory is allocated for them.
 """
 
 from __future__ import annotations

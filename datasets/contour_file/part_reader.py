@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..errors import ContourFileError
 from ..storage.schema import CHUNK_ROWS, TIMING, Arrays, Field
 from .header import json_text
-from .parts import Part
-from .rows import chunk_bytes, decoded, row_shape
+from .parts import FilePart
+from .rows import chunk_bytes, decode_chunk, row_shape
 
 
 class PartReader:
@@ -23,7 +23,7 @@ class PartReader:
         ContourFileError: From every method, where the part is missing, truncated or damaged.
     """
 
-    def __init__(self, part: Part) -> None:
+    def __init__(self, part: FilePart) -> None:
         self.part = part
         self.path = part.path
         self._index = {spec.path: index for index, spec in enumerate(part.rows.fields)}
@@ -63,7 +63,7 @@ class PartReader:
         return name in self
 
     def attribute(self, name: str, key: str) -> str | None:
-        """What a dataset's attribute will be; None if it will have none."""
+        """The attribute that the sealed dataset will have; None if it will have none."""
         specs = {spec.path: spec for spec in (*self.part.rows.fields, *TIMING)}
         known = {"units": specs[name].unit, "frame": specs[name].frame} if name in specs else {}
         return known.get(key)
@@ -110,7 +110,7 @@ class PartReader:
             content = os.pread(self._handle, chunk_bytes(spec), self.part.rows.addresses[index][chunk])
         except OSError as error:
             raise ContourFileError(f"{self.path}: {spec.path} cannot be read: {error.strerror or error}") from error
-        rows = decoded(spec, content, self.part.rows.digest(index, chunk))
+        rows = decode_chunk(spec, content, self.part.rows.digest(index, chunk))
         if rows is None:
             raise ContourFileError(
                 f"{self.path}: {spec.path} is damaged: a chunk is not what was written, or it is truncated"
@@ -119,7 +119,7 @@ class PartReader:
         return rows
 
 
-def timing_columns(part: Part) -> Arrays:
+def timing_columns(part: FilePart) -> Arrays:
     """The datasets of /timing by path."""
     stages = _stages(part)
     stop = np.array([commit.stop for commit in part.commits], np.int64)
@@ -131,5 +131,5 @@ def timing_columns(part: Part) -> Arrays:
     }
 
 
-def _stages(part: Part) -> list[str]:
+def _stages(part: FilePart) -> list[str]:
     return list(dict.fromkeys(stage for commit in part.commits for stage in commit.timing))

@@ -10,7 +10,7 @@ yet (`part_log.py`). The binary data of a range's record are the field of each c
 |-------------------------------------|-------------------------------------------------------------------|
 | a whole record                      | all is well                                                       |
 | a record cut short                  | the writer was killed: that range was never reported done         |
-| a whole record with another CRC     | damage: that range and those after it are done again, and told of |
+| a whole record with another CRC     | damage: that range and those after it are done again, and reported |
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ..errors import ContourFileError
 from ..storage.durable import append_at, write_file
 from ..storage.schema import CHUNK_ROWS
 from .part_log import counts_of, number, record, records, timing_of
-from .rows import Growth, Rows, chunk_bytes, decoded, row_fields, row_shape
+from .rows import Growth, Rows, chunk_bytes, decode_chunk, row_fields, row_shape
 
 HEADER_NAME = "header.h5"
 LOG_SUFFIX, ROWS_SUFFIX = ".log", ".rows"
@@ -52,7 +52,7 @@ class Commit:
 
 
 @dataclass
-class Part:
+class FilePart:
     """Poses first to stop, as far as they are done."""
 
     log: Path
@@ -126,7 +126,7 @@ class Part:
 
 
 def work_folder(path: Path) -> Path:
-    """Where the parts of a file lie until it is sealed; raises ContourFileError for a path without a name."""
+    """Folder of a file's parts until it is sealed; raises ContourFileError for a path without a name."""
     if not path.name:  # "/", "."
         raise ContourFileError(f"{path} is a folder, not a contour file")
     return path.with_name(path.name + ".partial")
@@ -137,7 +137,7 @@ def part_logs(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if _PATTERN.fullmatch(path.name))
 
 
-def begin_part(folder: Path, first: int, recipe: str, begin: int, *, optional: tuple[str, ...]) -> Part:
+def begin_part(folder: Path, first: int, recipe: str, begin: int, *, optional: tuple[str, ...]) -> FilePart:
     """A part without poses, on the disk, whose rows begin at `begin` bytes; raises OSError."""
     log = folder / f"{_stem(first)}{LOG_SUFFIX}"
     head = {
@@ -149,24 +149,24 @@ def begin_part(folder: Path, first: int, recipe: str, begin: int, *, optional: t
         "digests": _DIGESTS,
     }
     begun = record(head)
-    part = Part(log, first, recipe, Rows(row_fields(optional), begin), len(begun), len(begun))
+    part = FilePart(log, first, recipe, Rows(row_fields(optional), begin), len(begun), len(begun))
     append_at(part.path, begin, [], fresh=True)
     write_file(log, memoryview(begun))  # its folder's fsync keeps both names
     return part
 
 
-def read_part(log: Path, *, limit: int | None = None) -> Part:
-    """A part as its log tells it, up to its last whole record (or the one that ends at `limit`).
+def read_part(log: Path, *, limit: int | None = None) -> FilePart:
+    """A part as described by its log, up to its last whole record (or the one that ends at `limit`).
 
     Raises ContourFileError where not even its first record can be read, or its rows are gone.
     """
-    part: Part | None = None
+    part: FilePart | None = None
     problem: str | None = None
     try:
         with open_regular(log, ANY_SIZE) as stream:
             for head, rest, end in records(stream, limit):
                 if part is None:
-                    part = _begun(log, head, end)
+                    part = _new_part(log, head, end)
                 else:
                     part.accept(head, rest, end)
     except OSError as error:
@@ -181,12 +181,12 @@ def read_part(log: Path, *, limit: int | None = None) -> Part:
     return part
 
 
-def readable_parts(folder: Path) -> tuple[list[Part], list[str]]:
+def readable_parts(folder: Path) -> tuple[list[FilePart], list[str]]:
     """Parts of a folder that can be read and hold poses, in pose order and without those that overlap one before.
 
-    And a sentence for each that is damaged, as far as logs tell.
+    And a sentence for each that is damaged, as far as logs show.
     """
-    parts: list[Part] = []
+    parts: list[FilePart] = []
     problems: list[str] = []
     for log in part_logs(folder):
         try:
@@ -201,8 +201,8 @@ def readable_parts(folder: Path) -> tuple[list[Part], list[str]]:
     return parts, problems
 
 
-def verified_part(part: Part) -> Part:
-    """The part up to the range of poses before the first damaged chunk; `problem` says if there is any."""
+def verify_part(part: FilePart) -> FilePart:
+    """The part up to the range of poses before the first damaged chunk; `problem` describes the damage, if any."""
     damaged = _first_damaged(part)
     if damaged is None:
         return part
@@ -212,7 +212,7 @@ def verified_part(part: Part) -> Part:
     return cut
 
 
-def _first_damaged(part: Part) -> int | None:
+def _first_damaged(part: FilePart) -> int | None:
     """Address of the first chunk that is not what was written; None if all are."""
     chunks = sorted(
         (address, index, number)
@@ -226,14 +226,14 @@ def _first_damaged(part: Part) -> int | None:
             for address, index, number in chunks:
                 spec = part.rows.fields[index]
                 stream.seek(address)
-                if decoded(spec, stream.read(chunk_bytes(spec)), part.rows.digest(index, number)) is None:
+                if decode_chunk(spec, stream.read(chunk_bytes(spec)), part.rows.digest(index, number)) is None:
                     return address
     except OSError:
         return chunks[0][0]
     return None
 
 
-def _begun(log: Path, head: Mapping[str, Any], end: int) -> Part:
+def _new_part(log: Path, head: Mapping[str, Any], end: int) -> FilePart:
     if head["chunk_rows"] != CHUNK_ROWS:
         raise ValueError(f"chunks of {head['chunk_rows']} rows")
     rows = Rows(row_fields([str(name) for name in head["optional"]]), number(head["begin"]))
@@ -242,7 +242,7 @@ def _begun(log: Path, head: Mapping[str, Any], end: int) -> Part:
     first = number(head["first"])
     if log.stem != _stem(first):
         raise ValueError(f"first pose {first}")
-    return Part(log, first, str(head["recipe"]), rows, end, end, digested="digests" in head)
+    return FilePart(log, first, str(head["recipe"]), rows, end, end, digested="digests" in head)
 
 
 def _stem(first: int) -> str:

@@ -1,4 +1,4 @@
-"""Contour files, sealed or still being written, read lazily by pose range."""
+"""Lazy reading of contour files by pose range; files may be sealed or still being written."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ class ContourFile:
     """A contour file opened for reading; use it in a `with`, or `close()` it.
 
     Where `path` does not exist but the work folder beside it does, the pose ranges done so far are read: `sealed` is
-    False, `done` says which, and asking for any other pose raises. What a writer does later is not seen.
+    False, `done` lists them, and reading any other pose raises. Ranges that are written later are not seen.
 
-    Rows are proven by the file's digests whenever they are read, where it has any (format 1.2 and newer). `verify`
-    reads and proves everything first.
+    Whenever rows are read, they are verified by the file's digests, if it has any (format 1.2 and newer). `verify`
+    verifies everything first.
 
     Raises:
         ContourFileError: From every method: missing, empty, truncated, foreign or damaged files, a newer major
@@ -50,8 +50,8 @@ class ContourFile:
     def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
         self.path = Path(path)
         self.sealed, self._header_file, parts, self.problems = _open(self.path)
-        """Sentences on what of an unfinished file is damaged; resuming renders it again."""
-        self._pieces: list[_Piece] = []
+        """Sentences on damage in an unfinished file; resuming renders the damaged ranges again."""
+        self._pose_blocks: list[_PoseBlock] = []
         self._fitting: set[tuple[Path, tuple[Field, ...]]] = set()
         try:
             refuse_foreign(self._header_file)
@@ -61,9 +61,9 @@ class ContourFile:
             if self.pose_count == 0:
                 raise ContourFileError(f"{self._header_file.path}: /motion/pose has no rows")
             if self.sealed:
-                self._pieces = [_Piece(0, self.pose_count, self._header_file)]
+                self._pose_blocks = [_PoseBlock(0, self.pose_count, self._header_file)]
             else:
-                self._pieces = [_Piece(part.part.first, part.part.stop, part) for part in parts]
+                self._pose_blocks = [_PoseBlock(part.part.first, part.part.stop, part) for part in parts]
             if verify:
                 self.require_whole()
         except ContourFileError:
@@ -81,15 +81,15 @@ class ContourFile:
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
         self._header_file.close()
-        for piece in self._pieces:
-            piece.rows.close()
+        for block in self._pose_blocks:
+            block.rows.close()
 
     def require_whole(self) -> None:
-        """Read everything once, in bounded memory, and refuse what is not what was written, by its digest.
+        """Read everything once, in bounded memory, and raise ContourFileError for content that fails its digest.
 
-        Rows are proven whenever they are read; this proves also those that nobody asks for, and the attributes. It
-        proves against accidents: whoever changes a file can write other digests. Raises ContourFileError also where a
-        file has no digests: formats 1.0 and 1.1 had none.
+        Rows are verified whenever they are read; this verifies all rows and the attributes. Digests detect accidents:
+        who changes a file can also change its digests. Raises ContourFileError also if the file has no digests, as
+        those of formats 1.0 and 1.1.
         """
         file = self._header_file
         if file.digest_table is None:
@@ -106,44 +106,44 @@ class ContourFile:
                         rows.require_rows(spec.path)
 
     def require_unchanged(self) -> None:
-        """Refuse to go on with a sealed file that was changed since it was opened."""
+        """Raise ContourFileError if a sealed file was changed since it was opened."""
         self._header_file.require_unchanged()
 
     @property
     def folder(self) -> Path:
-        """The folder that the file's parts lie in: the work folder, or that of the sealed file."""
+        """The folder of the file's parts: the work folder, or the folder of the sealed file."""
         return self._header_file.path.parent
 
     def parts(self) -> tuple[Hdf5Reader, list[tuple[Hdf5Reader | PartReader, int]]]:
-        """What this file is made up of: its header, and the rows of the poses done with the poses' numbers."""
-        return self._header_file, [(self._checked(piece), piece.stop - piece.first) for piece in self._pieces]
+        """The file's header, and for each rendered range of poses its rows and its number of poses."""
+        return self._header_file, [(self._rows_of(block), block.stop - block.first) for block in self._pose_blocks]
 
     @property
     def done(self) -> list[tuple[int, int]]:
-        """Pose ranges (first, stop) that can be read, joined where they touch."""
+        """Pose ranges (first, stop) that can be read; adjacent ranges are merged."""
         ranges: list[tuple[int, int]] = []
-        for piece in self._pieces:
-            if ranges and ranges[-1][1] == piece.first:
-                ranges[-1] = (ranges[-1][0], piece.stop)
+        for block in self._pose_blocks:
+            if ranges and ranges[-1][1] == block.first:
+                ranges[-1] = (ranges[-1][0], block.stop)
             else:
-                ranges.append((piece.first, piece.stop))
+                ranges.append((block.first, block.stop))
         return ranges
 
     @cached_property
     def polyline_count(self) -> int:
         """Number of polylines of the poses done."""
-        return sum(self._row_count(piece, "/contours/polyline_closed") for piece in self._pieces)
+        return sum(self._row_count(block, "/contours/polyline_closed") for block in self._pose_blocks)
 
     @cached_property
     def point_count(self) -> int:
         """Number of points of the poses done, the repeated ones of closed polylines included."""
-        return sum(self._row_count(piece, "/contours/points") for piece in self._pieces)
+        return sum(self._row_count(block, "/contours/points") for block in self._pose_blocks)
 
     @property
     def optional(self) -> tuple[str, ...]:
-        """The optional fields of /contours and /metrics that any of the poses done has."""
+        """Optional fields of /contours and /metrics that exist for any of the poses done."""
         fields = [spec for spec in (*CONTOURS, *METRICS) if spec.optional]
-        return tuple(spec.name for spec in fields if any(spec.path in piece.rows for piece in self._pieces))
+        return tuple(spec.name for spec in fields if any(spec.path in block.rows for block in self._pose_blocks))
 
     @cached_property
     def strategy(self) -> dict[str, Any]:
@@ -157,7 +157,7 @@ class ContourFile:
 
     @cached_property
     def recipe(self) -> dict[str, str]:
-        """What decides the data, field by field (`FileHeader.recipe`)."""
+        """Everything that determines the data, as text by field (`FileHeader.recipe`)."""
         return get_texts(self._header_file, "/", "recipe")
 
     @cached_property
@@ -176,7 +176,7 @@ class ContourFile:
         return attributes | {name: value for name, value in notes.items() if value is not None}
 
     def header(self) -> FileHeader:
-        """Everything that was known before the first pose was rendered, as the writer got it."""
+        """The header: everything that the writer got before the first pose was rendered."""
         return get_header(self._header_file)
 
     def motion(self, first: int = 0, stop: int | None = None) -> Arrays:
@@ -189,9 +189,9 @@ class ContourFile:
         return {name: self._header_file.read(f"/motion/{name}", first, stop) for name in names}
 
     def object(self) -> dict[str, Any]:
-        """The mesh rendered, or the outline of what was: `vertices` [m], float32 [vertex, 3], array frame; `faces`.
-
-        With `name`, `hash`, JSON, and `moved`, float32 [pose, 7], where the object moves.
+        """The rendered object: `vertices` [m], float32 [vertex, 3], array frame, and `faces` of its mesh, or of a mesh
+        of its outline if it is not a mesh. Also `name`, `hash`, JSON, and for a moving object `moved`, float32
+        [pose, 7].
         """
         file = self._header_file
         return {
@@ -206,34 +206,34 @@ class ContourFile:
         }
 
     def hand_arrays(self) -> Arrays:
-        """Arrays of the hand by name, those that its description is not enough without."""
+        """Arrays of the hand by name, which complete its description."""
         return {spec.name: self._header_file.read(spec.path) for spec in HAND if spec.path in self._header_file}
 
     def contours(self, first: int = 0, stop: int | None = None) -> Arrays:
-        """Contours of poses `first` to `stop` (all), as one batch by itself.
+        """Contours of poses `first` to `stop` (default: all), as one batch.
 
-        Gives the arrays of `/contours` by name (docs/formats/file-format.md), offsets from 0; optional ones only if the
-        file has them. Raises ContourFileError where a pose of the range is not done.
+        Returns the arrays of `/contours` by name (docs/formats/file-format.md); offsets start at 0; optional ones only
+        if the file has them. Raises ContourFileError if a pose of the range is not done.
         """
         parts = self._parts(first, stop, CONTOURS)
-        pieces = [self._contours_of(piece, *poses) for piece, *poses in parts]
-        return join_contours(pieces)
+        batches = [self._contours_of(block, *poses) for block, *poses in parts]
+        return join_contours(batches)
 
     def blocks(self, *, point_limit: int = 1 << 20) -> Iterator[tuple[int, int]]:
-        """Pose ranges (first, stop) that make up all poses done, in order, each of at most `point_limit` points.
+        """Divide the poses done into ranges (first, stop) of at most `point_limit` points each, in order.
 
-        A pose with more points is a range by itself. For going through a file of any size in bounded memory.
+        A pose with more points is a range of its own. Use it to read a file of any size in bounded memory.
         """
-        for piece in self._pieces:
-            for first in range(0, piece.stop - piece.first, _BLOCK_POSES):
-                stop = min(first + _BLOCK_POSES, piece.stop - piece.first)
-                point_start = self._point_start(piece, first, stop)
+        for block in self._pose_blocks:
+            for first in range(0, block.stop - block.first, _BLOCK_POSES):
+                stop = min(first + _BLOCK_POSES, block.stop - block.first)
+                point_start = self._point_start(block, first, stop)
                 row = 0
                 while row < stop - first:
                     limit = int(point_start[row]) + point_limit
                     fitting = int(np.searchsorted(point_start, limit, side="right")) - 1
                     end = max(fitting, row + 1)
-                    yield piece.first + first + row, piece.first + first + end
+                    yield block.first + first + row, block.first + first + end
                     row = end
 
     def metrics(self, first: int = 0, stop: int | None = None) -> Arrays:
@@ -248,43 +248,43 @@ class ContourFile:
             for spec in wanted
         }
 
-    def _metric(self, spec: Field, piece: _Piece, first: int, stop: int) -> NDArray[Any]:
-        rows = self._checked(piece)
+    def _metric(self, spec: Field, block: _PoseBlock, first: int, stop: int) -> NDArray[Any]:
+        rows = self._rows_of(block)
         if spec.optional and spec.path not in rows:
             return np.full(stop - first, spec.absent, spec.dtype)
         return rows.read(spec.path, first, stop)
 
     def timing(self) -> Timing:
-        """How long each chunk took by stage; chunks in the order of their poses."""
-        return join_timing([get_timing(self._checked(piece)) for piece in self._pieces])
+        """Time that each chunk took, by stage; chunks in the order of their poses."""
+        return join_timing([get_timing(self._rows_of(block)) for block in self._pose_blocks])
 
-    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[_Piece, int, int]]:
+    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[_PoseBlock, int, int]]:
         """Pieces that make up a pose range, each with the rows in it; the numbers of rows of the fields fit."""
         stop = self.pose_count if stop is None else stop
         if not 0 <= first <= stop <= self.pose_count:
             raise ContourFileError(
                 f"{self.path}: poses {first} to {stop} are out of range, there are {self.pose_count} poses"
             )
-        parts: list[tuple[_Piece, int, int]] = []
+        parts: list[tuple[_PoseBlock, int, int]] = []
         reached = first
-        for piece in self._pieces:
-            if piece.first <= reached < min(stop, piece.stop):
-                self._require_fitting(piece.rows, fields, piece.stop - piece.first)
-                end = min(stop, piece.stop)
-                parts.append((piece, reached - piece.first, end - piece.first))
+        for block in self._pose_blocks:
+            if block.first <= reached < min(stop, block.stop):
+                self._require_fitting(block.rows, fields, block.stop - block.first)
+                end = min(stop, block.stop)
+                parts.append((block, reached - block.first, end - block.first))
                 reached = end
         if reached < stop:
             raise ContourFileError(f"{self.path}: pose {reached} of {first} to {stop} is not done yet")
         return parts
 
     def _require_fitting(self, rows: Hdf5Reader | PartReader, fields: tuple[Field, ...], poses: int) -> None:
-        """`require_fitting`, once for a file."""
+        """`require_fitting`, once per file and fields."""
         if (rows.path, fields) not in self._fitting:
             require_fitting(rows, fields, poses)
             self._fitting.add((rows.path, fields))
 
-    def _contours_of(self, piece: _Piece, first: int, stop: int) -> Arrays:
-        file = self._checked(piece)
+    def _contours_of(self, block: _PoseBlock, first: int, stop: int) -> Arrays:
+        file = self._rows_of(block)
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
@@ -296,20 +296,20 @@ class ContourFile:
                 arrays[spec.name] = file.read(spec.path, *rows[str(spec.dims[0])])
         return arrays
 
-    def _point_start(self, piece: _Piece, first: int, stop: int) -> NDArray[np.int64]:
+    def _point_start(self, block: _PoseBlock, first: int, stop: int) -> NDArray[np.int64]:
         """Offsets into a piece's points where its poses `first` to `stop` begin, and where the last of them ends."""
-        file = self._checked(piece)
+        file = self._rows_of(block)
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
         return np.asarray(polyline_start[pose_start - low], np.int64)
 
-    def _row_count(self, piece: _Piece, name: str) -> int:
-        _, shape = self._checked(piece).layout(name)
+    def _row_count(self, block: _PoseBlock, name: str) -> int:
+        _, shape = self._rows_of(block).layout(name)
         return shape[0]
 
-    def _checked(self, piece: _Piece) -> Hdf5Reader | PartReader:
-        rows = piece.rows
+    def _rows_of(self, block: _PoseBlock) -> Hdf5Reader | PartReader:
+        rows = block.rows
         if isinstance(rows, PartReader) and rows.part.recipe != self._recipe_hash:
             raise ContourFileError(f"{rows.path} is of another rendering than the folder it lies in")
         return rows
@@ -319,7 +319,7 @@ class ContourFile:
         return recipe_hash(self.recipe)
 
 
-class _Piece(NamedTuple):
+class _PoseBlock(NamedTuple):
     """Rows of consecutive poses."""
 
     first: int
@@ -327,20 +327,20 @@ class _Piece(NamedTuple):
     rows: Hdf5Reader | PartReader
 
 
-def join_contours(pieces: list[Arrays]) -> Arrays:
-    """Batches one after another as one; those without an optional field have what its absence means."""
+def join_contours(batches: list[Arrays]) -> Arrays:
+    """Concatenate batches; a batch without an optional field gets the field's `absent` value."""
     joined: Arrays = {}
     for spec in CONTOURS:
         if spec.is_offset:
-            joined[spec.name] = _join_offsets([piece[spec.name] for piece in pieces])
-        elif not spec.optional or any(spec.name in piece for piece in pieces):
+            joined[spec.name] = _join_offsets([block[spec.name] for block in batches])
+        elif not spec.optional or any(spec.name in block for block in batches):
             empty = np.zeros((0, *(size for size in spec.dims[1:] if isinstance(size, int))), spec.dtype)
-            joined[spec.name] = np.concatenate([empty, *(_column(piece, spec) for piece in pieces)])
+            joined[spec.name] = np.concatenate([empty, *(_column(block, spec) for block in batches)])
     return joined
 
 
 def _open(path: Path) -> tuple[bool, Hdf5Reader, list[PartReader], list[str]]:
-    """Whether the file is sealed, what its header is in, its parts if it is not sealed, and what is wrong with them."""
+    """Whether the file is sealed, the file with its header, its parts if it is not sealed, and their problems."""
     folder = path if (path / HEADER_NAME).is_file() else work_folder(path)
     if folder != path and (path.exists() or not folder.is_dir()):
         return True, Hdf5Reader(path), [], []
@@ -359,7 +359,7 @@ def _open(path: Path) -> tuple[bool, Hdf5Reader, list[PartReader], list[str]]:
 
 
 def _offsets(file: Hdf5Reader | PartReader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:
-    """Offsets of rows `first` to `stop`, refused where they would lead anywhere but forward inside `target`."""
+    """Offsets of rows `first` to `stop`; raises ContourFileError unless they increase and stay inside `target`."""
     offsets = file.read(name, first, stop + 1)
     _, shape = file.layout(target)
     whole = len(offsets) == stop - first + 1 and offsets[0] >= 0 and offsets[-1] <= shape[0]
@@ -368,14 +368,14 @@ def _offsets(file: Hdf5Reader | PartReader, name: str, first: int, stop: int, ta
     return offsets
 
 
-def _join_offsets(pieces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+def _join_offsets(batches: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     joined = [np.zeros(1, np.int64)]
     base = np.int64(0)
-    for piece in pieces:
-        joined.append(piece[1:] + base)
-        base += piece[-1]
+    for block in batches:
+        joined.append(block[1:] + base)
+        base += block[-1]
     return np.concatenate(joined)
 
 
-def _column(piece: Mapping[str, NDArray[Any]], spec: Field) -> NDArray[Any]:
-    return piece[spec.name] if spec.name in piece else np.full(len(piece["points"]), spec.absent, spec.dtype)
+def _column(block: Mapping[str, NDArray[Any]], spec: Field) -> NDArray[Any]:
+    return block[spec.name] if spec.name in block else np.full(len(block["points"]), spec.absent, spec.dtype)

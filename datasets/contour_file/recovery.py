@@ -1,4 +1,4 @@
-"""Taking over the parts of a rendering that stopped: what can be trusted is kept, what else there is is told of."""
+"""Taking over the parts of a rendering that stopped: intact rows are kept, and damage is reported."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import ContourFileError
 from ..storage.durable import append_at
-from .parts import LOG_SUFFIX, ROWS_SUFFIX, Part, part_logs, read_part, verified_part
+from .parts import LOG_SUFFIX, ROWS_SUFFIX, FilePart, part_logs, read_part, verify_part
 
 _KINDS = (LOG_SUFFIX, ROWS_SUFFIX, ".h5")  # .h5: parts as palpate wrote them before they grew
 
@@ -17,17 +17,17 @@ def part_files(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: (_KINDS.index(path.suffix), path.name))
 
 
-def take_over_parts(folder: Path, recipe: str) -> tuple[list[Part], tuple[str, ...]]:
+def take_over_parts(folder: Path, recipe: str) -> tuple[list[FilePart], tuple[str, ...]]:
     """Parts in pose order, cut to what is whole, and a sentence for each that lost something; raises OSError.
 
     recipe: SHA-256 that a part must be of.
     """
-    parts: list[Part] = []
+    parts: list[FilePart] = []
     repairs: list[str] = []
     for log in part_logs(folder):
         reached = parts[-1].stop if parts else 0
         try:
-            part = verified_part(read_part(log))
+            part = verify_part(read_part(log))
         except ContourFileError as error:
             _drop(log)
             repairs.append(f"{error}: dropped, its poses are rendered again")
@@ -51,7 +51,7 @@ def take_over_parts(folder: Path, recipe: str) -> tuple[list[Part], tuple[str, .
     return parts, tuple(repairs)
 
 
-def _keep(part: Part, parts: list[Part]) -> None:
+def _keep(part: FilePart, parts: list[FilePart]) -> None:
     """Cut the files to what the part is; one without poses goes."""
     if part.stop == part.first:
         _drop(part.log)

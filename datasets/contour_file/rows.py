@@ -29,14 +29,14 @@ def row_fields(optional: Collection[str] = ()) -> tuple[Field, ...]:
 
 
 def optional_fields(names: Iterable[str]) -> tuple[str, ...]:
-    """Which of the names are optional fields, in the order of the tables."""
+    """The names that are optional fields, in the order of the tables."""
     names = set(names)
     return tuple(spec.name for spec in (*CONTOURS, *METRICS) if spec.optional and spec.name in names)
 
 
 @dataclass(frozen=True)
 class Growth:
-    """What some more poses add."""
+    """Rows that further poses add."""
 
     counts: list[int]
     """Rows of each field that there are with them."""
@@ -50,7 +50,7 @@ class Growth:
 
 @dataclass
 class Rows:
-    """Where the rows of consecutive poses lie: whole chunks in a file, tails here; offsets as if they were all."""
+    """Location of the rows of consecutive poses: full chunks in a file, later rows (tails) in memory."""
 
     fields: tuple[Field, ...]
     end: int
@@ -79,7 +79,7 @@ class Rows:
     def grown(
         self, contours: Mapping[str, NDArray[Any]], metrics: Mapping[str, NDArray[Any]]
     ) -> tuple[Growth, list[Buffer]]:
-        """What poses add behind those that there are, and the bytes of the chunks that they make whole, in order.
+        """Rows that poses add after the existing ones, and the bytes of the chunks that they fill, in order.
 
         Nothing changes before `accept`. Chunks are views of the arrays where they can be.
         """
@@ -124,12 +124,12 @@ class Rows:
         return self.tails[index][0]
 
     def tail_counts(self, counts: Sequence[int]) -> list[int]:
-        """How many rows of a growth to `counts` are in no whole chunk, by field."""
+        """Number of rows outside full chunks after growing to `counts`, by field."""
         begins = self._tail_begins(counts)
         return [count - old - begin for count, old, begin in zip(counts, self.counts, begins, strict=True)]
 
     def _tail_begins(self, counts: Sequence[int]) -> list[int]:
-        """Which of the rows that are new begin the tail, by field."""
+        """Index of the first new row in the tail, by field."""
         return [max(count // CHUNK_ROWS * CHUNK_ROWS - old, 0) for count, old in zip(counts, self.counts, strict=True)]
 
     def _column(
@@ -169,13 +169,13 @@ class Rows:
         begun = old % CHUNK_ROWS
         first = [] if begun == 0 else [np.concatenate([self.tail(index), new[: CHUNK_ROWS - begun]])]
         rest = new[CHUNK_ROWS - begun if begun else 0 : count - old]
-        return [part for rows in (*first, rest) for part in encoded(spec, rows, CHUNK_ROWS)]
+        return [part for rows in (*first, rest) for part in encode_chunks(spec, rows, CHUNK_ROWS)]
 
 
 def _pose_of(
     spec: Field, rows: NDArray[np.int64], contours: Mapping[str, NDArray[Any]], *, started: bool
 ) -> NDArray[np.int64]:
-    """Which of the new poses brings a new row. An offset is known with the row that ends there."""
+    """The new pose that each new row belongs to. An offset counts with the row that ends there."""
     dim = str(spec.dims[0]).removesuffix(" + 1")
     if spec.is_offset and not started:
         rows = np.maximum(rows - 1, 0)
@@ -191,7 +191,7 @@ def row_shape(spec: Field) -> tuple[int, ...]:
     return tuple(size for size in spec.dims[1:] if isinstance(size, int))
 
 
-def encoded(spec: Field, rows: NDArray[Any], chunk_rows: int) -> list[tuple[memoryview, bytes]]:
+def encode_chunks(spec: Field, rows: NDArray[Any], chunk_rows: int) -> list[tuple[memoryview, bytes]]:
     """Chunks as HDF5's filter leaves them: rows, which stay where they are, and checksum. rows: of whole chunks."""
     if rows.size == 0:
         return []
@@ -203,7 +203,7 @@ def _checksums(contents: NDArray[np.uint8]) -> list[bytes]:
     return [checksum.tobytes() for checksum in fletcher32(contents).astype("<u4")]
 
 
-def decoded(spec: Field, content: bytes, digest: int | None) -> NDArray[Any] | None:
+def decode_chunk(spec: Field, content: bytes, digest: int | None) -> NDArray[Any] | None:
     """Rows of a chunk of `CHUNK_ROWS`; None if it is not what was written.
 
     digest: XXH3-64 of the chunk; None where an older palpate wrote it, then its checksum decides.
@@ -219,9 +219,9 @@ def decoded(spec: Field, content: bytes, digest: int | None) -> NDArray[Any] | N
 
 
 def proven_digest(content: memoryview, spec: Field, digest: int | None) -> int | None:
-    """XXH3-64 of the rows of a chunk of `CHUNK_ROWS`; None if it is not what was written (`decoded`)."""
+    """XXH3-64 of the rows of a chunk of `CHUNK_ROWS`; None if it is not what was written (`decode_chunk`)."""
     if digest is None:
-        rows = decoded(spec, bytes(content), None)
+        rows = decode_chunk(spec, bytes(content), None)
         return None if rows is None else content_digest(rows.data)
     if len(content) != chunk_bytes(spec):
         return None

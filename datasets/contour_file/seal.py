@@ -28,7 +28,7 @@ from ..storage.hdf5_output import hdf5_output
 from ..storage.schema import CHUNK_ROWS, CONTOURS, HEADER, METRICS, TIMING, Field
 from .assembly import Assembly, write_assembly
 from .header import FileHeader, header_attributes, json_text
-from .parts import Part
+from .parts import FilePart
 from .reader import ContourFile
 from .rows import Rows, chunk_bytes, proven_digest, row_fields
 from .timing import Timing
@@ -39,8 +39,8 @@ _ROOM_TO_SPARE = 1 << 14
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What a file has before its rows: the same for every writer of one run."""
+class FileFrame:
+    """Content of a file before its rows; equal for all writers of one run."""
 
     room: int
     """Bytes for HDF5's metadata, at the beginning."""
@@ -48,7 +48,7 @@ class Frame:
     """Where rows begin; motion and mesh lie between the two, as in header.h5."""
 
 
-def new_frame(header: FileHeader) -> Frame:
+def new_frame(header: FileHeader) -> FileFrame:
     """The frame of a new file with this header: its room takes the metadata of a file with every optional field."""
     rows = Rows(row_fields([spec.name for spec in (*CONTOURS, *METRICS) if spec.optional]), 0)
     for index in range(len(rows.fields)):  # one chunk each: then each has an index
@@ -56,22 +56,22 @@ def new_frame(header: FileHeader) -> Frame:
         rows.addresses[index].append(0)
     once, timing = np.zeros(1, np.int64), np.zeros((1, 1))
     digests = [np.zeros(1, np.uint64) for _ in rows.fields]
-    assembly = _assembly_of(rows, digests, header, Timing(["stage"], once, once, timing), Frame(0, 0))
+    assembly = _assembly_of(rows, digests, header, Timing(["stage"], once, once, timing), FileFrame(0, 0))
     room = -(-(assembly.metadata_size() + _ROOM_TO_SPARE) // _ROOM_STEP) * _ROOM_STEP
-    return Frame(room, _add_arrays(Assembly(room), header, room))
+    return FileFrame(room, _add_arrays(Assembly(room), header, room))
 
 
-def read_frame(header_file: Hdf5Reader, header: FileHeader) -> Frame:
+def read_frame(header_file: Hdf5Reader, header: FileHeader) -> FileFrame:
     """The frame that the writer of header.h5 chose; raises ContourFileError."""
     first = _arrays(header)[0][0].path  # a motion has at least one pose, so it has a chunk
     room = header_file.chunk_addresses(first)[0]
-    return Frame(room, _add_arrays(Assembly(room), header, room))
+    return FileFrame(room, _add_arrays(Assembly(room), header, room))
 
 
-def write_header(path: Path, header: FileHeader) -> Frame:
+def write_header(path: Path, header: FileHeader) -> FileFrame:
     """Write a file with a header alone; when this returns, it is on the disk. Raises OSError."""
     frame = new_frame(header)
-    assembly = _begun(header, frame.room)
+    assembly = _new_assembly(header, frame.room)
     for spec, array in _arrays(header):
         assembly.add(spec, array)
     if not write_assembly(path, assembly, frame.room, frame.room, fresh=True):
@@ -79,7 +79,7 @@ def write_header(path: Path, header: FileHeader) -> Frame:
     return frame
 
 
-def seal_in_place(part: Part, header: FileHeader, timing: Timing, frame: Frame) -> bool:
+def seal_in_place(part: FilePart, header: FileHeader, timing: Timing, frame: FileFrame) -> bool:
     """Make a part, behind motion and mesh, an HDF5 file; when this returns, it is on the disk.
 
     Its chunks are read once more and compared with its log. Returns False, having written nothing, where the metadata
@@ -120,7 +120,7 @@ def copy_sealed(path: Path, source: ContourFile, header: FileHeader, *, gzip: in
         for first, stop in source.blocks():
             arrays = source.contours(first, stop) | source.metrics(first, stop)
             for spec in fields:
-                output.append(spec, _continued(spec, arrays, offset, first))
+                output.append(spec, _continue_rows(spec, arrays, offset, first))
             offset["pose_start"] += len(arrays["polyline_patch"])
             offset["polyline_start"] += len(arrays["points"])
         for spec, column in zip(TIMING, timing[1:], strict=True):
@@ -129,7 +129,7 @@ def copy_sealed(path: Path, source: ContourFile, header: FileHeader, *, gzip: in
         copied.require_whole()
 
 
-def _continued(spec: Field, arrays: dict[str, NDArray[Any]], offset: dict[str, int], first: int) -> NDArray[Any]:
+def _continue_rows(spec: Field, arrays: dict[str, NDArray[Any]], offset: dict[str, int], first: int) -> NDArray[Any]:
     """Rows of a field as they go on behind those before; a block that is not the first has its 0 left out."""
     if spec.name not in arrays:  # this block is of a part without it
         return np.full(len(arrays["points"]), spec.absent, spec.dtype)
@@ -137,7 +137,7 @@ def _continued(spec: Field, arrays: dict[str, NDArray[Any]], offset: dict[str, i
     return rows[int(first > 0) :] + offset[spec.name] if spec.is_offset else rows
 
 
-def _reread(part: Part) -> Iterator[Digests]:
+def _reread(part: FilePart) -> Iterator[Digests]:
     """Digests of the content of each field's whole chunks, read from the disk; raises ContourFileError, OSError."""
     with open_regular(part.path, ANY_SIZE) as stream:
         require_size(stream.fileno(), part.path, part.rows.end)
@@ -157,8 +157,8 @@ def _reread(part: Part) -> Iterator[Digests]:
             yield digests
 
 
-def _assembly_of(rows: Rows, digests: list[Digests], header: FileHeader, timing: Timing, frame: Frame) -> Assembly:
-    assembly = _begun(header, rows.end)
+def _assembly_of(rows: Rows, digests: list[Digests], header: FileHeader, timing: Timing, frame: FileFrame) -> Assembly:
+    assembly = _new_assembly(header, rows.end)
     for name, values in _attributes(header, timing).items():
         assembly.attributes(name, values)
     _add_arrays(assembly, header, frame.room)
@@ -172,7 +172,7 @@ def _attributes(header: FileHeader, timing: Timing) -> dict[str, dict[str, Any]]
     return header_attributes(header) | {"/timing": {"stages": json_text({"stages": timing.stages}, "timing")}}
 
 
-def _begun(header: FileHeader, end: int) -> Assembly:
+def _new_assembly(header: FileHeader, end: int) -> Assembly:
     assembly = Assembly(end)
     for name, values in header_attributes(header).items():
         assembly.attributes(name, values)

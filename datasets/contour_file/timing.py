@@ -1,4 +1,4 @@
-"""How long the chunks of a rendering took: /timing of a contour file."""
+"""Time that the chunks of a rendering took: /timing of a contour file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .part_reader import PartReader
 
 
 class Timing(NamedTuple):
-    """How long the chunks of a rendering took; outside the promise of determinism."""
+    """Time that the chunks of a rendering took; it differs from run to run."""
 
     stages: list[str]
     """Names of the columns of `seconds`."""
@@ -40,14 +40,14 @@ def get_timing(file: Hdf5Reader | PartReader) -> Timing:
     return Timing(cast(list[str], stages), file.read("/timing/first"), file.read("/timing/stop"), seconds)
 
 
-def join_timing(pieces: list[Timing]) -> Timing:
+def join_timing(blocks: list[Timing]) -> Timing:
     """Chunks of several files in their order; a stage's column stands where it first appeared."""
-    stages = list(dict.fromkeys(stage for piece in pieces for stage in piece.stages))
-    first = np.concatenate([np.zeros(0, np.int64), *(piece.first for piece in pieces)])
-    stop = np.concatenate([np.zeros(0, np.int64), *(piece.stop for piece in pieces)])
+    stages = list(dict.fromkeys(stage for block in blocks for stage in block.stages))
+    first = np.concatenate([np.zeros(0, np.int64), *(block.first for block in blocks)])
+    stop = np.concatenate([np.zeros(0, np.int64), *(block.stop for block in blocks)])
     seconds = np.full((len(first), len(stages)), np.nan)
     row = 0
-    for piece in pieces:
-        seconds[row : row + len(piece.first), [stages.index(stage) for stage in piece.stages]] = piece.seconds
-        row += len(piece.first)
+    for block in blocks:
+        seconds[row : row + len(block.first), [stages.index(stage) for stage in block.stages]] = block.seconds
+        row += len(block.first)
     return Timing(stages, first, stop, seconds)

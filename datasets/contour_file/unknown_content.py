@@ -1,6 +1,6 @@
-"""What a file of contours or of frames holds beside what its format names.
+"""Content of a file of contours or frames that its format does not name.
 
-A newer minor version, or somebody else, may have put it there: it is no fault, and nothing of it is read.
+A newer minor version or another program may have added it: it is no error, and is never read.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ _KNOWN: Mapping[str, Mapping[str, Set[str]]] = {
 def unknown_content(path: str | PathLike[str]) -> list[str]:
     """Groups, datasets and attributes that a file's format does not name, a sentence each; a group stands for its own.
 
-    Empty for a file that is not sealed, or cannot be read: `check_file` and `check_frames` say so.
+    Empty for a file that is not sealed, or cannot be read: `check_file` and `check_frames` report that.
     """
     try:
         with Hdf5Reader(path) as file:
             known = _KNOWN.get(str(file.attribute("/", "format")))
-            return [] if known is None else _unknown(file.structure.attributes, known)
+            return [] if known is None else _find_unknown(file.structure.attributes, known)
     except ContourFileError:
         return []
 
@@ -74,7 +74,7 @@ def unproven_attributes(file: Hdf5Reader) -> list[str]:
     ]
 
 
-def _unknown(found: Mapping[str, tuple[str, ...]], known: Mapping[str, Set[str]]) -> list[str]:
+def _find_unknown(found: Mapping[str, tuple[str, ...]], known: Mapping[str, Set[str]]) -> list[str]:
     sentences: list[str] = []
     for path in sorted(found):
         parent = path.rpartition("/")[0] or "/"

@@ -4,7 +4,7 @@
 |--------|--------|-------|------------------------------------------------------------------------|
 | no     | no     | no    | begins, as "create"                                                    |
 | yes    | no     | no    | compares with OUT.h5; nothing is missing                               |
-| any    | no     | yes   | refuses: nothing tells what the parts belong to                        |
+| any    | no     | yes   | refuses: it is unknown what the parts belong to                         |
 | yes    | same   | any   | killed after sealing: compares, nothing is missing, removes the folder |
 | yes    | other  | any   | as the next line if the run may overwrite, else refuses                |
 | no     | other  | any   | compares with the header, goes on with the poses missing               |
@@ -32,11 +32,11 @@ from ..storage.durable import TEMPORARY_SUFFIX, FolderLock, append_at, copy_rang
 from ..storage.hdf5 import Hdf5Reader
 from ..storage.schema import CONTOURS, METRICS, validate_fields
 from .header import FileHeader, recipe_differences, recipe_hash
-from .parts import HEADER_NAME, Part, begin_part, part_logs, work_folder
+from .parts import HEADER_NAME, FilePart, begin_part, part_logs, work_folder
 from .reader import ContourFile
 from .recovery import part_files, take_over_parts
 from .rows import optional_fields
-from .seal import Frame, copy_sealed, read_frame, seal_in_place, write_header
+from .seal import FileFrame, copy_sealed, read_frame, seal_in_place, write_header
 
 _SEALING_NAME = "sealed.h5" + TEMPORARY_SUFFIX
 _OVERWRITE_NAME = "overwrite"
@@ -70,7 +70,7 @@ class ContourWriter:
         self.repairs: tuple[str, ...] = ()
         """What resuming found damaged and dropped, a sentence each; those poses are missing again."""
         self._folder = work_folder(self.path)
-        self._parts: list[Part] = []
+        self._parts: list[FilePart] = []
         self._complete = False
         self._published = False
         self._lock: FolderLock | None = None
@@ -78,7 +78,7 @@ class ContourWriter:
         self._header = header
         self._recipe = header.recipe  # hashes motion and mesh anew each time it is asked for
         self._recipe_hash = recipe_hash(self._recipe)
-        self._frame = Frame(0, 0)
+        self._frame = FileFrame(0, 0)
         self._refuse_existing(mode)
         with self._machine_failures("prepare"):
             self._begin(mode)
@@ -141,7 +141,7 @@ class ContourWriter:
         if part not in self._parts:
             self._parts = sorted([*self._parts, part], key=lambda done: done.first)
 
-    def _part_for(self, first: int, optional: tuple[str, ...]) -> Part:
+    def _part_for(self, first: int, optional: tuple[str, ...]) -> FilePart:
         """The part that ends where poses begin, or a new one."""
         for part in self._parts:
             if part.stop == first and part.optional == optional:
@@ -150,7 +150,7 @@ class ContourWriter:
         self._give_arrays(part)
         return part
 
-    def _give_arrays(self, part: Part) -> None:
+    def _give_arrays(self, part: FilePart) -> None:
         """Put motion and mesh into the part that will be sealed; again after a kill, which may have come before."""
         if part.first == 0:
             copy_range(self._folder / HEADER_NAME, part.path, self._frame.room, self._frame.begin)
@@ -238,7 +238,7 @@ class ContourWriter:
         try:
             self._lock = FolderLock(self._folder)
             if mode == "create":
-                self._refuse_sealed()  # again: now that nobody else can seal
+                self._refuse_sealed()  # again: now no other process can seal
                 self._refuse_unfinished(fresh)
             if mode == "overwrite":
                 self._clear_folder()
@@ -391,7 +391,7 @@ class ContourWriter:
             (self._folder / name).unlink(missing_ok=True)
 
     def _remove_folder(self) -> None:
-        # The file is whole by now; a folder that cannot go (something else lies in it) harms nobody.
+        # The file is whole by now; a folder that cannot go (another file is in it) does no harm.
         with contextlib.suppress(OSError):
             self._clear_folder()
             if self._lock is not None:

@@ -48,7 +48,7 @@ class FrameFile:
     whole datasets beside the frames, by path. What killed writers of the same file have left is removed.
 
     Raises:
-        OSError: As the system says (ENOSPC, EFBIG, ...), from the constructor if there is no room for all frames;
+        OSError: From the system (ENOSPC, EFBIG, ...), from the constructor if there is no room for all frames;
             nothing is left behind.
     """
 
@@ -76,7 +76,7 @@ class FrameFile:
         try:
             _remove_abandoned(path)
             write_temporary(self._temporary, memoryview(image))
-            self._lock = _locked(self._temporary)
+            self._lock = _lock_file(self._temporary)
             _reserve(self._temporary, len(image) + rows + _SLACK)
             self._file = h5py.File(self._temporary, "r+", libver=_FORMAT, locking=False)
             for field in fields:
@@ -162,7 +162,7 @@ def _image(attributes: Mapping[str, Mapping[str, Attribute]], arrays: Mapping[st
         return bytes(image_of(file))
 
 
-def _locked(path: Path) -> int:
+def _lock_file(path: Path) -> int:
     """A handle by which others see that a file is being written; -1 where there are no locks, or another has it."""
     handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     try:
@@ -174,10 +174,10 @@ def _locked(path: Path) -> int:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove temporary files of this name that nobody writes any more."""
+    """Remove temporary files of this name that no process writes any more."""
     for left in path.parent.glob(f"{path.name}.*{TEMPORARY_SUFFIX}"):
-        with contextlib.suppress(OSError):  # somebody else has removed it
-            if (handle := _locked(left)) >= 0:
+        with contextlib.suppress(OSError):  # another process has removed it
+            if (handle := _lock_file(left)) >= 0:
                 discard(left)
                 os.close(handle)
 

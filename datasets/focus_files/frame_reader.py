@@ -98,13 +98,13 @@ class FrameReader:
             return None
 
     def recipe(self) -> dict[str, Any]:
-        """The sweep's recipe that the frames are of; empty if the file tells none."""
+        """The sweep's recipe that the frames are of; empty if the file has none."""
         if self._file.attribute("/", "recipe") is None:
             return {}
-        told = self.described("/", "recipe")
-        if not isinstance(told, dict):
+        stored = self.described("/", "recipe")
+        if not isinstance(stored, dict):
             raise ContourFileError(f"{self.path}: attribute recipe of / is no JSON object")
-        return cast("dict[str, Any]", told)
+        return cast("dict[str, Any]", stored)
 
     def text(self, group: str, name: str) -> str | None:
         """A text attribute; None if it is not there."""
@@ -112,7 +112,7 @@ class FrameReader:
         return value if isinstance(value, str) else None
 
     def problems(self) -> list[str]:
-        """What is wrong, a sentence for the recipe and each dataset: all are read, in blocks. Empty if nothing is."""
+        """Problems of the recipe and the datasets, a sentence each; reads all data in blocks. Empty if none."""
         out: list[str] = []
         try:
             self.recipe()
@@ -132,7 +132,7 @@ class FrameReader:
         return out
 
     def _format(self) -> str:
-        found = _known_format(self._file)
+        found = _format_version(self._file)
         if found is None:
             raise ContourFileError(f"{self.path} holds neither focal points nor drives of a sweep")
         if (major := get_version(self._file)[0]) > VERSION_MAJOR:
@@ -157,15 +157,15 @@ class FrameReader:
 
 
 def frame_format(path: str | PathLike[str]) -> str | None:
-    """FOCAL_POINTS or DRIVES, if a file says that it is that; None for everything else, also for no file."""
+    """FOCAL_POINTS or DRIVES by the file's format attribute; None for any other file, or none."""
     try:
         with Hdf5Reader(path) as file:
-            return _known_format(file)
+            return _format_version(file)
     except ContourFileError:
         return None
 
 
-def _known_format(file: Hdf5Reader) -> str | None:
+def _format_version(file: Hdf5Reader) -> str | None:
     found = file.attribute("/", "format")
     return found if isinstance(found, str) and found in _FIELDS else None
 

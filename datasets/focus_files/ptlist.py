@@ -8,7 +8,7 @@ what had to be assumed because no file and no source was at hand:
 | text; a header with number of steps, sample rate, maximum intensity | three numbers before the rows, on 1..3 lines |
 | a row a step: x y z i | parted by commas, semicolons or blanks; written with commas, as DOLPHIN's recipes are |
 | i is a step's pressure over the peak pressure | so 0..1; the maximum intensity, 0..1 too, scales it; written as 1 |
-| | positions in metres (`unit` says otherwise), the sample rate in hertz, z away from the device |
+| | positions in metres (others: `unit`), the sample rate in hertz, z away from the device |
 
 Blank lines are skipped but counted as lines.
 """
@@ -57,7 +57,7 @@ def read_ptlist(path: str | Path, *, unit: float = 1.0) -> PointList:
 
     unit: of the file's positions [m].
     Raises PointListError naming file and line: for a malformed header, rows that are not four finite numbers,
-    intensities outside 0..1, positions farther than 10 m away, and another number of rows than the header says.
+    intensities outside 0..1, positions farther than 10 m away, and another number of rows than the header declares.
     """
     path = Path(path)
     _require_unit(unit)

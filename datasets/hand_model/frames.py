@@ -1,4 +1,4 @@
-"""What trackers leave out of a hand, derived from what they give: orientations, wrist, metacarpals, palm, radii.
+"""Derivation of orientations, wrist, metacarpals, palm and radii that a tracker does not give.
 
 | missing                      | derived as                                                                            |
 |------------------------------|---------------------------------------------------------------------------------------|
@@ -37,7 +37,7 @@ _SHARES = {
     "RING": (PALM_RADIUS_SHARE, 0.125, 0.1, 0.093, 0.08),
     "LITTLE": (PALM_RADIUS_SHARE, 0.11, 0.088, 0.083, 0.07),
 }
-_BEND_LEAST = 0.3  # sum of sines over 8 joints: flatter fingers do not tell which way they bend
+_BEND_LEAST = 0.3  # sum of sines over 8 joints: flatter fingers do not show their direction of bending
 
 
 class CompletedJoints(NamedTuple):
@@ -62,13 +62,13 @@ def knuckle_width(position: Numbers) -> float:
     return _median(width)
 
 
-def completed(position: Numbers, quaternion: Numbers, radius: Numbers, *, is_left: bool) -> CompletedJoints:
+def complete_joints(position: Numbers, quaternion: Numbers, radius: Numbers, *, is_left: bool) -> CompletedJoints:
     """Positions [m], quaternions and radii [m] with what no frame gives derived.
 
     Shapes [frame, 26, 3], [frame, 26, 4] and [frame, 26]; NaN is unknown.
     """
     position, quaternion, radius = position.copy(), quaternion.copy(), radius.copy()
-    derived = ~_given(position)
+    derived = ~_has_values(position)
     width = knuckle_width(position)
     axes = _palm_axes(position, quaternion, is_left=is_left)
     if derived[Joint.WRIST]:
@@ -79,7 +79,7 @@ def completed(position: Numbers, quaternion: Numbers, radius: Numbers, *, is_lef
     if derived[Joint.PALM]:
         position[:, Joint.PALM] = (position[:, Joint.MIDDLE_METACARPAL] + position[:, Joint.MIDDLE_PROXIMAL]) / 2.0
     turned = joint_orientations(position, axes, is_left=is_left)
-    for joint in np.flatnonzero(~_given(quaternion)):
+    for joint in np.flatnonzero(~_has_values(quaternion)):
         quaternion[:, joint] = turned[:, joint]
     shares = radius_shares() * (BREADTH_SHARE * width)
     for joint in np.flatnonzero(~np.isfinite(radius).any(axis=0)):
@@ -104,9 +104,9 @@ def joint_orientations(position: Numbers, palm_axes: Numbers, *, is_left: bool) 
 
 
 def side_from_axes(position: Numbers, palm: Numbers) -> str | None:
-    """Which hand joints belong to: `left` where the knuckles run from index to little finger along -X of the palm.
+    """Side of a hand from its axes: `left` if the knuckles run from index to little finger along -X of the palm.
 
-    position: [frame, 26, 3]; palm: quaternions, [frame, 4]. None where no frame tells.
+    position: [frame, 26, 3]; palm: quaternions, [frame, 4]. None if no frame determines it.
     """
     across = position[:, Joint.LITTLE_PROXIMAL] - position[:, Joint.INDEX_PROXIMAL]
     along = _median(np.sum(across * matrix_of(palm)[..., 0], axis=1))
@@ -114,7 +114,7 @@ def side_from_axes(position: Numbers, palm: Numbers) -> str | None:
 
 
 def side_from_bends(position: Numbers) -> str | None:
-    """Which hand joints belong to, from positions alone: fingers bend towards the palm. None for flat fingers."""
+    """Side of a hand from positions only: fingers bend towards the palm. None for flat fingers."""
     across = unit(position[:, Joint.LITTLE_PROXIMAL] - position[:, Joint.INDEX_PROXIMAL])
     total = np.zeros(len(position))
     for finger in FINGERS:
@@ -145,7 +145,7 @@ def _finger_base(wrist: Numbers, knuckle: Numbers, axes: Numbers) -> Numbers:
     return wrist + np.einsum("fik,fk->fi", axes, reach)
 
 
-def _given(values: Numbers) -> NDArray[np.bool_]:
+def _has_values(values: Numbers) -> NDArray[np.bool_]:
     return np.asarray(is_finite(values).any(axis=0))
 
 

@@ -1,18 +1,18 @@
-"""The joints of a hand: OpenXR's 26 (XR_EXT_hand_tracking) by name and number, and where other trackers' go.
+"""The 26 joints of OpenXR's hand (XR_EXT_hand_tracking) by name and number, and their mapping from other trackers.
 
 Each joint has a frame: -Z along its bone towards the finger tip, +Y out of the back of the finger or hand, +X by the
-right-hand rule: to the little finger on a right hand, to the thumb on a left one. A joint's radius reaches from it to
-the skin. PALM is the middle of the middle finger's metacarpal bone, and the skin of the palm lies at -Y of it.
+right-hand rule: to the little finger on a right hand, to the thumb on a left one. A joint's radius is its distance to
+the skin. PALM is the middle of the middle finger's metacarpal bone; the palm's skin is on its -Y side.
 
-| source                   | joints here                         | what is missing                                     |
+| source                   | joints it gives                     | missing joints and their substitute                 |
 |--------------------------|-------------------------------------|-----------------------------------------------------|
 | OpenXR, 26               | all                                 | nothing                                             |
 | WebXR, 25                | all but PALM                        | PALM: between MIDDLE_METACARPAL and MIDDLE_PROXIMAL |
 | Leap, 5 digits x 4 bones | starts of bones, end of the last    | PALM as above, WRIST from the arm bone              |
-| leapjs, 5 digits x 4     | PROXIMAL..TIP (thumb METACARPAL..)  | WRIST and the fingers' METACARPAL, by proportion    |
-| MediaPipe, 21 landmarks  | WRIST, PROXIMAL..TIP, thumb as Leap | the same METACARPAL, and all orientations           |
+| leapjs, 5 digits x 4     | PROXIMAL..TIP (thumb METACARPAL..)  | WRIST and fingers' METACARPAL, by mean proportions  |
+| MediaPipe, 21 landmarks  | WRIST, PROXIMAL..TIP, thumb as Leap | fingers' METACARPAL as leapjs, all orientations     |
 
-Leap's thumb has a metacarpal bone without length; its proximal bone is the anatomical metacarpal, which is OpenXR's.
+Leap's thumb has a metacarpal bone of length 0; its proximal bone is the anatomical (and OpenXR's) metacarpal.
 """
 
 from enum import IntEnum
@@ -20,7 +20,7 @@ from itertools import pairwise
 
 
 class Joint(IntEnum):
-    """OpenXR's joints with OpenXR's numbers."""
+    """OpenXR's hand joints with OpenXR's numbers."""
 
     PALM = 0
     WRIST = 1
@@ -66,11 +66,11 @@ FINGERS = DIGITS[1:]
 TIPS: tuple[Joint, ...] = tuple(digit[-1] for digit in DIGITS)
 
 BONES: tuple[tuple[Joint, Joint], ...] = tuple((start, end) for digit in DIGITS for start, end in pairwise(digit))
-"""Bones as (joint where it starts, joint where it ends); a bone moves with the frame of its start."""
+"""Bones as (start joint, end joint); a bone moves with the frame of its start joint."""
 
 
 def joint_parent(joint: int) -> int:
-    """The joint that a joint hangs from; -1 for the wrist, from which all hang."""
+    """The parent joint in the kinematic tree; -1 for the wrist, the root."""
     if joint == Joint.WRIST:
         return -1
     before = {end: start for start, end in BONES}
@@ -103,7 +103,7 @@ WEBXR_NAMES: tuple[str, ...] = tuple(webxr_name(joint) for joint in Joint)
 
 
 def joint_from(name: str) -> Joint | None:
-    """The joint of a name as OpenXR, WebXR or this module write it, whatever its case; None if there is none.
+    """The joint of a name from OpenXR, WebXR or JOINT_NAMES, in upper or lower case; None for any other name.
 
     `XR_HAND_JOINT_INDEX_TIP_EXT`, `index_tip` and `index-finger-tip` are the same joint.
     """
@@ -135,10 +135,11 @@ LEAP_BONES = ("metacarpal", "proximal", "intermediate", "distal")
 
 
 def leap_starts(digit: int) -> tuple[tuple[int, Joint], ...]:
-    """Which bone of a Leap digit (0 thumb .. 4 pinky) starts at which joint; the tip is where the last one ends."""
+    """(bone, joint) for each bone of a Leap digit (0 thumb .. 4 pinky) that starts at a joint; the last bone ends at
+    the tip."""
     joints = DIGITS[digit][:-1]
     return tuple((len(LEAP_BONES) - len(joints) + place, joint) for place, joint in enumerate(joints))
 
 
 ENDS_JOINTS: tuple[tuple[Joint, ...], ...] = tuple(digit[-4:] for digit in DIGITS)
-"""Joints of leapjs' four positions of a digit (mcp, pip, dip, tip), thumb to little finger."""
+"""Joints of the four positions that leapjs gives of each digit (mcp, pip, dip, tip), thumb to little finger."""

@@ -7,7 +7,7 @@ Values = NDArray[np.float64]
 Quads = NDArray[np.int32]
 
 
-def subdivided(values: Values, quads: Quads) -> tuple[Values, Quads]:
+def subdivide(values: Values, quads: Quads) -> tuple[Values, Quads]:
     """Split each quad into four (E. Catmull, J. Clark 1978; open edges by the cubic spline's rule).
 
     values: whatever vertices carry (positions, weights), all smoothed alike, shape [vertex, k]. quads: [quad, 4], an
@@ -21,19 +21,19 @@ def subdivided(values: Values, quads: Quads) -> tuple[Values, Quads]:
         np.add.at(beside, index[:, corner], face)
     inner = count == 2
     edge_point = middle + inner[:, None] * (beside / 4.0 - middle / 2.0)
-    kept = _kept(values, quads, face, middle, edge[inner], inner, edge)
+    kept = _old_vertices(values, quads, face, middle, edge[inner], inner, edge)
     first, second = len(values), len(values) + len(edge)
     centre = np.arange(second, second + len(quads))
     parts = [np.stack([quads[:, c], first + index[:, c], centre, first + index[:, c - 1]], axis=1) for c in range(4)]
     return np.concatenate([kept, edge_point, face]), np.stack(parts, axis=1).reshape(-1, 4).astype(np.int32)
 
 
-def triangulated(quads: Quads) -> NDArray[np.int32]:
+def triangulate(quads: Quads) -> NDArray[np.int32]:
     """Two triangles a quad, shape [2 quad, 3]; triangles 2 i and 2 i + 1 are quad i."""
     return np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
 
 
-def _kept(
+def _old_vertices(
     values: Values,
     quads: Quads,
     face: Values,

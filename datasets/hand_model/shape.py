@@ -17,7 +17,7 @@ from ..rigid import Numbers
 from .cage import BREADTH, LENGTH, hand_cage
 from .frames import joint_orientations
 from .joints import FINGERS, JOINT_NAMES, Joint
-from .quads import subdivided, triangulated
+from .quads import subdivide, triangulate
 
 Array = TypeVar("Array", bound=NDArray[Any])
 
@@ -80,12 +80,12 @@ def _shape(breadth: float, length: float, is_left: bool, detail: int) -> HandSha
     values = np.concatenate([cage.position, cage.palmar[:, None], cage.weight], axis=1)
     quads = cage.quads
     for _ in range(detail):
-        values, quads = subdivided(values, quads)
+        values, quads = subdivide(values, quads)
     position, palmar, dense = values[:, :3], values[:, 3], values[:, 4:]
     across = breadth / _breadth(position, dense)
     scale = np.array([across, across, length / (cage.joint_position[Joint.WRIST, 2] - position[:, 2].min())])
     glabrous = np.repeat(palmar[quads].mean(axis=1) > 0.5, 2)
-    faces, joints = triangulated(quads), cage.joint_position * scale
+    faces, joints = triangulate(quads), cage.joint_position * scale
     mirror = np.array([-1.0 if is_left else 1.0, 1.0, 1.0])
     if is_left:
         faces = faces[:, ::-1]
@@ -93,18 +93,18 @@ def _shape(breadth: float, length: float, is_left: bool, detail: int) -> HandSha
     turned = joint_orientations(joints[None], np.eye(3)[None], is_left=is_left)[0]
     weight_joint, weight = _largest(dense)
     return HandShape(
-        vertices=_frozen((position * scale * mirror).astype(np.float32)),
-        faces=_frozen(np.ascontiguousarray(faces, dtype=np.int32)),
-        glabrous=_frozen(glabrous),
-        joint_pose=_frozen(np.concatenate([joints, turned], axis=1)),
-        joint_radius=_frozen(cage.joint_radius * across),
-        weight_joint=_frozen(weight_joint),
-        weight=_frozen(weight),
+        vertices=_freeze((position * scale * mirror).astype(np.float32)),
+        faces=_freeze(np.ascontiguousarray(faces, dtype=np.int32)),
+        glabrous=_freeze(glabrous),
+        joint_pose=_freeze(np.concatenate([joints, turned], axis=1)),
+        joint_radius=_freeze(cage.joint_radius * across),
+        weight_joint=_freeze(weight_joint),
+        weight=_freeze(weight),
         is_left=is_left,
     )
 
 
-def _frozen(array: Array) -> Array:
+def _freeze(array: Array) -> Array:
     array.setflags(write=False)
     return array
 

@@ -28,25 +28,25 @@ def posed_vertices(shape: HandShape, joints_in_hand: ArrayLike, radius: ArrayLik
     joints to the skin [m], shape [26] or [frame, 26]; None: fingers are as thick as the hand is broad. Raises
     RecordingError for another shape, a joint that is not known, and a hand of the other side.
     """
-    pose = _checked(joints_in_hand)
+    pose = _validate_joints(joints_in_hand)
     rest = shape.joint_pose[None]
     broad = knuckle_width(pose[..., :3]) / knuckle_width(rest[..., :3])
     if not broad > 0.0:
         raise RecordingError("index and little knuckle lie in the same place: the hand has no breadth")
     across = pose[:, Joint.LITTLE_PROXIMAL, 0] - pose[:, Joint.INDEX_PROXIMAL, 0]
     if (np.median(across) < 0.0) != shape.is_left:
-        said = "a left" if shape.is_left else "a right"
-        raise RecordingError(f"the shape is {said} hand, the joints are the other hand's")
+        hand_side = "a left" if shape.is_left else "a right"
+        raise RecordingError(f"the shape is {hand_side} hand, the joints are the other hand's")
     thick = _thickness(shape, radius, broad, len(pose))
     scale = np.stack([thick, thick, np.full_like(thick, broad)], axis=2)
     bones = [start for start, _ in BONES]
-    stretch = bone_lengths(pose[..., :3]) / bone_lengths(rest[..., :3])
-    scale[:, bones, 2] = stretch[:, bones]
+    length_ratio = bone_lengths(pose[..., :3]) / bone_lengths(rest[..., :3])
+    scale[:, bones, 2] = length_ratio[:, bones]
     linear = np.einsum("fjik,fjk,jlk->fjil", _bone_axes(pose), scale, _bone_axes(rest)[0])
-    return _blended(shape, linear, pose[..., :3])
+    return _blend(shape, linear, pose[..., :3])
 
 
-def _blended(shape: HandShape, linear: Numbers, position: Numbers) -> NDArray[np.float32]:
+def _blend(shape: HandShape, linear: Numbers, position: Numbers) -> NDArray[np.float32]:
     vertices = shape.vertices.astype(np.float64)
     weight = np.zeros((len(vertices), JOINT_COUNT))
     np.put_along_axis(weight, shape.weight_joint, shape.weight.astype(np.float64), axis=1)
@@ -82,7 +82,7 @@ def _thickness(shape: HandShape, radius: ArrayLike | None, broad: float, frame_c
     return thick
 
 
-def _checked(joints_in_hand: ArrayLike) -> Numbers:
+def _validate_joints(joints_in_hand: ArrayLike) -> Numbers:
     pose = np.asarray(joints_in_hand, dtype=np.float64)
     if pose.ndim != 3 or pose.shape[1:] != (JOINT_COUNT, 7) or len(pose) == 0:
         raise RecordingError(f"joints_in_hand must have shape [frame, {JOINT_COUNT}, 7], got {list(pose.shape)}")

@@ -27,7 +27,7 @@ Progress = Callable[[int, int], None]
 
 
 def unheard(done: int, total: int) -> None:
-    """A `Progress` that nobody hears."""
+    """A `Progress` that does nothing."""
     del done, total
 
 

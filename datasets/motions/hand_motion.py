@@ -1,8 +1,8 @@
-"""Hand motions: poses of one palm over time, recorded, made by hand, or a synthetic exploration of an object.
+"""Hand motions: poses of one palm over time, recorded, given, or from a synthetic exploration of an object.
 
 Hand frame (OpenXR palm axes; Leap's palm basis is the same): +Y out of the back of the hand, +Z to the wrist, +X by the
 right-hand rule; origin in the middle of the palm's skin, which faces -Y. Array frame: +z up out of the array. A pose
-takes the first to the second: x y z [m], qx qy qz qw.
+transforms the hand frame to the array frame: x y z [m], qx qy qz qw.
 """
 
 import math
@@ -16,36 +16,33 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..bounded_file import FileBoundError, require_bytes
 from ..errors import MotionError
-from ..rigid import POSITION_FARTHEST
+from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
 from .exploration import FLOOR, MARGIN, Progress, exploration_path, unheard
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """Quaternion xyzw of a hand above the array: palm down, fingers pointing away from the user (+y of the array)."""
 
-NORM_TOLERANCE = 1e-3
-"""A quaternion's norm may differ from 1 by this much; farther off it is no rotation and is refused."""
-
 BOUNDS_FARTHEST = 100.0
-"""An exploration is of an object this near to the array [m]; farther is a mistake of units."""
+"""Largest coordinate of the bounds of an exploration [m]; larger ones are probably in wrong units."""
 POSES_MOST = 1e9
-"""Poses of one exploration, whatever the budget."""
+"""Most poses of one exploration, whatever the memory budget."""
 POSE_BYTES, SECOND_BYTES = 100, 1600
-"""What an exploration takes while it is made [byte]: for each pose, and for each second of its path; measured."""
+"""Peak memory of making an exploration [byte], per pose and per second of its path; measured."""
 SEED_MOST = 2**63 - 1
-"""A seed fits an HDF5 integer."""
+"""Largest seed: HDF5 stores it as a signed 64-bit integer."""
 
-_ROWS_AT_ONCE = 65536  # checked in float64, which for all of them would take twice the memory
-_NORM_ROUNDING = 1e-7  # all a unit quaternion loses in float32; left alone, so that reading back changes no bit
+_ROWS_AT_ONCE = 65536  # rows are checked in float64 block by block; all at once would take twice the memory
+_NORM_ROUNDING = 1e-7  # float32 rounding of a norm; within it quaternions stay, so that rereading a file changes no bit
 
 
 @dataclass(frozen=True, eq=False)
 class HandMotion:
-    """Poses of a palm, in the array frame, over time or without time.
+    """Poses of a palm, in the array frame, with or without times.
 
-    Checked and copied when made; the arrays are read-only. Rows count from 0 in messages. Raises MotionError for
-    arrays of another shape, no pose at all, values that are not finite, quaternions whose norm is not 1 within 1e-3,
-    and times that do not increase strictly; the message names the row and its values.
+    The arrays are checked and copied, and are read-only. Raises MotionError for other shapes, no poses, values that are
+    not finite, quaternions whose norm differs from 1 by more than 1e-3, and times that do not increase strictly; the
+    message names the row, counted from 0, and its values.
     """
 
     time: NDArray[np.float64] | None
@@ -53,14 +50,14 @@ class HandMotion:
     pose: NDArray[np.float32]
     """x y z [m] and unit quaternion xyzw, hand frame -> array frame; shape [pose, 7]."""
     offset: float = 0.0
-    """What the recording's clock read at time 0 [s]; times that start elsewhere are shifted into it."""
+    """The recording clock's value at time 0 [s]; a first time other than 0 is subtracted from `time` and added here."""
     seed: int | None = None
-    """The seed of a synthetic motion."""
+    """Seed of a synthetic motion, otherwise None."""
     inserted: int = 0
-    """How many of the poses no tracker gave: they were put between two that it gave."""
+    """Number of poses that were interpolated between two poses of the tracker."""
 
     def __post_init__(self) -> None:
-        time, pose, offset = _checked(self.time, self.pose, self.offset, row_place)
+        time, pose, offset = _validate(self.time, self.pose, self.offset, row_place)
         for name, value in (("time", time), ("pose", pose), ("offset", offset)):
             object.__setattr__(self, name, value)
 
@@ -69,13 +66,13 @@ class HandMotion:
 
     @property
     def duration(self) -> float | None:
-        """How long the motion lasts [s]: the last pose lasts one median interval. None without time or interval."""
+        """Duration of the motion [s]; the last pose lasts one median interval. None without times or with one pose."""
         interval = self._interval()
         return None if self.time is None or interval is None else float(self.time[-1]) + interval
 
     @property
     def rate(self) -> float | None:
-        """Poses a second [Hz]: one over the median interval. None without time or interval."""
+        """Poses per second [Hz]: 1 / median interval. None without times or with one pose."""
         interval = self._interval()
         return None if interval is None else 1.0 / interval
 
@@ -86,14 +83,15 @@ class HandMotion:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "HandMotion":
-        """Read a motion: CSV (header `time,x,y,z,qx,qy,qz,qw`, time optional) or HDF5 (/motion, so a contour file too).
+        """Read a motion from CSV (header `time,x,y,z,qx,qy,qz,qw`, time optional) or HDF5 (/motion, also of contour
+        files). The suffix .csv, .h5 or .hdf5 selects the format.
 
-        The suffix decides: .csv, .h5, .hdf5. Raises MotionError naming the path and, in a CSV, the line.
+        Raises MotionError, which names the path and, for a CSV, the line.
         """
         rows = read_rows(Path(path))
-        motion = object.__new__(cls)  # without __post_init__, which would check and copy all of it once more
+        motion = object.__new__(cls)  # skips __post_init__, which would check and copy everything again
         try:
-            time, pose, offset = _checked(rows.time, rows.pose, rows.offset, rows.place, copy=False)
+            time, pose, offset = _validate(rows.time, rows.pose, rows.offset, rows.place, copy=False)
         except MotionError as error:
             raise MotionError(f"{path}: {error}") from None
         values = {"time": time, "pose": pose, "offset": offset, "seed": rows.seed, "inserted": 0}
@@ -102,18 +100,18 @@ class HandMotion:
         return motion
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the motion as CSV or HDF5 by the suffix (.csv, .h5, .hdf5), whole or not at all.
+        """Write the motion as CSV or HDF5 by the suffix (.csv, .h5, .hdf5), completely or not at all.
 
-        A CSV holds the clock's times (time + offset) and no seed; HDF5 holds both. What was loaded reads back the same
-        to the last bit. Raises MotionError for an existing file unless `overwrite`, and where writing fails.
+        A CSV has the clock's times (time + offset) and no seed; HDF5 has time, offset and seed. A loaded motion is
+        bit-identical when read back. Raises MotionError if the file exists, unless `overwrite`, or writing fails.
         """
         write_rows(Path(path), MotionRows(self.time, self.pose, self.offset, self.seed, row_place), overwrite=overwrite)
 
 
 def static_pose(position: ArrayLike, quaternion: ArrayLike = PALM_DOWN) -> HandMotion:
-    """One pose without time, which is a motion: position [m], shape [3], and quaternion xyzw, shape [4].
+    """Make a motion of one pose without time: position [m], shape [3], and quaternion xyzw, shape [4].
 
-    Raises MotionError for other shapes, values that are not finite and a norm that is not 1 within 1e-3.
+    Raises MotionError for other shapes, values that are not finite and a norm that differs from 1 by more than 1e-3.
     """
     row = [_numbers(position, "position", (3,)), _numbers(quaternion, "quaternion", (4,))]
     return _motion(None, np.concatenate(row)[None, :])
@@ -122,13 +120,13 @@ def static_pose(position: ArrayLike, quaternion: ArrayLike = PALM_DOWN) -> HandM
 def exploration(
     bounds: ArrayLike, *, duration: float, rate: float = 90.0, seed: int, progress: Progress = unheard
 ) -> HandMotion:
-    """Make a synthetic exploration of an object, as a person would do it; nothing but its bounds is known.
+    """Make a synthetic exploration of an object that imitates a person's; it uses only the object's bounds.
 
-    bounds: the object's smallest and largest x y z [m], shape [2, 3]. duration [s]; rate: poses a second [Hz].
-    progress: called now and then with how much is done, and how much there is.
-    The model is told in `exploration_path`. The path depends on bounds and seed alone: duration and rate only sample
-    it, at k / rate < duration. Raises MotionError for a bad argument, where the object leaves no room above 60 mm, and
-    for a motion that takes more memory than one file may hold (`PALPATE_READ_MB`).
+    bounds: the object's smallest and largest x y z [m], shape [2, 3]. duration [s]; rate: poses per second [Hz].
+    progress: called at intervals with (done, total).
+    `exploration_path` describes the model. The path depends only on bounds and seed; duration and rate sample it at
+    k / rate < duration. Raises MotionError for a bad argument, if the object leaves no room 60 mm above the array, and
+    for a motion that takes more memory than the budget of one file (`PALPATE_READ_MB`).
     """
     box = _numbers(bounds, "bounds", (2, 3))
     if not (np.abs(box) <= BOUNDS_FARTHEST).all() or (box[0] > box[1]).any():
@@ -164,20 +162,21 @@ def _numbers(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.
     return array
 
 
-def _checked(
+def _validate(
     time: ArrayLike | None, pose: ArrayLike, offset: float, place: Callable[[int], str], *, copy: bool = True
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float32], float]:
-    """A motion's arrays as `HandMotion` keeps them; copy=False: in the same memory where they have the right type."""
-    checked_pose = _checked_pose(pose, place, copy=copy)
+    """Validate time, pose and offset and convert them for `HandMotion`; copy=False: arrays of the right type are not
+    copied."""
+    checked_pose = _validate_pose(pose, place, copy=copy)
     if not math.isfinite(offset):
         raise MotionError(f"offset must be finite, got {offset!r} s")
     if time is None:
         return None, checked_pose, float(offset)
-    checked_time, shift = _checked_time(time, checked_pose.shape[0], place, copy=copy)
+    checked_time, shift = _validate_time(time, checked_pose.shape[0], place, copy=copy)
     return checked_time, checked_pose, float(offset) + shift
 
 
-def _checked_pose(pose: ArrayLike, place: Callable[[int], str], *, copy: bool) -> NDArray[np.float32]:
+def _validate_pose(pose: ArrayLike, place: Callable[[int], str], *, copy: bool) -> NDArray[np.float32]:
     try:
         given = np.asarray(pose)
         rows = given if given.dtype.kind == "f" and given.itemsize in (4, 8) else np.array(pose, dtype=np.float64)
@@ -197,8 +196,8 @@ def _checked_pose(pose: ArrayLike, place: Callable[[int], str], *, copy: bool) -
 
 
 def _normalise(rows: NDArray[np.float64], place: Callable[[int], str]) -> None:
-    """Refuse rows that are no poses; quaternions that are not of length 1 become so."""
-    bad = _first(~(np.abs(rows) <= np.finfo(np.float32).max).all(axis=1))  # a NaN compares false
+    """Refuse rows that are not poses; divide quaternions by their norm where it is not 1."""
+    bad = _first(~(np.abs(rows) <= np.finfo(np.float32).max).all(axis=1))  # a comparison with NaN is false
     if bad is not None:
         raise MotionError(f"{place(bad)}: pose {rows[bad].tolist()} is not finite")
     bad = _first((np.abs(rows[:, :3]) > POSITION_FARTHEST).any(axis=1))
@@ -215,7 +214,7 @@ def _normalise(rows: NDArray[np.float64], place: Callable[[int], str]) -> None:
     rows[loose, 3:] /= norm[loose, None]
 
 
-def _checked_time(
+def _validate_time(
     time: ArrayLike, pose_count: int, place: Callable[[int], str], *, copy: bool
 ) -> tuple[NDArray[np.float64], float]:
     try:

@@ -54,7 +54,7 @@ def row_place(row: int) -> str:
 
 
 def read_rows(path: Path) -> MotionRows:
-    """Read a motion file; its suffix says which kind: .csv, .h5 or .hdf5. Raises MotionError with the path."""
+    """Read a motion file; the suffix .csv, .h5 or .hdf5 selects the format. Raises MotionError with the path."""
     form = _form(path)
     try:
         return _rows_from_csv(path) if form == "csv" else _rows_from_hdf5(path)
@@ -124,7 +124,7 @@ def _rows_from_csv(path: Path) -> MotionRows:
 
 
 def _not_text(path: Path) -> int:
-    """The first byte of a file that is not UTF-8; reading by lines tells its place in a block only."""
+    """The first byte of a file that is not UTF-8; reading by lines gives its position only within a block."""
     try:
         read_content(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -6,7 +6,7 @@
 ```
 
 `position` [m] is the tracker's origin in the array's frame, `orientation` xyzw turns the tracker's axes into the
-array's; `matrix` says the same by rows. A scale or a mirror is no alignment and is refused: units are the reader's.
+array's; `matrix` is the same, row by row. A scale or a mirror is no alignment and is refused: units are the reader's.
 """
 
 import json
@@ -86,12 +86,12 @@ def _numbers(node: Json, name: str) -> list[float]:
 
 def _pose(value: ArrayLike, name: str, shapes: tuple[tuple[int, ...], ...] = ((7,), (4, 4))) -> Numbers:
     try:
-        said = np.asarray(value)
+        given = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths
-        said = np.array(None)
-    if said.dtype.kind not in "iuf":
+        given = np.array(None)
+    if given.dtype.kind not in "iuf":
         raise RecordingError(f"{name}: must be numbers, got {value!r:.60}")
-    numbers = said.astype(np.float64)
+    numbers = given.astype(np.float64)
     if numbers.shape not in shapes:
         wanted = " or ".join(str(list(shape)) for shape in shapes)
         raise RecordingError(f"{name}: must have shape {wanted}, got {list(numbers.shape)}")

@@ -1,4 +1,4 @@
-"""What a tracker's file says of hands, frame by frame, and one of them chosen.
+"""Content of a tracker's file, frame by frame, and the choice of one hand.
 
 | asked for             | hands in the file                                        | what is taken                 |
 |-----------------------|----------------------------------------------------------|-------------------------------|
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import RecordingError
-from ..hand_model.frames import completed, side_from_axes, side_from_bends
+from ..hand_model.frames import complete_joints, side_from_axes, side_from_bends
 from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
 from ..rigid import Numbers, is_finite
 from .recording import HandRecording
@@ -23,12 +23,12 @@ SIDES = ("left", "right")
 
 
 class Sighting(NamedTuple):
-    """One hand in one frame; NaN is what the tracker does not say."""
+    """One hand in one frame; values that the tracker does not give are NaN."""
 
     frame: int
     hand_id: str
     side: str | None
-    """`left` or `right`; None where the file does not say."""
+    """`left` or `right`; None if the file does not state it."""
     position: Numbers
     """[m], shape [26, 3]."""
     quaternion: Numbers
@@ -76,9 +76,9 @@ def name_place(names: list[str]) -> Callable[[int], str]:
 
 
 def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
-    """One hand of a clip as a recording. Raises RecordingError; the table above says which hand."""
-    seen = _chosen(clip.sightings, None if hand is None else str(hand))
-    time = _checked_time(clip)
+    """One hand of a clip as a recording. Raises RecordingError; the table above describes the choice of the hand."""
+    seen = _choose(clip.sightings, None if hand is None else str(hand))
+    time = _validate_time(clip)
     first, count = seen[0].frame, seen[-1].frame - seen[0].frame + 1
     position, quaternion = np.full((count, JOINT_COUNT, 3), np.nan), np.full((count, JOINT_COUNT, 4), np.nan)
     radius = np.full((count, JOINT_COUNT), np.nan)
@@ -90,7 +90,7 @@ def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
         array[~np.isfinite(array)] = np.nan
     _check_norms(quaternion, clip.place, first)
     side = _side(seen, position, quaternion)
-    whole = completed(position, quaternion, radius, is_left=side == "left")
+    whole = complete_joints(position, quaternion, radius, is_left=side == "left")
     pose = np.concatenate([whole.position, whole.quaternion], axis=2)
     known = is_finite(pose)
     pose[~known] = np.nan
@@ -107,19 +107,19 @@ def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
     )
 
 
-def _chosen(sightings: list[Sighting], hand: str | None) -> list[Sighting]:
+def _choose(sightings: list[Sighting], hand: str | None) -> list[Sighting]:
     if not sightings:
         raise RecordingError("no hand in any frame")
     seen = [s for s in sightings if hand is None or (s.side == hand if hand in SIDES else s.hand_id == hand)]
     if not seen:
-        raise RecordingError(f"no hand {hand!r}; there is {_listed(sightings)}")
+        raise RecordingError(f"no hand {hand!r}; there is {_list_hands(sightings)}")
     frames = [s.frame for s in seen]
     if len({s.side for s in seen}) > 1 or len(set(frames)) < len(frames):
-        raise RecordingError(f"several hands: {_listed(seen)}; choose one by id" + ("" if hand else " or side"))
+        raise RecordingError(f"several hands: {_list_hands(seen)}; choose one by id" + ("" if hand else " or side"))
     return sorted(seen, key=lambda s: s.frame)
 
 
-def _listed(sightings: list[Sighting]) -> str:
+def _list_hands(sightings: list[Sighting]) -> str:
     count: dict[tuple[str, str], int] = {}
     for s in sightings:
         key = (s.side or "a", s.hand_id)
@@ -127,7 +127,7 @@ def _listed(sightings: list[Sighting]) -> str:
     return ", ".join(f"{side} hand {name!r} ({number} frames)" for (side, name), number in count.items())
 
 
-def _checked_time(clip: Clip) -> Numbers | None:
+def _validate_time(clip: Clip) -> Numbers | None:
     if clip.time is None:
         return None
     time = np.array(clip.time, dtype=np.float64)
@@ -141,30 +141,30 @@ def _checked_time(clip: Clip) -> Numbers | None:
 
 def _check_norms(quaternion: Numbers, place: Callable[[int], str], first: int) -> None:
     norm = np.linalg.norm(quaternion, axis=2)
-    bad = np.argwhere(np.abs(norm - 1.0) > 1e-2)  # files round; HandRecording is told the exact direction
+    bad = np.argwhere(np.abs(norm - 1.0) > 1e-2)  # files round; HandRecording gets unit quaternions
     if bad.size:
         frame, joint = (int(index) for index in bad[0])
-        said = f"{place(first + frame)}: {JOINT_NAMES[joint]} has quaternion norm {norm[frame, joint]:.6g}, not 1"
-        raise RecordingError(said)
+        message = f"{place(first + frame)}: {JOINT_NAMES[joint]} has quaternion norm {norm[frame, joint]:.6g}, not 1"
+        raise RecordingError(message)
     quaternion /= norm[..., None]
 
 
 def _side(seen: list[Sighting], position: Numbers, quaternion: Numbers) -> str:
-    """The side that the file says; where it says none, what the joints say; refused where bent fingers deny it."""
-    said = seen[0].side
+    """The side that the file states, otherwise the side of the joints; refused if bent fingers contradict the file."""
+    stated = seen[0].side
     palm = quaternion[:, Joint.PALM]
     if not is_finite(palm).any():
         palm = quaternion[:, Joint.MIDDLE_METACARPAL]
     turned = is_finite(palm).any()
     found = side_from_axes(position, palm) if turned else side_from_bends(position)
-    if said is None and found is None:
+    if stated is None and found is None:
         raise RecordingError("the file does not say whether the hand is left or right, and its joints do not tell")
-    if said is not None and found not in (None, said):
+    if stated is not None and found not in (None, stated):
         raise RecordingError(
-            f"said to be a {said} hand, but its joints are those of a {found} one"
+            f"said to be a {stated} hand, but its joints are those of a {found} one"
             + ("" if turned else ": its fingers bend to the back") + "; wrong handedness or mirrored positions"
         )  # fmt: skip
-    return said or found or "right"
+    return stated or found or "right"
 
 
 def _typical(radius: Numbers) -> Numbers:

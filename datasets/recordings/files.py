@@ -23,7 +23,7 @@ from .openxr import joints_json, joints_table, static_poses
 from .recording import HandRecording
 
 FORMATS = ("leap", "openxr", "webxr", "mediapipe", "webxr-static")
-"""What `load_recording` can be told to read."""
+"""Formats that `load_recording` reads."""
 
 _SUFFIXES = (".json", ".csv", ".npz")
 
@@ -36,11 +36,11 @@ def load_recording(
     alignment: Alignment | None = None,
     image_mirrored: bool | None = None,
 ) -> HandRecording:
-    """Read one hand of a recording; docs/formats/recordings.md tells each file's shape.
+    """Read one hand of a recording; docs/formats/recordings.md describes the formats.
 
-    format: one of `FORMATS`; None: what the file says or looks like. hand: `left`, `right` or an id; needed only where
+    format: one of `FORMATS`; None: as the file states or looks like. hand: `left`, `right` or an id; needed only where
     the file has several. alignment: tracker frame -> array frame (see `HandRecording.transformed`); None leaves the
-    tracker's. image_mirrored: MediaPipe only; whether it was shown a mirrored image, None: what the file says.
+    tracker's. image_mirrored: MediaPipe only; whether it was shown a mirrored image, None: as the file states.
 
     Raises RecordingError naming the file and, where it can, the frame, line and joint.
     """
@@ -59,27 +59,27 @@ def load_recording(
     return recording if alignment is None else recording.transformed(alignment)
 
 
-def _clip(path: Path, said: str | None, image_mirrored: bool | None) -> Clip:
-    if said is not None and said not in FORMATS:
-        raise RecordingError(f"unknown format {said!r}; known: {', '.join(FORMATS)}")
+def _clip(path: Path, name: str | None, image_mirrored: bool | None) -> Clip:
+    if name is not None and name not in FORMATS:
+        raise RecordingError(f"unknown format {name!r}; known: {', '.join(FORMATS)}")
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise RecordingError(f"unknown suffix {path.suffix!r} for a recording; known: {', '.join(_SUFFIXES)}")
     if suffix == ".npz":
         found, read = "leap", leap_arrays
-        if said not in (None, found):
-            raise RecordingError(f"a .npz file is read as leap, not as {said}")
+        if name not in (None, found):
+            raise RecordingError(f"a .npz file is read as leap, not as {name}")
         return read(path)
     if suffix == ".csv":
         table = read_table(path)
-        form = said or _table_format(table)
+        form = name or _table_format(table)
         if form == "leap":
             return leap_table(table)
         if form == "webxr-static":
             raise RecordingError("webxr-static is a JSON format")
         return landmarks_table(table, image_mirrored) if form == "mediapipe" else joints_table(table)
     content = read_json(path)
-    form = said or _json_format(content)
+    form = name or _json_format(content)
     if form == "leap":
         return leap_json(content)
     if form == "mediapipe":
@@ -95,11 +95,11 @@ def _table_format(table: Table) -> str:
 
 
 def _json_format(content: Json) -> str:
-    said: Json = cast("dict[str, Json]", content).get("format") if isinstance(content, dict) else None
-    if said is not None:
-        if said not in FORMATS:
-            raise RecordingError(f"unknown format {said!r}; known: {', '.join(FORMATS)}")
-        return str(said)
+    name: Json = cast("dict[str, Json]", content).get("format") if isinstance(content, dict) else None
+    if name is not None:
+        if name not in FORMATS:
+            raise RecordingError(f"unknown format {name!r}; known: {', '.join(FORMATS)}")
+        return str(name)
     for key, form in (("palm", "leap"), ("world_landmarks", "mediapipe"), ("joints", "openxr")):
         if any(isinstance(hand, dict) and key in hand for hand in _hands(content)):
             return form

@@ -1,4 +1,4 @@
-"""Gaps in a recording of joints: held for a while, or bridged when resampled, never for longer than said."""
+"""Gaps in a recording of joints: held for a while, or bridged when resampled, never for longer than a limit."""
 
 from typing import NamedTuple
 
@@ -10,8 +10,8 @@ from ..rigid import Flags, Numbers, is_finite, pose_inverse, pose_product, slerp
 _SAME_TIME = 1e-9  # [s]
 
 
-class Held(NamedTuple):
-    """What `hold_joints` made of a recording."""
+class HeldJoints(NamedTuple):
+    """Result of `hold_joints`."""
 
     pose: Numbers
     valid: Flags
@@ -25,7 +25,7 @@ class Held(NamedTuple):
 
 def hold_joints(
     time: Numbers | None, pose: Numbers, valid: Flags, before: Flags | None, gap_most: float, *, whole: bool
-) -> Held:
+) -> HeldJoints:
     """Let joints that are missing for at most `gap_most` [s] keep their place in the hand.
 
     After that they are missing; `whole`: so is the frame, all of it. A joint that no frame has is not missed. Frames
@@ -47,7 +47,7 @@ def hold_joints(
     held = int(np.count_nonzero(kept[~torn] & ~valid[~torn]))
     kept[torn] = False
     pose[~kept] = np.nan
-    return Held(pose, kept, held, int(np.count_nonzero(torn)), kept & ~known)
+    return HeldJoints(pose, kept, held, int(np.count_nonzero(torn)), kept & ~known)
 
 
 def resample_joints(time: Numbers, pose: Numbers, valid: Flags, at: Numbers, gap_most: float) -> tuple[Numbers, Flags]:

@@ -39,9 +39,9 @@ def read_json(path: Path) -> Json:
 
 
 def entry(node: Json, name: str, place: str) -> Json:
-    """What an object holds under a name. Raises RecordingError where it has no such entry."""
+    """The value of an object's entry. Raises RecordingError if there is no such entry."""
     if not isinstance(node, dict):
-        raise RecordingError(f"{place}: must be an object with {name!r}, got {_shown(node)}")
+        raise RecordingError(f"{place}: must be an object with {name!r}, got {_describe(node)}")
     if name not in node:
         raise RecordingError(f"{place}: {name!r} is missing; there is {sorted(cast('dict[str, Json]', node))}")
     return cast(Json, node[name])
@@ -50,21 +50,21 @@ def entry(node: Json, name: str, place: str) -> Json:
 def optional(node: Json, name: str, place: str) -> Json:
     """The same, or None where the object has no such entry."""
     if not isinstance(node, dict):
-        raise RecordingError(f"{place}: must be an object, got {_shown(node)}")
+        raise RecordingError(f"{place}: must be an object, got {_describe(node)}")
     return cast("dict[str, Json]", node).get(name)
 
 
 def items(node: Json, place: str) -> list[Json]:
     """A list."""
     if not isinstance(node, list):
-        raise RecordingError(f"{place}: must be a list, got {_shown(node)}")
+        raise RecordingError(f"{place}: must be a list, got {_describe(node)}")
     return cast("list[Json]", node)
 
 
-def named(node: Json, place: str) -> dict[str, Json]:
+def mapping(node: Json, place: str) -> dict[str, Json]:
     """An object, whatever its names."""
     if not isinstance(node, dict):
-        raise RecordingError(f"{place}: must be an object, got {_shown(node)}")
+        raise RecordingError(f"{place}: must be an object, got {_describe(node)}")
     return cast("dict[str, Json]", node)
 
 
@@ -73,7 +73,7 @@ def number(node: Json, place: str) -> float:
     if node is None:
         return math.nan
     if isinstance(node, bool) or not isinstance(node, (int, float)):
-        raise RecordingError(f"{place}: must be a number, got {_shown(node)}")
+        raise RecordingError(f"{place}: must be a number, got {_describe(node)}")
     return _measure(node)
 
 
@@ -83,14 +83,14 @@ def truth(node: Json, place: str) -> bool | None:
         return node
     if isinstance(node, (int, float)) and node in (0, 1):
         return bool(node)
-    raise RecordingError(f"{place}: must be true or false, got {_shown(node)}")
+    raise RecordingError(f"{place}: must be true or false, got {_describe(node)}")
 
 
 def flags(node: Json, place: str) -> int:
-    """A whole number of 0 or more, whose bits say something."""
+    """An integer >= 0 that is used as flags."""
     value = number(node, place)
     if not (value >= 0.0 and value.is_integer()):
-        raise RecordingError(f"{place}: must be a whole number, got {_shown(node)}")
+        raise RecordingError(f"{place}: must be a whole number, got {_describe(node)}")
     return int(value)
 
 
@@ -107,12 +107,12 @@ def vector(node: Json, size: int, place: str) -> Numbers:
 
 
 def unit_factor(head: Json, name: str, units: dict[str, float], default: str | None) -> float:
-    """Metres or seconds in a file's unit; refused where the file must say it and does not."""
+    """Metres or seconds in a file's unit; refused if the file must state it and does not."""
     unit = optional(head, name, "file") if isinstance(head, dict) else None
     unit = default if unit is None else unit
     if not isinstance(unit, str) or unit not in units:
-        said = "is missing" if unit is None else f"is {unit!r}"
-        raise RecordingError(f"{name!r} {said}; it must be one of {', '.join(units)}")
+        problem = "is missing" if unit is None else f"is {unit!r}"
+        raise RecordingError(f"{name!r} {problem}; it must be one of {', '.join(units)}")
     return units[unit]
 
 
@@ -181,8 +181,8 @@ def read_table(path: Path) -> Table:
                         raise RecordingError(f"line {reader.line_num}: column {twice[0]} is there twice")
                     continue
                 if len(row) != len(columns):
-                    said = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"
-                    raise RecordingError(said)
+                    problem = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"
+                    raise RecordingError(problem)
                 rows.append(row)
                 lines.append(reader.line_num)
     except UnicodeDecodeError as error:
@@ -198,6 +198,6 @@ def _measure(value: float) -> float:
     return float(value) if abs(value) < _BEYOND else math.nan
 
 
-def _shown(node: Json) -> str:
+def _describe(node: Json) -> str:
     text = reprlib.repr(node)  # of what is nested as deeply as may be, too
     return text if len(text) <= 40 else f"{text[:40]}..."

@@ -15,7 +15,7 @@ from ..array_file import ONLY, read_arrays
 from ..errors import RecordingError
 from ..hand_model.frames import PALM_RADIUS_SHARE, axes_from
 from ..hand_model.joints import DIGITS, ENDS_JOINTS, LEAP_BONES, LEAP_DIGITS, Joint, leap_starts
-from ..rigid import Numbers, quaternion_of, rotated
+from ..rigid import Numbers, quaternion_of, rotate
 from .clip import SIDES, Clip, Sighting, frame_place, line_place, unknown_joints
 from .json_fields import LENGTH_UNITS, TIME_UNITS, Json, Table, entry, items, number, optional, unit_factor, vector
 
@@ -39,7 +39,7 @@ class Bone(NamedTuple):
 
 
 def leap_json(content: Json) -> Clip:
-    """All hands of a LeapC recording as JSON; docs/formats/recordings.md tells its shape."""
+    """All hands of a LeapC recording as JSON; docs/formats/recordings.md describes its structure."""
     head: Json = {} if isinstance(content, list) else content
     frames = items(content if isinstance(content, list) else entry(content, "frames", "file"), "frames")
     length = unit_factor(head, "length_unit", LENGTH_UNITS, "mm")
@@ -57,7 +57,7 @@ def leap_json(content: Json) -> Clip:
 
 
 def leap_table(table: Table) -> Clip:
-    """All hands of a Leap CSV: a row for each hand in each frame; docs/formats/recordings.md tells the columns."""
+    """All hands of a Leap CSV: a row for each hand in each frame; docs/formats/recordings.md describes the columns."""
     clock = table.numbers(["timestamp"])[:, 0] * TIME_UNITS["us"]
     ids, sides = table.texts("hand_id"), table.texts("type")
     palm = {name: table.numbers(_xyz(f"palm_{name}")) for name in _PALM_VECTORS}
@@ -86,7 +86,7 @@ def leap_table(table: Table) -> Clip:
 
 
 def leap_arrays(path: Path) -> Clip:
-    """Hands of a decoded leapjs recording (.npz): one hand a frame, lengths in `length_unit` (m unless it says)."""
+    """Hands of a decoded leapjs recording (.npz): one hand a frame, lengths in `length_unit` (m by default)."""
     found = _read_archive(path)
     count = len(found["t"]) if "t" in found and found["t"].ndim == 1 else 0
     shapes = {"t": (), "hand_id": (), "is_left": (), "joints": (5, 4, 3), "finger_width": (5,)}
@@ -157,7 +157,7 @@ def _hand(hand: Json, frame: int, length: float) -> Sighting:
 def _palm_directions(palm: Json, place: str) -> tuple[Numbers, Numbers]:
     if optional(palm, "normal", place) is None and optional(palm, "orientation", place) is not None:
         turn = vector(entry(palm, "orientation", place), 4, f"{place}, palm orientation")
-        return rotated(turn, np.array([0.0, -1.0, 0.0])), rotated(turn, np.array([0.0, 0.0, -1.0]))
+        return rotate(turn, np.array([0.0, -1.0, 0.0])), rotate(turn, np.array([0.0, 0.0, -1.0]))
     normal = vector(entry(palm, "normal", place), 3, f"{place}, palm normal")
     return normal, vector(entry(palm, "direction", place), 3, f"{place}, palm direction")
 
@@ -221,10 +221,10 @@ def _set_palm(
         joints[2][Joint.PALM] = PALM_RADIUS_SHARE * (0.085 if np.isnan(width) else width)
 
 
-def _side(said: str, place: str) -> str:
-    side = _SIDE_OF.get(said.strip().lower())
+def _side(name: str, place: str) -> str:
+    side = _SIDE_OF.get(name.strip().lower())
     if side is None:
-        raise RecordingError(f"{place}: type {said!r} is neither left nor right")
+        raise RecordingError(f"{place}: type {name!r} is neither left nor right")
     return side
 
 

@@ -39,8 +39,8 @@ def landmarks_json(content: Json, image_mirrored: bool | None) -> Clip:
     """All hands of a recording (docs/formats/recordings.md). image_mirrored: None keeps the file's value."""
     length = unit_factor(content, "length_unit", LENGTH_UNITS, "m")
     second = unit_factor(content, "time_unit", TIME_UNITS, None)
-    said = truth(optional(content, "image_mirrored", "file"), "image_mirrored")
-    mirrored = bool(said) if image_mirrored is None else image_mirrored
+    stated = truth(optional(content, "image_mirrored", "file"), "image_mirrored")
+    mirrored = bool(stated) if image_mirrored is None else image_mirrored
     time: list[float] = []
     seen: list[Sighting] = []
     for index, frame in enumerate(items(entry(content, "frames", "file"), "frames")):
@@ -128,8 +128,8 @@ def _landmark(name: str, place: str) -> int:
     raise RecordingError(f"{place}: unknown landmark {name!r}; known: 0 to {_COUNT - 1}, {', '.join(MEDIAPIPE_NAMES)}")
 
 
-def _side(said: Json, place: str) -> str:
-    side = str(said).strip().lower()
+def _side(name: Json, place: str) -> str:
+    side = str(name).strip().lower()
     if side not in SIDES:
-        raise RecordingError(f"{place}: handedness {said!r} is neither {' nor '.join(SIDES)}")
+        raise RecordingError(f"{place}: handedness {name!r} is neither {' nor '.join(SIDES)}")
     return side

@@ -19,7 +19,7 @@ from .json_fields import (
     entry,
     flags,
     items,
-    named,
+    mapping,
     number,
     optional,
     truth,
@@ -33,7 +33,7 @@ _STATIC_MATRIX, _STATIC_RADIUS = "m", "r"
 
 
 def joints_json(content: Json) -> Clip:
-    """All hands of an OpenXR or WebXR recording; docs/formats/recordings.md tells its shape."""
+    """All hands of an OpenXR or WebXR recording; docs/formats/recordings.md describes its structure."""
     length = unit_factor(content, "length_unit", LENGTH_UNITS, "m")
     second = unit_factor(content, "time_unit", TIME_UNITS, None)
     time: list[float] = []
@@ -42,22 +42,22 @@ def joints_json(content: Json) -> Clip:
         place = frame_place(index)
         time.append(number(entry(frame, "time", place), f"{place}, time") * second)
         for hand in items(entry(frame, "hands", place), f"{place}, hands"):
-            said = entry(hand, "handedness", place)
-            where = f"{place}, {said} hand"
+            stated = entry(hand, "handedness", place)
+            where = f"{place}, {stated} hand"
             joints = _joints(entry(hand, "joints", where), where, length)
             name = optional(hand, "id", where)
-            seen.append(Sighting(index, str(said if name is None else name), _side(said, place), *joints))
+            seen.append(Sighting(index, str(stated if name is None else name), _side(stated, place), *joints))
     return Clip(time, seen, frame_place)
 
 
 def static_poses(content: Json) -> Clip:
     """Named poses of one hand without time: {pose: {WebXR joint: {"m": [16], "r": radius}}}."""
-    names = list(named(content, "file"))
+    names = list(mapping(content, "file"))
     seen: list[Sighting] = []
     for index, name in enumerate(names):
         place = f"pose {name!r}"
         node: dict[str, Json] = {}
-        for joint, values in named(entry(content, name, "file"), place).items():
+        for joint, values in mapping(entry(content, name, "file"), place).items():
             matrix = entry(values, _STATIC_MATRIX, f"{place}, {joint}")
             node[joint] = {"matrix": matrix, "radius": optional(values, _STATIC_RADIUS, place)}
         seen.append(Sighting(index, "static", None, *_joints(node, place, 1.0)))
@@ -98,34 +98,34 @@ def joints_table(table: Table) -> Clip:
         if valid[row] > 0.0:
             one.position[joint], one.quaternion[joint] = values[row, :3], values[row, 3:7]
     for key, joints in listed.items():
-        _check_listed(joints, f"the frame at line {lines[key[0]]}")
+        _require_all_joints(joints, f"the frame at line {lines[key[0]]}")
     return Clip(time, list(groups.values()), line_place(lines))
 
 
 def _joints(node: Json, place: str, length: float) -> tuple[Numbers, Numbers, Numbers]:
     position, quaternion, radius = unknown_joints()
     listed = np.zeros(JOINT_COUNT, dtype=np.bool_)
-    for joint, values in _named(node, place):
+    for joint, values in _joint_list(node, place):
         where = f"{place}, {JOINT_NAMES[joint]}"
         if listed[joint]:
             raise RecordingError(f"{where}: is listed twice")
         listed[joint] = True
         if values is None or truth(optional(values, "valid", where), f"{where}, valid") is False:
             continue
-        position[joint], quaternion[joint] = _placed(values, where)
+        position[joint], quaternion[joint] = _joint_pose(values, where)
         position[joint] *= length
-        said = optional(values, "locationFlags", where)
-        if said is not None and flags(said, f"{where}, locationFlags") & _BOTH_VALID != _BOTH_VALID:
+        stated = optional(values, "locationFlags", where)
+        if stated is not None and flags(stated, f"{where}, locationFlags") & _BOTH_VALID != _BOTH_VALID:
             position[joint] = math.nan
         radius[joint] = number(optional(values, "radius", where), f"{where}, radius") * length
-    _check_listed(listed, place)
+    _require_all_joints(listed, place)
     return position, quaternion, radius
 
 
-def _named(node: Json, place: str) -> list[tuple[Joint, Json]]:
+def _joint_list(node: Json, place: str) -> list[tuple[Joint, Json]]:
     """Joints as an object by name, as a list of objects with `joint`, or as a list in OpenXR's or WebXR's order."""
     if isinstance(node, dict):
-        return [(_joint(name, place), values) for name, values in named(node, place).items()]
+        return [(_joint(name, place), values) for name, values in mapping(node, place).items()]
     listed = items(node, f"{place}, joints")
     if all(isinstance(values, dict) and "joint" in values for values in listed):
         return [(_joint(str(entry(values, "joint", place)), place), values) for values in listed]
@@ -135,7 +135,7 @@ def _named(node: Json, place: str) -> list[tuple[Joint, Json]]:
     return [(Joint(first + index), values) for index, values in enumerate(listed)]
 
 
-def _placed(values: Json, where: str) -> tuple[Numbers, Numbers]:
+def _joint_pose(values: Json, where: str) -> tuple[Numbers, Numbers]:
     matrix = optional(values, "matrix", where)
     if matrix is None:
         position = vector(entry(values, "position", where), 3, f"{where}, position")
@@ -152,7 +152,7 @@ def _placed(values: Json, where: str) -> tuple[Numbers, Numbers]:
     return columns[3, :3], quaternion_of(turn)
 
 
-def _check_listed(listed: Flags, place: str) -> None:
+def _require_all_joints(listed: Flags, place: str) -> None:
     missing = [joint for joint in Joint if not listed[joint] and joint != Joint.PALM]
     if missing:
         names = ", ".join(f"{JOINT_NAMES[joint]} ({webxr_name(joint)})" for joint in missing[:4])
@@ -167,8 +167,8 @@ def _joint(name: str, place: str) -> Joint:
     return joint
 
 
-def _side(said: Json, place: str) -> str:
-    side = _SIDE_OF.get(str(said).strip().lower())
+def _side(name: Json, place: str) -> str:
+    side = _SIDE_OF.get(str(name).strip().lower())
     if side is None:
-        raise RecordingError(f"{place}: handedness {said!r} is neither {' nor '.join(SIDES)}")
+        raise RecordingError(f"{place}: handedness {name!r} is neither {' nor '.join(SIDES)}")
     return side

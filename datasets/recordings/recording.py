@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..errors import RecordingError, RecordingWarning
 from ..hand_model.frames import BREADTH_SHARE, knuckle_width, side_from_axes
 from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
-from ..motions.hand_motion import NORM_TOLERANCE, HandMotion
-from ..rigid import POSITION_FARTHEST, Numbers, is_finite, pose_inverse, pose_product, rotated
+from ..motions.hand_motion import HandMotion
+from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST, Numbers, is_finite, pose_inverse, pose_product, rotate
 from .alignment import Alignment, alignment_pose
 from .gaps import hold_joints, resample_joints
 
@@ -54,17 +54,17 @@ class HandRecording:
     offset: float = 0.0
     """What the recording's clock read at time 0 [s]."""
     derived: tuple[str, ...] = ()
-    """Joints that the tracker does not give; `hand_frames` says how they were made."""
+    """Joints that the tracker does not give; `hand_frames` describes how they are derived."""
     counts: Mapping[str, int] = field(default_factory=dict[str, int])
     """What was found and done: absent_frames, missing_joints, held_joints, dropped_frames."""
     kept: NDArray[np.bool_] | None = None
     """Which of the joints known were not seen but `held`, shape [frame, 26]; None: none."""
 
     def __post_init__(self) -> None:
-        pose, valid = _checked_pose(self.joint_pose, self.valid)
-        time, start = _checked_time(self.time, len(pose))
-        radius = _checked_radius(self.joint_radius, valid)
-        kept = None if self.kept is None else _checked_flags("kept", self.kept, valid.shape) & valid
+        pose, valid = _validate_pose(self.joint_pose, self.valid)
+        time, start = _validate_time(self.time, len(pose))
+        radius = _validate_radius(self.joint_radius, valid)
+        kept = None if self.kept is None else _validate_flags("kept", self.kept, valid.shape) & valid
         for array in (pose, valid, radius, time, kept):
             if array is not None:
                 array.setflags(write=False)
@@ -80,7 +80,7 @@ class HandRecording:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Which joints are known, shape [frame, 26]."""
+        """Whether each joint is known, shape [frame, 26]."""
         return is_finite(self.joint_pose) if self.valid is None else self.valid
 
     @property
@@ -110,13 +110,13 @@ class HandRecording:
     def skin_pose(self) -> Numbers:
         """The palm's poses, hand frame -> recording's frame, shape [present frame, 7]."""
         palm = self.joint_pose[self.present, Joint.PALM]
-        return np.concatenate([palm[:, :3] + rotated(palm[:, 3:], self.skin_offset()), palm[:, 3:]], axis=1)
+        return np.concatenate([palm[:, :3] + rotate(palm[:, 3:], self.skin_offset()), palm[:, 3:]], axis=1)
 
     def motion(self) -> HandMotion:
         """The palm's motion: a pose for each frame with a palm; where there is none, a gap of time.
 
         Sampling holds the last pose before a gap, then fades (`SamplingStrategy.hold`, `.fade`). Warns where no pose
-        is in front of the array, which `transformed` mends.
+        is in front of the array, which `transformed` corrects.
         """
         pose = self.skin_pose()
         if not _is_in_front(pose).any():
@@ -145,7 +145,7 @@ class HandRecording:
 
         alignment: x y z [m] qx qy qz qw, a 4 x 4 matrix, or the path of a JSON file (`hand_alignment`); no scale.
         """
-        return self._changed(joint_pose=pose_product(alignment_pose(alignment), self.joint_pose))
+        return self._replace(joint_pose=pose_product(alignment_pose(alignment), self.joint_pose))
 
     def held(self, gap_most: float = GAP_MOST, *, whole: bool = False) -> "HandRecording":
         """Joints that are missing while the palm is seen keep their place in the hand for at most `gap_most` [s].
@@ -159,8 +159,8 @@ class HandRecording:
         found = hold_joints(self.time, self.joint_pose, self.known, self.kept, gap_most, whole=whole)
         if not found.valid[:, Joint.PALM].any():
             raise RecordingError(f"no frame has all joints, even held for {gap_most:g} s")
-        counts = _added(self.counts, held_joints=found.held, dropped_frames=found.dropped)
-        return self._changed(joint_pose=found.pose, valid=found.valid, counts=counts, kept=found.kept)
+        counts = _add_counts(self.counts, held_joints=found.held, dropped_frames=found.dropped)
+        return self._replace(joint_pose=found.pose, valid=found.valid, counts=counts, kept=found.kept)
 
     def resampled(self, rate: float, gap_most: float = GAP_MOST) -> "HandRecording":
         """Frames at k / rate [Hz] from the first to the last: positions linear, rotations by slerp.
@@ -180,17 +180,17 @@ class HandRecording:
             )
         at = np.arange(math.floor(count) + 1) / rate
         pose, valid = resample_joints(self.time, self.joint_pose, self.known, at, gap_most)
-        kept = None if self.kept is None else _between_kept(at, self.time, self.kept)
+        kept = None if self.kept is None else _kept_at(at, self.time, self.kept)
         radius = self.joint_radius
         if radius.ndim == 2:
-            radius = np.stack([_interpolated(at, self.time, column) for column in radius.T], axis=1)
-        return self._changed(time=at, joint_pose=pose, joint_radius=radius, valid=valid, kept=kept)
+            radius = np.stack([_interpolate(at, self.time, column) for column in radius.T], axis=1)
+        return self._replace(time=at, joint_pose=pose, joint_radius=radius, valid=valid, kept=kept)
 
-    def _changed(self, **fields: object) -> "HandRecording":
+    def _replace(self, **fields: object) -> "HandRecording":
         return replace(self, **fields)  # pyright: ignore[reportArgumentType]  # the fields' own types, checked again
 
 
-def _checked_pose(pose: Numbers, valid: NDArray[np.bool_] | None) -> tuple[Numbers, NDArray[np.bool_]]:
+def _validate_pose(pose: Numbers, valid: NDArray[np.bool_] | None) -> tuple[Numbers, NDArray[np.bool_]]:
     try:
         rows = np.array(pose, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -198,7 +198,7 @@ def _checked_pose(pose: Numbers, valid: NDArray[np.bool_] | None) -> tuple[Numbe
     if rows.ndim != 3 or rows.shape[1:] != (JOINT_COUNT, 7):
         raise RecordingError(f"joint_pose must have shape [frame, {JOINT_COUNT}, 7], got {list(rows.shape)}")
     finite = is_finite(rows)
-    flag = finite if valid is None else _checked_flags("valid", valid, finite.shape)
+    flag = finite if valid is None else _validate_flags("valid", valid, finite.shape)
     _refuse(flag & ~finite, rows, "is said to be valid, but is not finite: {}")
     rows[~flag] = np.nan
     _refuse(np.abs(rows[..., :3]).max(axis=2) > POSITION_FARTHEST, rows, f"is beyond {POSITION_FARTHEST:g} m: {{}}")
@@ -212,9 +212,9 @@ def _checked_pose(pose: Numbers, valid: NDArray[np.bool_] | None) -> tuple[Numbe
     return rows, flag
 
 
-def _checked_flags(name: str, said: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def _validate_flags(name: str, values: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     try:
-        flags = np.array(said)
+        flags = np.array(values)
     except (TypeError, ValueError):  # rows of different lengths
         flags = np.array(None)
     if flags.dtype.kind not in "biuf" or not np.isin(flags, (0, 1)).all():
@@ -224,13 +224,13 @@ def _checked_flags(name: str, said: NDArray[np.bool_], shape: tuple[int, ...]) -
     return flags.astype(np.bool_)
 
 
-def _refuse(bad: NDArray[np.bool_], values: Numbers, said: str) -> None:
+def _refuse(bad: NDArray[np.bool_], values: Numbers, problem: str) -> None:
     if bad.any():
         frame, joint = (int(index) for index in np.argwhere(bad)[0])
-        raise RecordingError(f"frame {frame}: {JOINT_NAMES[joint]} {said.format(values[frame, joint])}")
+        raise RecordingError(f"frame {frame}: {JOINT_NAMES[joint]} {problem.format(values[frame, joint])}")
 
 
-def _checked_time(time: Numbers | None, frame_count: int) -> tuple[Numbers | None, float]:
+def _validate_time(time: Numbers | None, frame_count: int) -> tuple[Numbers | None, float]:
     if time is None:
         return None, 0.0
     try:
@@ -248,7 +248,7 @@ def _checked_time(time: Numbers | None, frame_count: int) -> tuple[Numbers | Non
     return shifted, float(clock[0])
 
 
-def _checked_radius(radius: Numbers, valid: NDArray[np.bool_]) -> Numbers:
+def _validate_radius(radius: Numbers, valid: NDArray[np.bool_]) -> Numbers:
     try:
         values = np.array(radius, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -300,14 +300,14 @@ def _is_in_front(pose: Numbers) -> NDArray[np.bool_]:
     return near & (aside <= _FRONT_EDGE + _FRONT_ANGLE * height)
 
 
-def _between_kept(at: Numbers, time: Numbers, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which joints are held at other times: those that are in the frame before or the frame after."""
+def _kept_at(at: Numbers, time: Numbers, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether each joint is held at other times: it is in the frame before or in the frame after."""
     after = np.minimum(np.searchsorted(time, at - 1e-9), len(time) - 1)
     before = np.where(time[after] <= at + 1e-9, after, np.maximum(after - 1, 0))
     return kept[before] | kept[after]
 
 
-def _interpolated(at: Numbers, time: Numbers, values: Numbers) -> Numbers:
+def _interpolate(at: Numbers, time: Numbers, values: Numbers) -> Numbers:
     known = np.isfinite(values)
     return np.interp(at, time[known], values[known]) if known.any() else np.full(len(at), np.nan)
 
@@ -317,5 +317,5 @@ def _median(values: Numbers) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def _added(counts: Mapping[str, int], **more: int) -> dict[str, int]:
+def _add_counts(counts: Mapping[str, int], **more: int) -> dict[str, int]:
     return {**counts, **{name: counts.get(name, 0) + count for name, count in more.items()}}

@@ -27,7 +27,7 @@ from ..hand_model.joints import (
 )
 from ..hand_model.shape import hand_shape
 from ..motions.hand_motion import PALM_DOWN
-from ..rigid import Numbers, matrix_of, pose_inverse, pose_product, rotated
+from ..rigid import Numbers, matrix_of, pose_inverse, pose_product, rotate
 from .alignment import Y_UP
 from .leap import TIP_RADIUS_SHARE
 from .recording import HandRecording
@@ -108,7 +108,7 @@ def _clock(recording: HandRecording, unit: float) -> list[int]:
     return [round((value + recording.offset) / unit) for value in time.tolist()]
 
 
-def _rounded(values: Numbers, digits: int = 6) -> list[Any]:
+def _round_values(values: Numbers, digits: int = 6) -> list[Any]:
     return np.round(values, digits).tolist()
 
 
@@ -142,20 +142,24 @@ def _leap_json(recording: HandRecording) -> str:
     frames: list[dict[str, Any]] = []
     for stamp, pose in zip(_clock(recording, 1e-6), recording.joint_pose, strict=True):
         position, normal, direction, width = _leap_palm(recording, pose)
-        palm = {"position": _rounded(position, 3), "normal": _rounded(normal), "direction": _rounded(direction)}
+        palm = {
+            "position": _round_values(position, 3),
+            "normal": _round_values(normal),
+            "direction": _round_values(direction),
+        }
         hand: dict[str, Any] = {"id": 1, "type": _side(recording), "palm": {**palm, "width": round(width, 3)}}
         for digit, name in enumerate(LEAP_DIGITS):
             bones = _leap_bones(pose, recording.joint_radius, digit)
             hand[name] = {
                 bone: {
-                    "prev_joint": _rounded(a, 3),
-                    "next_joint": _rounded(b, 3),
+                    "prev_joint": _round_values(a, 3),
+                    "next_joint": _round_values(b, 3),
                     "width": round(w, 3),
-                    "rotation": _rounded(q),
+                    "rotation": _round_values(q),
                 }
                 for bone, (a, b, w, q) in zip(LEAP_BONES, bones, strict=True)
             }
-        hand["arm"] = {"next_joint": _rounded(pose[Joint.WRIST, :3] * 1e3, 3)}
+        hand["arm"] = {"next_joint": _round_values(pose[Joint.WRIST, :3] * 1e3, 3)}
         frames.append({"timestamp": stamp, "hands": [hand]})
     return _json({"format": "leap", "length_unit": "mm", "time_unit": "us"}, frames)
 
@@ -171,11 +175,11 @@ def _leap_csv(recording: HandRecording) -> str:
     rows: list[list[Any]] = []
     for stamp, pose in zip(_clock(recording, 1e-6), recording.joint_pose, strict=True):
         position, normal, direction, width = _leap_palm(recording, pose)
-        row: list[Any] = [stamp, 1, _side(recording), *_rounded(np.concatenate([position, normal, direction]), 4)]
-        row += [round(width, 3), *_rounded(pose[Joint.WRIST, :3] * 1e3, 3)]
+        row: list[Any] = [stamp, 1, _side(recording), *_round_values(np.concatenate([position, normal, direction]), 4)]
+        row += [round(width, 3), *_round_values(pose[Joint.WRIST, :3] * 1e3, 3)]
         for digit in range(5):
             for start, end, wide, _ in _leap_bones(pose, recording.joint_radius, digit):
-                row += [*_rounded(start, 3), *_rounded(end, 3), round(wide, 3)]
+                row += [*_round_values(start, 3), *_round_values(end, 3), round(wide, 3)]
         rows.append(row)
     return _csv(columns, rows)
 
@@ -215,7 +219,7 @@ def _joints_json(recording: HandRecording, form: str, first: int) -> str:
         for joint in range(first, JOINT_COUNT):
             radius = round(float(recording.joint_radius[joint]), 6)
             if form == "openxr":
-                values = {"position": _rounded(pose[joint, :3]), "orientation": _rounded(pose[joint, 3:])}
+                values = {"position": _round_values(pose[joint, :3]), "orientation": _round_values(pose[joint, 3:])}
                 joints[JOINT_NAMES[joint]] = {**values, "radius": radius}
             else:
                 joints[WEBXR_NAMES[joint]] = {"matrix": _columns(pose[joint]), "radius": radius}
@@ -226,7 +230,7 @@ def _joints_json(recording: HandRecording, form: str, first: int) -> str:
 def _columns(pose: Numbers) -> list[float]:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = matrix_of(pose[3:]), pose[:3]
-    return _rounded(matrix.T.ravel(), 7)
+    return _round_values(matrix.T.ravel(), 7)
 
 
 def _openxr_csv(recording: HandRecording) -> str:
@@ -243,14 +247,14 @@ def _joints_csv(recording: HandRecording, names: tuple[str, ...], first: int) ->
     for stamp, pose in zip(_clock(recording, 1e-9), recording.joint_pose, strict=True):
         for joint in range(first, JOINT_COUNT):
             radius = round(float(recording.joint_radius[joint]), 6)
-            rows.append([stamp, _side(recording), names[joint], *_rounded(pose[joint]), radius])
+            rows.append([stamp, _side(recording), names[joint], *_round_values(pose[joint]), radius])
     return _csv(columns, rows)
 
 
 def _landmarks(pose: Numbers) -> tuple[Numbers, Numbers]:
     """World landmarks around the hand's middle, and the wrist's place, in a camera's frame: y down, z away from it."""
     about_x = np.array([1.0, 0.0, 0.0, 0.0])
-    place = rotated(about_x, pose[list(MEDIAPIPE_JOINTS), :3])
+    place = rotate(about_x, pose[list(MEDIAPIPE_JOINTS), :3])
     return place - place.mean(axis=0), place[0]
 
 
@@ -258,7 +262,11 @@ def _mediapipe_json(recording: HandRecording) -> str:
     frames: list[dict[str, Any]] = []
     for stamp, pose in zip(_clock(recording, 1e-3), recording.joint_pose, strict=True):
         landmark, wrist = _landmarks(pose)
-        hand = {"handedness": _side(recording), "world_landmarks": _rounded(landmark), "wrist": _rounded(wrist)}
+        hand = {
+            "handedness": _side(recording),
+            "world_landmarks": _round_values(landmark),
+            "wrist": _round_values(wrist),
+        }
         frames.append({"time": stamp, "hands": [hand]})
     head = {"format": "mediapipe", "length_unit": "m", "time_unit": "ms", "image_mirrored": False}
     return _json(head, frames)
@@ -270,7 +278,7 @@ def _mediapipe_csv(recording: HandRecording) -> str:
     for stamp, pose in zip(_clock(recording, 1e-3), recording.joint_pose, strict=True):
         landmark, wrist = _landmarks(pose)
         for name, place in zip(MEDIAPIPE_NAMES, landmark, strict=True):
-            rows.append([stamp, _side(recording), name, *_rounded(place), *_rounded(wrist)])
+            rows.append([stamp, _side(recording), name, *_round_values(place), *_round_values(wrist)])
     return _csv(columns, rows)
 
 

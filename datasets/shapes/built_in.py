@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..errors import ShapeError
 from .dog import dog_cage, dog_tips
-from .subdivision import bisected, quadrisected, smoothed
+from .subdivision import bisect, quadrisect, smooth_surface
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
@@ -62,7 +62,7 @@ def _cube() -> Mesh:
 def _sphere(divisions: int = 3) -> Mesh:
     points, triangles = _icosahedron()
     for _ in range(divisions):
-        points, triangles = quadrisected(points, triangles)
+        points, triangles = quadrisect(points, triangles)
         points /= np.linalg.norm(points, axis=1, keepdims=True)
     return points, triangles
 
@@ -95,10 +95,10 @@ def _tube() -> Mesh:
 
 
 def _dog_detailed() -> Mesh:
-    coarse, triangles = bisected(*dog_cage(), count=290)
+    coarse, triangles = bisect(*dog_cage(), count=290)
     # Smoothing shrinks a body: start from a cage that overshoots by most of what it will lose.
-    cage = coarse + 0.8 * (coarse - smoothed(coarse, triangles)[0][: len(coarse)])
-    points, triangles = smoothed(cage, triangles)
+    cage = coarse + 0.8 * (coarse - smooth_surface(coarse, triangles)[0][: len(coarse)])
+    points, triangles = smooth_surface(cage, triangles)
     points[:, 2] = np.maximum(points[:, 2], 0.0)  # flat paws
     tips = (coarse[:, None] == dog_tips()).all(axis=2).any(axis=1)
     points[: len(coarse)][tips] = coarse[tips]  # pointed ears: both dogs fill the same bounds

@@ -44,14 +44,14 @@ EAR_TIP: Point = (-4.2, 1.35, 12.5)
 
 
 def dog_tips() -> NDArray[np.float64]:
-    """Where the dog is pointed, in its own frame: nose, ears, tail; shape [4, 3]."""
-    return np.array([NOSE_TIP, EAR_TIP, _mirrored(EAR_TIP), TAIL_TIP])
+    """Pointed ends of the dog in its own frame: nose, ears, tail; shape [4, 3]."""
+    return np.array([NOSE_TIP, EAR_TIP, _mirror(EAR_TIP), TAIL_TIP])
 
 
 def dog_cage() -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """The coarse dog: vertices, shape [70, 3], and triangles, shape [136, 3], outwards; one shell."""
     cage = _Cage()
-    rings = [cage.ring([back, belly, middle, _mirrored(belly), _mirrored(back)]) for back, belly, middle in TRUNK]
+    rings = [cage.ring([back, belly, middle, _mirror(belly), _mirror(back)]) for back, belly, middle in TRUNK]
     for section, (behind, ahead) in enumerate(pairwise(rings)):
         sides = cage.sides(behind, ahead)
         for index, side in enumerate(sides):
@@ -71,7 +71,7 @@ def dog_cage() -> tuple[NDArray[np.float64], NDArray[np.int32]]:
 
 def _add_leg(cage: "_Cage", base: Loop, rings: tuple[tuple[Point, Point, Point, Point], ...], *, left: bool) -> None:
     if left:  # mirroring turns the loop round: outer and inner corners change places
-        rings = tuple((_mirrored(b), _mirrored(a), _mirrored(d), _mirrored(c)) for a, b, c, d in rings)
+        rings = tuple((_mirror(b), _mirror(a), _mirror(d), _mirror(c)) for a, b, c, d in rings)
     cage.face(cage.extrude(base, rings))
 
 
@@ -96,16 +96,16 @@ def _add_ears(cage: "_Cage", top: Loop) -> None:
     cage.face((back_left, back_right, crown))
     cage.face((front_right, front_left, crown))
     cage.fan((back_right, front_right, crown), EAR_TIP)
-    cage.fan((front_left, back_left, crown), _mirrored(EAR_TIP))
+    cage.fan((front_left, back_left, crown), _mirror(EAR_TIP))
 
 
-def _mirrored(point: Point) -> Point:
+def _mirror(point: Point) -> Point:
     return point[0], -point[1], point[2]
 
 
 def _mirror_ring(ring: tuple[Point, Point]) -> list[Point]:
     upper, lower = ring
-    return [upper, lower, _mirrored(lower), _mirrored(upper)]
+    return [upper, lower, _mirror(lower), _mirror(upper)]
 
 
 class _Cage:

@@ -12,7 +12,7 @@ Points = NDArray[np.float64]
 Triangles = NDArray[np.int32]
 
 
-def bisected(points: Points, triangles: Triangles, *, count: int) -> tuple[Points, Triangles]:
+def bisect(points: Points, triangles: Triangles, *, count: int) -> tuple[Points, Triangles]:
     """Split the longest edge in its middle until the mesh has `count` triangles (two more each time)."""
     point = [tuple(row) for row in points.tolist()]
     third = _third_corners(triangles)  # directed edge -> the corner opposite to it; a triangle is three of these
@@ -43,13 +43,13 @@ def bisected(points: Points, triangles: Triangles, *, count: int) -> tuple[Point
     return np.array(point), np.array(faces, dtype=np.int32)
 
 
-def quadrisected(points: Points, triangles: Triangles) -> tuple[Points, Triangles]:
+def quadrisect(points: Points, triangles: Triangles) -> tuple[Points, Triangles]:
     """Split each triangle into four by the middles of its edges; the old points come first."""
     edge, index = _edges(triangles)
     return np.concatenate([points, points[edge].mean(axis=1)]), _four_parts(triangles, index + len(points))
 
 
-def smoothed(points: Points, triangles: Triangles) -> tuple[Points, Triangles]:
+def smooth_surface(points: Points, triangles: Triangles) -> tuple[Points, Triangles]:
     """Split each triangle into four with Loop's weights (C. Loop 1987, Warren's simple vertex rule)."""
     edge, index = _edges(triangles)
     opposite = np.zeros((len(edge), 3))

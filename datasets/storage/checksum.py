@@ -31,7 +31,7 @@ def fletcher32(contents: NDArray[np.uint8]) -> NDArray[np.uint32]:
     if size % 2:  # a last byte counts as the high one of a word
         contents = np.pad(contents, ((0, 0), (0, 1)))
     total, weighted = _sums(np.ascontiguousarray(contents).view("<u2"))
-    return _folded(weighted) << np.uint32(16) | _folded(total)
+    return _fold(weighted) << np.uint32(16) | _fold(total)
 
 
 def _sums(words: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -43,16 +43,18 @@ def _sums(words: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray[np.int6
     columns = table.sum(axis=1, dtype=np.uint32).astype(np.int64)
     rest = words[:, whole:].astype(np.int64)
     total = rows.sum(axis=1) + rest.sum(axis=1)
-    placed = _placed(rows, _COLUMNS) + _placed(columns, 1) + _placed(rest, 1) + whole * rest.sum(axis=1)
+    placed = (
+        _weighted_sum(rows, _COLUMNS) + _weighted_sum(columns, 1) + _weighted_sum(rest, 1) + whole * rest.sum(axis=1)
+    )
     return total, size * total - placed
 
 
-def _placed(sums: NDArray[np.int64], step: int) -> NDArray[np.int64]:
+def _weighted_sum(sums: NDArray[np.int64], step: int) -> NDArray[np.int64]:
     """Of each row, the sum of its entries, each times its place; places are `step` apart."""
     return np.asarray(sums @ np.arange(0, step * sums.shape[1], step), np.int64)
 
 
-def _folded(total: NDArray[np.int64]) -> NDArray[np.uint32]:
+def _fold(total: NDArray[np.int64]) -> NDArray[np.uint32]:
     """Sums of little-endian words as of big-endian ones, folded to 16 bits: never 0 unless all words are."""
     folded = (total % _MODULUS * 256 - 1) % _MODULUS + 1
     return np.where(total > 0, folded, 0).astype(np.uint32)
@@ -64,29 +66,29 @@ def lookup3(content: bytes) -> int:
     rest = content
     while len(rest) > 12:
         a, b, c = (x + int.from_bytes(rest[4 * k : 4 * k + 4], "little") & _MASK for k, x in enumerate((a, b, c)))
-        a, b, c = _mixed(a, b, c)
+        a, b, c = _mix(a, b, c)
         rest = rest[12:]
     if not rest:
         return c
     rest = rest.ljust(12, b"\0")
     a, b, c = (x + int.from_bytes(rest[4 * k : 4 * k + 4], "little") & _MASK for k, x in enumerate((a, b, c)))
-    return _finished(a, b, c)
+    return _finish(a, b, c)
 
 
-def _turned(x: int, bits: int) -> int:
+def _rotate_bits(x: int, bits: int) -> int:
     return (x << bits | x >> 32 - bits) & _MASK
 
 
-def _mixed(a: int, b: int, c: int) -> tuple[int, int, int]:
+def _mix(a: int, b: int, c: int) -> tuple[int, int, int]:
     for bits in (4, 6, 8, 16, 19, 4):
-        a = (a - c & _MASK) ^ _turned(c, bits)
+        a = (a - c & _MASK) ^ _rotate_bits(c, bits)
         c = c + b & _MASK
         a, b, c = b, c, a
     return a, b, c
 
 
-def _finished(a: int, b: int, c: int) -> int:
+def _finish(a: int, b: int, c: int) -> int:
     for bits in (14, 11, 25, 16, 4, 14, 24):
-        c = (c ^ b) - _turned(b, bits) & _MASK
+        c = (c ^ b) - _rotate_bits(b, bits) & _MASK
         a, b, c = b, c, a
     return b

@@ -34,7 +34,7 @@ class ChunkTable:
 
 
 def leaf_of_one(size: int, address: int, dimensions: int) -> bytes:
-    """How libhdf5 begins the root of a dataset whose only chunk is its first."""
+    """Start of libhdf5's index root for a dataset with only its first chunk."""
     head = _HEAD.pack(b"TREE", _CHUNKS, 0, 1, NO_ADDRESS, NO_ADDRESS)
     return head + struct.pack(f"<II{dimensions + 1}QQ", size, 0, *[0] * (dimensions + 1), address)
 
@@ -69,7 +69,7 @@ def index_nodes(table: ChunkTable, address: int) -> tuple[bytes, list[bytes]]:
 
 
 def with_end(superblock: bytes, end: int) -> bytes:
-    """A superblock (version 2, its first 48 bytes) that says where the file ends."""
+    """A superblock (version 2, its first 48 bytes) with the address of the file's end."""
     return with_checksum(superblock[:_END_AT] + struct.pack("<Q", end) + superblock[_END_AT + 8 :])
 
 

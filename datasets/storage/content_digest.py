@@ -2,7 +2,7 @@
 
 A trailer is 56 bytes behind a file's content: `palpate KIND VERSION` and a newline (16, filled with zeros), the
 content's length (uint64, little-endian) and its BLAKE2b-256. Digests prove against accident: a failing disk, a torn
-write, a cut copy. Whoever changes a file on purpose writes another digest behind it.
+write, a cut copy. Who changes a file on purpose can also write its new digest.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ def read_whole(path: Path, kind: str, version: int) -> tuple[bytes, str]:
         SweepStoreError: It is missing, damaged, of another kind, or of a newer version than `version`.
     """
     content = _bytes_of(path)
-    size, digest = _parsed(path, content[-TRAILER.size :], len(content), kind, version)
+    size, digest = _parse_trailer(path, content[-TRAILER.size :], len(content), kind, version)
     if hashlib.blake2b(memoryview(content)[:size], digest_size=32).digest() != digest:
-        raise _damaged(path)
+        raise _damage_error(path)
     return content, digest.hex()
 
 
@@ -56,12 +56,12 @@ def require_whole(path: Path, kind: str, version: int) -> str:
     try:
         with open_regular(path, ANY_SIZE) as stream:
             total, last = _end_of(stream)
-        size, digest = _parsed(path, last, total, kind, version)
+        size, digest = _parse_trailer(path, last, total, kind, version)
         found = _file_digest(path, size)
     except OSError as error:
         raise _unreadable(path, error) from error
     if found != digest:
-        raise _damaged(path)
+        raise _damage_error(path)
     return digest.hex()
 
 
@@ -84,7 +84,7 @@ def _mark(kind: str) -> bytes:
 
 
 def _end_of(stream: BinaryIO) -> tuple[int, bytes]:
-    """How many bytes a file has, and those of its trailer."""
+    """Size of a file [byte], and the bytes of its trailer."""
     total = stream.seek(0, os.SEEK_END)
     stream.seek(max(0, total - TRAILER.size))
     return total, stream.read(TRAILER.size)
@@ -99,8 +99,8 @@ def _file_digest(path: Path, size: int) -> bytes:
     return digest.digest()
 
 
-def _parsed(path: Path, last: bytes, total: int, kind: str, version: int) -> tuple[int, bytes]:
-    """Length and digest of the content, as a trailer tells them."""
+def _parse_trailer(path: Path, last: bytes, total: int, kind: str, version: int) -> tuple[int, bytes]:
+    """Length and digest of the content from a trailer."""
     if len(last) < TRAILER.size:
         raise SweepStoreError(f"{path} is damaged: {total} bytes are no {kind}")
     mark, size, digest = TRAILER.unpack(last)
@@ -112,7 +112,7 @@ def _parsed(path: Path, last: bytes, total: int, kind: str, version: int) -> tup
             f"{path} has format version {int(own)}, this palpate reads up to {version}: a newer one wrote it"
         )
     if size != total - TRAILER.size:
-        raise _damaged(path)
+        raise _damage_error(path)
     return size, digest
 
 
@@ -124,7 +124,7 @@ def _bytes_of(path: Path) -> bytes:
         raise _unreadable(path, error) from error
 
 
-def _damaged(path: Path) -> SweepStoreError:
+def _damage_error(path: Path) -> SweepStoreError:
     return SweepStoreError(f"{path} is damaged: its checksum does not match")
 
 

@@ -1,6 +1,6 @@
-"""Digests of a contour file's content: XXH3, which notices what Fletcher-32 does not (zeros, 0x0000 for 0xFFFF).
+"""Digests of a contour file's content: XXH3, which detects errors that Fletcher-32 misses (zeros, 0x0000 for 0xFFFF).
 
-They prove content against accidents, not against an attacker: whoever changes a file can write other digests.
+They detect accidents, not attacks: who changes a file can also change its digests.
 
 | where                    | what                                                                              |
 |--------------------------|-----------------------------------------------------------------------------------|
@@ -30,14 +30,14 @@ ATTRIBUTE = "digests"
 
 
 def block_digests(rows: NDArray[Any], block_rows: int) -> Digests:
-    """XXH3-64 of each block of rows; none where there is no element."""
+    """XXH3-64 of each block of rows; empty if there is no element."""
     content = _rows_as_bytes(rows)
     firsts = range(0, len(content), block_rows)
     return np.array([xxhash.xxh3_64_intdigest(content[k : k + block_rows].data) for k in firsts], np.uint64)
 
 
 def content_digest(*buffers: memoryview | bytes | bytearray) -> int:
-    """XXH3-64 of buffers one behind another."""
+    """XXH3-64 of the concatenated buffers."""
     digest = xxhash.xxh3_64()
     for buffer in buffers:
         digest.update(buffer)
@@ -45,7 +45,7 @@ def content_digest(*buffers: memoryview | bytes | bytearray) -> int:
 
 
 def growing_digests(*buffers: memoryview) -> list[int]:
-    """XXH3-64 of the first buffer, of it and the next, and so on: each byte is looked at once."""
+    """XXH3-64 of the first buffer, of the first two, and so on; each byte is hashed once."""
     digest = xxhash.xxh3_64()
     out: list[int] = []
     for buffer in buffers:
@@ -55,7 +55,7 @@ def growing_digests(*buffers: memoryview) -> list[int]:
 
 
 class BlockDigester:
-    """Digests of the blocks of a dataset whose rows come a few at a time."""
+    """Computes digests of a dataset's blocks from rows that arrive in small batches."""
 
     def __init__(self, block_rows: int) -> None:
         self._block_rows = block_rows
@@ -64,7 +64,7 @@ class BlockDigester:
         self._count = 0
 
     def add(self, rows: NDArray[Any]) -> None:
-        """Take rows behind those before."""
+        """Add the next rows."""
         content = _rows_as_bytes(rows)
         while len(content):
             taken = content[: self._block_rows - self._count]
@@ -99,7 +99,7 @@ def digests_text(
     attributes: Mapping[str, Mapping[str, str | int | float | NDArray[Any]]],
     block_rows: int,
 ) -> str:
-    """The root's attribute `digests`; rows of /digests/block are those of the datasets one behind another."""
+    """Text of the root's attribute `digests`; /digests/block has the rows of the datasets in this order."""
     first = 0
     described: dict[str, tuple[int, str]] = {}
     for path, (shape, digests) in datasets.items():
@@ -112,7 +112,7 @@ def digests_text(
 
 
 class DigestTable:
-    """The root's attribute `digests` read back; raises ValueError where it is not one."""
+    """The root's attribute `digests`, parsed; raises ValueError if it is malformed."""
 
     def __init__(self, text: str) -> None:
         found: Any = parse_json(text)
@@ -128,12 +128,12 @@ class DigestTable:
             raise ValueError(f"blocks of {self.block_rows} rows, or a negative row")
 
     def block_range(self, path: str, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Rows (first, stop) of /digests/block that are a dataset's."""
+        """Range (first, stop) of a dataset's rows in /digests/block."""
         first, _ = self.datasets[path]
         return first, first + (-(-shape[0] // self.block_rows) if 0 not in shape else 0)
 
     def is_dataset(self, path: str, shape: tuple[int, ...], digests: Digests) -> bool:
-        """Whether a dataset's path, shape and rows of /digests/block are those that were written."""
+        """Whether a dataset's path, shape and rows of /digests/block match its stored digest."""
         return self.datasets[path][1] == _dataset_digest(path, shape, digests)
 
 
@@ -144,7 +144,7 @@ def _dataset_digest(path: str, shape: Iterable[int], digests: Digests) -> str:
 
 
 def _rows_as_bytes(rows: NDArray[Any]) -> NDArray[np.uint8]:
-    """The rows' bytes, little endian, shape [row, byte]; no row where there is no element."""
+    """The rows' bytes, little endian, shape [row, byte]; no rows if there is no element."""
     if rows.size == 0:
         return np.zeros((0, 1), np.uint8)
     return np.ascontiguousarray(rows, rows.dtype.newbyteorder("<")).reshape(len(rows), -1).view(np.uint8)

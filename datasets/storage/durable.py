@@ -1,4 +1,4 @@
-"""Files that are whole or not there, also after kill -9 and on a full disk; and one writer at a time."""
+"""Writing files completely or not at all, also with kill -9 or a full disk, and locks that admit one writer."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ _BUFFERS_MOST = 1024  # IOV_MAX of Linux
 _BLOCK_BYTES = 1 << 22
 
 Buffer = memoryview | bytes | bytearray
-"""Bytes to write, one item a byte."""
+"""Bytes to write; a memoryview must have items of one byte."""
 
 TEMPORARY_SUFFIX = ".tmp"
-"""Ends the names of files still being written; such a file found later was left by a killed process."""
+"""Suffix of files that are still being written."""
 
 ABANDONED_SECONDS = 3600.0
-"""A temporary file that was last written to so long ago was left by a killed process."""
+"""Age of the last write [s] from which a temporary file counts as left by a killed process."""
 
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC  # nobody's file, and through nobody's link
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC  # never an existing file or a link
 
 
 def write_file(path: Path, content: memoryview) -> None:
-    """Write a file such that `path` never shows a part of it; when this returns, it survives a power cut.
+    """Write a file so that `path` never holds only a part of it; when this returns, it survives a power cut.
 
     Raises:
-        OSError: As the system says (ENOSPC, EFBIG, EDQUOT, ...); nothing is left behind.
+        OSError: From the system (ENOSPC, EFBIG, EDQUOT, ...); no temporary file stays.
     """
     remove_abandoned(path)
     temporary = temporary_name(path)
@@ -47,12 +47,12 @@ def write_file(path: Path, content: memoryview) -> None:
 
 
 def temporary_name(path: Path) -> Path:
-    """Another name beside a file for while it is written, one that nobody can guess and plant a link at."""
+    """A random name in the file's folder to write it under, so that no other user can plant a link there."""
     return path.with_name(f"{path.name}.{secrets.token_hex(6)}{TEMPORARY_SUFFIX}")
 
 
 def remove_abandoned(path: Path) -> None:
-    """Remove what killed processes have left of a file, by names of `temporary_name`."""
+    """Remove temporary files of `path` (`temporary_name`) that killed processes have left."""
     for name in glob.glob(f"{glob.escape(str(path))}.{'[0-9a-f]' * 12}{TEMPORARY_SUFFIX}"):
         with contextlib.suppress(OSError):  # another process has removed it
             if time.time() - os.lstat(name).st_mtime >= ABANDONED_SECONDS:
@@ -60,7 +60,7 @@ def remove_abandoned(path: Path) -> None:
 
 
 def write_temporary(path: Path, content: memoryview) -> None:
-    """Write a new file, and have it on the disk when this returns; raises OSError, also where the name is taken."""
+    """Write a new file and sync it to the disk; raises OSError, also if the name exists."""
     handle = os.open(path, _NEW, 0o666)
     try:
         while content:
@@ -79,22 +79,22 @@ def append_at(
     durable: bool = True,
     fresh: bool = False,
 ) -> None:
-    """Write behind the first `end` bytes of a file, dropping what else it has.
+    """Append to a file after its first `end` bytes; bytes beyond `end` are dropped.
 
-    front: overwrites its first bytes. durable: have all of it on the disk when this returns. fresh: begin a new file,
-    or an old one anew, with `end` zeros; no other file is made or grown, so one that somebody has removed or cut off
-    never comes back as zeros.
+    front: overwrites the file's first bytes. durable: sync the file to the disk before returning. fresh: create the
+    file, or empty it, and fill `end` bytes with zeros. Without fresh a missing or shortened file is an error: zeros
+    never replace bytes that another process removed.
 
     Raises:
-        OSError: As the system says, or the file has fewer than `end` bytes; it has its first `end` bytes as before,
-            but for the front.
+        OSError: From the system, or the file has fewer than `end` bytes. The first `end` bytes are unchanged then,
+            except for the front.
     """
     flags = os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
     handle = os.open(path, flags | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
     try:
         if not fresh:
             require_size(handle, path, end)
-        if os.fstat(handle).st_size != end:  # what a write left that failed or was killed; or a file just made
+        if os.fstat(handle).st_size != end:  # a failed or killed write left more, or the file is new
             os.ftruncate(handle, end)
         _write_at(handle, end, buffers)
         _write_at(handle, 0, [front])
@@ -110,16 +110,16 @@ def append_at(
 
 
 def require_size(handle: int, path: Path, end: int) -> None:
-    """Refuse an open file that has fewer bytes than were written; raises OSError."""
+    """Raise OSError if an open file has fewer than the `end` bytes that were written."""
     size = os.fstat(handle).st_size
     if size < end:
         raise OSError(errno.EIO, f"{path.name} has {size} bytes, of {end} that were written: it was cut off")
 
 
 def copy_range(source: Path, path: Path, first: int, stop: int, *, fresh: bool = False) -> None:
-    """Copy a range of bytes of a file to the same place of another one, and have them on the disk; raises OSError.
+    """Copy bytes `first` to `stop` of a file to the same offsets of `path`, and sync them; raises OSError.
 
-    fresh: the other one is a new file, or begins anew; else it must be there.
+    fresh: create `path`, or empty it; otherwise it must exist.
     """
     with source.open("rb") as stream:
         flags = os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -137,7 +137,7 @@ def copy_range(source: Path, path: Path, first: int, stop: int, *, fresh: bool =
 
 
 def _write_at(handle: int, offset: int, buffers: Sequence[Buffer]) -> None:
-    """Write buffers one after another to an open file, from an offset on; raises OSError."""
+    """Write buffers one after another to an open file, starting at an offset; raises OSError."""
     left = deque(memoryview(buffer) for buffer in buffers if len(buffer))
     while left:
         count = os.pwritev(handle, list(islice(left, _BUFFERS_MOST)), offset)
@@ -149,13 +149,13 @@ def _write_at(handle: int, offset: int, buffers: Sequence[Buffer]) -> None:
 
 
 def publish(temporary: Path, path: Path) -> None:
-    """Give a file on the disk its final name, replacing what had it, and have the name on the disk too."""
+    """Rename a synced file to its final name, replacing any old file, and sync the folder."""
     os.replace(temporary, path)
     sync(path.parent)
 
 
 def sync(path: Path) -> None:
-    """Have a file's content, or a folder's names, on the disk when this returns; raises OSError."""
+    """Sync a file's content, or a folder's entries, to the disk; raises OSError."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(handle)
@@ -164,16 +164,16 @@ def sync(path: Path) -> None:
 
 
 def discard(path: Path) -> None:
-    """Remove a file if it can be removed: a leftover of this kind is removed again by the next writer."""
+    """Remove a file; errors are ignored, as the next writer tries again."""
     with contextlib.suppress(OSError):
         path.unlink()
 
 
 def open_own(path: Path, flags: int) -> int:
-    """Open a regular file that palpate writes, through nobody's link, without waiting for the other end of a pipe.
+    """Open a regular file that palpate writes; a symbolic link is refused, and a FIFO is refused without waiting.
 
     Raises:
-        OSError: As the system says, or it is no regular file.
+        OSError: From the system, or it is not a regular file.
     """
     handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, 0o666)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
@@ -183,7 +183,7 @@ def open_own(path: Path, flags: int) -> int:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether some process holds a lock on a file at this moment."""
+    """Whether any process holds a lock on a file now."""
     try:
         handle = open_own(path, os.O_RDONLY)
     except OSError:
@@ -198,11 +198,11 @@ def is_locked(path: Path) -> bool:
 
 
 class FolderLock:
-    """Sole right to write in a folder, held until `release` or the end of the process, however it ends.
+    """Exclusive lock on writing in a folder, held until `release` or until the process ends, even by kill -9.
 
     Raises:
-        BlockingIOError: Another process (or another lock of this one) holds it.
-        OSError: As the system says, or the file to lock is no regular file.
+        BlockingIOError: Another process, or another lock object of this process, holds it.
+        OSError: From the system, or the lock's file is not a regular file.
     """
 
     NAME = "lock"
@@ -218,7 +218,7 @@ class FolderLock:
             raise
 
     def _refuse_if_replaced(self) -> None:
-        # The holder that just finished may have removed the file between open and flock: that lock keeps nobody out.
+        # Between open and flock the last holder may have removed the file; a lock on a removed file excludes no one.
         try:
             current = os.stat(self._path)
         except FileNotFoundError:
@@ -228,15 +228,15 @@ class FolderLock:
 
     @classmethod
     def is_held(cls, folder: Path) -> bool:
-        """Whether some process holds the lock of a folder at this moment."""
+        """Whether any process holds the lock of a folder now."""
         return is_locked(folder / cls.NAME)
 
     def remove(self) -> None:
-        """Remove the lock's file while holding it, when the folder itself is about to go."""
+        """Remove the lock's file while holding the lock, before the folder itself is removed."""
         discard(self._path)
 
     def release(self) -> None:
-        """Let others write; releasing twice does nothing."""
+        """Release the lock; a second call does nothing."""
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1

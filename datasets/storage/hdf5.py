@@ -1,6 +1,6 @@
-"""Where h5py is touched for contour files: what comes out is typed, what goes wrong is an error naming the dataset.
+"""Typed access to the HDF5 of contour files: arrays, attributes, and errors that name the file and the dataset.
 
-h5py has no type information. It is imported by name, so all of it is `Any`, and stays inside this module.
+h5py has no type information, so everything that it returns is `Any`; this module returns typed values.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from .hdf5_structure import Structure
 from .proven_rows import ProvenRows
 from .schema import DIGESTS, FIELDS, Field, count_problems, shape_problem
 
-# What h5py raises for damaged or foreign content; nothing else is taken for a bad file.
+# Exceptions that h5py raises for damaged or foreign content; any other exception is a bug of palpate.
 FAILURES = (OSError, LookupError, ValueError, TypeError, RuntimeError, ArithmeticError, EOFError, MemoryError)
 
 _BLOCK_ROWS = 1 << 17
 
 
 class Hdf5Reader:
-    """An HDF5 file opened for reading. Rows that the file has digests of are proven by them whenever they are read.
+    """An HDF5 file opened for reading. Whenever rows are read, they are verified by the file's digests, if it has any.
 
     Raises:
-        ContourFileError: From every method, where the file is missing, foreign, truncated or damaged.
+        ContourFileError: From every method, if the file is missing, foreign, truncated or damaged.
     """
 
     def __init__(self, path: str | PathLike[str]) -> None:
@@ -62,9 +62,9 @@ class Hdf5Reader:
         self.close()
 
     def require_unchanged(self) -> None:
-        """Refuse to go on with a file whose size or time of change is another than when it was opened.
+        """Raise ContourFileError if the size or modification time of the opened file has changed since opening.
 
-        A file of that name which replaced this one is no change: the opened one is still read.
+        Replacing the file by another one of the same name is no change: the opened one is still read.
         """
         with _failures(self.path):
             size, time_ns = self._opened.state()
@@ -81,7 +81,7 @@ class Hdf5Reader:
         return self._opened.structure
 
     def layout(self, name: str) -> tuple[np.dtype[Any], tuple[int, ...]]:
-        """Dtype and shape of a dataset, of at least one dimension; all of its chunks are in the file."""
+        """Dtype and shape of a dataset; raises if it is a scalar, or if any of its chunks is not in the file."""
         with _failures(self.path, name):
             self._opened.dataset(name)
             own = self._opened.declared(name)
@@ -90,18 +90,18 @@ class Hdf5Reader:
             return own.dtype, own.shape
 
     def has_checksum(self, name: str) -> bool:
-        """Whether a dataset's chunks carry a Fletcher-32 checksum; a dataset without rows has nothing to check."""
+        """Whether a dataset's chunks have a Fletcher-32 checksum; True for a dataset without rows."""
         with _failures(self.path):
             own = self._opened.declared(name)
             return "fletcher32" in own.filters or not own.nbytes
 
     def read(self, name: str, first: int = 0, stop: int | None = None) -> NDArray[Any]:
-        """Rows `first` to `stop` (all) of a dataset; one of a contour file has its field's dtype and dimensions."""
+        """Rows `first` to `stop` (default: all) of a dataset; raises unless a contour file's dataset fits its field."""
         try:
             with _failures(self.path, name):
                 return self._read(name, first, stop)
         except ContourFileError:
-            self.require_unchanged()  # which tells why, if that is why
+            self.require_unchanged()  # raises a clearer error if the file was changed
             raise
 
     def _read(self, name: str, first: int, stop: int | None) -> NDArray[Any]:
@@ -112,50 +112,45 @@ class Hdf5Reader:
 
     @property
     def digest_table(self) -> DigestTable | None:
-        """Digests that the file has of its datasets and attributes; None where it has none."""
+        """The file's digests of its datasets and attributes; None if it has none."""
         with _failures(self.path):
             return self._proven.table
 
     def require_attributes(self) -> None:
-        """Refuse attributes that are not those which the file has digests of."""
+        """Raise ContourFileError if the attributes do not match the file's digests."""
         with _failures(self.path):
             self._proven.require_attributes()
 
     def require_rows(self, name: str) -> None:
-        """Read all rows of a dataset in bounded memory, refusing those that are not what was written."""
+        """Read all rows of a dataset in bounded memory; raises ContourFileError for rows that fail their digests."""
         _, shape = self.layout(name)
         for first in range(0, shape[0], _BLOCK_ROWS):
             self.read(name, first, first + _BLOCK_ROWS)
 
     def chunk_addresses(self, name: str) -> list[int]:
-        """Where the chunks of a dataset lie in the file [byte], in the order of its rows."""
+        """File offsets of a dataset's chunks [byte], in the order of its rows."""
         with _failures(self.path, name):
             return chunk_addresses(self._opened.dataset(name))
 
-    def require_stored(self) -> None:
-        """Look whether all bytes of all datasets are in the file."""
-        with _failures(self.path):
-            self._opened.require_all_stored()
-
     def attribute(self, name: str, key: str) -> Attribute | None:
-        """An attribute of a group or dataset; None if it is not there."""
+        """An attribute of a group or dataset; None if it does not exist."""
         with _failures(self.path, f"attribute {key} of {name}"):
             return self._opened.attribute(name, key)
 
     def text(self, name: str, key: str) -> str:
-        """An attribute that must be there and be text."""
+        """A text attribute; raises ContourFileError if it is missing or not text."""
         value = self.attribute(name, key)
         if not isinstance(value, str):
             raise ContourFileError(f"{self.path}: attribute {key} of {name} is missing or not text")
         return value
 
     def number(self, name: str, key: str) -> float | None:
-        """An attribute that is a finite number, or not there."""
+        """A finite number from an attribute; None if it does not exist, ContourFileError for any other value."""
         with _failures(self.path, f"attribute {key} of {name}"):
             return self._opened.number(name, key)
 
     def whole(self, name: str, key: str) -> int | None:
-        """An attribute that is a whole number, or not there."""
+        """An integer from an attribute; None if it does not exist, ContourFileError for any other value."""
         with _failures(self.path, f"attribute {key} of {name}"):
             return self._opened.whole(name, key)
 
@@ -164,11 +159,11 @@ _SPECS = {spec.path: spec for spec in (*FIELDS, DIGESTS)}
 
 
 class Layouts(Protocol):
-    """Datasets with dtypes and shapes, as `Hdf5Reader` has them, and parts that are not sealed."""
+    """Anything with dtypes and shapes of datasets: an `Hdf5Reader`, or a part of a file that is not sealed yet."""
 
     @property
     def path(self) -> Path:
-        """Where they lie, for errors."""
+        """Path for error messages."""
         ...
 
     def __contains__(self, name: str) -> bool: ...
@@ -179,7 +174,7 @@ class Layouts(Protocol):
 
 
 def require_fitting(file: Layouts, fields: tuple[Field, ...], pose_count: int) -> None:
-    """Raise ContourFileError where fields of a group have other numbers of rows than each other, or than poses."""
+    """Raise ContourFileError if row counts of a group's fields contradict each other or the number of poses."""
     shapes = {spec.path: file.layout(spec.path)[1] for spec in fields if spec.path in file}
     counts, problems = count_problems(shapes, fields)
     if counts.get("pose", pose_count) != pose_count:
@@ -190,22 +185,22 @@ def require_fitting(file: Layouts, fields: tuple[Field, ...], pose_count: int) -
 
 @contextmanager
 def _failures(path: Path, inside: str = "") -> Generator[None, None, None]:
-    """Turn what the opener refuses and what h5py raises into an error that names the file, and what inside it."""
+    """Convert `Hdf5Error` and h5py's exceptions to a ContourFileError that names the file and the place inside it."""
     try:
         yield
-    except Hdf5Error as error:  # names what is inside itself
+    except Hdf5Error as error:  # its message names the place inside the file already
         raise ContourFileError(f"{path}: {error}") from None
     except FAILURES as error:
         raise ContourFileError(f"{path}{inside and ': '}{inside} {reason_of(error, 'read')}") from error
 
 
 def is_of_system(sentence: str) -> bool:
-    """Whether a problem of a file is the system's, which did not let it be read: it says nothing of the content."""
+    """Whether a problem's text is an error of the operating system while reading, so the content may be intact."""
     return re.search(r"\[Errno [1-9]|errno = [1-9]|permission denied", sentence) is not None
 
 
 def reason_of(error: BaseException, task: str) -> str:
-    """What h5py's message says, in a user's words."""
+    """h5py's error as text for a user; task: a participle for errors that are not known, as "read"."""
     text = str(error)
     known = {
         "file signature not found": "is not an HDF5 file",
@@ -221,7 +216,7 @@ def reason_of(error: BaseException, task: str) -> str:
 
 
 def get_version(file: Hdf5Reader) -> tuple[int, int]:
-    """Major and minor version of a file's format; raises ContourFileError where it is missing or impossible."""
+    """Major and minor version of a file's format; raises ContourFileError if it is missing or impossible."""
     version = file.attribute("/", "version")
     if not isinstance(version, np.ndarray) or version.shape != (2,) or version.dtype.kind not in "iu":
         raise ContourFileError(f"{file.path}: attribute version of / is missing or not [major, minor]")

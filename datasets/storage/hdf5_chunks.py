@@ -80,7 +80,7 @@ def _stored_bounds(own: Declared, nominal: int) -> tuple[int, int]:
 
 
 def _apart(places: list[tuple[int, ...]], extents: list[tuple[int, int]], own: Declared) -> int:
-    """How many chunks are of the dataset's grid, each once, and overlap no other in the file."""
+    """Number of distinct chunks that lie on the dataset's grid and overlap no other chunk in the file."""
     if not places:
         return 0
     offsets, stored = np.array(places, np.uint64), np.array(sorted(extents), np.uint64)
@@ -107,7 +107,7 @@ def _refuse_bomb(dataset: Any, own: Declared, place: tuple[int, ...], nominal: i
 
 
 def chunk_addresses(dataset: Any) -> list[int]:
-    """Where the chunks of a dataset lie in its file [byte], in the order of its rows; none where it has no chunks."""
+    """File offsets of a dataset's chunks [byte], in the order of its rows; empty for a dataset without chunks."""
     if dataset.chunks is None:
         return []
     chunks: list[tuple[tuple[int, ...], int]] = []

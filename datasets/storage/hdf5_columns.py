@@ -139,8 +139,8 @@ def take_column(file: StrictFile, path: str) -> NDArray[Any]:
     if len(shape := file.declared(path).shape) != 1:
         raise Hdf5Error(f"{path} has shape {list(shape)}, expected one dimension")
     array = file.read(path)
-    told = file.attribute(path, "dtype")
-    return array.astype(np.bool_) if isinstance(told, str) and told == BOOL else array
+    stored_dtype = file.attribute(path, "dtype")
+    return array.astype(np.bool_) if isinstance(stored_dtype, str) and stored_dtype == BOOL else array
 
 
 @contextmanager
@@ -180,7 +180,7 @@ def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
     the last one's stays.
 
     Raises:
-        OSError: As the system says (ENOSPC, EFBIG, ...); nothing is left behind.
+        OSError: From the system (ENOSPC, EFBIG, ...); nothing is left behind.
     """
     temporary = temporary_name(path)
     try:
@@ -196,12 +196,12 @@ def open_columns(
     path: Path, content: bytes | None = None, *, unread: Collection[str] = ()
 ) -> Generator[StrictFile, None, None]:
     """An HDF5 file open for reading, see `open_hdf5`; failures within name it (SweepStoreError)."""
-    with failures_named(path), open_hdf5(path, content, unread=unread) as file:
+    with naming_failures(path), open_hdf5(path, content, unread=unread) as file:
         yield file
 
 
 @contextmanager
-def failures_named(path: Path) -> Generator[None, None, None]:
+def naming_failures(path: Path) -> Generator[None, None, None]:
     """Turns what h5py and the system raise for a bad file into one sentence."""
     try:
         yield

@@ -1,6 +1,6 @@
 """Collections of HDF5's global heap, where texts of any length lie, tried before libhdf5 walks through them.
 
-libhdf5 (2.0 and older) walks through a collection's objects for ever where free space says that it has no bytes (HDF5
+libhdf5 (2.0 and older) walks through a collection's objects for ever if free space declares 0 bytes (HDF5
 File Format Specification 3.0, III.E).
 """
 
@@ -14,7 +14,7 @@ _OBJECT = struct.Struct("<HHIQ")  # index, references, reserved, size of the con
 
 
 def collection_size(content: memoryview) -> int:
-    """How many bytes a collection says that it has; 0 for what is none. content: the bytes that it begins with."""
+    """Size that a heap collection declares [byte]; 0 if it is none. content: its first bytes."""
     if len(content) < _HEAD.size or content[: len(SIGNATURE)].tobytes() != SIGNATURE:
         return 0
     return int(_HEAD.unpack_from(content)[2])

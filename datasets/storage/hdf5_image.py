@@ -79,7 +79,7 @@ class Hdf5Image:
         self._file[spec.path].id.write_direct_chunk((0,) * len(shape), b"\0")
 
     def index_root(self, spec: Field, image: bytes | bytearray) -> int:
-        """Where the root of a dataset's index lies in the image, to be overwritten."""
+        """Address of the root of a dataset's index in the image, which the caller overwrites."""
         dataset: Any = self._file[spec.path]
         address = int(dataset.id.get_chunk_info(0).byte_offset)
         return image.index(leaf_of_one(1, address, int(dataset.ndim)))

@@ -1,15 +1,15 @@
-"""One strict way to open HDF5 for reading: a file's whole structure is looked at before any of its data is read.
+"""Strict opening of HDF5 for reading: a file's complete structure is validated before any data is read.
 
     with open_hdf5(path) as opened:            # or open_hdf5(path, content) for bytes that are in memory already
-        opened.datasets["/rows"].shape         # what the structure declares; no data is read for it
-        opened.read("/rows", first, stop)        # all of the rows are known to be in the file, and to fit into memory
-        opened.attribute("/", "format")        # plain values of bounded size
+        opened.datasets["/rows"].shape         # from the structure; reads no data
+        opened.read("/rows", first, stop)      # checked first: the rows are in the file and fit into memory
+        opened.attribute("/", "format")        # a plain value of bounded size
 
-Every refusal is an `Hdf5Error`; its message names the path inside the file, the value and the bound, but not the file:
-the caller puts the file's name before it. What h5py raises for damage (`hdf5.FAILURES`) passes through.
+Refused content raises `Hdf5Error`; its message names the path inside the file, the value and the bound, but not the
+file, which the caller prepends. Exceptions of h5py for damaged files (`hdf5.FAILURES`) pass through.
 
-The file is read through a handle, not by name: HDF5 sees no lock and no other opening of the same file, so a file that
-this process holds open in h5py, for reading or for writing, can be read too; and a FIFO keeps nobody waiting.
+HDF5 reads the file through a handle and not by name. It therefore takes no lock and does not notice that the same
+process may have the file open in h5py, for reading or writing. Opening a FIFO does not wait for its writer.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ from .hdf5_heap import collection_size, refuse_endless_heap
 from .hdf5_structure import ATTRIBUTE_BYTES_MOST, OF_SCALES, Declared, h5py, walk
 
 MEMORY_MOST = 1 << 30
-"""[byte] that one read may take, plus 8 times the file's size: what is compressed grows when it is read."""
+"""Most memory of one read [byte], plus 8 times the file's size, as compressed data grow when read."""
 
 Attribute = str | int | float | NDArray[Any]
 """Value of an attribute."""
 
-_PIECE_MOST = 2 * ATTRIBUTE_BYTES_MOST  # [byte] that the walk reads at once
-_WALK_MOST = 1 << 26  # [byte] that the walk reads, plus 4 times the file's size: structure that leads in a circle ends
-_VLEN = np.dtype([("length", "<u4"), ("place", "<u4", 3)])  # of a text of any length, VLEN_BYTES
+_PIECE_MOST = 2 * ATTRIBUTE_BYTES_MOST  # most bytes of one read during the walk of the structure
+_WALK_MOST = 1 << 26  # most bytes of the walk, plus 4 times the file's size: ends the walk of a cyclic structure
+_VLEN = np.dtype([("length", "<u4"), ("place", "<u4", 3)])  # reference to a text of variable length, VLEN_BYTES
 
 
 def open_hdf5(path: str | PathLike[str], content: bytes | None = None, *, unread: Collection[str] = ()) -> StrictFile:
-    """Open a file and look at its structure.
+    """Open a file and validate its structure.
 
-    content: the file's bytes, if they are in memory already; `path` is only its name then.
-    unread: paths of datasets that nobody will read, so that they may declare rows that were never written.
+    content: the file's bytes, if they are in memory already; `path` is not opened then.
+    unread: paths of datasets that will not be read; they may declare rows that were never written.
 
     Raises:
-        OSError: As the system says: FileNotFoundError, IsADirectoryError, PermissionError.
-        Hdf5Error: Something else than a regular file, an empty file, or a structure that is refused.
-        Exception: What h5py raises for a foreign or damaged file (`hdf5.FAILURES`).
+        OSError: From the system: FileNotFoundError, IsADirectoryError, PermissionError.
+        Hdf5Error: Not a regular file, an empty file, or a structure that is refused.
+        Exception: From h5py for a foreign or damaged file (`hdf5.FAILURES`).
     """
-    source = _Memory(content) if content is not None else _Handle(path)
+    source = _MemorySource(content) if content is not None else _FileSource(path)
     try:
         return StrictFile(source, unread)
     except BaseException:
@@ -62,9 +62,9 @@ def open_hdf5(path: str | PathLike[str], content: bytes | None = None, *, unread
 
 
 class StrictFile:
-    """An HDF5 file whose structure was looked at; use it in a `with`."""
+    """An open HDF5 file whose structure was validated; a context manager."""
 
-    def __init__(self, source: _Source, unread: Collection[str]) -> None:
+    def __init__(self, source: _ByteSource, unread: Collection[str]) -> None:
         self._source, self._unread = source, frozenset(unread)
         if source.size == 0:
             raise Hdf5Error("the file is empty")
@@ -73,7 +73,7 @@ class StrictFile:
         """The `h5py.File`."""
         try:
             self.structure = walk(self.file.id, self._require_room)
-            """Everything that it declares."""
+            """All groups, datasets and attribute names of the file."""
         except BaseException:
             self.file.close()
             raise
@@ -100,22 +100,22 @@ class StrictFile:
 
     @property
     def datasets(self) -> dict[str, Declared]:
-        """What its datasets declare, by path."""
+        """Declarations (dtype, shape, filters, ...) of the datasets, by path."""
         return self.structure.datasets
 
     def state(self) -> tuple[int, int]:
-        """Size [bytes] and time of the last change [ns] of the file that was opened."""
+        """Size [byte] and modification time [ns] of the opened file."""
         return self._source.state()
 
     def declared(self, path: str) -> Declared:
-        """What a dataset's header declares; raises Hdf5Error where there is none."""
+        """Declaration of a dataset; raises Hdf5Error if there is no such dataset."""
         if path not in self.datasets or path in self._unread:
             raise Hdf5Error(f"{path} is missing or not a dataset")
         return self.datasets[path]
 
     def dataset(self, path: str) -> Any:
-        """The `h5py.Dataset` of a path; raises Hdf5Error where there is none, or its bytes are not all in the file."""
-        if path not in self._opened:  # opening one takes longer than reading a pose of it
+        """The `h5py.Dataset` of a path; raises Hdf5Error if it does not exist or is not completely in the file."""
+        if path not in self._opened:  # cached: opening a dataset takes longer than reading one pose from it
             own = self.declared(path)
             dataset: Any = self.file[path]
             require_chunks(dataset.id, own, self._source.size)
@@ -123,9 +123,9 @@ class StrictFile:
         return self._opened[path]
 
     def read(self, path: str, first: int = 0, stop: int | None = None) -> NDArray[Any]:
-        """Rows `first` to `stop` (all) of a dataset, in the machine's byte order; texts are an object array of str.
+        """Rows `first` to `stop` (default: all) of a dataset, in native byte order; texts as an object array of str.
 
-        Raises Hdf5Error as `dataset`, for a scalar, and where the rows would take too much memory.
+        Raises Hdf5Error as `dataset`, for a scalar, and if the rows would take too much memory.
         """
         dataset, own = self.dataset(path), self.datasets[path]
         if not own.shape:
@@ -141,7 +141,8 @@ class StrictFile:
         return values.astype(values.dtype.newbyteorder("="), copy=False)
 
     def attribute(self, path: str, key: str) -> Attribute | None:
-        """An attribute of a group or dataset; None if it is not there. Raises Hdf5Error for text that is not UTF-8."""
+        """An attribute of a group or dataset; None if it does not exist. Raises Hdf5Error for text that is not UTF-8
+        and for attributes with which HDF5 marks dimension scales."""
         if key not in self.structure.attributes.get(path, ()):
             return None
         if key in OF_SCALES:
@@ -152,32 +153,32 @@ class StrictFile:
             if isinstance(value, bytes):
                 value = value.decode()
             elif isinstance(value, str):
-                value.encode()  # h5py gives what is not UTF-8 as half characters, which nothing can show
+                value.encode()  # h5py decodes bytes that are not UTF-8 to lone surrogates, which cannot be printed
         except (UnicodeDecodeError, UnicodeEncodeError) as error:
             raise Hdf5Error(f"attribute {key} of {path} is not UTF-8: {error.reason} at {error.start}") from None
         return value
 
     def number(self, path: str, key: str) -> float | None:
-        """An attribute that is a finite number, None if it is not there; raises Hdf5Error for any other."""
+        """A finite number from an attribute; None if it does not exist. Raises Hdf5Error for any other value."""
         value = self.attribute(path, key)
         if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
             raise Hdf5Error(f"attribute {key} of {path} is {_brief(value)}, expected a finite number")
         return None if value is None else float(value)
 
     def whole(self, path: str, key: str) -> int | None:
-        """An attribute that is a whole number, None if it is not there; raises Hdf5Error for any other."""
+        """An integer from an attribute; None if it does not exist. Raises Hdf5Error for any other value."""
         value = self.attribute(path, key)
         if value is not None and not isinstance(value, int):
             raise Hdf5Error(f"attribute {key} of {path} is {_brief(value)}, expected a whole number")
         return value
 
     def require_all_stored(self) -> None:
-        """Look at the chunks of every dataset; raises Hdf5Error as `dataset`."""
+        """Check the chunks of every dataset; raises Hdf5Error as `dataset`."""
         for path in self.datasets.keys() - self._unread:
             self.dataset(path)
 
     def _refuse_long_texts(self, dataset: Any, own: Declared) -> None:
-        """Refuse texts that are longer than the file: many that lie in the same place."""
+        """Refuse texts longer in total than the file: many references to the same bytes would fill the memory."""
         if own.layout != "contiguous" or own.nbytes == 0 or not dataset.id.get_type().is_variable_str():
             return
         places = np.zeros(own.nbytes // _VLEN.itemsize, _VLEN)
@@ -193,35 +194,35 @@ def _brief(value: object) -> str:
     return shown if len(shown) <= 80 else f"{shown[:80]}..."
 
 
-class _Source:
-    """What HDF5 reads bytes from; each read gives all that was asked for, or is an error."""
+class _ByteSource:
+    """A file object that HDF5 reads from; each read fills its buffer completely or raises."""
 
     size: int
     """[byte]"""
     left: int | None = None
-    """[byte] that may still be read, no more than `_PIECE_MOST` at once; None for any."""
+    """Bytes that may still be read, at most `_PIECE_MOST` at once; None: no bound."""
     _at = 0
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a byte; where that is."""
+        """Set the position of the next read; returns it [byte]."""
         self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self.size}[whence]
         return self._at
 
     def tell(self) -> int:
-        """Where the next read begins."""
+        """Position of the next read [byte]."""
         return self._at
 
     def read(self, size: int) -> bytes:
-        """h5py takes only what has this for a file; it uses `readinto`."""
+        """Read bytes; h5py requires this method of a file object, but calls `readinto`."""
         content = bytearray(size)
         self.readinto(content)
         return bytes(content)
 
     def flush(self) -> None:
-        """h5py calls this; there is nothing to write."""
+        """Do nothing; h5py requires this method."""
 
     def readinto(self, buffer: Any) -> int:
-        """Fill a buffer; raises OSError where the file ends before, Hdf5Error where the walk reads too much."""
+        """Fill a buffer; raises OSError if the file is too short, Hdf5Error if the walk reads too much."""
         view = memoryview(buffer).cast("B")
         if self.left is not None:
             self.left -= len(view)
@@ -234,26 +235,26 @@ class _Source:
             raise OSError(f"truncated file: bytes {self._at} to {self._at + len(view)} of {self.size} are asked for")
         self._fill(self._at, view)
         if 0 < (size := collection_size(view)) <= self.size - self._at:
-            collection = memoryview(bytearray(size))  # of a long one libhdf5 reads the rest later, without its head
+            collection = memoryview(bytearray(size))  # checked now: libhdf5 may read the rest of it without its header
             self._fill(self._at, collection)
             refuse_endless_heap(collection)
         self._at += len(view)
         return len(view)
 
     def _fill(self, at: int, view: memoryview) -> None:
-        """Fill with the bytes from `at` on, which there are."""
+        """Fill `view` with the bytes from offset `at`; the caller has checked that they exist."""
         raise NotImplementedError
 
     def state(self) -> tuple[int, int]:
-        """Size [bytes] and time of the last change [ns]."""
+        """Size [byte] and modification time [ns]."""
         raise NotImplementedError
 
     def close(self) -> None:
-        """Let go; closing twice does nothing."""
+        """Release the handle; a second call does nothing."""
 
 
-class _Memory(_Source):
-    """Bytes."""
+class _MemorySource(_ByteSource):
+    """Bytes in memory."""
 
     def __init__(self, content: bytes) -> None:
         self._content = memoryview(content)
@@ -266,11 +267,11 @@ class _Memory(_Source):
         return self.size, 0
 
 
-class _Handle(_Source):
+class _FileSource(_ByteSource):
     """A regular file; raises Hdf5Error for anything else."""
 
     def __init__(self, path: str | PathLike[str]) -> None:
-        # O_NONBLOCK: opening a FIFO would wait for a writer; regular files know no such wait
+        # O_NONBLOCK: opening a FIFO would wait for a writer; for regular files it has no effect
         self._handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         state = os.fstat(self._handle)
         if not stat.S_ISREG(state.st_mode):

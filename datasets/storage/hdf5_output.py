@@ -86,14 +86,14 @@ def hdf5_output(path: Path, *, gzip: int = 0) -> Generator[Hdf5Output, None, Non
         stream.sync()
     except Exception as error:
         if stream.failure is not None and stream.failure is not error:
-            raise stream.failure from error  # what libhdf5 makes of it says less
+            raise stream.failure from error  # libhdf5's own error has less information
         raise
     finally:
         stream.close()
 
 
 class _Stream:
-    """What libhdf5 writes to. After the first failure nothing is written, and libhdf5 is not told."""
+    """File object that libhdf5 writes to. After the first failure it writes nothing and hides that from libhdf5."""
 
     def __init__(self, path: Path) -> None:
         self.failure: OSError | None = None
@@ -112,7 +112,7 @@ class _Stream:
         return self._at
 
     def read(self, size: int = -1) -> bytes:
-        """h5py tells a stream from a path by it, and reads by `readinto`."""
+        """Read bytes; h5py recognises a file object by this method, but calls `readinto`."""
         raise NotImplementedError(size)
 
     def readinto(self, buffer: memoryview) -> int:

@@ -1,4 +1,4 @@
-"""What an HDF5 file declares, looked at object by object with bounds, before any data is read.
+"""Structure of an HDF5 file, read object by object and with bounds before any data is read.
 
 | refused                                            | why                                                          |
 |----------------------------------------------------|--------------------------------------------------------------|
@@ -98,7 +98,7 @@ class Declared:
 
 @dataclass(frozen=True)
 class Structure:
-    """What a file declares."""
+    """Declarations of a file's groups and datasets."""
 
     datasets: dict[str, Declared]
     """By path, as /contours/points."""
@@ -127,7 +127,7 @@ def walk(file_id: Any, require: Callable[[Any, Declared], None]) -> Structure:
                     raise Hdf5Error(f"{path} lies {depth + 1} groups deep, expected at most {DEPTH_MOST}")
                 pending.append((path, opened, depth + 1))
             elif isinstance(opened, _h5d.DatasetID):
-                structure.datasets[path] = _declared(opened, path)
+                structure.datasets[path] = _declaration(opened, path)
                 require(opened, structure.datasets[path])
             else:
                 raise Hdf5Error(f"{path} is neither a group nor a dataset, but a {type(opened).__name__}")
@@ -174,7 +174,7 @@ def _name(name: bytes, parent: str) -> str:
     return text
 
 
-def _declared(dataset: Any, path: str) -> Declared:
+def _declaration(dataset: Any, path: str) -> Declared:
     """A dataset's header; raises Hdf5Error for what palpate's files never have."""
     plist = dataset.get_create_plist()
     layout = int(plist.get_layout())
@@ -186,7 +186,7 @@ def _declared(dataset: Any, path: str) -> Declared:
     kind = dataset.get_type()
     _require_plain(kind, path)
     dtype = np.dtype(object if int(kind.get_class()) == _h5t.STRING else kind.dtype)
-    shape = _shape(dataset.get_space(), path)
+    shape = _shape(dataset.get_space())
     if shape is None or len(shape) > RANK_MOST:
         found = "no dataspace" if shape is None else f"{len(shape)} dimensions"
         raise Hdf5Error(f"{path} has {found}, expected at most {RANK_MOST} dimensions")
@@ -230,7 +230,7 @@ def _require_plain(kind: Any, path: str) -> None:
     raise Hdf5Error(f"{path} is of an HDF5 {name} of {size} bytes, expected {plain}")
 
 
-def _shape(space: Any, path: str) -> tuple[int, ...] | None:
+def _shape(space: Any) -> tuple[int, ...] | None:
     """Lengths of the dimensions, none for a scalar; None where there is no value at all."""
     extent = int(space.get_simple_extent_type())
     if extent == _h5s.SCALAR:
@@ -258,7 +258,7 @@ def _require_attribute(attribute: Any, name: bytes, what: str) -> None:
     kind = attribute.get_type()
     if not (name.decode() in OF_SCALES and int(kind.get_class()) in (_h5t.VLEN, _h5t.COMPOUND)):
         _require_plain(kind, what)
-    shape = _shape(attribute.get_space(), what)
+    shape = _shape(attribute.get_space())
     if shape is None or len(shape) > 1:
         found = "no value" if shape is None else f"shape {list(shape)}"
         raise Hdf5Error(f"{what} has {found}, expected one value or a list of them")

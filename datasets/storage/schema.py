@@ -1,6 +1,6 @@
-"""The contour file's format: its datasets as tables, and arrays checked against them.
+"""The contour file's format: its datasets as tables, and validation of arrays against them.
 
-docs/formats/file-format.md tells the same to readers of other languages; a test holds the two together.
+docs/formats/file-format.md describes the format for users of other languages; a test compares it with this module.
 """
 
 from __future__ import annotations
@@ -16,23 +16,24 @@ from ..errors import ContourFileError
 
 FORMAT_NAME = "palpate contours"
 FORMAT_VERSION = (1, 2)
-"""Major: readers of an older major refuse the file. Minor: something was added that older readers may ignore."""
+"""(major, minor). Readers of an older major version refuse the file; a minor version adds what they may ignore."""
 
 DIGESTS_SINCE = (1, 2)
-"""Version that brought digests of content."""
+"""First version with digests of content."""
 
 CHUNK_ROWS = 8192
-"""Rows of an HDF5 chunk: 98 kB of points; larger ones slow down reading single poses, smaller ones the writing."""
+"""Rows of an HDF5 chunk: 98 kB of points. Larger chunks slow down reading single poses, smaller ones writing."""
 
 KIND_NAMES = ("object", "hand", "made")
-"""What a segment is, by its `kind`: of the object, of the hand's boundary, made by a transformation."""
+"""Names of a segment's `kind`: on the object's surface, on the hand's boundary, made by a transform stage."""
 
 PRUNED_NAMES = ("off_skin", "close_together", "small", "turned_away", "hidden", "joined", "other")
-"""By which prune stage contours were removed; "other" is everyone's own."""
+"""Prune stages in the names of metrics; "other" stands for all user-defined ones."""
 
 
 def removed_name(stage: str) -> str:
-    """Metric of what a prune stage removed; one that is listed again, as "name#2", goes with the first."""
+    """Name of the metric for the length that a prune stage removed; a stage's second use, "name#2", shares the
+    first one's."""
     own = stage.partition("#")[0].replace("-", "_")
     return f"removed_{own if own in PRUNED_NAMES else 'other'}"
 
@@ -44,7 +45,7 @@ Arrays = dict[str, NDArray[Any]]
 class Field:
     """One dataset of the file.
 
-    `dims[0]` names what a row is; further dims are lengths, or "stage". `unit` and `frame` are stored as attributes.
+    `dims[0]` names a row's meaning; further dims are lengths, or "stage". `unit` and `frame` are stored as attributes.
     """
 
     group: str
@@ -55,16 +56,16 @@ class Field:
     frame: str = "none"
     optional: bool = False
     absent: float = 0.0
-    """What a row of an optional field is where a part of a file has none."""
+    """Value of an optional field's rows in parts of a file that lack the field."""
 
     @property
     def path(self) -> str:
-        """Where the dataset lies in the file, as `/contours/points`."""
+        """Path of the dataset in the file, as `/contours/points`."""
         return f"/{self.group}/{self.name}"
 
     @property
     def is_offset(self) -> bool:
-        """Whether it holds offsets: one entry more than rows, from 0 to the number of what it points into."""
+        """Whether it holds offsets: one entry more than rows, from 0 to the row count of the dataset they index."""
         return str(self.dims[0]).endswith("+ 1")
 
 
@@ -113,10 +114,11 @@ FIELDS = (*CONTOURS, *METRICS, *HEADER, *TIMING)
 
 
 def validate_fields(arrays: Mapping[str, NDArray[Any]], fields: tuple[Field, ...]) -> dict[str, int]:
-    """Check names, dtypes and shapes of arrays against fields; gives the number of rows by dim, as {"point": 25}.
+    """Check names, dtypes and shapes of arrays against fields. Returns the number of rows by dim, as {"point": 25}.
 
     Raises:
-        ContourFileError: An array is missing, unknown, of another dtype or shape, or rows that belong together differ.
+        ContourFileError: An array is missing or unknown, has another dtype or shape, or arrays with the same dim have
+            different numbers of rows.
     """
     group = fields[0].group
     if unknown := sorted(set(arrays) - {spec.name for spec in fields}):
@@ -136,11 +138,11 @@ def validate_fields(arrays: Mapping[str, NDArray[Any]], fields: tuple[Field, ...
 
 
 def shape_problem(spec: Field, dtype: np.dtype[Any], shape: tuple[int, ...]) -> str | None:
-    """What is wrong with a dtype and shape for a field, as a sentence; None if nothing is."""
+    """A sentence on what is wrong with a dtype or shape for a field; None if both fit."""
     if dtype != spec.dtype:
         return f"{spec.path} is {dtype}, expected {spec.dtype}"
     fixed = tuple(size if isinstance(size, int) else None for size in spec.dims)
-    if len(shape) != len(fixed) or any(want not in (None, got) for want, got in zip(fixed, shape, strict=True)):
+    if len(shape) != len(fixed) or any(wanted not in (None, got) for wanted, got in zip(fixed, shape, strict=True)):
         return f"{spec.path} has shape {list(shape)}, expected [{', '.join(map(str, spec.dims))}]"
     if spec.is_offset and shape[0] == 0:
         return f"{spec.path} has no entries, expected at least the first offset 0"
@@ -150,7 +152,7 @@ def shape_problem(spec: Field, dtype: np.dtype[Any], shape: tuple[int, ...]) -> 
 def count_problems(
     shapes: Mapping[str, tuple[int, ...]], fields: tuple[Field, ...]
 ) -> tuple[dict[str, int], list[str]]:
-    """Rows by dim from the shapes of those fields that are there, and a sentence for each that contradicts another."""
+    """Rows by dim from the shapes of the fields that exist, and a sentence for each field that contradicts another."""
     rows: dict[str, int] = {}
     problems = [_count_rows(rows, spec, shapes[spec.path][0]) for spec in fields if spec.path in shapes]
     return rows, [problem for problem in problems if problem]

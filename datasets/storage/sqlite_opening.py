@@ -1,4 +1,4 @@
-"""One strict way to open a SQLite file that somebody else may have written.
+"""One strict way to open a SQLite file that another program may have written.
 
 Beside a database may lie the journal of a transaction that was not finished. SQLite undoes it when it opens the
 database, and then removes the file that the end of the journal names (a super-journal, of a transaction in several
@@ -32,12 +32,12 @@ def open_database(path: Path, *, writes: bool, busy_seconds: float) -> sqlite3.C
 
     Raises:
         FileBoundError: It, or a file of SQLite's beside it, is no regular file; or its journal names another file.
-        OSError, sqlite3.Error: As the system and SQLite say.
+        OSError, sqlite3.Error: From the system and SQLite.
     """
     _require_own_files(path)
-    connection = _connected(path, "rw" if writes else "ro", busy_seconds)
+    connection = _connect(path, "rw" if writes else "ro", busy_seconds)
     try:
-        connection.execute("PRAGMA user_version")  # the first look: SQLite judges the journal
+        connection.execute("PRAGMA user_version")  # the first access: SQLite checks the journal
         return connection
     except sqlite3.OperationalError as error:
         connection.close()
@@ -46,10 +46,10 @@ def open_database(path: Path, *, writes: bool, busy_seconds: float) -> sqlite3.C
     except BaseException:
         connection.close()
         raise
-    return _opened_copy(path, busy_seconds)
+    return _open_copy(path, busy_seconds)
 
 
-def _connected(path: Path, access: str, busy_seconds: float) -> sqlite3.Connection:
+def _connect(path: Path, access: str, busy_seconds: float) -> sqlite3.Connection:
     return sqlite3.connect(
         f"{path.absolute().as_uri()}?mode={access}",
         uri=True,
@@ -80,16 +80,16 @@ def _require_own_files(path: Path) -> None:
     if names_another:
         raise FileBoundError(
             f"{journal} names another file, which SQLite would remove: palpate never writes such a journal, so "
-            "somebody else did; do not use this store"
+            "another program did; do not use this store"
         )
 
 
-def _opened_copy(path: Path, busy_seconds: float) -> sqlite3.Connection:
+def _open_copy(path: Path, busy_seconds: float) -> sqlite3.Connection:
     """Open a copy of a database and its journal, in which SQLite undoes the transaction."""
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         copy = Path(folder) / path.name
         _copy_unchanging(path, copy)
-        connection = _connected(copy, "rw", busy_seconds)
+        connection = _connect(copy, "rw", busy_seconds)
         try:
             connection.execute("PRAGMA user_version")
         except BaseException:

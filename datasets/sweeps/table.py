@@ -21,8 +21,8 @@ from ..storage.hdf5_columns import (
     Columns,
     Values,
     column_arrays,
-    failures_named,
     image_of,
+    naming_failures,
     new_image,
     open_columns,
     put_column,
@@ -117,7 +117,7 @@ def load_table(path: str | Path, *, verify: bool = True) -> Columns:
     if path.suffix == PARQUET:
         table = _parquet_table(path)
         attributes = _parquet_attributes(path, table.schema)
-        with failures_named(path):
+        with naming_failures(path):
             columns = {str(name): _numpy(str(name), table.column(name)) for name in table.column_names}
         is_null = any(table.column(name).null_count for name in table.column_names)  # palpate writes none
         if verify and DIGEST in attributes and (is_null or attributes[DIGEST] != _columns_digest(columns)):
@@ -241,7 +241,7 @@ def _pyarrow(name: str) -> Any:
 def _parquet_table(path: Path) -> Any:
     """A table within the budget: as it declares its pages, and 8 bytes a value, however few bytes repeat it."""
     arrow, parquet = _pyarrow("pyarrow"), _pyarrow("pyarrow.parquet")
-    with failures_named(path), open_regular(path) as stream:
+    with naming_failures(path), open_regular(path) as stream:
         schema = parquet.read_schema(stream)
         texts = [str(field.name) for field in schema if arrow.types.is_string(field.type)]  # kept once each
         file = parquet.ParquetFile(stream, read_dictionary=texts)
@@ -253,13 +253,13 @@ def _parquet_table(path: Path) -> Any:
 
 def _parquet_schema(path: Path) -> Any:
     parquet = _pyarrow("pyarrow.parquet")
-    with failures_named(path), open_regular(path) as stream:
+    with naming_failures(path), open_regular(path) as stream:
         return parquet.read_schema(stream)
 
 
 def _parquet_units(path: Path, schema: Any) -> list[tuple[str, str]]:
     """Name and unit, or "", of each column."""
-    with failures_named(path):
+    with naming_failures(path):
         told: list[tuple[str, dict[bytes, bytes]]] = [(str(own.name), own.metadata or {}) for own in schema]
         return [(name, metadata.get(b"units", b"").decode()) for name, metadata in told]
 

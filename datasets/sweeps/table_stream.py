@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contour_file.rows import encoded
+from ..contour_file.rows import encode_chunks
 from ..errors import SweepStoreError
 from ..storage.chunk_index import ChunkTable, index_nodes, leaf_of_one, with_end
 from ..storage.content_digest import file_trailer
@@ -149,7 +149,7 @@ class TableWriter:
     def _placed(self, column: _Growing, name: str, rows: NDArray[Any], chunk_rows: int) -> list[Buffer]:
         """Whole chunks as they go behind all others."""
         buffers: list[Buffer] = []
-        for part in encoded(Field("", name, column.dtype, (ROW,)), rows, chunk_rows):
+        for part in encode_chunks(Field("", name, column.dtype, (ROW,)), rows, chunk_rows):
             column.addresses.append(self._end)
             column.sizes.append(sum(map(len, part)))
             self._end += column.sizes[-1]

@@ -111,7 +111,7 @@ def focus_phases(points: wp.array, table: FocusTable, *, out: wp.array | None = 
     as far apart as there are transducers in the table, so it is contiguous only if their number is a multiple of 16.
     out: where to write it, uint8, shape [frame, transducers in the table]; made anew by default.
     Within 1/256 turn of exact for |point|, |transducer| <= 1 m; where 256 r / wavelength is half-way, rounding may go
-    either way. A point that is not finite, or on a transducer, gives some byte: whoever plays it silences it.
+    either way. A point that is not finite, or on a transducer, gives an arbitrary byte, which the caller silences.
     """
     frame_count, padded = points.shape[0], table.row.shape[0]
     if out is None:

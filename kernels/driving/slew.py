@@ -27,7 +27,7 @@ def _measure_turns(
     # Out:
     turn: wp.array[wp.float32],
 ):
-    """How far each frame as a whole is turned against the one before: argument of <before, frame> [turns]."""
+    """Phase of each frame relative to the frame before: argument of <before, frame> [turns]."""
     frame = wp.tid() // lanes
     lane = wp.tid() % lanes
     along = wp.vec2()
@@ -82,7 +82,7 @@ def _limit_slew(
     before: wp.array[wp.float32],
     step: float,
     chunk: int,
-    mends: int,  # 1: chunks have been limited; take the end of the one before as it is now, and stop where they meet
+    repairs: int,  # 1: chunks have been limited; take the end of the one before as it is now, and stop where they meet
     # Out:
     delay: wp.array2d[wp.float32],
     changed: wp.array[wp.int32],
@@ -93,9 +93,9 @@ def _limit_slew(
     now = before[n]
     if part > 0:
         now = target[first - 1, n]
-        if mends == 1:
+        if repairs == 1:
             now = delay[first - 1, n]
-    elif mends == 1:
+    elif repairs == 1:
         return
     for frame in range(first, wp.min(first + chunk, target.shape[0])):
         wanted = target[frame, n]
@@ -106,7 +106,7 @@ def _limit_slew(
         else:
             now += wp.where(way > 0.0, step, -step)
             now -= wp.floor(now)
-        if mends == 1:
+        if repairs == 1:
             if now == delay[frame, n]:
                 return
             changed[0] = 1
@@ -119,7 +119,7 @@ def limit_slew(target: wp.array, *, before: wp.array, step: float) -> wp.array:
     target: [turns], 0..1, float32, shape [frame, transducer]. before: delays of the frame before, shape [transducer].
     Returns the same shape, 0..1. A transducer that is within a step of its target takes it exactly, so whatever it did
     before is forgotten: on CUDA all chunks of frames start at once, as if the target before them had been reached, and
-    those for which it had not are mended until none changes. The result is that of one frame after the other.
+    those for which it had not are repaired until none changes. The result is that of one frame after the other.
     """
     frame_count, transducer_count = target.shape
     delay, device = wp.empty_like(target), target.device
@@ -128,16 +128,16 @@ def limit_slew(target: wp.array, *, before: wp.array, step: float) -> wp.array:
     chunk = frame_count if device.is_cpu else CHUNK
     parts = -(-frame_count // chunk)
     changed = wp.zeros(1, dtype=wp.int32, device=device)
-    for mends in range(parts + 1):
+    for repairs in range(parts + 1):
         changed.zero_()
         wp.launch(
             _limit_slew,
             (parts, transducer_count),
-            inputs=[target, before, step, chunk, min(mends, 1)],
+            inputs=[target, before, step, chunk, min(repairs, 1)],
             outputs=[delay, changed],
             device=device,
             block_dim=BLOCK,
         )
-        if parts == 1 or (mends and not changed.numpy()[0]):
+        if parts == 1 or (repairs and not changed.numpy()[0]):
             break
     return delay

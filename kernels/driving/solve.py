@@ -71,7 +71,7 @@ def _solver(size: int):
         return a
 
     @wp.func
-    def driven(a: Foci, p: Foci):
+    def drive_of(a: Foci, p: Foci):
         """x_n."""
         x = wp.vec2()
         for m in range(size):
@@ -119,7 +119,7 @@ def _solver(size: int):
         return most
 
     @wp.func
-    def weighed(
+    def reweight(
         problem: Problem, points: Points, table: wp.array3d[wp.vec2], frame: int, lane: int, lanes: int, p: Foci
     ):
         """One iteration of WGS."""
@@ -130,7 +130,7 @@ def _solver(size: int):
                 live += 1
         for n in range(lane, problem.transducers.position.shape[0], lanes):
             a = waves(problem, points, table, frame, n)
-            q = direction(driven(a, p))
+            q = direction(drive_of(a, p))
             for m in range(size):
                 reached[m] = plus_product(reached[m], a[m], q)
         for m in range(size):
@@ -166,9 +166,9 @@ def _solver(size: int):
             p = start_gs_pat(problem, points, table, frame, lane, lanes, p)
         p = p * quotient(1.0, largest(p))
         for _ in range(problem.wgs):
-            p = weighed(problem, points, table, frame, lane, lanes, p)
+            p = reweight(problem, points, table, frame, lane, lanes, p)
         for n in range(lane, t.position.shape[0], lanes):
-            delay[frame, n] = delay_of(driven(waves(problem, points, table, frame, n), p))
+            delay[frame, n] = delay_of(drive_of(waves(problem, points, table, frame, n), p))
 
     return _solve_frames
 
@@ -179,7 +179,7 @@ SOLVERS = {size: _solver(size) for size in SIZES}
 def solve_points(points: wp.array, target: wp.array, transducers: Transducers, *, gs_pat: int, wgs: int) -> wp.array:
     """Delays of transducers for several points a frame [turns], 0..1, float32, shape [frame, transducer].
 
-    points: wp.vec3 [m], shape [frame, size], size one of SIZES: whoever has fewer fills up with target 0.
+    points: wp.vec3 [m], shape [frame, size], size one of SIZES: the caller pads fewer points with target 0.
     target: relative pressure, float32, the same shape; every frame needs one above 0.
     gs_pat, wgs: iterations of each, one after the other; none of both is naive.
     Raises ValueError for another size.

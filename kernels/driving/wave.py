@@ -1,4 +1,4 @@
-"""What a transducer's wave is at a point; the numbers of an array that this takes; sums over the lanes of a warp.
+"""The wave of a transducer at a point, the parameters of an array for it, and sums over the lanes of a warp.
 
 Complex numbers are wp.vec2. Time factor exp(+j w t), so a wave that has come the distance r carries exp(-j k r) / r.
 Modules are compiled with EXACT, which forbids fused multiply-adds: where they are wanted, they are asked for by name.

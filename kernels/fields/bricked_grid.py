@@ -11,13 +11,13 @@ import math
 import numpy as np
 import warp as wp
 
-from .dense_grid import blended, clamped, dense_field, grain_of
+from .dense_grid import clamp_index, dense_field, grain_of, interpolate
 from .field import ROOT_WIDTH, Field, share_of
 
 SHIFT = 1
 BRICK = 1 << SHIFT  # cells each way
 WIDE = wp.constant(wp.float64(BRICK))
-FAR = 100  # bricks; more is not told apart
+FAR = 100  # largest stored distance [brick]
 PAGE = (8, 8, 16)  # voxels
 LINE = (2, 2, 4)
 VALUES_MOST = 1 << 31  # what an int can count
@@ -39,7 +39,7 @@ class Bricked:
 
 
 def brick_reach(padded: np.ndarray) -> np.ndarray:
-    """How far each brick's side goes on, see Bricked.reach, for values of `pad_outside`, int8 [brick, brick, brick]."""
+    """`Bricked.reach` of each brick, from values of `pad_outside`; int8 [brick, brick, brick]."""
     from scipy.ndimage import distance_transform_cdt  # a tenth of a second that meshes do without
 
     inside = padded < 0
@@ -78,19 +78,19 @@ def page_reach(reach: np.ndarray) -> np.ndarray:
 
 @wp.func
 def place_i(data: Bricked, i: int):
-    """What the first index adds to a value's place."""
+    """Contribution of the first index to a value's storage index."""
     return (i >> 3) * data.stride[0] + (((i >> 1) & 3) << 8) + ((i & 1) << 3)
 
 
 @wp.func
 def place_j(data: Bricked, j: int):
-    """What the second index adds to a value's place."""
+    """Contribution of the second index to a value's storage index."""
     return (j >> 3) * data.stride[1] + (((j >> 1) & 3) << 6) + ((j & 1) << 2)
 
 
 @wp.func
 def place_k(k: int):
-    """What the third index adds to a value's place."""
+    """Contribution of the third index to a value's storage index."""
     return ((k >> 4) << 10) + (((k >> 2) & 3) << 4) + (k & 3)
 
 
@@ -102,17 +102,17 @@ def reach_of(data: Bricked, i: int, j: int, k: int):
 
 
 @wp.func
-def between(values: wp.array[wp.float32], one: int, two: int, t: wp.float64):
+def interpolate_entries(values: wp.array[wp.float32], one: int, two: int, t: wp.float64):
     """Between two values by their places."""
-    return blended(wp.float64(values[one]), wp.float64(values[two]), t)
+    return interpolate(wp.float64(values[one]), wp.float64(values[two]), t)
 
 
 @wp.func
 def value_at(data: Bricked, at: wp.vec3d):
     """Value at an index."""
-    p = clamped(at[0], data.last[0])
-    q = clamped(at[1], data.last[1])
-    r = clamped(at[2], data.last[2])
+    p = clamp_index(at[0], data.last[0])
+    q = clamp_index(at[1], data.last[1])
+    r = clamp_index(at[2], data.last[2])
     i = wp.min(int(p), data.cells[0])
     j = wp.min(int(q), data.cells[1])
     k = wp.min(int(r), data.cells[2])
@@ -124,13 +124,13 @@ def value_at(data: Bricked, at: wp.vec3d):
     j_low = place_j(data, j)
     j_high = place_j(data, j + 1)
     base = place_i(data, i)
-    a = between(data.values, base + j_low + k_low, base + j_low + k_high, r)
-    b = between(data.values, base + j_high + k_low, base + j_high + k_high, r)
-    low = blended(a, b, q)
+    a = interpolate_entries(data.values, base + j_low + k_low, base + j_low + k_high, r)
+    b = interpolate_entries(data.values, base + j_high + k_low, base + j_high + k_high, r)
+    low = interpolate(a, b, q)
     base = place_i(data, i + 1)
-    a = between(data.values, base + j_low + k_low, base + j_low + k_high, r)
-    b = between(data.values, base + j_high + k_low, base + j_high + k_high, r)
-    return blended(low, blended(a, b, q), p)
+    a = interpolate_entries(data.values, base + j_low + k_low, base + j_low + k_high, r)
+    b = interpolate_entries(data.values, base + j_high + k_low, base + j_high + k_high, r)
+    return interpolate(low, interpolate(a, b, q), p)
 
 
 @wp.func
@@ -165,9 +165,9 @@ def bricked_root(data: Bricked, a: wp.vec3d, b: wp.vec3d):
 def bricked_inside(data: Bricked, x: wp.vec3d):
     """`Field.inside` of the volume: a brick of one side need not be looked into."""
     at = index_of(data, x)
-    i = wp.min(int(clamped(at[0], data.last[0])), data.cells[0])
-    j = wp.min(int(clamped(at[1], data.last[1])), data.cells[1])
-    k = wp.min(int(clamped(at[2], data.last[2])), data.cells[2])
+    i = wp.min(int(clamp_index(at[0], data.last[0])), data.cells[0])
+    j = wp.min(int(clamp_index(at[1], data.last[1])), data.cells[1])
+    k = wp.min(int(clamp_index(at[2], data.last[2])), data.cells[2])
     reach = reach_of(data, i >> SHIFT, j >> SHIFT, k >> SHIFT)
     if reach != 0:
         return reach < 0
@@ -181,7 +181,7 @@ def bricked_ball(data: Bricked, x: wp.vec3d, radius: wp.float64):
     brick = wp.vec3i()
     room = wp.float64(1.0e9)  # to where the own brick ends, less what the ball reaches [voxel]
     for k in range(3):
-        p = clamped(at[k], data.last[k])
+        p = clamp_index(at[k], data.last[k])
         own = wp.min(int(p), data.cells[k]) >> SHIFT
         brick[k] = own
         p = p - wp.float64(own) * WIDE
@@ -194,7 +194,7 @@ def bricked_ball(data: Bricked, x: wp.vec3d, radius: wp.float64):
 
 
 def bricked_field(padded: np.ndarray, affine: np.ndarray, device: str) -> Field:
-    """`dense_field` with `Field.ball`, and of the same values to the bit; that itself if the volume is too large."""
+    """`dense_field` with `Field.ball`, with bit-identical values; `dense_field` itself if the volume is too large."""
     affine = np.asarray(affine, np.float64)
     if math.prod(-(-size // page) * page for size, page in zip(padded.shape, PAGE, strict=True)) >= VALUES_MOST:
         return dense_field(padded, affine, device)

@@ -19,7 +19,7 @@ class Dense:
 
 
 @wp.func
-def blended(a: wp.float64, b: wp.float64, t: wp.float64):
+def interpolate(a: wp.float64, b: wp.float64, t: wp.float64):
     """Between a (t = 0) and b (t = 1), never beyond either: two values below 0 stay below 0."""
     return (wp.float64(1.0) - t) * a + t * b
 
@@ -27,11 +27,11 @@ def blended(a: wp.float64, b: wp.float64, t: wp.float64):
 @wp.func
 def along_last(values: wp.array3d[wp.float32], i: int, j: int, k: int, t: wp.float64):
     """Between two neighbours along the last axis."""
-    return blended(wp.float64(values[i, j, k]), wp.float64(values[i, j, k + 1]), t)
+    return interpolate(wp.float64(values[i, j, k]), wp.float64(values[i, j, k + 1]), t)
 
 
 @wp.func
-def clamped(x: wp.float64, last: wp.float64):
+def clamp_index(x: wp.float64, last: wp.float64):
     """An index kept within the volume."""
     return wp.min(wp.max(x, wp.float64(0.0)), last)
 
@@ -40,18 +40,18 @@ def clamped(x: wp.float64, last: wp.float64):
 def dense_value(data: Dense, x: wp.vec3d):
     """Value at a point; beyond the volume that of its nearest point, which is outside the solid."""
     at = data.to_index * (x - data.origin)
-    p = clamped(at[0], data.last[0])
-    q = clamped(at[1], data.last[1])
-    r = clamped(at[2], data.last[2])
+    p = clamp_index(at[0], data.last[0])
+    q = clamp_index(at[1], data.last[1])
+    r = clamp_index(at[2], data.last[2])
     i = wp.min(int(p), int(data.last[0]) - 1)
     j = wp.min(int(q), int(data.last[1]) - 1)
     k = wp.min(int(r), int(data.last[2]) - 1)
     p = p - wp.float64(i)
     q = q - wp.float64(j)
     r = r - wp.float64(k)
-    low = blended(along_last(data.values, i, j, k, r), along_last(data.values, i, j + 1, k, r), q)
-    high = blended(along_last(data.values, i + 1, j, k, r), along_last(data.values, i + 1, j + 1, k, r), q)
-    return blended(low, high, p)
+    low = interpolate(along_last(data.values, i, j, k, r), along_last(data.values, i, j + 1, k, r), q)
+    high = interpolate(along_last(data.values, i + 1, j, k, r), along_last(data.values, i + 1, j + 1, k, r), q)
+    return interpolate(low, high, p)
 
 
 def pad_outside(values: np.ndarray) -> np.ndarray:

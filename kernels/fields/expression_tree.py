@@ -99,7 +99,7 @@ def leaf_value(step: Instruction, x: wp.vec3d):
 
 
 @wp.func
-def joined_value(step: Instruction, a: wp.float64, b: wp.float64):
+def combine_values(step: Instruction, a: wp.float64, b: wp.float64):
     """Two values as one."""
     if step.code == _UNION:
         return wp.min(a, b)
@@ -130,7 +130,7 @@ def tree_value(data: Tree, x: wp.vec3d):
             last = last - step.size[0]
         else:
             top -= 1
-            last = joined_value(step, stack[top], last)
+            last = combine_values(step, stack[top], last)
     return last
 
 

@@ -1,7 +1,7 @@
-"""A solid as a function of position: what kernels ask of it, and where it turns from inside to outside.
+"""Fields: solids as functions of position that kernels evaluate, and root finding on their surfaces.
 
-Voxels, expression trees, a user's own function and the inside of a mesh are all fields. A kernel that asks one is made
-for its functions by a factory with `made_once`; data of the same type share it.
+Voxels, expression trees, user-defined functions and the inside of a mesh are all fields. A kernel that evaluates a
+field is generated for the field's functions by a factory with `made_once`; fields that differ in `data` only share it.
 """
 
 from collections.abc import Callable
@@ -13,16 +13,16 @@ import warp as wp
 
 from ..patch import EXACT
 
-ROOT_STEPS = wp.constant(60)  # at worst
-SLOPE_STEPS = wp.constant(16)  # of these by slopes, every fourth of them halves; the others all do
-ROOT_WIDTH = wp.constant(wp.float64(1.0e-8))  # [m]; how well a root is known; float32's step at 0.2 m is 1.5e-8 m
-PROOF = wp.constant(wp.float64(0.9))  # of that: how far beyond a root it is proven
+ROOT_STEPS = wp.constant(60)  # most steps of a root search
+SLOPE_STEPS = wp.constant(16)  # steps with false position, of which every fourth bisects; later ones all bisect
+ROOT_WIDTH = wp.constant(wp.float64(1.0e-8))  # [m]; accuracy of a root; the float32 spacing at 0.2 m is 1.5e-8 m
+PROOF = wp.constant(wp.float64(0.9))  # distance beyond a predicted root at which its sign is tested [ROOT_WIDTH]
 
 _MAKING = RLock()
 
 
 def made_once(factory: Callable[..., Any]) -> Callable[..., Any]:
-    """`functools.cache` for what must be made once, whichever threads ask for it at the same time."""
+    """`functools.cache` that calls the factory once per arguments even if several threads ask at the same time."""
     cached = cache(factory)
 
     @wraps(factory)
@@ -34,31 +34,37 @@ def made_once(factory: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class Field(NamedTuple):
-    """A solid that can be asked at any point of the array's frame."""
+    """A solid that can be evaluated at any point of the array's frame."""
 
     value: Any
     """wp.func (data, x: wp.vec3d [m]) -> wp.float64: below 0 inside, 0 or above outside; finite everywhere."""
     data_type: Any
     """The wp.struct class of `data`."""
     data: Any
-    """What `value` reads, on one device."""
+    """The struct that the functions read, on one device."""
     root: Any = None
     """wp.func (data, a: wp.vec3d, b: wp.vec3d) -> wp.vec3d: a point of the surface between a and b, of which exactly
-    one is inside; symmetric in a and b to the bit. None: found from `value`, see `root_of`."""
+    one is inside; swapping a and b gives the same bits. None: `root_of` finds it from `value`."""
     ball: Any = None
-    """wp.func (data, x: wp.vec3d, radius: wp.float64 [m]) -> int: -1 if every point nearer to x than radius, or as
-    near, is surely inside, 1 if outside, 0 if neither or not known. None: never known. Searches skip what it settles,
-    so it saves time and must not change what they find; signed distances have `distance_ball`."""
+    """wp.func (data, x: wp.vec3d, radius: wp.float64 [m]) -> int: -1 if all points at most `radius` from x are surely
+    inside, 1 if all are outside, 0 if neither or not known. Searches skip balls with -1 or 1, so it saves time and must
+    not change results. None: 0 everywhere. For signed distances use `distance_ball`."""
 
     inside: Any = None
-    """wp.func (data, x: wp.vec3d) -> bool: whether `value` is below 0 there, found sooner than the value; or None."""
+    """wp.func (data, x: wp.vec3d) -> bool: a faster test whether `value` is below 0. None: `value` is computed."""
     grain: float = 0.0
-    """Size of the details that are no longer the solid's, as the spacing of voxels [m]."""
+    """Resolution of the data, as the voxel spacing: smaller details are not the solid's [m]."""
+
+
+@wp.func
+def ball_unknown(data: Any, x: wp.vec3d, radius: wp.float64):
+    """A ball function for fields without one: always unknown."""
+    return int(0)
 
 
 @made_once
 def distance_ball(value: Any) -> Any:
-    """A wp.func as `Field.ball` for a value function that changes by at most 1 a metre, as signed distances do."""
+    """A wp.func as `Field.ball` for a 1-Lipschitz value function, such as a signed distance [m]."""
 
     @wp.func
     def ball(data: Any, x: wp.vec3d, radius: wp.float64):
@@ -85,11 +91,11 @@ def inside_of(value: Any) -> Any:
 
 @made_once
 def share_of(value: Any) -> Any:
-    """A wp.func (data, inner, outer, f_inner, f_outer, least) -> share of the way from inner to outer to the root.
+    """A wp.func (data, inner, outer, f_inner, f_outer, least) -> root's position from inner (0) to outer (1).
 
-    Illinois' false position, halving where that is slow; it ends where the sign changes within `least`, whatever the
-    value's slope. Once a value is that near to 0 by its slopes to both ends, the next one is taken just beyond the root
-    they tell: that proves it. Where it does not, the value is flat there, and the way is halved from then on.
+    Illinois false position, with bisection where that is slow; it ends once the sign changes within `least`, also for
+    a flat value function. Once the slopes to both ends predict a root within `least`, the next value is taken just
+    beyond the prediction; a change of sign confirms the root. If the sign does not change, all further steps bisect.
     """
 
     @wp.func
@@ -101,9 +107,9 @@ def share_of(value: Any) -> Any:
         low = wp.float64(0.0)  # inside
         high = wp.float64(1.0)  # outside
         at = wp.float64(0.0)
-        weight = wp.float64(1.0)  # of the value at the inner end, against that at the outer one
-        kept = int(0)
-        state = int(0)  # 1: the next value is the proof; 2: halve
+        weight = wp.float64(1.0)  # Illinois weight of the inner end's value relative to the outer end's
+        kept = int(0)  # end that moved last; 1: inner, 2: outer
+        state = int(0)  # 1: the next value confirms the prediction; 2: bisect
         step = int(0)
         while step < ROOT_STEPS and high - low > least:
             if state == 1:
@@ -112,11 +118,11 @@ def share_of(value: Any) -> Any:
                 at = half * (low + high)
             else:
                 at = low + (high - low) * (weight * fa / (weight * fa - fb))
-            # never nearer to an end than this: once an end is the root, the other one closes up
+            # keep this distance from the ends: if one end is the root, the other end can still approach it
             at = wp.clamp(at, low + half * least, high - half * least)
             f = value(data, inner + at * way)
             if state == 1:
-                state = int(2)  # if this was no proof
+                state = int(2)  # bisect unless this value confirms the root, which ends the loop
             elif state == 0:
                 near = half * least
                 if wp.abs(f) * (at - low) <= near * (f - fa) and wp.abs(f) * (high - at) <= near * (fb - f):
@@ -139,10 +145,10 @@ def share_of(value: Any) -> Any:
 
 @made_once
 def root_of(value: Any) -> Any:
-    """A wp.func as `Field.root` for a value function, to ROOT_WIDTH; an outer end of value 0 is met exactly,
-    unless the value is 0 over a stretch: then the stretch's inner end is met.
+    """A wp.func as `Field.root` for a value function, accurate to ROOT_WIDTH. An outer end with value 0 is the root
+    itself, unless the value is 0 over an interval: then the root is the interval's inner end.
 
-    The end that is inside comes first whichever it is, so the result does not depend on the order of a and b.
+    The search always runs from the inner end, so the result does not depend on the order of a and b.
     """
     share = share_of(value)
 
@@ -159,13 +165,13 @@ def root_of(value: Any) -> Any:
 
 
 def root_function(field: Field) -> Any:
-    """The field's own root function, or the one made from its value."""
+    """`Field.root`, or `root_of` the field's value."""
     return field.root or root_of(field.value)
 
 
 def inside_function(field: Field) -> Any:
-    """The field's own inside function, or the one made from its value."""
+    """`Field.inside`, or `inside_of` the field's value."""
     return field.inside or inside_of(field.value)
 
 
-MODULE = {"module": "unique", "module_options": EXACT}  # how factories make kernels: wp.kernel(**MODULE)
+MODULE = {"module": "unique", "module_options": EXACT}  # options of generated kernels: wp.kernel(**MODULE)

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..patch import EXACT, ON, narrowed, widened
+from ..patch import EXACT, ON, to_float32, to_float64
 from ..section.half_edges import LEAF, Surface
 from ..section.tree_search import node_after
-from ..section.triangle_walk import loaded, vertex_of
+from ..section.triangle_walk import load_vec4, vertex_of
 from .field import Field, root_of
 
 wp.set_module_options(EXACT)
@@ -31,17 +31,17 @@ SLACK = wp.constant(wp.float64(1.0e-9))  # of a way; an end may lie on the surfa
 ABOVE_0 = wp.constant(0)
 ODD = wp.constant(1)
 RULES = {"winding": 0, "even-odd": 1}  # of `MeshObject.solid`: ABOVE_0, ODD
-CELLS = 48  # along the longest side of the bounds: settled cells answer for 3 points of 4 near a surface of 0.13 m
+CELLS = 48  # along the longest side of the bounds: classified cells answer for 3 points of 4 near a surface of 0.13 m
 
 
 @wp.struct
 class Inside:
-    """A closed surface, and what is settled about the cells of a grid around it."""
+    """A closed surface, and the sides of the cells of a grid around it."""
 
     surface: Surface
     low: wp.vec3d  # corner of the grid [m]
     cell: wp.float64  # side of a cell [m]
-    settled: wp.array3d[wp.int8]  # 1: all of the cell is outside, -1: inside, 0: neither or not known
+    cell_side: wp.array3d[wp.int8]  # 1: all of the cell is outside, -1: inside, 0: neither or not known
     rule: int  # which winding numbers are inside: ABOVE_0 or ODD
 
 
@@ -58,9 +58,9 @@ class Triangle:
 def face_from(surface: Surface, face: int, x: wp.vec3d):
     """A face's corners less x: the same bits in all faces that share a corner."""
     t = Triangle()
-    t.a = widened(vertex_of(loaded(surface.corner, 3 * face))) - x
-    t.b = widened(vertex_of(loaded(surface.corner, 3 * face + 1))) - x
-    t.c = widened(vertex_of(loaded(surface.corner, 3 * face + 2))) - x
+    t.a = to_float64(vertex_of(load_vec4(surface.corner, 3 * face))) - x
+    t.b = to_float64(vertex_of(load_vec4(surface.corner, 3 * face + 1))) - x
+    t.c = to_float64(vertex_of(load_vec4(surface.corner, 3 * face + 2))) - x
     return t
 
 
@@ -84,7 +84,7 @@ def edge_crossing(a: wp.vec3d, b: wp.vec3d):
 
 @wp.func
 def turns_around(t: Triangle):
-    """How a face winds around the z axis: 1, -1, or 0 where the axis does not pass through it."""
+    """Winding of a face around the z axis: 1 or -1; 0 if the axis does not pass through it."""
     return edge_crossing(t.a, t.b) + edge_crossing(t.b, t.c) + edge_crossing(t.c, t.a)
 
 
@@ -139,16 +139,16 @@ def span_of(surface: Surface, low: wp.vec3d, high: wp.vec3d):
     slack = wp.float64(surface.reach) * ROUNDING + ON
     by = wp.vec3d(slack, slack, slack)
     s = Span()
-    s.low = narrowed(low - by)
-    s.high = narrowed(high + by)
+    s.low = to_float32(low - by)
+    s.high = to_float32(high + by)
     return s
 
 
 @wp.func
 def apart(surface: Surface, node: int, s: Span):
     """Whether a node's box lies apart from a span; an empty one, of half extents -1 m, lies so or has no faces."""
-    centre = loaded(surface.node_centre, node)
-    half = loaded(surface.node_half, node)
+    centre = load_vec4(surface.node_centre, node)
+    half = load_vec4(surface.node_half, node)
     if centre[0] + half[0] < s.low[0] or centre[0] - half[0] > s.high[0]:
         return True
     if centre[1] + half[1] < s.low[1] or centre[1] - half[1] > s.high[1]:
@@ -202,10 +202,10 @@ def mesh_value(inside: Inside, x: wp.vec3d):
     zero = wp.float64(0.0)
     if not (at[0] >= zero and at[1] >= zero and at[2] >= zero):
         return wp.float64(1.0)
-    shape = inside.settled.shape
+    shape = inside.cell_side.shape
     if at[0] >= wp.float64(shape[0]) or at[1] >= wp.float64(shape[1]) or at[2] >= wp.float64(shape[2]):
         return wp.float64(1.0)
-    known = inside.settled[int(at[0]), int(at[1]), int(at[2])]
+    known = inside.cell_side[int(at[0]), int(at[1]), int(at[2])]
     if known != wp.int8(0):
         return wp.float64(known)
     if is_wound(inside.surface, x, inside.rule):
@@ -215,7 +215,7 @@ def mesh_value(inside: Inside, x: wp.vec3d):
 
 @wp.struct
 class Hits:
-    """What a way through a surface meets."""
+    """Intersections of a line segment with a surface."""
 
     count: int  # faces
     last: wp.float64  # share of the way up to the face that was found last
@@ -251,7 +251,7 @@ def hit_face(hits: Hits, t: Triangle, d: wp.vec3d):
 
 @wp.func
 def hits_between(surface: Surface, start: wp.vec3d, end: wp.vec3d):
-    """What the way from one point to another meets."""
+    """Intersections of the segment between two points with the surface."""
     hits = Hits()
     hits.exit = FAR
     span = span_of(surface, wp.min(start, end), wp.max(start, end))
@@ -318,8 +318,8 @@ def is_near(t: Triangle, radius: wp.float64):
 
 
 @wp.func
-def settled_ball(surface: Surface, x: wp.vec3d, radius: wp.float64, rule: int):
-    """1 or -1 where no face comes as near to x as radius, which is outside or inside then; else 0."""
+def side_of_ball(surface: Surface, x: wp.vec3d, radius: wp.float64, rule: int):
+    """1 (outside) or -1 (inside) if no face is nearer to x than radius; otherwise 0."""
     room = radius * (wp.float64(1.0) + wp.float64(1.0e-6)) + wp.float64(1.0e-9)  # and rounding
     by = wp.vec3d(room, room, room)
     span = span_of(surface, x - by, x + by)
@@ -338,24 +338,24 @@ def settled_ball(surface: Surface, x: wp.vec3d, radius: wp.float64, rule: int):
 @wp.func
 def mesh_ball(inside: Inside, x: wp.vec3d, radius: wp.float64):
     """`Field.ball` of a closed surface."""
-    return settled_ball(inside.surface, x, radius, inside.rule)
+    return side_of_ball(inside.surface, x, radius, inside.rule)
 
 
 @wp.kernel
-def _settle_cells(
+def _classify_cells(
     # In:
     surface: Surface,
     low: wp.vec3d,
     cell: wp.float64,
     rule: int,
     # Out:
-    settled: wp.array3d[wp.int8],
+    cell_side: wp.array3d[wp.int8],
 ):
-    """Settle a cell by the ball around it."""
+    """Classify a cell by the ball around it."""
     i, j, k = wp.tid()
     half = wp.float64(0.5)
     at = wp.vec3d(wp.float64(i) + half, wp.float64(j) + half, wp.float64(k) + half)
-    settled[i, j, k] = wp.int8(settled_ball(surface, low + cell * at, wp.float64(0.8661) * cell, rule))
+    cell_side[i, j, k] = wp.int8(side_of_ball(surface, low + cell * at, wp.float64(0.8661) * cell, rule))
 
 
 def mesh_field(surface: Any, bounds: np.ndarray, *, solid: str = "winding") -> Field:
@@ -373,7 +373,7 @@ def mesh_field(surface: Any, bounds: np.ndarray, *, solid: str = "winding") -> F
     shape = np.floor((high - low) / cell).astype(int) + 3
     inside.surface, inside.cell, inside.rule = surface, cell, RULES[solid]
     inside.low = wp.vec3d(*(0.5 * (low + high - shape * cell)))
-    inside.settled = wp.empty(tuple(shape.tolist()), dtype=wp.int8, device=device)
+    inside.cell_side = wp.empty(tuple(shape.tolist()), dtype=wp.int8, device=device)
     inputs = [surface, inside.low, inside.cell, inside.rule]
-    wp.launch(_settle_cells, tuple(shape.tolist()), inputs=inputs, outputs=[inside.settled], device=device)
+    wp.launch(_classify_cells, tuple(shape.tolist()), inputs=inputs, outputs=[inside.cell_side], device=device)
     return Field(mesh_value, Inside, inside, mesh_root, mesh_ball)

@@ -13,7 +13,7 @@ HIGHEST = wp.constant(wp.float64(1e30))
 
 @wp.struct
 class Placed:
-    """Where a function's own coordinates lie in the array's frame, and the box that its solid ends at."""
+    """Placement of a function's own coordinates in the array's frame, and the bounding box of its solid."""
 
     turn: wp.mat33d  # array frame -> own axes
     at: wp.vec3d  # of its origin, array frame [m]
@@ -23,14 +23,14 @@ class Placed:
 
 
 @wp.func
-def own_point(data: Placed, x: wp.vec3d):
+def local_point(data: Placed, x: wp.vec3d):
     """A point of the array's frame in the function's own coordinates."""
     return (data.turn * (x - data.at)) / data.scale
 
 
 @wp.func
-def cut_value(data: Placed, own: wp.vec3d, f: wp.float64):
-    """The function's value, raised outside the box: above 0 there whatever the function says."""
+def value_in_box(data: Placed, own: wp.vec3d, f: wp.float64):
+    """The function's value, raised outside the box so that it is always above 0 there."""
     known = NOWHERE
     if wp.isfinite(f):
         known = f
@@ -44,21 +44,21 @@ def function_value(function: Any, double: bool) -> Any:
 
     @wp.func
     def value_double(data: Placed, x: wp.vec3d):
-        own = own_point(data, x)
-        return cut_value(data, own, wp.float64(function(own)))
+        own = local_point(data, x)
+        return value_in_box(data, own, wp.float64(function(own)))
 
     @wp.func
     def value_single(data: Placed, x: wp.vec3d):
-        own = own_point(data, x)
+        own = local_point(data, x)
         rounded = wp.vec3(wp.float32(own[0]), wp.float32(own[1]), wp.float32(own[2]))
-        return cut_value(data, own, wp.float64(function(rounded)))
+        return value_in_box(data, own, wp.float64(function(rounded)))
 
     return value_double if double else value_single
 
 
 @made_once
 def raw_value(function: Any, double: bool) -> Any:
-    """What a Warp function itself says of a point in its own coordinates, be it a number or not."""
+    """Return value of a Warp function at a point in its own coordinates; it may be NaN."""
 
     @wp.func
     def raw_double(data: Placed, x: wp.vec3d):

@@ -24,15 +24,15 @@ from ..offsets import PointLimitError, last_of
 from ..patch import ON
 from ..section.contour_writing import Contours
 from .follow import follow_tips, keep_slots
-from .grid import Grids, Moved, lay_grids, place_grids
+from .grid import Grids, MovedNodes, lay_grids, place_grids
 from .lines import count_points, write_lines
 from .sample import Samples, find_roots, resolve_cells, sample_nodes
-from .tip import LEAST, Found, find_tips
+from .tip import LEAST, FoundTips, find_tips
 from .walk import Trails, walk_sections
 
 CPU_TILES = 1 << 17  # of a chunk: what is read again is still in the cache
 GPU_TILES = 1 << 23  # 32 MiB of bits
-GRAIN_MOST = 0.25  # of a step: details of a coarser field are not told from its grain
+GRAIN_MOST = 0.25  # of a step: details of a coarser field cannot be distinguished from its grain
 SLOTS_MOST = 1 << 26  # cut edges of a chunk of several poses, 40 bytes each
 
 
@@ -72,7 +72,7 @@ def march_patches(
         half = np.full_like(half, 0.5 * float(np.linalg.norm(bounds[1] - bounds[0])) + step - float(ON))
     grids = lay_grids(half, step, pose.device)
     march = _March(field, pose, patch, grids, bounds, middle, closes, limit, step)
-    return _joined(list(march.chunks()), pose.device)
+    return _join_chunks(list(march.chunks()), pose.device)
 
 
 class Traced(NamedTuple):
@@ -80,7 +80,7 @@ class Traced(NamedTuple):
 
     trails: Trails
     point: wp.array  # of each slot [m]
-    found: Found
+    found: FoundTips
 
 
 class _March:
@@ -154,11 +154,11 @@ class _March:
         """Polylines of a chunk, their points, and the tips beyond their steps; waits for the device."""
         trails = walk_sections(samples, self.grids, last_of(samples.cut_start), closes=self.closes)
         point = wp.empty(trails.code.shape[0], dtype=wp.vec3, device=lattice.device)
-        find_roots(self.field, lattice, self.grids, trails.code, trails.section, Moved(), point)
+        find_roots(self.field, lattice, self.grids, trails.code, trails.section, MovedNodes(), point)
         if self.least > GRAIN_MOST:
-            return Traced(trails, point, Found(point, 0))
+            return Traced(trails, point, FoundTips(point, 0))
         return Traced(
-            trails, point, find_tips(self.field, lattice, self.grids, trails, point, Moved(), least=self.least)
+            trails, point, find_tips(self.field, lattice, self.grids, trails, point, MovedNodes(), least=self.least)
         )
 
     def traced_again(
@@ -178,7 +178,7 @@ class _March:
         return samples, Traced(trails, point, found._replace(tip=tip))
 
 
-def _joined(parts: list[Contours], device: wp.Device) -> Contours:
+def _join_chunks(parts: list[Contours], device: wp.Device) -> Contours:
     """Contours of consecutive chunks as one: offsets already go on."""
     if len(parts) == 1:
         return parts[0]

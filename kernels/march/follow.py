@@ -13,9 +13,9 @@ import warp as wp
 from ..fields.field import MODULE, Field, inside_function, made_once
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .grid import TILE_HEIGHT, Grid, Grids, Lattice, Moved, is_done, is_inside, node_at, place_of
+from .grid import TILE_HEIGHT, Grid, Grids, Lattice, MovedNodes, is_done, is_inside, node_at, place_of
 from .sample import parts_of
-from .tip import FAR_TIP, Found, Tips
+from .tip import FAR_TIP, FoundTips, Tips
 
 wp.set_module_options(EXACT)
 
@@ -30,7 +30,7 @@ class Chain:
 
     base: int  # the section's first byte
     grid: Grid
-    want: bool
+    wanted: bool
     node: wp.vec2i  # the nearest one to the last place
     place: wp.vec2d
     next: int  # where the next moved node is noted
@@ -38,13 +38,13 @@ class Chain:
 
 
 @wp.func
-def has_bit(moved: Moved, c: Chain, n: wp.vec2i):
+def has_bit(moved: MovedNodes, c: Chain, n: wp.vec2i):
     """Whether a node is in the region."""
-    return is_inside(moved.bits, c.base, c.grid, n[0], n[1]) == c.want
+    return is_inside(moved.bits, c.base, c.grid, n[0], n[1]) == c.wanted
 
 
 @wp.func
-def set_node(chain: Chain, moved: Moved, n: wp.vec2i, at: wp.vec2d):
+def set_node(chain: Chain, moved: MovedNodes, n: wp.vec2i, at: wp.vec2d):
     """Move a node that is not in the region yet to a place that is."""
     c = chain
     if not has_bit(moved, c, n) and c.next < c.stop:
@@ -102,7 +102,7 @@ def exit_share(g: Grid, a: wp.vec2d, b: wp.vec2d):
 
 
 @wp.func
-def snapped(g: Grid, p: wp.vec2d):
+def snap_to_boundary(g: Grid, p: wp.vec2d):
     """A place near the boundary, exactly on it."""
     out = p
     for k in range(2):
@@ -119,11 +119,11 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
     """The kernel that moves nodes, for a field's `inside`."""
 
     @wp.func
-    def has_sign(data: data_type, lat: Lattice, p: wp.vec2d, want: bool):
-        return inside(data, node_at(lat, p[0], p[1])) == want
+    def has_sign(data: data_type, lat: Lattice, p: wp.vec2d, wanted: bool):
+        return inside(data, node_at(lat, p[0], p[1])) == wanted
 
     @wp.func
-    def linked(data: data_type, lat: Lattice, chain: Chain, moved: Moved, n: wp.vec2i, at: wp.vec2d):
+    def link_node(data: data_type, lat: Lattice, chain: Chain, moved: MovedNodes, n: wp.vec2i, at: wp.vec2d):
         """The chain at another node: the one before is moved, and one between them if they share no edge."""
         c = chain
         c = set_node(c, moved, c.node, c.place)
@@ -134,24 +134,24 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
             if v < u:
                 between = wp.vec2i(c.node[0], n[1])
             place = wp.lerp(c.place, at, wp.float64(0.5) * (u + v))
-            if not is_on_boundary(c.grid, between) and has_sign(data, lat, place, c.want):
+            if not is_on_boundary(c.grid, between) and has_sign(data, lat, place, c.wanted):
                 c = set_node(c, moved, between, place)
         c.node = n
         c.place = at
         return c
 
     @wp.func
-    def left(data: data_type, lat: Lattice, chain: Chain, moved: Moved, at: wp.vec2d):
+    def left(data: data_type, lat: Lattice, chain: Chain, moved: MovedNodes, at: wp.vec2d):
         """The chain with a node of the boundary moved along it to where the track leaves the grid."""
         c = chain
-        place = snapped(c.grid, at)
+        place = snap_to_boundary(c.grid, at)
         node = nearest_node(place)
-        if not is_corner_node(c.grid, node) and has_sign(data, lat, place, c.want):
-            c = linked(data, lat, c, moved, node, place)
+        if not is_corner_node(c.grid, node) and has_sign(data, lat, place, c.wanted):
+            c = link_node(data, lat, c, moved, node, place)
         return set_node(c, moved, c.node, c.place)
 
     @wp.func
-    def along(data: data_type, lat: Lattice, chain: Chain, moved: Moved, a: wp.vec2d, b: wp.vec2d):
+    def along(data: data_type, lat: Lattice, chain: Chain, moved: MovedNodes, a: wp.vec2d, b: wp.vec2d):
         """The chain at b, nodes near the way from a moved onto it; `stop` is below 0 where that ends."""
         c = chain
         leaves = exit_share(c.grid, a, b)
@@ -163,19 +163,19 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
                 if leaves < share:
                     c = left(data, lat, c, moved, at)
                     c.stop = -1
-                elif has_sign(data, lat, at, c.want):
+                elif has_sign(data, lat, at, c.wanted):
                     node = inner_node(c.grid, at)
                     if node == c.node:
                         c.place = at
                     else:
-                        c = linked(data, lat, c, moved, node, at)
+                        c = link_node(data, lat, c, moved, node, at)
                 else:
                     c = set_node(c, moved, c.node, c.place)
                     c.stop = -1
         return c
 
     @wp.func
-    def first_node(moved: Moved, c: Chain, m: wp.vec2d):
+    def first_node(moved: MovedNodes, c: Chain, m: wp.vec2d):
         """The corner of a cell that is in the region and nearest to m; (-1, -1) if there is none."""
         i = wp.clamp(int(wp.floor(m[0])), 0, c.grid.nu - 1)
         j = wp.clamp(int(wp.floor(m[1])), 0, c.grid.nv - 1)
@@ -201,7 +201,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
         cut_start: wp.array[wp.int32],  # a section's first slot
         room: wp.array[wp.int32],  # far tips before each turn
         # Out:
-        moved: Moved,  # its bits come as they are without tips
+        moved: MovedNodes,  # its bits are initialised as without tips
     ):
         """Move a section's nodes onto its far tips, one tip after the other."""
         row = wp.tid()
@@ -217,7 +217,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
         for turn in range(first, end):
             if tips.what[turn] == FAR_TIP and c.grid.nu > 1 and c.grid.nv > 1:
                 m = tips.track[turn, 0]
-                c.want = inside(data, node_at(lattice[row], m[0], m[1]))
+                c.wanted = inside(data, node_at(lattice[row], m[0], m[1]))
                 c.node = first_node(moved, c, m)
                 if c.node[0] >= 0:
                     c.stop = room_stop
@@ -238,12 +238,12 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
 
 
 def follow_tips(
-    field: Field, lattice: wp.array, grids: Grids, bits: wp.array, cut_start: wp.array, found: Found
-) -> Moved:
+    field: Field, lattice: wp.array, grids: Grids, bits: wp.array, cut_start: wp.array, found: FoundTips
+) -> MovedNodes:
     """Move nodes onto the far tips; `bits` are changed with them. cut_start: see Samples."""
     device = lattice.device
     size = MOVED_MOST * found.far_count
-    moved = Moved()
+    moved = MovedNodes()
     moved.start, moved.stop = (wp.empty(lattice.shape[0], dtype=wp.int32, device=device) for _ in range(2))
     moved.node = wp.empty(size, dtype=wp.int32, device=device)
     moved.place = wp.empty(size, dtype=wp.vec2d, device=device)
@@ -273,7 +273,7 @@ def follow_tips(
 def _keep_slots(
     # In:
     section: wp.array[wp.int32],
-    moved: Moved,
+    moved: MovedNodes,
     old_start: wp.array[wp.int32],  # slots of the sections before nodes were moved
     start: wp.array[wp.int32],
     value: wp.array[wp.vec3],  # of each slot before
@@ -288,7 +288,7 @@ def _keep_slots(
 
 
 def keep_slots(
-    section: wp.array, moved: Moved, old_start: wp.array, start: wp.array, value: wp.array, kept: wp.array
+    section: wp.array, moved: MovedNodes, old_start: wp.array, start: wp.array, value: wp.array, kept: wp.array
 ) -> None:
     """Copy points, or what else there is of each slot, of sections without moved nodes: they are walked as before."""
     inputs = [section, moved, old_start, start, value]

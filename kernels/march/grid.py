@@ -1,7 +1,7 @@
-"""The nodes that marching looks at: a grid over each patch, where its nodes lie, and one bit for each that is inside.
+"""Grids of nodes for marching: a grid over each patch, positions of its nodes, and one bit per node (1 is inside).
 
-Bits stand in tiles of 8 x 4 nodes, 32 bits a tile, a byte for each of its rows, so that what is settled is settled for
-whole tiles. Node (i, j) lies i steps along u and j along v from the patch's corner 0.
+Bits are stored in tiles of 8 x 4 nodes: 32 bits per tile, one byte per row, so that whole tiles can be classified at
+once. Node (i, j) lies i steps along u and j along v from the patch's corner 0.
 """
 
 from typing import NamedTuple
@@ -42,8 +42,8 @@ class Lattice:
 
 
 @wp.struct
-class Moved:
-    """Nodes that lie elsewhere than the grid says, section by section."""
+class MovedNodes:
+    """Nodes that were moved off their grid positions, section by section."""
 
     start: wp.array[wp.int32]  # a section's first one, shape [section]; no sections where no node is moved
     stop: wp.array[wp.int32]
@@ -97,8 +97,8 @@ def node_at(lattice: Lattice, i: wp.float64, j: wp.float64):
 
 
 @wp.func
-def place_of(moved: Moved, section: int, nodes: int, i: int, j: int):
-    """Where node (i, j) lies, in grid steps from node (0, 0); nodes: of a row."""
+def place_of(moved: MovedNodes, section: int, nodes: int, i: int, j: int):
+    """Position of node (i, j) in grid steps from node (0, 0); nodes: of a row."""
     out = wp.vec2d(wp.float64(i), wp.float64(j))
     if section < moved.start.shape[0]:
         for k in range(moved.start[section], moved.stop[section]):
@@ -108,7 +108,7 @@ def place_of(moved: Moved, section: int, nodes: int, i: int, j: int):
 
 
 @wp.func
-def is_done(moved: Moved, section: int):
+def is_done(moved: MovedNodes, section: int):
     """Whether nodes were moved, but none of this section."""
     if section >= moved.start.shape[0]:
         return False

@@ -7,7 +7,7 @@ import warp as wp
 from ..offsets import BLOCK, last_of, offsets_of
 from ..patch import EXACT
 from ..section.contour_writing import Contours
-from ..section.row_walker import Lines
+from ..section.row_walker import LineArrays
 from .sample import NO_POINT
 from .walk import Trails
 
@@ -17,7 +17,7 @@ LINE = wp.constant(wp.int64(1 << 32))  # counts of points and of polylines in on
 
 
 class Kept(NamedTuple):
-    """What is left of a chunk's points."""
+    """Points of a chunk that are kept."""
 
     start: wp.array  # of each slot: points before it + LINE x polylines before it, int64, shape [slot + 1]
     point_count: int
@@ -40,7 +40,7 @@ def ends_line(after: wp.array[wp.int32], slot: int):
 
 @wp.func
 def has_step(after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
-    """Whether a step of some length starts at this point."""
+    """Whether a step of non-zero length starts at this point."""
     return after[slot] >= 0 and not (point[slot] == point[after[slot]])
 
 
@@ -52,7 +52,7 @@ def has_tip(after: wp.array[wp.int32], point: wp.array[wp.vec3], tip: wp.array[w
 
 @wp.func
 def last_step(after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
-    """The last step of some length of the polyline that ends at a slot, or NO_POINT."""
+    """The last step of non-zero length of the polyline that ends at a slot, or NO_POINT."""
     first = first_of(after, slot)
     k = int(slot)
     while k >= first:
@@ -72,7 +72,7 @@ def _count_points(
     # Out:
     count: wp.array[wp.int64],  # see Kept.start
 ):
-    """Count a point where a step of some length starts, its tip, and a line and its last point where one ends."""
+    """Count a point where a step of non-zero length starts, its tip, and a line and its last point where one ends."""
     slot = wp.tid()
     n = wp.int64(0)
     if slot < code.shape[0]:
@@ -99,7 +99,7 @@ def _write_lines(
     patch_count: int,
     point_base: wp.int64,  # points of the chunks before
     # Out:
-    lines: Lines,
+    lines: LineArrays,
 ):
     """Write a slot's point, and where a polyline ends what there is to say of it."""
     slot = wp.tid()
@@ -167,7 +167,7 @@ def write_lines(
 ) -> Contours:
     """Write a chunk's contours; offsets go on from the points and polylines of those before, and end with their end."""
     device = point.device
-    lines = Lines()
+    lines = LineArrays()
     lines.points = wp.empty(kept.point_count, dtype=wp.vec3, device=device)
     lines.kind = wp.empty(kept.point_count, dtype=wp.uint8, device=device)
     end = point_base + kept.point_count

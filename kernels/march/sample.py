@@ -1,7 +1,7 @@
 """Ask a field about the nodes of grids: which are inside, where cells are ambiguous, where an edge is cut.
 
 Kernels are made for a field's functions and shared by all fields that have them. Each tile is asked about as a whole
-first, if the field can answer (`Field.ball`); its nodes only where that does not settle it.
+first, if the field can answer (`Field.ball`); its nodes only if that does not classify the tile.
 """
 
 from typing import Any, NamedTuple
@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from ..fields.field import MODULE, Field, inside_function, made_once, root_function
+from ..fields.field import MODULE, Field, ball_unknown, inside_function, made_once, root_function
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, narrowed
-from .grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, Moved, is_done, node_at, place_of
+from ..patch import EXACT, to_float32
+from .grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, MovedNodes, is_done, node_at, place_of
 
 wp.set_module_options(EXACT)
 
@@ -29,18 +29,12 @@ NEAR_ALL = wp.constant(wp.float64(1.0 + 1e-6))  # of the distance of a tile's co
 
 
 class Samples(NamedTuple):
-    """What marching knows of the nodes of a chunk of sections; a tile's bits stand where its number says."""
+    """Signs of the nodes of a chunk of sections; bits of a tile are stored by the tile's number."""
 
     bits: wp.array  # uint32, shape [tile]: which nodes are inside
     saddle: wp.array  # uint32, shape [tile]: cells with inside at their middle, of those that are ambiguous
     start: wp.array  # uint32, shape [tile]: edges along u from outside to inside
     cut_start: wp.array  # offsets of the sections' cut edges, and `spare` each, int32, shape [section + 1]
-
-
-@wp.func
-def ball_unknown(data: Any, x: wp.vec3d, radius: wp.float64):
-    """A field that cannot tell about all points of a ball at once."""
-    return int(0)
 
 
 @wp.func
@@ -54,11 +48,11 @@ def distance_to_box(x: wp.vec3d, low: wp.vec3d, high: wp.vec3d):
 
 
 @made_once
-def settle_kernel(ball: Any, data_type: Any) -> Any:
-    """The kernel that settles whole tiles, for a field's `ball`."""
+def classify_kernel(ball: Any, data_type: Any) -> Any:
+    """Make the kernel that classifies whole tiles with a field's `ball`."""
 
     @wp.kernel(**MODULE)
-    def _settle_tiles(
+    def _classify_tiles(
         # In:
         data: data_type,
         low: wp.vec3d,  # bounds of the solid [m]
@@ -68,7 +62,7 @@ def settle_kernel(ball: Any, data_type: Any) -> Any:
         patch_of: wp.array[wp.int32],
         # Out:
         bits: wp.array[wp.uint32],
-        unsettled: wp.array[wp.int32],  # 1 for the others, shape [tile + 1], the last one stays 0
+        unclassified: wp.array[wp.int32],  # 1 for the others, shape [tile + 1], the last one stays 0
     ):
         """Fill tiles that are inside or outside as a whole."""
         row, own = wp.tid()
@@ -85,10 +79,10 @@ def settle_kernel(ball: Any, data_type: Any) -> Any:
         side = int(1)
         if distance_to_box(middle, low, high) <= radius:
             side = ball(data, middle, radius)
-        unsettled[tile] = wp.where(side == 0, 1, 0)
+        unclassified[tile] = wp.where(side == 0, 1, 0)
         bits[tile] = wp.where(side < 0, FULL, wp.uint32(0))
 
-    return _settle_tiles
+    return _classify_tiles
 
 
 @made_once
@@ -148,14 +142,14 @@ def sample_kernel(inside: Any, ball: Any, data_type: Any) -> Any:
 @wp.kernel
 def _list_tiles(
     # In:
-    unsettled: wp.array[wp.int32],
+    unclassified: wp.array[wp.int32],
     place: wp.array[wp.int32],  # its offsets
     # Out:
     listed: wp.array[wp.int32],
 ):
-    """List the tiles that are not settled, in order."""
+    """List the unclassified tiles, in order."""
     tile = wp.tid()
-    if unsettled[tile] == 1:
+    if unclassified[tile] == 1:
         listed[place[tile]] = tile
 
 
@@ -258,7 +252,7 @@ def root_kernel(root: Any, data_type: Any) -> Any:
         grid: wp.array[Grid],
         code: wp.array[wp.int32],
         section: wp.array[wp.int32],
-        moved: Moved,
+        moved: MovedNodes,
         # Out:
         point: wp.array[wp.vec3],  # those of sections that are done come written
     ):
@@ -279,13 +273,13 @@ def root_kernel(root: Any, data_type: Any) -> Any:
                 moved, section[slot], nodes, i + wp.where(what == ALONG_U, 1, 0), j + wp.where(what == ALONG_V, 1, 0)
             )
             x = root(data, x, node_at(lat, p[0], p[1]))
-        point[slot] = narrowed(x + lat.lift)
+        point[slot] = to_float32(x + lat.lift)
 
     return _find_roots
 
 
 def sample_nodes(field: Field, lattice: wp.array, grids: Grids, bounds: np.ndarray) -> wp.array:
-    """Which nodes of sections are inside a field, uint32, shape [tile of all poses]; waits for the device once.
+    """Whether nodes of sections are inside a field, uint32, shape [tile of all poses]; waits for the device once.
 
     bounds: lowest and highest coordinates of the solid [m], shape [2, 3]; nothing beyond is looked at.
     """
@@ -293,21 +287,21 @@ def sample_nodes(field: Field, lattice: wp.array, grids: Grids, bounds: np.ndarr
     pose_count = lattice.shape[0] // grids.grid.shape[0]
     tile_count = pose_count * grids.patch_of.shape[0]
     bits = wp.empty(tile_count, dtype=wp.uint32, device=device)
-    unsettled = wp.zeros(tile_count + 1, dtype=wp.int32, device=device)
+    unclassified = wp.zeros(tile_count + 1, dtype=wp.int32, device=device)
     low, high = (wp.vec3d(*side) for side in np.asarray(bounds, np.float64))
     layout = [lattice, grids.grid, grids.patch_of]
     ball = field.ball or ball_unknown
     wp.launch(
-        settle_kernel(ball, field.data_type),
+        classify_kernel(ball, field.data_type),
         (pose_count, grids.patch_of.shape[0]),
         inputs=[field.data, low, high, *layout],
-        outputs=[bits, unsettled],
+        outputs=[bits, unclassified],
         device=device,
         block_dim=BLOCK,
     )
-    place = offsets_of(unsettled)
+    place = offsets_of(unclassified)
     listed = wp.empty(last_of(place), dtype=wp.int32, device=device)
-    wp.launch(_list_tiles, tile_count, inputs=[unsettled, place], outputs=[listed], device=device, block_dim=BLOCK)
+    wp.launch(_list_tiles, tile_count, inputs=[unclassified, place], outputs=[listed], device=device, block_dim=BLOCK)
     wp.launch(
         sample_kernel(inside_function(field), ball, field.data_type),
         2 * listed.shape[0],
@@ -341,7 +335,7 @@ def find_roots(
     grids: Grids,
     code: wp.array,
     section: wp.array,
-    moved: Moved,
+    moved: MovedNodes,
     point: wp.array,
 ) -> None:
     """Write where the points with these codes lie [m], float32, shape [slot]; those of sections that are done stay."""

@@ -21,8 +21,8 @@ import warp as wp
 
 from ..fields.field import MODULE, Field, inside_function, made_once, root_function
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, narrowed, widened
-from .grid import Grid, Grids, Lattice, Moved, node_at
+from ..patch import EXACT, to_float32, to_float64
+from .grid import Grid, Grids, Lattice, MovedNodes, node_at
 from .turn import list_turns
 from .walk import Trails
 
@@ -49,14 +49,14 @@ FAR_TIP = wp.constant(2)  # beyond the cells around its step, or beyond the grid
 
 @wp.struct
 class Tips:
-    """What climbing from the steps that turn far has found."""
+    """Tips found by climbing from the steps that turn far."""
 
     what: wp.array[wp.int32]  # NO_TIP, TIP, FAR_TIP; shape [turn + 1]
     track: wp.array2d[wp.vec2d]  # the way to a tip: the step's middle, sections' middles, the tip; shape [turn, TRACK]
     track_count: wp.array[wp.int32]  # places of it
 
 
-class Found(NamedTuple):
+class FoundTips(NamedTuple):
     """Tips, and the points that go with them."""
 
     tip: wp.array  # of each slot, vec3 [m]: what comes after its point; the point itself where there is none
@@ -72,7 +72,7 @@ class Climb:
 
     lat: Lattice
     least: wp.float64  # height of the lowest tip
-    want: bool  # whether the region is inside
+    wanted: bool  # whether the region is inside
     d: wp.vec2d  # the step
     m: wp.vec2d  # its middle
     out: wp.vec2d  # as long as the step, across it, to where the tip is
@@ -125,8 +125,8 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
     """The kernel that climbs tips, for a field's `inside` and `root`."""
 
     @wp.func
-    def has_sign(data: data_type, lat: Lattice, p: wp.vec2d, want: bool):
-        return inside(data, node_at(lat, p[0], p[1])) == want
+    def has_sign(data: data_type, lat: Lattice, p: wp.vec2d, wanted: bool):
+        return inside(data, node_at(lat, p[0], p[1])) == wanted
 
     @wp.func
     def is_clear(data: data_type, c: Climb, to: wp.vec2d):
@@ -134,7 +134,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         way = to - c.x
         count = int(wp.length(way) / STRIDE) + 1
         for k in range(count):
-            if not has_sign(data, c.lat, c.x + (wp.float64(k + 1) / wp.float64(count)) * way, c.want):
+            if not has_sign(data, c.lat, c.x + (wp.float64(k + 1) / wp.float64(count)) * way, c.wanted):
                 return False
         return True
 
@@ -147,7 +147,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         """The root on a way from a place in the region, doubled up to `most` times till it ends outside; else a."""
         b = a + way
         k = int(0)
-        while k < most and has_sign(data, c.lat, b, c.want):
+        while k < most and has_sign(data, c.lat, b, c.wanted):
             b = a + wp.float64(2 << k) * way
             k += 1
         if k == most:
@@ -168,10 +168,10 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         c.width = ONE
         c.out = wp.vec2d(c.d[1], -c.d[0])  # to the right, where it is outside
         gap = lowest_height(c)
-        c.want = has_sign(data, lat, c.m + gap * c.out, True)
-        if has_sign(data, lat, c.m - gap * c.out, c.want):
+        c.wanted = has_sign(data, lat, c.m + gap * c.out, True)
+        if has_sign(data, lat, c.m - gap * c.out, c.wanted):
             c.count = 1
-        if not c.want:
+        if not c.wanted:
             c.out = -c.out
         return c
 
@@ -184,7 +184,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         n.width = wp.dot(n.b - n.a, c.d) / wp.dot(c.d, c.d)
         n.height = height
         n.x = HALF * (n.a + n.b)
-        if not has_sign(data, c.lat, n.x, c.want):
+        if not has_sign(data, c.lat, n.x, c.wanted):
             n.x = y
         n.count = c.count + 1
         n.rest = n.width * (height - c.height) / (c.width - n.width)
@@ -216,7 +216,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         """Whether the surface passes near to one end of a section, by its width."""
         within = wp.lerp(one, other, wp.float64(0.25))
         beyond = wp.lerp(one, other, wp.float64(-0.25))
-        return has_sign(data, c.lat, within, c.want) and not has_sign(data, c.lat, beyond, c.want)
+        return has_sign(data, c.lat, within, c.wanted) and not has_sign(data, c.lat, beyond, c.wanted)
 
     @wp.func
     def is_straight(data: data_type, c: Climb, tip: wp.vec2d):
@@ -226,7 +226,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         return is_near(data, c, p, q) and is_near(data, c, q, p)
 
     @wp.func
-    def climbed(data: data_type, begin: Climb, track: wp.array2d[wp.vec2d], row: int):
+    def climb_tip(data: data_type, begin: Climb, track: wp.array2d[wp.vec2d], row: int):
         """The highest section; `count` is 0 if there is no tip."""
         c = begin
         track[row, 0] = c.m
@@ -264,7 +264,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         turn: wp.array[wp.int32],  # slots
         least: wp.float64,
         # Out:
-        tip: wp.array[wp.vec3],  # comes as `point`; shape [slot]
+        tip: wp.array[wp.vec3],  # initialised like `point`; shape [slot]
         tips: Tips,
         far: wp.array[wp.int32],  # 1 for a far tip; shape [turn + 1], the last one stays 0
     ):
@@ -274,12 +274,12 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         tips.what[row] = NO_TIP
         far[row] = 0
         lat = lattice[section[slot]]
-        p = grid_place(lat, widened(point[slot]) - lat.lift)
-        q = grid_place(lat, widened(point[after[slot]]) - lat.lift)
+        p = grid_place(lat, to_float64(point[slot]) - lat.lift)
+        q = grid_place(lat, to_float64(point[after[slot]]) - lat.lift)
         c = begun(data, lat, p, q, least)
         if c.count == 0:
             return
-        c = climbed(data, c, tips.track, row)
+        c = climb_tip(data, c, tips.track, row)
         if c.count == 0:
             return
         end = tip_of(data, c)
@@ -294,14 +294,14 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
             far[row] = 1
         else:
             tips.what[row] = TIP
-            tip[slot] = narrowed(node_at(lat, end[0], end[1]) + lat.lift)
+            tip[slot] = to_float32(node_at(lat, end[0], end[1]) + lat.lift)
 
     return _climb_tips
 
 
 def find_tips(
-    field: Field, lattice: wp.array, grids: Grids, trails: Trails, point: wp.array, moved: Moved, *, least: float
-) -> Found:
+    field: Field, lattice: wp.array, grids: Grids, trails: Trails, point: wp.array, moved: MovedNodes, *, least: float
+) -> FoundTips:
     """Climb from every step that turns far; waits for the device.
 
     least: height of the lowest tip [grid step]. moved: once nodes are, only their sections are looked at.
@@ -310,7 +310,7 @@ def find_tips(
     turns = list_turns(trails, point, moved)
     count = turns.slot.shape[0]
     if count == 0:
-        return Found(point, 0)
+        return FoundTips(point, 0)
     tip = wp.clone(point)
     tips = Tips()
     tips.what, tips.track_count = (wp.empty(count, dtype=wp.int32, device=device) for _ in range(2))
@@ -325,4 +325,4 @@ def find_tips(
         block_dim=BLOCK,
     )
     room = offsets_of(far)
-    return Found(tip, last_of(room), tips, turns.start, room)
+    return FoundTips(tip, last_of(room), tips, turns.start, room)

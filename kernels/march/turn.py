@@ -1,4 +1,4 @@
-"""Which steps of polylines turn so far that the surface may leave them: where a tip may lie that no node told of.
+"""Detection of polyline steps that turn so far that an unseen tip of the surface may lie there.
 
 A step turns far if its direction and those of its neighbours differ by more than MOST_TURN, or if it has no neighbour
 on the surface. Only points are compared here, so smooth contours cost no question to the field.
@@ -9,8 +9,8 @@ from typing import NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, widened
-from .grid import Moved, is_done
+from ..patch import EXACT, to_float64
+from .grid import MovedNodes, is_done
 from .lines import has_step
 from .sample import NO_POINT
 from .walk import Trails
@@ -44,7 +44,7 @@ def slot_before(code: wp.array[wp.int32], after: wp.array[wp.int32], slot: int):
 
 @wp.func
 def is_drawn(code: wp.array[wp.int32], after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
-    """Whether a step of the object's kind and of some length starts at a slot."""
+    """Whether a step of the object's kind and of non-zero length starts at a slot."""
     if slot == NO_POINT:
         return False
     return code[slot] != NO_POINT and code[slot] & 1 == 0 and has_step(after, point, slot)
@@ -53,7 +53,7 @@ def is_drawn(code: wp.array[wp.int32], after: wp.array[wp.int32], point: wp.arra
 @wp.func
 def direction(after: wp.array[wp.int32], point: wp.array[wp.vec3], slot: int):
     """Unit vector along the step that starts at a slot."""
-    return wp.normalize(widened(point[after[slot]]) - widened(point[slot]))
+    return wp.normalize(to_float64(point[after[slot]]) - to_float64(point[slot]))
 
 
 @wp.func
@@ -78,7 +78,7 @@ def _count_turns(
     after: wp.array[wp.int32],
     section: wp.array[wp.int32],
     point: wp.array[wp.vec3],
-    moved: Moved,
+    moved: MovedNodes,
     # Out:
     count: wp.array[wp.int32],  # shape [slot + 1]
 ):
@@ -106,7 +106,7 @@ def _list_turns(
         slot[start[k]] = k
 
 
-def list_turns(trails: Trails, point: wp.array, moved: Moved) -> Turns:
+def list_turns(trails: Trails, point: wp.array, moved: MovedNodes) -> Turns:
     """List the steps that turn far, once nodes are moved only those of their sections; waits for the device."""
     device = point.device
     count = wp.empty(point.shape[0] + 1, dtype=wp.int32, device=device)

@@ -275,7 +275,7 @@ def _walk_sections(
     # In and out:
     start: wp.array[wp.uint32],  # where loops are yet to start; cleared
     start_bytes: wp.array[wp.uint8],  # the same memory
-    rim: wp.array[wp.uint8],  # comes as 0: edges of the boundary across which a polyline has entered
+    rim: wp.array[wp.uint8],  # zero-initialised: edges of the boundary across which a polyline has entered
     # Out:
     code: wp.array[wp.int32],
     after: wp.array[wp.int32],

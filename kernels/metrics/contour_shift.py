@@ -1,14 +1,14 @@
 """Whether contours move farther from a pose to the next than a focal point may step.
 
-A point is judged by how far the nearest point of the next pose's contours is. Contours that appear there do not count,
-those that disappear do: who draws them must go on elsewhere.
+A point's shift is its distance from the nearest point of the next pose's contours. Contours that appear there do not
+count; those that disappear do, as the focal point that draws them must continue elsewhere.
 """
 
 import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT, widened
+from ..patch import EXACT, to_float64
 
 wp.set_module_options(EXACT)
 
@@ -36,7 +36,7 @@ def find_near(
     while line < end:
         i = polyline_start[line]
         while i + wp.int64(1) < polyline_start[line + wp.int64(1)]:
-            if is_near(p, widened(points[i]), widened(points[i + wp.int64(1)]), limit):
+            if is_near(p, to_float64(points[i]), to_float64(points[i + wp.int64(1)]), limit):
                 return i
             i += wp.int64(1)
         line += wp.int64(1)
@@ -44,7 +44,7 @@ def find_near(
 
 
 @wp.kernel
-def _judge_shifts(
+def _find_shifts(
     # In:
     points: wp.array[wp.vec3],
     polyline_start: wp.array[wp.int64],
@@ -52,7 +52,7 @@ def _judge_shifts(
     polyline_pose: wp.array[wp.int32],
     compared: wp.array[wp.uint8],  # whether a pose is compared with the next, shape [pose]
     limit: wp.float64,  # [m]
-    spacing: wp.float64,  # of the points that are judged [m]
+    spacing: wp.float64,  # of the tested points [m]
     # Out:
     far: wp.array[wp.uint8],
 ):
@@ -68,14 +68,14 @@ def _judge_shifts(
     found = wp.int64(-1)
     i = polyline_start[line]
     while i + wp.int64(1) < polyline_start[line + wp.int64(1)] and far[pose] == wp.uint8(0):
-        a = widened(points[i])
-        way = widened(points[i + wp.int64(1)]) - a
+        a = to_float64(points[i])
+        way = to_float64(points[i + wp.int64(1)]) - a
         count = int(wp.ceil(wp.length(way) / spacing))
         for k in range(count + 1):
             p = a + wp.float64(k) / wp.max(wp.float64(count), wp.float64(1.0)) * way
             known = found >= wp.int64(0)  # where the point before was near, this one mostly is
             if known:
-                known = is_near(p, widened(points[found]), widened(points[found + wp.int64(1)]), limit)
+                known = is_near(p, to_float64(points[found]), to_float64(points[found + wp.int64(1)]), limit)
             if not known:
                 found = find_near(p, points, polyline_start, begin, end, limit)
                 if found < wp.int64(0):
@@ -84,7 +84,7 @@ def _judge_shifts(
         i += wp.int64(1)
 
 
-def judge_shifts(
+def find_shifts(
     points: wp.array,
     polyline_start: wp.array,
     pose_start: wp.array,
@@ -96,14 +96,14 @@ def judge_shifts(
     """Whether contours have a point that is farther than `limit` from those of the next pose, bool, shape [pose].
 
     Contours as in ContourBatch, on one device. compared: for which poses, bool, shape [pose]; the last has no next one.
-    limit [m]; spacing: of the points that are judged along contours [m], so that up to half of it may be overlooked.
+    limit [m]; spacing: of the tested points along contours [m]; shifts up to half of it may be missed.
     """
     device, pose_count = points.device, len(compared)
     line_count = np.diff(pose_start.numpy())
     compared = np.append(compared[:-1], False)
     far = wp.zeros(pose_count, dtype=wp.uint8, device=device)
     wp.launch(
-        _judge_shifts,
+        _find_shifts,
         int(line_count.sum()),
         inputs=[
             points,

@@ -3,7 +3,7 @@
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT, narrowed
+from ..patch import EXACT, to_float32
 
 wp.set_module_options(EXACT)
 
@@ -15,7 +15,7 @@ HALF = wp.constant(wp.float64(0.5))
 
 
 @wp.func
-def mixed(x: wp.uint64):
+def mix_bits(x: wp.uint64):
     """A bijection of 64-bit integers in which every bit depends on every bit (SplitMix64, Steele et al. 2014)."""
     z = x
     z = (z ^ (z >> wp.uint64(30))) * wp.uint64(0xBF58476D1CE4E5B9)
@@ -26,7 +26,7 @@ def mixed(x: wp.uint64):
 @wp.func
 def uniform(stream: wp.uint64, draw: int):
     """Number `draw` of a stream, counted from 1: a multiple of 2^-53 in 0..1, 1 left out."""
-    return wp.float64(mixed(stream + wp.uint64(draw) * GOLDEN) >> wp.uint64(11)) * ULP
+    return wp.float64(mix_bits(stream + wp.uint64(draw) * GOLDEN) >> wp.uint64(11)) * ULP
 
 
 @wp.kernel
@@ -42,7 +42,7 @@ def _place_poses(
     """One pose: uniform in the cube; a quaternion uniform on the sphere (Marsaglia 1972), by products and one root."""
     row = wp.tid()
     number = wp.uint64(first + wp.int64(row))
-    stream = mixed(mixed(seed + GOLDEN) ^ mixed(number + GOLDEN))
+    stream = mix_bits(mix_bits(seed + GOLDEN) ^ mix_bits(number + GOLDEN))
     x = at[0] + size * (uniform(stream, 1) - HALF)
     y = at[1] + size * (uniform(stream, 2) - HALF)
     z = at[2] + size * (uniform(stream, 3) - HALF)
@@ -61,7 +61,7 @@ def _place_poses(
         draw += 2
     share = wp.sqrt((ONE - (a * a + b * b)) / (c * c + d * d))
     turn = wp.quat(wp.float32(a), wp.float32(b), wp.float32(share * c), wp.float32(share * d))
-    pose[row] = wp.transform(narrowed(wp.vec3d(x, y, z)), turn)
+    pose[row] = wp.transform(to_float32(wp.vec3d(x, y, z)), turn)
 
 
 def random_poses(
@@ -77,7 +77,7 @@ def random_poses(
     """Poses first..stop of a seed, wp.transform, shape [pose]: independent, uniform in a cube and on SO(3).
 
     size: side of the cube [m], at least 0; at: its middle [m]. seed, first, stop: 0..2^63 - 1. out: takes the poses, as
-    many as there are, for instance a stretch of a larger array. Raises ValueError for arguments out of these bounds.
+    many as there are, for instance a range of a larger array. Raises ValueError for arguments out of these bounds.
     """
     if not (0 <= first <= stop < 2**63 and 0 <= seed < 2**63):
         raise ValueError(f"poses {first}..{stop} of seed {seed}: all must lie in 0..2^63 - 1, in this order")

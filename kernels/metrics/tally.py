@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT, narrowed, widened
+from ..patch import EXACT, to_float32, to_float64
 
 wp.set_module_options(EXACT)
 
@@ -26,7 +26,7 @@ INFINITY = wp.constant(wp.float64(float("inf")))
 
 @wp.struct
 class Pacing:
-    """How a sampling strategy turns lengths into the time of a cycle, and that into a number of samples."""
+    """Parameters that convert lengths to the time of a cycle, and the time to a number of samples."""
 
     speed: wp.float64  # [m/s]
     return_speed: wp.float64  # [m/s] along chords; infinite where they take no time
@@ -47,8 +47,8 @@ def write_lengths(
     total: wp.vec3d, polylines: wp.int64, pose: int, value: wp.array2d[wp.float32], length: wp.array[wp.float64]
 ):
     """Write a pose's rows of all METRICS but the area; total: by kind [m]."""
-    by_kind = narrowed(total)
-    stored = widened(by_kind)
+    by_kind = to_float32(total)
+    stored = to_float64(by_kind)
     value[0, pose] = wp.float32(stored[0] + stored[1] + stored[2])
     for k in range(3):
         value[1 + k, pose] = by_kind[k]
@@ -80,15 +80,15 @@ def _tally_contours(
     for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
         base = polyline_start[line]
         here = points[base]
-        origin = widened(here)
+        origin = to_float64(here)
         arm = wp.vec3d()
         own = wp.vec3d()
         for k in range(int(polyline_start[line + 1] - base) - 1):
             i = base + wp.int64(k)
             there = points[i + wp.int64(1)]
             segment = int(kind[i])
-            total[segment] = total[segment] + wp.length(widened(there - here))
-            further = widened(there) - origin
+            total[segment] = total[segment] + wp.length(to_float64(there - here))
+            further = to_float64(there) - origin
             own = own + wp.cross(arm, further)  # no += and no branch here: five times as slow on a CPU
             arm = further
             here = there
@@ -116,7 +116,7 @@ def _measure_gaps(
     chord: wp.array[wp.float64],  # from their ends back to their starts [m]
     piece_count: wp.array[wp.int32],  # polylines that have a length
 ):
-    """What of a pose's contours a focal point jumps or goes back over."""
+    """Lengths that a focal point jumps or retraces in a pose's contours."""
     pose = wp.tid()
     length = wp.float64(0.0)
     back = wp.float64(0.0)
@@ -127,12 +127,12 @@ def _measure_gaps(
         own = wp.float64(0.0)
         for k in range(int(last - first)):
             i = first + wp.int64(k)
-            own += wp.length(widened(points[i + wp.int64(1)]) - widened(points[i]))
+            own += wp.length(to_float64(points[i + wp.int64(1)]) - to_float64(points[i]))
         if own > wp.float64(0.0):
             count += 1
             if polyline_closed[line] == wp.uint8(0):
                 length += own
-                back += wp.length(widened(points[last]) - widened(points[first]))
+                back += wp.length(to_float64(points[last]) - to_float64(points[first]))
     open_length[pose] = length
     chord[pose] = back
     piece_count[pose] = count
@@ -148,7 +148,7 @@ def _pace_poses(
     # Out:
     value: wp.array2d[wp.float32],  # draw frequency nominal and actual [Hz], shape [2, pose]
 ):
-    """How often a pose's contours are drawn, pauses left out: as the strategy wants, and as whole samples allow."""
+    """Draw frequency of a pose's contours, without pauses: as requested, and rounded to whole samples [Hz]."""
     pose = wp.tid()
     own = length[pose]
     if own <= wp.float64(0.0):

@@ -1,4 +1,4 @@
-"""Events of a contour: the segments that clipping must look at; and the pieces that they make."""
+"""Events of a contour (the segments that clipping must test), and the pieces found from them."""
 
 from typing import Any
 
@@ -7,32 +7,32 @@ import warp as wp
 from ..patch import BOTTOM, EXACT, Patch, section_frame
 from .edge_pairing import OPEN
 from .half_edges import Surface
-from .pieces import CLOSED, Pieces, count_row, section_of, store_piece
+from .pieces import CLOSED, ContourPieces, count_row, section_of, store_piece
 from .segment_clipping import NONE, Segment, needs_left, segment_of
-from .triangle_walk import left_from, link_of, loaded
+from .triangle_walk import corners_left_from, link_of, load_vec4
 
 wp.set_module_options(EXACT)
 
-# An event is what clipping must look at, in two numbers: where and what, and how many steps of some length there were
-# inside since the one before. Where and what: half-edge of the segment's first crossing << HALF, and these bits.
+# An event is a segment that clipping must test, as two numbers: `what`, and the number of steps of non-zero length
+# inside the patch since the event before. `what` is the half-edge of the segment's first crossing << HALF | these bits:
 TO = wp.constant(15)  # outcode where the segment ends
 FROM = wp.constant(4)  # bits above it: outcode where it starts
 BEGIN = wp.constant(256)  # a loop begins here; both outcodes are of its first crossing
-END = wp.constant(512)  # it is back there
-STOP = wp.constant(1024)  # it ends at an open edge
-CLEAR = wp.constant(2048)  # both its crossings are apart from the lines of the patch's sides
+END = wp.constant(512)  # the loop is back at its first crossing
+STOP = wp.constant(1024)  # the contour ends at an open edge
+CLEAR = wp.constant(2048)  # in float32 neither of its crossings lies on the line of a patch side
 HALF = wp.constant(12)
 
 
 @wp.struct
 class Events:
-    """Events of each row's section, loop by loop; event k of row r stands at r * row + k * step."""
+    """Events of each row's section, loop by loop; event k of row r has index r * row + k * step."""
 
-    room: wp.int32  # of a row
+    room: wp.int32  # most events of a row
     row: wp.int64
     step: wp.int64
     event: wp.array[wp.vec2i]
-    count: wp.array[wp.int32]  # events of each row, also those that had no room
+    count: wp.array[wp.int32]  # events of each row, also those beyond its room
 
 
 @wp.func
@@ -43,7 +43,7 @@ def write_event(events: Events, row: int, k: int, what: int, steps: int):
 
 
 @wp.func
-def quiet(code_p: int, code_q: int):
+def is_quiet(code_p: int, code_q: int):
     """Whether a segment stays inside, or outside without winding around the patch."""
     if (code_p | code_q) == 0:
         return True
@@ -51,8 +51,8 @@ def quiet(code_p: int, code_q: int):
 
 
 @wp.struct
-class Tour:
-    """A loop read from its events, and the piece that it is on."""
+class EventTour:
+    """State of reading one loop's events, and the piece that is being read."""
 
     begin: int  # event with which the loop begins
     first: int  # half-edge with which it begins
@@ -70,9 +70,9 @@ class Tour:
 
 
 @wp.func
-def begun(surface: Surface, k: int, what: int, old: Tour):
-    """The tour of the loop that begins with event k."""
-    t = Tour()
+def begin_tour(surface: Surface, k: int, what: int, old: EventTour):
+    """Start reading the loop that begins with event k."""
+    t = EventTour()
     t.pieces = old.pieces
     t.winding = old.winding
     t.begin = k
@@ -82,15 +82,15 @@ def begun(surface: Surface, k: int, what: int, old: Tour):
     if (what & TO) == 0:
         t.inside = 1
         t.clear = 1
-        if link_of(loaded(surface.corner, t.half)) != OPEN:  # else a chain: its first piece is one
+        if link_of(load_vec4(surface.corner, t.half)) != OPEN:  # else a chain: its first piece is one
             t.whole = 1
             t.partial = 1
     return t
 
 
 @wp.func
-def advanced(tour: Tour, what: int, steps: int, e: Segment, clear: int, pieces: Pieces, row: int):
-    """The tour after an event; clear: 1 if no side is met near a corner or a crossing."""
+def advance(tour: EventTour, what: int, steps: int, e: Segment, clear: int, pieces: ContourPieces, row: int):
+    """Read one event; clear: 1 if the segment meets no side near a corner or a crossing."""
     t = tour
     at = what >> HALF
     t.steps += steps
@@ -124,14 +124,14 @@ def _clip_loops(
     patch: wp.array[Patch],
     events: Events,
     # Out:
-    pieces: Pieces,
+    pieces: ContourPieces,
 ):
     """Find the pieces of each row's section in its events."""
     row = wp.tid()
     section = section_of(pieces, row)
     own = patch[section % patch.shape[0]]
     count = events.count[row]
-    tour = Tour()
+    tour = EventTour()
     tour.pieces = wp.where(count > events.room, count, 0)  # no more pieces than events
     count = wp.where(count > events.room, 0, count)
     k = int(0)
@@ -141,15 +141,15 @@ def _clip_loops(
         what = event[0]
         k += 1
         if (what & BEGIN) != 0:
-            tour = begun(surface, k, what, tour)
+            tour = begin_tour(surface, k, what, tour)
         else:
             left = int(0)
             clear = wp.where((what & CLEAR) != 0, 1, 0)
             if needs_left((what >> FROM) & TO, what & TO):
                 f = section_frame(pose, patch, section)
-                left = left_from(surface, f, what >> HALF, own.half)
+                left = corners_left_from(surface, f, what >> HALF, own.half)
                 clear = 0
-            tour = advanced(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)
+            tour = advance(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)
             if tour.done == 1 and tour.whole == 1:
                 half = tour.first
                 store_piece(
@@ -166,7 +166,7 @@ def _clip_loops(
 
 
 def room_for_events(row_count: int, room: int, device: Any) -> Any:
-    """Room for that many events a row: side by side for a CPU's cache, event by event for a GPU's lanes."""
+    """Allocate `room` events per row: those of a row are adjacent on a CPU, equal ones of all rows on a GPU."""
     events = Events()
     events.room = room
     events.row, events.step = (room, 1) if device.is_cpu else (1, row_count)

@@ -1,4 +1,4 @@
-"""Pairs of half-edges: which triangle continues the surface across an edge, however many triangles share that edge."""
+"""Pairing of half-edges: find the triangle that continues the surface across an edge, even if many share the edge."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ OPEN = -1
 
 
 def order_of(*columns: np.ndarray) -> np.ndarray:
-    """Stable order of rows by columns of whole numbers of 0 or more, the last one first, as np.lexsort has it.
+    """`np.lexsort(columns)` for columns of integers >= 0, in a tenth of the time: the last column is the primary key.
 
-    Each number is sorted together with its row's place in one word, which takes a tenth of a stable sort's time.
-    A column's largest number and the row count must have 64 bits together, which vertices and faces in memory do.
+    Each number is packed with its row's place into one 64-bit word and sorted. A column's largest number and the row
+    count must fit in 64 bits together, which numbers of vertices and faces do.
     """
     count = len(columns[0])
     bits = np.uint64(max(count - 1, 1).bit_length())
@@ -25,7 +25,7 @@ def order_of(*columns: np.ndarray) -> np.ndarray:
 
 
 def group_starts(*columns: np.ndarray) -> np.ndarray:
-    """Rows that differ from the row before, the first one among them."""
+    """Indices of rows that differ from the row before, and of the first row."""
     differs = np.ones(len(columns[0]), bool)
     if len(differs):
         differs[1:] = np.logical_or.reduce([column[1:] != column[:-1] for column in columns])
@@ -33,16 +33,17 @@ def group_starts(*columns: np.ndarray) -> np.ndarray:
 
 
 def twins_of(faces: np.ndarray, vertices: np.ndarray | None = None, tolerance: float = 0.0) -> np.ndarray:
-    """The half-edge on the other side of each half-edge, int32, shape [3 face]; OPEN where there is none.
+    """The opposite half-edge of each half-edge, int32, shape [3 face]; OPEN if there is none.
 
-    Half-edge h = 3 face + corner runs from that corner to the face's next; it is paired with one that runs back.
-    Where more than two triangles share an edge, those between which the solid lies are paired, by their angles around
-    the edge: bodies that touch along an edge come apart, and two walls in one place pair with each other. Triangles
-    that edges of two join are paired among themselves where they can be: bodies that cross at a common edge stay apart.
+    Half-edge h = 3 face + corner runs from that corner to the face's next; it is paired with one in the opposite
+    direction. If more than two triangles share an edge, two neighbours by angle around the edge are paired if the solid
+    lies between them. So bodies that touch along an edge are separated, and two coincident walls pair with each other.
+    Triangles of one patch (connected through edges of two triangles) are paired with each other first, if the patch is
+    balanced at the edge. So bodies that cross at a common edge stay separate.
 
-    faces: int, shape [face, 3], every face with three different vertices.
-    vertices: [m], shape [vertex, 3]; without them the k-th half-edge in one direction is paired with the k-th in the
-    other. tolerance: triangles this near to each other at their farthest corners count as lying in one place [m].
+    faces: int, shape [face, 3], each with three different vertices.
+    vertices: [m], shape [vertex, 3]; None: the k-th half-edge in one direction is paired with the k-th in the other.
+    tolerance: triangles whose farthest corners differ by at most this count as coincident [m].
     """
     faces = np.asarray(faces, np.int64).reshape(-1, 3)
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
@@ -65,17 +66,17 @@ def twins_of(faces: np.ndarray, vertices: np.ndarray | None = None, tolerance: f
             group = _split_by_patch(half, group, downward, patch)
             by_patch = np.lexsort((half, patch[half // 3]))
             half, group, turn, downward = half[by_patch], group[by_patch], turn[by_patch], downward[by_patch]
-        _pair(twin, *_matched(half, group, turn, downward, by_rank=vertices is None), tail)
+        _pair(twin, *_match_brackets(half, group, turn, downward, by_rank=vertices is None), tail)
     return twin
 
 
 def faces_around_edges(
     faces: np.ndarray, vertices: np.ndarray, tolerance: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Half-edges edge by edge, those of an edge in the order of their triangles around it.
+    """Half-edges sorted by edge, and around each edge by the angle of their triangles.
 
-    Arguments as for `twins_of`. Returns the half-edges, int64, the number of each one's edge, ascending, and whether
-    it runs to the higher vertex: then its triangle's front looks to where the next triangles lie.
+    Arguments as for `twins_of`. Returns the half-edges (int64), the number of each one's edge (ascending), and whether
+    it runs to the higher vertex: then the front of its triangle faces the next triangle in the order.
     """
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     edge = np.minimum(tail, head) * (int(faces.max(initial=0)) + 1) + np.maximum(tail, head)
@@ -88,7 +89,7 @@ def faces_around_edges(
 
 
 def _pair(twin: np.ndarray, one: np.ndarray, two: np.ndarray, tail: np.ndarray) -> None:
-    """Write pairs of half-edges that run in opposite directions."""
+    """Store each pair (one, two) in `twin` if the two half-edges run in opposite directions."""
     opposite = tail[one] != tail[two]
     one, two = one[opposite], two[opposite]
     twin[one] = two
@@ -96,8 +97,9 @@ def _pair(twin: np.ndarray, one: np.ndarray, two: np.ndarray, tail: np.ndarray) 
 
 
 def _patches(one: np.ndarray, two: np.ndarray, face_count: int) -> np.ndarray:
-    """Number of the patch of each face: what edges of two triangles join; `one` and `two` are their half-edges."""
-    from scipy.sparse import coo_matrix  # a tenth of a second that only edges of many cost
+    """Patch number of each face. A patch is a set of faces connected through edges of exactly two triangles, whose
+    half-edges are `one` and `two`."""
+    from scipy.sparse import coo_matrix  # takes 0.1 s to import and is needed only for edges of many triangles
     from scipy.sparse.csgraph import connected_components
 
     graph = coo_matrix((np.ones(len(one), bool), (one // 3, two // 3)), shape=(face_count, face_count))
@@ -105,7 +107,7 @@ def _patches(one: np.ndarray, two: np.ndarray, face_count: int) -> np.ndarray:
 
 
 def _split_by_patch(half: np.ndarray, group: np.ndarray, downward: np.ndarray, patch: np.ndarray) -> np.ndarray:
-    """Numbers of groups in which a patch that has as many half-edges one way as the other at an edge is by itself."""
+    """New group numbers: a patch that is balanced at an edge (equally many half-edges each way) gets its own group."""
     key = group * (int(patch.max()) + 2) + patch[half // 3] + 1
     _, own = np.unique(key, return_inverse=True)
     balanced = np.bincount(own, np.where(downward, 1, -1))[own] == 0
@@ -120,7 +122,7 @@ def _turns(
     downward: np.ndarray,
     tolerance: float,
 ) -> np.ndarray:
-    """Place of each half-edge's triangle around its edge, counted from one of the edge's triangles; ties are equal.
+    """Rank of each half-edge's triangle by angle around its edge, from one of its triangles; equal if coincident.
 
     group: ascending number of the edge of each half-edge; downward: whether it runs to the lower vertex.
     """
@@ -136,7 +138,7 @@ def _turns(
     zero = out[np.repeat(first, np.diff(first, append=len(group)))]
     angle = np.arctan2(np.einsum("ij,ij->i", axis, np.cross(zero, out)), np.einsum("ij,ij->i", zero, out))
     reach = np.linalg.norm(out, axis=1)
-    angle[(angle < 0) & (-angle * reach <= tolerance)] = 0.0  # in the place of the first one, not a turn later
+    angle[(angle < 0) & (-angle * reach <= tolerance)] = 0.0  # coincides with the first triangle
     angle = np.where(angle < 0, angle + 2 * np.pi, angle)
     order = np.lexsort((angle, group))
     gap = np.diff(angle[order]) * np.maximum(reach[order[1:]], reach[order[:-1]])
@@ -146,15 +148,15 @@ def _turns(
     return turn
 
 
-def _matched(
+def _match_brackets(
     half: np.ndarray, group: np.ndarray, turn: np.ndarray, downward: np.ndarray, *, by_rank: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of half-edges of edges with more than two triangles, matched like brackets within each group, an edge's.
 
-    Seen along the edge from its lower vertex, with the angle growing, a downward half-edge's triangle is where the
-    solid begins and an upward one's where it ends; of triangles in one place the beginnings come first, in the order
-    given, then the ends in the reverse order: two walls in one place then belong to the same bodies at all their edges.
-    Where one kind is in excess, the rest of it stays unpaired.
+    Seen from the edge's lower vertex, by growing angle, the solid begins at the triangle of a downward half-edge (it
+    opens) and ends at that of an upward one (it closes). Of coincident triangles the opening ones come first, in the
+    given order, then the closing ones in reverse order, so that two coincident walls belong to the same bodies at all
+    their edges. If there are more of one kind, the surplus stays unpaired.
     """
     if by_rank:
         order = np.lexsort((half, ~downward, group))
@@ -172,7 +174,7 @@ def _matched(
     excess = np.repeat(np.add.reduceat(step, start), size)
     first, count = np.repeat(start, size), np.repeat(size, size)
     place = np.arange(len(group)) - first
-    flipped = excess < 0  # read backwards, so that the kind in excess is always the one that begins
+    flipped = excess < 0  # reverse the order so that opening half-edges are never fewer than closing ones
     place = np.where(flipped, count - 1 - place, place)
     order = np.lexsort((place, group))
     half, group, opens = half[order], group[order], (opens ^ flipped)[order]
@@ -191,7 +193,7 @@ def _matched(
 def _neighbours(
     half: np.ndarray, group: np.ndarray, level: np.ndarray, place: np.ndarray, opens: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Half-edges of one group and level that follow each other, the first of which begins and the second ends."""
+    """Pairs of consecutive half-edges of the same group and level: an opening one and the closing one after it."""
     order = np.lexsort((place, level, group))
     one, two = order[:-1], order[1:]
     good = (group[one] == group[two]) & (level[one] == level[two]) & opens[one] & ~opens[two]

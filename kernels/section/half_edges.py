@@ -1,4 +1,4 @@
-"""A triangle surface as half-edges: what a contour is walked along, and where a search for contours must look."""
+"""A triangle surface as half-edges: links to walk contours, scanned edges and a box hierarchy to search for them."""
 
 from functools import cached_property, reduce
 
@@ -7,30 +7,30 @@ import warp as wp
 
 from .edge_pairing import OPEN, twins_of
 
-ROUNDING = 2.0**-22  # of a surface's size: two steps of float32; triangles this near to each other lie in one place
-FACES_MOST = 2**28  # numbers of half-edges and flags share 31 bits
+ROUNDING = 2.0**-22  # two float32 spacings, relative to a surface's size: nearer triangles count as coincident
+FACES_MOST = 2**28  # most triangles: half-edge numbers and flags share 31 bits
 LEAF = 4  # triangles of a leaf of the hierarchy
-MASK_WORDS = 128  # of 32 bits: the scanned edges that a search along the trail can tell apart
-TRAIL_LARGEST = 8000  # [triangle]; beyond, no trail is made
+MASK_WORDS = 128  # 32-bit words of the scan search's mask, which has one bit per scanned edge
+SCAN_FACES_MOST = 8000  # most triangles of a surface with a scan path
 
 
 @wp.struct
 class Surface:
     """Half-edges on a device. Half-edge h = 3 face + corner runs from that corner to the face's next."""
 
-    corner: wp.array[wp.vec4]  # where a half-edge starts [m], and the bits of its link (`HalfEdges.link`), shape [half]
-    rank: wp.array[wp.int32]  # place of a scanned edge among all of them, the same for both its sides, shape [half]
-    is_open: wp.int32  # whether some edge has a triangle on one side only
+    corner: wp.array[wp.vec4]  # start of each half-edge [m] and its link's bits (`HalfEdges.link`), shape [half]
+    rank: wp.array[wp.int32]  # `HalfEdges.rank`, shape [half]
+    is_open: wp.int32  # 1 if any edge has a triangle on one side only
     reach: wp.float32  # largest |x| + |y| + |z| of a vertex [m]; bounds the rounding of float32 heights
-    trail: wp.array[wp.vec4]  # vertices [m] along the scanned edges, shape [step + 1]
-    trail_half: wp.array[wp.vec2i]  # half-edge of the step that ends here: along it, and back; OPEN for none or a jump
-    node_centre: wp.array[wp.vec4]  # of the boxes of the hierarchy, a heap whose root is 1 [m]
-    node_half: wp.array[wp.vec4]  # half extents [m], -1 for an empty one
+    scan_path: wp.array[wp.vec4]  # vertices [m] along the scan path, shape [step + 1]
+    scan_path_half: wp.array[wp.vec2i]  # half-edges of the step that ends here, forth and back; OPEN for none or a jump
+    node_centre: wp.array[wp.vec4]  # centres of the hierarchy's boxes, a heap whose root is 1 [m]
+    node_half: wp.array[wp.vec4]  # half extents of the boxes [m]; -1 for an empty box
     leaf_first: wp.int32  # heap number of the first leaf
 
 
 def spatial_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Faces along a Morton curve through their middles: neighbours in space become neighbours in memory."""
+    """Order of the faces along a Morton curve through their centres: faces near in space become near in memory."""
     x = vertices.astype(np.float64)
     middle = (x[faces[:, 0]] + x[faces[:, 1]] + x[faces[:, 2]]) / 3
     low, size = middle.min(axis=0), np.ptp(middle, axis=0).max()
@@ -42,7 +42,7 @@ def spatial_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def spread_bits(x: np.ndarray) -> np.ndarray:
-    """The 21 low bits of each number, two zeros between one and the next."""
+    """Spread the 21 low bits of each number, with two zeros between neighbouring bits."""
     for shift, mask in (
         (32, 0x1F00000000FFFF),
         (16, 0x1F0000FF0000FF),
@@ -55,10 +55,10 @@ def spread_bits(x: np.ndarray) -> np.ndarray:
 
 
 class HalfEdges:
-    """Half-edges of a triangle mesh on the host, its faces in spatial order.
+    """Half-edges of a triangle mesh on the host; its faces are put in spatial order.
 
-    vertices: [m], float32, shape [vertex, 3], array frame; faces: int, shape [face, 3], no corner twice.
-    Raises ValueError beyond FACES_MOST triangles.
+    vertices: [m], float32, shape [vertex, 3], array frame; faces: int, shape [face, 3], each with three different
+    vertices. Raises ValueError beyond FACES_MOST triangles.
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
@@ -67,13 +67,13 @@ class HalfEdges:
         if len(faces) > FACES_MOST:
             raise ValueError(f"a surface may have {FACES_MOST} triangles, not {len(faces)}")
         self.faces = faces[spatial_order(self.vertices, faces)]
-        """int64, shape [face, 3]; half-edges are numbered along it."""
+        """int64, shape [face, 3], in spatial order; half-edge h = 3 face + corner."""
         self.twin = twins_of(self.faces, self.vertices, ROUNDING * np.ptp(self.vertices, axis=0).max(initial=0.0))
-        """int32, shape [half]; OPEN where an edge has one side only."""
+        """The opposite half-edge, int32, shape [half]; OPEN if the edge has a triangle on one side only."""
 
     @property
     def open_count(self) -> int:
-        """Edges with a triangle on one side only."""
+        """Number of edges with a triangle on one side only."""
         return int(np.count_nonzero(self.twin == OPEN))
 
     @cached_property
@@ -83,41 +83,43 @@ class HalfEdges:
 
     @cached_property
     def scanned(self) -> np.ndarray:
-        """Whether a search must look at a half-edge's edge, bool, shape [half].
+        """Whether a half-edge's edge is scanned, that is, whether a search must test it; bool, shape [half].
 
-        Every edge with one side only, and every edge that a forest over the faces (joined through edges) leaves out:
-        a contour is a simple path from face to face, and one that closes cannot keep to a forest. A third of all edges
-        are enough, of a closed surface V - 1 + 2 genus.
+        Join faces through edges to a spanning forest. Scanned are the edges that the forest does not use, and all open
+        edges. A closed contour is a cycle of faces, so it crosses at least one edge outside the forest; an open
+        one ends at open edges. About a third of all edges are scanned: V - 1 + 2 genus of a closed surface.
         """
-        joined = forest_off_paths(self) if len(self.faces) <= TRAIL_LARGEST else forest_by_order(self.twin)
+        joined = forest_off_paths(self) if len(self.faces) <= SCAN_FACES_MOST else forest_by_order(self.twin)
         scanned = np.ones(len(self.twin), bool)
         scanned[joined] = False
         scanned[self.twin[joined]] = False
         return scanned
 
     @cached_property
-    def has_trail(self) -> bool:
-        """Whether there are few enough scanned edges to search along them."""
+    def has_scan_path(self) -> bool:
+        """Whether the surface is small enough for a scan path."""
         inner = np.count_nonzero(self.scanned & (self.twin != OPEN)) // 2
-        return len(self.faces) <= TRAIL_LARGEST and inner + self.open_count <= 32 * MASK_WORDS
+        return len(self.faces) <= SCAN_FACES_MOST and inner + self.open_count <= 32 * MASK_WORDS
 
     @cached_property
     def link(self) -> np.ndarray:
-        """Twice the twin, plus 1 if the edge is scanned; OPEN for no twin; int32, shape [half]."""
+        """2 twin + 1 if the edge is scanned, otherwise 2 twin; OPEN for no twin; int32, shape [half]."""
         return np.where(self.twin == OPEN, OPEN, 2 * self.twin + self.scanned).astype(np.int32)
 
     @cached_property
-    def trail(self) -> tuple[np.ndarray, np.ndarray]:
-        """The scanned edges as one trail: vertices, shape [step + 1], and each step's half-edge, OPEN for a jump."""
-        return trail_through(self)
+    def scan_path(self) -> tuple[np.ndarray, np.ndarray]:
+        """The scan path: one path over all scanned edges. Vertices, shape [step + 1], and the half-edge of each step,
+        OPEN for a jump."""
+        return build_scan_path(self)
 
     @cached_property
     def rank(self) -> np.ndarray:
-        """Order of the scanned edges, the same on both sides, int32, shape [half]: along the trail if there is one."""
+        """Rank of each scanned edge, equal for its two half-edges; along the scan path if there is one. int32, shape
+        [half]."""
         rank = np.arange(len(self.twin), dtype=np.int32)
-        if not self.has_trail:
+        if not self.has_scan_path:
             return np.where(self.twin == OPEN, rank, np.minimum(self.twin, rank))
-        half = self.trail[1]
+        half = self.scan_path[1]
         half = half[half != OPEN]
         rank[half] = np.arange(len(half))
         inner = half[self.twin[half] != OPEN]
@@ -126,7 +128,7 @@ class HalfEdges:
 
 
 def forest_by_order(twin: np.ndarray) -> np.ndarray:
-    """Half-edges of a forest over the faces, one an edge: each face joined to its lowest neighbour if that is lower."""
+    """Half-edges (one per edge) of a forest that joins each face to its lowest-numbered neighbour if that is lower."""
     neighbour = np.where(twin == OPEN, np.iinfo(np.int32).max, twin // 3).reshape(-1, 3)
     lowest = neighbour.argmin(axis=1)
     face = np.arange(len(neighbour))
@@ -135,7 +137,7 @@ def forest_by_order(twin: np.ndarray) -> np.ndarray:
 
 
 def forest_off_paths(surface: HalfEdges) -> np.ndarray:
-    """Half-edges of a spanning forest over the faces, one an edge, that leaves long paths of edges to be scanned."""
+    """Half-edges (one per edge) of a spanning forest of the faces, chosen so that the other edges form long paths."""
     twin = surface.twin
     edge = np.flatnonzero((twin != OPEN) & (np.arange(len(twin)) < twin))
     on_path = deep_tree(surface.ends[:, 0], surface.ends[:, 1])
@@ -158,7 +160,7 @@ def forest_off_paths(surface: HalfEdges) -> np.ndarray:
 
 
 def deep_tree(tail: np.ndarray, head: np.ndarray) -> np.ndarray:
-    """Half-edges along which a depth-first search reaches new vertices, bool, shape [half]."""
+    """Half-edges on which a depth-first search over the vertices reaches a new vertex; bool, shape [half]."""
     leaving: dict[int, list[tuple[int, int]]] = {}
     for half, (a, b) in enumerate(zip(tail.tolist(), head.tolist(), strict=True)):
         leaving.setdefault(a, []).append((b, half))
@@ -177,8 +179,8 @@ def deep_tree(tail: np.ndarray, head: np.ndarray) -> np.ndarray:
     return used
 
 
-def trail_through(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
-    """A trail over every scanned edge once, with jumps: vertices [step + 1], half-edges [step] (OPEN: jump)."""
+def build_scan_path(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
+    """A path over every scanned edge once, with jumps: vertices [step + 1], half-edges [step] (OPEN: jump)."""
     own = surface.scanned & ((surface.twin == OPEN) | (np.arange(len(surface.twin)) < surface.twin))
     at: dict[int, list[tuple[int, int]]] = {}
     for half in np.flatnonzero(own).tolist():
@@ -188,7 +190,7 @@ def trail_through(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
     vertices: list[int] = []
     halves: list[int] = []
     used: set[int] = set()
-    for start in sorted(at, key=lambda vertex: (len(at[vertex]) % 2 == 0, vertex)):  # odd ends first: fewer jumps
+    for start in sorted(at, key=lambda vertex: (len(at[vertex]) % 2 == 0, vertex)):  # odd degrees first: fewer jumps
         while at[start]:
             half, vertex = at[start].pop()
             if half in used:
@@ -206,15 +208,16 @@ def trail_through(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
     return np.array(vertices, np.int64), np.array(halves, np.int64)
 
 
-def row_groups(function: np.ufunc, rows: np.ndarray, size: int) -> np.ndarray:
-    """A function of two over every `size` rows, which is ten times as fast as its reduction over a short axis."""
+def reduce_groups(function: np.ufunc, rows: np.ndarray, size: int) -> np.ndarray:
+    """Reduce each group of `size` rows by a binary ufunc; ten times as fast as `ufunc.reduce` over a short axis."""
     return reduce(function, (rows[k::size] for k in range(size)))
 
 
 def boxes_of(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray, int]:
-    """Centres and half extents [m] of a heap of boxes over the faces, float32, shape [node, 3], and its first leaf.
+    """Box hierarchy of the faces as a binary heap: centres and half extents [m], float32, shape [node, 3], and the
+    number of the first leaf.
 
-    Faces are in spatial order already, so a leaf is LEAF of them in a row and a node its two children.
+    A leaf bounds LEAF consecutive faces, which are near each other as faces are in spatial order.
     """
     face_count, corners = len(surface.faces), [surface.vertices[surface.faces[:, k]] for k in range(3)]
     leaf_count = 1 << max(0, (-(-face_count // LEAF) - 1)).bit_length()
@@ -222,12 +225,12 @@ def boxes_of(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray, int]:
     high = -low
     low[:face_count], high[:face_count] = reduce(np.minimum, corners), reduce(np.maximum, corners)
     lows, highs = np.full((2 * leaf_count, 3), np.inf, np.float32), np.full((2 * leaf_count, 3), -np.inf, np.float32)
-    low, high = row_groups(np.minimum, low, LEAF), row_groups(np.maximum, high, LEAF)
+    low, high = reduce_groups(np.minimum, low, LEAF), reduce_groups(np.maximum, high, LEAF)
     first = leaf_count
     while first:
         lows[first : 2 * first], highs[first : 2 * first] = low, high
         if first > 1:
-            low, high = row_groups(np.minimum, low, 2), row_groups(np.maximum, high, 2)
+            low, high = reduce_groups(np.minimum, low, 2), reduce_groups(np.maximum, high, 2)
         first //= 2
     empty = lows[:, 0] > highs[:, 0]
     lows[empty] = highs[empty] = 0.0
@@ -238,7 +241,7 @@ def boxes_of(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def upload_surface(surface: HalfEdges, device: str) -> Surface:
-    """Put a surface on a device."""
+    """Copy a surface to a device."""
     out = Surface()
     start = np.empty((len(surface.twin), 4), np.float32)
     start[:, :3] = surface.vertices[surface.faces.ravel()]
@@ -247,23 +250,23 @@ def upload_surface(surface: HalfEdges, device: str) -> Surface:
     out.rank = wp.array(surface.rank, dtype=wp.int32, device=device)
     out.is_open = int(surface.open_count > 0)
     out.reach = float(np.abs(surface.vertices).sum(axis=1).max())
-    vertices, halves = surface.trail if surface.has_trail else (np.zeros(0, int), np.zeros(0, int))
-    out.trail = wp.array(padded(surface.vertices[vertices]), dtype=wp.vec4, device=device)
-    out.trail_half = wp.array(sides_of(surface, vertices, halves), dtype=wp.vec2i, device=device)
+    vertices, halves = surface.scan_path if surface.has_scan_path else (np.zeros(0, int), np.zeros(0, int))
+    out.scan_path = wp.array(pad_to_vec4(surface.vertices[vertices]), dtype=wp.vec4, device=device)
+    out.scan_path_half = wp.array(step_halves(surface, vertices, halves), dtype=wp.vec2i, device=device)
     centre, half, leaf_first = boxes_of(surface)
-    out.node_centre = wp.array(padded(centre), dtype=wp.vec4, device=device)
-    out.node_half = wp.array(padded(half), dtype=wp.vec4, device=device)
+    out.node_centre = wp.array(pad_to_vec4(centre), dtype=wp.vec4, device=device)
+    out.node_half = wp.array(pad_to_vec4(half), dtype=wp.vec4, device=device)
     out.leaf_first = leaf_first
     return out
 
 
-def padded(x: np.ndarray) -> np.ndarray:
-    """Vectors with a fourth component of 0: 16 bytes, which a GPU loads at once."""
+def pad_to_vec4(x: np.ndarray) -> np.ndarray:
+    """Append a zero to each vector: a GPU loads 16 bytes at once."""
     return np.hstack([x, np.zeros((len(x), 1), np.float32)]).astype(np.float32)
 
 
-def sides_of(surface: HalfEdges, vertices: np.ndarray, halves: np.ndarray) -> np.ndarray:
-    """Half-edge along each step of the trail and back, for the vertex where the step ends, shape [step + 1, 2]."""
+def step_halves(surface: HalfEdges, vertices: np.ndarray, halves: np.ndarray) -> np.ndarray:
+    """Half-edges forth and back of the scan path's step that ends at each vertex, int32, shape [step + 1, 2]."""
     out = np.full((len(vertices), 2), OPEN, np.int32)
     step = np.flatnonzero(halves != OPEN)
     half = halves[step]

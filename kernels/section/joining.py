@@ -6,15 +6,14 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
-from ..patch import EXACT, Frame, Patch, corner, lifted, outcode, section_frame
+from ..patch import EXACT, Frame, Patch, corner, outcode, output_point, section_frame
 from .half_edges import Surface
-from .pieces import CLOSED, Pieces, room_of, section_of, start_of
-from .segment_clipping import side_point, side_position
+from .pieces import CLOSED, ContourPieces, room_of, section_of, start_of
+from .segment_clipping import NONE, side_point, side_position
 from .triangle_walk import crossing_after, crossing_at, point_of
 
 wp.set_module_options(EXACT)
 
-NONE = wp.constant(-1)
 BY_KEY = wp.constant(2)  # an order of pieces; 0 and 1: by where they enter, leave
 BEGIN = wp.constant(1 << 24)  # in an entry: a polyline begins with this piece
 CORNERS = wp.constant(25)  # bits above it: how many corners of the patch follow the piece
@@ -33,22 +32,22 @@ class Entries:
 
 
 @wp.struct
-class Ends:
-    """Where a row's open pieces enter and leave, sorted along the boundary; scratch, by slot."""
+class PieceEnds:
+    """Ends of a row's open pieces, sorted along the boundary; scratch, by slot."""
 
     leaving: wp.array[wp.int32]  # piece, in the order of the places where pieces leave; in the end, by key
     entering: wp.array[wp.int32]  # piece, in the order of the places where pieces enter
     follower: wp.array[wp.int32]  # the piece that the boundary leads to from where this one leaves; NONE once drawn
     corners: wp.array[wp.int32]  # how many corners it passes on the way
     position: wp.array[wp.vec2d]  # how far along its side each piece enters and leaves [m]
-    steps: wp.array[wp.int32]  # steps of some length
+    steps: wp.array[wp.int32]  # steps of non-zero length
     first: wp.array[wp.vec3]  # first and last point [m], array frame
     last: wp.array[wp.vec3]
 
 
 @wp.func
-def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp.int64, ends: Ends):
-    """Compute where an open piece enters and leaves its patch; count its steps there that are of some length."""
+def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces, i: wp.int64, ends: PieceEnds):
+    """Compute where an open piece enters and leaves its patch; add its steps of non-zero length there."""
     side = pieces.side[i]
     position = wp.vec2d()
     steps = pieces.steps[i] // 2
@@ -57,20 +56,20 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp
         c = crossing_at(surface, f, pieces.half[i])
         q = point_of(f, crossing_after(surface, f, c), half)
         p = side_point(side[0], point_of(f, c, half), q, half)
-        x = lifted(f, p)
+        x = output_point(f, p)
         position[0] = side_position(side[0], p)
         ends.first[i] = x
-        if outcode(q, half) == 0 and not (x == lifted(f, q)):
+        if outcode(q, half) == 0 and not (x == output_point(f, q)):
             steps += 1
     if side[1] != NONE:
         c = crossing_at(surface, f, pieces.out[i])
         p = point_of(f, c, half)
         q = side_point(side[1], p, point_of(f, crossing_after(surface, f, c), half), half)
-        y = lifted(f, q)
+        y = output_point(f, q)
         position[1] = side_position(side[1], q)
         ends.last[i] = y
         if outcode(p, half) == 0:
-            x = lifted(f, p)
+            x = output_point(f, p)
         if not (x == y):
             steps += 1
     ends.position[i] = position
@@ -78,7 +77,7 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: Pieces, i: wp
 
 
 @wp.func
-def comes_before(pieces: Pieces, base: wp.int64, one: int, two: int, by: int, ends: Ends):
+def comes_before(pieces: ContourPieces, base: wp.int64, one: int, two: int, by: int, ends: PieceEnds):
     """Whether a slot's piece comes before another's: by where they enter or leave, then by key."""
     a = base + wp.int64(one) * pieces.stride
     b = base + wp.int64(two) * pieces.stride
@@ -94,7 +93,13 @@ def comes_before(pieces: Pieces, base: wp.int64, one: int, two: int, by: int, en
 
 @wp.func
 def sort_slots(
-    pieces: Pieces, base: wp.int64, count: int, by: int, only_open: bool, ends: Ends, order: wp.array[wp.int32]
+    pieces: ContourPieces,
+    base: wp.int64,
+    count: int,
+    by: int,
+    only_open: bool,
+    ends: PieceEnds,
+    order: wp.array[wp.int32],
 ):
     """Shell sort of a row's slots; returns how many there are. For a few it is an insertion sort."""
     n = int(0)
@@ -121,13 +126,13 @@ def sort_slots(
 
 
 @wp.func
-def match_ends(pieces: Pieces, base: wp.int64, count: int, winding: int, ends: Ends):
+def match_ends(pieces: ContourPieces, base: wp.int64, count: int, winding: int, ends: PieceEnds):
     """Match leaving and entering ends; returns how many open pieces there are.
 
-    Along the boundary the solid begins where a piece leaves and ends where one enters. At corner 0 `winding` stretches
-    are open already: the first entries end those, so the k-th leaving end goes with the (k + winding)-th entering one,
-    around the corner where that is past the last. By rank alone: ends that rounding has swapped stay matched, and no
-    corner is passed where two ends all but coincide.
+    Along the boundary a solid interval begins where a piece leaves and ends where one enters. At corner 0, `winding`
+    solid intervals are already open, and the first `winding` entering ends close them. So leaving end k pairs with
+    entering end (k + winding) mod n, all ends sorted along the boundary. Pairing uses sort rank, not distances: two
+    ends that rounding has swapped still pair, and no spurious corner is inserted between them.
     """
     n = sort_slots(pieces, base, count, 1, True, ends, ends.leaving)
     sort_slots(pieces, base, count, 0, True, ends, ends.entering)
@@ -145,11 +150,11 @@ def match_ends(pieces: Pieces, base: wp.int64, count: int, winding: int, ends: E
 
 @wp.func
 def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, corners: int):
-    """Steps of some length from x, on a side, by way of that many corners to y."""
+    """Number of steps of non-zero length from x, on a side, past that many corners to y."""
     steps = int(0)
     p = x
     for k in range(corners):
-        q = lifted(f, corner((side + 1 + k) % 4, half))
+        q = output_point(f, corner((side + 1 + k) % 4, half))
         if not (p == q):
             steps += 1
         p = q
@@ -159,8 +164,8 @@ def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, cor
 
 
 @wp.func
-def loop_steps(pieces: Pieces, base: wp.int64, first: int, f: Frame, half: wp.vec2d, ends: Ends):
-    """Steps of some length around the loop of a piece."""
+def loop_steps(pieces: ContourPieces, base: wp.int64, first: int, f: Frame, half: wp.vec2d, ends: PieceEnds):
+    """Number of steps of non-zero length around the loop of a piece."""
     own = base + wp.int64(first) * pieces.stride
     steps = ends.steps[own]
     if pieces.key[own] >= CLOSED or pieces.side[own][1] == NONE or ends.corners[own] == NONE:
@@ -178,7 +183,9 @@ def loop_steps(pieces: Pieces, base: wp.int64, first: int, f: Frame, half: wp.ve
 
 
 @wp.func
-def enter_loop(pieces: Pieces, base: wp.int64, first: int, kept: bool, ends: Ends, entries: Entries, entry: int):
+def enter_loop(
+    pieces: ContourPieces, base: wp.int64, first: int, kept: bool, ends: PieceEnds, entries: Entries, entry: int
+):
     """Mark the pieces of a loop as drawn, and enter them from entry on if it is kept; returns the next free entry."""
     n = int(entry)
     slot = int(first)
@@ -201,7 +208,7 @@ def enter_loop(pieces: Pieces, base: wp.int64, first: int, kept: bool, ends: End
 
 @wp.func
 def write_row(entries: Entries, row: int, section: int, entry: int, lines: int, points: int):
-    """Write what joining a row came to."""
+    """Write a row's number of entries, and its section's number of polylines and points."""
     entries.count[row] = entry
     entries.polylines[section] = wp.int64(lines)
     entries.points[section] = wp.int64(points)
@@ -210,14 +217,14 @@ def write_row(entries: Entries, row: int, section: int, entry: int, lines: int, 
 @wp.kernel
 def _join_single_pieces(
     # In:
-    pieces: Pieces,
+    pieces: ContourPieces,
     closes: int,  # 1: CC, 0: OC
     # Out:
     entries: Entries,
     rest: wp.array[wp.int32],  # rows for `_join_pieces`, in any order, shape [row]
-    rest_count: wp.array[wp.int32],  # how many there are, comes as 0, shape [1]
+    rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
 ):
-    """Join rows with one piece at most whose steps at the patch's sides are surely of some length; list the others."""
+    """Join rows with at most one piece if its steps at sides surely have non-zero length; list the others."""
     row = wp.tid()
     count = pieces.count[row]
     inside = closes == 1 and pieces.winding[row] > 0
@@ -266,14 +273,14 @@ def end_steps(side: wp.vec2i, through: bool):
 def _join_pieces(
     # In:
     surface: Surface,
-    pieces: Pieces,
+    pieces: ContourPieces,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     closes: int,  # 1: CC, 0: OC
     rest: wp.array[wp.int32],
     rest_count: wp.array[wp.int32],
     # Out:
-    ends: Ends,  # scratch
+    ends: PieceEnds,  # scratch
     entries: Entries,
 ):
     """Order each row's pieces, loop by loop, and count polylines and points without steps of zero length."""
@@ -318,7 +325,7 @@ def _join_pieces(
 class Ordered(NamedTuple):
     """Polylines that are ordered."""
 
-    rows: list[tuple[Any, Any]]  # Pieces and Entries
+    rows: list[tuple[Any, Any]]  # ContourPieces and Entries
     polylines: wp.array  # of each section, int64, shape [section + 1], the last one 0
     points: wp.array
 
@@ -326,7 +333,7 @@ class Ordered(NamedTuple):
 class Joined(NamedTuple):
     """Polylines that are ordered and counted, not yet drawn."""
 
-    rows: list[tuple[Any, Any]]  # Pieces and Entries
+    rows: list[tuple[Any, Any]]  # ContourPieces and Entries
     section_start: wp.array  # offsets of each section's polylines, int64, shape [section + 1]
     point_start: wp.array  # offsets of each section's points
     polyline_count: int
@@ -374,7 +381,7 @@ def join_pieces(
 
 def room_to_join(pieces: Any, device: Any) -> tuple[Any, Any]:
     """Ends and Entries for as many pieces."""
-    ends, entries = Ends(), Entries()
+    ends, entries = PieceEnds(), Entries()
     slot_count = pieces.half.shape[0]
     for field in ("leaving", "entering", "follower", "corners", "steps"):
         setattr(ends, field, wp.empty(slot_count, dtype=wp.int32, device=device))

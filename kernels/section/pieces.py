@@ -1,44 +1,45 @@
-"""A piece: what of a contour lies in a patch, from where it enters (or starts) to where it leaves (or ends)."""
+"""Contour pieces: a piece is a part of a contour inside one patch, from where it enters or starts to where it leaves
+or ends."""
 
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-SLOTS = 8  # pieces a section has room for at first; one with more is searched again, with as much room as it needs
-CLOSED = wp.constant(1 << 30)  # in a piece's key: a loop that never leaves the patch
+SLOTS = 8  # slots of a section in the first search; sections with more pieces are searched again with enough slots
+CLOSED = wp.constant(1 << 30)  # in a piece's key: a closed loop inside the patch
 
 
 @wp.struct
-class Pieces:
-    """Pieces by slot; slot s of row r stands at start[r] + s * stride."""
+class ContourPieces:
+    """Pieces in slots: one row per section; slot s of row r has index start[r] + s * stride."""
 
-    section: wp.array[wp.int32]  # of each row; empty if rows are sections
-    start: wp.array[wp.int64]  # shape [row]; empty if it is the row
-    room: wp.array[wp.int32]  # slots of each row; empty if it is SLOTS
+    section: wp.array[wp.int32]  # section of each row; empty: row = section
+    start: wp.array[wp.int64]  # index of each row's slot 0, shape [row]; empty: start[r] = r
+    room: wp.array[wp.int32]  # number of slots of each row; empty: SLOTS
     stride: wp.int64
-    count: wp.array[wp.int32]  # pieces found, also those that had no room, shape [row]
+    count: wp.array[wp.int32]  # pieces found, also those without a slot, shape [row]
     winding: wp.array[wp.int32]  # of the solid around the patch's corner 0, shape [row]
-    excess: wp.array[wp.int32]  # rows without room for all of their pieces, shape [1]
-    half: wp.array[wp.int32]  # of the crossing before it enters, or the first inside
-    key: wp.array[wp.int32]  # orders the pieces of a section: half, or CLOSED + rank
-    out: wp.array[wp.int32]  # of the crossing before it leaves
-    side: wp.array[wp.vec2i]  # patch sides by which it enters and leaves, NONE for none
-    steps: wp.array[wp.int32]  # twice the steps of some length between crossings inside, plus 1 if its ends are clear:
-    # apart from the crossings and corners next to them in float32, so that the steps there are of some length, too
+    excess: wp.array[wp.int32]  # number of rows with more pieces than slots, shape [1]
+    half: wp.array[wp.int32]  # half-edge of the crossing before the piece enters, or of its first crossing inside
+    key: wp.array[wp.int32]  # sort key of the pieces of a section: half, or CLOSED + rank
+    out: wp.array[wp.int32]  # half-edge of the crossing before the piece leaves
+    side: wp.array[wp.vec2i]  # patch sides by which the piece enters and leaves, NONE for none
+    steps: wp.array[wp.int32]  # 2 * (steps of non-zero length between crossings inside) + 1 if both ends are clear.
+    # An end is clear if in float32 it differs from the neighbouring crossings and corners, so steps there are not zero
 
 
 @wp.func
-def room_of(pieces: Pieces, row: int):
-    """Slots of a row."""
+def room_of(pieces: ContourPieces, row: int):
+    """Number of slots of a row."""
     if pieces.room.shape[0] == 0:
         return SLOTS
     return pieces.room[row]
 
 
 @wp.func
-def start_of(pieces: Pieces, row: int):
-    """Place of a row's slot 0."""
+def start_of(pieces: ContourPieces, row: int):
+    """Index of a row's slot 0."""
     if pieces.start.shape[0] == 0:
         return wp.int64(row)
     return pieces.start[row]
@@ -46,23 +47,32 @@ def start_of(pieces: Pieces, row: int):
 
 @wp.func
 def section_at(section: wp.array[wp.int32], row: int):
-    """Section of a row: see `Pieces.section`."""
+    """Section of a row: see `ContourPieces.section`."""
     if section.shape[0] == 0:
         return row
     return section[row]
 
 
 @wp.func
-def section_of(pieces: Pieces, row: int):
+def section_of(pieces: ContourPieces, row: int):
     """Section of a row."""
     return section_at(pieces.section, row)
 
 
 @wp.func
 def store_piece(
-    pieces: Pieces, row: int, slot: int, half: int, out: int, enter: int, leave: int, steps: int, key: int, clear: int
+    pieces: ContourPieces,
+    row: int,
+    slot: int,
+    half: int,
+    out: int,
+    enter: int,
+    leave: int,
+    steps: int,
+    key: int,
+    clear: int,
 ):
-    """Put a piece where there is room for it; clear: 1 if its ends are (see `Pieces.steps`), 0 if nobody knows."""
+    """Store a piece if its row has the slot; clear: 1 if its ends are (`ContourPieces.steps`), 0 if that is unknown."""
     if slot < room_of(pieces, row):
         i = start_of(pieces, row) + wp.int64(slot) * pieces.stride
         pieces.half[i] = half
@@ -73,8 +83,8 @@ def store_piece(
 
 
 @wp.func
-def count_row(pieces: Pieces, row: int, count: int, winding: int):
-    """Write how many pieces a row has, and whether it has room for them."""
+def count_row(pieces: ContourPieces, row: int, count: int, winding: int):
+    """Write a row's number of pieces and winding number; count the row in `excess` if it has too few slots."""
     pieces.count[row] = count
     pieces.winding[row] = winding
     if count > room_of(pieces, row):
@@ -82,8 +92,8 @@ def count_row(pieces: Pieces, row: int, count: int, winding: int):
 
 
 def room_for_sections(section_count: int, device: str) -> Any:
-    """Pieces with a row a section and SLOTS slots a row, slot by slot, so that neighbouring rows are neighbours."""
-    pieces = Pieces()
+    """ContourPieces with one row per section and SLOTS slots per row; equal slots of neighbouring rows are adjacent."""
+    pieces = ContourPieces()
     pieces.section = wp.empty(0, dtype=wp.int32, device=device)
     pieces.start = wp.empty(0, dtype=wp.int64, device=device)
     pieces.room = wp.empty(0, dtype=wp.int32, device=device)
@@ -92,11 +102,11 @@ def room_for_sections(section_count: int, device: str) -> Any:
 
 
 def room_for_excess(found: Any, device: str) -> Any:
-    """Pieces for the rows of `found` that had no room, as many slots as each has pieces."""
+    """ContourPieces for the rows of `found` with too few slots; each row gets as many slots as it has pieces."""
     count = found.count.numpy()
     section = np.flatnonzero(count > SLOTS)
     start = np.concatenate([[0], np.cumsum(count[section], dtype=np.int64)])
-    pieces = Pieces()
+    pieces = ContourPieces()
     pieces.section = wp.array(section.astype(np.int32), device=device)
     pieces.start = wp.array(start[:-1], dtype=wp.int64, device=device)
     pieces.room = wp.array(count[section], dtype=wp.int32, device=device)
@@ -105,7 +115,7 @@ def room_for_excess(found: Any, device: str) -> Any:
 
 
 def with_slots(pieces: Any, row_count: int, slot_count: int, device: str) -> Any:
-    """The pieces with their arrays."""
+    """Allocate the arrays of `pieces`; returns it."""
     pieces.count = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.winding = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.excess = wp.zeros(1, dtype=wp.int32, device=device)

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
-from ..patch import EXACT, Frame, Patch, half_of, section_frame
+from ..patch import EXACT, Frame, Patch, half_extents, section_frame
 from .half_edges import OPEN, Surface
 from .joining import BOUNDARY, SLOT, Entries, order_pieces
 from .piece_search import find_pieces
-from .pieces import Pieces, section_of, start_of
+from .pieces import ContourPieces, section_of, start_of
 from .triangle_walk import crossing_after, crossing_at, point_of
 
 wp.set_module_options(EXACT)
@@ -45,7 +45,7 @@ def _count_crossings(
     surface: Surface,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
-    pieces: Pieces,
+    pieces: ContourPieces,
     entries: Entries,
     # Out:
     crossings: wp.array[wp.int64],  # of each section's loops, zero-initialised, shape [section + 1]
@@ -71,7 +71,7 @@ def _draw_loops(
     surface: Surface,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
-    pieces: Pieces,
+    pieces: ContourPieces,
     entries: Entries,
     bounded: int,  # 0: points are brought to no side of a patch
     section_start: wp.array[wp.int64],
@@ -84,7 +84,7 @@ def _draw_loops(
     row = wp.tid()
     section = section_of(pieces, row)
     f = section_frame(pose, patch, section)
-    side = half_of(patch[section % patch.shape[0]], bounded)
+    side = half_extents(patch[section % patch.shape[0]], bounded)
     base = start_of(pieces, row)
     i = point_start[section]
     for e in range(entries.count[row] & (BOUNDARY - 1)):

@@ -1,23 +1,24 @@
-"""The pen that goes along ordered pieces of a row: one walk, whether points are written or lengths are added up.
+"""Walking the ordered pieces of a row: one generated function either writes points or accumulates lengths.
 
-| | sink | pen | what is kept |
+| function | sink | state | result |
 |---|---|---|---|
-| draw_row | Lines | Pen | points, kinds and polylines in arrays |
-| add_row | int: 1 where contours enclose something | Tape | lengths by kind and what is enclosed, in the pen itself |
+| draw_row | LineArrays | PolylineWriter | points, kinds and polylines in arrays |
+| add_row | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind and area vectors, in the state |
 
-Tape adds in the order, and of the float32 points, that `tally` would add what Pen has written: both come to the same
-bits. Functions are asked whether to do anything, since a branch around them has structs chosen from memory on a CPU.
+Both use the same float32 points in the same order, so `add_row` gives the same bits as `tally` on the written points.
+The functions take flags (`draws`, `begins`, ...) instead of being called in a branch: around a branch, Warp on a CPU
+would select whole structs through memory.
 """
 
 from typing import Any
 
 import warp as wp
 
-from ..patch import Frame, corner, lifted, outcode, widened
+from ..patch import Frame, corner, outcode, output_point, to_float64
 from .edge_pairing import OPEN
 from .half_edges import Surface
 from .joining import BEGIN, BOUNDARY, CORNERS, SLOT, Entries
-from .pieces import CLOSED, Pieces, start_of
+from .pieces import CLOSED, ContourPieces, start_of
 from .segment_clipping import corners_left, segment_of, side_point
 from .triangle_walk import crossing_after, crossing_at, point_of
 
@@ -27,8 +28,8 @@ MADE = 2
 
 
 @wp.struct
-class Lines:
-    """Where contours are written: see `draw.Contours`; `kind` comes as OBJECT."""
+class LineArrays:
+    """Output arrays of contours, see `contour_writing.Contours`; `kind` is initialised with OBJECT."""
 
     points: wp.array[wp.vec3]
     kind: wp.array[wp.uint8]
@@ -38,39 +39,39 @@ class Lines:
 
 
 @wp.struct
-class Pen:
-    """The last point, not written before the next one is known to differ from it."""
+class PolylineWriter:
+    """State of writing: the last point is held back until the next point differs from it."""
 
-    i: wp.int64  # where it goes
-    line: wp.int64  # where the next polyline goes
+    i: wp.int64  # index of the held point
+    line: wp.int64  # index of the next polyline
     patch: int
-    x: wp.vec3
+    x: wp.vec3  # the held point
     kind: int  # of the segment that starts there
-    first: wp.vec3  # where the polyline began
+    first: wp.vec3  # first point of the polyline
 
 
 @wp.struct
-class Tape:
-    """The last point, and sums over what lies before it."""
+class LengthAccumulator:
+    """State of accumulating: the last point, and sums over the segments before it."""
 
-    x: wp.vec3
+    x: wp.vec3  # the last point
     kind: int  # of the segment that starts there
-    first: wp.vec3  # where the polyline began
-    outline: wp.float64  # length of the object's kind [m]
-    side: wp.float64  # of the hand's
-    own: wp.vec3d  # twice the area that the polyline encloses so far, seen from its first point [m^2]
-    swept: wp.vec3d  # of the polylines before
+    first: wp.vec3  # first point of the polyline
+    outline: wp.float64  # length of object segments [m]
+    side: wp.float64  # length of hand segments [m]
+    own: wp.vec3d  # twice the area vector of the current polyline, about its first point [m^2]
+    swept: wp.vec3d  # twice the area vector of the polylines before [m^2]
 
 
 @wp.func
-def drawn_to(lines: Lines, pen: Pen, y: wp.vec3, draws: bool):
-    """The pen at y, its point before written if it draws and the way was of some length."""
-    out = pen
-    if draws and not (pen.x == y):
-        lines.points[pen.i] = pen.x
-        if pen.kind != OBJECT:
-            lines.kind[pen.i] = wp.uint8(pen.kind)
-        out.i = pen.i + wp.int64(1)
+def write_to(lines: LineArrays, writer: PolylineWriter, y: wp.vec3, draws: bool):
+    """Hold point y if `draws`; first write the held point if it differs from y."""
+    out = writer
+    if draws and not (writer.x == y):
+        lines.points[writer.i] = writer.x
+        if writer.kind != OBJECT:
+            lines.kind[writer.i] = wp.uint8(writer.kind)
+        out.i = writer.i + wp.int64(1)
     if draws:
         out.x = y
         out.kind = OBJECT
@@ -78,18 +79,18 @@ def drawn_to(lines: Lines, pen: Pen, y: wp.vec3, draws: bool):
 
 
 @wp.func
-def added_to(encloses: int, tape: Tape, y: wp.vec3, draws: bool):
-    """The pen at y, the way added if it draws and that was of some length."""
-    out = tape
-    if draws and not (tape.x == y):
-        way = wp.length(widened(y - tape.x))
-        if tape.kind == OBJECT:
-            out.outline = tape.outline + way
+def add_to(encloses: int, sums: LengthAccumulator, y: wp.vec3, draws: bool):
+    """Go to point y if `draws`, and add the segment to it unless its length is zero."""
+    out = sums
+    if draws and not (sums.x == y):
+        way = wp.length(to_float64(y - sums.x))
+        if sums.kind == OBJECT:
+            out.outline = sums.outline + way
         else:
-            out.side = tape.side + way
+            out.side = sums.side + way
         if encloses == 1:
-            origin = widened(tape.first)
-            out.own = tape.own + wp.cross(widened(tape.x) - origin, widened(y) - origin)
+            origin = to_float64(sums.first)
+            out.own = sums.own + wp.cross(to_float64(sums.x) - origin, to_float64(y) - origin)
     if draws:
         out.x = y
         out.kind = OBJECT
@@ -97,111 +98,114 @@ def added_to(encloses: int, tape: Tape, y: wp.vec3, draws: bool):
 
 
 @wp.func
-def begun_line(lines: Lines, pen: Pen, begins: bool, closed: bool):
-    """The pen where a polyline starts, which is entered, if one begins."""
-    out = pen
+def begin_line(lines: LineArrays, writer: PolylineWriter, begins: bool, closed: bool):
+    """Write the header of a polyline if one begins here."""
+    out = writer
     if begins:
-        lines.polyline_start[pen.line] = pen.i
-        lines.polyline_patch[pen.line] = pen.patch
-        lines.polyline_closed[pen.line] = wp.uint8(closed)
-        out.line = pen.line + wp.int64(1)
+        lines.polyline_start[writer.line] = writer.i
+        lines.polyline_patch[writer.line] = writer.patch
+        lines.polyline_closed[writer.line] = wp.uint8(closed)
+        out.line = writer.line + wp.int64(1)
     return out
 
 
 @wp.func
-def begun_sum(encloses: int, tape: Tape, begins: bool, closed: bool):
-    """The pen where a polyline starts if one begins."""
-    out = tape
+def begin_sum(encloses: int, sums: LengthAccumulator, begins: bool, closed: bool):
+    """Reset the polyline's area if one begins here."""
+    out = sums
     if begins:
         out.own = wp.vec3d()
     return out
 
 
 @wp.func
-def ended_line(lines: Lines, pen: Pen, ends: bool):
-    """The pen after a polyline, if it ends here, whose last point is written; its kind repeats the one before."""
-    out = pen
+def end_line(lines: LineArrays, writer: PolylineWriter, ends: bool):
+    """Write the held point if the polyline ends here; it repeats the kind of the point before."""
+    out = writer
     if ends:
-        lines.points[pen.i] = pen.x
-        lines.kind[pen.i] = lines.kind[pen.i - wp.int64(1)]
-        out.i = pen.i + wp.int64(1)
+        lines.points[writer.i] = writer.x
+        lines.kind[writer.i] = lines.kind[writer.i - wp.int64(1)]
+        out.i = writer.i + wp.int64(1)
     return out
 
 
 @wp.func
-def ended_sum(encloses: int, tape: Tape, ends: bool):
-    """The pen after a polyline if it ends here."""
-    out = tape
+def end_sum(encloses: int, sums: LengthAccumulator, ends: bool):
+    """Add the polyline's area to the sum if it ends here."""
+    out = sums
     if ends:
-        out.swept = tape.swept + tape.own
+        out.swept = sums.swept + sums.own
     return out
 
 
 @wp.func
-def draw_boundary(lines: Lines, pen: Pen, f: Frame, half: wp.vec2d, draws: bool):
-    """The patch's whole boundary as a polyline of five points, if the pen draws."""
-    out = begun_line(lines, pen, draws, True)
+def draw_boundary(lines: LineArrays, writer: PolylineWriter, f: Frame, half: wp.vec2d, draws: bool):
+    """Write the patch's whole boundary as a closed polyline of five points, if `draws`."""
+    out = begin_line(lines, writer, draws, True)
     if draws:
         for k in range(5):
-            lines.points[out.i] = lifted(f, corner(k % 4, half))
+            lines.points[out.i] = output_point(f, corner(k % 4, half))
             lines.kind[out.i] = wp.uint8(HAND)
             out.i = out.i + wp.int64(1)
     return out
 
 
 @wp.func
-def add_boundary(encloses: int, tape: Tape, f: Frame, half: wp.vec2d, draws: bool):
-    """The patch's whole boundary as a polyline, if the pen draws."""
-    out = begun_sum(encloses, tape, draws, True)
+def add_boundary(encloses: int, sums: LengthAccumulator, f: Frame, half: wp.vec2d, draws: bool):
+    """Add the patch's whole boundary as a closed polyline, if `draws`."""
+    out = begin_sum(encloses, sums, draws, True)
     if draws:
-        out.x = lifted(f, corner(0, half))
+        out.x = output_point(f, corner(0, half))
         out.first = out.x
     for k in range(wp.where(draws, 4, 0)):
         out.kind = HAND
-        out = added_to(encloses, out, lifted(f, corner((k + 1) % 4, half)), draws)
-    return ended_sum(encloses, out, draws)
+        out = add_to(encloses, out, output_point(f, corner((k + 1) % 4, half)), draws)
+    return end_sum(encloses, out, draws)
 
 
-def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, boundary: Any) -> Any:
-    """A wp.func that leads a pen through a row; the others are what it does on its way, as those of Pen above."""
+def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any) -> Any:
+    """A wp.func that walks a row's pieces: it passes each point to `to`, each polyline's begin and end to `begin` and
+    `end`, and the patch's whole boundary to `boundary`. Signatures as the functions of PolylineWriter above."""
 
     @wp.func
-    def draw_piece(surface: Surface, f: Frame, side: wp.vec2d, half: int, sink: sink_type, pen: pen_type, starts: bool):
-        """Walk a piece from where it enters, or starts, to where it leaves, ends or closes."""
+    def draw_piece(
+        surface: Surface, f: Frame, side: wp.vec2d, half: int, sink: sink_type, state: state_type, starts: bool
+    ):
+        """Walk a piece from its first point (on a side or inside) to its last; `starts`: a polyline begins with it."""
         c = crossing_at(surface, f, half)
         n = crossing_after(surface, f, c)
         p = point_of(f, c, side)
         q = point_of(f, n, side)
         code_p = outcode(p, side)
         code_q = outcode(q, side)
-        x = lifted(f, p)
+        x = output_point(f, p)
         if code_p != 0:
-            x = lifted(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).enter, p, q, side))
-        out = to(sink, pen, x, not starts)
+            x = output_point(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).enter, p, q, side))
+        out = to(sink, state, x, not starts)
         if starts:
             out.first = x
         out.x = x
         out.kind = OBJECT
         while code_q == 0 and n.half != OPEN and n.half != half:
-            out = to(sink, out, lifted(f, q), True)
+            out = to(sink, out, output_point(f, q), True)
             p = q
             code_p = code_q
             n = crossing_after(surface, f, n)
             q = point_of(f, n, side)
             code_q = outcode(q, side)
-        x = lifted(f, q)
+        x = output_point(f, q)
         if code_q != 0:
-            x = lifted(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).leave, p, q, side))
+            x = output_point(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).leave, p, q, side))
         return to(sink, out, x, True)
 
     @wp.func
-    def draw_corners(sink: sink_type, pen: pen_type, f: Frame, half: wp.vec2d, first: int, count: int, draws: bool):
-        """Lead the pen around corners of the patch if it draws; all it draws from here is of the hand's kind."""
-        out = pen
+    def draw_corners(sink: sink_type, state: state_type, f: Frame, half: wp.vec2d, first: int, count: int, draws: bool):
+        """Pass `count` corners of the patch from corner `first` on, if `draws`; segments from here on are hand kind."""
+        out = state
         if draws:
             out.kind = HAND
         for k in range(count):
-            out = to(sink, out, lifted(f, corner((first + k) % 4, half)), draws)
+            out = to(sink, out, output_point(f, corner((first + k) % 4, half)), draws)
             if draws:
                 out.kind = HAND
         return out
@@ -211,16 +215,16 @@ def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, bou
         surface: Surface,
         f: Frame,
         side: wp.vec2d,
-        pieces: Pieces,
+        pieces: ContourPieces,
         entries: Entries,
         row: int,
         closes: int,
         sink: sink_type,
-        pen: pen_type,
+        state: state_type,
     ):
-        """Draw a row's polylines, a closed one with its first point again at its end."""
+        """Draw a row's polylines; a closed one repeats its first point at its end."""
         base = start_of(pieces, row)
-        out = pen
+        out = state
         count = entries.count[row] & (BOUNDARY - 1)
         for e in range(count):
             code = entries.entry[base + wp.int64(e) * pieces.stride]
@@ -244,5 +248,5 @@ def row_walker(sink_type: Any, pen_type: Any, to: Any, begin: Any, end: Any, bou
     return draw_row
 
 
-draw_row = row_walker(Lines, Pen, drawn_to, begun_line, ended_line, draw_boundary)
-add_row = row_walker(int, Tape, added_to, begun_sum, ended_sum, add_boundary)
+draw_row = row_walker(LineArrays, PolylineWriter, write_to, begin_line, end_line, draw_boundary)
+add_row = row_walker(int, LengthAccumulator, add_to, begin_sum, end_sum, add_boundary)

@@ -1,7 +1,7 @@
-"""Contours of small surfaces: look at every scanned edge, then walk every loop of the plane around once.
+"""Scan search, for small surfaces: test every scanned edge, then walk every loop in the plane once.
 
-Two steps: the first walks and lists the segments that clipping must look at, the second looks at them. Walking is
-the same for every lane of a GPU; what happens at the patch's sides is not, and would hold all of them up.
+The walk lists the segments that clipping must test, and a second kernel clips them: all lanes of a GPU walk alike, but
+clipping diverges and would make the other lanes wait.
 """
 
 from functools import partial
@@ -20,44 +20,56 @@ from ..patch import (
     Coarse,
     Frame,
     Patch,
-    coarse_of,
-    half_of,
+    coarse_frame,
+    half_extents,
     is_above,
-    lifted,
     outcode,
+    output_point,
     section_frame,
 )
-from .clip_events import BEGIN, CLEAR, END, FROM, HALF, STOP, Events, _clip_loops, quiet, room_for_events, write_event
+from .clip_events import (
+    BEGIN,
+    CLEAR,
+    END,
+    FROM,
+    HALF,
+    STOP,
+    Events,
+    _clip_loops,
+    is_quiet,
+    room_for_events,
+    write_event,
+)
 from .edge_pairing import OPEN
 from .half_edges import MASK_WORDS, Surface
 from .pieces import section_at
-from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, loaded, point_of, vertex_of
+from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
-LISTED = 32  # scanned crossings that a sweep keeps; more are swept for again
+LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
 
 
 @wp.struct
-class Sweep:
-    """What a sweep along the trail found."""
+class ScanResult:
+    """Scanned crossings found by a scan along the scan path."""
 
-    first: int  # half-edge of the first scanned crossing
-    kept: int  # scanned crossings in the list
-    step: int  # where the last of them was
-    count: int  # scanned crossings in all
+    first: int  # half-edge of the first one
+    kept: int  # number of listed ones
+    step: int  # step of the last listed one
+    count: int  # number of all
 
 
 @wp.func
-def swept(surface: Surface, f: Frame, g: Coarse, start: int, lists: bool, halves: wp.array[wp.int32]):
-    """Count the scanned crossings of the trail after step `start`, and list as many as there is room for."""
-    found = Sweep()
+def scan_crossings(surface: Surface, f: Frame, g: Coarse, start: int, lists: bool, halves: wp.array[wp.int32]):
+    """Count the scanned crossings of the scan path after step `start`; list the first LISTED of them if `lists`."""
+    found = ScanResult()
     found.first = OPEN
-    was = is_above(f, g, vertex_of(loaded(surface.trail, start)))
-    for i in range(start + 1, surface.trail.shape[0]):
-        side = is_above(f, g, vertex_of(loaded(surface.trail, i)))
+    was = is_above(f, g, vertex_of(load_vec4(surface.scan_path, start)))
+    for i in range(start + 1, surface.scan_path.shape[0]):
+        side = is_above(f, g, vertex_of(load_vec4(surface.scan_path, i)))
         if side != was:
-            half = surface.trail_half[i][wp.where(was, 0, 1)]
+            half = surface.scan_path_half[i][wp.where(was, 0, 1)]
             if half != OPEN:
                 if found.count == 0:
                     found.first = half
@@ -71,41 +83,41 @@ def swept(surface: Surface, f: Frame, g: Coarse, start: int, lists: bool, halves
 
 
 @wp.func
-def marked(mask: wp.array[wp.uint32], rank: int):
-    """Whether a walk has passed the scanned edge of that rank."""
+def is_marked(mask: wp.array[wp.uint32], rank: int):
+    """Whether the scanned edge of that rank is marked as passed."""
     return (mask[rank >> 5] >> wp.uint32(rank & 31)) & wp.uint32(1) != wp.uint32(0)
 
 
 @wp.func
 def mark(mask: wp.array[wp.uint32], rank: int):
-    """Remember that a walk has passed a scanned edge."""
+    """Mark the scanned edge of that rank as passed."""
     mask[rank >> 5] = mask[rank >> 5] | (wp.uint32(1) << wp.uint32(rank & 31))
 
 
 @wp.struct
 class Walk:
-    """What a walk around one loop did."""
+    """Result of a walk around one loop."""
 
-    events: int
+    events: int  # number of events
     scanned: int  # scanned crossings passed
-    ended: int  # 1 if it came to an open end: the loop is a chain
+    ended: int  # 1 if it ended at an open edge, so it is a chain and no loop
 
 
 @wp.struct
-class Spot:
-    """A crossing's point as a fraction x / d, y / d, which takes no division, and its outcode."""
+class CrossingPoint:
+    """A crossing's point (x / d, y / d) without the division, and its outcode."""
 
     x: wp.float64  # [m^2]
     y: wp.float64
     d: wp.float64  # [m]
     code: int
-    clear: int  # CLEAR if it is apart from the lines of all four sides, in float32 in the array's frame
+    clear: int  # CLEAR if in float32, in the array's frame, it lies on the line of no side
 
 
 @wp.func
-def spot_of(f: Frame, g: Coarse, c: Crossing, side: wp.vec2d):
-    """The point of a crossing; where it may be flush with a side, `point_of` decides."""
-    t = Spot()
+def crossing_point(f: Frame, g: Coarse, c: Crossing, side: wp.vec2d):
+    """The point of a crossing; if it may be flush with a side, `point_of` gives the outcode."""
+    t = CrossingPoint()
     t.d = c.upper[2] - c.lower[2]
     t.x = c.lower[0] * c.upper[2] - c.upper[0] * c.lower[2]
     t.y = c.lower[1] * c.upper[2] - c.upper[1] * c.lower[2]
@@ -125,16 +137,16 @@ def spot_of(f: Frame, g: Coarse, c: Crossing, side: wp.vec2d):
 
 
 @wp.func
-def moves(f: Frame, g: Coarse, side: wp.vec2d, c: Crossing, p: Spot, n: Crossing, q: Spot):
-    """Whether the points of two crossings differ in float32 as they are written."""
-    room = wp.float64(2.0 * g.unsure) * p.d * q.d  # each may be brought to a side
+def moves(f: Frame, g: Coarse, side: wp.vec2d, c: Crossing, p: CrossingPoint, n: Crossing, q: CrossingPoint):
+    """Whether the float32 output points of two crossings differ."""
+    room = wp.float64(2.0 * g.unsure) * p.d * q.d  # each point may be moved onto a side
     if wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room:
         return True
-    return not (lifted(f, point_of(f, c, side)) == lifted(f, point_of(f, n, side)))
+    return not (output_point(f, point_of(f, c, side)) == output_point(f, point_of(f, n, side)))
 
 
 @wp.func
-def walked(
+def walk_loop(
     surface: Surface,
     f: Frame,
     g: Coarse,
@@ -147,13 +159,13 @@ def walked(
     row: int,
     start: int,
 ):
-    """Walk from a crossing around its loop, or to the end of its chain; events from `start` on.
+    """Walk from a crossing around its loop, or to the end of its chain; writes events from number `start` on.
 
-    A segment is an event unless it stays inside, or outside without winding around the patch.
+    A segment is an event unless it stays inside, or stays outside without winding around the patch (`is_quiet`).
     """
     out = Walk()
     c = crossing_at(surface, f, half)
-    p = spot_of(f, g, c, side)
+    p = crossing_point(f, g, c, side)
     write_event(events, row, start, (half << HALF) | BEGIN | (p.code << FROM) | p.code, 0)
     out.events = 1
     if chain:
@@ -164,7 +176,7 @@ def walked(
     last = int(0)
     while last == 0:
         n = crossing_after(surface, f, c)
-        q = spot_of(f, g, n, side)
+        q = crossing_point(f, g, n, side)
         if n.half == OPEN:
             last = STOP
         elif n.half == half:
@@ -176,7 +188,7 @@ def walked(
         if (p.code | q.code) == 0:
             if moves(f, g, side, c, p, n, q):
                 steps += 1
-        if last != 0 or not quiet(p.code, q.code):
+        if last != 0 or not is_quiet(p.code, q.code):
             what = (c.half << HALF) | last | (p.clear & q.clear) | (p.code << FROM) | q.code
             write_event(events, row, start + out.events, what, steps)
             out.events += 1
@@ -189,7 +201,7 @@ def walked(
 
 
 @wp.func
-def passed(surface: Surface, f: Frame, half: int, mask: wp.array[wp.uint32]):
+def mark_loop(surface: Surface, f: Frame, half: int, mask: wp.array[wp.uint32]):
     """Mark the scanned crossings of a loop; returns how many there are."""
     count = int(0)
     c = crossing_at(surface, f, half)
@@ -215,50 +227,50 @@ def _walk_first_loops(
     # Out:
     events: Events,
     rest: wp.array[wp.int32],  # rows with more loops, in any order, shape [row]
-    rest_count: wp.array[wp.int32],  # how many there are, comes as 0, shape [1]
+    rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
 ):
-    """Walk around the first loop of each row's plane, which most often is the only one."""
+    """Walk around the first loop of each row's plane, usually the only one."""
     row = wp.tid()
     own = section_at(section, row)
     f = section_frame(pose, patch, own)
-    side = half_of(patch[own % patch.shape[0]], bounded)
-    g = coarse_of(f, side, surface.reach)
+    side = half_extents(patch[own % patch.shape[0]], bounded)
+    g = coarse_frame(f, side, surface.reach)
     nothing = wp.zeros(shape=1, dtype=wp.int32)
     no_mask = wp.zeros(shape=1, dtype=wp.uint32)
-    found = swept(surface, f, g, 0, False, nothing)
+    found = scan_crossings(surface, f, g, 0, False, nothing)
     walk = Walk()
     if found.count > 0 and surface.is_open == 0:
-        walk = walked(surface, f, g, side, found.first, False, False, no_mask, events, row, 0)
+        walk = walk_loop(surface, f, g, side, found.first, False, False, no_mask, events, row, 0)
     events.count[row] = walk.events
     if walk.scanned < found.count:
         rest[wp.atomic_add(rest_count, 0, 1)] = row
 
 
 @wp.func
-def walked_others(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, row: int):
-    """Walk around the loops of a row that have no events yet; returns how many events it has then."""
+def walk_other_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, row: int):
+    """Walk around the loops of a row that have no events yet; returns the row's number of events."""
     count = events.count[row]
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
     mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
-    found = swept(surface, f, g, 0, True, halves)
+    found = scan_crossings(surface, f, g, 0, True, halves)
     total = found.count
     scanned = int(0)
     if count > 0:
-        scanned = passed(surface, f, found.first, mask)
+        scanned = mark_loop(surface, f, found.first, mask)
     k = int(0)
     while scanned < total and found.kept > 0:
         if k == found.kept:
-            found = swept(surface, f, g, found.step, True, halves)
+            found = scan_crossings(surface, f, g, found.step, True, halves)
             k = 0
-        while k < found.kept and marked(mask, surface.rank[halves[k]]):
+        while k < found.kept and is_marked(mask, surface.rank[halves[k]]):
             k += 1
         if k < found.kept:
             half = halves[k]
-            chain = link_of(loaded(surface.corner, half)) == OPEN
-            walk = walked(surface, f, g, side, half, chain, True, mask, events, row, count)
+            chain = link_of(load_vec4(surface.corner, half)) == OPEN
+            walk = walk_loop(surface, f, g, side, half, chain, True, mask, events, row, count)
             if walk.ended == 1 and not chain:
                 half = chain_start(surface, f, half)
-                walk = walked(surface, f, g, side, half, True, True, mask, events, row, count)
+                walk = walk_loop(surface, f, g, side, half, True, True, mask, events, row, count)
             count += walk.events
             scanned += walk.scanned
     return count
@@ -282,17 +294,17 @@ def _walk_other_loops(
         row = rest[wp.tid()]
         own = section_at(section, row)
         f = section_frame(pose, patch, own)
-        side = half_of(patch[own % patch.shape[0]], bounded)
-        g = coarse_of(f, side, surface.reach)
-        events.count[row] = walked_others(surface, f, g, side, events, row)
+        side = half_extents(patch[own % patch.shape[0]], bounded)
+        g = coarse_frame(f, side, surface.reach)
+        events.count[row] = walk_other_loops(surface, f, g, side, events, row)
 
 
-def trace_pieces(
+def scan_search_pieces(
     surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, room: int = 24
 ) -> wp.array:
-    """Find the pieces of a surface that has a trail; returns how many events each row has, int32, shape [row].
+    """Find the pieces of a surface that has a scan path; returns the number of events of each row, int32, shape [row].
 
-    room: events a row. One with more is counted in `pieces` as a row with more pieces than it has room for.
+    room: most events of a row. A row with more counts in `pieces` as one with too few slots.
     """
     device = pose.device
     row_count = pieces.count.shape[0]

@@ -70,7 +70,7 @@ def crosses(k: int, code_p: int, code_q: int, left: int):
 
 @wp.func
 def winding_step(code_p: int, code_q: int, left: int):
-    """What a segment adds to the winding number around corner 0: a ray along side 0's line, away from the patch.
+    """Contribution of a segment to the winding number around corner 0, by a ray along side 0's line, off the patch.
 
         crosses that line   beyond the corner   adds
         downward            yes                 +1
@@ -94,7 +94,7 @@ def winding_step(code_p: int, code_q: int, left: int):
 
 @wp.struct
 class Segment:
-    """What a contour's segment p -> q does to the patch."""
+    """Result of clipping a contour's segment p -> q at the patch."""
 
     enter: int  # sides by which it enters and leaves, NONE for none
     leave: int
@@ -112,7 +112,7 @@ def needs_left(code_p: int, code_q: int):
 
 @wp.func
 def segment_of(code_p: int, code_q: int, left: int):
-    """What p -> q does, by its ends' outcodes and, where `needs_left` says so, the corners to its left."""
+    """Clip p -> q by its ends' outcodes and, if `needs_left`, by the corners to its left."""
     e = Segment()
     e.enter = NONE
     e.leave = NONE
@@ -129,7 +129,7 @@ def segment_of(code_p: int, code_q: int, left: int):
 
 @wp.func
 def side_point(k: int, p: wp.vec2d, q: wp.vec2d, half: wp.vec2d):
-    """Where p -> q crosses side k, never beyond its corners [m]."""
+    """Point where p -> q crosses side k, clamped to its corners [m]."""
     if k == 1 or k == 3:
         x = half[0]
         if k == 3:
@@ -143,7 +143,7 @@ def side_point(k: int, p: wp.vec2d, q: wp.vec2d, half: wp.vec2d):
 
 @wp.func
 def side_position(k: int, p: wp.vec2d):
-    """How far along side k a point of it lies, counter-clockwise."""
+    """Position of a point along side k, counter-clockwise [m]."""
     if k == 0:
         return p[0]
     if k == 1:

@@ -12,10 +12,10 @@ import warp as wp
 from .clip_events import _clip_loops, room_for_events
 from .contour_writing import _draw_contours
 from .joining import _join_pieces, _join_single_pieces, room_to_join
-from .pieces import Pieces, with_slots
-from .row_walker import Lines
+from .pieces import ContourPieces, with_slots
+from .row_walker import LineArrays
 from .scan_search import _walk_first_loops, _walk_other_loops
-from .tree_search import _seek_pieces
+from .tree_search import _tree_search_pieces
 
 CPU = "cpu"  # a GPU takes 1.2 ms for its launches alone
 SEVERAL, LISTED, EXCESS = range(3)  # counters: patches with more loops, with more pieces to join, without room
@@ -24,7 +24,7 @@ Launches = list[tuple[wp.Launch, int | None]]  # each with the counter that must
 
 
 class RoomSize(NamedTuple):
-    """How much of everything a room has."""
+    """Capacities of a `Room`."""
 
     pieces: int = 32
     """Of a patch."""
@@ -50,15 +50,15 @@ class Room:
         self.size = size._replace(events=max(size.events, size.pieces))
         self._surface, self._patch, self._row_count = surface, patch, patch.shape[0]
         self._stages = [int(outside), int(close)]
-        self._pose, self._pose_rows = shared((1, 1), wp.transform)
-        self._counters, self._count = shared(3, wp.int32)
-        self._rest, _ = shared(self._row_count, wp.int32)
+        self._pose, self._pose_rows = shared_zeros((1, 1), wp.transform)
+        self._counters, self._count = shared_zeros(3, wp.int32)
+        self._rest, _ = shared_zeros(self._row_count, wp.int32)
         self._polylines, self._points = Offsets(self._row_count), Offsets(self._row_count)
         self._pieces = self._room_for_pieces()
         self._events = room_for_events(self._row_count, self.size.events, wp.get_device(CPU))
         self._events.count.zero_()  # seeking leaves them so
         self._lines, self._host = self._room_for_lines()
-        self._find = self._tracing() if method == "trace" else self._seeking()
+        self._find = self._scan_search() if method == "trace" else self._tree_search()
         self._join, self._draw = self._joining_and_drawing()
 
     def fill(self, pose: np.ndarray) -> RoomSize | None:
@@ -81,7 +81,7 @@ class Room:
         return None
 
     def contours(self) -> dict[str, np.ndarray]:
-        """What it was filled with, where it lies: arrays of a contour batch by name."""
+        """The contours of the last pose, without copying: arrays of a contour batch by name."""
         line_count, point_count, host = self._polylines.total, self._points.total, self._host
         return {
             "points": host["points"][:point_count],
@@ -105,8 +105,8 @@ class Room:
 
     def _room_for_pieces(self) -> Any:
         room = self.size.pieces
-        pieces = Pieces()
-        pieces.section, _ = shared(0, wp.int32)
+        pieces = ContourPieces()
+        pieces.section, _ = shared_zeros(0, wp.int32)
         pieces.start = wp.array(np.arange(self._row_count) * room, dtype=wp.int64, device=CPU)
         pieces.room = wp.full(self._row_count, room, dtype=wp.int32, device=CPU)
         pieces.stride = 1
@@ -115,9 +115,9 @@ class Room:
         return pieces
 
     def _room_for_lines(self) -> tuple[Any, dict[str, np.ndarray]]:
-        """Where contours are drawn, for the kernel and for NumPy."""
+        """Allocate the output arrays of contours, shared by the kernel and NumPy."""
         line_most = self._row_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
-        lines, host = Lines(), {}
+        lines, host = LineArrays(), {}
         for field, size, dtype in (
             ("points", self.size.points, wp.vec3),
             ("kind", self.size.points, wp.uint8),
@@ -125,22 +125,22 @@ class Room:
             ("polyline_patch", line_most, wp.int32),
             ("polyline_closed", line_most, wp.uint8),
         ):
-            array, host[field] = shared(size, dtype)
+            array, host[field] = shared_zeros(size, dtype)
             setattr(lines, field, array)
         return lines, {**host, "pose_start": self._polylines.host[:: self._row_count]}
 
-    def _tracing(self) -> Launches:
+    def _scan_search(self) -> Launches:
         section = [self._surface, self._pose, self._patch, self._stages[0], self._pieces.section]
         rest = [self._rest, self._counters[SEVERAL:]]
         return [
-            (self._recorded(_walk_first_loops, section, [self._events, *rest]), None),
-            (self._recorded(_walk_other_loops, [*section, *rest], [self._events]), SEVERAL),
-            (self._recorded(_clip_loops, [*section[:3], self._events], [self._pieces]), None),
+            (self._record(_walk_first_loops, section, [self._events, *rest]), None),
+            (self._record(_walk_other_loops, [*section, *rest], [self._events]), SEVERAL),
+            (self._record(_clip_loops, [*section[:3], self._events], [self._pieces]), None),
         ]
 
-    def _seeking(self) -> Launches:
+    def _tree_search(self) -> Launches:
         inputs = [self._surface, self._pose, self._patch, *self._stages]
-        return [(self._recorded(_seek_pieces, inputs, [self._pieces]), None)]
+        return [(self._record(_tree_search_pieces, inputs, [self._pieces]), None)]
 
     def _joining_and_drawing(self) -> tuple[Launches, wp.Launch]:
         ends, entries = room_to_join(self._pieces, CPU)
@@ -150,11 +150,11 @@ class Room:
         several = [self._surface, self._pieces, self._pose, self._patch, self._stages[1], *rest]
         drawn = [self._surface, self._pose, self._patch, self._pieces, entries, *self._stages]
         return [
-            (self._recorded(_join_single_pieces, single, [entries, *rest]), None),
-            (self._recorded(_join_pieces, several, [ends, entries]), LISTED),
-        ], self._recorded(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
+            (self._record(_join_single_pieces, single, [entries, *rest]), None),
+            (self._record(_join_pieces, several, [ends, entries]), LISTED),
+        ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
 
-    def _recorded(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
+    def _record(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
         launch = wp.launch(kernel, self._row_count, inputs=inputs, outputs=outputs, device=CPU, record_cmd=True)
         return cast(wp.Launch, launch)
 
@@ -163,8 +163,8 @@ class Offsets:
     """Counts of sections, which kernels write, and their offsets, which they read."""
 
     def __init__(self, section_count: int) -> None:
-        self.count, count = shared(section_count + 1, wp.int64)
-        self.start, self.host = shared(section_count + 1, wp.int64)
+        self.count, count = shared_zeros(section_count + 1, wp.int64)
+        self.start, self.host = shared_zeros(section_count + 1, wp.int64)
         self._scanned = count[:-1], self.host[1:]
 
     def scan(self) -> None:
@@ -177,7 +177,7 @@ class Offsets:
         return self.host.item(-1)
 
 
-def shared(size: int | tuple[int, ...], dtype: Any) -> tuple[wp.array, np.ndarray]:
+def shared_zeros(size: int | tuple[int, ...], dtype: Any) -> tuple[wp.array, np.ndarray]:
     """An array of zeros, for kernels and for NumPy."""
     array = wp.zeros(size, dtype=dtype, device=CPU)
     return array, array.numpy()

@@ -1,4 +1,4 @@
-"""Ordered pieces -> numbers a pose: what `draw` and `tally` come to, to the bit, and no point is written."""
+"""Metrics of a pose from ordered pieces without writing points; bit-identical to writing and then `tally`."""
 
 from functools import partial
 from typing import Any
@@ -7,11 +7,11 @@ import warp as wp
 
 from ..metrics.tally import METRICS, NAN, write_lengths
 from ..offsets import BLOCK
-from ..patch import EXACT, Patch, half_of, section_frame
+from ..patch import EXACT, Patch, half_extents, section_frame
 from .half_edges import Surface
 from .joining import Entries, Ordered
-from .pieces import Pieces, section_of
-from .row_walker import Tape, add_row
+from .pieces import ContourPieces, section_of
+from .row_walker import LengthAccumulator, add_row
 
 wp.set_module_options(EXACT)
 
@@ -23,7 +23,7 @@ def _tally_pieces(
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     own: int,  # the patch whose rows are added
-    pieces: Pieces,
+    pieces: ContourPieces,
     entries: Entries,
     bounded: int,  # 0: the whole plane
     closes: int,  # 1: CC, 0: OC
@@ -40,15 +40,15 @@ def _tally_pieces(
     if section % patch.shape[0] != own:
         return
     at = section // patch.shape[0]
-    tape = Tape()
-    tape.outline = total[at, 0]
-    tape.side = total[at, 1]
+    sums = LengthAccumulator()
+    sums.outline = total[at, 0]
+    sums.side = total[at, 1]
     f = section_frame(pose, patch, section)
-    tape = add_row(surface, f, half_of(patch[own], bounded), pieces, entries, row, closes, closes, tape)
-    total[at, 0] = tape.outline
+    sums = add_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, closes, sums)
+    total[at, 0] = sums.outline
     if closes == 1:
-        total[at, 1] = tape.side
-        total[at, 2] += wp.length(tape.swept)
+        total[at, 1] = sums.side
+        total[at, 2] += wp.length(sums.swept)
 
 
 @wp.kernel

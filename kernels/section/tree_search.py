@@ -1,4 +1,4 @@
-"""Contours of large surfaces: a hierarchy of boxes, traversed by the oriented patch, finds what lies in it."""
+"""Tree search, for large surfaces: traverse the box hierarchy for the faces that the patch crosses."""
 
 from typing import Any
 
@@ -11,27 +11,27 @@ from ..patch import (
     Coarse,
     Frame,
     Patch,
-    coarse_of,
-    half_of,
+    coarse_frame,
+    half_extents,
     is_above,
-    lifted,
     outcode,
+    output_point,
     section_frame,
 )
 from .edge_pairing import OPEN
 from .half_edges import LEAF, Surface
-from .pieces import CLOSED, Pieces, count_row, section_of, store_piece
+from .pieces import CLOSED, ContourPieces, count_row, section_of, store_piece
 from .segment_clipping import NONE, corners_left, segment_of, winding_step
-from .triangle_walk import crossing_after, crossing_at, is_first, link_of, loaded, point_of, vertex_of
+from .triangle_walk import crossing_after, crossing_at, is_first, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
-LISTED = 8  # crossed faces that a traversal lists before they are looked at
+LISTED = 8  # crossed faces that a traversal lists before they are processed
 
 
 @wp.struct
 class Window:
-    """The rectangle that is looked for, along u and v of a patch's frame [m]."""
+    """The rectangle that is searched, along u and v of a patch's frame [m]."""
 
     low: wp.vec2
     high: wp.vec2
@@ -39,16 +39,16 @@ class Window:
 
 @wp.struct
 class Cursor:
-    """Where a traversal has come to, and what it found on the way."""
+    """Position of a traversal."""
 
     node: int  # heap number; 0 at the end
     place: int  # of the next face in the leaf
-    listed: int  # faces set aside
+    listed: int  # crossed faces listed since the last call
 
 
 @wp.func
 def reach_along(axis: wp.vec3, half: wp.vec3):
-    """How far a box of these half extents reaches along an axis."""
+    """Half extent of a box along an axis."""
     return wp.abs(axis[0]) * half[0] + wp.abs(axis[1]) * half[1] + wp.abs(axis[2]) * half[2]
 
 
@@ -58,9 +58,9 @@ def meets(surface: Surface, g: Coarse, w: Window, node: int):
 
     The box's own axes would add little: a box is small against the patch where it matters, near the leaves.
     """
-    e = loaded(surface.node_half, node)
+    e = load_vec4(surface.node_half, node)
     half = wp.vec3(e[0], e[1], e[2])
-    d = vertex_of(loaded(surface.node_centre, node)) - g.origin
+    d = vertex_of(load_vec4(surface.node_centre, node)) - g.origin
     margin = 4.0 * g.unsure
     if half[0] < 0.0 or wp.abs(wp.dot(g.n, d)) > reach_along(g.n, half) + margin:
         return False
@@ -75,7 +75,7 @@ def meets(surface: Surface, g: Coarse, w: Window, node: int):
 
 @wp.func
 def node_after(node: int):
-    """The node that comes next once all below this one is done; 0 at the end."""
+    """The next node in the traversal that is not below this one; 0 at the end."""
     n = node + 1
     while n % 2 == 0:
         n = n // 2
@@ -104,9 +104,9 @@ def down_half(surface: Surface, f: Frame, g: Coarse, face: int):
     half = 3 * face
     if half >= surface.corner.shape[0]:
         return OPEN
-    a = is_above(f, g, vertex_of(loaded(surface.corner, half)))
-    b = is_above(f, g, vertex_of(loaded(surface.corner, half + 1)))
-    c = is_above(f, g, vertex_of(loaded(surface.corner, half + 2)))
+    a = is_above(f, g, vertex_of(load_vec4(surface.corner, half)))
+    b = is_above(f, g, vertex_of(load_vec4(surface.corner, half + 1)))
+    c = is_above(f, g, vertex_of(load_vec4(surface.corner, half + 2)))
     if a and not b:
         return half
     if b and not c:
@@ -117,8 +117,8 @@ def down_half(surface: Surface, f: Frame, g: Coarse, face: int):
 
 
 @wp.func
-def traversed(surface: Surface, f: Frame, g: Coarse, w: Window, at: Cursor, halves: wp.array[wp.int32]):
-    """Go on with a traversal, listing half-edges by which faces are crossed, until the list is full or all is done."""
+def traverse(surface: Surface, f: Frame, g: Coarse, w: Window, at: Cursor, halves: wp.array[wp.int32]):
+    """Continue a traversal: list the downward half-edges of crossed faces until the list is full or the end."""
     out = Cursor()
     out.node = at.node
     out.place = at.place
@@ -138,16 +138,18 @@ def traversed(surface: Surface, f: Frame, g: Coarse, w: Window, at: Cursor, halv
 
 
 @wp.struct
-class Found:
-    """What is known of a section so far."""
+class TreeResult:
+    """Pieces and scanned crossings of a section found so far."""
 
     count: int  # pieces
     total: int  # scanned crossings inside the patch
-    passed: int  # of them, how many lie on pieces
+    passed: int  # those of them that lie on pieces
 
 
 @wp.func
-def piece_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int, pieces: Pieces, row: int, slot: int):
+def piece_from(
+    surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int, pieces: ContourPieces, row: int, slot: int
+):
     """Walk an open piece from where it enters or starts, and store it; returns the scanned crossings inside, passed."""
     c = crossing_at(surface, f, half)
     p = point_of(f, c, side)
@@ -158,9 +160,9 @@ def piece_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int
     n = crossing_after(surface, f, c)
     q = point_of(f, n, side)
     code_q = outcode(q, side)
-    x = lifted(f, p)
+    x = output_point(f, p)
     while code_q == 0:
-        y = lifted(f, q)
+        y = output_point(f, q)
         if code == 0 and not (x == y):
             steps += 1
         if n.half == OPEN:
@@ -181,16 +183,16 @@ def piece_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int
 
 
 @wp.func
-def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: Pieces, row: int, slot: int):
+def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: ContourPieces, row: int, slot: int):
     """Walk a loop that never leaves the patch, and store it; returns the scanned crossings passed."""
     c = crossing_at(surface, f, half)
-    x = lifted(f, point_of(f, c, side))
+    x = output_point(f, point_of(f, c, side))
     steps = int(0)
     passed = int(0)
     done = int(0)
     while done == 0:
         c = crossing_after(surface, f, c)
-        y = lifted(f, point_of(f, c, side))
+        y = output_point(f, point_of(f, c, side))
         if not (x == y):
             steps += 1
         x = y
@@ -202,10 +204,12 @@ def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: Pie
 
 
 @wp.func
-def judged(surface: Surface, f: Frame, side: wp.vec2d, half: int, found: Found, pieces: Pieces, row: int):
-    """Walk the piece that begins in a crossed face, if one does, or count its scanned crossing inside."""
+def process_crossing(
+    surface: Surface, f: Frame, side: wp.vec2d, half: int, found: TreeResult, pieces: ContourPieces, row: int
+):
+    """Process a crossed face: count its crossing if scanned and inside; walk the piece that begins there, if any."""
     out = found
-    link = link_of(loaded(surface.corner, half))
+    link = link_of(load_vec4(surface.corner, half))
     c = crossing_at(surface, f, half)
     p = point_of(f, c, side)
     code_p = outcode(p, side)
@@ -224,15 +228,15 @@ def judged(surface: Surface, f: Frame, side: wp.vec2d, half: int, found: Found, 
 @wp.func
 def is_candidate(surface: Surface, f: Frame, side: wp.vec2d, half: int):
     """Whether a crossing is a scanned one inside the patch."""
-    link = link_of(loaded(surface.corner, half))
+    link = link_of(load_vec4(surface.corner, half))
     if link == OPEN or link & 1 == 0:
         return False
     return outcode(point_of(f, crossing_at(surface, f, half), side), side) == 0
 
 
 @wp.func
-def wound(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.array[wp.int32]):
-    """Winding number around corner 0: what crosses the line of side 0 beyond it, away from the patch."""
+def winding_at_corner(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.array[wp.int32]):
+    """Winding number around corner 0, from crossings of the line of side 0, beyond corner 0 and outside the patch."""
     w = Window()
     w.low = wp.vec2(-wp.float32(UNBOUNDED), -g.half[1])
     w.high = -g.half
@@ -240,7 +244,7 @@ def wound(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.arra
     at = Cursor()
     at.node = 1
     while at.node != 0:
-        at = traversed(surface, f, g, w, at, halves)
+        at = traverse(surface, f, g, w, at, halves)
         for k in range(at.listed):
             c = crossing_at(surface, f, halves[k])
             p = point_of(f, c, side)
@@ -250,37 +254,37 @@ def wound(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.arra
 
 
 @wp.kernel
-def _seek_pieces(
+def _tree_search_pieces(
     # In:
     surface: Surface,
     pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
     patch: wp.array[Patch],
     bounded: int,  # 0: the whole plane
-    closes: int,  # 1: the winding number is asked for
+    closes: int,  # 1: compute the winding number
     # Out:
-    pieces: Pieces,
+    pieces: ContourPieces,
 ):
-    """Find the pieces of each row's section: first those that enter, then loops that nothing has passed."""
+    """Find the pieces of each row's section: first open pieces, then loops whose crossings lie on no piece yet."""
     row = wp.tid()
     section = section_of(pieces, row)
     f = section_frame(pose, patch, section)
-    side = half_of(patch[section % patch.shape[0]], bounded)
-    g = coarse_of(f, side, surface.reach)
+    side = half_extents(patch[section % patch.shape[0]], bounded)
+    g = coarse_frame(f, side, surface.reach)
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
     w = Window()
     w.low = -g.half
     w.high = g.half
-    found = Found()
+    found = TreeResult()
     at = Cursor()
     at.node = 1
     while at.node != 0:
-        at = traversed(surface, f, g, w, at, halves)
+        at = traverse(surface, f, g, w, at, halves)
         for k in range(at.listed):
-            found = judged(surface, f, side, halves[k], found, pieces, row)
+            found = process_crossing(surface, f, side, halves[k], found, pieces, row)
     at = Cursor()
     at.node = 1
     while at.node != 0 and found.passed < found.total:
-        at = traversed(surface, f, g, w, at, halves)
+        at = traverse(surface, f, g, w, at, halves)
         k = int(0)
         while k < at.listed and found.passed < found.total:
             half = halves[k]
@@ -290,11 +294,15 @@ def _seek_pieces(
             k += 1
     winding = int(0)
     if closes == 1:
-        winding = wound(surface, f, g, side, halves)
+        winding = winding_at_corner(surface, f, g, side, halves)
     count_row(pieces, row, found.count, winding)
 
 
-def seek_pieces(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
+def tree_search_pieces(
+    surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool
+) -> None:
     """Find the pieces of a surface of any size."""
     inputs = [surface, pose, patch, int(bounded), int(closes)]
-    wp.launch(_seek_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK)
+    wp.launch(
+        _tree_search_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK
+    )

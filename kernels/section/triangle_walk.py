@@ -1,8 +1,8 @@
-"""Walking a contour from triangle to triangle: no coordinate is ever compared to find what comes next."""
+"""Walking a contour from triangle to triangle through half-edge links, without comparing coordinates."""
 
 import warp as wp
 
-from ..patch import Frame, above, brought_to_sides, outcode, placed
+from ..patch import Frame, above, outcode, patch_coordinates, snap_to_sides
 from .edge_pairing import OPEN
 from .half_edges import Surface
 from .segment_clipping import blend, corners_left
@@ -10,13 +10,13 @@ from .segment_clipping import blend, corners_left
 
 @wp.struct
 class Crossing:
-    """Where the plane crosses an edge, the solid to the left of the contour seen from +n.
+    """A crossing of an edge with the plane; contours have the solid on their left, seen from +n.
 
-    The half-edge is that of the triangle which the contour goes into; it runs down through the plane.
+    The half-edge is that of the triangle which the contour enters; it runs from above the plane to below.
     """
 
-    half: int  # OPEN where there is no such triangle
-    scanned: int  # 1 if the edge is a scanned one (or open)
+    half: int  # OPEN if there is no such triangle
+    scanned: int  # 1 if the edge is scanned (open edges are)
     upper: wp.vec3d  # its ends in the patch's frame [m]
     lower: wp.vec3d
 
@@ -29,8 +29,8 @@ class Crossing:
     return a.data[i];
 #endif
 """)
-def loaded(a: wp.array[wp.vec4], i: int) -> wp.vec4:
-    """Entry i of an array that is aligned to 16 bytes."""
+def load_vec4(a: wp.array[wp.vec4], i: int) -> wp.vec4:
+    """Entry i of a 16-byte aligned array, read with one load on a GPU."""
 
 
 @wp.func
@@ -41,7 +41,7 @@ def vertex_of(x: wp.vec4):
 
 @wp.func
 def link_of(x: wp.vec4):
-    """Link of a half-edge: see `HalfEdges.link`."""
+    """Link of a half-edge (`HalfEdges.link`) from its entry in `Surface.corner`."""
     return wp.cast(x[3], wp.int32)
 
 
@@ -55,7 +55,7 @@ def half_after(half: int):
 
 @wp.func
 def half_before(half: int):
-    """Next half-edge but one."""
+    """Previous half-edge of the triangle."""
     if half % 3 == 0:
         return half + 2
     return half - 1
@@ -66,8 +66,8 @@ def crossing_at(surface: Surface, f: Frame, half: int):
     """The crossing of a half-edge that runs down through the plane."""
     c = Crossing()
     c.half = half
-    c.upper = placed(f, vertex_of(loaded(surface.corner, half)))
-    c.lower = placed(f, vertex_of(loaded(surface.corner, half_after(half))))
+    c.upper = patch_coordinates(f, vertex_of(load_vec4(surface.corner, half)))
+    c.lower = patch_coordinates(f, vertex_of(load_vec4(surface.corner, half_after(half))))
     return c
 
 
@@ -75,17 +75,17 @@ def crossing_at(surface: Surface, f: Frame, half: int):
 def crossing_after(surface: Surface, f: Frame, c: Crossing):
     """The crossing by which the contour leaves the triangle of c.half.
 
-    the triangle's third vertex   comes up along
-    above                         the next half-edge (lower end to third)
-    below                         the next but one (third to upper end)
+    the triangle's third vertex   the contour leaves through
+    above                         the next half-edge (from the lower end to the third vertex)
+    below                         the previous one (from the third vertex to the upper end)
     """
     n = Crossing()
-    third = loaded(surface.corner, half_before(c.half))
-    x = placed(f, vertex_of(third))
+    third = load_vec4(surface.corner, half_before(c.half))
+    x = patch_coordinates(f, vertex_of(third))
     up = above(x[2])
     n.upper = wp.where(up, x, c.upper)
     n.lower = wp.where(up, c.lower, x)
-    link = link_of(loaded(surface.corner, wp.where(up, half_after(c.half), half_before(c.half))))
+    link = link_of(load_vec4(surface.corner, wp.where(up, half_after(c.half), half_before(c.half))))
     n.half = link >> 1  # of OPEN: OPEN
     n.scanned = link & 1
     return n
@@ -93,14 +93,14 @@ def crossing_after(surface: Surface, f: Frame, c: Crossing):
 
 @wp.func
 def crossing_before(surface: Surface, f: Frame, c: Crossing):
-    """The crossing that comes before c, OPEN if c begins a chain: through the triangle on the other side."""
+    """The crossing before c, through the triangle on the other side of c's edge; OPEN if a chain begins with c."""
     n = Crossing()
     n.half = OPEN
-    own = link_of(loaded(surface.corner, c.half))
+    own = link_of(load_vec4(surface.corner, c.half))
     if own != OPEN:
         half = own >> 1  # runs up through the plane
-        third = loaded(surface.corner, half_before(half))
-        x = placed(f, vertex_of(third))
+        third = load_vec4(surface.corner, half_before(half))
+        x = patch_coordinates(f, vertex_of(third))
         if above(x[2]):
             n.half = half_before(half)
             n.upper = x
@@ -109,13 +109,13 @@ def crossing_before(surface: Surface, f: Frame, c: Crossing):
             n.half = half_after(half)
             n.upper = c.upper
             n.lower = x
-        n.scanned = link_of(loaded(surface.corner, n.half)) & 1  # OPEN is odd: an open edge is scanned
+        n.scanned = link_of(load_vec4(surface.corner, n.half)) & 1  # OPEN is odd: an open edge is scanned
     return n
 
 
 @wp.func
 def chain_start(surface: Surface, f: Frame, half: int):
-    """Half-edge of the first crossing of a chain."""
+    """Half-edge of the first crossing of the chain through `half`."""
     c = crossing_at(surface, f, half)
     first = half
     while True:
@@ -128,25 +128,25 @@ def chain_start(surface: Surface, f: Frame, half: int):
 
 @wp.func
 def point_of(f: Frame, c: Crossing, side: wp.vec2d):
-    """Where on the plane the crossing lies, in the patch's frame [m]: on a side that it is flush with."""
+    """Point of a crossing in the patch's plane [m], moved onto the sides that it is flush with (`snap_to_sides`)."""
     p = wp.vec2d(c.upper[0], c.upper[1])
     q = wp.vec2d(c.lower[0], c.lower[1])
-    return brought_to_sides(blend(p, q, c.upper[2], c.lower[2]), side, f.flush)
+    return snap_to_sides(blend(p, q, c.upper[2], c.lower[2]), side, f.flush)
 
 
 @wp.func
-def left_from(surface: Surface, f: Frame, half: int, side: wp.vec2d):
-    """Corners of the patch to the left of the segment from the crossing of a half-edge to the next: `corners_left`."""
+def corners_left_from(surface: Surface, f: Frame, half: int, side: wp.vec2d):
+    """`corners_left` of the segment from a half-edge's crossing to the next crossing."""
     c = crossing_at(surface, f, half)
     return corners_left(point_of(f, c, side), point_of(f, crossing_after(surface, f, c), side), side)
 
 
 @wp.func
 def is_first(surface: Surface, f: Frame, half: int, side: wp.vec2d):
-    """Whether a scanned crossing has the lowest rank of a loop that never leaves the patch.
+    """Whether a scanned crossing has the lowest rank of its loop and the loop stays inside the patch.
 
-    Walks both ways in turn until it meets a lower rank, leaves the patch, or has been around: all crossings of a loop
-    of n together ask for n log n steps at most, whatever their order.
+    Walks both ways in turn until it meets a lower rank, leaves the patch or has passed the loop. For all crossings of
+    a loop of n together this takes at most n log n steps, for any order of the ranks.
     """
     rank = surface.rank[half]
     ahead = crossing_at(surface, f, half)

@@ -21,7 +21,7 @@ def _count_kept(
     point: wp.array[wp.vec3],
     drafts: Drafts,
     # Out:
-    lines: wp.array[wp.int64],  # 1 for a polyline of some length, shape [polyline + 1]
+    lines: wp.array[wp.int64],  # 1 for a polyline of non-zero length, shape [polyline + 1]
     points: wp.array[wp.int64],  # points of it that the next one differs from, and the last
 ):
     """Count what of a polyline is left without segments of no length."""
@@ -89,7 +89,7 @@ def skin_contours(
     bounds: np.ndarray | None = None,
     limit: int | None = None,
 ) -> Contours:
-    """Where the surface of a solid crosses a region of skin, at many poses.
+    """Find where the surface of a solid crosses a region of skin, at many poses.
 
     field: the solid, on the poses' device. pose: transform, hand frame -> array frame, shape [pose, 1].
     skin: see `upload_skin`. vertex: vec3 [m], hand frame, shape [1 or pose, vertex]: those of `SkinEdges.used`.

@@ -97,10 +97,10 @@ def scanned_halves(twin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     scanned = twin > np.arange(len(twin))  # the lower of two
     scanned[joined] = False
     scanned[np.maximum(twin[joined], 0)] = False
-    return mixed(np.flatnonzero(twin == OPEN)), mixed(np.flatnonzero(scanned))
+    return shuffle_halves(np.flatnonzero(twin == OPEN)), shuffle_halves(np.flatnonzero(scanned))
 
 
-def mixed(half: np.ndarray) -> np.ndarray:
+def shuffle_halves(half: np.ndarray) -> np.ndarray:
     """The same in an order without pattern, fixed for ever."""
     return half[np.argsort(np.arange(len(half), dtype=np.uint64) * np.uint64(MIX) % np.uint64(2**32), kind="stable")]
 

@@ -65,7 +65,7 @@ def refine_faces(vertices: np.ndarray, faces: np.ndarray, step: float) -> Refine
         middle[long] = len(source) + number.reshape(-1)
         added = halfway(source, weight, pair // len(source), pair % len(source))
         source, weight = np.vstack([source, added[0]]), np.vstack([weight, added[1]])
-        mesh = halved(mesh, middle)
+        mesh = split_sides(mesh, middle)
 
 
 def side_squares(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -99,7 +99,7 @@ def halfway(source: np.ndarray, weight: np.ndarray, one: np.ndarray, two: np.nda
     return np.where(share > 0, idx, -1), share.astype(np.float32)
 
 
-def halved(mesh: Sized, middle: np.ndarray) -> Sized:
+def split_sides(mesh: Sized, middle: np.ndarray) -> Sized:
     """One round: each side with a middle (-1 for none) is halved there."""
     count = (middle >= 0).sum(axis=1)
     turn = np.select([count == 1, count == 2], [(middle >= 0).argmax(axis=1), (middle < 0).argmax(axis=1) + 1], 0) % 3

@@ -1,4 +1,4 @@
-"""Which vertices of skin lie inside a solid, and where the surface crosses an edge of it."""
+"""Signs of skin vertices (inside a solid or not), and crossings of the surface with skin edges."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from ..fields.field import MODULE, Field, root_function
+from ..fields.field import MODULE, Field, ball_unknown, root_function
 from ..offsets import BLOCK
-from ..patch import narrowed, rotated, widened
+from ..patch import rotate, to_float32, to_float64
 from .edges import Skin
 
 WORD = 32  # vertices whose signs share a word
@@ -30,15 +30,15 @@ class Turn:
 def turn_of(pose: wp.transform):
     """Hand frame -> array frame."""
     q = wp.transform_get_rotation(pose)
-    a = widened(wp.vec3(q[0], q[1], q[2]))
+    a = to_float64(wp.vec3(q[0], q[1], q[2]))
     w = wp.float64(q[3])
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
     t = Turn()
-    t.x = rotated(a, w, wp.vec3d(one, zero, zero))
-    t.y = rotated(a, w, wp.vec3d(zero, one, zero))
-    t.z = rotated(a, w, wp.vec3d(zero, zero, one))
-    t.origin = widened(wp.transform_get_translation(pose))
+    t.x = rotate(a, w, wp.vec3d(one, zero, zero))
+    t.y = rotate(a, w, wp.vec3d(zero, one, zero))
+    t.z = rotate(a, w, wp.vec3d(zero, zero, one))
+    t.origin = to_float64(wp.transform_get_translation(pose))
     return t
 
 
@@ -46,14 +46,14 @@ def turn_of(pose: wp.transform):
 def vertex_in_hand(skin: Skin, vertex: wp.array2d[wp.vec3], row: int, k: int):
     """Vertex k of the skin in the hand's frame [m]; row: of `vertex`."""
     if skin.source.shape[0] == 0:
-        return widened(vertex[row, k])
+        return to_float64(vertex[row, k])
     s = skin.source[k]
-    w = widened(skin.weight[k])
-    x = w[0] * widened(vertex[row, s[0]])
+    w = to_float64(skin.weight[k])
+    x = w[0] * to_float64(vertex[row, s[0]])
     if s[1] >= 0:
-        x += w[1] * widened(vertex[row, s[1]])
+        x += w[1] * to_float64(vertex[row, s[1]])
     if s[2] >= 0:
-        x += w[2] * widened(vertex[row, s[2]])
+        x += w[2] * to_float64(vertex[row, s[2]])
     return x
 
 
@@ -70,15 +70,9 @@ def is_inside(inside: wp.array2d[wp.uint32], pose: int, k: int):
     return ((inside[pose, k // WORD] >> wp.uint32(k % WORD)) & wp.uint32(1)) != wp.uint32(0)
 
 
-@wp.func
-def never_known(data: Any, x: wp.vec3d, radius: wp.float64):
-    """`Field.ball` of a field that has none."""
-    return 0
-
-
 @wp.struct
 class Box:
-    """Where the vertices of a word lie [m]."""
+    """Bounds of the vertices of a word [m]."""
 
     low: wp.vec3d
     high: wp.vec3d
@@ -99,7 +93,7 @@ def box_of(skin: Skin, vertex: wp.array2d[wp.vec3], row: int, t: Turn, first: in
 
 @cache
 def sign_kernel(value: Any, ball: Any, data_type: Any) -> Any:
-    """Kernel that asks a field about every vertex, by words where its `ball` settles them."""
+    """Kernel that asks a field about every vertex, by words where its `ball` classifies them."""
 
     @wp.kernel(**MODULE)
     def _sign_vertices(
@@ -203,7 +197,7 @@ def place_kernel(root: Any, data_type: Any) -> Any:
             if half % 3 == 2:
                 after = half - 2
             x = root(data, x, vertex_at(skin, vertex, own, t, skin.half[after][0]))
-        point[i] = narrowed(x)
+        point[i] = to_float32(x)
 
     return _place_points
 
@@ -233,14 +227,14 @@ def sign_vertices(field: Field, posed: Posed, bounds: np.ndarray | None = None) 
     if wp.get_device(device).is_cuda:
         kernel, size = ballot_kernel(field.value, field.data_type), (pose_count, word_count * WORD)
     else:
-        kernel = sign_kernel(field.value, field.ball or never_known, field.data_type)
+        kernel = sign_kernel(field.value, field.ball or ball_unknown, field.data_type)
         size = (pose_count, word_count)
     wp.launch(kernel, size, inputs=inputs, outputs=[inside], device=device, block_dim=BLOCK)
     return inside
 
 
 def place_points(field: Field, posed: Posed, spot: wp.array) -> wp.array:
-    """Where each spot is, vec3 [m], array frame, shape [point]."""
+    """Position of each spot, vec3 [m], array frame, shape [point]."""
     point = wp.empty(spot.shape[0], dtype=wp.vec3, device=spot.device)
     inputs = [field.data, *posed, spot]
     kernel = place_kernel(root_function(field), field.data_type)

@@ -70,7 +70,7 @@ def begins_at(skin: Skin, inside: wp.array2d[wp.uint32], pose: int, key: int):
 
 @wp.func
 def points_from(skin: Skin, inside: wp.array2d[wp.uint32], pose: int, start: int, key: int, closes: int):
-    """How many points the curve that starts at a half-edge has; 0 if it has a lower key elsewhere."""
+    """Number of points of the curve that starts at a half-edge; 0 if the curve has a lower key elsewhere."""
     half = int(start)
     count = int(0)
     while True:

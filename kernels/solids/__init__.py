@@ -1,1 +1,1 @@
-"""What is made of objects before they are rendered: exact predicates, crossings, nesting, voxels, surfaces."""
+"""Computations on objects before rendering: exact predicates, crossings, nesting, voxels, surfaces."""

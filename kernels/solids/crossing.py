@@ -57,7 +57,7 @@ def corners_of(t: Triangles, f: wp.vec3i):
 
 
 @wp.func
-def flattened(x: wp.vec3d, axis: int):
+def project_along(x: wp.vec3d, axis: int):
     """Seen along an axis."""
     return wp.vec2d(x[(axis + 1) % 3], x[(axis + 2) % 3])
 
@@ -73,7 +73,7 @@ def widest_axis(t: Corners):
         axis = 2
     for k in range(3):
         seen = (axis + k) % 3
-        if line_side(flattened(t.a, seen), flattened(t.b, seen), flattened(t.c, seen)) != 0:
+        if line_side(project_along(t.a, seen), project_along(t.b, seen), project_along(t.c, seen)) != 0:
             return seen
     return -1
 
@@ -129,14 +129,18 @@ def corner_of(t: Corners, k: int):
 def overlap_flat(s: Corners, t: Corners, axis: int):
     """Whether two triangles of one plane meet."""
     for i in range(3):
-        p = flattened(corner_of(s, i), axis)
-        q = flattened(corner_of(s, i + 1), axis)
+        p = project_along(corner_of(s, i), axis)
+        q = project_along(corner_of(s, i + 1), axis)
         for k in range(3):
-            if segments_meet_flat(p, q, flattened(corner_of(t, k), axis), flattened(corner_of(t, k + 1), axis)):
+            if segments_meet_flat(p, q, project_along(corner_of(t, k), axis), project_along(corner_of(t, k + 1), axis)):
                 return True
-    if holds_flat(flattened(s.a, axis), flattened(s.b, axis), flattened(s.c, axis), flattened(t.a, axis)):
+    if holds_flat(
+        project_along(s.a, axis), project_along(s.b, axis), project_along(s.c, axis), project_along(t.a, axis)
+    ):
         return True
-    return holds_flat(flattened(t.a, axis), flattened(t.b, axis), flattened(t.c, axis), flattened(s.a, axis))
+    return holds_flat(
+        project_along(t.a, axis), project_along(t.b, axis), project_along(t.c, axis), project_along(s.a, axis)
+    )
 
 
 @wp.func
@@ -160,11 +164,11 @@ def along_flat(apex: wp.vec2d, one: wp.vec2d, x: wp.vec2d):
 @wp.func
 def angles_overlap(s: Corners, t: Corners, axis: int):
     """Whether two triangles of one plane, corner a in common, overlap."""
-    apex = flattened(s.a, axis)
-    b = flattened(s.b, axis)
-    c = flattened(s.c, axis)
-    d = flattened(t.b, axis)
-    e = flattened(t.c, axis)
+    apex = project_along(s.a, axis)
+    b = project_along(s.b, axis)
+    c = project_along(s.c, axis)
+    d = project_along(t.b, axis)
+    e = project_along(t.c, axis)
     if between_flat(apex, b, c, d) or between_flat(apex, b, c, e):
         return True
     if between_flat(apex, d, e, b) or between_flat(apex, d, e, c):
@@ -173,7 +177,7 @@ def angles_overlap(s: Corners, t: Corners, axis: int):
 
 
 @wp.func
-def turned(f: wp.vec3i, k: int):
+def rotate_corners(f: wp.vec3i, k: int):
     """A face counted from its corner k."""
     return wp.vec3i(f[k % 3], f[(k + 1) % 3], f[(k + 2) % 3])
 
@@ -189,7 +193,7 @@ def common_corner(f: wp.vec3i, g: wp.vec3i, skip: int):
 
 @wp.func
 def place_in(f: wp.vec3i, vertex: int):
-    """Which corner of f a vertex is."""
+    """Corner number of a vertex in face f."""
     if f[0] == vertex:
         return 0
     if f[1] == vertex:
@@ -211,9 +215,9 @@ def folds(t: Triangles, f: wp.vec3i, g: wp.vec3i, one: int, two: int):
     s.b = b
     s.c = x
     axis = widest_axis(s)
-    p = flattened(a, axis)
-    q = flattened(b, axis)
-    return line_side(p, q, flattened(x, axis)) * line_side(p, q, flattened(y, axis)) > 0
+    p = project_along(a, axis)
+    q = project_along(b, axis)
+    return line_side(p, q, project_along(x, axis)) * line_side(p, q, project_along(y, axis)) > 0
 
 
 @wp.func
@@ -271,7 +275,9 @@ def faces_meet(t: Triangles, f: wp.vec3i, g: wp.vec3i):
         return meets_apart(corners_of(t, f), corners_of(t, g))
     two = common_corner(f, g, one)
     if two < 0:
-        return meets_across(corners_of(t, turned(f, one)), corners_of(t, turned(g, place_in(g, f[one]))))
+        return meets_across(
+            corners_of(t, rotate_corners(f, one)), corners_of(t, rotate_corners(g, place_in(g, f[one])))
+        )
     third = 3 - one - two
     if f[third] == g[0] or f[third] == g[1] or f[third] == g[2]:
         return True
@@ -285,7 +291,7 @@ def _find_crossings(
     first: int,  # face of the first thread
     # Out:
     pair: wp.array[wp.vec2i],  # faces that cross, in any order
-    count: wp.array[wp.int32],  # how many there are, or more than there is room for; comes as 0, shape [1]
+    count: wp.array[wp.int32],  # their number, also beyond the room; zero-initialised, shape [1]
 ):
     """Find the faces after each face that cross it. Once the room is used up no more are looked for."""
     own = first + wp.tid()

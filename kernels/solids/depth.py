@@ -1,4 +1,4 @@
-"""How deep points are inside a mesh."""
+"""Depth of points inside a mesh."""
 
 import numpy as np
 import warp as wp

@@ -47,7 +47,7 @@ def isosurface_kernels(inside: Any, root: Any, data_type: Any) -> tuple[Any, Any
         # Out:
         vertex: wp.array[wp.vec3],  # [m]
     ):
-        """Where the field's surface crosses an edge of the lattice."""
+        """Place vertices where the field's surface crosses edges of the lattice."""
         k = wp.tid()
         m = middle[k]
         a = node_at(lattice, int(wp.floor(m[0])), int(wp.floor(m[1])), int(wp.floor(m[2])))

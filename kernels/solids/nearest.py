@@ -1,4 +1,4 @@
-"""How far the points of triangles are from a mesh."""
+"""Distance of triangles' points from a mesh."""
 
 import numpy as np
 import warp as wp

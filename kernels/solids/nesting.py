@@ -1,4 +1,4 @@
-"""Which bodies of a mesh lie around a point: signed crossings of the ray that runs up from it, body by body, exactly.
+"""Bodies of a mesh around a point: exact signed crossings, for each body, of the ray that runs up from the point.
 
 A face above the point counts +1 if it looks up there, -1 if it looks down; the sum over a closed body is its winding
 number at the point. Whether the ray passes through a face is asked edge by edge, with one answer for both its faces.
@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from ..patch import EXACT
-from .crossing import Triangles, corner_of, corners_of, flattened, upload_triangles
+from .crossing import Triangles, corner_of, corners_of, project_along, upload_triangles
 from .orientation import line_side, plane_side
 
 wp.set_module_options(EXACT)
@@ -38,19 +38,19 @@ def _cross_upwards(
     first: int,  # point of the first thread
     # Out:
     hit: wp.array[wp.vec3i],  # point, face, 1 if it looks up or -1; in any order
-    count: wp.array[wp.int32],  # how many there are, or more than there is room for; comes as 0, shape [1]
+    count: wp.array[wp.int32],  # their number, also beyond the room; zero-initialised, shape [1]
 ):
     """Find the faces straight above each point. Stop where room is short: the count of all may overflow."""
     own = first + wp.tid()
     x = point[own]
-    foot = flattened(x, 2)
+    foot = project_along(x, 2)
     query = wp.bvh_query_aabb(triangles.tree, box[own], wp.vec3(box[own][0], box[own][1], FAR))
     face = int(0)
     while wp.bvh_query_next(query, face):
         t = corners_of(triangles, triangles.face[face])
         turn = int(0)
         for k in range(3):
-            turn += edge_turn(flattened(corner_of(t, k), 2), flattened(corner_of(t, k + 1), 2), foot)
+            turn += edge_turn(project_along(corner_of(t, k), 2), project_along(corner_of(t, k + 1), 2), foot)
         if turn != 0 and plane_side(t.a, t.b, t.c, x) == turn:
             place = wp.atomic_add(count, 0, 1)
             if place >= hit.shape[0]:

@@ -17,7 +17,7 @@ PARTS_2D = 16
 
 @wp.func
 def difference_error(a: wp.float64, b: wp.float64, d: wp.float64):
-    """What d = a - b has lost to rounding."""
+    """Rounding error of d = a - b."""
     turned = a - d
     restored = d + turned
     return (a - restored) + (turned - b)
@@ -25,7 +25,7 @@ def difference_error(a: wp.float64, b: wp.float64, d: wp.float64):
 
 @wp.func
 def sum_error(a: wp.float64, b: wp.float64, s: wp.float64):
-    """What s = a + b has lost to rounding."""
+    """Rounding error of s = a + b."""
     turned = s - a
     restored = s - turned
     return (a - restored) + (b - turned)
@@ -33,7 +33,7 @@ def sum_error(a: wp.float64, b: wp.float64, s: wp.float64):
 
 @wp.func
 def product_error(a: wp.float64, b: wp.float64, p: wp.float64):
-    """What p = a * b has lost to rounding."""
+    """Rounding error of p = a * b."""
     c = SPLITTER * a
     a_high = c - (c - a)
     a_low = a - a_high

@@ -30,7 +30,7 @@ class GridNodes(NamedTuple):
 
 @wp.func
 def passes_right(a: wp.vec3d, b: wp.vec3d, x: wp.float64, y: wp.float64):
-    """Which way an edge crosses the ray from (x, y) to +x: 1 upwards, -1 downwards, 0 not at all.
+    """Direction in which an edge crosses the ray from (x, y) to +x: 1 upwards, -1 downwards, 0 not at all.
 
     A vertex is above the ray or not, whichever edge asks; and given a and b in the same order, the answer for an edge
     is the same for both its triangles. So crossings cancel over a closed surface, however they round.
@@ -173,7 +173,7 @@ def launch_on_nodes(kernel: wp.Kernel, nodes: GridNodes, inputs: list, out: wp.a
 
 
 def cross_columns(vertices: np.ndarray, faces: np.ndarray, nodes: GridNodes, *, odd: bool, device: str) -> np.ndarray:
-    """Which nodes are inside of a closed surface, uint8, shape `nodes.shape`, by the crossings in each column.
+    """Whether nodes are inside a closed surface, uint8, shape `nodes.shape`, by the crossings in each column.
 
     vertices: [m], float64, shape [vertex, 3]; faces: int, shape [face, 3]. odd: inside where the number of crossings
     is odd, whichever way triangles face; else where more were entered than left. A node on the surface is

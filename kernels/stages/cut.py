@@ -4,7 +4,7 @@ A segment is divided into *parts*, each kept or removed. What is kept of a polyl
 
 | polyline | parts removed | becomes |
 |---|---|---|
-| any | none | itself, to the bit: where it was divided inside is forgotten |
+| any | none | itself, bit-identical: divisions inside it are dropped |
 | open | some | open pieces, in its order |
 | closed | some | open pieces, beginning after its first removed part; one goes on across the seam |
 | any | all | nothing |
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, narrowed, widened
+from ..patch import EXACT, to_float32, to_float64
 
 wp.set_module_options(EXACT)
 
@@ -40,7 +40,7 @@ class Cut(NamedTuple):
 
 @wp.struct
 class Parts:
-    """What segments are divided into; the segment that starts at point i has the parts start[i]..start[i + 1]."""
+    """Parts of segments; the segment that starts at point i has the parts start[i]..start[i + 1]."""
 
     start: wp.array[wp.int64]  # shape [point + 1]; none at a polyline's last point
     segment: wp.array[wp.int64]  # which one it is of, shape [part]
@@ -48,8 +48,8 @@ class Parts:
 
 
 @wp.struct
-class Pen:
-    """Where pieces are written."""
+class PartWriter:
+    """Output arrays of the parts that stay."""
 
     source: wp.array[wp.int64]
     share: wp.array[wp.float64]
@@ -68,7 +68,7 @@ def parts_of(parts: Parts, polyline_start: wp.array[wp.int64], line: int):
 
 @wp.func
 def share_end(parts: Parts, part: wp.int64):
-    """Where in its segment a part ends."""
+    """Position in its segment where a part ends, 0..1."""
     if part + wp.int64(1) == parts.start[parts.segment[part] + wp.int64(1)]:
         return wp.float64(1.0)
     return parts.share[part + wp.int64(1)]
@@ -77,24 +77,24 @@ def share_end(parts: Parts, part: wp.int64):
 @wp.func
 def segment_length(points: wp.array[wp.vec3], i: wp.int64):
     """Length of the segment that starts at point i [m]."""
-    return wp.length(widened(points[i + wp.int64(1)]) - widened(points[i]))
+    return wp.length(to_float64(points[i + wp.int64(1)]) - to_float64(points[i]))
 
 
 @wp.func
 def point_at(points: wp.array[wp.vec3], i: wp.int64, share: wp.float64):
-    """Point of the segment that starts at point i [m]; a share of 0 is that point to the bit."""
-    x = widened(points[i])
+    """Point of the segment that starts at point i [m]; a share of 0 gives that point bit-identically."""
+    x = to_float64(points[i])
     if share > wp.float64(0.0):
-        x = x + share * (widened(points[i + wp.int64(1)]) - x)
+        x = x + share * (to_float64(points[i + wp.int64(1)]) - x)
     return x
 
 
 @wp.func
-def draw_point(pen: Pen, i: wp.int64, source: wp.int64, share: wp.float64, kind: wp.uint8):
+def draw_point(writer: PartWriter, i: wp.int64, source: wp.int64, share: wp.float64, kind: wp.uint8):
     """Write one point of a piece."""
-    pen.source[i] = source
-    pen.share[i] = share
-    pen.kind[i] = kind
+    writer.source[i] = source
+    writer.share[i] = share
+    writer.kind[i] = kind
 
 
 @wp.kernel
@@ -158,7 +158,7 @@ def _cut_lines(
     # Out:
     piece_count: wp.array[wp.int64],
     point_count: wp.array[wp.int64],
-    pen: Pen,
+    writer: PartWriter,
 ):
     """Walk a polyline's parts and count its pieces, or write them."""
     line = wp.tid()
@@ -183,22 +183,22 @@ def _cut_lines(
             segment = parts.segment[part]
             if drawing == 0:
                 if writes:
-                    pen.polyline_start[piece] = at
-                    pen.polyline_patch[piece] = polyline_patch[line]
-                    pen.polyline_closed[piece] = polyline_closed[line] * wp.uint8(int(whole))
+                    writer.polyline_start[piece] = at
+                    writer.polyline_patch[piece] = polyline_patch[line]
+                    writer.polyline_closed[piece] = polyline_closed[line] * wp.uint8(int(whole))
                 piece += wp.int64(1)
             if drawing == 0 or parts.share[part] == wp.float64(0.0):
                 if writes:
-                    draw_point(pen, at, segment, parts.share[part], kind[segment])
+                    draw_point(writer, at, segment, parts.share[part], kind[segment])
                 at += wp.int64(1)
             drawing = int(1)
             if j + 1 == count or keep[after] == wp.uint8(0):
                 if writes:
                     end = share_end(parts, part)
                     if end == wp.float64(1.0):
-                        draw_point(pen, at, segment + wp.int64(1), wp.float64(0.0), kind[segment])
+                        draw_point(writer, at, segment + wp.int64(1), wp.float64(0.0), kind[segment])
                     else:
-                        draw_point(pen, at, segment, end, kind[segment])
+                        draw_point(writer, at, segment, end, kind[segment])
                 at += wp.int64(1)
                 drawing = int(0)
     if not writes:
@@ -217,7 +217,7 @@ def _gather_points(
 ):
     """Each point at its place on its segment."""
     i = wp.tid()
-    gathered[i] = narrowed(point_at(points, source[i], share[i]))
+    gathered[i] = to_float32(point_at(points, source[i], share[i]))
 
 
 @wp.kernel
@@ -246,7 +246,7 @@ def _start_poses(
     # Out:
     start: wp.array[wp.int64],
 ):
-    """Where each pose's pieces begin."""
+    """Write the first polyline of each pose."""
     pose = wp.tid()
     start[pose] = piece_start[pose_start[pose]]
 
@@ -284,7 +284,7 @@ def divide_segments(points: wp.array, polyline_start: wp.array, longest: float =
 
 
 def parts_from(start: wp.array) -> Parts:
-    """Equal parts of every segment, as many as offsets tell, int64, shape [point + 1]; their shares may be written."""
+    """Equal parts of every segment, as many as the offsets give: int64, shape [point + 1]; callers may set shares."""
     parts = Parts()
     parts.start = start
     total = last_of(start)
@@ -314,37 +314,45 @@ def cut_contours(
 ) -> Cut:
     """Contours without the segments whose `keep` is 0: uint8, shape [point], that of the segment that starts there.
 
-    parts: what segments are divided into; `keep` then says it of each part, uint8, shape [part].
+    parts: parts of the segments; `keep` is then per part, uint8, shape [part].
     All arrays as in a contour batch, on one device.
     """
     if parts is None:
         parts = divide_segments(points, polyline_start)
         keep = spread_keep(parts, keep)
     device, line_count = points.device, polyline_start.shape[0] - 1
-    none, pen = wp.empty(0, dtype=wp.int64, device=device), Pen()
+    none, writer = wp.empty(0, dtype=wp.int64, device=device), PartWriter()
     piece_count, point_count = (wp.zeros(line_count + 1, dtype=wp.int64, device=device) for _ in range(2))
     lines = [polyline_start, polyline_patch, polyline_closed, kind, parts, keep]
-    launch(_cut_lines, line_count, [*lines, none, none], [piece_count, point_count, pen])
+    launch(_cut_lines, line_count, [*lines, none, none], [piece_count, point_count, writer])
     piece_start, point_start = offsets_of(piece_count), offsets_of(point_count)
     pieces, total = last_of(piece_start), last_of(point_start)
-    pen.source = wp.empty(total, dtype=wp.int64, device=device)
-    pen.share = wp.empty(total, dtype=wp.float64, device=device)
-    pen.kind = wp.empty(total, dtype=wp.uint8, device=device)
-    pen.polyline_start = wp.full(pieces + 1, total, dtype=wp.int64, device=device)
-    pen.polyline_patch = wp.empty(pieces, dtype=wp.int32, device=device)
-    pen.polyline_closed = wp.empty(pieces, dtype=wp.uint8, device=device)
-    launch(_cut_lines, line_count, [*lines, piece_start, point_start], [none, none, pen])
+    writer.source = wp.empty(total, dtype=wp.int64, device=device)
+    writer.share = wp.empty(total, dtype=wp.float64, device=device)
+    writer.kind = wp.empty(total, dtype=wp.uint8, device=device)
+    writer.polyline_start = wp.full(pieces + 1, total, dtype=wp.int64, device=device)
+    writer.polyline_patch = wp.empty(pieces, dtype=wp.int32, device=device)
+    writer.polyline_closed = wp.empty(pieces, dtype=wp.uint8, device=device)
+    launch(_cut_lines, line_count, [*lines, piece_start, point_start], [none, none, writer])
     start, moved = wp.empty_like(pose_start), wp.empty(total, dtype=wp.vec3, device=device)
     launch(_start_poses, start.shape[0], [pose_start, piece_start], [start])
-    launch(_gather_points, total, [points, pen.source, pen.share], [moved])
+    launch(_gather_points, total, [points, writer.source, writer.share], [moved])
     cut = Cut(
-        moved, pen.kind, pen.polyline_start, pen.polyline_patch, pen.polyline_closed, start, None, pen.source, pen.share
+        moved,
+        writer.kind,
+        writer.polyline_start,
+        writer.polyline_patch,
+        writer.polyline_closed,
+        start,
+        None,
+        writer.source,
+        writer.share,
     )
     return cut if intensity is None else cut._replace(intensity=gather_values(intensity, cut))
 
 
 def gather_values(values: wp.array, cut: Cut, *, between: bool = True) -> wp.array:
-    """What points had before, float32, at the points that are left; within segments linear, or 0 if not `between`."""
+    """Values, float32, of the points that are left; interpolated within segments, or 0 there if not `between`."""
     out = wp.empty(cut.source.shape[0], dtype=wp.float32, device=values.device)
     launch(_gather_values, out.shape[0], [values, cut.source, cut.share, int(between)], [out])
     return out

@@ -13,7 +13,7 @@ from typing import Any
 import warp as wp
 
 from ..offsets import BLOCK, offsets_of
-from ..patch import EXACT, Frame, Patch, corner, placed, require_section_poses, section_frame
+from ..patch import EXACT, Frame, Patch, corner, patch_coordinates, require_section_poses, section_frame
 from ..section.row_walker import HAND
 from ..section.segment_clipping import side_position
 from .cut import Parts, parts_from
@@ -69,7 +69,7 @@ def _find_touching_sides(
     # Out:
     dropped: wp.array3d[wp.vec2d],  # from, to: `side_position` [m], from > to for nothing; shape [pose, pair, 2]
 ):
-    """Find where the sides of each pair touch, and on which of the two patches that stretch is dropped."""
+    """Find where the sides of each pair touch, and on which of the two patches that interval is dropped."""
     row, k = wp.tid()
     nothing = wp.vec2d(wp.float64(1.0), wp.float64(-1.0))
     dropped[row, k, 0] = nothing
@@ -107,7 +107,7 @@ def _find_touching_sides(
 
 
 @wp.struct
-class Stretch:
+class SideInterval:
     """A segment on a side of its patch."""
 
     side: int  # NONE if it is on none
@@ -118,11 +118,11 @@ class Stretch:
 
 @wp.func
 def stretch_of(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3):
-    """The segment x -> y as a stretch of a side of a patch."""
-    out = Stretch()
+    """The segment x -> y as an interval of a patch's side."""
+    out = SideInterval()
     out.side = NONE
-    p3 = placed(f, x)
-    q3 = placed(f, y)
+    p3 = patch_coordinates(f, x)
+    q3 = patch_coordinates(f, y)
     p = wp.vec2d(p3[0], p3[1])
     q = wp.vec2d(q3[0], q3[1])
     for k in range(4):
@@ -142,8 +142,8 @@ def stretch_of(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3):
 
 
 @wp.func
-def next_end(s: Stretch, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]):
-    """Where the first dropped stretch begins or ends after the start of s, by more than EDGE; else where s ends."""
+def next_end(s: SideInterval, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]):
+    """The first end of a dropped interval after the start of s, by more than EDGE; the end of s if there is none."""
     found = s.stop
     for k in range(pair.shape[0]):
         for r in range(2):
@@ -159,9 +159,9 @@ def next_end(s: Stretch, own: int, row: int, pair: wp.array[SidePair], dropped: 
 
 @wp.func
 def is_dropped(
-    s: Stretch, stop: wp.float64, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]
+    s: SideInterval, stop: wp.float64, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]
 ):
-    """Whether the middle of s, up to `stop`, lies on a dropped stretch."""
+    """Whether the middle of s, up to `stop`, lies in a dropped interval."""
     middle = s.sign * wp.float64(0.5) * (s.start + stop)
     for k in range(pair.shape[0]):
         for r in range(2):
@@ -189,7 +189,7 @@ def pose_of(pose_start: wp.array[wp.int64], line: int):
 @wp.func
 def stretch_at(outline: Outline, f: Frame, half: wp.vec2d, i: wp.int64):
     """The segment that starts at a point, if it is of the hand."""
-    s = Stretch()
+    s = SideInterval()
     s.side = NONE
     if int(outline.kind[i]) == HAND:
         s = stretch_of(f, half, outline.points[i], outline.points[i + wp.int64(1)])
@@ -203,9 +203,9 @@ def _count_joint_parts(
     pair: wp.array[SidePair],
     dropped: wp.array3d[wp.vec2d],
     # Out:
-    count: wp.array[wp.int64],  # of each segment, shape [point + 1], comes as 0
+    count: wp.array[wp.int64],  # of each segment, shape [point + 1], zero-initialised
 ):
-    """Count the parts into which the ends of dropped stretches divide each segment of a polyline."""
+    """Count the parts into which the ends of dropped intervals divide each segment of a polyline."""
     line = wp.tid()
     base = outline.polyline_start[line]
     own = outline.polyline_patch[line]
@@ -271,7 +271,7 @@ def side_pairs(pairs: list[tuple[int, int, int, int]], device: Any) -> wp.array:
 def divide_joints(
     contours: dict[str, Any], pose: wp.array, patch: wp.array, pair: wp.array, *, angle: float, gap: float
 ) -> tuple[Any, wp.array]:
-    """Divide hand segments where patches touch, and tell which parts are to be dropped; see the table above.
+    """Divide hand segments where patches touch, and find the parts to drop; see the table above.
 
     contours: arrays of a contour batch by name, on one device. pose: wp.transform, shape [pose, 1 or patch]; patch:
     Patch, shape [patch]; pair: see `side_pairs`. angle: of patches in one plane at most [rad]; gap: between sides

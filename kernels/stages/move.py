@@ -4,7 +4,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT, narrowed, rotated, widened
+from ..patch import EXACT, rotate, to_float32, to_float64
 
 wp.set_module_options(EXACT)
 
@@ -22,18 +22,18 @@ def _move_contours(
     """Turn each pose's points about the pivot and move them with it."""
     pose = wp.tid()
     q = wp.transform_get_rotation(moved[pose])
-    a = widened(wp.vec3(q[0], q[1], q[2]))
-    to = widened(wp.transform_get_translation(moved[pose]))
+    a = to_float64(wp.vec3(q[0], q[1], q[2]))
+    to = to_float64(wp.transform_get_translation(moved[pose]))
     begin = polyline_start[pose_start[pose]]
     for k in range(int(polyline_start[pose_start[pose + 1]] - begin)):
         i = begin + wp.int64(k)
-        points[i] = narrowed(to + rotated(a, wp.float64(q[3]), widened(points[i]) - pivot))
+        points[i] = to_float32(to + rotate(a, wp.float64(q[3]), to_float64(points[i]) - pivot))
 
 
 def move_contours(
     points: wp.array, polyline_start: wp.array, pose_start: wp.array, moved: wp.array, pivot: np.ndarray
 ) -> None:
-    """Move contours in place: points [m], vec3, of each pose as `moved` says, wp.transform, shape [pose].
+    """Move contours in place: points [m], vec3, of each pose by its transform in `moved`, wp.transform, shape [pose].
 
     pivot: where the transforms' origin is among the points [m], shape [3].
     """

@@ -52,7 +52,7 @@ def map_points(func: Any, points: wp.array) -> wp.array:
 
 
 def map_intensity(func: Any, points: wp.array) -> wp.array:
-    """What a wp.func vec3 -> float gives at every point, float32 [point], on the points' device."""
+    """Values of a wp.func vec3 -> float at every point, float32 [point], on the points' device."""
     intensity = wp.empty(points.shape[0], dtype=wp.float32, device=points.device)
     kernel = _make_intensity_kernel(func)
     wp.launch(kernel, points.shape[0], inputs=[points], outputs=[intensity], device=points.device)

@@ -1,4 +1,4 @@
-"""Which segments of contours stay: by their distance from the skin, their polyline's length, or their patch."""
+"""Selection of contour segments by their distance from the skin, their polyline's length, or their patch."""
 
 import warp as wp
 
@@ -32,7 +32,7 @@ class Line:
 
 @wp.func
 def beyond(p: wp.float64, half: wp.float64):
-    """How far a coordinate lies beyond -half..half, with its sign."""
+    """Signed distance of a coordinate beyond the interval -half..half; 0 within it."""
     return p - wp.clamp(p, -half, half)
 
 
@@ -57,7 +57,7 @@ def is_near(line: Line, half: wp.vec2d, t: wp.float64, distance: wp.float64):
 
 @wp.func
 def border_between(line: Line, half: wp.vec2d, near: wp.float64, far: wp.float64, distance: wp.float64):
-    """Where between a near and a far point the segment leaves the patch's neighbourhood; that place is near."""
+    """Place between a near and a far point where the segment leaves the patch's neighbourhood; the place is near."""
     a = near
     b = far
     for _i in range(HALVINGS):
@@ -71,7 +71,7 @@ def border_between(line: Line, half: wp.vec2d, near: wp.float64, far: wp.float64
 
 @wp.func
 def near_span(line: Line, half: wp.vec2d, distance: wp.float64):
-    """Where on a segment it is at most so far from a patch, first and last share; (2, 2) nowhere."""
+    """First and last share of a segment that is at most so far from a patch; (2, 2) if none is."""
     low = wp.float64(0.0)
     high = wp.float64(1.0)
     if slope_at(line, half, low) >= wp.float64(0.0):
@@ -103,7 +103,7 @@ def near_span(line: Line, half: wp.vec2d, distance: wp.float64):
 
 @wp.func
 def span_near(patches: Patches, pose: int, patch: int, a: wp.vec3d, b: wp.vec3d, distance: wp.float64):
-    """Where on the segment a..b it is at most so far from one patch of the hand."""
+    """Part of the segment a..b that is at most so far from one patch of the hand."""
     o = patches.origin[pose, patch]
     u = patches.u[pose, patch]
     v = patches.v[pose, patch]
@@ -182,7 +182,7 @@ def _find_poses(
     # Out:
     line_pose: wp.array[wp.int32],
 ):
-    """Tell each polyline its pose."""
+    """Write the pose of each polyline."""
     pose = wp.tid()
     for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
         line_pose[line] = pose
@@ -277,7 +277,7 @@ def measure_lines(points: wp.array, polyline_start: wp.array) -> wp.array:
 def keep_long(
     points: wp.array, polyline_start: wp.array, polyline_closed: wp.array, least_open: float, least_closed: float
 ) -> wp.array:
-    """Which points' polylines are at least so long [m], uint8, shape [point]."""
+    """Whether a point's polyline is at least so long [m], uint8, shape [point]."""
     keep = wp.empty(points.shape[0], dtype=wp.uint8, device=points.device)
     length = measure_lines(points, polyline_start)
     least = wp.vec2d(least_open, least_closed)
@@ -288,7 +288,7 @@ def keep_long(
 def keep_patches(
     polyline_start: wp.array, polyline_patch: wp.array, pose_start: wp.array, patch_keep: wp.array, point_count: int
 ) -> wp.array:
-    """Which points are on kept patches: uint8 [pose, patch] -> uint8 [point]."""
+    """Whether a point is on a kept patch: uint8 [pose, patch] -> uint8 [point]."""
     keep = wp.empty(point_count, dtype=wp.uint8, device=pose_start.device)
     line_pose = find_poses(pose_start, polyline_patch.shape[0])
     launch(_keep_patches, line_pose.shape[0], [polyline_start, polyline_patch, line_pose, patch_keep], [keep])

@@ -1,4 +1,4 @@
-"""Which parts of contours run too close beside others: of two, the one on the shorter line goes.
+"""Removal of contour parts that run too close beside others; of two, the one on the shorter line is removed.
 
 A part runs beside another one if from its start, middle or end to the nearest point of the other, or the other way
 round, it is less than `distance`, their directions differ by less than an angle either way round, and the way between
@@ -16,7 +16,7 @@ same however a line is cut into polylines. It runs as the first of them in the b
 end touches its first. Where more than two ends touch, the two that go on most straightly are joined; a third end is
 joined to none.
 
-What has been removed hides nothing: lines are judged from the longest to the shortest, each from its start, and
+What has been removed hides nothing: lines are processed from the longest to the shortest, each from its start, and
 again until nothing more is removed.
 """
 
@@ -90,7 +90,7 @@ def _find_ends(
     # Out:
     ends: Ends,
 ):
-    """Where each polyline ends, and which way it goes from there."""
+    """Find the ends of each polyline and the directions there."""
     line = wp.tid()
     first = polyline_start[line]
     last = polyline_start[line + 1] - wp.int64(1)
@@ -254,7 +254,7 @@ def is_joined(bits: Bits, lines: Lines, line: int, own: wp.int64, before: wp.int
 
 @wp.func
 def is_longer(lines: Lines, one: int, other: int):
-    """Whether one line is judged before another."""
+    """Whether one line is processed before another."""
     a = lines.length[one]
     b = lines.length[other]
     return a > b or (a == b and one < other)
@@ -277,7 +277,7 @@ def is_crowded(bits: Bits, lines: Lines, line: int, own: wp.int64, other: int, r
 
 
 @wp.func
-def judge_line(bits: Bits, lines: Lines, line: int, begin: int, end: int, rule: Beside):
+def prune_line(bits: Bits, lines: Lines, line: int, begin: int, end: int, rule: Beside):
     """Remove the parts of a line that run beside kept ones; 1 if there were any."""
     removed = int(0)
     broken = wp.int64(0)
@@ -305,7 +305,7 @@ def _thin_poses(
     lines: Lines,
     bits: Bits,
 ):
-    """Judge a pose's lines from the longest to the shortest, until nothing more is removed."""
+    """Process a pose's lines from the longest to the shortest, until nothing more is removed."""
     pose = wp.tid()
     begin = int(pose_start[pose])
     end = int(pose_start[pose + 1])
@@ -319,7 +319,7 @@ def _thin_poses(
                 if last < 0 or (other != last and is_longer(lines, last, other)):
                     if line < 0 or is_longer(lines, other, line):
                         line = other
-            if judge_line(bits, lines, line, begin, end, rule) == 1:
+            if prune_line(bits, lines, line, begin, end, rule) == 1:
                 changed = int(1)
             last = line
 
@@ -345,7 +345,7 @@ def thin_contours(
     parts: Any,
     rule: Any,
 ) -> wp.array:
-    """Which parts stay where contours run too close beside others, uint8, shape [part].
+    """Whether parts stay if contours run too close beside others, uint8, shape [part].
 
     parts: Parts, short beside the distance; rule: Beside. One thread a pose; the work grows with the square of its
     parts.

@@ -1,4 +1,4 @@
-"""Which parts of contours the array can see: sight lines from both their ends to points of the array's face.
+"""Visibility of contour parts from the array: sight lines from both their ends to points of the array's face.
 
 A sight line is blocked where it passes through the inside of a patch of the hand, or through the hand's mesh. What is
 nearer than CLEAR does not count, so skin does not block its own contours.
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..patch import EXACT, narrowed
+from ..patch import EXACT, to_float32
 from .cut import Parts, launch, parts_of, point_at, share_end
 from .prune import Patches, find_poses
 
@@ -66,7 +66,7 @@ def part_end(points: wp.array[wp.vec3], parts: Parts, part: wp.int64, which: int
 
 @wp.func
 def count_past_patches(x: wp.vec3d, patches: Patches, pose: int, aperture: Aperture):
-    """How many points of the array's face are seen from x past the hand's patches."""
+    """Number of points of the array's face that x sees past the hand's patches."""
     seen = int(0)
     for p in range(aperture.count * aperture.count):
         if not is_blocked(patches, pose, x, face_point(aperture, p) - x):
@@ -76,12 +76,12 @@ def count_past_patches(x: wp.vec3d, patches: Patches, pose: int, aperture: Apert
 
 @wp.func
 def count_past_mesh(x: wp.vec3d, mesh: wp.uint64, back: wp.transform, aperture: Aperture):
-    """How many points of the array's face are seen from x past the hand's mesh."""
+    """Number of points of the array's face that x sees past the hand's mesh."""
     clear = wp.float32(CLEAR)
-    a = wp.transform_point(back, narrowed(x))
+    a = wp.transform_point(back, to_float32(x))
     seen = int(0)
     for p in range(aperture.count * aperture.count):
-        way = wp.transform_point(back, narrowed(face_point(aperture, p))) - a
+        way = wp.transform_point(back, to_float32(face_point(aperture, p))) - a
         reach = wp.length(way)
         way = way / wp.max(reach, clear)
         hit = wp.mesh_query_ray(mesh, a + clear * way, way, reach - clear)
@@ -151,7 +151,7 @@ def see_past_patches(
     aperture: Any,
     least: int,
 ) -> wp.array:
-    """Which parts see at least so many of the aperture's points past the hand's patches, uint8 [part].
+    """Whether parts see at least so many points of the aperture past the hand's patches, uint8 [part].
 
     parts: Parts; patches: Patches; aperture: Aperture.
     """
@@ -174,7 +174,7 @@ def see_past_mesh(
     aperture: Any,
     least: int,
 ) -> wp.array:
-    """Which parts see at least so many of the aperture's points past the hand's mesh, uint8 [part].
+    """Whether parts see at least so many points of the aperture past the hand's mesh, uint8 [part].
 
     vertices: [m], hand frame, float32, shape [1 or pose, vertex, 3]; faces: int32, shape [face, 3]; pose: hand frame ->
     array frame, float32, shape [pose, 7]. A rigid hand's mesh is made once; another one is refitted for every pose.

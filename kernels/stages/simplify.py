@@ -1,11 +1,11 @@
-"""Which vertices of polylines can go, Douglas and Peucker (1973): what is left out stays within a tolerance."""
+"""Simplification of polylines after Douglas and Peucker (1973): removed vertices lie within a tolerance."""
 
 from typing import Any
 
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, widened
+from ..patch import EXACT, to_float64
 
 wp.set_module_options(EXACT)
 
@@ -24,10 +24,10 @@ class Strokes:
 
 @wp.func
 def excess_of(s: Strokes, a: wp.int64, b: wp.int64, i: wp.int64):
-    """How far vertex i is from the segment a..b, in tolerances: the larger of way and intensity."""
-    p = widened(s.points[a])
-    d = widened(s.points[b]) - p
-    x = widened(s.points[i]) - p
+    """Distance of vertex i from the segment a..b, in tolerances: the larger of position and intensity."""
+    p = to_float64(s.points[a])
+    d = to_float64(s.points[b]) - p
+    x = to_float64(s.points[i]) - p
     square = wp.dot(d, d)
     part = wp.float64(0.0)
     if square > wp.float64(0.0):

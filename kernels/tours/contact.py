@@ -9,7 +9,7 @@ from ..fields.field import Field
 from ..march.grid import TILE_HEIGHT, TILE_WIDTH, Grid, Lattice, lay_grids, node_at, place_grids
 from ..march.sample import bits_below, sample_nodes
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, narrowed
+from ..patch import EXACT, to_float32
 from ..skin.edges import Skin
 from ..skin.sign import WORD, Posed, sign_vertices, turn_of, vertex_at
 
@@ -61,7 +61,7 @@ def _list_nodes(
         for k in range(TILE_WIDTH * TILE_HEIGHT):
             if ((word >> wp.uint32(k)) & wp.uint32(1)) != wp.uint32(0):
                 x = node_at(lat, wp.float64(i + k % TILE_WIDTH), wp.float64(j + k // TILE_WIDTH))
-                point[place] = narrowed(x + lat.lift)
+                point[place] = to_float32(x + lat.lift)
                 place += wp.int64(1)
 
 
@@ -102,7 +102,7 @@ def _list_vertices(
         place = start[row * inside.shape[1] + word]
         for k in range(wp.min(WORD, skin.vertex_count - WORD * word)):
             if ((bits >> wp.uint32(k)) & wp.uint32(1)) != wp.uint32(0):
-                point[place] = narrowed(vertex_at(skin, vertex, own, t, WORD * word + k))
+                point[place] = to_float32(vertex_at(skin, vertex, own, t, WORD * word + k))
                 place += wp.int64(1)
 
 

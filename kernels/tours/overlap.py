@@ -11,7 +11,7 @@ import warp as wp
 
 from ..fields.field import MODULE, Field, inside_function, made_once
 from ..offsets import last_of, offsets_of
-from ..patch import EXACT, narrowed, rotated, widened
+from ..patch import EXACT, rotate, to_float32, to_float64
 
 wp.set_module_options(EXACT)
 
@@ -45,7 +45,7 @@ def pose_of_node(start: wp.array[int], node: int):
 
 @wp.func
 def node_place(blocks: Blocks, pose: int, index: int, corner: int):
-    """Where a node of a pose's block is, or the one at a corner (bits x, y, z) of its cell [m]."""
+    """Position of a node of a pose's block, or of the one at a corner (bits x, y, z) of its cell [m]."""
     across = blocks.count[pose, 2]
     row = index // across
     i = blocks.first[pose, 0] + row // blocks.count[pose, 1] + (corner & 1)
@@ -58,8 +58,8 @@ def node_place(blocks: Blocks, pose: int, index: int, corner: int):
 def in_hand_frame(pose: wp.transform, x: wp.vec3d):
     """A point in the hand's frame."""
     q = wp.transform_get_rotation(pose)
-    back = -widened(wp.vec3(q[0], q[1], q[2]))
-    return rotated(back, wp.float64(q[3]), x - widened(wp.transform_get_translation(pose)))
+    back = -to_float64(wp.vec3(q[0], q[1], q[2]))
+    return rotate(back, wp.float64(q[3]), x - to_float64(wp.transform_get_translation(pose)))
 
 
 @wp.func
@@ -113,34 +113,34 @@ def _start_poses(
 
 
 @made_once
-def overlap_kernels(in_thing: Any, thing_type: Any, in_hand: Any, hand_type: Any) -> tuple[Any, Any]:
+def overlap_kernels(in_solid: Any, solid_type: Any, in_hand: Any, hand_type: Any) -> tuple[Any, Any]:
     """The kernels for two kinds of fields: which nodes are in both, and a point in each cut cell."""
 
     @wp.func
-    def in_both(thing: thing_type, hand: hand_type, pose: wp.transform, x: wp.vec3d):
-        if in_thing(thing, x):
+    def in_both(solid: solid_type, hand: hand_type, pose: wp.transform, x: wp.vec3d):
+        if in_solid(solid, x):
             return in_hand(hand, in_hand_frame(pose, x))
         return False
 
     @wp.kernel(**MODULE)
     def _mark_shared(
         # In:
-        thing: thing_type,
+        solid: solid_type,
         hand: hand_type,
         blocks: Blocks,
         # Out:
         inside: wp.array[wp.uint8],
     ):
-        """Which nodes are in both solids."""
+        """Mark nodes that are in both solids."""
         node = wp.tid()
         pose = pose_of_node(blocks.start, node)
         x = node_place(blocks, pose, node - blocks.start[pose], 0)
-        inside[node] = wp.uint8(wp.where(in_both(thing, hand, blocks.pose[pose], x), 1, 0))
+        inside[node] = wp.uint8(wp.where(in_both(solid, hand, blocks.pose[pose], x), 1, 0))
 
     @wp.kernel(**MODULE)
     def _place_points(
         # In:
-        thing: thing_type,
+        solid: solid_type,
         hand: hand_type,
         blocks: Blocks,
         inside: wp.array[wp.uint8],
@@ -166,7 +166,7 @@ def overlap_kernels(in_thing: Any, thing_type: Any, in_hand: Any, hand_type: Any
                         middle += wp.float64(0.5) * ends
                         cut += wp.float64(1.0)
         middle = middle / cut
-        own = in_both(thing, hand, blocks.pose[pose], middle)
+        own = in_both(solid, hand, blocks.pose[pose], middle)
         least = wp.float64(1.0e30)
         end = middle
         for corner in range(8):
@@ -177,17 +177,17 @@ def overlap_kernels(in_thing: Any, thing_type: Any, in_hand: Any, hand_type: Any
                     end = x
         for _halving in range(HALVINGS):
             x = wp.float64(0.5) * (middle + end)
-            if in_both(thing, hand, blocks.pose[pose], x) == own:
+            if in_both(solid, hand, blocks.pose[pose], x) == own:
                 middle = x
             else:
                 end = x
-        point[before[node]] = narrowed(wp.float64(0.5) * (middle + end))
+        point[before[node]] = to_float32(wp.float64(0.5) * (middle + end))
 
     return _mark_shared, _place_points
 
 
 def find_shared_surface(
-    thing: Field, hand: Field, pose: np.ndarray, first: np.ndarray, count: np.ndarray, *, step: float, device: str
+    solid: Field, hand: Field, pose: np.ndarray, first: np.ndarray, count: np.ndarray, *, step: float, device: str
 ) -> tuple[wp.array, wp.array]:
     """Points on the surface of what two fields share, a block of nodes for each pose.
 
@@ -195,7 +195,7 @@ def find_shared_surface(
     each axis, int32, shape [pose, 3]; step: [m].
     Returns points [m], vec3, in order of pose and cell, and where each pose's start, int64, shape [pose + 1].
     """
-    mark, place = overlap_kernels(inside_function(thing), thing.data_type, inside_function(hand), hand.data_type)
+    mark, place = overlap_kernels(inside_function(solid), solid.data_type, inside_function(hand), hand.data_type)
     start = np.concatenate([[0], np.cumsum(count.prod(axis=1, dtype=np.int64))])
     blocks = Blocks()
     blocks.step = step
@@ -204,12 +204,12 @@ def find_shared_surface(
     blocks.start = wp.array(start.astype(np.int32), dtype=int, device=device)
     nodes = int(start[-1])
     inside = wp.empty(nodes, dtype=wp.uint8, device=device)
-    wp.launch(mark, nodes, inputs=[thing.data, hand.data, blocks], outputs=[inside], device=device)
+    wp.launch(mark, nodes, inputs=[solid.data, hand.data, blocks], outputs=[inside], device=device)
     found = wp.zeros(nodes + 1, dtype=int, device=device)
     wp.launch(_count_cut_cells, nodes, inputs=[blocks, inside], outputs=[found], device=device)
     before = offsets_of(found)
     point = wp.empty(last_of(before), dtype=wp.vec3, device=device)
-    inputs = [thing.data, hand.data, blocks, inside, before]
+    inputs = [solid.data, hand.data, blocks, inside, before]
     wp.launch(place, nodes, inputs=inputs, outputs=[point], device=device)
     point_start = wp.empty(len(start), dtype=wp.int64, device=device)
     wp.launch(_start_poses, len(start), inputs=[blocks.start, before], outputs=[point_start], device=device)

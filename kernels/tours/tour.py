@@ -1,7 +1,7 @@
 """A path through points: thinned by an exclusion radius, then as short as exchanges make it; one polyline a pose.
 
 Points of a pose come in an order; each is kept if no kept one is nearer than the separation. The path starts with
-nearest neighbours; then, sweep by sweep, stretches are reversed (2-opt) and runs of one to three points moved
+nearest neighbours; then, pass by pass, ranges are reversed (2-opt) and runs of one to three points moved
 elsewhere, either way round (Or-opt), wherever that shortens it. An open path is a closed one through one more point,
 which is at no distance from any.
 """
@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
-from ..patch import EXACT, widened
+from ..patch import EXACT, to_float64
 from ..section.contour_writing import Contours
 from ..section.row_walker import MADE
 
@@ -42,13 +42,13 @@ class Tour:
 @wp.func
 def apart(x: wp.vec3, y: wp.vec3):
     """Square of the distance of two points [m2]."""
-    d = widened(x) - widened(y)
+    d = to_float64(x) - to_float64(y)
     return wp.dot(d, d)
 
 
 @wp.func
 def at(tour: Tour, i: int):
-    """Which point stands at place i of the order, around."""
+    """The point at place i of the cyclic order."""
     return tour.order[tour.place + i % tour.length]
 
 
@@ -65,7 +65,7 @@ def _thin_points(
     # In:
     start: wp.array[wp.int64],
     separation: wp.float64,  # [m]
-    most: wp.int64,  # to keep; one more tells that there are more
+    most: wp.int64,  # to keep; one more shows that there are more
     # In and out:
     point: wp.array[wp.vec3],  # those kept come first in each pose's range
     # Out:
@@ -177,7 +177,7 @@ def swap_places(tour: Tour, i: int, j: int):
 
 @wp.func
 def reverse_places(tour: Tour, first: int, last: int):
-    """Turn a stretch of the order around."""
+    """Reverse a range of the order."""
     i = int(first)
     j = int(last)
     while i < j:
@@ -204,7 +204,7 @@ def order_nearest(tour: Tour):
 
 @wp.func
 def sweep_reversals(tour: Tour):
-    """2-opt once around: reverse each stretch where that shortens the path; whether any did."""
+    """2-opt once around: reverse each range if that shortens the path; returns whether any did."""
     improved = int(0)
     for i in range(tour.length - 2):
         for j in range(i + 2, tour.length):
@@ -226,7 +226,7 @@ def move_run(tour: Tour, first: int, size: int, place: int, turned: int):
     last = first + size - 1
     if turned == 1:
         reverse_places(tour, first, last)
-    if place > last:  # three reversals rotate a stretch
+    if place > last:  # three reversals rotate a range
         reverse_places(tour, first, last)
         reverse_places(tour, last + 1, place)
         reverse_places(tour, first, place)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...datasets.rigid import rotated
+from ...datasets.rigid import rotate
 from ..hands.hand import Palm
 
 POLYGON, LINE, MULTI_LINE = 3, 1, 5  # GEOS type numbers
@@ -85,7 +85,7 @@ class PalmFrames:
         pose = pose.astype(np.float64)
         turn = pose[:, 3:] / np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
         local = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-        return cls(pose[:, :3], rotated(turn[:, None], local[None]))
+        return cls(pose[:, :3], rotate(turn[:, None], local[None]))
 
     def flat(self, points: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Points of the array's frame [point, 3] in the frames of their poses [point], without height, [point, 2]."""

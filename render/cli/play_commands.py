@@ -204,12 +204,12 @@ def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
         where = entry["where"] + ("" if entry["accessible"] else ", cannot be opened")
         name = f"{entry['array']} {entry['serial'] or ''}".strip() + ("" if entry["certain"] else "?")
         name = f"{name} at {entry['where']}" if name in rows else name  # adapters without a serial number
-        rows[name] = f"{told}: {entry['reason']}" if entry["reason"] else told
-    console.say(rows, as_json=False, title="arrays")
+        rows[name] = f"{where}: {entry['reason']}" if entry["reason"] else where
+    console.show_values(rows, as_json=False, title="arrays")
     if not notes and len(found) == emulated_count:
         notes.append("nothing on USB has the ids of an array's chip, and there is no serial adapter")
     notes += [kind.not_listed for kind in array_kinds() if kind.not_listed]
-    tell("; ".join(notes), "note")
+    print_message("; ".join(notes), "note")
 
 
 def run_sampling(name: str | None, *, as_json: bool) -> None:

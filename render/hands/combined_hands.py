@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
-from ...datasets.rigid import composed, inverted, rotated
+from ...datasets.rigid import compose, invert, rotate
 from ..errors import PoseError, StrategyError
 from .hand import Hand, Palm
 from .mesh_hand import MeshHand
@@ -77,7 +77,7 @@ def _patch_poses(hand: PlaneHand, motion: HandMotion, base: HandMotion, name: st
     if motion is base:
         return np.broadcast_to(own, (len(base), hand.patch_count, 7))
     own = own if len(own) == 1 else times.poses(own)
-    return composed(inverted(base.pose)[:, None], composed(times.poses(motion.pose[:, None]), own))
+    return compose(invert(base.pose)[:, None], compose(times.poses(motion.pose[:, None]), own))
 
 
 def _mesh_together(
@@ -95,8 +95,8 @@ def _mesh_together(
                 f"hand {name} is missing in {missing} of {len(base)} poses: a hand mesh must be there always"
             )
         if motion is not base:
-            place = composed(inverted(base.pose), at.poses(motion.pose[:, None])[:, 0])[:, None]
-            own = place[..., :3] + rotated(place[..., 3:], own.astype(np.float64))
+            place = compose(invert(base.pose), at.poses(motion.pose[:, None])[:, 0])[:, None]
+            own = place[..., :3] + rotate(place[..., 3:], own.astype(np.float64))
         vertices.append(np.broadcast_to(own, (len(base), *own.shape[1:])).astype(np.float32))
         faces.append(hand.faces + count)
         glabrous.append(hand.glabrous)

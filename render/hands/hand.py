@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import warp as wp
 
-from ...datasets.rigid import rotated
+from ...datasets.rigid import rotate
 from ...kernels.patch import ON, Patch
 from ..errors import PoseError, RenderError, StrategyError
 from ..validation import is_number
@@ -196,7 +196,7 @@ def frames_at(pose: np.ndarray, half: np.ndarray) -> PatchFrames:
     """Frames of patches from their poses, shape [pose, patch, 7], and half extents [m], shape [patch, 2]."""
     pose = np.asarray(pose, np.float64)
     q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
-    u, back, n = (rotated(q, np.eye(3)[k]) for k in (0, 2, 1))
+    u, back, n = (rotate(q, np.eye(3)[k]) for k in (0, 2, 1))
     return PatchFrames(pose[..., :3], u, 0.0 - back, n, np.asarray(half, np.float64))  # 0.0: no -0.0
 
 

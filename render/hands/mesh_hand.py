@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...datasets.rigid import rotated
+from ...datasets.rigid import rotate
 from ...kernels.skin.edges import SkinEdges, upload_skin
 from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
@@ -253,7 +253,7 @@ class MeshHand:
         start, stop = self._rows(first, len(pose))
         rest = self.palm_frames
         q = pose[:, None, 3:] / np.linalg.norm(pose[:, None, 3:], axis=-1, keepdims=True)
-        origin, u, v, n = (rotated(q, x[start:stop]) for x in rest[:4])
+        origin, u, v, n = (rotate(q, x[start:stop]) for x in rest[:4])
         return PatchFrames(pose[:, None, :3] + origin, u, v, n, rest.half)
 
     def corners(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
@@ -265,5 +265,5 @@ class MeshHand:
         pose = np.atleast_2d(np.asarray(pose, np.float64))
         start, stop = self._rows(first, len(pose))
         rows = np.broadcast_to(self.vertices[start:stop], (len(pose), *self.vertices.shape[1:])).astype(np.float64)
-        placed = pose[:, None, :3] + rotated(pose[:, None, 3:], rows)
+        placed = pose[:, None, :3] + rotate(pose[:, None, 3:], rows)
         return placed[:, self.faces[self.glabrous]]

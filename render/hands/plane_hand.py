@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...datasets.rigid import composed, rotated
+from ...datasets.rigid import NORM_TOLERANCE, compose, rotate
 from ..errors import PoseError, StrategyError
 from .hand import IDENTITY, PatchFrames, frames_at, patches_on, require_sides, rigid_poses
 from .joint_planes import FINGERS, planes_of_joints
 
-NORM_TOLERANCE = 1e-3  # of a quaternion, as of a motion's
 ABSENT = np.array([0.0, 1000.0, 0.0, 0.0, 0.0, 0.0, 1.0], np.float32)
 """Array-frame pose of a patch that is not there: a plane 1 km away, where no contour is."""
 
@@ -153,7 +152,7 @@ class PlaneHand:
         if self.patch_pose is None:
             return rigid_poses(pose)
         own, pose = self._rows(pose, first)
-        section = composed(pose[:, None], own).astype(np.float32)
+        section = compose(pose[:, None], own).astype(np.float32)
         section[np.isnan(own[..., 0])] = ABSENT
         return section
 
@@ -164,8 +163,8 @@ class PlaneHand:
         rest = self._rest
         pose = np.atleast_2d(np.asarray(pose, np.float64))[:, None]
         q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
-        origin = pose[..., :3] + rotated(q, rest.origin)
-        return PatchFrames(origin, rotated(q, rest.u), rotated(q, rest.v), rotated(q, rest.n), rest.half)
+        origin = pose[..., :3] + rotate(q, rest.origin)
+        return PatchFrames(origin, rotate(q, rest.u), rotate(q, rest.v), rotate(q, rest.n), rest.half)
 
     def corners(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
         """Corners of the patches [m], array frame, shape [n, patch, 4, 3]; NaN for one that is not there."""

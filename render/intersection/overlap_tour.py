@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...datasets.rigid import rotated
+from ...datasets.rigid import rotate
 from ...kernels.section.contour_writing import Contours
 from ...kernels.tours.overlap import find_shared_surface
 from ..errors import MeshError, StrategyError
@@ -105,7 +105,7 @@ def node_blocks(solid: np.ndarray, hand: np.ndarray, pose: np.ndarray, step: flo
     corners = corners_of(hand)
     wide = pose.astype(np.float64)
     turn = wide[:, None, 3:] / np.linalg.norm(wide[:, None, 3:], axis=2, keepdims=True)
-    corner = wide[:, None, :3] + rotated(turn, corners[None])
+    corner = wide[:, None, :3] + rotate(turn, corners[None])
     low, high = np.maximum(solid[0], corner.min(axis=1)), np.minimum(solid[1], corner.max(axis=1))
     first, last = np.floor(low / step), np.ceil(high / step)
     count = np.where((low <= high).all(axis=1, keepdims=True), last - first + 1, 0)

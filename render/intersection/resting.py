@@ -5,7 +5,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import warp as wp
 
-from ...kernels.flush import FLUSH_RATE, settle_patches
+from ...kernels.flush import FLUSH_RATE, resolve_flush
 from ..hands.hand import PatchHand
 from ..objects.solid import Solid
 from ..strategies.intersection_strategy import IntersectionStrategy
@@ -43,6 +43,6 @@ def patches_for(
     """
     patch = hand.on(device)
     if strategy.flush is not None:
-        return settle_patches(patch, flush=strategy.flush, relative=relative)
+        return resolve_flush(patch, flush=strategy.flush, relative=relative)
     least = FLUSH_RATE * (reach_of(solid) + farthest)
-    return settle_patches(patch, flush=least, flush_rate=FLUSH_RATE, relative=relative)
+    return resolve_flush(patch, flush=least, flush_rate=FLUSH_RATE, relative=relative)

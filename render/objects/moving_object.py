@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
-from ...datasets.rigid import composed, inverted, rotated, slerp
+from ...datasets.rigid import compose, invert, rotate, slerp
 from ..errors import PoseError
 
 EDGE_MOST = 0.1  # [s]; longest time for which the first and last pose hold beyond the object's motion
@@ -15,7 +15,7 @@ def seen_from(object_pose: np.ndarray, object_centre: np.ndarray, pose: np.ndarr
     object_pose: position of the object's centre [m] and its rotation, shape [pose, 7]; object_centre: position of that
     point as placed [m]; pose: hand frame -> array frame, shape [pose, 7].
     """
-    seen = composed(inverted(object_pose), pose)
+    seen = compose(invert(object_pose), pose)
     seen[:, :3] += object_centre
     return seen.astype(np.float32)
 
@@ -25,8 +25,8 @@ def back_to(object_pose: np.ndarray, object_centre: np.ndarray, points: np.ndarr
 
     object_pose: a row for each point.
     """
-    back = inverted(object_pose)
-    return back[:, :3] + rotated(back[:, 3:], points.astype(np.float64)) + object_centre
+    back = invert(object_pose)
+    return back[:, :3] + rotate(back[:, 3:], points.astype(np.float64)) + object_centre
 
 
 def about_outline(object_pose: np.ndarray, object_centre: np.ndarray, vertices: np.ndarray) -> np.ndarray:
@@ -38,7 +38,7 @@ def about_outline(object_pose: np.ndarray, object_centre: np.ndarray, vertices: 
     if not shift.any():
         return object_pose
     out = np.array(object_pose, np.float64)
-    out[:, :3] += rotated(out[:, 3:], shift)
+    out[:, :3] += rotate(out[:, 3:], shift)
     return out.astype(np.float32)
 
 

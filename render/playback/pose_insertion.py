@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
-from ...kernels.metrics.contour_shift import judge_shifts
+from ...kernels.metrics.contour_shift import find_shifts
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
 from ..intersection.scene import Scene
@@ -132,7 +132,7 @@ class _ShiftTest:
         batch = scene.contours(np.ascontiguousarray(pose), 0, self._device)[0].to(self._device)
         spacing = self._distance / SPACINGS
         lines = (batch.points, batch.polyline_start, batch.pose_start)
-        return judge_shifts(*lines, compared, limit=self._distance - spacing / 2, spacing=spacing)
+        return find_shifts(*lines, compared, limit=self._distance - spacing / 2, spacing=spacing)
 
     def _places(self, object_pose: HandMotion, time: np.ndarray) -> np.ndarray:
         """Where the object is at other times of the hand."""

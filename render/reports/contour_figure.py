@@ -8,7 +8,7 @@ import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
-from ...datasets.rigid import rotated
+from ...datasets.rigid import rotate
 from ...datasets.storage.durable import write_file
 from ...datasets.storage.schema import KIND_NAMES
 from ..contour_batch import ContourBatch
@@ -129,7 +129,7 @@ def _draw_scenes(figure, file: ContourFile, length: np.ndarray, across: np.ndarr
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     solid, hand, pose = file.object(), hand_from(file.hand, file.hand_arrays()), file.motion()["pose"]
-    poses = shown_poses(np.nan_to_num(length), rotated(pose[:, 3:], np.array([0.0, 1.0, 0.0])))
+    poses = shown_poses(np.nan_to_num(length), rotate(pose[:, 3:], np.array([0.0, 1.0, 0.0])))
     drawn = np.nan_to_num(length)[poses] > 0
     meshes = [1e3 * object_at(solid, int(i)) for i in poses]
     skins = [1e3 * skin_at(hand, pose[i : i + 1], int(i)) for i in poses]
@@ -170,7 +170,7 @@ def object_at(solid: dict, pose: int) -> np.ndarray:
     if "moved" in solid:
         middle = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64).mean(axis=0)
         place = solid["moved"][pose].astype(np.float64)
-        vertices = place[:3] + rotated(place[3:], vertices - middle)
+        vertices = place[:3] + rotate(place[3:], vertices - middle)
     return vertices[solid["faces"]]
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...datasets.rigid import rotated
+from ...datasets.rigid import rotate
 from ..errors import StrategyError
 
 BORDER = 1e-6  # [m] a point so near to a border of a dwell map lies on it: rounding moves points by far less
@@ -136,7 +136,7 @@ def dwell_map(
         count, foci = len(block.intensity), int(np.prod(block.intensity.shape[1:]))
         position = block.position.reshape(count, foci, 3).astype(np.float64)
         at = pose[index].astype(np.float64)[:, None]
-        skin = rotated(at[..., 3:] * np.array([-1.0, -1.0, -1.0, 1.0]), position - at[..., :3])
+        skin = rotate(at[..., 3:] * np.array([-1.0, -1.0, -1.0, 1.0]), position - at[..., :3])
         drawn = block.intensity.reshape(count, foci) > 0
         u, v = cells_of(skin[..., 0][drawn], across), cells_of(-skin[..., 2][drawn], along)
         inside = (u >= 0) & (v >= 0)

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...datasets.rigid import rotated
+from ...datasets.rigid import rotate
 from .continuity import Place, entered, place_on
 from .contour_absence import AbsenceWatch
 from .metrics import FocalPoints, SamplingCount
@@ -312,8 +312,8 @@ def circle_offsets(strategy: SamplingStrategy, pose: np.ndarray, first: int, cou
     if strategy.lm is None:
         return np.zeros((count, 3))
     angle = 2 * np.pi * turns_of(strategy.lm.frequency, strategy.update_rate, first, count)
-    u = rotated(pose[3:], np.array([strategy.lm.radius, 0.0, 0.0]))
-    v = rotated(pose[3:], np.array([0.0, 0.0, -strategy.lm.radius]))
+    u = rotate(pose[3:], np.array([strategy.lm.radius, 0.0, 0.0]))
+    v = rotate(pose[3:], np.array([0.0, 0.0, -strategy.lm.radius]))
     return np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
 
 

@@ -4,7 +4,7 @@ import sys
 from typing import NamedTuple, TextIO
 
 from ..errors import RenderError, StrategyError
-from ..terminal.foreign_text import errors, tell
+from ..terminal.foreign_text import errors, print_message
 from .question import Answer, Step
 
 AT_ALL_TIMES = "? plays it again, s REASON skips the step, q ends; the report is kept"

@@ -54,7 +54,7 @@ def numbers_of(name, mesh, poses):
         if strategy == "cc" and surface.is_open:
             continue
         out[f"{strategy}/oracle"] = oracle_lengths(name, mesh, poses, strategy)
-        for method in METHODS if surface.trail.shape[0] > 0 else ("seek",):
+        for method in METHODS if surface.scan_path.shape[0] > 0 else ("seek",):
             drawn = draw(surface, poses, patch, strategy, method)
             kept = drawn.part(0, KEPT)
             for field in fields(Drawn):

@@ -22,16 +22,16 @@ from palpate.datasets.bounded_file import (
     CODE_MOST,
     LIMIT_VARIABLE,
     FileBoundError,
-    bunzipped,
+    bunzip,
     file_beside,
-    gunzipped,
-    inflated,
+    gunzip,
+    inflate,
     open_regular,
     parse_json,
     parse_toml,
     read_content,
     read_text,
-    unzipped,
+    unzip,
 )
 from palpate.datasets.errors import MotionError, RecordingError, SweepStoreError
 from palpate.datasets.focus_files.ptlist import PointListError, read_ptlist
@@ -172,7 +172,7 @@ def test_text_is_read_as_python_reads_it(text):
 
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
-    ("pack", "unpack"), [(gzip.compress, gunzipped), (bz2.compress, bunzipped), (zlib.compress, inflated)]
+    ("pack", "unpack"), [(gzip.compress, gunzip), (bz2.compress, bunzip), (zlib.compress, inflate)]
 )
 def test_what_unpacks_to_more_than_the_budget_is_refused_within_it(pack, unpack, peak):
     packed = pack(BOMB)
@@ -203,12 +203,12 @@ def zipped(members):
 def test_a_zip_that_says_too_little_of_its_size_takes_no_more_memory(peak):
     bomb = zipped({"a.stl": BOMB})
     with pytest.raises(FileBoundError, match=f"what is packed in it takes {len(BOMB)} bytes"):
-        unzipped(bomb)
+        unzip(bomb)
     with pytest.raises(ValueError, match="damaged zip file"):
-        unzipped(lying(bomb, 100))
+        unzip(lying(bomb, 100))
     many = zipped({f"{k}": bytes(LIMIT // 3) for k in range(4)})
     with pytest.raises(FileBoundError, match="what is packed in it"):
-        unzipped(many)
+        unzip(many)
     assert peak() < 8 * LIMIT
 
 

@@ -10,7 +10,7 @@ from section_oracle import cut_mesh, is_degenerate, rotation, soup_length
 
 from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.offsets import PointLimitError
-from palpate.kernels.section.half_edges import MASK_WORDS, TRAIL_LARGEST
+from palpate.kernels.section.half_edges import MASK_WORDS, SCAN_FACES_MOST
 from palpate.kernels.section.piece_search import find_pieces, method_for
 from palpate.kernels.section.pieces import SLOTS
 
@@ -237,9 +237,9 @@ def test_a_palm_inside_the_solid_is_its_outline_and_one_outside_is_nothing(metho
 def test_surfaces_without_a_trail_are_sought_and_never_traced(device):
     """Nothing that a walk cannot tell apart is traced: too many scanned edges, or too many triangles."""
     patch, poses, most = patch_array(HALF, device), generic_poses(20, 12), 32 * MASK_WORDS // 3  # three edges each
-    for count in (most + 1, TRAIL_LARGEST + 1):
+    for count in (most + 1, SCAN_FACES_MOST + 1):
         surface = surface_on(soup(count), device)
-        with pytest.raises(ValueError, match=f"{count} triangles has no trail"):
+        with pytest.raises(ValueError, match=f"{count} triangles has no scan path"):
             draw(surface, poses, patch, "oc", "trace")
         assert_same_bits(draw(surface, poses, patch, "oc", None), draw(surface, poses, patch, "oc", "seek"))
     surface = surface_on(soup(most), device)
@@ -250,7 +250,7 @@ def test_surfaces_without_a_trail_are_sought_and_never_traced(device):
 
 def test_the_method_is_the_faster_one_and_can_be_named(device):
     patch, pose = patch_array(HALF, device), wp.array(generic_poses(3, 1)[:, None], dtype=wp.transform, device=device)
-    surface, large = surface_on(MESHES["cube"](), device), surface_on(soup(TRAIL_LARGEST + 1), device)
+    surface, large = surface_on(MESHES["cube"](), device), surface_on(soup(SCAN_FACES_MOST + 1), device)
     assert method_for(surface, pose.device) == "trace"
     assert method_for(large, pose.device) == "seek"
     for method in (None, *METHODS):

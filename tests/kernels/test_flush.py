@@ -16,7 +16,7 @@ from section_oracle import cut_mesh
 from tally_outputs import empty
 
 from palpate.datasets.shapes.built_in import shape
-from palpate.kernels.flush import settle_patches
+from palpate.kernels.flush import resolve_flush
 from palpate.render import ImplicitObject, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.scene import PoseBlock, Scene
@@ -128,7 +128,7 @@ def test_sections_are_those_of_the_mesh_as_the_rule_takes_it(name, fewest, devic
     Contours that run to and fro along an edge on the plane are drawn, and the oracle has them if they have an area.
     """
     mesh, poses, flush = CLOSED[name](), generic_poses(60, 9), 1e-3
-    surface, patch = surface_on(mesh, device), settle_patches(patch_array(HALF, device), flush=flush)
+    surface, patch = surface_on(mesh, device), resolve_flush(patch_array(HALF, device), flush=flush)
     drawn = {strategy: draw(surface, poses, patch, strategy, "trace") for strategy in STRATEGIES}
     for strategy, traced in drawn.items():
         assert_same_bits(traced, draw(surface, poses, patch, strategy, "seek"))
@@ -156,7 +156,7 @@ def test_what_is_flush_and_what_is_not_is_one_float32_apart(method, device):
     """In binary fractions nothing rounds: a vertex `flush` below the plane is on it, a float32 step lower not."""
     flush, step, half = Fraction(1, 2**14), Fraction(1, 2**37), Fraction(1, 32)
     level = patch_array([float(half)] * 2, device, LEVEL_AXES, rim=0.0)
-    patch, pose = settle_patches(level, flush=float(flush)), np.array([[0, 0, 0, 0, 0, 0, 1]], np.float32)
+    patch, pose = resolve_flush(level, flush=float(flush)), np.array([[0, 0, 0, 0, 0, 0, 1]], np.float32)
     whole = float(8 * half)
 
     def cc_length(top, right):

@@ -64,8 +64,8 @@ def test_every_size_of_a_shape_agrees_with_the_oracle(face_count, device):
     assert len(edges.faces) == face_count
     surface, patch, poses = surface_on(mesh, device), patch_array(HALF, device), exact_poses(2000, 6)
     oc, cc = (draw(surface, poses, patch, strategy, "seek") for strategy in ("oc", "cc"))
-    assert edges.has_trail == (face_count < 8000)
-    if edges.has_trail:
+    assert edges.has_scan_path == (face_count < 8000)
+    if edges.has_scan_path:
         assert_same_bits(oc, draw(surface, poses, patch, "oc", "trace"))
         assert_same_bits(cc, draw(surface, poses, patch, "cc", "trace"))
     generic = [i for i in range(25) if not is_degenerate(*mesh, poses[i], HALF)]

@@ -25,7 +25,7 @@ from ....datasets.bounded_file import (
     parse_json,
     read_content,
     require_bytes,
-    unzipped,
+    unzip,
 )
 from ...errors import MeshError
 
@@ -85,7 +85,7 @@ def archived(content: bytes) -> Any:
     """The scene of all meshes in a zip file."""
     from trimesh.scene.scene import append_scenes
 
-    members = unzipped(content)
+    members = unzip(content)
 
     def member(name: str) -> bytes:
         if name not in members:

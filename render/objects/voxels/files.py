@@ -17,10 +17,10 @@ import warp as wp
 from ....datasets.array_file import ONLY, array_shape, read_arrays
 from ....datasets.bounded_file import (
     FileBoundError,
-    bunzipped,
+    bunzip,
     file_beside,
-    gunzipped,
-    inflated,
+    gunzip,
+    inflate,
     open_regular,
     read_content,
     read_limited,
@@ -57,7 +57,7 @@ GRID_CLASS = 632  # byte of a NanoVDB grid that says what it holds
 TREE = 672  # byte where its tree starts: offsets of leaves, lower and upper nodes and root, which starts with its box
 LEVEL_SET, FOG = 1, 2
 ZIPPED = b"\x01\x00"  # NanoVDB's codec for zlib
-UNPACKED = {"gzip": gunzipped, "gz": gunzipped, "bzip2": bunzipped, "bz2": bunzipped}  # of NRRD's encodings
+UNPACKED = {"gzip": gunzip, "gz": gunzip, "bzip2": bunzip, "bz2": bunzip}  # of NRRD's encodings
 NRRD_BYTES_MOST = 8  # of one value: float64, and integers of 64 bits
 NIFTI2 = (struct.pack("<i", 540), struct.pack(">i", 540))  # how files of NIfTI-2 begin
 SCALED_BYTES = 8  # of a value that a NIfTI file has a factor for: it becomes float64
@@ -197,7 +197,7 @@ def read_nifti(path: Path, unit: str | None) -> VolumeFile:
     with open_regular(path) as file, silenced(nibabel.imageglobals.logger):
         content: IO[bytes] = file
         if path.name.lower().endswith(".gz"):
-            content = io.BytesIO(gunzipped(read_limited(file, "it")))
+            content = io.BytesIO(gunzip(read_limited(file, "it")))
         kind = nibabel.Nifti2Image if content.read(4) in NIFTI2 else nibabel.Nifti1Image
         content.seek(0)
         image = kind.from_file_map({"image": nibabel.FileHolder(fileobj=content)})
@@ -236,7 +236,7 @@ def nanovdb_content(content: bytes) -> bytes:
     begin = 192 + struct.unpack_from("<I", content, 152)[0]
     if begin + 8 > len(content):
         raise VoxelError("ends before its grid")
-    unpacked = inflated(content[begin + 8 : begin + 8 + struct.unpack_from("<Q", content, begin)[0]])
+    unpacked = inflate(content[begin + 8 : begin + 8 + struct.unpack_from("<Q", content, begin)[0]])
     front = bytearray(content[:begin])
     struct.pack_into("<H", front, 14, 0)
     struct.pack_into("<Q", front, 24, len(unpacked))

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from palpate.datasets.errors import RecordingError, ShapeError
 from palpate.datasets.hand_model.cage import hand_cage
 from palpate.datasets.hand_model.joints import BONES, DIGITS, FINGERS, Joint
-from palpate.datasets.hand_model.quads import subdivided, triangulated
+from palpate.datasets.hand_model.quads import subdivide, triangulate
 from palpate.datasets.hand_model.shape import hand_shape
 from palpate.datasets.hand_model.skinning import posed_vertices
 from palpate.datasets.recordings.alignment import Y_UP
@@ -159,11 +159,11 @@ def test_a_cube_subdivides_to_a_smooth_closed_surface():
     quads = np.array(
         [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]], dtype=np.int32
     )
-    assert volume_of_closed(corner, triangulated(quads)) == pytest.approx(8.0)
-    values, quads = subdivided(corner, quads)
+    assert volume_of_closed(corner, triangulate(quads)) == pytest.approx(8.0)
+    values, quads = subdivide(corner, quads)
     assert np.allclose(values[:8], corner * 5 / 9)  # (mean of face points + 2 mean of edge middles) / 3
     assert np.allclose(np.abs(values[8:20]).max(axis=1), 0.75)
-    assert (len(values), len(quads), rim_of(triangulated(quads))) == (26, 24, {})
+    assert (len(values), len(quads), rim_of(triangulate(quads))) == (26, 24, {})
 
 
 def volume_of_closed(vertices, faces):

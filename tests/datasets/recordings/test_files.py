@@ -49,7 +49,7 @@ def aligned(recording):
 def test_rigid_motions_are_those_of_scipy(rng):
     a, b = Rotation.random(50, rng), Rotation.random(50, rng)
     x, share = rng.normal(size=(50, 3)), rng.random((50, 1))
-    assert np.allclose(rigid.rotated(a.as_quat(), x), a.apply(x), atol=1e-14)
+    assert np.allclose(rigid.rotate(a.as_quat(), x), a.apply(x), atol=1e-14)
     assert np.allclose(rigid.matrix_of(a.as_quat()), a.as_matrix(), atol=1e-14)
     assert angle(rigid.quaternion_of(a.as_matrix()), a.as_quat()).max() < 1e-5
     assert angle(rigid.quaternion_product(a.as_quat(), b.as_quat()), (a * b).as_quat()).max() < 1e-5
@@ -453,7 +453,7 @@ def test_real_leap_recordings_become_hands_over_the_array(outside_data, name):
     motion = found.motion()
     assert motion.time == pytest.approx(time - time[0], abs=1e-9)
     assert 0.075 < found.breadth < 0.09
-    skin = -rigid.rotated(motion.pose[:, 3:].astype(float), np.array([0.0, 1.0, 0.0]))
+    skin = -rigid.rotate(motion.pose[:, 3:].astype(float), np.array([0.0, 1.0, 0.0]))
     assert np.allclose(skin, normal[:, [0, 2, 1]] * [1, -1, 1], atol=2e-3)
     assert np.linalg.norm(motion.pose[:, :3] - palm[:, [0, 2, 1]] * [1, -1, 1], axis=1).max() < 0.035
     assert (motion.pose[:, 2] > 0.1).all()

@@ -9,7 +9,7 @@ import trimesh
 
 from palpate.datasets.errors import ShapeError
 from palpate.datasets.shapes.built_in import CENTRE, SIZE, shape, shape_names
-from palpate.datasets.shapes.subdivision import bisected, quadrisected, smoothed
+from palpate.datasets.shapes.subdivision import bisect, quadrisect, smooth_surface
 
 FACE_COUNT = {"cube": 12, "sphere": 1280, "tube": 256, "dog": 136, "dog-detailed": 1160, "rock": 320}
 HANDLES = {"tube": 1}
@@ -165,7 +165,7 @@ def test_dog_is_symmetric():
 
 def test_bisection_splits_the_longest_edge_and_keeps_the_surface():
     vertices, faces = shape("cube")
-    points, triangles = bisected(vertices.astype(float), faces, count=40)
+    points, triangles = bisect(vertices.astype(float), faces, count=40)
     body = trimesh.Trimesh(points, triangles, process=False)
     assert len(triangles) == 40
     assert body.is_watertight
@@ -177,7 +177,8 @@ def test_subdivision_makes_four_of_each_and_smoothing_shrinks():
     vertices, faces = shape("dog")
     volume = mesh("dog").volume
     flat, smooth = (
-        trimesh.Trimesh(*divide(vertices.astype(float), faces), process=False) for divide in (quadrisected, smoothed)
+        trimesh.Trimesh(*divide(vertices.astype(float), faces), process=False)
+        for divide in (quadrisect, smooth_surface)
     )
     assert len(flat.faces) == len(smooth.faces) == 4 * len(faces)
     assert flat.volume == pytest.approx(volume)
@@ -188,7 +189,7 @@ def test_subdivision_makes_four_of_each_and_smoothing_shrinks():
 def test_smoothing_keeps_a_flat_regular_lattice():
     # Inside a regular lattice Loop's weights are a symmetric mean, so a linear function is kept.
     vertices, faces = shape("sphere")
-    points, triangles = smoothed(vertices.astype(float), faces)
+    points, triangles = smooth_surface(vertices.astype(float), faces)
     radius = np.linalg.norm(points - CENTRE, axis=1)
     assert len(triangles) == 5120
     assert radius.min() > 0.0640

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from palpate.datasets.rigid import rotated
+from palpate.datasets.rigid import rotate
 from palpate.kernels.metrics.random_pose import random_poses
 
 WORD = (1 << 64) - 1
@@ -65,7 +65,7 @@ def test_poses_are_uniform_in_the_cube_and_in_orientation(device):
     unit = (pose[:, :3] - AT) / SIZE + 0.5
     assert unit.min() >= 0
     assert unit.max() < 1
-    turned = [rotated(pose[:, 3:], np.eye(3)[axis]) for axis in range(3)]  # each coordinate is uniform on a sphere
+    turned = [rotate(pose[:, 3:], np.eye(3)[axis]) for axis in range(3)]  # each coordinate is uniform on a sphere
     samples = [*unit.T, *(0.5 + 0.5 * x for axes in turned for x in axes.T)]
     assert min(stats.kstest(x, "uniform").pvalue for x in samples) > 1e-4
     angle = 2 * np.arccos(np.clip(np.abs(pose[:, 6]), 0, 1))

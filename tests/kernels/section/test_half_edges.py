@@ -91,7 +91,7 @@ def edge_of(edges, half):
 def forest(request, monkeypatch):
     """Both ways to choose what is scanned: that of small meshes and that of meshes too large for a trail."""
     if request.param == "by order":
-        monkeypatch.setattr(surface_module, "TRAIL_LARGEST", 0)
+        monkeypatch.setattr(surface_module, "SCAN_FACES_MOST", 0)
     return request.param
 
 
@@ -155,7 +155,7 @@ def test_ranks_tell_scanned_edges_apart(name, forest):
 @every_mesh
 def test_the_trail_covers_each_scanned_edge_once_and_goes_along_it(name):
     edges = HalfEdges(*MESHES[name]())
-    vertices, halves = edges.trail
+    vertices, halves = edges.scan_path
     walked = np.flatnonzero(halves != OPEN)
     covered = edge_of(edges, halves[walked])
     assert len(np.unique(covered)) == len(covered)
@@ -168,16 +168,16 @@ def test_the_trail_covers_each_scanned_edge_once_and_goes_along_it(name):
 @pytest.mark.parametrize("name", CLOSED)
 def test_the_trail_is_little_longer_than_what_it_covers(name):
     edges = HalfEdges(*MESHES[name]())
-    assert len(edges.trail[0]) < 1.15 * np.count_nonzero(edges.scanned) / 2 + 2
+    assert len(edges.scan_path[0]) < 1.15 * np.count_nonzero(edges.scanned) / 2 + 2
 
 
 @every_mesh
 def test_the_uploaded_trail_knows_the_half_edge_each_way(name, device):
     edges = HalfEdges(*MESHES[name]())
     uploaded = upload_surface(edges, device)
-    vertices, halves = edges.trail
-    np.testing.assert_array_equal(uploaded.trail.numpy()[:, :3], edges.vertices[vertices])
-    for step, (along, back) in enumerate(uploaded.trail_half.numpy()):
+    vertices, halves = edges.scan_path
+    np.testing.assert_array_equal(uploaded.scan_path.numpy()[:, :3], edges.vertices[vertices])
+    for step, (along, back) in enumerate(uploaded.scan_path_half.numpy()):
         if step == 0 or halves[step - 1] == OPEN:
             assert (along, back) == (OPEN, OPEN)
             continue
@@ -188,9 +188,9 @@ def test_the_uploaded_trail_knows_the_half_edge_each_way(name, device):
 
 
 def test_no_trail_is_made_of_a_mesh_that_is_too_large_for_one(device):
-    edges = HalfEdges(*soup(surface_module.TRAIL_LARGEST + 1))
+    edges = HalfEdges(*soup(surface_module.SCAN_FACES_MOST + 1))
     uploaded = upload_surface(edges, device)
-    assert uploaded.trail.shape[0] == 0
+    assert uploaded.scan_path.shape[0] == 0
     assert uploaded.rank.shape[0] == 3 * len(edges.faces)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from palpate.datasets import ContourFile, HandMotion
 from palpate.datasets.hand_model.joints import JOINT_COUNT
 from palpate.datasets.recordings.files import load_recording
-from palpate.datasets.rigid import composed, inverted
+from palpate.datasets.rigid import compose, invert
 from palpate.render import (
     ContourBatch,
     IntersectionStrategy,
@@ -84,7 +84,7 @@ def test_every_patch_of_an_articulated_hand_is_a_palm_at_its_own_pose(strategy, 
     hand = articulated(len(pose))
     whole = contours_of(thing, hand, pose, STRATEGIES[strategy], device)
     for k, patch in enumerate(hand.patches):
-        own = composed(pose, hand.patch_pose[:, k]).astype(np.float32)
+        own = compose(pose, hand.patch_pose[:, k]).astype(np.float32)
         alone = contours_of(thing, Palm(patch.width, patch.length), own, STRATEGIES[strategy], device)
         mine = [line for line in range(whole.polyline_count) if whole.polyline_patch[line] == k]
         assert len(mine) == alone.polyline_count > 0
@@ -166,10 +166,10 @@ def test_poses_compose_and_invert():
     def moved(pose, points):
         return pose[:, :3] + Rotation.from_quat(pose[:, 3:]).apply(points)
 
-    np.testing.assert_allclose(moved(composed(a, b), x), moved(a, moved(b, x)), atol=1e-6)
-    np.testing.assert_allclose(moved(inverted(a), moved(a, x)), x, atol=1e-6)
+    np.testing.assert_allclose(moved(compose(a, b), x), moved(a, moved(b, x)), atol=1e-6)
+    np.testing.assert_allclose(moved(invert(a), moved(a, x)), x, atol=1e-6)
     identity = np.array([0, 0, 0, 0, 0, 0, 1.0])
-    assert composed(a, identity).tobytes() == (a + 0.0).tobytes()
+    assert compose(a, identity).tobytes() == (a + 0.0).tobytes()
     f = frames_at(a[:, None], np.array([[0.1, 0.2]]))
     np.testing.assert_allclose(np.cross(f.u, f.v), f.n, atol=1e-12)
 

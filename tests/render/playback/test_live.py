@@ -279,7 +279,7 @@ def test_closed_contours_of_an_open_mesh_are_refused_when_made():
 def test_a_method_that_there_is_not_is_refused_when_made():
     with pytest.raises(ValueError, match="guess"):
         PoseContours(thing_of("tube"), PALM, closed_contour(), method="guess")
-    with pytest.raises(ValueError, match="no trail to trace"):
+    with pytest.raises(ValueError, match="no scan path"):
         PoseContours(object_of("blob-100k"), PALM, closed_contour(), method="trace")
 
 

@@ -15,6 +15,7 @@ from palpate.render import ContourBatch, IntersectionStrategy
 from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages import registry
+from palpate.render.stages.prune import cut_batch
 from palpate.render.stages.registry import (
     Option,
     Setting,

@@ -4,6 +4,7 @@ A module is one stage. Its kernels are private (`_verb_noun`); the host function
 interface: it checks, launches and returns arrays on the device of its inputs.
 """
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -81,6 +82,6 @@ def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> No
 
     from .offsets import BLOCK
 
-    for stage in stages:  # a CPU has blocks of one
-        block = 1 if wp.get_device(device).is_cpu else BLOCK
-        wp.load_module(import_module(f".{stage}", __name__), device=device, block_dim=block)
+    block = 1 if wp.get_device(device).is_cpu else BLOCK  # a CPU has blocks of one
+    modules = [wp.get_module(import_module(f".{stage}", __name__).__name__) for stage in stages]
+    wp.force_load(device, modules, block_dim=block, max_workers=len(os.sched_getaffinity(0)))

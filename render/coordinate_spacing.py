@@ -26,5 +26,5 @@ def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None) ->
             f"no more exact than that, not {SPACING_MOST:g} m. Move the object and the hand near the array's origin; "
             'points="patch" keeps the points themselves exact, but not the poses',
             PalpateWarning,
-            stacklevel=3,
+            stacklevel=4,  # through `accept_old_keywords`
         )

@@ -105,6 +105,7 @@ def peak():
 # --- what is opened ------------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", READERS)
 def test_a_pipe_is_refused_by_every_reader_without_waiting_for_its_writer(name, tmp_path):
     read, error = READERS[name]
@@ -236,6 +237,7 @@ def test_an_array_of_another_size_than_its_file_is_refused_before_it_is_made(tmp
     np.testing.assert_array_equal(read_arrays(tmp_path / "b.npy")[ONLY], np.arange(6.0).reshape(2, 3).T)
 
 
+@pytest.mark.exhaustive
 def test_volumes_that_are_packed_are_judged_too(tmp_path):
     nibabel, nrrd = pytest.importorskip("nibabel"), pytest.importorskip("nrrd")
     small = (np.ones((9, 9, 9)), np.eye(4))

@@ -41,7 +41,7 @@ def focus_delay(model: ArrayModel, focus: np.ndarray) -> np.ndarray:
     return np.mod(-np.linalg.norm(model.position - focus, axis=1) / WAVELENGTH, 1).astype(np.float32)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @EACH_BOARD
 @given(seed=st.integers(0, 2**32 - 1), per_transducer=st.booleans())
 def test_each_transducer_gets_its_own_delay_and_amplitude(name: str, seed: int, per_transducer: bool) -> None:

@@ -43,6 +43,7 @@ def test_damaged_inputs_of_every_loader_are_read_or_refused_in_a_sentence(tmp_pa
     assert CASES * len(FORMATS) // 3 < refused < CASES * len(FORMATS)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("read", "how", "kind"),
     [

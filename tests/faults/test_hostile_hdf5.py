@@ -142,6 +142,7 @@ def test_a_sound_file_holds_nothing_unknown(tmp_path, kind):
     assert unknown_content(path) == []
 
 
+@pytest.mark.exhaustive
 def test_what_is_unknown_is_listed_and_no_fault(tmp_path):
     path = tmp_path / "more.h5"
     write_file(path, make_contours(30, intensity=True, dwell=True), chunk=11, **everything(30))

@@ -3,12 +3,15 @@
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from poses import random_poses
 from skin import CASES
 from turns import installed, measure_curves
 
 
+@pytest.mark.exhaustive
 def test_skin_cases_measure_the_same_curves(device):
     figures = {figure.case: figure for figure in measure_curves(installed(CASES), device, 1, random_poses(12), device)}
     assert {"OC", "CC", "CC, rows", "floor", "floor, rows"} <= set(figures)

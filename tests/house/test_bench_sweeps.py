@@ -10,6 +10,7 @@ import sweep_projection
 import sweeps
 
 
+@pytest.mark.exhaustive(but="3")
 @pytest.mark.parametrize("recipe_count", [1, 3])
 def test_overhead_case_sweeps_what_it_renders(recipe_count, device, tmp_path):
     figures = sweeps.overhead(tmp_path, device, 300, 1, recipe_count)
@@ -53,6 +54,7 @@ def test_parent_case_measures_processor_time_a_part(device, tmp_path):
     assert 0 < sweeps.parent(tmp_path, device, 300, 1)["parent_seconds_a_part"] < 60
 
 
+@pytest.mark.exhaustive
 def test_projection_is_bound_by_the_devices_then_by_the_parent(tmp_path):
     lines = [{"devices": 1, "poses_per_second": 1e8, "start_seconds": 2.0}]
     rows = sweep_projection.table(1e12, lines, 1e-4)

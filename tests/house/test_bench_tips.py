@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import pytest
 import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -10,6 +11,7 @@ from poses import random_poses
 from tips import OBJECTS, marching
 
 
+@pytest.mark.exhaustive
 def test_only_what_has_tips_costs_points(device):
     pose = wp.array(random_poses(60)[:, None], dtype=wp.transform, device=device)
     count = {

@@ -43,6 +43,7 @@ def test_the_planted_modules_would_run(tmp_path, hostile):
     (tmp_path / "planted").rmdir()
 
 
+@pytest.mark.exhaustive
 def test_the_watchdog_stands_in_a_folder_with_a_planted_numpy(hostile):
     """There is no such array here, which only a watchdog that has started can say."""
     for name in ("pat16", "sonicsurface"):

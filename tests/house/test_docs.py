@@ -33,7 +33,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_python_in_documents_runs(document, folder):
     """All blocks as one program; one that begins with `# NAME.py` is that file, one marked `no-run` is left out."""

@@ -15,6 +15,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.exhaustive
 @given(VALUES)
 def test_what_the_standard_library_writes_is_read_back(value):
     text = json.dumps(value, ensure_ascii=False)

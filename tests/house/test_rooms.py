@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter, defaultdict
+from functools import cache
 from importlib import import_module
 from importlib.metadata import files, version
 from pathlib import Path
@@ -25,6 +26,7 @@ def folder_of(path):
     return path.parent.relative_to(ROOT).as_posix()
 
 
+@cache
 def imports_of(path):
     """Files of the house, and names of other packages, that a file imports; lazily or for type checkers, too."""
     own, other = set(), set()
@@ -46,6 +48,7 @@ def is_init(path):
     return path.name == "__init__.py"
 
 
+@cache
 def arrows():
     """Folders of the same package that the files of each folder import; what an `__init__` re-exports is no arrow."""
     found = defaultdict(set)
@@ -115,7 +118,10 @@ def test_documents_import_public_names_only():
     import palpate.render
 
     public = {name: set(getattr(palpate, name).__all__) for name in ("datasets", "device", "render")}
-    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
+    pages = [
+        page for page in (ROOT / "docs").rglob("*.md") if not page.name.startswith("add-a")
+    ]  # they show new modules
+    for page in [ROOT / "README.md", *pages]:
         text = page.read_text()
         for module, names in re.findall(r"^\s*from palpate\.([\w.]+) import ([\w, ]+)", text, re.MULTILINE):
             assert module in public, (page.name, module)

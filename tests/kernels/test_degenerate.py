@@ -79,6 +79,7 @@ def test_degenerate_poses_of_open_and_odd_meshes_are_the_same_by_either_method(n
         assert traced.length.sum() > 0
 
 
+@pytest.mark.exhaustive
 def test_palms_on_a_grid_of_quarter_millimetres_meet_a_block_as_defined(device):
     """Level palms over a block with vertices on a grid: sides run along its sides, corners lie on its corners."""
     mesh = slab(lambda x, y: 0 * x, 5, size=0.0625)

@@ -125,6 +125,7 @@ def test_quarter_turns_of_region_and_patch_change_nothing(loops, capped, turn, m
         np.testing.assert_allclose(one.length, two.length, atol=2e-6)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("capped", [False, True])
 def test_many_crossings_of_a_side_and_of_every_corner_are_matched_in_order(capped, device):
     """A star of 24 spikes that all leave the patch, its hollows inside or near the corners."""

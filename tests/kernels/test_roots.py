@@ -87,7 +87,7 @@ def roots_between(value, a, b, size, device):
     return out.numpy()
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("value", [*BALLS, step_value], ids=lambda value: value.key)
 def test_roots_are_found_whatever_the_slope_and_the_same_from_either_end(value, device, rng):
     inner, outer = rng.uniform(-0.003, 0.003, (300, 3)), rng.normal(size=(300, 3))
@@ -106,6 +106,7 @@ def test_roots_are_found_whatever_the_slope_and_the_same_from_either_end(value, 
         assert np.abs(np.linalg.norm(one, axis=1) - 0.01).max() < 2e-8
 
 
+@pytest.mark.exhaustive
 def test_an_outer_end_on_the_surface_is_met_exactly(device):
     """2 and 2^-7 m: what is exact in binary."""
     outer = np.array([[2.0**-7, 0, 0], [0, -(2.0**-7), 0.001]])

@@ -45,7 +45,7 @@ def torn(path):
         return voxelise(thing, spacing=0.002)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "make",
     [rocks, white_matter, "meshes/dog_skull_1200.stl", "hands/left.glb"],
@@ -62,6 +62,7 @@ def test_a_real_object_is_rendered_and_played(make, tmp_path, request):
     assert told["board_underruns"] == 0
 
 
+@pytest.mark.exhaustive
 @pytest.mark.filterwarnings("ignore:.*open edges")
 def test_a_torn_dog_made_of_voxels_is_the_dog():
     """As the whole one in voxels of the same size; what these lose of thin ears and sharp edges is not the tear's."""

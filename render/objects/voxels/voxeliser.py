@@ -231,7 +231,7 @@ def voxelise(
     distance[deep] = ROUNDING * nodes.spacing.min()
     if turned:
         warnings.warn(
-            f"{mesh.name}: {turned} of its bodies faced inwards and were turned over", PalpateWarning, stacklevel=2
+            f"{mesh.name}: {turned} of its bodies faced inwards and were turned over", PalpateWarning, stacklevel=3
         )
     if not inside.any():
         why = "it is too open to hold anything" if sign == "winding" else "it is thinner than the spacing"

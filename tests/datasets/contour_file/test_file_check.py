@@ -55,6 +55,7 @@ def test_other_hdf5_is_refused(path):
     refused(path, "not a contour file")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("version", [[2, 0], [3, 7]])
 def test_a_newer_major_version_is_refused(sealed, version):
     with h5py.File(sealed, "r+") as file:
@@ -62,6 +63,7 @@ def test_a_newer_major_version_is_refused(sealed, version):
     refused(sealed, f"version {version[0]}.{version[1]}, newer")
 
 
+@pytest.mark.exhaustive
 def test_a_newer_minor_version_with_more_in_it_is_read(sealed):
     with h5py.File(sealed, "r+") as file:
         file.attrs["version"] = np.array([1, 9], np.int32)
@@ -200,7 +202,7 @@ BREAKS = [
 ]
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("change", "problem"), BREAKS, ids=[problem[:60] for _, problem in BREAKS])
 def test_each_broken_rule_is_found_and_named(sealed, change, problem):
     assert check_file(sealed) == []

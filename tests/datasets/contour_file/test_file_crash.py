@@ -200,7 +200,7 @@ def test_poses_over_the_file_size_limit_fail_alone(tmp_path, limit, rows):
         assert_whole(path, contours)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("order", [[(0, 400)], [(200, 400), (0, 200)]], ids=["in place", "copied"])
 def test_sealing_over_the_file_size_limit_keeps_everything_and_the_old_file(tmp_path, order):
     path, contours, before = tmp_path / "out.h5", make_contours(400), make_contours(3, seed=9)

@@ -53,7 +53,7 @@ def test_digests_are_those_of_the_documented_bytes(sealed):
     assert set(before["datasets"]) == {spec.path for spec in FIELDS}
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("gzip", [0, 1])
 def test_a_copy_by_libhdf5_has_the_digests_of_one_in_place(tmp_path, contours, sealed, gzip):
     with small_chunks(), ContourWriter(tmp_path / "b.h5", make_header(30, **everything(30))) as writer:

@@ -131,7 +131,7 @@ def test_a_call_that_fails_once_is_made_up_for_by_the_same_writer(tmp_path, case
     assert {"open", "pwritev", "fsync", "replace"} <= set(failed)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("run", range(12 + MORE))
 def test_several_calls_that_fail_are_made_up_for(tmp_path, run):
     rng = random.Random(run)

@@ -41,6 +41,7 @@ def changed(array, row, value):
     return out
 
 
+@pytest.mark.exhaustive(but="planes")
 @pytest.mark.parametrize("make", [skin, lambda: skin(POSES), planes], ids=["rigid skin", "rows of skin", "planes"])
 def test_hands_that_palpate_makes_are_right_and_read_back(make, tmp_path):
     hand, path = make(), tmp_path / "hand.h5"

@@ -90,7 +90,7 @@ def resumed(path, done, mode):
     return [poses for poses in done if poses != "sealed" and any(a < poses[1] and poses[0] < b for a, b in missing)]
 
 
-@pytest.mark.exhaustive(but="resume")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("case", CASES)
 def test_a_power_cut_loses_nothing_that_was_reported_done_and_resuming_completes(tmp_path, case):
     mode = CASES[case][2].get("mode")

@@ -66,6 +66,7 @@ def test_resuming_writes_what_is_missing_and_keeps_the_header_of_the_beginning(b
     assert attributes["created"] == make_header(10).created
 
 
+@pytest.mark.exhaustive
 def test_resuming_gives_the_content_of_an_undisturbed_run(begun, contours, tmp_path):
     resume_and_seal(begun, contours)
     with ContourWriter(tmp_path / "b.h5", make_header(10)) as writer:
@@ -115,6 +116,7 @@ def test_resuming_what_was_never_begun_begins(path, contours):
     resume_and_seal(path, contours)
 
 
+@pytest.mark.exhaustive
 def test_creating_refuses_what_exists_naming_both_ways_out(begun, contours):
     for _ in range(2):  # an unfinished one, then a sealed one
         with pytest.raises(ContourFileError, match=r"(?s)--resume.*--overwrite|--overwrite.*--resume") as refusal:
@@ -142,7 +144,7 @@ def test_overwriting_an_unfinished_rendering_begins_anew(begun):
         assert part_logs(begun.with_name("out.h5.partial")) == []
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("mode", ["create", "resume", "overwrite"])
 def test_a_second_writer_is_refused_in_this_process_and_another(path, contours, mode):
     with ContourWriter(path, make_header(10)) as writer:
@@ -217,6 +219,7 @@ def test_a_record_cut_short_was_never_reported_done(path, long):
     assert resume_long(path, long) == ([(20, 40)], ())
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("content", [b"", b"not a log", bytes(500)])
 def test_a_log_that_is_none_is_dropped_and_reported(path, long, content):
     log = part_logs(path.with_name("out.h5.partial"))[0]
@@ -226,6 +229,7 @@ def test_a_log_that_is_none_is_dropped_and_reported(path, long, content):
     assert f"{log.name} is truncated or damaged" in repairs[0]
 
 
+@pytest.mark.exhaustive
 def test_a_part_of_another_rendering_is_dropped_at_resume_and_refused_by_the_reader(begun, contours, tmp_path):
     with ContourWriter(tmp_path / "b.h5", make_header(10, strategy={})) as writer:
         write_ranges(writer, make_contours(10, seed=3), [(5, 7)])
@@ -249,6 +253,7 @@ def test_shards_of_an_older_palpate_are_dropped_and_reported(begun, contours):
     resume_and_seal(begun, contours)
 
 
+@pytest.mark.exhaustive
 def test_overlapping_parts_are_dropped_and_reported(path, begun, contours, tmp_path):
     with ContourWriter(tmp_path / "b.h5", make_header(10)) as writer:
         write_ranges(writer, contours, [(4, 7)])
@@ -268,6 +273,7 @@ def test_parts_without_their_header_are_refused_not_removed(begun):
     assert len(part_logs(folder)) == 2
 
 
+@pytest.mark.exhaustive
 def test_leftovers_of_a_kill_are_removed_and_other_peoples_files_are_not(begun, contours):
     folder = begun.with_name("out.h5.partial")
     with pytest.raises(Killed), ContourWriter(begun, make_header(10), mode="overwrite") as writer, killed_at(2):
@@ -289,6 +295,7 @@ def test_a_closed_writer_writes_no_more(path, contours):
             call()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("poses", "change", "message"),
     [

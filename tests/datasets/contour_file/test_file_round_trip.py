@@ -124,6 +124,7 @@ def test_the_header_is_read_back_as_it_was_given(folder):
         assert (file.strategy, file.hand) == (header.strategy, header.hand)
 
 
+@pytest.mark.exhaustive
 def test_a_moving_object_and_a_hand_of_arrays_are_read_back_and_belong_to_the_recipe(folder):
     plain = write_file(folder / "a.h5", make_contours(3))
     header = write_file(folder / "b.h5", make_contours(3), **everything(3))
@@ -150,6 +151,7 @@ def test_a_header_that_a_file_cannot_hold_is_refused(folder, changes, told):
         ContourWriter(folder / "a.h5", make_header(3, **changes))
 
 
+@pytest.mark.exhaustive
 def test_the_order_of_shards_changes_no_content(folder):
     contours, ranges = make_contours(20, intensity=True, dwell=True), [(0, 3), (3, 4), (4, 12), (12, 20)]
     for name, order in (("a.h5", ranges), ("b.h5", ranges[::-1])):
@@ -162,6 +164,7 @@ def test_the_order_of_shards_changes_no_content(folder):
         assert_same(a.metrics(), b.metrics())
 
 
+@pytest.mark.exhaustive
 def test_the_sizes_of_shards_change_no_byte_but_in_timing(folder):
     contours = make_contours(200)
     with small_chunks():
@@ -240,6 +243,7 @@ def test_poses_not_done_are_refused_and_the_rest_is_read(folder):
             writer.seal()
 
 
+@pytest.mark.exhaustive
 def test_compression_changes_the_size_and_nothing_else(folder):
     contours = make_contours(1000)
     contours["points"] = np.round(contours["points"], 1)
@@ -253,6 +257,7 @@ def test_compression_changes_the_size_and_nothing_else(folder):
     assert check_file(folder / "b.h5") == []
 
 
+@pytest.mark.exhaustive
 def test_poses_written_in_order_are_written_once(folder, monkeypatch):
     """Sealing adds metadata: less than a tenth of the bytes."""
     contours = make_contours(20_000)

@@ -124,6 +124,7 @@ def test_a_pipe_in_place_of_a_part_is_no_part(begun, suffix):
         assert writer.missing() == [(0, 10)]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("mode", ["create", "resume"])
 def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, mode):
     path, contours = tmp_path / "out.h5", make_contours(10)
@@ -145,6 +146,7 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, mode):
         assert_same(file.contours(), contours)
 
 
+@pytest.mark.exhaustive
 def test_permission_to_overwrite_lasts_until_the_file_is_sealed(tmp_path):
     path, contours = tmp_path / "out.h5", make_contours(10)
     write_file(path, make_contours(4))

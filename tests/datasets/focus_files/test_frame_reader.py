@@ -98,6 +98,7 @@ def test_info_and_check_tell_what_they_are(tmp_path):
     assert answer("check", tmp_path / "d.h5")["whole"] is True
 
 
+@pytest.mark.exhaustive
 def test_what_cannot_be_done_with_them_names_what_they_are(tmp_path):
     path, _ = focal_points(tmp_path / "a.h5")
     refused(FAILED, "it holds drives of arrays", "play", drives(tmp_path / "d.h5"))
@@ -107,6 +108,7 @@ def test_what_cannot_be_done_with_them_names_what_they_are(tmp_path):
     assert frame_format(tmp_path / "none.h5") is None
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("change", "told"),
     [

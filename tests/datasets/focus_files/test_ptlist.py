@@ -14,6 +14,7 @@ rows = hnp.arrays(
 )
 
 
+@pytest.mark.exhaustive
 @given(values=rows, sign=st.sampled_from([-1.0, 1.0]), rate=st.floats(1e-3, 1e6))
 @settings(max_examples=50, deadline=None)
 def test_what_is_written_is_read_back_to_the_bit(tmp_path_factory, values, sign, rate):

@@ -288,7 +288,7 @@ def test_joints_that_cannot_pose_a_skin_are_refused(change, radius, said):
         posed_vertices(hand_shape(detail=1), change(joints), radius)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", LEAP)
 def test_real_leap_recordings_pose_the_skin_plausibly(outside_data, name):
     recording = load_recording(outside_data / "leap" / f"{name}.npz", alignment=Y_UP)

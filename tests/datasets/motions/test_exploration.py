@@ -37,6 +37,7 @@ def test_exploration_lasts_as_long_as_asked_at_the_rate_asked():
     assert len(exploration(BOUNDS, duration=1e-3, seed=1)) == 1
 
 
+@pytest.mark.exhaustive
 def test_exploration_moves_as_fast_as_a_person(explorations):
     linear, angular = (np.array(part) for part in zip(*map(speeds, explorations), strict=True))
     assert linear.max() < 1.0
@@ -117,6 +118,7 @@ def test_same_seed_is_the_same_motion_and_another_is_not():
     assert not np.array_equal(a.pose, c.pose)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("duration", "rate", "every"), [(60.0, 90.0, 1), (20.0, 180.0, 2), (200.0, 900.0, 10)])
 def test_duration_and_rate_only_sample_the_path(duration, rate, every):
     short = exploration(BOUNDS, duration=20.0, rate=90.0, seed=5)
@@ -155,7 +157,7 @@ def test_an_exploration_beyond_memory_is_refused_before_it_is_made(duration, rat
         load_motion("exploration", MeshObject.load("cube"), {"duration": duration, "rate": rate})
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("duration", "rate"), [(30.0, 1e4), (700.0, 1.0)])
 def test_an_exploration_takes_no_more_memory_than_it_is_refused_for(duration, rate, monkeypatch):
     tracemalloc.start()

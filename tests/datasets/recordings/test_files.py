@@ -360,6 +360,7 @@ def put(value, *keys):
 FIRST = ("frames", 1, "hands", 0)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("form", "change", "said"),
     [

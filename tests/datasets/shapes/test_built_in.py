@@ -149,6 +149,7 @@ def test_dog_has_four_paws_two_ears_a_snout_and_a_tail():
     assert tail.vertices[:, 2].min() > low[2] + 0.5 * height
 
 
+@pytest.mark.exhaustive
 def test_both_dogs_are_the_same_dog():
     coarse, fine = mesh("dog"), mesh("dog-detailed")
     distance = trimesh.proximity.closest_point_naive(coarse, fine.vertices)[1]

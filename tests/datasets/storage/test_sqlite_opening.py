@@ -61,6 +61,7 @@ def interrupt(folder):
             shutil.copyfile(running / name, folder / name)
 
 
+@pytest.mark.exhaustive(but="create")
 @MODES
 def test_a_journal_that_names_another_file_is_refused_and_that_file_stays(folder, tmp_path, mode):
     victim = tmp_path / "thesis.tex"

@@ -88,7 +88,7 @@ def record_missing(folder):
         return store.damaged
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", range(25))
 def test_a_sweep_makes_again_what_a_damaged_store_lacks_or_tells_the_way_out(original, folder, seed):
     chance = np.random.default_rng(seed)
@@ -212,6 +212,7 @@ def version_one(folder):
     )
 
 
+@pytest.mark.exhaustive
 def test_a_store_of_version_1_is_read_as_it_is_and_proven_from_the_next_sweep_on(original, folder):
     version_one(folder)
     with SweepStore(folder, mode="read") as store:

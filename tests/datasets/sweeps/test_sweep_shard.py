@@ -25,6 +25,7 @@ COLUMNS = {
 }
 
 
+@pytest.mark.exhaustive
 def test_rows_and_columns_come_back_as_they_were(tmp_path):
     path = tmp_path / "a.h5"
     write_shard(path, ROWS, [None, COLUMNS], maker="me")

@@ -305,6 +305,7 @@ except SweepStoreError as error:
 """
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give up its permissions")
 def test_a_store_that_may_not_be_written_can_be_read(store):
     put(store, "a", [("contours", "k", 0)])

@@ -75,7 +75,7 @@ def test_kill_9_at_any_moment_loses_nothing_that_was_recorded(tmp_path):
     assert_whole(folder)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("call", "number", "recovered"),
     [("replace", 6, 3), ("sync", 6, 3), ("discard", 5, 0)],

@@ -72,6 +72,7 @@ def test_pandas_and_polars_read_it_in_one_line(path):
         assert_frame(pl.read_parquet(path).to_dicts())
 
 
+@pytest.mark.exhaustive
 def test_xarray_reads_it_in_one_line(tmp_path):
     write_table(tmp_path / "t.h5", COLUMNS, ATTRIBUTES, units=UNITS)
     with xr.open_dataset(tmp_path / "t.h5", engine="h5netcdf") as data:

@@ -72,6 +72,7 @@ def test_each_frame_is_played_for_its_time_without_a_gap_between_banks(divider, 
     assert link.underruns == 0
 
 
+@pytest.mark.exhaustive
 def test_an_array_that_starves_is_silent_and_the_gap_is_counted(recording):
     channel = recording()
     link = _link(channel)
@@ -101,6 +102,7 @@ def test_a_slow_network_starves_only_a_rate_that_it_cannot_carry(recording):
         assert (link.underruns > 0) == starves
 
 
+@pytest.mark.exhaustive
 def test_off_is_at_once_although_a_bank_waits_for_its_time(recording):
     channel = recording()
     link = _link(channel)
@@ -171,6 +173,7 @@ def test_the_vendors_field_peaks_at_the_focal_point(recording):
     np.testing.assert_allclose(channel.peak(channel.now_ns() - 5_000_000, point), point, atol=1e-4)
 
 
+@pytest.mark.exhaustive
 def test_a_loop_that_is_shorter_than_a_bank_is_sent_once_and_plays_at_40_khz(recording):
     """A full datagram takes 120 us at 100 Mbit/s, so not even phases alone could be sent again and again."""
     channel = recording(datagram_ns=120_000)

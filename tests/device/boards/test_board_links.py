@@ -89,6 +89,7 @@ def test_every_frame_written_is_played_and_the_array_is_off_at_the_end(name: str
         usb.util.dispose_resources(device)
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=25, deadline=None)
 @given(st.sampled_from(NAMES), st.integers(0, 511))
 def test_whatever_a_killed_player_left_the_next_one_starts_silent_and_whole(name: str, torn: int) -> None:

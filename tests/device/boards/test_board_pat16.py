@@ -431,7 +431,7 @@ def test_every_transducer_emits_the_delay_meant_for_it(wiring: Wiring) -> None:
     assert np.abs(strength - wanted).max() <= 0.5 * np.pi / 128 + 1e-6
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("amplitude", [1.0, 0.3])
 def test_the_field_peaks_at_the_focus_asked_for(wiring: Wiring, amplitude: float) -> None:
     delay = focal_delay(wiring.model.position)

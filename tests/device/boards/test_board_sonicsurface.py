@@ -166,6 +166,7 @@ def test_every_transducer_emits_the_delay_meant_for_it() -> None:
     assert turns_apart(got - 0.25, delay)[amplitude == 1].max() <= 0.5 / 32 + 1e-6
 
 
+@pytest.mark.exhaustive
 def test_the_field_peaks_at_the_focus_asked_for() -> None:
     position = array_model("sonicsurface").position
     [delay], [strength] = emitted(encode_frames(focal_delay(position)[None], np.ones(1), array="sonicsurface"))

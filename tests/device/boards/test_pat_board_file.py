@@ -50,6 +50,7 @@ def test_phase_offsets_in_16_lines_as_published_are_read(tmp_path: Path) -> None
     assert len(set(model.delay_offset.tolist())) > 100
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=40)
 @given(
     widths=st.lists(st.integers(1, 300), min_size=3, max_size=3),

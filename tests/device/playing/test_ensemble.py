@@ -43,7 +43,7 @@ def are_off(buses: list[EmulatorBackend]) -> bool:
     return not any(bus.board().playing[1::2].any() for bus in buses)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("count", [3, 8])
 def test_one_that_starts_when_the_other_has_played_all_plays_all_too(count: int) -> None:
     buses, links = pair()

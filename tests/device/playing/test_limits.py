@@ -82,6 +82,7 @@ def test_limits_that_are_none_are_refused_by_name(text: str, message: str) -> No
         Limits.from_json(text)
 
 
+@pytest.mark.exhaustive
 @given(
     st.lists(st.tuples(st.sampled_from([SILENT, HALF, LOUD]), st.integers(1, 12)), min_size=1, max_size=25),
     st.integers(1, 7),

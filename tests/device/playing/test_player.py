@@ -93,6 +93,7 @@ def assert_plays_again(bus: EmulatorBackend, link: UsbLink) -> None:
     assert_off(bus)
 
 
+@pytest.mark.exhaustive
 @given(
     st.integers(0, 6000),
     st.integers(1, 700),

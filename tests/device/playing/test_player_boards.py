@@ -135,6 +135,7 @@ def test_a_board_that_never_answers_confirms_nothing_and_that_is_no_error(setup:
     assert report.elapsed >= report.duration
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("setup", BOARDS, indirect=True)
 def test_a_stop_ends_off_within_what_the_board_holds(setup: Setup) -> None:
     wire = content(setup.model, 64)
@@ -161,6 +162,7 @@ def test_a_stop_ends_off_within_what_the_board_holds(setup: Setup) -> None:
     setup.assert_plays_again()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("byte", [0, 1, 300, 11 * 512, 11 * 512 + 77])
 @pytest.mark.parametrize(
     ("setup", "kind", "error"),

@@ -81,7 +81,7 @@ def played_until(signum: signal.Signals, maker: str) -> tuple[dict[str, object],
     return json.loads(out), err
 
 
-@pytest.mark.exhaustive(but="15-ends")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("maker", ["streams", "sleeps", "ends"])
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_switches_the_array_off_and_ends_the_script(signum: signal.Signals, maker: str) -> None:
@@ -153,6 +153,7 @@ playing.wait(30)
 """
 
 
+@pytest.mark.exhaustive
 def test_the_end_of_the_interpreter_switches_off_what_a_daemon_thread_plays() -> None:
     done = subprocess.run(
         [sys.executable, "-c", ENDS_WHILE_A_DAEMON_PLAYS], capture_output=True, text=True, timeout=60, check=True

@@ -52,12 +52,14 @@ def stream(timeline: Timeline, chunk_ns: float, submits: int = MINUTES_10) -> fl
     return (submits - 1) * chunk_ns
 
 
+@pytest.mark.exhaustive
 def test_an_array_with_a_slower_crystal_is_not_believed_dry() -> None:
     timeline = Timeline(PERIOD, 34)
     stream(timeline, CHUNK * PERIOD * (1 + 100e-6))  # 60 ms in 10 minutes, more than is under way
     assert (timeline.underruns, timeline.starved_ns) == (0, 0)
 
 
+@pytest.mark.exhaustive
 def test_an_array_with_a_faster_crystal_is_not_believed_to_hold_more_than_fits_it() -> None:
     timeline = Timeline(PERIOD, 34)
     end_ns = stream(timeline, CHUNK * PERIOD * (1 - 100e-6))

@@ -124,6 +124,7 @@ def unreachable() -> Iterator[UsbLink]:
         yield link
 
 
+@pytest.mark.exhaustive
 def test_an_array_that_another_process_cannot_reach_is_refused(unreachable: UsbLink) -> None:
     with (
         pytest.raises(WatchdogError, match="cannot reach array emulator EMU0001 from its own process: "),

@@ -54,6 +54,7 @@ def board() -> Iterator[PtyBoard]:
         yield board
 
 
+@pytest.mark.exhaustive
 def test_content_played_is_content_sent_then_off_in_both_buffers(board: PtyBoard) -> None:
     wire = content(40)
     assert {0x03, 0x0A, 0x0D, 0x11, 0x13, 0x1A} < set(wire.ravel().tolist())
@@ -72,6 +73,7 @@ def test_content_played_is_content_sent_then_off_in_both_buffers(board: PtyBoard
     assert not board.board.emitting
 
 
+@pytest.mark.exhaustive
 def test_a_recompiled_board_is_reached_at_its_own_rate() -> None:
     model = array_model("sonicsurface", baud=FAST)
     with pty_board(baud=10.24e6 / 7, sender=FAST) as board, open_link(model, serial=board.path) as link:

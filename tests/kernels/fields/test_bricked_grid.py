@@ -70,7 +70,7 @@ def ask(padded, affine, x, radius, device):
     return values.numpy(), sides.numpy()
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("affine", AFFINES)
 @pytest.mark.parametrize("shape", [(1, 1, 1), (7, 8, 15), (30, 17, 33)])
 def test_values_are_those_of_the_plain_volume_to_the_bit(affine, shape, device, rng):
@@ -115,6 +115,7 @@ def test_a_reach_is_how_far_a_side_goes_on(rng):
         assert reach[place] == side * min(others, default=100)
 
 
+@pytest.mark.exhaustive
 def test_roots_are_on_the_surface_from_either_end(device, rng):
     affine, padded = AFFINES["sheared"], pad_outside(blobs((30, 17, 33), rng))
     ends = rng.uniform(0, [30, 17, 33], (4000, 3)) @ affine[:3, :3].T + affine[:3, 3]

@@ -52,6 +52,7 @@ def interpolated(values, index):
     return np.array(out)
 
 
+@pytest.mark.exhaustive(but="anisotropic")
 @pytest.mark.parametrize("grid", GRIDS)
 def test_values_are_those_of_interpolation_by_hand(grid, rng, device):
     values = rng.normal(size=(4, 6, 5)).astype(np.float32)
@@ -93,6 +94,7 @@ def test_two_values_below_zero_never_blend_to_zero(rng, device):
     assert (values_at(field, placed(affine, rng.uniform(0, 4, (500, 3))), device) < 0).all()
 
 
+@pytest.mark.exhaustive
 def test_roots_lie_on_the_surface_whichever_end_comes_first(rng, device):
     values = rng.normal(size=(6, 6, 6)).astype(np.float32)
     affine = affine_with(GRIDS["sheared"])

@@ -28,7 +28,7 @@ def on_surface(mesh, rng, count):
     return np.einsum("ik,ikj->ij", share, corner)
 
 
-@pytest.mark.exhaustive(but="dog")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", CLOSED)
 def test_inside_is_a_winding_number_above_0(name, device, rng):
     mesh = CLOSED[name]()
@@ -67,6 +67,7 @@ def test_nothing_leaks_above_or_below_edges_and_corners(device, rng):
     assert (values_at(field_of(mesh, device), lattice * 0.999 + MIDDLE, device) < 0).all()
 
 
+@pytest.mark.exhaustive
 def test_bodies_that_overlap_count_once_and_cavities_are_holes(device):
     cube = CLOSED["cube"]()
     both = merged(moved(cube, (-0.02, 0, 0), 0.5), moved(cube, (0.02, 0.001, 0), 0.5))
@@ -79,7 +80,7 @@ def test_bodies_that_overlap_count_once_and_cavities_are_holes(device):
     assert (values_at(field_of(hollow, device), MIDDLE + np.array([[0, 0, 0], [0.04, 0, 0]]), device) == [1, -1]).all()
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("solid", ["winding", "even-odd"])
 def test_which_winding_numbers_are_inside_is_the_solids_rule(solid, device, rng):
     """By solid angles: two bodies that overlap (0, 1, 2), and one of them turned inside out (-1, 0, 1)."""
@@ -143,7 +144,7 @@ def _ball_points(inside: Inside, points: wp.array[wp.vec3d], radius: wp.array[wp
     out[i] = mesh_ball(inside, points[i], radius[i])
 
 
-@pytest.mark.exhaustive(but="shell")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["tube", "shell"])
 def test_what_a_ball_settles_holds_throughout_it(name, device, rng):
     mesh = CLOSED[name]()

@@ -50,7 +50,7 @@ def match_edges(found, points):
     return [edges[k] for k in apart.argmin(axis=1)]
 
 
-@pytest.mark.exhaustive(but="1")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", range(4))
 def test_contours_run_cell_by_cell_as_marching_squares_do(seed, device):
     case, poses, palm = random_waves(seed, grain=COARSE), random_poses(6, seed), Palm(0.085, 0.06)
@@ -81,7 +81,7 @@ def rim_place(edge, cells):
     return nu + j if i == nu else 2 * nu + 2 * nv - 1 - j
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", range(3))
 def test_closed_contours_bound_the_region_and_hold_the_open_ones(seed, device):
     """With a ring of outside around the grid, marching squares close along the boundary by themselves."""
@@ -196,6 +196,7 @@ def test_a_box_is_within_a_step_of_its_corners(device):
     assert np.abs(box_of(middle, CENTER, size))[inside].max() < step
 
 
+@pytest.mark.exhaustive
 def test_a_palm_all_inside_or_outside(device):
     pose = random_poses(5, spread=0.001)
     large = shape_field(ball_value, CENTER, (0.2, 0, 0))
@@ -222,7 +223,7 @@ def same(one, two):
         np.testing.assert_array_equal(array, two.arrays()[name], err_msg=name)
 
 
-@pytest.mark.exhaustive(but="False")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("closes", [True, False])
 def test_how_poses_are_cut_into_chunks_makes_no_difference(closes, device, monkeypatch):
     case, poses = random_waves(1), random_poses(23)
@@ -271,6 +272,7 @@ def test_what_a_field_settles_for_whole_tiles_changes_nothing(device):
         same(marched(one, poses, device, step=0.001, bounds=near), marched(two, poses, device, step=0.001))
 
 
+@pytest.mark.exhaustive
 def test_a_whole_plane_gives_the_patch_nothing_cuts(device):
     poses = random_poses(20, spread=0.02)
     field, bounds = shape_field(ball_value, CENTER, (0.03, 0, 0)), np.array([CENTER - 0.03, CENTER + 0.03])
@@ -286,6 +288,7 @@ UPWARD = [0.0, 0.0, 0.25, np.sin(np.pi / 4), 0.0, 0.0, np.cos(np.pi / 4)]  # n =
 DOWNWARD = [0.0, 0.0, 0.25, np.sin(-np.pi / 4), 0.0, 0.0, np.cos(-np.pi / 4)]
 
 
+@pytest.mark.exhaustive(but="pose1-0")
 @pytest.mark.parametrize(("pose", "count"), [(UPWARD, 1), (DOWNWARD, 0)])
 def test_a_face_flush_with_the_palm_counts_as_above(pose, count, device):
     """As a mesh's does: the solid below the plane shows its face, the one above does not."""
@@ -337,6 +340,7 @@ def test_a_jump_is_met_as_exactly_as_a_root(device):
     assert np.abs(box_of(batch.points.astype(np.float64), CENTER, np.array(size))).max() < 1e-6
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=25)
 @given(st.integers(0, 10**6), st.floats(-1.5, 1.5), st.booleans())
 def test_contours_of_any_waves_are_sound_and_fit_each_other(seed, level, bounded):
@@ -372,6 +376,7 @@ def pair_value(d: Shape, x: wp.vec3d):
     return wp.min(wp.length(x - (d.center - aside)), wp.length(x - (d.center + aside))) - d.size[0]
 
 
+@pytest.mark.exhaustive
 def test_too_many_points_and_wrong_arguments_are_refused(device):
     field, poses = shape_field(ball_value, CENTER, (0.03, 0, 0)), random_poses(10)
     count = marched(field, poses, device).point_count

@@ -108,7 +108,7 @@ def missing(region, batch, step=STEP):
     return shapely.distance(shapely.points(exact), found).max() / step
 
 
-@pytest.mark.exhaustive(but="20-wedge")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("value", [wedge_value, notch_value], ids=["wedge", "notch"])
 @pytest.mark.parametrize("angle", [120, 90, 40, 20, 10])
 def test_tips_of_wedges_are_met_wherever_they_lie(angle, value, device):
@@ -129,7 +129,7 @@ def test_tips_of_wedges_are_met_wherever_they_lie(angle, value, device):
         assert area == pytest.approx(region.intersection(PALM).area, abs=0.2 * STEP**2)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("angle", [90, 40, 20, 10])
 def test_a_wedge_that_leaves_the_palm_is_cut_at_its_side(angle, device):
     """Tips near the sides and beyond them, of wedges whose thick part is on the palm."""
@@ -192,6 +192,7 @@ def test_corners_of_a_box_are_met(device, rng):
         assert batch.length()[0] == pytest.approx(2 * size.sum(), abs=0.3 * STEP)
 
 
+@pytest.mark.exhaustive
 def test_smooth_contours_are_the_same_to_the_bit_whether_tips_are_looked_for_or_not(device):
     for value, size in ((ball_value, (0.03, 0, 0)), (ring_value, (0.03, 0.012, 0))):
         field, poses = shape_field(value, CENTER, size), random_poses(60, 5)
@@ -217,7 +218,7 @@ def test_tips_do_not_depend_on_what_is_rendered_with_them(device, monkeypatch):
         np.testing.assert_array_equal(array, apart.arrays()[name], err_msg=name)
 
 
-@pytest.mark.exhaustive(but="0.002")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("grain", [0.0005, 0.002])
 def test_voxels_have_tips_where_they_are_finer_than_a_quarter_step(grain, device):
     """A wedge of 40 degrees in voxels: its tip in them is where the trilinear surface ends, less than 3 voxels off."""

@@ -49,6 +49,7 @@ def test_every_bit_is_that_of_the_oracle(seed, first, device):
     np.testing.assert_array_equal(got, [pose_of(seed, first + k) for k in range(50)])
 
 
+@pytest.mark.exhaustive
 @given(first=st.integers(0, 2**62), counts=st.lists(st.integers(1, 40), min_size=1, max_size=4), seed=st.integers(0, 9))
 def test_a_pose_does_not_depend_on_those_made_with_it(first, counts, seed):
     whole = made(first, first + sum(counts), seed, "cpu").numpy()

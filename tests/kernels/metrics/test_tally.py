@@ -83,7 +83,7 @@ def section_area(thing, pose):
     return region.intersection(shapely.box(-HALF, -HALF, HALF, HALF)).area
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["tube", "cube", "shell"])
 def test_area_is_that_of_shapely_holes_left_out(name, device):
     thing = thing_of(name)

@@ -71,6 +71,7 @@ def test_bits_are_those_of_drawing_at_degenerate_poses(name, device):
             assert_same(*both_ways(mesh, poses, halves, strategy, None, device)[:2])
 
 
+@pytest.mark.exhaustive
 @given(seed=st.integers(0, 2**31), halves=st.lists(st.tuples(*(st.floats(1e-3, 0.2),) * 2), min_size=1, max_size=4))
 @settings(max_examples=25, deadline=None)
 def test_bits_are_those_of_drawing_for_any_patches(seed, halves):
@@ -92,6 +93,7 @@ def test_a_patch_wholly_inside_is_gone_around(device):
     np.testing.assert_allclose(walked[0][:6, 0], [0.028, 0, 0.028, 0, 1, 4.8e-5], rtol=1e-4)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("strategy", [open_contour(), closed_contour()], ids=["oc", "cc"])
 @pytest.mark.parametrize("name", ["cube", "tube", "dog"])
 def test_a_scene_tells_the_same_with_and_without_points(name, strategy, device):

@@ -111,6 +111,7 @@ def test_every_contour_crosses_a_scanned_edge(name, forest):
     assert contours > 20
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", sorted(set(MESHES) - {"fan", "cubes sharing an edge"}))
 def test_steps_over_half_edges_are_those_over_vertex_pairs(name):
     """The oracle that pairs half-edges says what the one that knows vertices only says, where no edge has more."""

@@ -238,6 +238,7 @@ def test_triangles_that_are_short_enough_stay_as_they_are():
     np.testing.assert_array_equal(coarse.faces, same.faces)
 
 
+@pytest.mark.exhaustive
 def test_a_field_without_balls_and_without_bounds_gives_the_same(device):
     from palpate.kernels.skin.curves import skin_contours
 

@@ -49,7 +49,7 @@ def grid_pairs(rng, count, span, common):
     return pairs
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("common", [0, 1, 2, 3])
 @pytest.mark.parametrize("span", [1, 2, 3, 7])
 def test_pairs_on_small_grids_cross_where_fractions_say_so(span, common, device):
@@ -60,6 +60,7 @@ def test_pairs_on_small_grids_cross_where_fractions_say_so(span, common, device)
     assert 0 < len(want) < len(pairs)
 
 
+@pytest.mark.exhaustive
 def test_pairs_of_one_plane_cross_where_fractions_say_so(device):
     """Flat soups, seen along each axis and along none: the sides of lines decide alone."""
     rng = np.random.default_rng(8)
@@ -77,6 +78,7 @@ def test_pairs_of_one_plane_cross_where_fractions_say_so(device):
     assert 100 < len(want) < 500
 
 
+@pytest.mark.exhaustive
 def test_pairs_moved_by_a_step_of_float64_off_each_other(device):
     """A corner of one triangle within rounding of the other's plane, side or corner."""
     rng = np.random.default_rng(5)
@@ -93,7 +95,7 @@ def test_pairs_moved_by_a_step_of_float64_off_each_other(device):
         assert crossings(*as_mesh(own), device=device) == want, k
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", range(3))
 def test_soups_cross_where_fractions_say_so(seed, device):
     vertices, faces = as_mesh(np.asarray(soup(40, seed)[0], float)[soup(40, seed)[1]])

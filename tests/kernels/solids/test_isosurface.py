@@ -33,6 +33,7 @@ def meshed(e, step, device="cpu", bounds=None):
     return isosurface(tree_field(compile_expression(e), device), np.array(bounds), step, device=device)
 
 
+@pytest.mark.exhaustive
 @given(bounded_expressions, st.floats(0.004, 0.02))
 @settings(max_examples=40)
 def test_meshes_are_closed_and_on_the_surface(e, step):
@@ -48,6 +49,7 @@ def test_meshes_are_closed_and_on_the_surface(e, step):
     assert np.abs(value(e, vertices.astype(np.float64))).max() <= MARGIN * step + 1e-7
 
 
+@pytest.mark.exhaustive
 def test_cells_cut_in_every_way_still_close(rng):
     """Spheres as small as a cell: ambiguous faces all over."""
     e = union(*[sphere(0.011).moved(*at) for at in rng.uniform(-0.1, 0.1, (300, 3))])

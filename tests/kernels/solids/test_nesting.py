@@ -107,6 +107,7 @@ def solid_angle(vertices, faces, points):
     return out / (4 * np.pi)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", [name for name in CLOSED if name not in ("egg box", "comb")])
 def test_winding_numbers_are_solid_angles(name, device):
     """Random points, and points 0.1 mm straight below and above vertices and middles of edges; no wall is upright."""

@@ -106,7 +106,7 @@ def tiny(rng, size):
 FAMILIES = {f.__name__: f for f in (near_plane, on_plane, of_all_sizes, of_float32, on_grid, tiny)}
 
 
-@pytest.mark.exhaustive(but="of_float32-plane")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("size", [3, 2], ids=["plane", "line"])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_sides_are_those_of_the_exact_determinant(family, size, device):

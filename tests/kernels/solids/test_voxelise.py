@@ -158,6 +158,7 @@ def test_distance_and_occupancy_are_the_mesh_in_numpy(device):
     np.testing.assert_allclose(voxels.values.ravel(), np.where(inside, -far, far), atol=2e-7)
 
 
+@pytest.mark.exhaustive
 def test_the_surface_of_voxels_is_that_of_the_mesh(device):
     thing = MeshObject(*built_in("tube"))
     voxels = voxelise(thing, spacing=0.003, device=device)
@@ -175,6 +176,7 @@ def test_a_closed_mesh_gives_the_same_by_winding_number(device):
     assert two.source["hole_points"] == 0
 
 
+@pytest.mark.exhaustive
 def test_an_open_bowl_is_closed_over_its_rim_without_leaks(device):
     thing = MeshObject(*bowl(), name="bowl")
     with pytest.raises(MeshError, match="open edges"):

@@ -66,6 +66,7 @@ def test_every_cut_cell_gives_one_point_on_the_surface(solids, device, rng):
         assert ((found >= step * cells - 1e-7) & (found <= step * (cells + 1) + 1e-7)).all()  # also in order
 
 
+@pytest.mark.exhaustive
 def test_cpu_and_every_device_agree(solids, device, rng):
     pose = poses(rng, 20)
     one, other = (overlap_points(*solids, pose, step=0.005, device=d) for d in (device, "cpu"))
@@ -135,6 +136,7 @@ def test_a_path_goes_over_what_is_shared(device, rng):
         assert apart[~np.eye(len(apart), dtype=bool)].min(initial=1) >= 0.008 - 1e-7 or len(apart) == 2
 
 
+@pytest.mark.exhaustive
 def test_rows_of_an_articulated_hand_are_its_own_shapes(rng):
     rigid, pose = closed_hand(), poses(rng, 4, spread=0.01)
     sizes = np.array([0.5, 0.8, 1.0, 1.2])

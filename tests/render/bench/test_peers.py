@@ -130,7 +130,7 @@ def _trial(strategy="cc", poses=100, **options):
     return Trial("tube", bench_object("tube"), strategy, random_poses(poses), BenchOptions(repeats=1, **options))
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("strategy", ["oc", "cc"])
 @pytest.mark.parametrize(
     ("faults", "state"),
@@ -183,6 +183,7 @@ def test_a_peer_that_prepares_anew_is_timed_by_what_a_further_pose_takes():
     assert row.ratio == pytest.approx(100.0)
 
 
+@pytest.mark.exhaustive
 def test_a_slow_peer_is_timed_once(monkeypatch):
     monkeypatch.setattr(bench_turns, "ONCE_SECONDS", 0.0)
     row = measure_trial(_trial(seconds=0.001), [_mirror()])
@@ -203,6 +204,7 @@ def test_peers_get_poses_from_all_of_the_motion():
     assert len(trial.spread(500)) == 100
 
 
+@pytest.mark.exhaustive
 def test_command_shows_tables(monkeypatch):
     monkeypatch.setattr("palpate.render.bench.report.find_peers", lambda wanted: ([_mirror()], find_peers("none")[1]))
     options = ("--objects=cube", "--strategies=oc", "--poses=50", "--repeats=1", "--peers=vtk")

@@ -220,6 +220,7 @@ def test_curves_have_a_point_a_size(monkeypatch):
     assert pose_curve(options, counts=(10,)).left_out == ("256 triangles, 10 poses",)
 
 
+@pytest.mark.exhaustive
 def test_first_use_starts_with_an_empty_cache(monkeypatch, tmp_path):
     script = tmp_path / "stands_in.py"
     script.write_text(
@@ -242,6 +243,7 @@ def _run(*arguments):
     return CliRunner().invoke(app, ["bench", *arguments], catch_exceptions=False)
 
 
+@pytest.mark.exhaustive
 def test_command_reports_every_figure_as_json():
     result = _run("--objects=cube,blob-80", "--strategies=cc", "--poses=50", "--repeats=1", "--peers=none", "--json")
     assert result.exit_code == 0, result.output

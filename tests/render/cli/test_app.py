@@ -131,7 +131,7 @@ def test_figure_is_drawn_of_files_of_one_object_and_motion(rendered, motion, tmp
     refused(FAILED, "cannot be written", "figure", rendered, "-o", tmp_path / "none" / "picture.png")
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("heights", [[0.2], [0.2, 0.201], [5.0], [5.0, 0.2, 5.0]])
 def test_figure_is_drawn_of_few_poses_and_of_none_that_meet_the_object(heights, tmp_path):
     rows = "".join(f"0,0,{z},0.7071068,0,0,0.7071068\n" for z in heights)
@@ -179,6 +179,7 @@ def test_check_exits_with_1_and_names_the_place(rendered, tmp_path):
     assert json.loads(run("check", broken, "--json").stdout)["whole"] is False
 
 
+@pytest.mark.exhaustive
 def test_existing_file_is_refused_overwritten_or_resumed(rendered, motion, tmp_path):
     path = tmp_path / "again.h5"
     path.write_bytes(rendered.read_bytes())
@@ -270,6 +271,7 @@ def test_open_mesh_is_refused_for_closed_contours_with_the_ways_out(motion, tmp_
     assert told["points"] > 0
 
 
+@pytest.mark.exhaustive
 def test_static_pose_needs_a_duration(tmp_path):
     static_pose([0, 0, 0.2]).save(tmp_path / "still.csv")
     path = tmp_path / "still.h5"
@@ -295,6 +297,7 @@ def test_files_that_are_not_contours_are_refused(rendered, tmp_path):
         assert run("check", path).exit_code == FAILED
 
 
+@pytest.mark.exhaustive
 def test_unknown_arrays_rates_and_clocks_are_misuse(rendered):
     refused(MISUSED, "unknown array 'nope'; known: emulator", "play", rendered, "--array", "nope")
     refused(MISUSED, "7000 Hz", "play", rendered, "--update-rate", "7000")
@@ -459,6 +462,7 @@ def assert_same_data(one, two):
                     np.testing.assert_array_equal(left[name], right[name], err_msg=name)
 
 
+@pytest.mark.exhaustive
 def test_nothing_heavy_is_imported_before_it_is_needed():
     code = "import sys, palpate.render.cli.app; print({'matplotlib', 'trimesh', 'manifold3d'} & set(sys.modules))"
     out = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)

@@ -99,7 +99,7 @@ def test_a_picture_shows_voxels_on_a_skin_and_an_object_that_moves(folder, tmp_p
     assert picture.stat().st_size > 10_000
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("form", ["leap", "openxr", "mediapipe"])
 @pytest.mark.parametrize("hand", ["palm", "planes", "skin"])
 def test_every_recording_moves_every_hand(form, hand, folder, tmp_path, monkeypatch):
@@ -114,6 +114,7 @@ def test_every_recording_moves_every_hand(form, hand, folder, tmp_path, monkeypa
         assert np.allclose(np.diff(file.motion()["time"]), 1 / 120)
 
 
+@pytest.mark.exhaustive
 def test_an_open_mesh_is_refused_with_the_way_out_that_works(tmp_path, monkeypatch, folder):
     monkeypatch.chdir(folder)
     (tmp_path / "bowl.off").write_text(
@@ -148,6 +149,7 @@ def test_options_of_another_kind_of_thing_are_refused(folder, tmp_path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.exhaustive
 def test_contours_that_stages_removed_are_told_from_poses_that_meet_nothing(folder, tmp_path):
     strategy, away = tmp_path / "away.json", tmp_path / "away.csv"
     strategy.write_text('{"prune": ["outside", {"stage": "small", "perimeter": 1.0}], "transform": ["close"]}')

@@ -261,6 +261,7 @@ def test_chunks_of_an_articulated_hand_are_cut_anywhere():
     assert batches[0].length().max() > 0.2
 
 
+@pytest.mark.exhaustive
 def test_a_file_of_an_articulated_hand_gives_the_hand_back(tmp_path):
     pose = random_poses(30, 10)
     own = np.tile(np.array([patch.pose for patch in flat_hand().patches]), (30, 1, 1))

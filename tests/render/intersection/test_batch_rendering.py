@@ -46,6 +46,7 @@ poses_of_cases = st.builds(random_poses, st.integers(1, 12), st.integers(0, 2**3
 palms = st.builds(Palm, st.floats(0.01, 0.3), st.floats(0.01, 0.3))
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=40)
 @given(name=st.sampled_from(["cube", "tube", "dog"]), poses=poses_of_cases, palm=palms)
 def test_closed_contours_hold_the_open_ones_and_are_never_shorter(name, poses, palm):
@@ -60,6 +61,7 @@ def test_closed_contours_hold_the_open_ones_and_are_never_shorter(name, poses, p
         assert {tuple(p) for line in own.polylines_of(pose) for p in line} == ends
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=40)
 @given(name=st.sampled_from(["cube", "tube", "dog"]), poses=poses_of_cases, palm=palms)
 def test_batches_keep_their_own_rules(name, poses, palm):
@@ -102,6 +104,7 @@ def test_sections_of_the_sphere_lie_between_its_faces_and_its_radius(height, til
         assert batch.polyline_count == 0
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=25)
 @given(
     name=st.sampled_from(["tube", "dog"]),

@@ -78,6 +78,7 @@ def test_a_file_tells_where_the_middle_of_its_outline_is_so_that_pictures_are_ri
         np.testing.assert_allclose(shown, expected[kept["faces"]], atol=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_a_still_and_a_moving_object_are_not_drawn_in_one_picture(tmp_path):
     motion = HandMotion(np.arange(3) / 90, poses_at(TUBE.bounds.mean(axis=0), 3))
     moved = np.array([[0.01, 0.02, 0.25, 0, 0, 0, 1]], np.float32)

@@ -81,7 +81,7 @@ def test_hands_of_several_patches_joints_and_objects_that_move_give_what_the_ker
     hands = (PlaneHand(patches, (PatchJoint("a", 2, "b", 0),)), PlaneHand(patches, (), own))
     for hand, name, strategy, moves in product(hands, ("tube", "bodies"), (OC, CC), (False, True)):
         things = [crossing(CLOSED[name](), crossings=n) for n in (1, 0)]
-        where = {"moved": places if moves else None, "device": device}
+        where = {"object_pose": places if moves else None, "device": device}
         batch, expected = (render(thing, hand, poses, strategy, **where) for thing in things)
         assert set(expected.polyline_patch) == {0, 1}
         assert_same_contours(batch, expected, near=3e-7)
@@ -205,7 +205,7 @@ TOUCHING = {
 }
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("name", TOUCHING)
 def test_where_a_solid_touches_itself_there_is_no_wall_and_no_gap(name, turned):

@@ -92,6 +92,7 @@ def test_polylines_start_and_stand_in_the_order_that_is_promised():
                     assert kind[-2] == 1
 
 
+@pytest.mark.exhaustive
 def test_blocks_chunks_and_memory_change_no_bit(monkeypatch):
     thing, poses = crossing(PRISMS["zigzag"]()), generic_poses(50, 3)
     expected = {strategy: render(thing, Palm(), poses, strategy) for strategy in (OC, CC, WHOLE)}

@@ -67,7 +67,7 @@ def test_a_question_for_a_limit_is_answered(limit):
     assert bound <= limit or limit < 0.017
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["sphere", "dog-detailed", "tube"])
 def test_no_point_is_farther_than_told(name, rng):
     thing = MeshObject.load(name)
@@ -91,6 +91,7 @@ def test_flat_sides_cost_nothing():
     np.testing.assert_allclose(simple.bounds, thing.bounds, atol=1e-7)
 
 
+@pytest.mark.exhaustive
 def test_a_larger_tolerance_leaves_fewer_triangles():
     thing = ball(4)
     counts = [simplify(thing, tolerance)[1].triangles_after for tolerance in (1e-5, 5e-4, 5e-3)]

@@ -28,6 +28,7 @@ def moved_points(points, place):
     return turn.apply(points.astype(np.float64) - MIDDLE) + place[:3]
 
 
+@pytest.mark.exhaustive
 def test_contours_of_a_moved_object_are_those_of_the_object_made_where_it_is():
     hands, places = generic_poses(60, 5), object_motion(60)
     batch = render(TUBE, PALM, hands, closed_contour(), object_pose=places)

@@ -123,6 +123,7 @@ def _endless(frames: np.ndarray):
         yield frames
 
 
+@pytest.mark.exhaustive
 def test_frames_reach_the_emulated_array_at_the_network(link):
     frames = _frames(3000)
     report = Player(link).play(_blocks(frames), update_rate=RATE)
@@ -132,6 +133,7 @@ def test_frames_reach_the_emulated_array_at_the_network(link):
     assert link.status().level == 0
 
 
+@pytest.mark.exhaustive
 def test_a_link_that_was_closed_says_so(link):
     link.close()
     link.close()
@@ -149,6 +151,7 @@ def test_a_stop_silences_the_array_although_banks_are_full(link):
     assert Player(link).play(_blocks(_frames(500)), update_rate=RATE).frames == 500
 
 
+@pytest.mark.exhaustive
 def test_an_exception_in_the_blocks_silences_the_array(link):
     def blocks():
         yield _frames(2000)

@@ -115,7 +115,7 @@ def test_pressures_at_several_points_are_in_the_ratio_of_their_intensities(ampli
     assert np.median(turned(half.delay - drives.delay)) < 1e-4
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("block", [1, 3, 97, 600])
 @pytest.mark.parametrize("several", [False, True])
 def test_frames_are_the_same_in_blocks_of_any_size(several, block, device):

@@ -68,7 +68,7 @@ def focus_of(path, sampling, duration=None):
         return joined(list(ContourSource(file, sampler, duration))), sampler
 
 
-@pytest.mark.exhaustive(but="50-multi-focus")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["stm", "pendulum", "multi-focus", "am-multi-focus"])
 @pytest.mark.parametrize("points_a_read", [50, 1 << 16])
 def test_a_file_read_in_pieces_is_sampled_as_one(name, points_a_read, moving, motion, tube, monkeypatch):
@@ -83,7 +83,7 @@ def test_a_file_read_in_pieces_is_sampled_as_one(name, points_a_read, moving, mo
     assert sampler.count == whole.count
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "sampling",
     [
@@ -146,6 +146,7 @@ def test_repeats_play_the_same_frames_again_without_the_file(moving):
     assert playback.as_dict()["repeats"] == 3
 
 
+@pytest.mark.exhaustive
 def test_repeats_of_what_does_not_fit_are_read_again(moving, monkeypatch):
     monkeypatch.setattr("palpate.render.playback.frame_source.KEPT_BYTES_MOST", 1000)
     sampler = Sampler(SamplingStrategy(update_rate=1000.0))
@@ -265,7 +266,7 @@ def test_rates_that_one_of_the_arrays_lacks_are_refused_before_anything_is_sent(
         play_file(moving, array="pat16", sampling=sampling, connection=Connection(clock="virtual", emulate=True))
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("array", ["pat16", "sonicsurface"])
 def test_models_of_real_boards_take_a_file_at_their_own_rate(array, moving):
     playback = play_file(moving, array=array, connection=Connection(clock="virtual", emulate=True))
@@ -308,6 +309,7 @@ def test_poses_far_apart_are_held_until_the_next_one(static, tube, tmp_path):
     assert (focus.intensity == 1).all()
 
 
+@pytest.mark.exhaustive
 def test_emulated_boards_have_the_serial_numbers_and_rates_that_are_asked_for(moving, tmp_path):
     emulated = Connection(clock="virtual", emulate=True)
     arrays = load_rig("pat16", serial="FT1234")

@@ -161,6 +161,7 @@ def test_the_clock_may_start_anywhere_and_the_next_pose_is_expected_after_an_int
     assert one.sampler.count.samples == 20_000
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=30)
 @given(
     gaps=st.lists(st.floats(1e-4, 0.06), min_size=1, max_size=8),
@@ -276,6 +277,7 @@ def test_closed_contours_of_an_open_mesh_are_refused_when_made():
         Instant(thing_of("bowl"), PALM, closed_contour())
 
 
+@pytest.mark.exhaustive
 def test_a_method_that_there_is_not_is_refused_when_made():
     with pytest.raises(ValueError, match="guess"):
         PoseContours(thing_of("tube"), PALM, closed_contour(), method="guess")
@@ -297,7 +299,7 @@ def test_every_patch_of_a_hand_is_drawn(method, size):
         assert_same_bits(contours.at(pose), expected.select(i, i + 1))
 
 
-@pytest.mark.exhaustive(but="sphere-40000")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.thing}-{case.update_rate:g}")
 def test_benchmark_case_measures_poses_with_contours(case):
     figures = measure(case, 500, repeats=2)

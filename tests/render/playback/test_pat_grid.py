@@ -79,7 +79,7 @@ def test_three_blocks_silence_any_grid_and_any_reader_at_once(residue: int) -> N
 PHASES = range(-20, 1536 * BYTE_NS // 1000 + 20)  # [us] of the clear after the first byte, in steps of 1 us
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("residue", "torn"), [(0, 0), (1, 511), (37, 300), (300, 0), (511, 34)])
 def test_no_phase_of_the_clear_leaves_the_array_on(residue: int, torn: int) -> None:
     met = 0
@@ -106,6 +106,7 @@ def test_no_phase_of_the_clear_leaves_the_array_on(residue: int, torn: int) -> N
     assert met >= (FRAME - residue) * BYTE_NS // 1000 - 2
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 511), st.integers(0, 511), st.integers(-1_000, 1_600_000), st.integers(0, 255))
 def test_any_state_at_any_time_is_silenced_and_plays_whole(residue: int, torn: int, early: int, divider: int) -> None:

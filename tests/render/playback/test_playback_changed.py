@@ -42,7 +42,7 @@ def lengthen(path):
         file.write(b"more")
 
 
-@pytest.mark.exhaustive(but="65536-zero-in place")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -78,6 +78,7 @@ def test_a_change_while_playing_is_an_error_at_the_next_block(
     assert not bus.board().emitting
 
 
+@pytest.mark.exhaustive
 def test_a_file_that_another_replaces_plays_to_its_end(recorded, tmp_path, monkeypatch):
     path = tmp_path / "own.h5"
     shutil.copy(recorded, path)

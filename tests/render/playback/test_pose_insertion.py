@@ -108,7 +108,7 @@ def test_what_appears_and_disappears_takes_a_bounded_number_of_poses():
     assert np.diff(denser.time).min() >= 25e-6 - 1e-12
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("name", "seed"), [("dog", 1), ("dog", 4), ("tube", 2)])
 @pytest.mark.parametrize("strategy", [closed_contour, open_contour])
 @pytest.mark.parametrize(("update_rate", "steps"), [(10_000.0, 3), (10_000.0, 1), (40_000.0, 1)])
@@ -123,7 +123,7 @@ def test_no_direction_is_worth_a_longer_step_at_a_new_pose(name, seed, strategy,
     assert count.hops["pose"] == 0 or steps == 3
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("update_rate", "steps", "hops"), [(10_000.0, 3, True), (10_000.0, 1, False), (40_000.0, 3, True)]
 )

@@ -45,6 +45,7 @@ def test_the_object_shown_is_closed_and_has_two_bodies():
     assert thing.report.bodies == 2
 
 
+@pytest.mark.exhaustive
 def test_the_picture_is_drawn(tmp_path):
     picture = tmp_path / "gallery.png"
     draw_gallery(picture, names=["oc", "corner-pauses", "hatch", "depth-hatch"])
@@ -52,6 +53,7 @@ def test_the_picture_is_drawn(tmp_path):
     assert picture.stat().st_size > 20_000
 
 
+@pytest.mark.exhaustive
 def test_bad_pictures_and_unknown_strategies_are_refused(tmp_path):
     with pytest.raises(StrategyError, match="must end in one of"):
         draw_gallery(tmp_path / "gallery.jpg")

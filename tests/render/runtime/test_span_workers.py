@@ -67,6 +67,7 @@ def spans_of(ranges, *, size=10, workers=2):
     return spans
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=60, deadline=None)
 @given(
     ranges=st.lists(st.integers(0, 40), min_size=0, max_size=6).map(lambda steps: list(itertools.accumulate(steps))),
@@ -223,7 +224,7 @@ def test_a_pose_too_large_for_its_share_is_refused_with_the_memory_that_it_needs
     assert render(TUBE, PALM, pose, closed_contour(), devices=[device] * 2, memory=needed).pose_count == 1
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("workers", [1, 2])
 def test_memory_of_chunks_under_way_stays_below_the_budget(workers, poses, monkeypatch):
     """Every array that Warp takes and gives back on the CPU is counted."""
@@ -286,6 +287,7 @@ def test_a_gpu_holds_at_most_twice_the_results_and_the_budget(device, poses, tmp
     assert peak <= 2 * largest + 2**26
 
 
+@pytest.mark.exhaustive
 def test_a_file_of_several_workers_is_that_of_one(tmp_path, device, poses):
     motion = HandMotion(None, poses)
     for name, devices in (("one.h5", [device]), ("three.h5", [device] * 3)):
@@ -297,6 +299,7 @@ def test_a_file_of_several_workers_is_that_of_one(tmp_path, device, poses):
                 np.testing.assert_array_equal(left[name], right[name], err_msg=name)
 
 
+@pytest.mark.exhaustive
 def test_recording_that_fails_keeps_what_was_done_and_leaves_no_thread(tmp_path, poses, monkeypatch):
     motion, path = HandMotion(None, poses), tmp_path / "out.h5"
     real, calls = Scene.contours, []

@@ -46,6 +46,7 @@ def test_closed_contour_is_drawn_in_equal_steps_the_seam_included():
     assert sum(count.jumps.values()) == 0
 
 
+@pytest.mark.exhaustive
 @given(
     radius=st.floats(0.01, 0.06),
     corners=st.integers(3, 20),
@@ -246,6 +247,7 @@ def test_intensity_is_linear_along_segments():
     assert intensity == pytest.approx(point[:, 0] / 0.07, abs=1e-6)
 
 
+@pytest.mark.exhaustive
 @given(
     radius=st.floats(0.005, 0.1),
     speed=st.floats(1.0, 20.0),

@@ -34,6 +34,7 @@ def visits(lines, strategy, samples):
     return near.sum(axis=0), sampler
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("route", ["shortest", "given"])
 @pytest.mark.parametrize("length", [0.1 * STEP, 0.3 * STEP, 0.62 * STEP, 0.99 * STEP, 1.5 * STEP, 1e-6])
 def test_ten_small_loops_are_all_drawn_in_some_of_the_cycles(length, route):
@@ -88,6 +89,7 @@ def test_samples_over_all_turns_are_evenly_spread():
     assert np.floor(share) >= 1
 
 
+@pytest.mark.exhaustive
 def test_a_contour_that_moves_draws_its_small_loops_too():
     sampler, found = Sampler(SamplingStrategy()), np.zeros(10, int)
     for k in range(180):

@@ -85,7 +85,7 @@ def test_the_longest_hop_is_kept_by_cause(silent):
     assert sampler.count.hop_longest == longest["pose"]
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", ["frequency", "capped"])
 def test_steps_on_the_contours_before_are_judged_by_those_whatever_the_block(kind):
     """A ring of 188 mm, then two of 25 mm each, all at 20 Hz: steps of 0.38 and 0.1 mm; hops are at poses only.
@@ -144,6 +144,7 @@ def test_held_points_hop_from_one_to_the_next_by_the_order():
     assert count.hop_longest == pytest.approx(2e-3, rel=2e-3)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("update_rate", [10_000.0, 40_000.0])
 def test_hops_and_jumps_of_an_exploration_are_the_steps_that_are_too_long(update_rate):
     """A recount from the focal points alone: all steps between two that are not silent."""

@@ -77,6 +77,7 @@ lines_drawn = st.lists(
 ).map(lambda lines: [(np.array(points) * 1e-3 + [0, 0, 0.2], closed and len(points) > 2) for points, closed in lines])
 
 
+@pytest.mark.exhaustive
 @given(
     lines=lines_drawn,
     gap=st.sampled_from(["jump", "pendulum"]),
@@ -108,6 +109,7 @@ def test_every_sample_lies_on_a_contour_and_no_step_along_it_is_longer_than_the_
     assert jumps <= ends * (count.cycles + 1)
 
 
+@pytest.mark.exhaustive
 @given(lines=lines_drawn, share=st.floats(0.05, 0.9))
 @settings(max_examples=30, deadline=None)
 def test_pauses_take_their_share_of_the_cycle(lines, share):
@@ -239,6 +241,7 @@ def test_modulation_goes_on_through_silence_and_new_poses():
     assert sampler.count.silent == 333
 
 
+@pytest.mark.exhaustive
 @given(turn=st.floats(-3.0, 3.0))
 @settings(max_examples=20, deadline=None)
 def test_small_circles_lie_in_the_plane_of_the_palm(turn):
@@ -279,6 +282,7 @@ def test_still_points_stay_where_they_are():
     assert len(np.unique(np.round(position[0], 6), axis=0)) == 8
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "name",
     [

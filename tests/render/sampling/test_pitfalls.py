@@ -145,6 +145,7 @@ def test_16_short_contours_explode_the_draw_frequency_unless_it_is_capped(radius
     assert capped.revisit_rate is None or 60.0 <= capped.revisit_rate <= 200.0
 
 
+@pytest.mark.exhaustive
 @given(length=st.floats(0.02, 0.5))
 @settings(max_examples=30, deadline=None)
 def test_17_seam_is_a_step_like_any_other_and_corners_are_cut_by_half_a_step_at_most(length):
@@ -211,7 +212,7 @@ def moving_square(count, shift=1e-3):
         yield [(np.roll(ring, i % 4 if i % 30 == 0 else 0, axis=0), True)]
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["dtp", "stp"])
 def test_slow_strategies_get_around_though_a_cycle_lasts_many_poses(name):
     poses = list(moving_square(360))
@@ -232,6 +233,7 @@ def test_slow_strategies_get_around_though_a_cycle_lasts_many_poses(name):
     assert len(runs) >= 8
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("line", [[[0, 0, 0.2], [0.07, 0, 0.2]], [[0, 0, 0.2], [0.05, 0, 0.2], [0.05, 0.02, 0.2]]])
 def test_pause_is_neither_cut_short_nor_begun_again_by_new_poses(line):
     strategy = SamplingStrategy(dwell=Dwell(time=0.05), gap=Gap(kind="pendulum"))

@@ -75,6 +75,7 @@ REACH = 10
 FIRST_CYCLE = (REACH, sum(range(400 - REACH, 400)))
 
 
+@pytest.mark.exhaustive
 def test_every_place_counts_from_its_second_visit_on(every_place):
     assert counted(ring(4_000, 400)) == (3_600 + FIRST_CYCLE[0], 3_600 * 400 + FIRST_CYCLE[1])
 
@@ -95,7 +96,7 @@ def reach_on_circle(radius):
     return 2 * radius * math.asin(5e-3 / (2 * radius))
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("lines", "answer", "nominal"),
     [
@@ -117,7 +118,7 @@ def test_loops_drawn_in_turn_are_revisited_once_a_cycle_but_twice_at_their_seams
     assert answer / nominal < 1.12
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("cycle", [200, 400, 1_000])
 def test_picks_lock_onto_no_part_of_a_cycle_that_keeps_step_with_them(cycle, monkeypatch):
     speed = 6 * 2 * 64 * 0.008 * math.sin(math.pi / 64) / ((cycle - 0.5) / RATE)
@@ -154,6 +155,7 @@ def test_places_after_a_long_silence_wait_since_drawing_began_again(every_place)
     )
 
 
+@pytest.mark.exhaustive
 def test_short_silence_is_part_of_the_wait(every_place):
     lit = np.ones(8_000, bool)
     lit[4_000:6_000] = False  # five cycles
@@ -163,12 +165,13 @@ def test_short_silence_is_part_of_the_wait(every_place):
     )
 
 
+@pytest.mark.exhaustive
 def test_place_that_was_not_drawn_for_a_second_has_waited_in_vain(every_place):
     points = np.concatenate([ring(20_000, 400), ring(1, 400) + np.tile([[0.1, 0, 0]], (10, 1))])
     assert counted(points) == (19_600 + FIRST_CYCLE[0], 19_600 * 400 + FIRST_CYCLE[1] + 10 * 10_000)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("tremor", [0.0, 1e-4])
 def test_a_point_that_stays_is_not_drawn_again_however_it_is_modulated(every_place, tremor):
     points = POSE[:3] + tremor * np.random.default_rng(1).standard_normal((1_500, 3))
@@ -220,6 +223,7 @@ def test_every_place_is_what_the_slow_way_counts(seed, foci, silent, step, group
     assert found == visits_slowly(walk.astype(float).tolist(), drawn.tolist(), 80)
 
 
+@pytest.mark.exhaustive
 @given(cuts=st.lists(st.integers(1, 11_999), max_size=30, unique=True), seed=st.integers(0, 9))
 @settings(max_examples=15, deadline=None)
 def test_how_samples_are_cut_into_blocks_changes_nothing(cuts, seed):

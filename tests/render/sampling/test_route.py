@@ -44,6 +44,7 @@ def best_of_all(pieces, *, back=False, cyclic=True):
     return best
 
 
+@pytest.mark.exhaustive
 @given(lines=st.lists(opens, min_size=2, max_size=4), back=st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_up_to_four_open_pieces_are_joined_by_the_shortest_jumps(lines, back):
@@ -52,6 +53,7 @@ def test_up_to_four_open_pieces_are_joined_by_the_shortest_jumps(lines, back):
     assert found == pytest.approx(best_of_all(pieces, back=back), abs=1e-9)
 
 
+@pytest.mark.exhaustive
 @given(lines=st.lists(opens, min_size=2, max_size=3), back=st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_up_to_three_need_no_way_back_to_the_first(lines, back):
@@ -60,6 +62,7 @@ def test_up_to_three_need_no_way_back_to_the_first(lines, back):
     assert found == pytest.approx(best_of_all(pieces, back=back, cyclic=False), abs=1e-9)
 
 
+@pytest.mark.exhaustive
 @given(one=loops, other=st.one_of(loops, opens))
 @settings(max_examples=40, deadline=None)
 def test_a_loop_is_entered_near_its_best_place(one, other):
@@ -76,6 +79,7 @@ def test_a_loop_is_entered_near_its_best_place(one, other):
     assert best - 1e-3 <= found <= best + 2 * spacing
 
 
+@pytest.mark.exhaustive
 def test_nearest_neighbour_and_2_opt_are_close_to_the_optimum_on_average():
     random = np.random.default_rng(3)
     ratios = []
@@ -87,6 +91,7 @@ def test_nearest_neighbour_and_2_opt_are_close_to_the_optimum_on_average():
     assert np.max(ratios) < 1.2
 
 
+@pytest.mark.exhaustive
 @given(lines=st.lists(st.one_of(opens, loops), min_size=1, max_size=9), back=st.booleans(), cyclic=st.booleans())
 @settings(max_examples=50, deadline=None)
 def test_every_piece_is_in_the_route_once_and_whole(lines, back, cyclic):

@@ -56,7 +56,7 @@ def noisy_circles(rng, noise, count=270, shift=None, extra=None):
         yield lines + ([] if extra is None else extra(i))
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-6, 1e-5])
 def test_six_circles_are_each_drawn_again_within_a_cycle_and_a_half_whatever_the_noise(rng, noise):
     position, count = drawn(list(noisy_circles(rng, noise)))
@@ -66,6 +66,7 @@ def test_six_circles_are_each_drawn_again_within_a_cycle_and_a_half_whatever_the
     assert count.absence_max == pytest.approx(gap, abs=1.1 / UPDATE)
 
 
+@pytest.mark.exhaustive
 def test_the_shortest_route_of_each_pose_alone_is_another_by_noise(rng):
     """Why a route is kept: looked for anew at every pose, the order of the circles changes by a micrometre of noise."""
     paths = [Path.of(batch_of([lines]), 0) for lines in noisy_circles(rng, 1e-6)]
@@ -77,7 +78,7 @@ def test_the_shortest_route_of_each_pose_alone_is_another_by_noise(rng):
     assert len(orders) > 1
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("recording", ["HandSplay-110fps", "rollAndPitchCropped", "grab"])
 def test_tremor_of_real_hands_leaves_no_contour_undrawn(outside_data, rng, recording):
     shift = tremor_of(outside_data, recording, 270)
@@ -100,7 +101,7 @@ def tremor_of(folder, recording, count):
     return np.resize(np.concatenate([quick, quick[::-1]]), (count, 3))
 
 
-@pytest.mark.exhaustive(but="rollAndPitchCropped")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("recording", ["HandSplay-110fps", "rollAndPitchCropped", "grab"])
 def test_a_tube_under_a_trembling_hand_is_drawn_as_under_a_still_one(outside_data, recording):
     """Palm across an upright tube: its own four sides, and the tube's inner wall, a circle of 40 mm around z."""
@@ -124,6 +125,7 @@ def test_a_tube_under_a_trembling_hand_is_drawn_as_under_a_still_one(outside_dat
     assert gaps == pytest.approx([4 * 0.088 / 7.0] * 2, rel=0.01)  # as long as the sides take
 
 
+@pytest.mark.exhaustive
 def test_contours_that_stay_are_drawn_on_while_others_come_and_go(rng):
     other = circle(0.006, (0.0, 0.05, 0.2), 40)
     flicker = rng.integers(0, 2, 270)
@@ -134,7 +136,7 @@ def test_contours_that_stay_are_drawn_on_while_others_come_and_go(rng):
     assert longest_gap(nearest_of(position, centres), 6) < 1.5 * longest
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("stay_count", "flicker_count"), [(3, 4), (4, 6), (6, 8), (8, 10)])
 def test_contours_that_stay_are_drawn_on_while_more_others_come_and_go(rng, stay_count, flicker_count):
     """Circles of 8 mm that stay, and more of 2 mm that are there at every second pose."""
@@ -178,7 +180,7 @@ def passing(share):
     return [([[a, b, 0.2], [a, b + 1e-3, 0.2]], False) for a, b in zip(x, y, strict=True)]
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("margin", [0.0, 0.2, 1000.0])
 def test_a_shorter_route_is_taken_once_it_is_shorter_by_the_margin(margin):
     """Against all orders and directions of the four lines, tried one by one."""

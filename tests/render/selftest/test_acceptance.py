@@ -110,6 +110,7 @@ def test_one_wrong_answer_at_a_time_is_told_with_its_meaning(step, answer, hour)
     assert done.report["ended_by"] == "end"
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("line", ["s no tuner at hand", "S  no tuner at hand "])
 def test_a_step_is_skipped_with_its_reason(line, hour):
     answers = answers_of("pat16")

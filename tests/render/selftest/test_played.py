@@ -90,7 +90,7 @@ def plane(height, half=0.06, step=2e-3):
     return np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
 
 
-@pytest.mark.exhaustive(but="pat16-corner-x-side1")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("step", "side"), [("corner", NEAR_LEFT), ("corner-x", NEAR_RIGHT), ("corner-y", FAR_LEFT)])
 def test_a_corner_is_one_quarter_and_focuses_above_its_middle(step, side, played):
     array, frames = played[0], played[1][step][0]
@@ -149,6 +149,7 @@ def stretches(level, time_ns):
     return [(level[part[0] : part[-1] + 1], time_ns[part[0] : part[-1] + 1]) for part in parts]
 
 
+@pytest.mark.exhaustive(but="ending-pat16")
 @pytest.mark.parametrize("array", ["emulator", "pat16"])
 @pytest.mark.parametrize("step", ["ending", "pitch", "minute"])
 def test_tones_are_a_by_the_boards_own_clock(array, step, hours, capsys):
@@ -227,6 +228,7 @@ def pressure(drive):
     return abs(np.sum(level * np.exp(-2j * np.pi * (delay + flight))))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("array", ["emulator", "pat16", "sonicsurface"])
 def test_the_array_is_off_after_each_step_and_within_a_tenth_of_a_second_of_a_stop(array, hours, capsys):
     steps, (stop_ns,), _ = hours(array, capsys)

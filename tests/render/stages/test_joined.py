@@ -288,6 +288,7 @@ def removed_slowly(batch, hand, pose, angle, gap):
     return removed
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("rigid", [True, False])
 def test_removed_lengths_are_those_of_the_oracle(rigid, device):
     pose, thing, hand = random_poses(60, 8, spread=0.04), MeshObject.load("tube"), flat_hand()

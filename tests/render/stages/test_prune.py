@@ -132,7 +132,7 @@ def test_off_skin_cuts_exactly_at_the_focal_radius(device):
 # ---- close-together ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("across", [False, True])
 def test_close_together_judges_every_part_as_the_slow_way_does(device, rng, across):
     batch = random_batch(rng, 12, spread=0.015, line_most=3, point_most=7, patch_count=2)
@@ -275,6 +275,7 @@ def seen_share(x, frames, side=0.168, count=8):
     return free / count**2
 
 
+@pytest.mark.exhaustive
 def test_hidden_removes_what_less_than_half_of_the_array_sees(device):
     places = [(0, 0, 0.2), (0.02, 0.01, 0.16), (0, 0, -0.01)]  # a palm, a finger below it, one behind the array
     finger = flat_frames(places, [(0.0425, 0.0425), (0.03, 0.01), (0.2, 0.2)])

@@ -213,6 +213,7 @@ def test_far_objects_scale_options_to_their_bounds():
         make().resolved(0.9)
 
 
+@pytest.mark.exhaustive
 def test_presets_are_all_there_at_the_first_look_and_grow_while_looked_through():
     code = (
         "from palpate.render.strategies.intersection_strategy import PRESETS, open_contour\n"

@@ -62,6 +62,7 @@ def rows(told):
     return {row[names.index("recipe_hash")]: dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)}
 
 
+@pytest.mark.exhaustive
 def test_a_sweep_is_made_once_and_grows(tmp_path):
     told = answer("sweep", plan(tmp_path / "a.toml"), "--device", "cpu", "--workers", "1")
     assert (told["recipes"], told["poses"], told["poses_rendered"], told["recipes_failed"]) == (4, 720, 720, 0)
@@ -106,6 +107,7 @@ def test_the_table_of_a_union_of_plans_is_the_union_of_their_tables(tmp_path_fac
     assert both == alone[0] | alone[1]
 
 
+@pytest.mark.exhaustive
 def test_rows_of_poses_and_kept_files(tmp_path):
     path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("oc", "hatch"))
     path.write_text('per_pose = true\nkeep = ["contours"]\n' + path.read_text())
@@ -196,6 +198,7 @@ def test_a_plan_of_a_billion_recipes_asks(tmp_path):
     assert " TB" in told
 
 
+@pytest.mark.exhaustive
 def test_mistakes_get_one_sentence(tmp_path):
     path = plan(tmp_path / "a.toml")
     refused(MISUSED, "a.toml:2: objekt", "sweep", _with(tmp_path, "\nobjekt.source = 'cube'\n"))

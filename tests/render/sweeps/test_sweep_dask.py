@@ -291,6 +291,7 @@ def test_a_worker_that_has_no_such_store_is_named(theirs, store, how, says):
     until(lambda: worker_count(theirs) == 1)
 
 
+@pytest.mark.exhaustive
 def test_a_missing_device_is_named_with_worker_and_host(theirs, store):
     says = rf"worker tcp.* {socket.gethostname()}.*no device 'cuda:7'.*cpu"
     with pytest.raises(SweepError, match=says):
@@ -305,6 +306,7 @@ def test_a_worker_with_other_code_is_named(theirs, store, monkeypatch):
         DaskEngine(theirs.scheduler_address, devices="cpu", work=work).start(store)
 
 
+@pytest.mark.exhaustive
 def test_a_scheduler_that_does_not_answer_is_named_in_time(store):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # nobody listens there
@@ -315,6 +317,7 @@ def test_a_scheduler_that_does_not_answer_is_named_in_time(store):
         assert time.monotonic() - begun < 10.0
 
 
+@pytest.mark.exhaustive
 def test_workers_that_do_not_come_are_counted(theirs, store):
     with pytest.raises(SweepError, match="only 1 of 3 workers"):
         DaskEngine(theirs.scheduler_address, workers=3, patience=0.5, work=work).start(store)
@@ -358,6 +361,7 @@ def test_a_cluster_of_ours_lets_nobody_in_without_its_keys(crowd):
             Client(where, security=keys, timeout=2)
 
 
+@pytest.mark.exhaustive
 def test_without_the_extra_the_command_that_installs_it_is_told(store, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(SweepError, match=r"pip install 'palpate\[cluster\]'"):

@@ -179,6 +179,7 @@ def test_both_kinds_of_engine_make_the_same_results_to_the_bit(tmp_path):
     assert results[0] == results[1]
 
 
+@pytest.mark.exhaustive
 def test_many_tasks_are_begun_in_order_by_all_workers(engine, tmp_path):
     tasks = tasks_of(tmp_path, *["done"] * 300)
     submit(engine, tasks)
@@ -259,6 +260,7 @@ def test_a_task_that_kills_every_worker_costs_no_other_task(engine, tmp_path):
     )
 
 
+@pytest.mark.exhaustive
 def test_a_worker_that_dies_while_it_waits_is_replaced_and_the_user_told(engine, tmp_path):
     submit(engine, tasks_of(tmp_path, "die-after 0.2"))
     gather(engine, 1)
@@ -301,6 +303,7 @@ def test_a_stopped_worker_stops_nobody_else(engine, tmp_path):
     gather(engine, 2)
 
 
+@pytest.mark.exhaustive
 def test_warnings_of_workers_reach_the_user_once(engine, tmp_path):
     submit(engine, tasks_of(tmp_path, *["warn faces were turned"] * 6))
     with pytest.warns(PalpateWarning) as told:

@@ -138,7 +138,7 @@ def test_a_long_caption_is_wrapped():
 ODD = ["a$^$b", "$", r"\$x$", "two\nlines", "$" * 7, "long " * 30]
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("axis", ["strategy", "object"])
 def test_names_are_shown_as_they_are_and_long_ones_cut(tmp_path, axis):
     rows = swept(**{axis: ODD, "speed": [5.0, 7.0]})
@@ -153,7 +153,7 @@ def test_names_are_shown_as_they_are_and_long_ones_cut(tmp_path, axis):
     assert any(text.startswith(r"$\mathdefault") for text in texts(figure))
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("suffix", "begin"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_pictures_are_written(tmp_path, suffix, begin):
     path = tmp_path / f"sweep{suffix}"

@@ -130,7 +130,7 @@ def test_contours_that_are_kept_are_read_and_not_rendered_again(tmp_path, render
         payload(tmp_path, recipe, "sampling")
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("damage", ["cut", "emptied", "overwritten"])
 @pytest.mark.parametrize("group", ["sampling", "keep-contours"])
 def test_damaged_contours_are_set_aside_and_rendered_again(tmp_path, rendered, group, damage):

@@ -31,7 +31,7 @@ from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.batch_rendering import Chunk
 from palpate.render.intersection.file_recording import metrics_of
-from palpate.render.intersection.scene import Scene
+from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps import sweep_metrics
 from palpate.render.sweeps.sweep_metrics import FREQUENCIES, Part, measure_batch
@@ -161,6 +161,7 @@ def test_columns_are_those_of_a_contour_file(device):
         assert columns[name].dtype == value.dtype
 
 
+@pytest.mark.exhaustive
 def test_area_is_of_raw_contours_and_nan_where_none_is_closed(device):
     pose = generic_poses(50, 9)
 
@@ -273,7 +274,7 @@ def test_contours_are_drawn_only_where_their_points_are_needed(device):
     moved = Scene.of(TUBE, Palm(), CC, object_pose=generic_poses(len(pose), 8))
     assert "draw" in measured(moved, pose, device).contours["seconds"]
     with pytest.raises(StrategyError, match="stands still"):
-        moved.tally(pose, 0, device, *(wp.empty(1, device=device),) * 2)
+        moved.tally(PoseBlock(pose, 0, device), *(wp.empty(1, device=device),) * 2)
 
 
 def test_time_of_drawing_is_kept_where_a_part_goes_on_undrawn():

@@ -434,6 +434,7 @@ def plan_texts(draw):
     return text + draw(st.sampled_from(["", "[[only]]\nmotion.seed = {at_most = 9}\nobject.fit = {at_least = 0.08}\n"]))
 
 
+@pytest.mark.exhaustive
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
 @given(st.lists(plan_texts(), min_size=2, max_size=3))
 def test_recipes_of_a_union_are_the_union_of_recipes_each_once(folder, texts):
@@ -461,7 +462,7 @@ def test_plans_that_run_together_agree_on_devices_and_unite_what_they_ask_for(fo
 # Size
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "text",
     [
@@ -481,6 +482,7 @@ def test_a_plan_of_a_billion_recipes_is_counted_and_begun_without_going_through_
     assert plan.described()["recipe_count"] == 10**9
 
 
+@pytest.mark.exhaustive
 def test_long_axes_have_the_same_recipes_as_short_ones_once_each(folder):
     tables = "[[motion]]\nseed = {{first = 1, count = {}}}\n[[motion]]\nseed = {{first = 3, count = 3}}\n"
     with pytest.warns(PalpateWarning, match="3 of 103 values are the same"):

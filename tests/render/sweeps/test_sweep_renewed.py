@@ -118,7 +118,7 @@ def test_a_stage_of_ones_own_may_have_its_words_changed_and_tells_what_it_remove
     assert load_table(told[1]["poses_table"])["removed_other"].mean(dtype=float) == pytest.approx(removed[0])
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["poses.h5", "table.h5", "summary.png"])
 @pytest.mark.parametrize("how", ["deleted", "emptied"])
 def test_what_a_store_has_lost_is_written_again(tmp_path, name, how):
@@ -133,6 +133,7 @@ def test_what_a_store_has_lost_is_written_again(tmp_path, name, how):
     assert name == "summary.png" or lost.read_bytes() == before
 
 
+@pytest.mark.exhaustive
 def test_a_damaged_table_of_the_same_length_is_written_again_which_is_said(tmp_path):
     path = plan(tmp_path, "oc")
     table = Path(sweep(path)["table"])
@@ -158,6 +159,7 @@ def test_a_picture_that_fails_is_told_and_costs_nothing_else(tmp_path, monkeypat
     assert not list((tmp_path / "plan.sweep").glob("summary*"))
 
 
+@pytest.mark.exhaustive
 def test_names_with_dollars_have_a_picture(tmp_path):
     (tmp_path / "a$^$b.json").write_text(json.dumps({"prune": ["outside", "small"]}))
     told = sweep(plan(tmp_path, "oc", "a$^$b.json"))

@@ -283,6 +283,7 @@ def test_poses_that_two_groups_lack_are_not_reused_and_count_once(tmp_path):
         assert report.poses_reused == reused
 
 
+@pytest.mark.exhaustive
 def test_a_worker_with_a_full_disk_costs_time_only(tmp_path):
     failed = []
 

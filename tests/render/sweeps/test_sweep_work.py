@@ -130,11 +130,13 @@ def test_recipes_that_share_batches_and_devices_are_the_same_to_the_bit(tmp_path
     assert made(tmp_path, mixed(), GROUPS, device) == alone
 
 
+@pytest.mark.exhaustive
 def test_recipes_in_small_batches_are_the_same_to_the_bit(tmp_path, alone, monkeypatch, device):
     monkeypatch.setattr(sweep_work, "batch_capacity", lambda *_: 2 * SPAN)
     assert made(tmp_path, mixed(), GROUPS, device) == alone
 
 
+@pytest.mark.exhaustive
 def test_batches_with_too_many_points_are_halved(tmp_path, alone, monkeypatch):
     tried = []
     measure = sweep_work.measure_batch
@@ -185,6 +187,7 @@ def recording(tmp_path):
     return recorded(path, alignment=tmp_path / "above.json", rate=900.0)
 
 
+@pytest.mark.exhaustive
 def test_hands_that_are_posed_by_a_recording_keep_to_their_rows(tmp_path, recording, monkeypatch):
     recipes = [recipe_of("tube", "planes", recording), recipe_of("tube", "palm", recording)]
     rows = made(tmp_path, recipes, GROUPS)

@@ -373,6 +373,7 @@ def sha256_of(text):
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+@pytest.mark.exhaustive
 def test_an_accepted_file_is_not_accepted_where_other_data_name_it(folder):
     assert run("trust", "ball.py").exit_code == DONE
     assert render("--bounds", *BOX, thing="ball.py:ball").exit_code == DONE
@@ -459,6 +460,7 @@ def test_a_relative_config_folder_is_ignored(monkeypatch, folder):
         accepted()
 
 
+@pytest.mark.exhaustive
 def test_code_given_as_an_object_needs_no_permission(folder):
     """A stage that a script has registered is no code from data, though data name it."""
     script = (

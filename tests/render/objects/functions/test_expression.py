@@ -43,6 +43,7 @@ def values(e, x=AT, device="cpu"):
     return probe_points(tree_field(compile_expression(e), device), x, device=device)
 
 
+@pytest.mark.exhaustive
 @given(expressions)
 def test_values_are_those_of_the_oracle(e):
     assert np.abs(values(e) - value(e, AT)).max() <= NEAR
@@ -95,6 +96,7 @@ def test_operators_say_what_is_inside(a, b):
     assert (values(a.blended(b, 0.01)) == values(b.blended(a, 0.01))).all()
 
 
+@pytest.mark.exhaustive
 @given(bounded_expressions)
 def test_bounds_hold_all_of_it(e):
     low, high = expression_bounds(e)
@@ -173,6 +175,7 @@ def tall_trees(draw):
     return e
 
 
+@pytest.mark.exhaustive
 @given(tall_trees())
 @settings(max_examples=20)
 def test_a_tall_tree_needs_a_small_stack(e):

@@ -34,7 +34,7 @@ def inside(thing, x, device="cpu"):
     return probe_points(thing.field_on(device), x, device=device) < 0
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("source", [sphere(0.04), functions.ball, functions.ball_of_doubles, functions.steep])
 def test_a_ball_is_a_ball_however_it_is_told(source, device, rng):
     thing = made(source, AROUND, placement=Placement(scale=2, at=(0.01, -0.02, 0.2)))
@@ -97,13 +97,14 @@ def test_bounds_that_hold_an_expression_change_nothing():
     assert made(sphere(0.04), [[-0.06] * 3, [0.03] * 3]).identity != one.identity
 
 
+@pytest.mark.exhaustive
 def test_a_function_is_cut_by_its_bounds_with_a_warning():
     with pytest.warns(PalpateWarning, match=r"ball: reaches its bounds' border, at \(-0.03, .*\) m for one"):
         thing = made(functions.ball, [[-0.03] * 3, [0.06] * 3], placement=None, hand=True)
     assert inside(thing, np.array([[-0.029, 0, 0], [-0.031, 0, 0]])).tolist() == [True, False]
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -141,6 +142,7 @@ def test_bounds_that_are_none_are_refused(bounds, message):
         made(functions.ball, bounds)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("e", "message"),
     [
@@ -163,6 +165,7 @@ def test_thin_and_small_insides_are_found():
     made(box(0.1, 0.1, 0.1) - half_space((1, 1, 1), 0.149 / 3**0.5))  # 1 mm of a corner
 
 
+@pytest.mark.exhaustive
 def test_files_and_names_are_loaded(tmp_path, monkeypatch):
     path = tmp_path / "solid.json"
     path.write_text(expression_to_json(sphere(0.04)))
@@ -206,6 +209,7 @@ def test_a_file_that_ends_the_program_is_refused(tmp_path):
         ImplicitObject(f"{tmp_path / 'ends.py'}:f", bounds=[[-1] * 3, [1] * 3], allow_code=True)
 
 
+@pytest.mark.exhaustive
 def test_identity_is_of_what_decides_where_the_surface_is():
     of = {
         made(sphere(0.04)).identity,
@@ -219,6 +223,7 @@ def test_identity_is_of_what_decides_where_the_surface_is():
     assert made(sphere(0.04), name="other").identity == made(sphere(0.04)).identity
 
 
+@pytest.mark.exhaustive
 def test_a_constant_that_a_function_reads_counts_to_its_identity(tmp_path):
     """Its own source is the same, but not where it is below 0."""
     of = set()

@@ -67,6 +67,7 @@ def test_what_is_read_is_what_was_repaired(folder, repairs):
     assert third.report.bodies_united == 2
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
 @pytest.mark.parametrize(
     "change", [{"solid": "even-odd"}, {"weld": 1e-6}, {"fill_holes": 0.01}, "a vertex", "a face", "a source"]

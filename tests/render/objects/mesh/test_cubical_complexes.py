@@ -93,6 +93,7 @@ def test_corners_on_sides_closed_by_slivers_change_nothing(kind):
     assert taken > 200
 
 
+@pytest.mark.exhaustive
 def test_walls_that_are_there_once_make_a_cavity_solid():
     """The six sides of an empty voxel within single walls look like those of a filled one."""
     filled = np.ones((3, 3, 3), bool)
@@ -117,7 +118,7 @@ def random_boxes(rng, span=5):
     return filled, np.concatenate(triangles)
 
 
-@pytest.mark.exhaustive(but="2-turned float32")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", ["as it is", "turned", "turned float32"])
 @pytest.mark.parametrize("number", range(3))
 def test_boxes_that_overlap_touch_and_nest_load_as_their_union(number, kind):
@@ -135,7 +136,7 @@ def test_boxes_that_overlap_touch_and_nest_load_as_their_union(number, kind):
     assert simple > {"as it is": 40, "turned": 10, "turned float32": 2}[kind]
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("turn", [False, True], ids=["as it is", "turned"])
 def test_a_cube_many_times_in_one_place_is_one_cube(turn):
     """With diagonals of its own each time, half of them inside out or none."""
@@ -152,6 +153,7 @@ def test_a_cube_many_times_in_one_place_is_one_cube(turn):
         assert_is_solid(mended.vertices @ rotated, mended.faces, np.ones((1, 1, 1), bool), 1e-9, seed)
 
 
+@pytest.mark.exhaustive
 def test_two_bodies_with_one_base_are_what_either_holds():
     """A pyramid and the box that it stands in have the same bottom, and the same triangles there."""
     box = triangles_of(Complex(np.ones((1, 1, 1), bool), 0, False, False), np.random.default_rng(1))
@@ -172,7 +174,7 @@ def level_pose(height):
     return np.array([[0.3, 0.3, height, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("number", range(6))
 def test_contours_of_random_complexes_are_those_of_their_layers(number, device):
     """All the way from arrays to contours, cubes of 0.1 m, which float32 holds to 1e-8 m."""
@@ -193,7 +195,7 @@ def test_contours_of_random_complexes_are_those_of_their_layers(number, device):
             assert batch.polyline_closed.all()
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("grid", [False, True], ids=["float64", "float32"])
 def test_contours_of_boxes_that_touch_stay_when_all_is_turned(grid, device):
     """Boxes that overlap, touch and nest, and palms through their layers, turned together: no inner walls are drawn."""

@@ -155,6 +155,7 @@ def terminal(monkeypatch):
     return screen
 
 
+@pytest.mark.exhaustive
 def test_a_bar_appears_while_a_stage_takes_long_and_goes_again(terminal):
     with console.loading_bar("a[m].stl", quiet=False) as watch:
         watch("welding", 0, 1)

@@ -20,7 +20,7 @@ from palpate.render.objects.voxels.voxel_object import VoxelObject
 FORMATS = {".npz": None, ".nrrd": "nrrd", ".nii": "nibabel", ".nii.gz": "nibabel", ".nvdb": None}
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("end", FORMATS)
 @pytest.mark.parametrize("kind", ["distance", "occupancy"])
 def test_what_is_saved_is_loaded_again(end, kind, tmp_path, rng, device):
@@ -44,6 +44,7 @@ def test_what_is_saved_is_loaded_again(end, kind, tmp_path, rng, device):
     assert is_volume(path)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("end", [*FORMATS, ".npy"])
 def test_a_file_cut_short_is_refused_in_one_sentence(end, tmp_path):
     if FORMATS.get(end):

@@ -3,10 +3,10 @@
 | stage | gives | of what |
 |---|---|---|
 | close | done by the raw intersection, see `intersect` | the object's section |
-| identity, smooth, simplify | `transform_curves` | any contours |
-| corners, edges, depth | `transform_emphasis` | any contours |
-| ellipse, circle, centroid | `transform_shapes` | any contours; what encloses nothing is taken as lines |
-| hatch, inset | `transform_fill` | closed contours on planes |
+| identity, smooth, simplify | `curves` | any contours |
+| corners, edges, depth | `emphasis` | any contours |
+| ellipse, circle, centroid | `shapes` | any contours; what encloses nothing is taken as lines |
+| hatch, inset | `fill` | closed contours on planes |
 """
 
 from .curves import keep_contours, simplify_contours, smooth_contours

@@ -114,6 +114,7 @@ def test_a_pipe_is_refused_by_every_reader_without_waiting_for_its_writer(name, 
         read(tmp_path / name)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", sorted(set(READERS) - {"a.pat"}))
 def test_a_file_beyond_the_budget_is_refused_before_it_is_read(name, tmp_path, peak):
     read, error = READERS[name]

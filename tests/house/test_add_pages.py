@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = ["add-a-stage", "add-an-object", "add-a-hand"]
 SHARED = ["tests/conftest.py", "tests/cases", "tests/oracles", "pyproject.toml"]
 PACKAGES = ["kernels", "render", "device", "datasets"]
-LINES_MOST = 90
+LINES_MOST = 95
 
 
 def block(page, language):

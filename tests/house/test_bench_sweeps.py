@@ -10,7 +10,7 @@ import sweep_projection
 import sweeps
 
 
-@pytest.mark.exhaustive(but="3")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("recipe_count", [1, 3])
 def test_overhead_case_sweeps_what_it_renders(recipe_count, device, tmp_path):
     figures = sweeps.overhead(tmp_path, device, 300, 1, recipe_count)

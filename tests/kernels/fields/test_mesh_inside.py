@@ -39,6 +39,7 @@ def test_inside_is_a_winding_number_above_0(name, device, rng):
     np.testing.assert_array_equal(values_at(field_of(mesh, device), points, device) < 0, inside)
 
 
+@pytest.mark.exhaustive(but="dog")
 @pytest.mark.parametrize("name", ["cube", "tube", "dog", "shell"])
 def test_on_the_surface_is_outside_and_a_little_within_inside(name, device, rng):
     mesh = CLOSED[name]()
@@ -106,6 +107,7 @@ def test_a_rule_that_does_not_exist_is_refused(device):
         field_of(CLOSED["cube"](), device, "nonzero")
 
 
+@pytest.mark.exhaustive(but="dog")
 @pytest.mark.parametrize("name", ["cube", "tube", "dog", "sphere"])
 def test_roots_are_where_the_first_face_is_met_whichever_end_comes_first(name, device, rng):
     mesh = CLOSED[name]()

@@ -244,6 +244,7 @@ def patches_on(device, halves, origins):
     return wp.array(out, dtype=Patch, device=device)
 
 
+@pytest.mark.exhaustive(but="True")
 @pytest.mark.parametrize("posed", [False, True])
 def test_patches_of_different_sizes_are_as_each_alone(posed, device):
     case = random_waves(2)
@@ -288,7 +289,7 @@ UPWARD = [0.0, 0.0, 0.25, np.sin(np.pi / 4), 0.0, 0.0, np.cos(np.pi / 4)]  # n =
 DOWNWARD = [0.0, 0.0, 0.25, np.sin(-np.pi / 4), 0.0, 0.0, np.cos(-np.pi / 4)]
 
 
-@pytest.mark.exhaustive(but="pose1-0")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("pose", "count"), [(UPWARD, 1), (DOWNWARD, 0)])
 def test_a_face_flush_with_the_palm_counts_as_above(pose, count, device):
     """As a mesh's does: the solid below the plane shows its face, the one above does not."""
@@ -311,6 +312,7 @@ def test_a_side_that_ends_with_the_palm_is_the_hands(center, opened, closed, dev
     assert (batch.kind == 1).all()
 
 
+@pytest.mark.exhaustive
 def test_nodes_on_the_surface_make_no_steps_of_no_length(device):
     """Both edges of the grid that meet at such a node are cut right there."""
     field = shape_field(box_value, [0.0, 0.0, 0.0], (0.02, 0.1, 0.025))

@@ -207,6 +207,7 @@ def test_smooth_contours_are_the_same_to_the_bit_whether_tips_are_looked_for_or_
                 assert turning or np.array_equal(a[0], b[0])
 
 
+@pytest.mark.exhaustive
 def test_tips_do_not_depend_on_what_is_rendered_with_them(device, monkeypatch):
     poses = np.array([[*place, 0, 0, 0, 1] for place in np.random.default_rng(4).uniform(-0.01, 0.01, (24, 3))])
     field, _ = wedge_of(wedge_value, 15, 0.7, np.array([0.001, 0.002]))

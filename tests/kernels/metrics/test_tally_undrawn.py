@@ -49,7 +49,7 @@ def assert_same(drawn, walked):
         assert got.tobytes() == want.tobytes()
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("halves", [PALM, SEVERAL], ids=["palm", "several"])
 @pytest.mark.parametrize("name", sorted(MESHES))
 def test_bits_are_those_of_drawing(name, halves, device):

@@ -43,7 +43,7 @@ def ball():
 SKINS = {"arched": arched, "pierced": pierced, "ball": ball}
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("closes", [False, True], ids=["oc", "cc"])
 @pytest.mark.parametrize("solid", ["cube", "tube", "shell"])
 @pytest.mark.parametrize("skin", SKINS)

@@ -116,6 +116,7 @@ def test_sides_are_those_of_the_exact_determinant(family, size, device):
     assert len(np.unique(want)) >= 2  # a family that has one answer only would prove little
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("size", [3, 2], ids=["plane", "line"])
 def test_swapping_two_points_changes_the_sign_and_nothing_else(size, device):
     points = near_plane(np.random.default_rng(4), size)

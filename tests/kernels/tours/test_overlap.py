@@ -74,6 +74,7 @@ def test_cpu_and_every_device_agree(solids, device, rng):
     assert np.abs(one[0] - other[0]).max() < 1e-7
 
 
+@pytest.mark.exhaustive
 def test_few_or_many_at_a_time_is_the_same(solids, rng):
     pose = poses(rng, 30)
     pose[[0, 7, 8, 29], :3] = 1.0  # where nothing is shared

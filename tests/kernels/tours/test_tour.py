@@ -64,7 +64,7 @@ def test_points_are_thinned_one_after_the_other(separation, device, rng):
         np.testing.assert_array_equal(kept[start[k] : start[k + 1]], thinned(group, separation).astype(np.float32))
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("closes", [True, False])
 def test_paths_of_few_points_are_the_shortest_or_nearly(closes, device, rng):
     groups = [rng.uniform(0, 0.05, (n, 3)).astype(np.float32) for n in (2, 3, 4, 5, 6, 7, 7, 7, 7)]
@@ -170,6 +170,7 @@ def test_a_palm_through_a_sphere_is_toured_where_it_is_inside(sphere, device):
     assert opened.point_count < 0.3 * batch.select(0, 1).point_count
 
 
+@pytest.mark.exhaustive
 def test_poses_in_chunks_give_the_same(sphere, device, monkeypatch, rng):
     turn = rng.normal(size=(11, 4))
     place = FLAT[:3] + rng.uniform(-0.09, 0.09, (11, 3))

@@ -294,6 +294,7 @@ def test_a_hand_given_as_a_function_is_meshed_once(device):
         MeshHand.from_solid(block, 0.005, glabrous="all", device=device)
 
 
+@pytest.mark.exhaustive
 def test_any_representation_of_a_sphere_gives_its_circle(device):
     """A flat skin 20 mm from the middle of a sphere of 50 mm: a circle of 45.8 mm radius."""
     vertices, faces = grid_skin(3, size=0.12, bump=0.0)

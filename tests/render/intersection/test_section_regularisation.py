@@ -73,6 +73,7 @@ def test_contours_of_simple_meshes_are_those_of_the_kernels(name, strategy, devi
         assert_same_contours(own, expected)
 
 
+@pytest.mark.exhaustive
 def test_hands_of_several_patches_joints_and_objects_that_move_give_what_the_kernels_give(device):
     patches = (HandPatch("a", 0.05, 0.06), HandPatch("b", 0.03, 0.02, (0.0, 0.0, -0.04, 0, 0, 0, 1)))
     poses, places = generic_poses(60, 4), generic_poses(60, 9)

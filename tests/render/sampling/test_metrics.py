@@ -85,6 +85,7 @@ def test_map_of_exactly_the_palms_size_holds_the_palms_border(width, length, cel
     assert found.time[1:-1, 1:-1].sum() == 0.0
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("seed", range(5))
 def test_border_of_a_palm_inside_the_cube_is_dwelt_on_within_the_map(seed):
     turn = Rotation.from_rotvec(np.random.default_rng(seed).uniform(-1, 1, 3) * [0.05, 0.05, 3.0])

@@ -149,7 +149,7 @@ def stretches(level, time_ns):
     return [(level[part[0] : part[-1] + 1], time_ns[part[0] : part[-1] + 1]) for part in parts]
 
 
-@pytest.mark.exhaustive(but="ending-pat16")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("array", ["emulator", "pat16"])
 @pytest.mark.parametrize("step", ["ending", "pitch", "minute"])
 def test_tones_are_a_by_the_boards_own_clock(array, step, hours, capsys):
@@ -166,6 +166,7 @@ def test_the_fast_tone_is_the_same_at_13_kHz(hours, capsys):
     assert tone(level, when) == pytest.approx(440, abs=1.5)
 
 
+@pytest.mark.exhaustive(but="pat16")
 @pytest.mark.parametrize("array", ["emulator", "pat16"])
 def test_both_tones_of_the_divider_have_one_pitch(array, hours, capsys):
     """444.4 Hz is 18 cents from 440 Hz, a fifth of a semitone."""
@@ -242,6 +243,7 @@ def test_the_array_is_off_after_each_step_and_within_a_tenth_of_a_second_of_a_st
     assert -200_000_000 < off_ns - stop_ns <= 100_000_000  # it was stopped while it played, or hardly later
 
 
+@pytest.mark.exhaustive(after=1)
 def test_an_unplugged_board_was_playing_until_then(played):
     array, steps = played
     frames, time_ns = steps["unplug"]

@@ -31,6 +31,7 @@ def random_frames(rng, pose_count, patch_count=3):
 # ---- what holds of every stage -------------------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", STAGES)
 def test_what_is_kept_and_what_is_removed_are_all_and_once_is_enough(name, device, rng):
     batch = random_batch(rng, 30)

@@ -120,7 +120,7 @@ def test_what_a_task_raises_is_its_error_and_no_reason_to_lose_the_worker(crowd)
     assert pids["pid"] == pids["later"]
 
 
-@pytest.mark.exhaustive(but="die")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("word", ["die-once seen", "die", "spoil badly"])
 def test_a_killed_worker_loses_the_task_that_it_had_begun_and_no_other(crowd, word):
     engine, store = crowd
@@ -300,6 +300,7 @@ def test_a_missing_device_is_named_with_worker_and_host(theirs, store):
         DaskEngine("local", devices="cuda:7", work=work).start(store)
 
 
+@pytest.mark.exhaustive
 def test_a_worker_with_other_code_is_named(theirs, store, monkeypatch):
     monkeypatch.setattr("palpate.render.sweeps.sweep_crew.maker", lambda: "palpate 0.0.1")
     with pytest.raises(SweepError, match=r"worker tcp.*it has palpate.*made with palpate 0\.0\.1"):
@@ -336,6 +337,7 @@ def test_a_scheduler_that_goes_ends_the_sweep_with_a_sentence(store):
         until(lambda: not all(outcome.is_lost for outcome in engine.wait(1.0)))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("words", "says"),
     [
@@ -352,6 +354,7 @@ def test_words_that_cannot_be_are_refused(store, words, says):
         DaskEngine(**words, work=work).start(store)
 
 
+@pytest.mark.exhaustive
 def test_a_cluster_of_ours_lets_nobody_in_without_its_keys(crowd):
     """Whoever can connect can run code: other users of this host reach 127.0.0.1, too."""
     address = crowd[0]._connection.cluster.scheduler_address

@@ -197,6 +197,7 @@ def test_many_tasks_are_begun_in_order_by_all_workers(engine, tmp_path):
     assert engine.wait() == []
 
 
+@pytest.mark.exhaustive
 def test_large_tasks_pass(engine, tmp_path):
     pieces = tuple(Piece("x" * 1000, ("contours",), first, first + 1) for first in range(3000))
     submit(engine, [Task(number, pieces, str(tmp_path), "done") for number in range(6)])
@@ -311,6 +312,7 @@ def test_warnings_of_workers_reach_the_user_once(engine, tmp_path):
     assert [str(w.message) for w in told] == ["faces were turned"]
 
 
+@pytest.mark.exhaustive
 def test_what_is_printed_in_a_worker_stays_there_and_does_not_pile_up(engine, tmp_path, capfd):
     submit(engine, tasks_of(tmp_path, *["talk 600000"] * 20))
     gather(engine, 20)

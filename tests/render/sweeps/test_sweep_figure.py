@@ -122,6 +122,7 @@ def test_metrics_that_never_differ_make_room_and_lacking_ones_are_no_hindrance()
     assert shown_metrics(both)["jumps"][0] == 4
 
 
+@pytest.mark.exhaustive
 def test_recipes_without_whole_results_are_left_out_and_told():
     rows = table({"seed": 1}, {"seed": 2, "complete": False, "length_mean": None}, {"seed": 3})
     figure = sweep_figure(rows, name="x")

@@ -93,6 +93,7 @@ def things(tmp_path):
     return [thing_of(str(tmp_path / name), at=at) for name in ("ball.npz", "drop.json")]
 
 
+@pytest.mark.exhaustive
 def test_voxels_and_expressions_are_rendered_as_render_does(tmp_path, things):
     for thing in things:
         recipe = recipe_of(thing, motion=random_motion(200))

@@ -82,7 +82,7 @@ def test_values_are_those_of_the_plain_volume_to_the_bit(affine, shape, device, 
     np.testing.assert_array_equal(sides[:, 1], values[:, 0] < 0)
 
 
-@pytest.mark.exhaustive(but="sheared")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("affine", AFFINES)
 def test_a_ball_that_is_settled_has_one_side_only(affine, device, rng):
     affine = AFFINES[affine]

@@ -244,7 +244,7 @@ def patches_on(device, halves, origins):
     return wp.array(out, dtype=Patch, device=device)
 
 
-@pytest.mark.exhaustive(but="True")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("posed", [False, True])
 def test_patches_of_different_sizes_are_as_each_alone(posed, device):
     case = random_waves(2)

@@ -158,6 +158,7 @@ def opened_of(closed):
     return object_part(closed)
 
 
+@pytest.mark.exhaustive
 def test_horns_of_a_sphere_less_a_sphere_are_those_of_two_circles(device, rng):
     """Circles of radii a and b, their middles d apart, meet at x = (d^2 + a^2 - b^2) / 2 d, y = +-sqrt(a^2 - x^2)."""
     for _ in range(30):

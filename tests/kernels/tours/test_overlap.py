@@ -86,6 +86,7 @@ def test_few_or_many_at_a_time_is_the_same(solids, rng):
     assert (np.diff(whole[1])[[0, 7, 8, 29]] == 0).all()
 
 
+@pytest.mark.exhaustive
 def test_a_hand_that_holds_the_object_gives_the_objects_surface():
     thing, hand = ImplicitObject(torus(0.03, 0.01).moved(0, 0, 0.2)), ImplicitObject(sphere(0.2), hand=True)
     points, _ = overlap_points(thing, hand, np.array([[0, 0, 0.2, 0, 0, 0, 1]]), step=0.003)

@@ -47,7 +47,7 @@ def poses_at(place, count=12):
     return poses
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("make", [cut_sphere, function, voxels])
 def test_an_object_that_stays_where_it_was_placed_is_one_that_stands_still(make):
     thing = make()

@@ -159,6 +159,7 @@ def test_tones_are_a_by_the_boards_own_clock(array, step, hours, capsys):
     assert tone(level, when) == pytest.approx(440, abs=1)
 
 
+@pytest.mark.exhaustive
 def test_the_fast_tone_is_the_same_at_13_kHz(hours, capsys):
     frames, time_ns = hours("pat16", capsys)[0]["fast"]
     ((level, when),) = stretches(amplitudes("pat16", frames), time_ns)

@@ -204,6 +204,7 @@ def test_large_tasks_pass(engine, tmp_path):
     assert {o.part_count for o in gather(engine, 6).values()} == {3000}
 
 
+@pytest.mark.exhaustive
 def test_a_worker_has_its_device_one_thread_and_no_ear_for_ctrl_c(engine, tmp_path):
     submit(engine, tasks_of(tmp_path, "tell"))
     assert gather(engine, 1)[0].shard == "1 cpu True"

@@ -52,11 +52,6 @@ class Lines:
         """Whether each polyline is closed, bool, shape [polyline]."""
         return self.batch.polyline_closed.astype(bool)
 
-    @property
-    def pose_of_line(self) -> np.ndarray:
-        """Which pose of the batch each polyline is of, shape [polyline]."""
-        return np.repeat(np.arange(self.batch.pose_count), np.diff(self.batch.pose_start))
-
     def place(self, line: np.ndarray, arc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Segment and part 0..1 of it at arc lengths [m] of polylines: closed ones go round, open ones end."""
         total = self.total[line]

@@ -19,6 +19,8 @@ ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"ker
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 LARGE = ("render/sweeps", "tests/render/sweeps")  # until sweeps are written anew
 MODULES_MOST = 20
+SHARED = {"Box", "Chunk", "Cursor", "Field", "Frame", "Lattice", "Lines", "Sections", "Step", "Surface"}
+"""Class names that still stand in two folders, each a term of both fields; no name may join them."""
 ROW = re.compile(r"^\| `([a-z_0-9/]+)` \| (\d+) \| [^|]+ \| ([^|]*) \|$", re.MULTILINE)
 
 
@@ -102,6 +104,15 @@ def test_no_module_repeats_its_folder_and_none_is_for_odds_and_ends():
         assert path.stem != folder, path
         assert not path.stem.startswith(f"{folder}_"), path
         assert not re.search(r"util|common|helper|manager|misc", path.stem), path
+
+
+def test_a_class_name_stands_once():
+    places = defaultdict(list)
+    for path in SOURCES:
+        for node in ast.parse(path.read_text()).body if folder_of(path) not in LARGE else ():
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(folder_of(path))
+    assert {name for name, folders in places.items() if len(folders) > 1} == SHARED
 
 
 def test_tests_mirror_the_packages():

@@ -1,7 +1,7 @@
 """What every device must compute, as one .npz that a machine with Warp, NumPy and pytest alone can test against.
 
-    python tests/cases/device_numbers.py OUT.npz
-    PALPATE_DEVICE_NUMBERS=OUT.npz pytest tests/kernels/test_device_numbers.py --device cuda:0
+    PYTHONPATH=tests/oracles python tests/cases/device_numbers.py OUT.npz
+    PALPATE_DEVICE_NUMBERS=OUT.npz pytest tests/kernels/test_device_numbers.py --device cuda:0 -m ''
 
 By object (`tube/...`): `vertices` and `faces`; `poses`, `half` extents [m] of the palm; `degenerate`, the poses within
 1 um of one that rounding decides; by strategy (`tube/cc/...`): `oracle`, lengths [m] in float64, NaN where there is no

@@ -23,6 +23,10 @@ from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
+SHARED = [str(Path(__file__).parents[1] / name) for name in ("cases", "cases/sweeps", "cases/arrays", "oracles")]
+sys.path += SHARED  # as pytest does; child processes read PYTHONPATH
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [*SHARED, os.environ.get("PYTHONPATH")]))
+
 PRELOADED = [
     "fuzz_child",
     "palpate.render.cli.file_commands",

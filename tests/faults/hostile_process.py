@@ -1,6 +1,6 @@
 """Tries files in processes of their own: what comes of each operation, and how long and how much memory it takes.
 
-    python tests/faults/hostile_process.py FOLDER [NAME ...]
+    PYTHONPATH=tests/cases python tests/faults/hostile_process.py FOLDER [NAME ...]
 
 makes every hostile file of `hostile_hdf5` there, or those that are named, and prints a JSON line for each operation on
 each; `judge` says which of them fall short.

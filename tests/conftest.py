@@ -32,8 +32,10 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """Compile every kernel in this one process, before workers that would all do it at once."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's `&` does that, and processes of tests inherit it
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    # A shell's `&` ignores SIGINT and `nohup` SIGHUP; processes of tests would inherit that.
+    for signum, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+        if signal.getsignal(signum) is signal.SIG_IGN:
+            signal.signal(signum, usual)
     shared = [str(path) for path in config.getini("pythonpath")]  # child processes find what tests share, too
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [*shared, os.environ.get("PYTHONPATH")]))
     for line in (

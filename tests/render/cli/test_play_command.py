@@ -118,7 +118,7 @@ def test_a_closed_standard_output_is_one_sentence(moving):
 
 PLAYS = """
 import atexit, sys, time
-from palpate.render import playback
+from palpate.render.playback import file_playback as playback
 from palpate.render.cli.app import main
 
 emulated_bus = playback.emulated_bus

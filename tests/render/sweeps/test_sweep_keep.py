@@ -250,7 +250,7 @@ from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.render.intersection.batch_rendering import PoseSpans
 from palpate.render.sweeps.sweep_work import run_task
 from sweep_recipes import explored, recipe_of, task_of
-from palpate.render import sweep_keep
+from palpate.render.sweeps import sweep_keep
 sweep_keep.maker = lambda: "this code"
 PoseSpans.learn = lambda *_: None
 write = ContourWriter.write

@@ -202,7 +202,7 @@ def test_every_source_that_decides_about_the_result_is_in_the_key():
 def test_ctrl_c_while_a_mesh_is_loading_leaves_nothing_behind(tmp_path):
     script = (
         "import numpy as np, signal, os, sys\n"
-        "from palpate.render import console, mesh_cache\n"
+        "from palpate.render.terminal import console; from palpate.render.objects.mesh import cache as mesh_cache\n"
         "from palpate.render.objects.mesh.solid_mesh import MeshObject\n"
         "mesh_cache.SECONDS_LEAST = 0.0\n"
         "def watch(stage, done, total):\n"
@@ -226,7 +226,7 @@ def test_ctrl_c_while_a_mesh_is_loading_leaves_nothing_behind(tmp_path):
 def test_ctrl_c_while_a_render_is_loading_writes_no_file(tmp_path):
     script = (
         "import contextlib, os, signal, sys\n"
-        "from palpate.render import console\n"
+        "from palpate.render.terminal import console\n"
         "from palpate.render.cli.app import main\n"
         "def watch(stage, done, total):\n"
         "    if stage in ('bodies', 'exploration'):\n"

@@ -141,6 +141,13 @@ def test_documents_import_public_names_only():
             assert name in public[package] | {"cli"}, (page.name, name)
 
 
+def test_files_that_documents_name_are_there():
+    named = re.compile(r"\b(?:tests|render|kernels|datasets|device|docs|benchmarks)/[\w/-]+\.(?:py|md|sh|vhd)\b")
+    pages = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
+    for page in (page for page in pages if not page.name.startswith("add-a")):  # those add files
+        assert [name for name in named.findall(page.read_text()) if not (ROOT / name).exists()] == [], page
+
+
 def test_every_folder_is_packed():
     packed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
     assert packed == {"palpate." + folder_of(path).replace("/", ".") for path in SOURCES}

@@ -31,7 +31,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    """Compile every kernel in this one process, before workers that would all do it at once."""
+    """Compile every kernel before workers start, which would all do it at once; one process compiles what it needs."""
     # A shell's `&` ignores SIGINT and `nohup` SIGHUP; processes of tests would inherit that.
     for signum, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(signum) is signal.SIG_IGN:
@@ -44,7 +44,7 @@ def pytest_configure(config):
         "of a test, and those whose id has `but`, run always",
     ):
         config.addinivalue_line("markers", line)
-    if not hasattr(config, "workerinput"):
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         from palpate.kernels import compile_kernels
 
         for device in config.getoption("--device") or [str(d) for d in wp.get_devices()]:

@@ -16,7 +16,7 @@ def command(*arguments: object) -> str:
     """Standard output and error of a command that ends with 0; Refused with its sentence where it ends with 1 or 2."""
     from typer.testing import CliRunner
 
-    from palpate.render.cli import app
+    from palpate.render.cli.app import app
 
     os.environ["PALPATE_TRACEBACK"] = "1"  # raw errors come through
     result = CliRunner().invoke(app, [str(a) for a in arguments])

@@ -25,7 +25,7 @@ from palpate.render import IntersectionStrategy, closed_contour, render
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 
-POSE_COUNT = 30
+POSE_COUNT = 60
 EXCLUDED_MOST = 0.1
 OTHER_LOOPS_MOST = 0.15  # of voxels of 0 and 1, thin and grazing sections included; elsewhere checked pose by pose
 TOLERANCE = 6e-5  # [m]; of the fine mesh that stands for the exact solid

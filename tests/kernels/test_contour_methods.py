@@ -163,7 +163,7 @@ def crowded_poses(count):
     return poses
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @every_method
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("make", [comb, egg_box])

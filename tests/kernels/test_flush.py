@@ -203,6 +203,7 @@ def test_every_patch_of_a_hand_rests(articulated, device):
     assert lengths == pytest.approx(0.24, abs=TOLERANCE)
 
 
+@pytest.mark.exhaustive
 def test_a_palm_on_the_face_of_a_function_gives_one_outcome(device):
     """A box as a function, moved with the palm: the grid lies `flush` below the plane, beyond what rounding does."""
     cube = ImplicitObject(box(0.13, 0.13, 0.13).moved(0, 0, 0.2))

@@ -181,6 +181,7 @@ def test_horns_of_a_sphere_less_a_sphere_are_those_of_two_circles(device, rng):
         assert all(shapely.LinearRing(ring).is_simple for ring in rings_of(batch))
 
 
+@pytest.mark.exhaustive
 def test_corners_of_a_box_are_met(device, rng):
     for _ in range(20):
         size, turn = rng.uniform(0.01, 0.045, 2), rng.uniform(0, 2 * np.pi)

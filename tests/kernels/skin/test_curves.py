@@ -62,7 +62,7 @@ def test_curves_are_those_of_the_oracle(skin, solid, closes, device):
     assert lines > 3
 
 
-@pytest.mark.exhaustive(but="pierced")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("skin", SKINS)
 def test_open_contours_are_the_object_kind_segments_of_closed_ones(skin, device):
     hand, poses = SKINS[skin](), generic_poses(40, 4)

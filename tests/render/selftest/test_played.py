@@ -167,7 +167,7 @@ def test_the_fast_tone_is_the_same_at_13_kHz(hours, capsys):
     assert tone(level, when) == pytest.approx(440, abs=1.5)
 
 
-@pytest.mark.exhaustive(but="pat16")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("array", ["emulator", "pat16"])
 def test_both_tones_of_the_divider_have_one_pitch(array, hours, capsys):
     """444.4 Hz is 18 cents from 440 Hz, a fifth of a semitone."""
@@ -230,7 +230,7 @@ def pressure(drive):
     return abs(np.sum(level * np.exp(-2j * np.pi * (delay + flight))))
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("array", ["emulator", "pat16", "sonicsurface"])
 def test_the_array_is_off_after_each_step_and_within_a_tenth_of_a_second_of_a_stop(array, hours, capsys):
     steps, (stop_ns,), _ = hours(array, capsys)

@@ -213,6 +213,7 @@ def test_a_worker_has_its_device_one_thread_and_no_ear_for_ctrl_c(engine, tmp_pa
     gather(engine, 2)
 
 
+@pytest.mark.exhaustive
 def test_what_a_worker_holds_in_advance_is_made_by_one_without_work(engine, tmp_path):
     # Both have two tasks; the first would keep its second waiting for as long as its first takes.
     submit(engine, tasks_of(tmp_path, "rest 60", "done", "done", "done", "done"))

@@ -4,35 +4,11 @@ import numpy as np
 import warp as wp
 
 from ..patch import EXACT
+from .triangle_distance import triangle_distance
 
 wp.set_module_options(EXACT)
 
 FAR = wp.constant(1.0e6)  # [m]
-
-
-@wp.func
-def segment_distance(p: wp.vec3, a: wp.vec3, b: wp.vec3):
-    """Distance of a point from a segment."""
-    along = b - a
-    square = wp.dot(along, along)
-    share = float(0.0)
-    if square > 0.0:
-        share = wp.clamp(wp.dot(p - a, along) / square, 0.0, 1.0)
-    return wp.length(p - a - share * along)
-
-
-@wp.func
-def face_distance(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Distance of a point from a triangle."""
-    n = wp.cross(b - a, c - a)
-    square = wp.dot(n, n)
-    if square > 0.0:
-        one = wp.dot(wp.cross(b - a, p - a), n) >= 0.0
-        two = wp.dot(wp.cross(c - b, p - b), n) >= 0.0
-        three = wp.dot(wp.cross(a - c, p - c), n) >= 0.0
-        if one and two and three:
-            return wp.abs(wp.dot(p - a, n)) / wp.sqrt(square)
-    return wp.min(segment_distance(p, a, b), wp.min(segment_distance(p, b, c), segment_distance(p, c, a)))
 
 
 @wp.kernel
@@ -58,14 +34,14 @@ def _bound_distances(
         distance = wp.length(middle - wp.mesh_eval_position(mesh, found.face, found.u, found.v))
         points = wp.mesh_get(mesh).points
         index = wp.mesh_get(mesh).indices
-        a = points[index[3 * found.face]]
-        b = points[index[3 * found.face + 1]]
-        c = points[index[3 * found.face + 2]]
+        a = wp.vec3d(points[index[3 * found.face]])
+        b = wp.vec3d(points[index[3 * found.face + 1]])
+        c = wp.vec3d(points[index[3 * found.face + 2]])
         reach = float(0.0)
         most = float(0.0)
         for k in range(3):
             reach = wp.max(reach, wp.length(corner[i, k] - middle))
-            most = wp.max(most, face_distance(corner[i, k], a, b, c))
+            most = wp.max(most, wp.float32(triangle_distance(wp.vec3d(corner[i, k]), a, b, c)))
         known[i] = distance
         bound[i] = wp.max(distance, wp.min(distance + reach, most))
 

@@ -8,9 +8,12 @@ import warp as wp
 from ..fields.probe import Lattice, lattice_of, node_at
 from ..offsets import BLOCK
 from ..patch import EXACT
+from .triangle_distance import triangle_distance
 from .winding import WindingTree, upload_winding, winding_at
 
 wp.set_module_options(EXACT)
+
+WIDER = wp.constant(1.001)  # than a distance, for boxes in float32
 
 
 class GridNodes(NamedTuple):
@@ -142,17 +145,25 @@ def _measure_distances(
     band: float,  # In: no distance beyond it [m]
     distance: wp.array3d[wp.float32],  # Out: to the nearest point of the surface [m]
 ):
-    """Distance of each node. Warp's search is asked for the nearest triangle only, never for a sign."""
+    """Distance of each node. Warp's search is asked for a near triangle only, never for a sign.
+
+    In float32 it takes a long, thin triangle to be farther than it is. So around nodes of cells that the surface can
+    pass, all triangles that may be nearer than the one found are measured again.
+    """
     i, j, k = wp.tid()
     x = node_at(grid, i, j, k)
-    found = wp.mesh_query_point_no_sign(mesh, wp.vec3(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2])), band)
+    p = wp.vec3(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2]))
+    found = wp.mesh_query_point_no_sign(mesh, p, band)
     out = band
     if found.result:
         h = 3 * found.face
-        u = wp.float64(found.u)
-        v = wp.float64(found.v)
-        y = u * corner[h] + v * corner[h + 1] + (wp.float64(1.0) - u - v) * corner[h + 2]
-        out = wp.min(wp.float32(wp.length(y - x)), band)
+        near = triangle_distance(x, corner[h], corner[h + 1], corner[h + 2])
+        if near <= wp.length(grid.step):
+            reach = wp.vec3(wp.float32(near) * WIDER)
+            for face in wp.mesh_query_aabb(mesh, p - reach, p + reach):
+                h = 3 * face
+                near = wp.min(near, triangle_distance(x, corner[h], corner[h + 1], corner[h + 2]))
+        out = wp.min(wp.float32(near), band)
     distance[i, j, k] = out
 
 

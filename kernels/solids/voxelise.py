@@ -145,11 +145,7 @@ def _measure_distances(
     band: float,  # In: no distance beyond it [m]
     distance: wp.array3d[wp.float32],  # Out: to the nearest point of the surface [m]
 ):
-    """Distance of each node. Warp's search is asked for a near triangle only, never for a sign.
-
-    In float32 it takes a long, thin triangle to be farther than it is. So around nodes of cells that the surface can
-    pass, all triangles that may be nearer than the one found are measured again.
-    """
+    """Distance of each node. Warp's search is asked for a near triangle only, never for a sign."""
     i, j, k = wp.tid()
     x = node_at(grid, i, j, k)
     p = wp.vec3(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2]))
@@ -158,7 +154,8 @@ def _measure_distances(
     if found.result:
         h = 3 * found.face
         near = triangle_distance(x, corner[h], corner[h + 1], corner[h + 2])
-        if near <= wp.length(grid.step):
+        if near <= wp.length(grid.step):  # the surface may pass the cells around the node
+            # Warp's float32 takes a long, thin triangle to be farther than it is: measure all that may be nearer.
             reach = wp.vec3(wp.float32(near) * WIDER)
             for face in wp.mesh_query_aabb(mesh, p - reach, p + reach):
                 h = 3 * face

@@ -14,6 +14,7 @@ from .winding import WindingTree, upload_winding, winding_at
 wp.set_module_options(EXACT)
 
 WIDER = wp.constant(1.001)  # than a distance, for boxes in float32
+LOST = 1e-3  # of a triangle's longest edge: what float32 adds to its distance; 7e-4 was seen
 
 
 class GridNodes(NamedTuple):
@@ -143,19 +144,19 @@ def _measure_distances(
     mesh: wp.uint64,  # In: vertices in float32
     corner: wp.array[wp.vec3d],  # In: its vertices, shape [3 face]
     band: float,  # In: no distance beyond it [m]
+    lost: float,  # In: what Warp's float32 search may add to the distance of a long, thin triangle [m]
     distance: wp.array3d[wp.float32],  # Out: to the nearest point of the surface [m]
 ):
     """Distance of each node. Warp's search is asked for a near triangle only, never for a sign."""
     i, j, k = wp.tid()
     x = node_at(grid, i, j, k)
     p = wp.vec3(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2]))
-    found = wp.mesh_query_point_no_sign(mesh, p, band)
+    found = wp.mesh_query_point_no_sign(mesh, p, band + lost)
     out = band
     if found.result:
         h = 3 * found.face
         near = triangle_distance(x, corner[h], corner[h + 1], corner[h + 2])
-        if near <= wp.length(grid.step):  # the surface may pass the cells around the node
-            # Warp's float32 takes a long, thin triangle to be farther than it is: measure all that may be nearer.
+        if near <= wp.length(grid.step) + wp.float64(lost):  # the surface may pass the cells around the node
             reach = wp.vec3(wp.float32(near) * WIDER)
             for face in wp.mesh_query_aabb(mesh, p - reach, p + reach):
                 h = 3 * face
@@ -211,9 +212,15 @@ def wind_nodes(vertices: np.ndarray, faces: np.ndarray, nodes: GridNodes, device
 def measure_distances(
     vertices: np.ndarray, faces: np.ndarray, nodes: GridNodes, *, band: float, device: str
 ) -> np.ndarray:
-    """Distance from each node to the surface [m], at most `band`, float32, shape `nodes.shape`."""
+    """Distance from each node to the surface [m], at most `band`, float32, shape `nodes.shape`.
+
+    Nodes of cells that the surface passes are measured in float64; from others, a triangle may be 1e-3 of its longest
+    edge too far, as Warp's search measures in float32.
+    """
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     corner = (vertices - middle)[faces.ravel()]
+    sides = corner.reshape(-1, 3, 3)
+    edge = float(np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2).max())
     mesh = wp.Mesh(
         wp.array(corner.astype(np.float32), dtype=wp.vec3, device=device),
         wp.array(np.arange(len(corner), dtype=np.int32), dtype=wp.int32, device=device),
@@ -224,6 +231,7 @@ def measure_distances(
         mesh.id,
         wp.array(corner, dtype=wp.vec3d, device=device),
         float(band),
+        LOST * edge,
     ]
     launch_on_nodes(_measure_distances, nodes, inputs, distance, device)
     return distance.numpy()

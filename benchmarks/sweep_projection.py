@@ -14,7 +14,7 @@ import argparse
 import json
 from pathlib import Path
 
-from palpate.render.sweeps.sweep_task import PART
+from palpate.render.sweeps.make.task import PART
 
 DEVICES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
 

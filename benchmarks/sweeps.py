@@ -42,11 +42,11 @@ from palpate.render.intersection.mesh_section import intersect
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 from palpate.render.strategies.intersection_strategy import closed_contour
-from palpate.render.sweeps.sweep_engine import InProcess
-from palpate.render.sweeps.sweep_plan import load_plans
-from palpate.render.sweeps.sweep_processes import Processes
-from palpate.render.sweeps.sweep_run import run_sweep
-from palpate.render.sweeps.sweep_task import PART, Engine
+from palpate.render.sweeps.make.task import PART, Engine
+from palpate.render.sweeps.plan.loading import load_plans
+from palpate.render.sweeps.run.engine import InProcess
+from palpate.render.sweeps.run.parent import run_sweep
+from palpate.render.sweeps.run.processes import Processes
 
 BATCH = 4_000_000  # poses; of the bare kernels
 CUBE = {"size": 0.13, "at": (0.0, 0.0, 0.2)}

@@ -44,19 +44,19 @@ __all__ = [
 ]
 
 _LATER = {
-    "ShardRow": "sweep_shard",
-    "SweepStore": "sweep_store",
+    "ShardRow": "shard",
+    "SweepStore": "store",
     "load_table": "table",
     "table_attributes": "table",
     "write_parquet": "table",
-    "write_shard": "sweep_shard",
+    "write_shard": "shard",
     "write_table": "table",
 }
 """Names of sweeps, each with its module in `sweeps`: imported when asked for, as most programs need none."""
 
 if TYPE_CHECKING:
-    from .sweeps.sweep_shard import ShardRow, write_shard
-    from .sweeps.sweep_store import SweepStore
+    from .sweeps.shard import ShardRow, write_shard
+    from .sweeps.store import SweepStore
     from .sweeps.table import load_table, table_attributes, write_parquet, write_table
 
     __version__: str

@@ -48,11 +48,11 @@ if TYPE_CHECKING:
     from .stages.prune import cut_batch
     from .stages.registry import Stage, register_point_function, register_prune, register_transform
     from .strategies.intersection_strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
-    from .sweeps.sweep_dask import DaskEngine
-    from .sweeps.sweep_engine import InProcess
-    from .sweeps.sweep_plan import load_plans
-    from .sweeps.sweep_run import run_sweep
-    from .sweeps.sweep_table import tidy_columns
+    from .sweeps.plan.loading import load_plans
+    from .sweeps.report.table import tidy_columns
+    from .sweeps.run.dask_engine import DaskEngine
+    from .sweeps.run.engine import InProcess
+    from .sweeps.run.parent import run_sweep
 
 
 _ROOMS = {
@@ -89,11 +89,11 @@ _ROOMS = {
     "stages.registry": "Stage register_point_function register_prune register_transform",
     "stages.prune": "cut_batch",
     "strategies.intersection_strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
-    "sweeps.sweep_dask": "DaskEngine",
-    "sweeps.sweep_engine": "InProcess",
-    "sweeps.sweep_plan": "load_plans",
-    "sweeps.sweep_run": "run_sweep",
-    "sweeps.sweep_table": "tidy_columns",
+    "sweeps.run.dask_engine": "DaskEngine",
+    "sweeps.run.engine": "InProcess",
+    "sweeps.plan.loading": "load_plans",
+    "sweeps.run.parent": "run_sweep",
+    "sweeps.report.table": "tidy_columns",
 }
 """What each module has that scripts use: it is imported when that is asked for, as a command needs few of them."""
 

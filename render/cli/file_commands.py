@@ -8,7 +8,7 @@ from ...datasets.contour_file.check import check_file, unproven_content
 from ...datasets.contour_file.unknown_content import unknown_content
 from ...datasets.focus_files.frame_reader import check_frames, frame_format
 from ...datasets.motions.hand_motion import HandMotion
-from ...datasets.sweeps.sweep_check import check_store, is_sweep_data
+from ...datasets.sweeps.check import check_store, is_sweep_data
 from ..errors import StrategyError
 from ..intersection.file_recording import record
 from ..intersection.named_inputs import is_recording, load_hand_and_motion, load_solid, refuse_options, simplified

@@ -66,6 +66,6 @@ def sweep(
     }
 
     def command() -> object:
-        return import_module("..sweeps.sweep_job", __package__).run_sweep_command(options, as_json=json)
+        return import_module("..sweeps.command", __package__).run_sweep_command(options, as_json=json)
 
     raise typer.Exit(console.run(command, as_json=json))

@@ -44,7 +44,7 @@ def code_of(file: str) -> list[Code]:
         except OSError as error:
             raise StrategyError(f"{file}: cannot be read ({error.strerror or error})") from error
     if path.suffix == ".toml":
-        from ..sweeps.sweep_plan import draft_plans
+        from ..sweeps.plan.loading import draft_plans
 
         found = list(draft_plans([path]).code)
     elif path.suffix == ".json":

@@ -53,10 +53,10 @@ from palpate.render.objects.voxels.files import read_volume
 from palpate.render.playback.placed_arrays import load_rig
 from palpate.render.sampling.presets import load_sampling
 from palpate.render.strategies.intersection_strategy import load_strategy
-from palpate.render.sweeps.sweep_overrides import put_override
-from palpate.render.sweeps.sweep_plan import load_plans
-from palpate.render.sweeps.sweep_recipe import digest_source
-from palpate.render.sweeps.sweep_values import Fault
+from palpate.render.sweeps.plan.loading import load_plans
+from palpate.render.sweeps.plan.overrides import put_override
+from palpate.render.sweeps.plan.recipe import digest_source
+from palpate.render.sweeps.plan.values import Fault
 
 LIMIT = 2_000_000  # of these tests [byte]
 BOMB = bytes(20 * LIMIT)

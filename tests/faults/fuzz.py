@@ -31,7 +31,7 @@ PRELOADED = [
     "fuzz_child",
     "palpate.render.cli.file_commands",
     "palpate.render.cli.play_commands",
-    "palpate.render.sweeps.sweep_plan",
+    "palpate.render.sweeps.plan.loading",
     "trimesh",
 ]
 CASE_SECONDS, AGAIN_SECONDS = 5.0, 25.0

@@ -170,7 +170,7 @@ def read_texts(path: Path) -> Any:
     """Descriptions that other files hold, as text."""
     from palpate.device.playing.limits import Limits
     from palpate.render import DriveStrategy
-    from palpate.render.sweeps.sweep_recipe import Recipe
+    from palpate.render.sweeps.plan.recipe import Recipe
 
     try:
         text = path.read_text(encoding="utf-8")
@@ -207,7 +207,7 @@ def plan_seeds(folder: Path) -> None:
 
 
 def read_plan(folder: Path) -> Any:
-    from palpate.render.sweeps.sweep_plan import load_plans
+    from palpate.render.sweeps.plan.loading import load_plans
 
     return load_plans([folder / "study.toml"]).described()
 

@@ -185,7 +185,7 @@ def stream_seeds(folder: Path) -> None:
 
 def read_table(path: Path) -> Any:
     from palpate.datasets.sweeps.table import column_units, load_table, table_attributes
-    from palpate.render.sweeps.sweep_compare import load_baseline
+    from palpate.render.sweeps.report.compare import load_baseline
 
     found = load_table(path), table_attributes(path), column_units(path)
     if "recipe_hash" in found[0]:
@@ -198,20 +198,20 @@ def damage_table(path: Path, rng: Any) -> str:
 
 
 def shard_rows() -> tuple[list[Any], list[Any]]:
-    from palpate.datasets.sweeps.sweep_shard import ShardRow
+    from palpate.datasets.sweeps.shard import ShardRow
 
     rows = [ShardRow("contours", "k", 0, {"poses": 3, "name": "ü"}), ShardRow("poses", "k", 1, {"stat": [1, 0.5]})]
     return rows, [None, COLUMNS]
 
 
 def shard_seeds(folder: Path) -> None:
-    from palpate.datasets.sweeps.sweep_shard import write_shard
+    from palpate.datasets.sweeps.shard import write_shard
 
     write_shard(folder / "a.h5", *shard_rows(), maker=MAKER)
 
 
 def read_a_shard(path: Path) -> Any:
-    from palpate.datasets.sweeps.sweep_shard import read_shard, shard_columns
+    from palpate.datasets.sweeps.shard import read_shard, shard_columns
 
     shard = read_shard(path)
     found = {"rows": [vars(row) for row in shard.rows], "columns": list(shard.columns)}
@@ -221,8 +221,8 @@ def read_a_shard(path: Path) -> Any:
 
 
 def store_seeds(folder: Path) -> None:
-    from palpate.datasets.sweeps.sweep_shard import ShardRow, write_shard
-    from palpate.datasets.sweeps.sweep_store import SweepStore
+    from palpate.datasets.sweeps.shard import ShardRow, write_shard
+    from palpate.datasets.sweeps.store import SweepStore
 
     own = folder / "a.sweep"
     with SweepStore(own, maker=MAKER) as store:
@@ -238,7 +238,7 @@ def store_seeds(folder: Path) -> None:
 
 def read_store(folder: Path) -> Any:
     """All that a store gives back; parts that it says are not done may be missing, and no others."""
-    from palpate.datasets.sweeps.sweep_store import SweepStore
+    from palpate.datasets.sweeps.store import SweepStore
 
     keys = [("poses", "k"), *(("contours", f"k{k}") for k in range(60))]
     with SweepStore(folder, maker=MAKER) as store:

@@ -22,7 +22,7 @@ from h5py import h5d, h5p, h5s, h5t, h5z
 
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 from palpate.datasets.motions.hand_motion import HandMotion
-from palpate.datasets.sweeps.sweep_shard import ShardRow, write_shard
+from palpate.datasets.sweeps.shard import ShardRow, write_shard
 from palpate.datasets.sweeps.table import write_table
 
 POSES = 30

@@ -22,7 +22,7 @@ from hostile_hdf5 import CASES, OPERATIONS, sound, write_case
 from palpate.datasets import ContourFile, HandMotion, check_file
 from palpate.datasets.errors import DatasetError
 from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames, frame_format
-from palpate.datasets.sweeps.sweep_shard import read_shard, shard_columns
+from palpate.datasets.sweeps.shard import read_shard, shard_columns
 from palpate.datasets.sweeps.table import column_units, load_table, table_attributes
 from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock

@@ -18,8 +18,8 @@ import numpy as np
 from sweep_store_rows import MAKER, places_of, write_rows
 
 from palpate.datasets.errors import DatasetError
-from palpate.datasets.sweeps.sweep_shard import read_shard
-from palpate.datasets.sweeps.sweep_store import SweepStore
+from palpate.datasets.sweeps.shard import read_shard
+from palpate.datasets.sweeps.store import SweepStore
 from palpate.datasets.sweeps.table import column_units, load_table, table_attributes, write_parquet, write_table
 from palpate.datasets.sweeps.table_stream import write_blocks
 

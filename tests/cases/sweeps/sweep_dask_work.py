@@ -7,8 +7,8 @@ import threading
 import time
 from pathlib import Path
 
-from palpate.render.sweeps import sweep_dask_work
-from palpate.render.sweeps.sweep_task import Outcome, Piece, Task
+from palpate.render.sweeps.make.task import Outcome, Piece, Task
+from palpate.render.sweeps.run import dask_worker as dask_worker_module
 
 
 def make_task(number, *words, store, name=None):
@@ -51,7 +51,7 @@ def fill_disk(store, value):
 
 def spoil(store, value):
     """As a fault in a kernel does: the task fails, and the GPU takes no other."""
-    sweep_dask_work.is_usable = lambda device: False
+    dask_worker_module.is_usable = lambda device: False
     raise ValueError(value)
 
 

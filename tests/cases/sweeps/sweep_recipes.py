@@ -10,8 +10,8 @@ from palpate.render.playback.drive import DriveStrategy
 from palpate.render.sampling.contour_sampling import SamplingStrategy, load_sampling
 from palpate.render.strategies.intersection_strategy import draft_strategy, load_strategy
 from palpate.render.strategies.user_stage_sources import stage_sources
-from palpate.render.sweeps.sweep_recipe import Recipe
-from palpate.render.sweeps.sweep_task import Piece, Task
+from palpate.render.sweeps.make.task import Piece, Task
+from palpate.render.sweeps.plan.recipe import Recipe
 
 
 def digest(source):

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from palpate.render.playback.drive import DriveStrategy
 from palpate.render.sampling.contour_sampling import SamplingStrategy
-from palpate.render.sweeps.sweep_recipe import Recipe
+from palpate.render.sweeps.plan.recipe import Recipe
 
 PLACED = {"scale": 1.0, "up": "z", "fit": None, "rotate": [0, 0, 0], "at": [0, 0, 0.2]}
 CUBE = {"size": 0.13, "at": [0, 0, 0.2]}

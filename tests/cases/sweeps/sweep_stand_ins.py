@@ -3,8 +3,8 @@
 import json
 from dataclasses import dataclass, field
 
-from palpate.render.sweeps.sweep_recipe import GROUPS
-from palpate.render.sweeps.sweep_task import PART, Outcome
+from palpate.render.sweeps.make.task import PART, Outcome
+from palpate.render.sweeps.plan.recipe import GROUPS
 
 
 @dataclass(frozen=True)

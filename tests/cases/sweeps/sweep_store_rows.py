@@ -13,9 +13,9 @@ from contextlib import contextmanager
 import numpy as np
 
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.sweeps import sweep_record
-from palpate.datasets.sweeps.sweep_shard import ShardRow, write_shard
-from palpate.datasets.sweeps.sweep_store import SweepStore
+from palpate.datasets.sweeps import record as record_module
+from palpate.datasets.sweeps.shard import ShardRow, write_shard
+from palpate.datasets.sweeps.store import SweepStore
 
 MAKER = "palpate 0.1.0 test"
 
@@ -66,9 +66,9 @@ def kill_at(call):
         die()
 
     if call == "replace":
-        sweep_record.os = type("os", (), {"replace": staticmethod(die_after), "kill": os.kill})
+        record_module.os = type("os", (), {"replace": staticmethod(die_after), "kill": os.kill})
     else:
-        setattr(sweep_record, call, die)
+        setattr(record_module, call, die)
 
 
 def say(*words):

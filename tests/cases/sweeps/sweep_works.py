@@ -10,7 +10,7 @@ from pathlib import Path
 import warp as wp
 
 from palpate.render.errors import PalpateWarning, StrategyError
-from palpate.render.sweeps.sweep_task import Outcome
+from palpate.render.sweeps.make.task import Outcome
 
 
 def do(task, device, *, worker):

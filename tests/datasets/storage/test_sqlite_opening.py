@@ -12,12 +12,12 @@ from sweep_store_rows import MAKER
 
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.storage.durable import FolderLock, is_locked
-from palpate.datasets.sweeps.sweep_check import check_store, is_sweep_data
-from palpate.datasets.sweeps.sweep_shard import read_shard
-from palpate.datasets.sweeps.sweep_store import SweepStore
+from palpate.datasets.sweeps.check import check_store, is_sweep_data
+from palpate.datasets.sweeps.shard import read_shard
+from palpate.datasets.sweeps.store import SweepStore
 from palpate.render.errors import SweepError
-from palpate.render.sweeps.sweep_log import LOG, SweepLog
-from palpate.render.sweeps.sweep_results import STAMP, _stamped, locked
+from palpate.render.sweeps.report.results import STAMP, _stamped, locked
+from palpate.render.sweeps.run.log import LOG, SweepLog
 
 MAGIC = bytes.fromhex("d9d505f920a163d7")
 MODES = pytest.mark.parametrize("mode", ["read", "create"])

@@ -19,8 +19,8 @@ from palpate.render import ImplicitObject, MeshObject, load_strategy
 from palpate.render.cli.app import app
 from palpate.render.errors import ImplicitError, PlanError, StrategyError, TrustStoreError, UntrustedCodeError
 from palpate.render.strategies.intersection_strategy import IntersectionStrategy, draft_strategy
-from palpate.render.sweeps.sweep_plan import draft_plans, load_plans
-from palpate.render.sweeps.sweep_work import run_task
+from palpate.render.sweeps.make.work import run_task
+from palpate.render.sweeps.plan.loading import draft_plans, load_plans
 from palpate.render.terminal.console import DONE, FAILED, MISUSED
 from palpate.render.trust.accepted_code import Accepted, accept, accepted, entries, store_folder
 

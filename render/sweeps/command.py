@@ -1,0 +1,281 @@
+"""What `palpate sweep` does: plan, run, table, figure, comparison, and what is said of it all."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...datasets.sweeps.store import SweepStore
+from ..errors import PlanError, SweepError
+from ..runtime.span_workers import WORKERS_MOST
+from ..terminal import console
+from ..terminal.foreign_text import print_message, show_table, write
+from .make.poses import pose_count
+from .make.task import Engine
+from .plan.loading import Plan, draft_plans
+from .plan.recipe import maker
+from .refusals import refuse_baseline, refuse_tables
+from .report.results import Results
+from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
+from .run.log import SweepProgress, sweep_bar
+from .run.missing import Counts, Failure, Key, Missing
+from .run.parent import SweepReport, run_sweep
+
+if TYPE_CHECKING:
+    from .report.compare import Baseline, Comparison, Tolerance
+
+STORE_SUFFIX = ".sweep"
+SHOWN = 20  # failures, and values that moved; JSON has all
+TOLD = (
+    "recipes",
+    "recipes_failed",
+    "poses",
+    "poses_rendered",
+    "poses_per_second",
+    "seconds",
+    "engine",
+    "retries",
+    "workers_lost",
+    "store",
+    "table",
+    "figure",
+)
+
+
+@dataclass(frozen=True)
+class SweepJob:
+    """Everything that `palpate sweep` is told."""
+
+    plans: list[Path]
+    store: Path | None
+    overrides: list[str]
+    dry_run: bool
+    yes: bool
+    device: str | None
+    workers: str
+    scheduler: str | None
+    baseline: Path | None
+    tolerances: list[str]
+    tables: list[Path]
+    overwrite: bool
+    figure: bool
+    allow_code: bool
+
+    @property
+    def folder(self) -> Path:
+        """The store: beside the first plan unless given."""
+        return self.plans[0].with_suffix(STORE_SUFFIX) if self.store is None else self.store
+
+    def worker_count(self) -> int | None:
+        """None for "auto"."""
+        if self.workers == "auto":
+            return None
+        if not self.workers.isdecimal() or not 1 <= int(self.workers) <= WORKERS_MOST:
+            raise PlanError(f"--workers must be a number in 1..{WORKERS_MOST} or auto, not {self.workers!r}")
+        return int(self.workers)
+
+    def require_sense(self) -> None:
+        """Raise PlanError or StrategyError for options that cannot be, whether or not there is anything to make."""
+        self.worker_count()
+        refuse_tables(self.tables, overwrite=self.overwrite)
+        if self.dry_run:
+            given = {"--baseline": self.baseline, "--table": self.tables, "--scheduler": self.scheduler}
+            for option, value in given.items():
+                if value:
+                    raise PlanError(f"{option} does not go with --dry-run: it makes nothing, on this machine")
+        if self.device not in (None, "auto", "cpu") and self.scheduler is None:
+            from ..runtime.span_workers import worker_devices
+
+            console.start_warp()
+            worker_devices(self.device)
+
+    def device_of(self, plan: Plan) -> str:
+        """The device that is asked for, by the command line or else by the plan."""
+        return self.device or plan.device
+
+    def workers_of(self, plan: Plan) -> int | None:
+        """So is the number of workers."""
+        count = self.worker_count()
+        return plan.workers if count is None else count
+
+    def engine(self, plan: Plan) -> Engine:
+        """Who makes the sweep."""
+        from .run.engine import choose_engine  # Warp, which a finished sweep does without
+
+        if self.scheduler is None:
+            console.start_warp()
+        return choose_engine(self.device_of(plan), self.workers_of(plan), self.scheduler)
+
+
+@dataclass(frozen=True)
+class Check:
+    """What the results are compared with."""
+
+    baseline: Baseline
+    tolerances: tuple[Tolerance, ...]
+
+
+def run_sweep_command(options: dict, *, as_json: bool) -> int:
+    """Make a sweep, or tell what it would cost; the options are those of `SweepJob`."""
+    job = SweepJob(**options)
+    job.require_sense()
+    check = _check_of(job)
+    plan = draft_plans(job.plans, job.overrides)
+    if job.scheduler is not None:
+        from .run.cluster import require_scheduler
+
+        require_scheduler(job.scheduler, devices=job.device_of(plan), workers=job.workers_of(plan))
+    if job.dry_run:
+        return _say_estimate(_estimated(job, plan), as_json=as_json)
+    if plan.recipe_count > RECIPES_MOST and not job.yes:
+        refuse_too_large(plan, job.folder)
+    plan = plan.with_code(job.allow_code)
+    if check is not None:
+        refuse_baseline(check.baseline, check.tolerances, plan)
+    report = _made(job, plan, as_json=as_json)
+    if report is None:
+        return console.FAILED
+    results = Results(plan, job.folder, is_complete=not report.failures, has_news=report.parts > 0)
+    results.write(job.tables, figure=job.figure)
+    comparison = None
+    if check is not None:
+        from .report.compare import compare_tables
+
+        comparison = compare_tables(check.baseline, results.columns, check.tolerances)
+    _say(report, {"store": str(job.folder), **results.files}, comparison, as_json=as_json)
+    return console.FAILED if report.failures or (comparison and not comparison.is_kept) else console.DONE
+
+
+def _check_of(job: SweepJob) -> Check | None:
+    """The baseline, read before anything is made: a mistake in it should not cost a sweep."""
+    if job.baseline is None:
+        if job.tolerances:
+            raise PlanError("--tolerance is of a comparison: name what to compare with by --baseline")
+        return None
+    from .report.compare import load_baseline, parse_tolerances
+
+    try:
+        return Check(load_baseline(job.baseline), parse_tolerances(job.tolerances))
+    except SweepError as error:
+        raise PlanError(str(error)) from error
+
+
+def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
+    """Run the sweep; None if it was interrupted, which is said."""
+    last = SweepProgress(0, plan.recipe_count, 0, 0.0, None)
+
+    def approve(counts: Counts) -> None:
+        if not job.yes:
+            refuse_too_large(plan, job.folder, share=counts.poses_incomplete / max(1, counts.poses))
+
+    try:
+        with sweep_bar(quiet=as_json) as bar:
+
+            def progress(now: SweepProgress) -> None:
+                nonlocal last
+                last = now
+                bar(now)
+
+            return run_sweep(plan, job.folder, lambda: job.engine(plan), progress=progress, approve=approve)
+    except KeyboardInterrupt:
+        message = (
+            f"interrupted: {last.recipes:,} of {last.recipe_count:,} recipes are done; {last.poses:,} poses rendered "
+            f"in this run, of unfinished recipes too, are kept in {job.folder}; the same command goes on"
+        )
+        console.fail(message, console.FAILED, as_json)
+        return None
+
+
+# ---- what is said
+
+
+def _say(report: SweepReport, outputs: dict[str, str], comparison: Comparison | None, *, as_json: bool) -> None:
+    values: dict[str, Any] = {
+        "recipes": report.recipes,
+        "recipes_failed": len(report.failures),
+        "poses": report.poses,
+        "poses_rendered": report.poses_rendered,
+        "poses_reused": report.poses_reused,
+        "parts_made": report.parts,
+        "parts_recovered": report.recovered,
+        "seconds": report.seconds,
+        "seconds_starting": report.seconds_starting,
+        "poses_per_second": report.rate,
+        "engine": report.engine,
+        "devices": list(report.devices),
+        "tasks": report.tasks,
+        "retries": report.retries,
+        "workers_lost": report.workers_lost,
+        **outputs,
+    }
+    for note in report.notes:
+        console.warn(note)
+    if as_json:
+        values["failures"] = [vars(failure) for failure in report.failures]
+        values["notes"] = list(report.notes)
+        values["comparison"] = None if comparison is None else comparison.to_dict()
+    console.show_values(values, as_json=as_json, title=outputs["store"], shown_names=TOLD)
+    if not as_json:
+        _show_failures(report.failures)
+        if comparison is not None:
+            _show_comparison(comparison)
+
+
+def _show_failures(failures: Sequence[Failure]) -> None:
+    """Reasons, each with the recipes that it holds for."""
+    names: dict[str, list[str]] = {}
+    for failure in failures:
+        names.setdefault(failure.sentence.removeprefix(f"{failure.name}: "), []).append(failure.name)
+    rows = [(own[0] + (f" and {len(own) - 1} more" if own[1:] else ""), why) for why, own in names.items()]
+    _show(f"{len(failures)} recipes could not be made", ("recipe", "why"), rows[:SHOWN], len(rows))
+
+
+def _show_comparison(comparison: Comparison) -> None:
+    for sentence in comparison.sentences():
+        print_message(sentence)
+    rows = comparison.rows(SHOWN)
+    _show("what moved", ("recipe", "metric", "was", "is", "change"), rows, len(comparison.moved))
+
+
+def _show(title: str, names: Sequence[str], rows: Sequence[Sequence[str]], count: int) -> None:
+    if not rows:
+        return
+    show_table(title, rows, names, to_errors=True)
+    if count > len(rows):
+        print_message(f"and {count - len(rows)} more (--json has all)")
+
+
+# ---- what it would cost
+
+
+def _estimated(job: SweepJob, plan: Plan) -> Estimate:
+    """Look what is missing, and make samples of it."""
+    console.start_warp()
+    from .run.engine import choose_engine
+
+    devices = choose_engine(job.device_of(plan), job.workers_of(plan), None).devices
+    with contextlib.ExitStack() as stack:
+        done = _nothing
+        if job.folder.is_file() or (job.folder.is_dir() and any(job.folder.iterdir())):
+            done = stack.enter_context(SweepStore(job.folder, maker=maker(), mode="read")).done
+        missing = Missing(plan.recipes(), plan.groups, done=done, pose_count=pose_count)
+        return estimate(plan, missing, job.folder, devices=devices)
+
+
+def _nothing(keys: Sequence[Key]) -> dict[Key, set[int]]:
+    """What is done where there is no store."""
+    return {key: set() for key in keys}
+
+
+def _say_estimate(told: Estimate, *, as_json: bool) -> int:
+    if as_json:
+        console.show_values(told.as_dict(), as_json=True, title="")
+    else:
+        for sentence in told.sentences():
+            write(sentence)
+    for problem in told.problems:
+        console.warn(problem)
+    return console.DONE

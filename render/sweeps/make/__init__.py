@@ -1,0 +1,1 @@
+"""What a worker of a sweep does with a task: renders chunks, measures them, keeps files."""

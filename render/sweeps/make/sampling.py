@@ -1,0 +1,147 @@
+"""What sampling comes to over a whole recipe: jumps by cause, revisits, silence, dwell; counted as `palpate play` does.
+
+Contours are rendered as they are sampled, or read where they are kept.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from ....datasets.motions.hand_motion import HandMotion
+from ...contour_batch import ContourBatch
+from ...hands.hand import Hand, Palm
+from ...intersection.batch_rendering import rendered_chunks
+from ...intersection.scene import Scene
+from ...playback.focus_source import ContourRows, ContourSource
+from ...sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy, dwell_map, sample_bounds
+
+KEPT_BYTES = 256_000_000  # of a rendering's contours on the host, for whoever samples it next
+CELL = 1e-3  # of the dwell map [m]
+OTHER_HAND = (0.2, 0.25)  # of the dwell map of a hand that is no rectangle, around the palm's middle [m]
+CAUSES = {"jumps_polyline": "polyline", "jumps_order": "order", "jumps_pose": "pose", "jumps_reentry": "re-entry"}
+NUMBERS = (
+    *CAUSES,
+    "jump_length",
+    "step_longest",
+    "silent_share",
+    "revisit_rate",
+    "draw_frequency",
+    "dwell_spread",
+    "dwell_area",
+)
+"""What the group "sampling" holds: docs/formats/sweep-files.md tells each."""
+
+
+class FocusTaker(Protocol):
+    """Who takes focal points as they are made."""
+
+    def take(self, focus: FocalPoints) -> None:
+        """The next ones."""
+        ...
+
+
+class RenderedContours:
+    """Contours of a motion that are rendered as they are read; kept for the next reading if they are small enough."""
+
+    def __init__(self, scene: Scene, motion: HandMotion, device: str, *, name: str = "rendering") -> None:
+        self.path = Path(name)
+        self.pose_count = len(motion)
+        self._scene, self._motion, self._device = scene, motion, device
+        self._first, self._batch = 0, None
+        self._kept: list[tuple[int, int, ContourBatch]] | None = None
+
+    def motion(self, first: int = 0, stop: int | None = None) -> dict[str, np.ndarray]:
+        """Poses and times first..stop."""
+        rows = {"pose": self._motion.pose[first:stop]}
+        return rows if self._motion.time is None else {**rows, "time": self._motion.time[first:stop]}
+
+    def blocks(self, *, point_limit: int = 0) -> Iterator[tuple[int, int]]:
+        """Pose ranges as they are rendered; `contours` gives those of the last one."""
+        for first, stop, batch in self._chunks():
+            self._first, self._batch = first, batch
+            yield first, stop
+
+    def contours(self, first: int, stop: int) -> dict[str, np.ndarray]:
+        """Contours of poses of the last block; of another range they are rendered."""
+        batch, own = self._batch, self._first
+        if batch is None or not own <= first <= stop <= own + batch.pose_count:
+            return self._scene.contours(self._motion.pose[first:stop], first, self._device)[0].arrays()
+        return batch.select(first - own, stop - own).by_name()
+
+    def _chunks(self) -> Iterator[tuple[int, int, ContourBatch]]:
+        if self._kept is not None:
+            yield from self._kept
+            return
+        kept: list[tuple[int, int, ContourBatch]] | None = []
+        size = 0
+        for chunk in rendered_chunks(self._scene, self._motion.pose, device=self._device):
+            size += sum(array.nbytes for array in chunk.contours.by_name().values())
+            kept = None if kept is None or size > KEPT_BYTES else kept
+            if kept is not None:
+                kept.append((chunk.first, chunk.stop, chunk.contours))
+            yield chunk.first, chunk.stop, chunk.contours
+        self._kept = kept
+
+
+def why_not_sampled(motion: HandMotion | None) -> str | None:
+    """Why a motion has no focal points over time; None if it has. None as the motion: random poses."""
+    if motion is None or motion.time is None:
+        return "the poses have no times"
+    return "there is one pose only" if len(motion) == 1 else None
+
+
+def sample_recipe(
+    contours: ContourRows,
+    motion: HandMotion,
+    hand: Hand,
+    strategy: SamplingStrategy,
+    takers: Sequence[FocusTaker] = (),
+    *,
+    counted: bool = True,
+) -> dict[str, Any]:
+    """Go once through all focal points of a motion; returns `NUMBERS`, if they are to be counted, and the seconds.
+
+    takers: who else takes the focal points. Raises what rendering and sampling raise.
+    """
+    started = perf_counter()
+    sampler = Sampler(strategy)
+    source = ContourSource(contours, sampler)
+    if not counted:
+        for _ in _taken(source, takers):
+            pass
+        return {"seconds": {"sampling": perf_counter() - started}}
+    width, length = (hand.width, hand.length) if isinstance(hand, Palm) else OTHER_HAND
+    time = motion.time if motion.time is not None else np.zeros(len(motion))
+    dwell = dwell_map(
+        _taken(source, takers),
+        motion.pose,
+        sample_bounds(time, source.duration, strategy.update_rate),
+        strategy.update_rate,
+        width=width,
+        length=length,
+        cell=min(CELL, width, length),
+    )
+    count = sampler.count
+    return {
+        **{name: count.jumps[cause] for name, cause in CAUSES.items()},
+        "jump_length": count.jump_length,
+        "step_longest": count.step_longest,
+        "silent_share": count.silent / count.samples,
+        "revisit_rate": count.revisit_rate,
+        "draw_frequency": count.draw_frequency(strategy.update_rate),
+        "dwell_spread": dwell.spread if dwell.area else None,
+        "dwell_area": dwell.area,
+        "samples": count.samples,
+        "seconds": {"sampling": perf_counter() - started},
+    }
+
+
+def _taken(source: ContourSource, takers: Sequence[FocusTaker]) -> Iterator[FocalPoints]:
+    """Focal points, once all takers have had them."""
+    for focus in source:
+        for taker in takers:
+            taker.take(focus)
+        yield focus

@@ -1,0 +1,147 @@
+"""Groups of a recipe that are made in one go: contour files, then one walk through the focal points for all the rest.
+
+Recipes of one rendering share its contours; those of one sampling strategy, too, share its focal points.
+"""
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from ....datasets.errors import ContourFileError
+from ....datasets.motions.hand_motion import HandMotion
+from ...intersection.scene import Scene
+from ...playback.focus_source import ContourRows, ContourSource
+from ...sampling.contour_sampling import Sampler, SamplingStrategy
+from ..plan.recipe import Recipe
+from .keep import (
+    DriveKeeper,
+    FocusKeeper,
+    contours_at,
+    contours_of,
+    damage_of,
+    is_kept,
+    keep_contours,
+    set_aside,
+)
+from .poses import HostPoses
+from .rendering import Rendering, sampling_of
+from .sampling import NUMBERS, sample_recipe, why_not_sampled
+
+Place = tuple[str, str]
+"""Group and key."""
+Wanted = Mapping[Place, Recipe]
+Made = dict[Place, dict[str, Any] | Exception]
+"""Payloads, or why there is none."""
+KEEPERS = {"keep-focal-points": FocusKeeper, "keep-drives": DriveKeeper}
+
+
+def make_whole(rendering: Rendering, wanted: Wanted, store: Path, device: str) -> Made:
+    """Make the groups that are made in one go, of recipes that have one rendering.
+
+    What goes wrong with a group stands in its place; the others are made.
+    """
+    made: Made = {}
+    kept = {place: recipe for place, recipe in wanted.items() if place[0] == "keep-contours"}
+    for place, recipe in kept.items():
+        try:
+            motion = rendering.poses.motion
+            made[place] = keep_contours(rendering.scene, motion, recipe, rendering.key, store, device)
+        except Exception as error:  # of this group only
+            made[place] = error
+    sampled = {place: recipe for place, recipe in wanted.items() if place not in kept}
+    if not sampled:
+        return made
+    motion = rendering.poses.motion if isinstance(rendering.poses, HostPoses) else None
+    reason = why_not_sampled(motion)
+    if reason is not None or motion is None:
+        return made | {place: _nothing(place, reason or "") for place in sampled}
+    results = _sampled(rendering, motion, sampled, store, device)
+    failed = {place: sampled[place] for place, error in results.items() if isinstance(error, ContourFileError)}
+    if failed:
+        results |= _mended(rendering, motion, failed, store, device)
+    return made | results
+
+
+def _mended(rendering: Rendering, motion: HandMotion, failed: Wanted, store: Path, device: str) -> Made:
+    """The groups again if it was a damaged contour file that they failed of, which is set aside and made anew.
+
+    Nothing if it is whole, or cannot be read for now: the error stays theirs.
+    """
+    path = contours_at(store, rendering.key)
+    try:
+        damage = damage_of(path) if is_kept(path) else None
+        if damage is None or not set_aside(path, damage):
+            return {}
+        recipe = next(iter(failed.values()))  # any: they have one rendering
+        keep_contours(rendering.scene, motion, recipe, rendering.key, store, device)
+    except Exception as error:  # it cannot be looked at, or not be made again
+        return dict.fromkeys(failed, error)
+    return _sampled(rendering, motion, failed, store, device)
+
+
+def _sampled(rendering: Rendering, motion: HandMotion, sampled: Wanted, store: Path, device: str) -> Made:
+    """Groups that are made of focal points, by one walk through the contours for each sampling strategy."""
+    by_sampling: dict[SamplingStrategy, dict[Place, Recipe]] = {}
+    for place, recipe in sampled.items():
+        by_sampling.setdefault(sampling_of(recipe.sampling), {})[place] = recipe
+    made: Made = {}
+    try:
+        with contours_of(rendering.scene, motion, rendering.key, store, device) as contours:
+            for strategy, asked in by_sampling.items():
+                made |= _walk(contours, motion, rendering.scene, strategy, asked, store)
+    except Exception as error:  # a kept file that cannot be read
+        made |= {place: error for place in sampled if place not in made}
+    return made
+
+
+def _nothing(place: Place, reason: str) -> dict[str, Any]:
+    """What stands for a group that a recipe cannot have."""
+    names = NUMBERS if place[0] == "sampling" else ("path",)
+    return {**dict.fromkeys(names), "reason": reason, "seconds": {}}
+
+
+def _walk(
+    contours: ContourRows,
+    motion: HandMotion,
+    scene: Scene,
+    strategy: SamplingStrategy,
+    asked: Wanted,
+    store: Path,
+) -> Made:
+    """Sample once for all groups of one sampling strategy; if that fails, once for each."""
+    try:
+        return _walked(contours, motion, scene, strategy, asked, store)
+    except Exception as error:  # of one group, which the others are not to suffer from
+        if len(asked) == 1:
+            return dict.fromkeys(asked, error)
+    made: Made = {}
+    for place, recipe in asked.items():
+        made |= _walk(contours, motion, scene, strategy, {place: recipe}, store)
+    return made
+
+
+def _walked(
+    contours: ContourRows,
+    motion: HandMotion,
+    scene: Scene,
+    strategy: SamplingStrategy,
+    asked: Wanted,
+    store: Path,
+) -> Made:
+    frame_count = ContourSource(contours, Sampler(strategy)).frame_count
+    made: dict[Place, dict[str, Any]] = {}
+    with ExitStack() as stack:
+        keepers: dict[Place, FocusKeeper | DriveKeeper] = {}
+        for place, recipe in asked.items():
+            if place[0] in KEEPERS:
+                keepers[place] = KEEPERS[place[0]](recipe, place[1], store, strategy, frame_count)
+                stack.enter_context(keepers[place].file)
+        counted = len(keepers) < len(asked)
+        numbers = sample_recipe(contours, motion, scene.hand, strategy, list(keepers.values()), counted=counted)
+        seconds = numbers["seconds"]
+        for place in asked:
+            payload = keepers[place].publish() if place in keepers else numbers
+            made[place] = {**payload, "seconds": seconds}
+            seconds = {}  # told once
+    return dict(made)

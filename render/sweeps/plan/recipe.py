@@ -1,0 +1,364 @@
+"""One recipe of a sweep as data: what is rendered how, the keys that its results are stored under, and its columns.
+
+Keys are made like this, so that any program can make them again:
+
+1. Canonical JSON of each part: keys sorted, no blanks, non-ASCII as it is (UTF-8), whole numbers without a decimal
+   point; without `name`, and without `source` where `sha256` or `described` says what it is; of a sampling strategy and
+   a drive without the fields that have their default, so that one more such field changes no key.
+2. Its digest: SHA-256, hexadecimal.
+3. The key of a group: the first 32 digits of the SHA-256 of the line "palpate recipe 1" and, for each part that the
+   group depends on, a line of the part's name, a blank and its digest; lines end in a line feed.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache, cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Protocol
+from urllib.parse import unquote
+
+from ....datasets.bounded_file import file_beside, open_regular, read_content, read_json
+from ...errors import PlanError
+
+FORMAT = "palpate recipe 1"
+PARTS = ("thing", "hand", "motion", "strategy", "sampling", "array")
+_PLACE = {name: place for place, name in enumerate(PARTS)}
+RENDERING, SAMPLED, DRIVEN = PARTS[:4], PARTS[:5], PARTS
+GROUPS: dict[str, tuple[str, ...]] = {
+    "contours": RENDERING,
+    "frequency": SAMPLED,
+    "poses": SAMPLED,
+    "sampling": SAMPLED,
+    "keep-contours": RENDERING,
+    "keep-focal-points": SAMPLED,
+    "keep-drives": DRIVEN,
+}
+"""What can be made of a recipe, and the parts of the recipe that it depends on."""
+WHOLE_GROUPS = ("sampling", "keep-contours", "keep-focal-points", "keep-drives")
+"""Groups that are made of a recipe in one go."""
+METRICS = ("contours", "frequency", "sampling")
+KEPT = ("contours", "focal-points", "drives")
+KEY_DIGITS = 32
+CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+SOURCES = ("kernels", "render", "datasets")  # packages whose code decides results
+
+
+@dataclass(frozen=True)
+class RecipePart:
+    """One of a recipe's six parts, with what is made of it once however many recipes it is in."""
+
+    content: dict[str, Any]
+
+    @cached_property
+    def text(self) -> str:
+        """Its JSON, as recipes have it."""
+        return json.dumps(self.content, ensure_ascii=False)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of its canonical JSON: what it is called left out, and where it comes from if more is known."""
+        return hashlib.sha256(canonical(_without_defaults(_unnamed(self.content))).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What is rendered how. Each part is a JSON object with every default filled in (docs/guide/sweep-plan.md).
+
+    `source` is a built-in name or an absolute path (`path.py:function`, `package.module:function`), `name` what is
+    shown. Lengths in metres, times in seconds, rotations in degree.
+    """
+
+    thing: dict[str, Any]
+    hand: dict[str, Any]
+    motion: dict[str, Any]
+    strategy: dict[str, Any]
+    sampling: dict[str, Any]
+    array: dict[str, Any]
+
+    @classmethod
+    def of(cls, parts: Sequence[RecipePart]) -> "Recipe":
+        """A recipe of its six parts, which may be in others too."""
+        recipe = cls(*(part.content for part in parts))
+        vars(recipe)["_parts"] = tuple(parts)  # what the cached property would make anew
+        return recipe
+
+    @cached_property
+    def _parts(self) -> tuple[RecipePart, ...]:
+        return tuple(RecipePart(getattr(self, name)) for name in PARTS)
+
+    def to_json(self) -> str:
+        """One line of JSON that `from_json` reads back."""
+        return "{" + ", ".join(f'"{name}": {part.text}' for name, part in zip(PARTS, self._parts, strict=True)) + "}"
+
+    @classmethod
+    def from_json(cls, text: str) -> "Recipe":
+        """Read back what `to_json` wrote; raises PlanError for anything else."""
+        try:
+            values = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise PlanError(f"recipe: not JSON ({error})") from error
+        if not isinstance(values, dict) or set(values) != set(PARTS):
+            raise PlanError(f"recipe: must be a JSON object of {', '.join(PARTS)}, not {text[:60]!r}")
+        return cls(**values)
+
+    def digest(self, names: Iterable[str]) -> str:
+        """Key of some parts together, 32 hexadecimal digits: what must be the same for work to be shared."""
+        parts = self._parts
+        lines = [f"{name} {parts[_PLACE[name]].digest}\n" for name in names]
+        return hashlib.sha256(f"{FORMAT}\n{''.join(lines)}".encode()).hexdigest()[:KEY_DIGITS]
+
+    def key(self, group: str) -> str:
+        """Key that a group's results are stored under, 32 hexadecimal digits; groups are those of `GROUPS`."""
+        if group not in GROUPS:
+            raise PlanError(f"unknown group {group!r}; known: {', '.join(GROUPS)}")
+        return self.digest(GROUPS[group])
+
+    @property
+    def hash(self) -> str:
+        """Key of all six parts."""
+        return self.digest(PARTS)
+
+    @property
+    def title(self) -> str:
+        """In messages: object, hand, motion, strategy, sampling."""
+        motion = self.motion["name"] + (f" seed {self.motion['seed']}" if self.motion.get("seed") is not None else "")
+        names = [self.thing["name"], self.hand["name"], motion, self.strategy["name"], self.sampling["name"]]
+        return ", ".join(names)
+
+    def columns(self) -> dict[str, str | float | int | bool | None]:
+        """The recipe as one row of a table: the same columns for every recipe, None where one does not apply."""
+        thing, volume, motion, array = self.thing, self.thing["volume"], self.motion, self.array
+        sampling, drive = self.sampling["described"], array["described"]["drive"]
+        return {
+            "object": thing["name"],
+            "object_scale": thing["scale"],
+            "object_up": thing["up"],
+            "object_fit": thing["fit"],
+            **_spread("object_rotate", thing["rotate"]),
+            **_spread("object_at", thing["at"]),
+            "object_simplify": thing["simplify"],
+            **{f"object_{name}": thing.get("mesh", {}).get(name) for name in ("solid", "weld", "fill_holes")},
+            "object_bounds": _written(thing["bounds"]),
+            **{f"object_{name}": volume.get(name) for name in ("kind", "level", "inside", "unit")},
+            "object_label": _written(volume.get("label")),
+            **_spread("object_spacing", volume.get("spacing")),
+            "hand": self.hand["name"],
+            **_spread("palm", self.hand["palm"], ("width", "length")),
+            "motion": motion["name"],
+            **{name: motion.get(name) for name in ("duration", "rate", "seed", "count", "size")},
+            **_spread("motion_at", motion.get("at")),
+            "side": motion.get("side"),
+            "alignment": (motion.get("alignment") or {}).get("name"),
+            "strategy": self.strategy["name"],
+            "step": self.strategy["step"],
+            "flush": self.strategy["described"].get("flush"),
+            "sampling": self.sampling["name"],
+            **{name: sampling[name] for name in ("speed", "update_rate", "foci")},
+            "array": array["name"],
+            **{f"drive_{name}": drive[name] for name in drive},
+        }
+
+
+class SweepPlan(Protocol):
+    """What a run needs of a `Plan`."""
+
+    @property
+    def name(self) -> str:
+        """In the log."""
+        ...
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """What is made of each recipe."""
+        ...
+
+    @property
+    def recipe_count(self) -> int:
+        """At most so many."""
+        ...
+
+    @property
+    def granted(self) -> frozenset[str]:
+        """SHA-256 of the files of code that its recipes name and workers may run."""
+        ...
+
+    def recipes(self) -> Iterator[Recipe]:
+        """Each once."""
+        ...
+
+
+def _spread(name: str, values: Sequence[float] | None, ends: tuple[str, ...] = ("x", "y", "z")) -> dict[str, Any]:
+    """One column for each number of a list."""
+    return {f"{name}_{end}": None if values is None else values[k] for k, end in enumerate(ends)}
+
+
+def _written(values: object) -> str | None:
+    """A list of any length in one column."""
+    return None if values is None else json.dumps(values)
+
+
+def _unnamed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Without names, and without the sources of what `sha256` or `described` tells; of a motion's alignment too."""
+    known = any(content.get(told) is not None for told in ("sha256", "described"))
+    out = {key: value for key, value in content.items() if key != "name" and not (known and key == "source")}
+    if isinstance(out.get("alignment"), Mapping):
+        out["alignment"] = _unnamed(out["alignment"])
+    return out
+
+
+def _without_defaults(content: dict[str, Any]) -> dict[str, Any]:
+    """Without fields of a sampling strategy or a drive that have their default.
+
+    | `described` has | is of | fields |
+    |---|---|---|
+    | `raw` | an intersection strategy, in which they are left out already | |
+    | `drive` | an array | of `drive` |
+    | else | a sampling strategy | of it |
+    """
+    described = content.get("described")
+    if described is None or "raw" in described:
+        return content
+    if "drive" in described:
+        given = {name: value for name, value in described["drive"].items() if value is not None}  # None is a default
+        own = _changed(given, _drive_defaults(given.get("solver")))
+        return content | {"described": described | {"drive": own}}
+    return content | {"described": _changed(described, *_sampling_defaults())}
+
+
+def _changed(
+    values: Mapping[str, Any], defaults: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]] | None = None
+) -> dict[str, Any]:
+    """Fields that do not have their default; of a group that differs, its own fields that do."""
+    out = {name: value for name, value in values.items() if name not in defaults or value != defaults[name]}
+    for name, group in (groups or {}).items():
+        if isinstance(out.get(name), Mapping):
+            out[name] = _changed(out[name], group)
+    return out
+
+
+@cache
+def _sampling_defaults() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Of a sampling strategy, and of each of its groups where it is there."""
+    from ...sampling.strategy import GROUPS as KINDS
+    from ...sampling.strategy import SamplingStrategy
+
+    return asdict(SamplingStrategy()), {name: asdict(kind()) for name, kind in KINDS.items()}
+
+
+@cache
+def _drive_defaults(solver: str | None) -> dict[str, Any]:
+    """Of a drive, the iterations being those of its solver."""
+    from ...playback.drive import SOLVERS, DriveStrategy  # Warp
+
+    defaults = asdict(DriveStrategy())
+    gs_pat, wgs = SOLVERS.get(defaults["solver"] if solver is None else solver, (0, 0))
+    return defaults | {"gs_pat_iterations": gs_pat or None, "wgs_iterations": wgs or None}
+
+
+def canonical(value: Any) -> str:
+    """JSON of which there is one for each meaning, see the module."""
+    return CANONICAL.encode(_plain(value))
+
+
+def _plain(value: Any) -> Any:
+    """Whole numbers as integers, so that 7 and 7.0 are the same."""
+    if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
+        return int(value)
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def groups_of(metrics: Iterable[str], per_pose: bool, keep: Iterable[str]) -> tuple[str, ...]:
+    """Groups that a plan's `metrics`, `per_pose` and `keep` ask for, in the order of `GROUPS`."""
+    asked = {*metrics, *(["poses"] if per_pose else []), *(f"keep-{name}" for name in keep)}
+    if unknown := asked - set(GROUPS):
+        raise PlanError(f"unknown groups {', '.join(sorted(unknown))}; known: {', '.join(GROUPS)}")
+    return tuple(group for group in GROUPS if group in asked)
+
+
+@cache
+def maker() -> str:
+    """Who makes results: versions of palpate and Warp, and a digest of the code that decides them.
+
+    Results are looked up for the same maker only. Other libraries (trimesh, manifold3d) are not in it.
+    """
+    digest = hashlib.sha256()
+    root = Path(__file__).resolve().parents[3]
+    for name in SOURCES:
+        for path in sorted((root / name).rglob("*.py")):
+            digest.update(
+                f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode()
+            )
+    return f"palpate {version('palpate')}, warp {version('warp-lang')}, code {digest.hexdigest()[:16]}"
+
+
+def digest_source(source: str) -> str:
+    """SHA-256 of a recipe's source on disk: of the file, or of the digests of the files that it is made of.
+
+    source: as in a recipe, an absolute path, `path.py:function` or `package.module:function`. A .gltf counts with its
+    buffers, a .nhdr with its data; what else a Python file imports does not. Raises PlanError for a file that cannot
+    be read.
+    """
+    path = Path(path_of(source))
+    try:
+        digests = [_digest_file(file) for file in (path, *_companions(path))]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise PlanError(f"{path}: cannot tell which files hold its data ({error})") from error
+    except OSError as error:
+        raise PlanError(f"{error.filename or path}: cannot be read ({error.strerror or error})") from error
+    return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
+
+
+def path_of(source: str) -> str:
+    """The file of a source: that of a function without the function's name."""
+    where, colon, function = source.rpartition(":")
+    if not colon or not function.isidentifier():
+        return source
+    if where.endswith(".py"):
+        return where
+    from ...trust.permission import UNNAMED
+    from ...trust.user_code import find_installed
+
+    try:
+        files = find_installed(where, UNNAMED).code.files
+    except (ImportError, OSError, ValueError, AttributeError) as error:
+        raise PlanError(f"{source}: there is no module {where!r} ({error})") from error
+    if not files:
+        raise PlanError(f"{source}: there is no module {where!r} with a file")
+    return files[-1][0]
+
+
+def _digest_file(path: Path) -> str:
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _companions(path: Path) -> list[Path]:
+    """Files beside one that hold a part of what it says; raises ValueError where it cannot be told."""
+    if path.suffix.lower() == ".gltf":
+        buffers = read_json(path)["buffers"]
+        names = [buffer.get("uri", "data:") for buffer in buffers]
+        return [file_beside(path, unquote(name)) for name in names if not name.startswith("data:")]
+    return _nrrd_data(path) if path.suffix.lower() == ".nhdr" else []
+
+
+def _nrrd_data(path: Path) -> list[Path]:
+    """Data files of a detached NRRD header: one, a list of several, or numbered ones."""
+    lines = read_content(path).decode("ascii", errors="replace").splitlines()
+    for place, line in enumerate(lines):
+        field, _, value = (text.strip() for text in line.partition(":"))
+        if field.lower() not in ("data file", "datafile"):
+            continue
+        words = value.split()
+        if words[:1] == ["LIST"]:
+            return [file_beside(path, name.strip()) for name in lines[place + 1 :] if name.strip()]
+        if len(words) >= 4 and "%" in words[0]:
+            first, last, step = (int(word) for word in words[1:4])
+            numbers = range(first, last + (1 if step > 0 else -1), step)
+            return [file_beside(path, words[0] % number) for number in numbers]
+        return [file_beside(path, value)]
+    return []

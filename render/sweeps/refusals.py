@@ -1,0 +1,65 @@
+"""What of `palpate sweep`'s options can be seen to mean nothing before anything is made."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterable, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import PlanError, SweepError
+from .plan.loading import Plan
+from .plan.recipe import Recipe
+from .run.estimate import RECIPES_MOST
+
+if TYPE_CHECKING:
+    from .report.compare import Baseline, Tolerance
+
+TABLE_SUFFIXES = (".h5", ".hdf5", ".parquet")
+RECIPES_FIRST = 1000  # of a plan; a baseline of the same plan has some of these
+
+
+def refuse_tables(tables: Sequence[Path], *, overwrite: bool) -> None:
+    """Raise PlanError for a table that cannot be written: of another form, there already, Parquet without PyArrow."""
+    for table in tables:
+        if table.suffix not in TABLE_SUFFIXES:
+            raise PlanError(f"--table {table}: a table must end in {', '.join(TABLE_SUFFIXES)}")
+        if table.is_dir():
+            raise PlanError(f"--table {table}: is a folder")
+        if table.exists() and not overwrite:
+            raise PlanError(f"--table {table}: exists; --overwrite replaces it")
+        if table.suffix == ".parquet" and importlib.util.find_spec("pyarrow") is None:
+            raise PlanError(f"--table {table}: Parquet needs PyArrow: pip install 'palpate[parquet]'")
+
+
+def refuse_baseline(baseline: Baseline, tolerances: Sequence[Tolerance], plan: Plan) -> None:
+    """Raise PlanError where no recipe of a plan is the baseline's, or a tolerance is of no metric of either.
+
+    Of plans of more than RECIPES_MOST recipes only the tolerances are judged.
+    """
+    from .report.compare import compare_tables
+
+    counts = (RECIPES_FIRST, *([RECIPES_MOST] if RECIPES_FIRST < plan.recipe_count <= RECIPES_MOST else []))
+    for count in counts:
+        columns = _columns_ahead(islice(plan.recipes(), count), plan.groups)
+        try:
+            found = compare_tables(baseline, columns, tolerances)
+        except SweepError as error:
+            raise PlanError(str(error)) from error
+        if found.recipe_count:
+            return
+    if plan.recipe_count <= RECIPES_MOST:
+        raise PlanError(f"baseline {baseline.path} has no recipe in common with this plan: it is of another one")
+
+
+def _columns_ahead(recipes: Iterable[Recipe], groups: Sequence[str]) -> dict[str, list[Any]]:
+    """A table as it will be, all of whose results are still to come."""
+    from .report.table import METRICS
+
+    made = list(recipes)
+    rows = [recipe.columns() for recipe in made]
+    columns: dict[str, list[Any]] = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+    metrics = [name for group in groups for name in METRICS.get(group, ())]
+    columns |= {name: [None] * len(rows) for name in metrics} | {"complete": [False] * len(rows)}
+    return columns | {"recipe_hash": [recipe.hash for recipe in made]}

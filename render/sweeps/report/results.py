@@ -1,0 +1,181 @@
+"""What a sweep leaves in its store beside results: the table, one row a recipe, rows of poses, and a figure.
+
+They are written anew whenever the plan, the code or what has been made are others than when they were written; which is
+what table.json is there to tell.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ....datasets.bounded_file import read_json
+from ....datasets.errors import SweepStoreError
+from ....datasets.storage.durable import FolderLock, discard, write_file
+from ....datasets.storage.schema import PRUNED_NAMES, removed_name
+from ....datasets.sweeps.store import SweepStore
+from ...errors import RenderError, SweepError
+from ...terminal import console
+from ..plan.recipe import maker
+
+if TYPE_CHECKING:
+    from ..plan.loading import Plan
+
+TABLE, POSES, FIGURE, STAMP = "table.h5", "poses.h5", "summary.png", "table.json"
+LENGTHS = ("length", *(f"length_{kind}" for kind in ("object", "hand", "made")))
+REMOVED = tuple(map(removed_name, PRUNED_NAMES))
+FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
+POSE_UNITS = dict.fromkeys((*LENGTHS, *REMOVED), "m") | dict.fromkeys(FREQUENCIES, "Hz") | {"area": "m2"}
+LOCK_SECONDS = 60.0  # for another parent that writes the same store's table
+
+
+class Results:
+    """Table and figure of a run, in its store; written unless they are there already."""
+
+    def __init__(self, plan: Plan, folder: Path, *, is_complete: bool, has_news: bool) -> None:
+        """is_complete: whether every recipe could be made; has_news: whether any part was made just now."""
+        self._plan, self._folder, self._is_complete = plan, folder, is_complete
+        self._columns: dict[str, Any] = {}
+        self._stamp = {"plan": plan.described()["digest"], "maker": maker()}
+        self._tables = (TABLE, *([POSES] if "poses" in plan.groups else []))
+        self._is_fresh = is_complete and not has_news and _stamped(folder) == self._stamp | self._sizes()
+        self._is_fresh = self._is_fresh and _is_whole(folder / TABLE)
+        self.files = {"table": str(folder / TABLE)}
+        """By what they are."""
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """Of the table, read when first asked for."""
+        if not self._columns and self._is_fresh:
+            from ....datasets.sweeps.table import load_table
+
+            self._columns = dict(load_table(self._folder / TABLE))
+        elif not self._columns:
+            from .table import tidy_columns
+
+            with SweepStore(self._folder, maker=maker(), mode="read") as store:
+                self._columns = tidy_columns(self._plan.recipes(), store, self._plan.groups)
+        return self._columns
+
+    def write(self, tables: Sequence[Path], *, figure: bool) -> None:
+        """Write what is not there, and the table into `tables` too. figure: draw one, too."""
+        picture = self._folder / FIGURE
+        if not self._is_fresh or (figure and _size(picture) <= 0):
+            with locked(self._folder):
+                if not self._is_fresh:
+                    self._write_store_table()
+                    discard(picture)  # of other results
+                if figure:
+                    _draw(picture, self.columns, self._plan)
+        for path in tables:
+            _write_table(path, self.columns, self._plan)
+        if "poses" in self._plan.groups:
+            self.files["poses_table"] = str(self._folder / POSES)
+        if picture.exists():
+            self.files["figure"] = str(picture)
+
+    def _write_store_table(self) -> None:
+        discard(self._folder / STAMP)
+        _write_table(self._folder / TABLE, self.columns, self._plan)
+        if "poses" in self._plan.groups:
+            from ....datasets.sweeps.table_stream import write_blocks
+            from .table import pose_blocks
+
+            with SweepStore(self._folder, maker=maker()) as store:
+                blocks = pose_blocks(self._plan.recipes(), store)
+                write_blocks(self._folder / POSES, blocks, _attributes(self._plan), units=POSE_UNITS)
+        if self._is_complete:
+            _write_stamp(self._folder, self._stamp | self._sizes())
+
+    def _sizes(self) -> dict[str, Any]:
+        """Of its tables [byte], -1 for one that is not there: one that was deleted or cut is written again."""
+        return {"bytes": {name: _size(self._folder / name) for name in self._tables}}
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Sole right to write a store's table and figure, waited for while another parent has it."""
+    until = time.monotonic() + LOCK_SECONDS
+    while True:
+        try:
+            lock = FolderLock(folder)
+            break
+        except BlockingIOError:
+            if time.monotonic() > until:
+                raise SweepError(f"{folder}: another process has been writing its table for a minute") from None
+            time.sleep(0.05)
+        except OSError as error:
+            raise SweepError(f"{folder}: its table cannot be written ({error.strerror or error})") from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _write_table(path: Path, columns: dict[str, Any], plan: Plan) -> None:
+    from ....datasets.sweeps.table import write_parquet, write_table
+    from .table import column_units
+
+    write = write_parquet if path.suffix == ".parquet" else write_table
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SweepError(f"{path.parent} cannot be made: {error.strerror or error}") from error
+    write(path, columns, _attributes(plan), units=column_units(columns))
+
+
+def _attributes(plan: Plan) -> dict[str, Any]:
+    """What a table says of itself."""
+    return {"plan": plan.described(), "name": plan.name, "maker": maker()}
+
+
+def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:
+    """A sweep of which nothing can be drawn has no figure, which is said; whatever it is, results are worth more."""
+    from .figure import draw_sweep  # matplotlib
+
+    try:
+        draw_sweep(columns, figure, name=plan.name)
+    except (RenderError, OSError) as error:
+        _warn_no_figure(str(error))
+    except Exception as error:  # matplotlib's, of names or numbers that nobody thought of
+        _warn_no_figure(f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}")
+
+
+def _warn_no_figure(why: str) -> None:
+    console.warn(f"no figure: {why}")
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return -1
+
+
+def _is_whole(table: Path) -> bool:
+    """Whether a table has its digest; a damaged one is written again, which is said."""
+    from ....datasets.sweeps.table import table_attributes
+
+    try:
+        table_attributes(table)
+    except SweepStoreError as error:
+        console.warn(f"{error}; it is written again")
+        return False
+    return True
+
+
+def _stamped(folder: Path) -> dict[str, Any] | None:
+    """What the store's table was made of."""
+    try:
+        return read_json(folder / STAMP)
+    except (OSError, ValueError):
+        return None
+
+
+def _write_stamp(folder: Path, content: dict[str, Any]) -> None:
+    with contextlib.suppress(OSError):  # without it the table is written again
+        write_file(folder / STAMP, memoryview(json.dumps(content).encode()))

@@ -1,0 +1,311 @@
+"""Results of a sweep as a tidy table: one row a recipe, in the plan's order; and one row a pose where asked."""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ....datasets.storage.schema import PRUNED_NAMES, removed_name
+from ....datasets.sweeps.store import SweepStore
+from ...reports.file_summary import length_ratio
+from ..make.poses import part_count
+from ..make.task import WHOLE
+from ..plan.recipe import WHOLE_GROUPS, Recipe
+
+CHUNK = 4096  # recipes whose results are looked up at once
+NOISE = 1e-6
+"""A standard deviation below this share of the root mean square is rounding, and stands as 0: sums of squares are
+float64 sums of up to 768 terms a part, right to about 1e-13, and sqrt(1e-13) of it is what their difference leaves."""
+
+CONTOUR_METRICS: dict[str, str] = {
+    "poses": "1",
+    "poses_drawn": "1",
+    "length_mean": "m",
+    "length_std": "m",
+    "length_max": "m",
+    "length_object_mean": "m",
+    "length_hand_mean": "m",
+    "length_made_mean": "m",
+    "r": "1",
+    "polylines_mean": "1",
+    "polylines_max": "1",
+    "area_mean": "m2",
+    "area_max": "m2",
+    **{f"removed_{stage}_mean": "m" for stage in PRUNED_NAMES},
+}
+FREQUENCY_METRICS: dict[str, str] = {"draw_frequency_nominal": "Hz", "draw_frequency_actual": "Hz"}
+SAMPLING_METRICS: dict[str, str] = {
+    "jumps_polyline": "1",
+    "jumps_order": "1",
+    "jumps_pose": "1",
+    "jumps_reentry": "1",
+    "jump_length": "m",
+    "step_longest": "m",
+    "silent_share": "1",
+    "revisit_rate": "Hz",
+    "draw_frequency": "Hz",
+    "dwell_spread": "1",
+    "dwell_area": "m2",
+    "samples": "1",
+}
+METRICS: dict[str, dict[str, str]] = {
+    "contours": CONTOUR_METRICS,
+    "frequency": FREQUENCY_METRICS,
+    "sampling": SAMPLING_METRICS,
+}
+"""Columns of each group, with their units; lengths and areas are means over all poses, empty ones included."""
+
+KEPT: dict[str, str] = {
+    "keep-contours": "kept_contours",
+    "keep-focal-points": "kept_focal_points",
+    "keep-drives": "kept_drives",
+}
+"""Columns that name kept files, relative to the store."""
+
+AXIS_UNITS: dict[str, str] = {
+    **dict.fromkeys(("object_fit", "object_simplify", "object_weld", "object_fill_holes"), "m"),
+    **dict.fromkeys(("palm_width", "palm_length", "size", "step", "flush"), "m"),
+    **{f"{name}_{axis}": "m" for name in ("object_at", "object_spacing", "motion_at") for axis in "xyz"},
+    **{f"object_rotate_{axis}": "degree" for axis in "xyz"},
+    **dict.fromkeys(("object_scale", "seed", "count", "foci", "drive_level_max"), "1"),
+    "duration": "s",
+    "rate": "Hz",
+    "speed": "m/s",
+    "update_rate": "Hz",
+    "drive_slew": "turn",
+    "drive_sound_speed": "m/s",
+    "drive_piston_radius": "m",
+}
+"""Unit of the recipe's own columns that have one."""
+
+UNITS: dict[str, str] = {name: unit for metrics in METRICS.values() for name, unit in metrics.items()}
+"""Unit of each metric column; "1" is a number."""
+
+OTHERS = ("recipe", "recipe_hash", "maker", "complete", *KEPT.values())
+"""Columns that are neither of the recipe nor metrics; nor are those of time, which begin with "seconds"."""
+
+Key = tuple[str, str]
+"""Group and key."""
+
+Columns = dict[str, list[Any]]
+"""Of a table: the name and the values, one a row; None where it does not apply."""
+
+
+class Results(Protocol):
+    """What the table needs of a store."""
+
+    @property
+    def maker(self) -> str:
+        """Whose results it gives."""
+        ...
+
+    def results(self, keys: Sequence[tuple[str, str]], /) -> Iterable[tuple[str, str, int, Mapping[str, Any]]]:
+        """Group, key, part and payload of what has been made."""
+        ...
+
+
+class Statistic(NamedTuple):
+    """Of one metric over all poses to which it applies."""
+
+    number: int
+    """Of poses."""
+    total: float
+    squares: float
+    greatest: float
+
+    @classmethod
+    def merged(cls, parts: Iterable[Sequence[float]]) -> "Statistic":
+        """From parts' [count, sum, sum of squares, least, greatest]: the same whatever their order."""
+        used = [part for part in parts if part[0]]
+        if len(used) < 2:  # most recipes have one part, and not every metric
+            return cls(int(used[0][0]), used[0][1], used[0][2], used[0][4]) if used else NOTHING
+        return cls(
+            sum(int(part[0]) for part in used),
+            math.fsum(part[1] for part in used),
+            math.fsum(part[2] for part in used),
+            max(part[4] for part in used),
+        )
+
+    @property
+    def mean(self) -> float | None:
+        """None without a pose."""
+        return self.total / self.number if self.number else None
+
+    @property
+    def std(self) -> float | None:
+        """Of the population; see NOISE for what counts as 0."""
+        if not self.number:
+            return None
+        variance = math.fsum((self.squares, -self.total * (self.total / self.number))) / self.number
+        return math.sqrt(variance) if variance > NOISE**2 * self.squares / self.number else 0.0
+
+    @property
+    def most(self) -> float | None:
+        """None without a pose."""
+        return self.greatest if self.number else None
+
+
+NOTHING = Statistic(0, 0.0, 0.0, math.nan)
+
+
+def is_metric(column: str) -> bool:
+    """Whether a table's column is a result that depends on nothing but the recipe (so not on time)."""
+    return column in UNITS
+
+
+def is_axis(column: str) -> bool:
+    """Whether a table's column is a part of the recipe."""
+    return not (is_metric(column) or column in OTHERS or column.startswith("seconds"))
+
+
+def tidy_columns(recipes: Iterable[Recipe], store: Results, groups: Sequence[str]) -> Columns:
+    """A sweep's table: one row a recipe, in their order.
+
+    Columns, in this order: the recipe's own, metrics of the groups asked for (`METRICS`), `kept_...` paths, "complete",
+    "recipe" (JSON), "recipe_hash", "maker", "seconds" and "seconds_..." by stage [s]. None where a column does not
+    apply, and in all metrics of a group that is not there whole; then "complete" is False.
+
+    groups: to look up, and to be complete.
+    """
+    table: Columns = {}
+    seconds: list[dict[str, float]] = []
+    left = iter(recipes)
+    while chunk := list(islice(left, CHUNK)):
+        keys = [[(group, recipe.key(group)) for group in groups] for recipe in chunk]
+        made = _made(chunk, keys, store)
+        rows: list[dict[str, Any]] = []
+        for recipe, own in zip(chunk, keys, strict=True):
+            parts = [made[key] for key in own]
+            row: dict[str, Any] = recipe.columns()
+            for part in parts:
+                row |= part.columns
+            row["complete"] = all(part.is_whole for part in parts)
+            row |= {"recipe": recipe.to_json(), "recipe_hash": recipe.hash, "maker": store.maker}
+            rows.append(row)
+            seconds.append(_took([part.seconds for part in parts]))
+        for name in rows[0]:  # every recipe has the same
+            table.setdefault(name, []).extend([row[name] for row in rows])
+    stages = sorted({name for took in seconds for name in took})
+    return table | {name: [took.get(name) for took in seconds] for name in stages}
+
+
+def column_units(columns: Iterable[str]) -> dict[str, str]:
+    """Units of those of a table's columns that have one; "1" is a number."""
+    known = AXIS_UNITS | UNITS
+    units = {name: "s" if name.startswith("seconds") else known.get(name) for name in columns}
+    return {name: unit for name, unit in units.items() if unit is not None}
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What there is of a group under a key."""
+
+    is_whole: bool
+    columns: dict[str, Any]
+    seconds: dict[str, float]
+    """By stage; nothing if it is not whole."""
+
+
+def _made(recipes: Sequence[Recipe], keys: Sequence[Sequence[Key]], store: Results) -> dict[Key, _Made]:
+    """Results of some recipes, each key's merged once however many recipes share it."""
+    owner = {key: recipe for recipe, own in zip(recipes, keys, strict=True) for key in own}
+    found: dict[Key, dict[int, Mapping[str, Any]]] = {key: {} for key in owner}
+    for group, key, part, payload in store.results(list(owner)):
+        found[group, key][part] = payload
+    out: dict[Key, _Made] = {}
+    for key, parts in found.items():
+        is_whole = _is_whole(owner[key], key[0], parts)
+        payloads = [parts[part] for part in sorted(parts)] if is_whole else []
+        took = _merged_seconds(_seconds(payload) for payload in payloads)
+        out[key] = _Made(is_whole, _columns(owner[key], key[0], payloads), took)
+    return out
+
+
+def _columns(recipe: Recipe, group: str, payloads: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """A group's columns; None in all without payloads."""
+    if group == "contours":
+        return _contours(payloads, closes(recipe.strategy))
+    if group == "frequency":
+        return {name: _statistic(payloads, name).mean for name in FREQUENCY_METRICS}
+    if group == "sampling":
+        return {name: payloads[0].get(name) if payloads else None for name in SAMPLING_METRICS}
+    return {KEPT[group]: payloads[0].get("path") if payloads else None} if group in KEPT else {}
+
+
+def _is_whole(recipe: Recipe, group: str, parts: Mapping[int, Mapping[str, Any]]) -> bool:
+    """Whether all of a group's parts are there."""
+    if not parts or group in WHOLE_GROUPS:
+        return WHOLE in parts
+    return len(parts) == part_count(recipe)
+
+
+def closes(strategy: Mapping[str, Any]) -> bool:
+    """Whether a recipe's strategy closes contours, so that r is |CC| over |OC|."""
+    stages = strategy["described"].get("transform", ())
+    return any((stage if isinstance(stage, str) else stage.get("stage")) == "close" for stage in stages)
+
+
+def _statistic(payloads: Sequence[Mapping[str, Any]], name: str) -> Statistic:
+    return Statistic.merged(payload["stat"][name] for payload in payloads if name in payload["stat"])
+
+
+def _contours(payloads: Sequence[Mapping[str, Any]], closing: bool) -> dict[str, Any]:
+    """Columns of `CONTOUR_METRICS`."""
+    length, on_object = _statistic(payloads, "length"), _statistic(payloads, "length_object")
+    polylines, area = _statistic(payloads, "polylines"), _statistic(payloads, "area")
+    return {
+        "poses": sum(payload["poses"] for payload in payloads) if payloads else None,
+        "poses_drawn": sum(payload["poses_drawn"] for payload in payloads) if payloads else None,
+        "length_mean": length.mean,
+        "length_std": length.std,
+        "length_max": length.most,
+        "length_object_mean": on_object.mean,
+        "length_hand_mean": _statistic(payloads, "length_hand").mean,
+        "length_made_mean": _statistic(payloads, "length_made").mean,
+        "r": length_ratio(length.total, on_object.total) if closing else None,
+        "polylines_mean": polylines.mean,
+        "polylines_max": polylines.most,
+        "area_mean": area.mean,
+        "area_max": area.most,
+        **{f"removed_{stage}_mean": _statistic(payloads, f"removed_{stage}").mean for stage in PRUNED_NAMES},
+    }
+
+
+def _seconds(payload: Mapping[str, Any]) -> Mapping[str, float]:
+    """Time by stage of a payload, which may have one figure only."""
+    seconds = payload.get("seconds") or {}
+    return seconds if isinstance(seconds, Mapping) else {"": seconds}
+
+
+def _merged_seconds(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Sums by stage."""
+    stages: dict[str, list[float]] = {}
+    for part in parts:
+        for stage, value in part.items():
+            stages.setdefault(stage, []).append(value)
+    return {stage: math.fsum(values) for stage, values in stages.items()}
+
+
+def _took(groups: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Columns of time: the sum, and by stage."""
+    merged = _merged_seconds(groups)
+    return (
+        {"seconds": math.fsum(merged.values())} | {f"seconds_{s}": v for s, v in merged.items() if s} if merged else {}
+    )
+
+
+def pose_blocks(recipes: Iterable[Recipe], store: SweepStore) -> Iterator[dict[str, np.ndarray]]:
+    """The per-pose table, part by part: "recipe" (row of the sweep's table), then the store's columns.
+
+    All blocks have the same columns: what a recipe's strategy does not remove is NaN. Recipes of which nothing is there
+    give no rows. Raises SweepStoreError for a damaged file.
+    """
+    for number, recipe in enumerate(recipes):
+        for _, columns in store.column_parts(recipe.key("poses")):
+            count = len(next(iter(columns.values()), ()))
+            absent = [name for name in map(removed_name, PRUNED_NAMES) if name not in columns]
+            removed = {name: np.full(count, np.nan, np.float32) for name in absent}
+            yield {"recipe": np.full(count, number, np.int64), **columns, **removed}

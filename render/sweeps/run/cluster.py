@@ -1,0 +1,327 @@
+"""Which cluster makes a sweep's tasks: processes of this host, somebody's scheduler, or jobs of a queueing system.
+
+| scheduler                      | cluster                          | workers                     | device of each     |
+|--------------------------------|----------------------------------|-----------------------------|--------------------|
+| None, "local"                  | Dask's own, on 127.0.0.1         | one for each GPU, each core | one of those named |
+| "tcp://host:port", "host:port" | somebody's; stays when we go     | at least so many must come  | the word, there    |
+| "scheduler.json"               | the same; Dask's file has where  | the same                    | the word, there    |
+| "slurm", "pbs", "sge", ...     | dask-jobqueue's, jobqueue.yaml   | jobs; the first must come   | the word, there    |
+| a Client (Python)              | the client's; stays when we go   | at least so many must come  | the word, there    |
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import os
+import re
+import signal
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ...errors import PalpateWarning, PlanError, StrategyError, SweepError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+PATIENCE = 30.0  # [s] for a scheduler to answer, and workers to be there
+PATIENCE_JOBS = 24 * 3600.0  # [s] for a first job to begin: queues are long
+GRACE = 0.5  # [s] for workers of this host to go by themselves
+HOST = "127.0.0.1"
+ADDRESS = re.compile(r"^[\w.-]+:\d+$")
+INSTALL = "sweeps on a cluster need Dask: pip install 'palpate[cluster]'"
+COMPARED = ("python", "dask", "distributed", "msgpack", "cloudpickle")  # what must understand each other
+NEEDED = ("cores", "memory")  # of a job, which nobody else can know
+SAFE_PATH = "PYTHONSAFEPATH"  # does what -P does
+SILENT = logging.CRITICAL + 1
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A cluster that is ours to use."""
+
+    client: Any  # Dask's Client, which is typed for both its uses, waiting and not
+    name: str
+    device: str
+    """The word that each worker finds its device by."""
+    worker_count: int
+    """Workers that must be there before anything begins."""
+    patience: float
+    """[s] that they may take, and that none may be there for later on."""
+    cluster: Any = None
+    """What we started, so what we close; None for somebody's."""
+    is_client_ours: bool = True
+    restore: Callable[[], object] = lambda: None
+    """Undoes what starting it has changed in this process."""
+
+    def close(self) -> None:
+        """Close what we started, whatever runs there; leave what we found."""
+        if self.is_client_ours:
+            self.client.close()
+        if self.cluster is not None:
+            _close_cluster(self.cluster)
+        self.restore()
+
+
+def connect_cluster(
+    scheduler: str | Client | None, *, devices: str = "auto", workers: int | None = None, patience: float | None = None
+) -> Connection:
+    """Start a cluster or find one; see the table above.
+
+    Raises PlanError, a SweepError, for a missing extra, an unknown word, a device that this host lacks (local) or
+    several of them (elsewhere), no workers; SweepError for a scheduler that does not answer within `patience` [s], and
+    jobs that cannot be submitted.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise PlanError(INSTALL) from error
+    if workers is not None and workers < 1:
+        raise PlanError(f"workers must be at least 1, not {workers}")
+    if scheduler in (None, "local"):
+        return _start_here(devices, workers, patience or PATIENCE)
+    _require_one_device(devices)
+    if isinstance(scheduler, distributed.Client):
+        address = str(scheduler.scheduler_info()["address"])
+        return Connection(scheduler, address, devices, workers or 1, patience or PATIENCE, is_client_ours=False)
+    if _is_address(scheduler):
+        return _find(scheduler, devices, workers or 1, patience or PATIENCE)
+    return _start_jobs(scheduler, devices, workers, patience or PATIENCE_JOBS)
+
+
+def require_scheduler(scheduler: str, *, devices: str = "auto", workers: int | None = None) -> None:
+    """Refuse what can be seen to be wrong of `connect_cluster`'s arguments before anything runs; raises PlanError."""
+    if importlib.util.find_spec("distributed") is None:
+        raise PlanError(INSTALL)
+    if scheduler == "local":
+        return
+    _require_one_device(devices)
+    if not _is_address(scheduler):
+        _job_system(scheduler, workers)
+
+
+def _is_address(scheduler: str) -> bool:
+    return "://" in scheduler or ADDRESS.match(scheduler) is not None or scheduler.endswith(".json")
+
+
+def _require_one_device(devices: str) -> None:
+    if "," in devices:
+        raise PlanError(f"a worker of a cluster has one device, so device {devices!r} cannot be; name one, or 'cuda'")
+
+
+def _start_here(devices: str, workers: int | None, patience: float) -> Connection:
+    """A scheduler in this process, and a process for each GPU, or for each core."""
+    from distributed import Nanny, Scheduler, SpecCluster
+
+    names = _devices_here(devices)
+    each = workers or (len(os.sched_getaffinity(0)) if names == ["cpu"] else 1)
+    word = "cpu" if names == ["cpu"] else "cuda:0"  # each sees its own GPU only
+    security = _new_keys()
+    bound = {"host": HOST, "dashboard": False, "dashboard_address": f"{HOST}:0"}  # 0: any port that is free
+    bound |= {"protocol": "tls://", "security": security}
+    options = bound | {"nthreads": 1, "memory_limit": 0, "silence_logs": SILENT}
+    options |= {"preload": f"{__package__}.dask_worker", "preload_argv": []}
+    spec = {
+        f"{name}-{number}": {"cls": Nanny, "options": options | {"env": _environment(name)}}
+        for name in names
+        for number in range(each)
+    }
+    # Whoever is lost is the schedule's to try again: it knows which tasks were begun, Dask does not.
+    ours = {"cls": Scheduler, "options": bound | {"port": 0, "allowed_failures": 0}}
+    with ExitStack() as stack:
+        stack.callback(_put_safe_path())
+        cluster = SpecCluster(workers=spec, scheduler=ours, security=security, silence_logs=SILENT)
+        client = _client(patience, address=cluster)
+        return Connection(client, "local", word, len(spec), patience, cluster, restore=stack.pop_all().close)
+
+
+def _put_safe_path() -> Callable[[], object]:
+    """Have all that this process starts from now on import nothing from the current folder; gives what undoes it.
+
+    Python starts workers and what watches over their semaphores as `python -c`, to which no option can be given.
+    """
+    if os.environ.get(SAFE_PATH):
+        return lambda: None
+    os.environ[SAFE_PATH] = "1"
+    return lambda: os.environ.pop(SAFE_PATH, None)
+
+
+def _devices_here(devices: str) -> list[str]:
+    """Devices of this host by the command line's words, all of one kind."""
+    if devices == "cpu":  # Warp is not needed here then
+        return ["cpu"]
+    from ...runtime.span_workers import worker_devices
+    from ...terminal.console import start_warp
+
+    start_warp()
+    try:
+        names = worker_devices(devices, 1)
+    except StrategyError as error:
+        raise PlanError(str(error)) from error
+    if "cpu" in names and len(names) > 1:
+        raise PlanError(f"workers of a cluster are all of one kind, so device {devices!r} cannot be")
+    return names
+
+
+def _environment(name: str) -> dict[str, str]:
+    """What makes a GPU the only one that a worker sees; ours may be hidden from us already."""
+    if name == "cpu":
+        return {"CUDA_VISIBLE_DEVICES": ""}
+    visible = [word for word in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if word]
+    index = int(name.removeprefix("cuda:"))
+    return {"CUDA_VISIBLE_DEVICES": visible[index].strip() if visible else str(index)}
+
+
+def _find(address: str, devices: str, workers: int, patience: float) -> Connection:
+    """A scheduler that somebody runs."""
+    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    try:
+        client = _client(patience, **where)
+    except (OSError, TimeoutError, ValueError, TypeError) as error:  # the last: tls:// without keys
+        reason = str(error).splitlines()[0].rstrip(".") if str(error) else type(error).__name__
+        raise SweepError(f"no scheduler answers at {address} ({reason}); `dask scheduler` starts one") from error
+    try:
+        _compare_versions(client)
+    except SweepError:
+        client.close()
+        raise
+    return Connection(client, address, devices, workers, patience)
+
+
+def _start_jobs(word: str, devices: str, workers: int | None, patience: float) -> Connection:
+    """Jobs of a queueing system, each of which is a worker, by the user's jobqueue.yaml."""
+    import dask.config
+    from distributed.security import Security
+
+    system = _job_system(word, workers)
+    missing = [key for key in NEEDED if dask.config.get(f"jobqueue.{word}.{key}", None) is None]
+    if missing:
+        raise SweepError(f"{word} needs {', '.join(missing)} of a job: ~/.config/dask/jobqueue.yaml, jobqueue.{word}")
+    cluster = None
+    try:
+        with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
+            configured = Security()  # by distributed.yaml
+            prologue = dask.config.get(f"jobqueue.{word}.job-script-prologue", None) or []
+            keys = dask.config.get(f"jobqueue.{word}.shared-temp-directory", None) or "~"  # files that only we can read
+            cluster = system(
+                security=configured if configured.tls_ca_file else _new_keys(),
+                shared_temp_directory=keys,
+                job_script_prologue=[*prologue, f"export {SAFE_PATH}=1"],
+            )
+        cluster.scale(jobs=workers)
+        return Connection(_client(patience, address=cluster), word, devices, 1, patience, cluster)
+    except (ValueError, TypeError, OSError, RuntimeError) as error:
+        if cluster is not None:
+            _close_cluster(cluster)
+        raise SweepError(f"{word} cannot run workers: {_one_line(error)} (jobqueue.yaml)") from error
+
+
+def _new_keys() -> Any:
+    """Keys for one cluster, kept in memory.
+
+    Without them, whoever reaches the scheduler's or a worker's port runs code there, other users of this host too.
+    """
+    from distributed.security import Security
+
+    try:
+        return Security.temporary()
+    except ImportError as error:
+        raise PlanError(INSTALL) from error
+
+
+def _job_system(word: str, workers: int | None) -> Any:
+    """The class of dask-jobqueue for a word; a number of jobs is needed with it."""
+    systems = _job_systems()
+    if word not in systems:
+        known = ", ".join(("local", "tcp://host:port", "FILE.json", *sorted(systems)))
+        raise PlanError(f"unknown scheduler {word!r}; known: {known}")
+    if workers is None:
+        raise PlanError(f"how many jobs {word} is to run must be said: --workers")
+    return systems[word]
+
+
+def _job_systems() -> dict[str, type]:
+    """Classes of dask-jobqueue by the words for them."""
+    try:
+        import dask_jobqueue
+        from dask_jobqueue.core import JobQueueCluster
+    except ImportError as error:
+        raise PlanError(INSTALL) from error
+    kinds = [kind for kind in vars(dask_jobqueue).values() if isinstance(kind, type) and kind is not JobQueueCluster]
+    systems = [kind for kind in kinds if issubclass(kind, JobQueueCluster)]
+    return {kind.__name__.removesuffix("Cluster").lower(): kind for kind in systems}
+
+
+def _close_cluster(cluster: Any) -> None:
+    """Close it; workers of this host that have not gone then are ended: their nannies would wait for them."""
+    closing = threading.Thread(target=cluster.close)
+    closing.start()
+    closing.join(GRACE)
+    if closing.is_alive():
+        for worker in cluster.workers.values():
+            pid = getattr(worker, "pid", None)
+            if isinstance(pid, int):
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+    closing.join()
+    for name in ("_job_ca_file", "_job_cert", "_job_key"):  # dask-jobqueue leaves its files of keys open
+        if (file := getattr(cluster, name, None)) is not None:
+            file.close()
+
+
+def _client(patience: float, **where: Any) -> Any:
+    """A client of ours; versions are compared in one sentence, not in Dask's table."""
+    from distributed import Client
+    from distributed.versions import VersionMismatchWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", VersionMismatchWarning)
+        return Client(timeout=patience, set_as_default=False, **where)
+
+
+def _compare_versions(client: Any) -> None:
+    """One sentence where Dask writes a table; code cannot travel between two Pythons, so that is an error."""
+    told = client.get_versions(check=False)
+    mine = told["client"]["packages"]
+    others = {"its scheduler": told["scheduler"]} | told["workers"]
+    theirs = {who: other["packages"] for who, other in others.items() if other}
+    for who in told["workers"].keys() & theirs.keys():
+        if _minor(theirs[who]) != _minor(mine):
+            raise SweepError(f"worker {who} has Python {_minor(theirs[who])}, this process {_minor(mine)}; take one")
+    differing = sorted(
+        f"{package} {packages.get(package)} of {who} ({mine.get(package)} here)"
+        for who, packages in theirs.items()
+        for package in COMPARED
+        if packages.get(package) != mine.get(package)
+    )
+    if differing:
+        more = f" and {len(differing) - 1} more" if len(differing) > 1 else ""
+        warnings.warn(f"the cluster has other versions: {differing[0]}{more}", PalpateWarning, stacklevel=2)
+
+
+def _minor(packages: dict[str, str]) -> str:
+    """Python's version, its first two numbers."""
+    return ".".join(packages["python"].split(".")[:2])
+
+
+@contextmanager
+def hushed_logs() -> Iterator[None]:
+    """Without Dask's own log lines: what matters becomes an error or an outcome."""
+    handlers = logging.getLogger("distributed").handlers
+    levels = [handler.level for handler in handlers]
+    for handler in handlers:
+        handler.setLevel(SILENT)
+    try:
+        yield
+    finally:
+        for handler, level in zip(handlers, levels, strict=True):
+            handler.setLevel(level)
+
+
+def _one_line(error: BaseException) -> str:
+    """What an error says, on one line."""
+    return " ".join(str(error).split())[:300] or type(error).__name__

@@ -1,0 +1,292 @@
+"""What a sweep keeps of poses: the same bits however parts are put into batches and on any device; what is NaN."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from implicit_functions import ball
+from mesh_cases import generic_poses
+from skin_cases import grid_skin
+
+from palpate.kernels.metrics.random_pose import random_poses
+from palpate.kernels.offsets import PointLimitError
+from palpate.render import (
+    ImplicitObject,
+    IntersectionStrategy,
+    MeshObject,
+    Palm,
+    Placement,
+    SamplingStrategy,
+    closed_contour,
+    load_strategy,
+    open_contour,
+)
+from palpate.render.errors import StrategyError, SweepError
+from palpate.render.hands.mesh_hand import MeshHand
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.batch_rendering import Chunk
+from palpate.render.intersection.file_recording import metrics_of
+from palpate.render.intersection.scene import PoseBlock, Scene
+from palpate.render.sampling.presets import PRESETS
+from palpate.render.sweeps.make import metrics as metrics_module
+from palpate.render.sweeps.make.metrics import FREQUENCIES, Part, measure_batch
+from palpate.render.sweeps.make.task import PART, SPAN
+
+TUBE, CUBE, CC = MeshObject.load("tube"), MeshObject.load("cube"), closed_contour()
+STM, RETURN = SamplingStrategy(), PRESETS["fast-return"]()
+KINDS = ("length", "length_object", "length_hand", "length_made")
+PRUNED = IntersectionStrategy(prune=("outside", "turned-away", "small"), transform=("close",))
+CUBE_SCENE = Scene.of(CUBE, Palm(), CC)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def undrawn_everywhere():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(metrics_module, "DRAWS_ON_CPU", False)
+        yield
+
+
+def random_on(device, count, seed=0):
+    return random_poses(0, count, seed=seed, size=0.13, at=(0, 0, 0.2), device=device)
+
+
+def measured(scene, pose, device, samplings=(STM,), **options):
+    """All poses as one part."""
+    part = Part(0, 0, 0, len(pose))
+    return measure_batch(scene, pose, [part], device=device, samplings=[samplings], **options)[0]
+
+
+def without_seconds(result):
+    """What must be the same to the bit, as stored."""
+    payloads = [result.contours, *result.frequency]
+    return json.dumps([{name: value for name, value in p.items() if name != "seconds"} for p in payloads])
+
+
+@pytest.fixture(scope="module")
+def pieces():
+    """Poses of three recipes, and what each gives alone, in one batch."""
+    poses = [random_on("cpu", count, seed).numpy() for seed, count in enumerate((3 * SPAN + 70, 2 * SPAN, 45))]
+    samplings = [(STM, RETURN), (), (RETURN,)]
+    whole = [measured(CUBE_SCENE, p, "cpu", s, per_pose=True) for p, s in zip(poses, samplings, strict=True)]
+    return poses, samplings, whole
+
+
+def batches_of(takes, counts):
+    """Batches of (piece, first, count): spans taken as told, then all that is left, a piece once a batch."""
+    at, batch = [0] * len(counts), []
+    for piece, spans, ends in (*takes, *((piece, 99, False) for piece in range(len(counts)))):
+        count = min(spans * SPAN, counts[piece] - at[piece])
+        if ends or piece in [own for own, _, _ in batch]:
+            yield batch
+            batch = []
+        if count:
+            batch.append((piece, at[piece], count))
+            at[piece] += count
+    yield batch
+
+
+@given(takes=st.lists(st.tuples(st.integers(0, 2), st.integers(1, 3), st.booleans()), max_size=8))
+@settings(max_examples=25)
+def test_bits_do_not_depend_on_how_parts_are_cut_and_fused(takes, pieces):
+    poses, samplings, whole = pieces
+    done, columns = [None] * 3, [[], [], []]
+    for batch in filter(None, batches_of(takes, [len(p) for p in poses])):
+        starts = np.cumsum([0, *(count for _, _, count in batch)]).tolist()
+        parts = [
+            Part(piece, 0, first, count, done[piece])
+            for first, (piece, _, count) in zip(starts, batch, strict=False)  # the last start is the end
+        ]
+        pose = np.concatenate([poses[piece][at : at + count] for piece, at, count in batch])
+        for result in measure_batch(CUBE_SCENE, pose, parts, device="cpu", samplings=samplings, per_pose=True):
+            done[result.part.piece] = result
+            columns[result.part.piece].append(result.columns)
+    for piece in range(3):
+        assert without_seconds(done[piece]) == without_seconds(whole[piece])
+        for k, want in enumerate(whole[piece].columns):
+            for name, column in want.items():
+                got = np.concatenate([one[k][name] for one in columns[piece]])
+                np.testing.assert_array_equal(got, column)
+                assert got.dtype == column.dtype
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("thing", [TUBE, CUBE], ids=lambda thing: thing.name)
+@pytest.mark.parametrize("strategy", [CC, open_contour()], ids=["cc", "oc"])
+def test_every_device_gives_the_same_bits(thing, strategy, device):
+    scene = Scene.of(thing, Palm(), strategy)
+    samplings = tuple(make() for make in PRESETS.values())
+    pose = random_on("cpu", 1100, 5).numpy()
+    there = measured(scene, random_on(device, 1100, 5), device, samplings)
+    assert without_seconds(there) == without_seconds(measured(scene, pose, "cpu", samplings))
+
+
+def test_statistics_are_those_of_the_columns(device):
+    pose = random_on(device, 2 * SPAN + 100)
+    result = measured(Scene.of(TUBE, Palm(), CC), pose, device, (STM,), per_pose=True)
+    (columns,) = result.columns
+    assert columns["pose"].tolist() == list(range(len(pose)))
+    stat = result.contours["stat"] | result.frequency[0]["stat"]
+    assert set(stat) == set(columns) - {"pose"}
+    for name, (count, total, square, least, greatest) in stat.items():
+        x = columns[name].astype(np.float64)
+        x = x[np.isfinite(x)]
+        assert count == len(x)
+        np.testing.assert_allclose([total, square], [x.sum(), (x * x).sum()], rtol=1e-12)
+        assert (least, greatest) == (x.min(), x.max())
+    drawn = np.count_nonzero(columns["length"])
+    assert 0 < drawn < len(pose)
+    for payload in (result.contours, *result.frequency):
+        assert (payload["poses"], payload["poses_drawn"]) == (len(pose), drawn)
+        assert json.loads(json.dumps(payload)) == payload
+    assert stat[FREQUENCIES[0]][0] == stat[FREQUENCIES[1]][0] == drawn
+    assert set(result.contours["seconds"]) == {"find", "join", "measure"}
+
+
+def test_columns_are_those_of_a_contour_file(device):
+    scene = Scene.of(TUBE, Palm(), PRUNED)
+    pose = generic_poses(70, 2)
+    batch, removed = scene.contours(pose, 0, device)
+    chunk = Chunk(0, 70, batch.numpy(), batch.lengths(), removed)
+    (columns,) = measured(scene, pose, device, per_pose=True).columns
+    want = metrics_of(chunk)
+    assert set(want) <= set(columns)
+    assert any(name.startswith("removed_") and value.any() for name, value in want.items())
+    for name, value in want.items():
+        np.testing.assert_array_equal(columns[name], value)
+        assert columns[name].dtype == value.dtype
+
+
+@pytest.mark.exhaustive
+def test_area_is_of_raw_contours_and_nan_where_none_is_closed(device):
+    pose = generic_poses(50, 9)
+
+    def area(thing, hand, strategy):
+        result = measured(Scene.of(thing, hand, strategy), pose, device, per_pose=True)
+        assert result.contours["stat"]["area"][0] == np.isfinite(result.columns[0]["area"]).sum()
+        return result.columns[0]["area"]
+
+    closed = area(TUBE, Palm(), CC)
+    assert np.isfinite(closed).all()
+    np.testing.assert_array_equal(area(TUBE, Palm(), load_strategy("ellipse")), closed)
+    smooth = ImplicitObject(ball, bounds=[[-0.07] * 3, [0.07] * 3], placement=Placement(at=(0, 0, 0.2)), name="ball")
+    assert area(smooth, Palm(), replace(CC, step=0.004)).max() > 1e-3
+    assert np.isnan(area(TUBE, Palm(), open_contour())).all()
+    assert np.isnan(area(TUBE, Palm(), load_strategy("oc"))).all()
+    assert np.isnan(area(CUBE, MeshHand(*grid_skin()), replace(CC, step=0.01))).all()
+
+
+def test_what_never_applies_has_no_least(device):
+    away = generic_poses(20, 1) + np.array([1, 0, 0, 0, 0, 0, 0], np.float32)
+    result = measured(Scene.of(TUBE, Palm(), open_contour()), away, device)
+    assert result.contours["stat"]["length"] == [20, 0.0, 0.0, 0.0, 0.0]
+    assert result.contours["stat"]["area"] == [0, 0.0, 0.0, None, None]
+    assert result.frequency[0]["stat"][FREQUENCIES[1]] == [0, 0.0, 0.0, None, None]
+    assert result.contours["poses_drawn"] == 0
+
+
+def test_poses_on_the_device_give_the_same_contours(device):
+    pose = generic_poses(12, 6)
+    there = wp.array(pose, dtype=wp.transform, device=device)
+    moved = generic_poses(12, 8)
+    own = generic_poses(12, 3, spread=0.01)[:, None] - np.array([0, 0, 0.2, 0, 0, 0, 0], np.float32)
+    articulated = PlaneHand((HandPatch("palm", 0.08, 0.08),), (), own)
+    scenes = [
+        Scene.of(TUBE, Palm(), CC),
+        Scene.of(TUBE, PlaneHand((HandPatch("a", 0.05, 0.05), HandPatch("b", 0.07, 0.02))), CC),
+        Scene.of(TUBE, Palm(), CC, object_pose=moved),
+        Scene.of(TUBE, articulated, CC),
+        Scene.of(TUBE, Palm(), PRUNED),
+        Scene.of(CUBE, MeshHand(*grid_skin()), replace(CC, step=0.01)),
+        Scene.of(TUBE, Palm(), load_strategy("mammoth")),
+    ]
+    for scene in scenes:
+        one, two = (scene.contours(given, 0, device)[0].arrays() for given in (pose, there))
+        for name, value in one.items():
+            np.testing.assert_array_equal(two[name], value)
+
+
+def test_poses_of_a_rigid_hand_stay_on_the_device(device, monkeypatch):
+    there = random_on(device, 30)
+    monkeypatch.setattr(wp.array, "numpy", refuse_large(wp.array.numpy, 30))
+    measured(Scene.of(TUBE, Palm(), CC), there, device)
+
+
+def refuse_large(numpy, rows):
+    """Downloads of a row a pose or more fail."""
+
+    def download(array):
+        assert array.shape[0] < rows
+        return numpy(array)
+
+    return download
+
+
+def test_time_is_shared_by_poses_and_adds_up(device):
+    pose = random_on(device, SPAN + 20)
+    first, then = {}, {}
+    begun = measure_batch(
+        CUBE_SCENE, pose[:SPAN], [Part(0, 0, 0, SPAN)], device=device, samplings=[(STM,)], timing=first
+    )
+    parts = [Part(0, 0, 0, 20, begun[0]), Part(1, 0, 20, 60)]
+    pose = random_on(device, 80)
+    one, two = measure_batch(CUBE_SCENE, pose, parts, device=device, samplings=[(STM,), (STM,)], timing=then)
+    for stage, seconds in one.contours["seconds"].items():
+        assert seconds == pytest.approx(first[stage] + then[stage] / 4)
+        assert two.contours["seconds"][stage] == pytest.approx(then[stage] * 3 / 4)
+    assert one.frequency[0]["seconds"]["frequency"] == pytest.approx(first["frequency"] + then["frequency"] / 4)
+    assert math.isfinite(sum(then.values()))
+
+
+def test_parts_that_no_batch_has_are_refused():
+    pose = random_on("cpu", 100)
+    ended = measured(CUBE_SCENE, pose, "cpu")
+    for part, message in (
+        (Part(0, 3, 50, 51), r"part 3 of piece 0: poses 50\.\.101 of a batch of 100"),
+        (Part(0, 0, 0, 0), "poses 0..0"),
+        (Part(1, 0, 0, 10), "samplings for 1 pieces"),
+        (Part(0, 0, 0, 10, ended), "goes on after 100 poses"),
+    ):
+        with pytest.raises(SweepError, match=message):
+            measure_batch(CUBE_SCENE, pose, [part], device="cpu", samplings=[()])
+    full = replace(ended, contours=ended.contours | {"poses": PART - SPAN})
+    with pytest.raises(SweepError, match=f"{PART} poses at most"):
+        measure_batch(
+            CUBE_SCENE, random_on("cpu", SPAN + 1), [Part(0, 0, 0, SPAN + 1, full)], device="cpu", samplings=[()]
+        )
+
+
+def test_contours_are_drawn_only_where_their_points_are_needed(device):
+    pose = random_on(device, SPAN + 100)
+    for thing, strategy in ((TUBE, CC), (TUBE, open_contour()), (CUBE, CC)):
+        scene = Scene.of(thing, Palm(), strategy)
+        drawn = measured(scene, pose, device, (STM, RETURN), per_pose=True)
+        undrawn = measured(scene, pose, device, (STM,), per_pose=True)
+        assert set(drawn.contours["seconds"]) - set(undrawn.contours["seconds"]) == {"draw"}
+        assert without_seconds(undrawn) == without_seconds(replace(drawn, frequency=drawn.frequency[:1]))
+        for name, column in undrawn.columns[0].items():
+            np.testing.assert_array_equal(drawn.columns[0][name], column)
+    assert "draw" in measured(Scene.of(TUBE, Palm(), PRUNED), pose, device).contours["seconds"]
+    moved = Scene.of(TUBE, Palm(), CC, object_pose=generic_poses(len(pose), 8))
+    assert "draw" in measured(moved, pose, device).contours["seconds"]
+    with pytest.raises(StrategyError, match="stands still"):
+        moved.tally(PoseBlock(pose, 0, device), *(wp.empty(1, device=device),) * 2)
+
+
+def test_time_of_drawing_is_kept_where_a_part_goes_on_undrawn():
+    pose = random_on("cpu", SPAN + 20)
+    begun = measure_batch(CUBE_SCENE, pose[:SPAN], [Part(0, 0, 0, SPAN)], device="cpu", samplings=[(STM, RETURN)])[0]
+    part = Part(0, 0, 0, 20, begun)
+    (ended,) = measure_batch(CUBE_SCENE, random_on("cpu", 20), [part], device="cpu", samplings=[(STM,)])
+    assert ended.contours["seconds"]["draw"] == begun.contours["seconds"]["draw"]
+    assert ended.contours["seconds"]["find"] > begun.contours["seconds"]["find"]
+
+
+def test_too_many_points_are_refused_before_memory_is_taken():
+    with pytest.raises(PointLimitError):
+        measured(CUBE_SCENE, random_on("cpu", 100), "cpu", (RETURN,), point_limit=10)
+    measured(CUBE_SCENE, random_on("cpu", 100), "cpu", point_limit=10)  # none are taken

@@ -1,0 +1,297 @@
+"""Sweeps while files change beside them: edited sources, stages that go by the motion's row, kept files gone or cut."""
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+import warp as wp
+from sweep_recipes import explored, random_motion, recipe_of, task_of
+
+from palpate.datasets.sweeps.shard import ShardRow, read_shard, write_shard
+from palpate.datasets.sweeps.store import SweepStore
+from palpate.render.errors import ImplicitError
+from palpate.render.objects.functions.user_function import load_function
+from palpate.render.stages import registry as stages
+from palpate.render.stages.user_code_digest import digest_of
+from palpate.render.strategies.intersection_strategy import load_strategy
+from palpate.render.sweeps.make.work import run_task
+from palpate.render.sweeps.plan.loading import load_plans
+from palpate.render.sweeps.plan.recipe import maker
+from palpate.render.sweeps.run.engine import InProcess
+from palpate.render.sweeps.run.parent import run_sweep
+
+BALL = """
+import warp as wp
+
+R = wp.constant(0.02)  # Python reads this, Warp what is below
+
+@wp.func
+def ball(x: wp.vec3) -> float:
+    return wp.length(x - wp.vec3(0.0, 0.0, 0.2)) - 0.5 * (R + 0.02)
+"""
+STAGE = """
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.render.stages.registry import register_transform
+
+SHARE = %s
+
+
+def scaled(batch, setting):
+    '''Larger by a share, and by the motion's row.'''
+    by = np.repeat(SHARE + np.arange(batch.pose_count) + setting.first, np.diff(batch.polyline_start[batch.pose_start]))
+    return replace(batch, points=(batch.points * by[:, None]).astype(np.float32))
+
+
+register_transform("%s", scaled)
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    """The file of a module of one stage, with a strategy `own.json` beside it; both are forgotten in the end."""
+    name = f"edited_{tmp_path.name}"
+    file = tmp_path / f"{name}.py"
+    file.write_text(STAGE % ("1.0", name))
+    strategy = {"modules": [name], "prune": ["outside"], "transform": [name]}
+    (tmp_path / "own.json").write_text(json.dumps(strategy))
+    yield file
+    stages._ENTRIES.pop(name, None)
+
+
+def plan_in(folder, source, strategy="cc"):
+    around = "bounds = [-0.06, -0.06, 0.14, 0.06, 0.06, 0.26]\n" if ":" in source else ""
+    motion = f'[motion]\nsource = "random"\ncount = 50\n[strategy]\nsource = "{strategy}"\n'
+    (folder / "plan.toml").write_text(f'[object]\nsource = "{source}"\n{around}{motion}')
+    return load_plans([folder / "plan.toml"], allow_code=True)
+
+
+def edit(file, old, new):
+    """Of the same size and, to the second that Python's cache goes by, the same age."""
+    before, text = file.stat(), file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    assert file.stat().st_size == before.st_size
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def mean_length(folder, source):
+    """Of what a sweep stores of the file's ball as it is now."""
+    plan = plan_in(folder, source)
+    (recipe,) = plan.recipes()
+    run_sweep(plan, folder / "store", InProcess("cpu"))
+    with SweepStore(folder / "store", maker=maker(), mode="read") as made:
+        ((_, _, _, payload),) = made.results([("contours", recipe.key("contours"))])
+    return payload["stat"]["length"][1]
+
+
+@pytest.mark.exhaustive
+def test_an_edited_function_is_another_object_in_the_same_process(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    (tmp_path / "shapes.py").write_text(BALL)
+    before = mean_length(tmp_path, "shapes.py:ball")
+    edit(tmp_path / "shapes.py", "0.02", "0.05")
+    after = mean_length(tmp_path, "shapes.py:ball")
+    (tmp_path / "new.py").write_text(BALL.replace("0.02", "0.05") + "# a file of its own\n")
+    assert before != after == mean_length(tmp_path, "new.py:ball")
+
+
+def test_an_edited_package_is_refused_until_python_starts_anew(tmp_path, monkeypatch):
+    name = f"package_{tmp_path.name}"
+    (tmp_path / f"{name}.py").write_text(BALL)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert load_function(f"{name}:ball", allow_code=True) is load_function(f"{name}:ball")
+    edit(tmp_path / f"{name}.py", "0.02", "0.05")
+    with pytest.raises(ImplicitError, match=rf"{name}\.py has changed since it was imported: start anew"):
+        load_function(f"{name}:ball")
+    importlib.reload(sys.modules[name])
+    assert load_function(f"{name}:ball") is load_function(f"{name}:ball")
+    del sys.modules[name]
+
+
+def test_a_plan_runs_an_edited_module_anew_and_tasks_of_the_old_plan_are_refused(tmp_path, own):
+    (before,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    edit(own, "1.0", "2.0")
+    (after,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    assert before.key("contours") != after.key("contours")
+    outcome = run_task(task_of(tmp_path, [before]), "cpu", worker="here")
+    assert "stages of one's own are not those of the plan" in outcome.error
+    assert run_task(task_of(tmp_path, [after]), "cpu", worker="here").error is None
+
+
+def bound(first, *, second=None):
+    """What registers a stage may bind."""
+    return first, second
+
+
+def closure(level):
+    """A stage made by a factory elsewhere."""
+    return lambda batch, setting: (batch, level)
+
+
+def test_a_stage_is_known_by_its_file_and_by_what_is_bound_to_it():
+    large = np.zeros(100_000)
+    other = large.copy()
+    other[50_000] = 1.0
+    of = [
+        bound,
+        closure,
+        *(partial(bound, value) for value in (1, large, other, [large], {"a": large})),
+        *(partial(bound, 1, second=value) for value in (2, 3, {"a": 1}, {"a": 2})),
+        closure(1),
+        closure(2),
+        partial(np.add, 1),
+    ]
+    assert len({digest_of(function) for function in of}) == len(of)
+    assert digest_of(partial(bound, second=object())) == digest_of(partial(bound, second=object()))
+    assert digest_of(partial(bound, large)) == digest_of(partial(bound, np.zeros(100_000)))
+
+
+def test_another_constant_in_a_stages_file_is_another_digest(tmp_path, own):
+    load_strategy(str(tmp_path / "own.json"), allow_code=True)
+    function = stages.find_stage("transform", own.stem).function
+    before, noted = digest_of(function), stages.find_stage("transform", own.stem).digest
+    edit(own, "1.0", "2.0")
+    assert digest_of(function) != before
+    assert stages.find_stage("transform", own.stem).digest == noted  # what was imported is what runs
+
+
+def test_stages_of_ones_own_see_the_rows_of_their_motion_whoever_shares_the_task(tmp_path, own):
+    recipes = [recipe_of("tube", motion=random_motion(60, seed=s), strategy=tmp_path / "own.json") for s in (1, 2)]
+
+    def payloads(asked, name):
+        outcome = run_task(task_of(tmp_path, asked, name=name), "cpu", worker="here")
+        assert outcome.error is None
+        return {row.key: row.payload["stat"] for row in read_shard(tmp_path / outcome.shard).rows}
+
+    together = payloads(recipes, "both")
+    assert len(together) == 4
+    assert together == payloads(recipes[:1], "one") | payloads(recipes[1:], "two")
+
+
+KEEP = ("keep-contours", "keep-focal-points", "keep-drives")
+
+
+class KeptPlan:
+    """One short recipe, everything kept."""
+
+    name, recipe_count, groups, granted = "kept", 1, KEEP, frozenset()
+
+    def recipes(self):
+        yield recipe_of("cube", motion=explored(1.0))
+
+
+def cut(path):
+    os.truncate(path, path.stat().st_size // 2)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore:.*is damaged:palpate.render.errors.PalpateWarning")
+@pytest.mark.parametrize("harm", [cut, os.unlink], ids=["truncated", "deleted"])
+def test_a_kept_file_that_is_cut_or_gone_is_made_again(tmp_path, harm):
+    def run():
+        report = run_sweep(KeptPlan(), tmp_path, InProcess("cpu"))
+        assert not report.failures
+        return report.parts
+
+    assert (run(), run()) == (3, 0)
+    files = sorted(tmp_path.glob("*/*.h5"))
+    sizes = [file.stat().st_size for file in files]
+    assert [file.parent.name for file in files] == ["contours", "drives", "focal-points"]
+    for file in files:
+        harm(file)
+        assert (run(), run()) == (1, 0)
+    assert [file.stat().st_size for file in files] == sizes
+
+
+def test_what_a_store_says_of_kept_files_goes_by_their_bytes(tmp_path):
+    key = ("keep-drives", "0123")
+    rows = [ShardRow(*key, 0, {"path": "drives/a.h5", "bytes": 3}), ShardRow("keep-drives", "45", 0, {"path": None})]
+    with SweepStore(tmp_path, maker="test") as store:
+        write_shard(tmp_path / "shards" / "a.h5", rows, [None, None], maker="test")
+        store.record("shards/a.h5")
+        (tmp_path / "drives").mkdir()
+        (tmp_path / "drives" / "a.h5").write_bytes(b"abc")
+        asked = [key, ("keep-drives", "45")]
+        assert list(store.done(asked).values()) == [{0}, {0}]
+        (tmp_path / "drives" / "a.h5").write_bytes(b"abcd")
+        with SweepStore(tmp_path, maker="test", mode="read") as reader:
+            assert list(reader.done(asked).values()) == [set(), {0}]
+        assert len(list(store.results(asked))) == 2
+        assert list(store.done(asked).values()) == [set(), {0}]
+        assert len(list(store.results(asked))) == 1
+
+
+class Settings:
+    """What a stage may be bound to: it does not tell how it is written."""
+
+    def __init__(self, share):
+        self.share = share
+
+
+class Slotted:
+    __slots__ = ("share",)
+
+    def __init__(self, share):
+        self.share = share
+
+    def __call__(self, batch, setting):
+        return batch
+
+
+def test_what_is_bound_counts_by_what_it_holds():
+    pairs = [
+        (partial(bound, Settings(0.1)), partial(bound, Settings(0.5))),
+        (partial(bound, wp.zeros(3, device="cpu")), partial(bound, wp.ones(3, device="cpu"))),
+        (partial(bound, {"a", "b"}), partial(bound, {"a", "c"})),
+        (partial(bound, np.array(["a", None], object)), partial(bound, np.array(["b", None], object))),
+        (Slotted(1), Slotted(2)),
+        (partial(bound, closure, bound, closure), partial(bound, closure, bound, bound)),
+    ]
+    for one, other in pairs:
+        assert digest_of(one) != digest_of(other), one
+        assert digest_of(one) == digest_of(one)
+    assert digest_of(partial(bound, Settings(0.1))) == digest_of(partial(bound, Settings(0.1)))
+
+
+@pytest.mark.exhaustive
+def test_sets_are_told_alike_in_every_process(tmp_path):
+    code = (
+        "from functools import partial; from palpate.render.stages.user_code_digest import digest_of;"
+        "import numpy as np;"
+        "print(digest_of(partial(print, frozenset({'object', 'hand', 'made', 'other'}), np.array(['a', 'b'], object))))"
+    )
+    run = partial(subprocess.run, [sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    told = {run(env={**os.environ, "PYTHONHASHSEED": seed}).stdout for seed in ("1", "2", "3")}
+    assert len(told) == 1
+
+
+def test_a_stage_that_remembers_is_not_taken_for_an_edited_one(tmp_path, own):
+    own.write_text(own.read_text().replace("setting):", "setting, _seen=[]):\n    _seen.append(1)", 1))
+    plan_in(tmp_path, "tube", "own.json")
+    (recipe,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    assert run_task(task_of(tmp_path, [recipe]), "cpu", worker="here").error is None
+    (again,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    assert again.key("contours") == recipe.key("contours")
+
+
+def test_the_file_that_registers_a_stage_counts(tmp_path, own, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    library = tmp_path / f"lib_{own.stem}.py"
+    library.write_text("def as_it_is(level, batch, setting):\n    return batch\n")
+    own.write_text(
+        f"from functools import partial\nfrom {library.stem} import as_it_is\n"
+        "from palpate.render.stages.registry import register_transform\n"
+        f"register_transform('{own.stem}', partial(as_it_is, 1))\n"
+    )
+    (before,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    edit(own, "as_it_is, 1", "as_it_is, 2")
+    (after,) = plan_in(tmp_path, "tube", "own.json").recipes()
+    assert before.key("contours") != after.key("contours")

@@ -1,0 +1,607 @@
+"""Plans: what they stand for, what is refused and where, overrides, constraints, unions, and how lazy they are."""
+
+import itertools
+import json
+import os
+import re
+import tracemalloc
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from palpate.render.errors import PalpateWarning, PlanError
+from palpate.render.intersection import named_inputs as loading
+from palpate.render.sweeps.plan import axes as axes_module
+from palpate.render.sweeps.plan import product as product_module
+from palpate.render.sweeps.plan.axes import KEYS
+from palpate.render.sweeps.plan.loading import load_plans
+from palpate.render.sweeps.plan.product import LOOKED_AT, SPELT_OUT
+from palpate.render.sweeps.run import estimate as estimate_module
+
+DOCUMENT = Path(__file__).parents[4] / "docs/guide/sweep-plan.md"
+SHORT = '[object]\nsource = "cube"\n'
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with files of every kind that plans name."""
+    for name in ("meshes", "strategies", "volumes"):
+        (tmp_path / name).mkdir()
+    for name in "ab":
+        (tmp_path / "meshes" / f"{name}.stl").write_text(f"solid {name}")
+        np.save(tmp_path / "volumes" / f"{name}.npy", np.full((4, 4, 4), ord(name)))
+    (tmp_path / "strategies" / "mine.json").write_text('{"prune": ["outside"], "transform": ["close", "smooth"]}')
+    return tmp_path
+
+
+def load(folder, text, *overrides, name="plan.toml"):
+    path = folder / name
+    path.write_text(text)
+    return load_plans([path], overrides)
+
+
+def refusal(folder, text, *overrides):
+    """The faults that a plan is refused with, the folder's name left out."""
+    with pytest.raises(PlanError) as caught:
+        load(folder, text, *overrides)
+    return str(caught.value).replace(f"{folder}/", "")
+
+
+def column(plan, name):
+    return [recipe.columns()[name] for recipe in plan.recipes()]
+
+
+# What a plan stands for
+
+
+def test_axes_that_are_left_out_have_one_value(folder):
+    (recipe,) = load(folder, SHORT).recipes()
+    told = recipe.columns()
+    assert (told["hand"], told["palm_width"], told["motion"], told["seed"]) == ("palm", 0.085, "exploration", 1)
+    assert (told["duration"], told["rate"], told["strategy"]) == (30.0, 90.0, "cc")
+    assert (told["sampling"], told["speed"], told["update_rate"], told["array"]) == ("stm", 7.0, 10_000.0, "emulator")
+
+
+def test_an_exploration_is_that_of_palpate_render():
+    assert axes_module.EXPLORATION_DEFAULTS == loading.EXPLORATION_DEFAULTS
+
+
+def test_a_plan_is_the_product_of_its_axes_the_last_fastest(folder):
+    plan = load(
+        folder, SHORT + "fit = [0.08, 0.13]\n[motion]\nseed = {first = 5, count = 2}\n[sampling]\nspeed = [7, 5]"
+    )
+    rows = [(told["object_fit"], told["seed"], told["speed"]) for told in (r.columns() for r in plan.recipes())]
+    assert rows == list(itertools.product([0.08, 0.13], [5, 6], [7.0, 5.0]))
+    assert (plan.recipe_count, plan.is_exact) == (8, True)
+
+
+def test_tables_of_one_axis_are_united(folder):
+    plan = load(folder, '[[object]]\nsource = "cube"\nfit = [0.1, 0.2]\n[[object]]\nsource = ["tube", "dog"]\n')
+    assert [(r.thing["name"], r.thing["fit"]) for r in plan.recipes()] == [
+        ("cube", 0.1),
+        ("cube", 0.2),
+        ("tube", None),
+        ("dog", None),
+    ]
+
+
+def test_patterns_are_sorted_and_paths_start_from_the_plan(folder):
+    plan = load(folder, '[object]\nsource = ["meshes/[ba].stl", "tube"]\n[strategy]\nsource = "**/*.json"')
+    assert [r.thing["source"] for r in plan.recipes()] == [f"{folder}/meshes/a.stl", f"{folder}/meshes/b.stl", "tube"]
+    assert next(plan.recipes()).strategy["described"]["transform"] == ["close", "smooth"]
+
+
+def test_files_that_are_called_alike_are_shown_with_their_folders(folder):
+    (folder / "other").mkdir()
+    (folder / "other" / "a.stl").write_text("solid other")
+    assert column(load(folder, '[object]\nsource = "**/*.stl"'), "object") == ["meshes/a.stl", "b.stl", "other/a.stl"]
+
+
+def test_files_of_two_plans_that_are_called_alike_are_shown_with_their_folders(folder):
+    paths = []
+    for name in "xy":
+        (folder / name).mkdir()
+        (folder / name / "a.stl").write_text(f"solid {name}")
+        paths.append(folder / name / "p.toml")
+        only = '[[only]]\n"object.source" = "a.stl"\n'  # the name that it has in its plan
+        paths[-1].write_text(f'{only}[object]\nsource = ["a.stl", "../meshes/b.stl"]\n')
+    together = load_plans(paths)
+    assert column(together, "object") == ["x/a.stl", "y/a.stl"]
+    alone = [recipe for path in paths for recipe in load_plans([path]).recipes()]
+    assert [recipe.thing["name"] for recipe in alone] == ["a.stl", "a.stl"]
+    assert [recipe.hash for recipe in alone] == [recipe.hash for recipe in together.recipes()]
+
+
+@pytest.mark.parametrize(
+    ("value", "numbers"),
+    [
+        ("7", [7.0]),
+        ("{from = 5.0, to = 9, count = 5}", [5, 6, 7, 8, 9]),
+        ("{from = 0.1, to = 0.7, count = 7}", [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]),
+        ("{from = 5.0, to = 5.35, step = 0.1}", [5.0, 5.1, 5.2, 5.3]),
+        ("{from = 0.01, to = 100, count = 5, log = true}", [0.01, 0.1, 1, 10, 100]),
+        ("{from = 3, to = 3, count = 1}", [3.0]),
+    ],
+)
+def test_ranges_are_the_numbers_as_they_would_be_written(folder, value, numbers):
+    assert column(load(folder, f"{SHORT}[sampling]\nspeed = {value}"), "speed") == numbers
+
+
+def test_whole_numbers_stay_whole_in_ranges(folder):
+    plan = load(folder, SHORT + '[motion]\nsource = "random"\ncount = [1e3]\nseed = {from = 2, to = 8, step = 3}')
+    assert [(repr(m["count"]), repr(m["seed"])) for m in (r.motion for r in plan.recipes())] == [
+        ("1000", "2"),
+        ("1000", "5"),
+        ("1000", "8"),
+    ]
+
+
+def test_what_is_there_twice_is_made_once_and_told(folder):
+    with pytest.warns(PalpateWarning, match=r"plan\.toml:3: object\.fit: is listed before"):
+        assert load(folder, SHORT + "fit = [0.1, 0.2, 0.10]").recipe_count == 2
+    (folder / "meshes" / "b.stl").write_text("solid a")
+    with pytest.warns(PalpateWarning, match=r"object: 1 of 2 values are the same .* a\.stl and b\.stl"):
+        assert load(folder, '[object]\nsource = "meshes/*"').recipe_count == 1
+
+
+def test_an_array_by_another_name_is_the_same_recipe(folder):
+    with pytest.warns(PalpateWarning, match="array.source: is listed before, and taken once"):
+        plan = load(folder, SHORT + '[array]\nsource = ["OpenMPD", "pat16", "Sonic-Surface"]')
+    assert column(plan, "array") == ["pat16", "sonicsurface"]
+
+
+def test_what_is_asked_for_becomes_groups(folder):
+    assert load(folder, SHORT).groups == ("contours", "frequency")
+    asked = 'metrics = ["sampling", "sampling"]\nper_pose = true\nkeep = ["drives", "contours"]\n'
+    assert load(folder, asked + SHORT).groups == ("poses", "sampling", "keep-contours", "keep-drives")
+
+
+@pytest.mark.parametrize(
+    ("text", "devices", "workers"),
+    [
+        ("", "auto", None),
+        ('device = ["cuda:0", "cuda:3"]\nworkers = 2\n', "cuda:0,cuda:3", 2),
+        ('device = "cuda:0, cpu"\nworkers = "auto"\n', "cuda:0,cpu", None),
+    ],
+)
+def test_devices_are_told_as_the_command_line_has_them(folder, text, devices, workers):
+    plan = load(folder, text + SHORT)
+    assert (plan.device, plan.workers) == (devices, workers)
+
+
+# Constraints
+
+CROSS = (
+    '[object]\nsource = ["cube", "tube", "meshes/*.stl"]\nfit = [0.05, 0.1, 0.2]\n'
+    '[strategy]\nsource = ["oc", "cc", "hatch"]\n'
+)
+
+
+@pytest.mark.parametrize(
+    ("constraint", "kept"),
+    [
+        ('[[exclude]]\n"strategy.source" = "hatch"', lambda o, f, s: s != "hatch"),
+        ('[[exclude]]\nstrategy.source = ["oc", "hatch"]\nobject.fit = 0.1', lambda o, f, s: s == "cc" or f != 0.1),
+        ('[[exclude]]\n"object.fit" = {at_least = 0.1}', lambda o, f, s: f < 0.1),
+        ('[[only]]\n"object.fit" = {at_least = 0.1, at_most = 0.15}', lambda o, f, s: f == 0.1),
+        (
+            '[[only]]\n"object.source" = "meshes/*"\n[[only]]\n"strategy.source" = "oc"\n[[exclude]]\nobject.fit = 0.2',
+            lambda o, f, s: (o.endswith("stl") or s == "oc") and f != 0.2,
+        ),
+        ('[[exclude]]\n"object.source" = ["*.stl", "cube"]', lambda o, f, s: o == "tube"),
+        ('[[exclude]]\nhand.palm = [[0.085, 0.085], [1, 1]]\nstrategy.source = "cc"', lambda o, f, s: s != "cc"),
+    ],
+)
+def test_constraints_leave_out_what_they_say(folder, constraint, kept):
+    plan = load(folder, CROSS + constraint)
+    rows = [(r.thing["name"], r.thing["fit"], r.strategy["name"]) for r in plan.recipes()]
+    every = itertools.product(["cube", "tube", "a.stl", "b.stl"], [0.05, 0.1, 0.2], ["oc", "cc", "hatch"])
+    assert rows == [row for row in every if kept(*row)]
+    assert plan.recipe_count == len(rows)
+
+
+@pytest.mark.parametrize("name", ["b[2].stl", "b*.stl"])
+def test_names_with_jokers_are_matched_as_they_are(folder, name):
+    inner = folder / "run[1]"
+    inner.mkdir()
+    for file in ("b[2].stl", "c.stl"):
+        (inner / file).write_text(f"solid {file}")
+    plan = load(inner, f'[object]\nsource = ["b[2].stl", "c.stl"]\n[[exclude]]\n"object.source" = "{name}"')
+    assert column(plan, "object") == ["c.stl"]
+    (inner / "m").mkdir()
+    (inner / "m" / "d.stl").write_text("solid d")
+    plan = load(inner, '[object]\nsource = ["m/d.stl", "c.stl"]\n[[exclude]]\n"object.source" = "m/*"')
+    assert column(plan, "object") == ["c.stl"]
+
+
+def test_paths_that_are_no_text_are_refused_by_name(folder):
+    try:
+        Path(os.fsdecode(os.fsencode(folder) + b"/meshes/z\xff.stl")).write_text("solid z")
+    except OSError:
+        pytest.skip("this file system takes UTF-8 only")
+    assert "must be UTF-8" in refusal(folder, '[object]\nsource = "meshes/*"')
+    assert "z\\xff.stl" in refusal(folder, '[object]\nsource = "meshes/z*"')
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("kept", ["at_most = 0.5", "at_least = 0.1, at_most = 0.100000001"])
+def test_a_long_axis_of_which_nothing_is_left_is_refused(folder, kept, monkeypatch):
+    text = '[object]\nsource = "cube"\nfit = {from = 0.05, to = 1.0, count = 30_000}\n[[exclude]]\n"object.fit" = '
+    assert "leave no recipe" in refusal(folder, text + "{at_least = 0.01}")
+    plan = load(folder, text + f"{{{kept}}}")
+    assert next(plan.recipes())
+    monkeypatch.setattr(estimate_module, "RECIPES_MOST", 1)
+    with pytest.raises(PlanError, match="the plan has at most 30,000 recipes"):
+        estimate_module.refuse_too_large(plan, folder)
+
+
+def test_drives_of_too_many_foci_are_refused_with_the_plan(folder):
+    (folder / "many.json").write_text('{"foci": 9}')
+    text = SHORT + '[sampling]\nsource = ["many.json", "stm"]\n'
+    assert load(folder, text)
+    assert "foci must be at most 8 to be solved for an array, not 9" in refusal(folder, 'keep = ["drives"]\n' + text)
+
+
+def test_constraints_on_what_does_not_apply_match_nothing_and_are_told(folder):
+    with pytest.warns(PalpateWarning, match=r"plan\.toml:6: exclude: matches nothing"):
+        assert load(folder, CROSS + '[[exclude]]\n"strategy.step" = {at_least = 0}').recipe_count == 36
+    with pytest.warns(PalpateWarning, match=r"plan\.toml:6: exclude: matches nothing"):
+        load(folder, CROSS + '[[exclude]]\n"strategy.source" = "corners"')
+
+
+# Bad input: (what stands in the plan, what is said of it)
+
+FAULTS = [
+    ("[object]\nfit = 0.1", "plan.toml:1: object.source: is missing"),
+    ("", "plan.toml: object.source: is missing"),
+    (f"{SHORT}fitt = 1", "plan.toml:3: object.fitt: unknown key (did you mean 'fit'?); known: source, scale"),
+    (f"{SHORT}[motion]\nspeed = 3", "plan.toml:4: motion.speed: unknown key (it is a key of sampling); known"),
+    (f"metric = []\n{SHORT}", "plan.toml:1: metric: unknown key (did you mean 'metrics'?)"),
+    (f"{SHORT}[objects]\nfit = 0.1", "plan.toml:3: objects: unknown key (did you mean 'object'?)"),
+    (f"{SHORT}fit = []", "plan.toml:3: object.fit: must have at least one value, not []"),
+    ("[object]\nsource = []", "plan.toml:2: object.source: must have at least one value, not []"),
+    ("object = []", "plan.toml:1: object: must have at least one table, not []"),
+    ('[object]\nsource = "nothing/*.stl"', "plan.toml:2: object.source: no file matches 'nothing/*.stl' in"),
+    ('[object]\nsource = [\n"cube",\n"tub",\n]', "plan.toml:4: object.source: 'tub' is no built-in object (cube, sph"),
+    ('[object]\nsource = "tub"', "(did you mean 'tube'?)"),
+    (f'{SHORT}[strategy]\nsource = "ocs"', "plan.toml:4: strategy.source: 'ocs' is no strategy (oc, cc, whole"),
+    (
+        f"{SHORT}fit = 80",
+        "plan.toml:3: object.fit: must lie in 0.001..5 m, not 80: lengths are in metres, 80 mm are 0.08",
+    ),
+    (f"{SHORT}[hand]\npalm = [85, 85]", "hand.palm: must lie in 0.0001..1 m, not 85: lengths are in metres, 85 mm are"),
+    (f"{SHORT}[hand]\npalm = 0.1", "plan.toml:4: hand.palm: must be a list of 2 numbers in 0.0001..1 m, not 0.1"),
+    (
+        f'{SHORT}[sampling]\nspeed = "7 mm/s"',
+        "must be a number in 0.001..100 m/s, without quotes, not '7 mm/s': write 0.007",
+    ),
+    (f'{SHORT}[motion]\nrate = "0.09 kHz"', "plan.toml:4: motion.rate: must be a number in 0.001..1e+06 Hz, without"),
+    (f'{SHORT}fit = "80 mm"', "not '80 mm': write 0.08"),
+    (f"{SHORT}fit = nan", "plan.toml:3: object.fit: must lie in 0.001..5 m, not nan"),
+    (f"{SHORT}fit = [\n0.1,\ntrue]", "plan.toml:5: object.fit: must be a number in 0.001..5 m, not True"),
+    (f"{SHORT}fit = 1979-05-27", "plan.toml:3: object.fit: must be a number in 0.001..5 m, not datetime.date"),
+    (f"{SHORT}rotate = [0, 0, inf]", "plan.toml:3: object.rotate: must lie in -360..360 degree, not inf"),
+    (f'{SHORT}up = "Z"', "plan.toml:3: object.up: must be one of x, y, z, -x, -y, -z, not 'Z'"),
+    (f"{SHORT}up = {{from = 1, to = 2, count = 2}}", "plan.toml:3: object.up: cannot be a range"),
+    (
+        f"{SHORT}[sampling]\nspeed = {{from = 9, to = 5, count = 3}}",
+        "plan.toml:4: sampling.speed.from: must be at most",
+    ),
+    (
+        f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, count = 0}}",
+        "plan.toml:4: sampling.speed.count: must lie in 1..",
+    ),
+    (f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, count = 1}}", "count must be 2 or more from 5 to 9, not 1"),
+    (f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, step = 0}}", "sampling.speed.step: must be above 0, not 0"),
+    (f"{SHORT}fit = {{from = 0.1, to = 1.0, step = 1e-300}}", "object.fit.step: must be larger: more than 9.22337e+18"),
+    (f"{SHORT}[sampling]\nspeed = {{from = 0, to = 9, count = 3}}", "sampling.speed.from: must lie in 0.001..100 m/s"),
+    (
+        f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, cout = 3}}",
+        "sampling.speed.cout: unknown key 'cout' of a range",
+    ),
+    (
+        f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9}}",
+        "a range is from, to and count, or from, to and step, or first",
+    ),
+    (f"{SHORT}[sampling]\nspeed = {{first = 5, count = 9}}", "first and count are of whole numbers"),
+    (f"{SHORT}[motion]\nseed = {{first = 1, count = 0}}", "plan.toml:4: motion.seed.count: must lie in 1.."),
+    (f"{SHORT}[motion]\nseed = {{first = -1, count = 3}}", "plan.toml:4: motion.seed.first: must lie in 0.."),
+    (f"{SHORT}[motion]\nseed = {{from = 1, to = 4, count = 3}}", "3 whole numbers from 1 on cannot be 1.5 apart"),
+    (f"{SHORT}[motion]\nseed = 1.5", "motion.seed: must be a whole number in 0.."),
+    (
+        f"{SHORT}[motion]\nduration = 1e8",
+        "motion.duration: must give at most 1e+09 poses with rate, not 1e+08 s at 90 Hz",
+    ),
+    (f'{SHORT}[motion]\nsource = "random"', "plan.toml:3: motion.count: is missing, which random needs"),
+    (f"{SHORT}[motion]\nsize = 0.1", "plan.toml:4: motion.size: is of random, which exploration is not"),
+    (f"{SHORT}unit = 'mm'", "plan.toml:3: object.unit: is of volume, which cube is not"),
+    (
+        f'{SHORT}[hand]\nsource = ["palm", "skin"]\npalm = [0.1, 0.1]',
+        "plan.toml:5: hand.palm: is of palm, which skin is not; give it an [[hand]] of its own",
+    ),
+    (
+        f'{SHORT}[sampling]\nsource = "am"\nupdate_rate = 300',
+        "plan.toml:3: sampling: am.frequency must be at most half",
+    ),
+    (f'{SHORT}[array]\nsolver = "naive"\nwgs_iterations = 2', "plan.toml:3: array: wgs_iterations is 2, but solver"),
+    (
+        f'keep = ["drives"]\n{SHORT}[array]\nsource = "sonicsurface"',
+        "plan.toml:1: keep: drives of stm cannot be played",
+    ),
+    (f'metrics = ["contour"]\n{SHORT}', "plan.toml:1: metrics: must be one of contours, frequency, sampling, not"),
+    (f"metrics = []\n{SHORT}", "plan.toml:1: metrics: is empty, and there is nothing to keep either"),
+    (f"per_pose = 1\n{SHORT}", "plan.toml:1: per_pose: must be true or false, not 1"),
+    (f'device = "gpu"\n{SHORT}', "plan.toml:1: device: must be auto, cpu, cuda, cuda:0 or a list of these, not 'gpu'"),
+    (f'device = ["cpu", "cpu"]\n{SHORT}', "plan.toml:1: device: must name each device once"),
+    (f"workers = 0\n{SHORT}", "plan.toml:1: workers: must be auto, or a number of workers in 1..256, not 0"),
+    (f"{SHORT}[[exclude]]", "plan.toml:3: exclude: must be a table of at least one axis.key = value"),
+    (f"exclude = 3\n{SHORT}", "plan.toml:1: exclude: must be tables, [[exclude]], not 3"),
+    (
+        f"{SHORT}[[only]]\n'strategy.sorce' = 'oc'",
+        "plan.toml:4: only.strategy.sorce: unknown key 'strategy.sorce' (did",
+    ),
+    (f"{SHORT}[[only]]\n'object.fit' = {{least = 3}}", "plan.toml:4: only.object.fit: must have at_least, at_most or"),
+    (f"{SHORT}[[only]]\n'object.fit' = 80", "plan.toml:4: only.object.fit: must lie in 0.001..5 m, not 80"),
+    (f"{SHORT}[[only]]\n'object.up' = {{at_least = 3}}", "plan.toml:4: only.object.up: must be a value or a list"),
+    (f"{SHORT}[[exclude]]\n'object.source' = 'c*'", "plan.toml: its constraints leave no recipe"),
+    ('[object]\nsource = "cube', "plan.toml:2: not TOML: "),
+    (f"{SHORT}[object]", "plan.toml:3: not TOML: "),
+]
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize(("text", "said"), FAULTS, ids=[said[:60] for _, said in FAULTS])
+def test_what_cannot_be_is_refused_with_file_line_key_value_and_bound(folder, text, said):
+    told = refusal(folder, text)
+    assert said in told
+    assert "\n" not in told
+
+
+def test_all_faults_are_told_at_once(folder):
+    told = refusal(folder, f"metrics = 3\n{SHORT}fit = 80\nup = 'Q'\n[[hand]]\n[[hand]]\nsource = 'glove'\npalm = 3\n")
+    assert sorted(re.match(r"(.*?:\d: [a-z.]+):", line)[1] for line in told.splitlines()) == [
+        "plan.toml:1: metrics",
+        "plan.toml:4: object.fit",
+        "plan.toml:5: object.up",
+        "plan.toml:8: hand.source",
+        "plan.toml:9: hand.palm",
+    ]
+
+
+def test_bad_files_are_told_with_the_plans_line(folder):
+    (folder / "bad.json").write_text('{"prune": ["outsid"]}')
+    assert "plan.toml:4: strategy.source: " in refusal(folder, f'{SHORT}[strategy]\nsource = "bad.json"')
+    (folder / "bytes.toml").write_bytes(b"\xff\xfe")
+    for name in ("no_such.toml", "bytes.toml"):
+        with pytest.raises(PlanError, match=rf"{name}: cannot be read"):
+            load_plans([folder / name])
+
+
+# Overrides
+
+
+def test_overrides_take_the_place_of_what_the_plan_says(folder):
+    text = SHORT + "[motion]\nseed = [1, 2, 3]\n[[exclude]]\n'motion.seed' = 2"
+    plan = load(folder, text, "motion.seed={first=7,count=2}", "object.source=tube", "exclude=[]", "keep=['contours']")
+    assert column(plan, "seed") == [7, 8]
+    assert set(column(plan, "object")) == {"tube"}
+    assert "keep-contours" in plan.groups
+    assert plan.described()["overrides"][1] == "object.source=tube"
+
+
+def test_overrides_reach_all_tables_of_an_axis(folder):
+    plan = load(folder, '[[object]]\nsource = "cube"\n[[object]]\nsource = "tube"\n', "object.fit=0.1")
+    assert column(plan, "object_fit") == [0.1, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("object.fit=80", "--set object.fit=80: object.fit: must lie in 0.001..5 m, not 80"),
+        ("motion.seed={first=1,count=0}", "--set motion.seed={first=1,count=0}: motion.seed.count: must lie"),
+        ("object.fitt=1", "--set object.fitt=1: object.fitt: unknown key (did you mean 'fit'?)"),
+        ("obj.fit=1", "--set obj.fit=1: unknown key"),
+        ("object.fit.x=1", "--set object.fit.x=1: unknown key"),
+        ("object.fit", "--set object.fit: must be key=value"),
+        ("object.source=a b", "--set object.source=a b: not a TOML value"),
+        ("object.fit=1\nper_pose=true", "not a TOML value (more than one value)"),
+        ("hand=3", "--set hand=3: hand: must be a table, not 3"),
+    ],
+)
+def test_bad_overrides_are_told_as_they_were_given(folder, override, said):
+    assert said in refusal(folder, SHORT, override)
+
+
+# Unions
+
+LISTS = {
+    "object": {"source": ["cube", "tube", "dog"], "fit": [0.08, 0.1, 0.13]},
+    "motion": {"seed": [1, 2, 3, 4]},
+    "strategy": {"source": ["oc", "cc"]},
+}
+
+
+@st.composite
+def plan_texts(draw):
+    """Plans over a few values, so that they overlap; with a constraint or without."""
+    text = ""
+    for axis, keys in LISTS.items():
+        text += f"[{axis}]\n"
+        for key, known in keys.items():
+            text += f"{key} = {draw(st.lists(st.sampled_from(known), min_size=1, max_size=3, unique=True))}\n"
+    return text + draw(st.sampled_from(["", "[[only]]\nmotion.seed = {at_most = 9}\nobject.fit = {at_least = 0.08}\n"]))
+
+
+@pytest.mark.exhaustive
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
+@given(st.lists(plan_texts(), min_size=2, max_size=3))
+def test_recipes_of_a_union_are_the_union_of_recipes_each_once(folder, texts):
+    paths = [folder / f"plan{k}.toml" for k in range(len(texts))]
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text)
+    together = [recipe.hash for recipe in load_plans(paths).recipes()]
+    separate = [recipe.hash for path in paths for recipe in load_plans([path]).recipes()]
+    assert together == list(dict.fromkeys(separate))
+
+
+def test_plans_that_run_together_agree_on_devices_and_unite_what_they_ask_for(folder):
+    for name, text in (("a", 'device = "cpu"\n'), ("b", 'keep = ["contours"]\n'), ("c", 'device = "cuda"\n')):
+        (folder / f"{name}.toml").write_text(text + SHORT)
+    plan = load_plans([folder / "a.toml", folder / "b.toml"])
+    assert (plan.name, plan.device, plan.groups) == ("a+b", "cpu", ("contours", "frequency", "keep-contours"))
+    assert (plan.recipe_count, plan.is_exact, len(list(plan.recipes()))) == (2, False, 1)
+    with pytest.raises(
+        PlanError, match=r"device: plans that are run together must agree, not cpu in .*a\.toml and cuda"
+    ):
+        load_plans([folder / "a.toml", folder / "c.toml"])
+    assert load_plans([folder / "a.toml", folder / "c.toml"], ["device=cpu"]).device == "cpu"
+
+
+# Size
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    "text",
+    [
+        SHORT + "[motion]\nseed = {first = 1, count = 1000000000}",
+        SHORT + "[motion]\nseed = {first = 1, count = 10000}\n[sampling]\nspeed = {from = 1, to = 9, count = 100000}",
+        SHORT + "[motion]\nduration = {from = 1, to = 9, count = 1000}\nseed = {first = 1, count = 1000000}",
+    ],
+)
+def test_a_plan_of_a_billion_recipes_is_counted_and_begun_without_going_through_it(folder, text):
+    plan = load(folder, text)
+    assert (plan.recipe_count, plan.is_exact) == (10**9, True)
+    tracemalloc.start()
+    first = [recipe.hash for recipe in itertools.islice(plan.recipes(), 3000)]
+    assert tracemalloc.get_traced_memory()[1] < 30e6
+    tracemalloc.stop()
+    assert len(set(first)) == 3000
+    assert plan.described()["recipe_count"] == 10**9
+
+
+@pytest.mark.exhaustive
+def test_long_axes_have_the_same_recipes_as_short_ones_once_each(folder):
+    tables = "[[motion]]\nseed = {{first = 1, count = {}}}\n[[motion]]\nseed = {{first = 3, count = 3}}\n"
+    with pytest.warns(PalpateWarning, match="3 of 103 values are the same"):
+        short = load(folder, SHORT + tables.format(100))
+    with warnings.catch_warnings(action="error"):
+        long = load(folder, SHORT + tables.format(SPELT_OUT))
+    assert (short.is_exact, long.is_exact, long.recipe_count) == (True, False, SPELT_OUT + 3)
+    assert [r.hash for r in itertools.islice(long.recipes(), 100)] == [r.hash for r in short.recipes()]
+    assert sum(1 for _ in long.recipes()) == SPELT_OUT
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize(
+    "constraint", ["[[only]]\nmotion.seed = {at_most = 3}", "[[exclude]]\nmotion.seed = {at_least = 4}"]
+)
+def test_constraints_hold_on_long_axes_and_the_count_is_a_bound(folder, constraint):
+    plan = load(folder, f"{SHORT}[motion]\nseed = {{first = 1, count = {SPELT_OUT + 1}}}\n{constraint}")
+    assert (plan.recipe_count, plan.is_exact) == (SPELT_OUT + 1, False)
+    assert column(plan, "seed") == [1, 2, 3]
+
+
+@pytest.mark.exhaustive
+def test_a_long_axis_is_not_gone_through_to_see_whether_a_recipe_is_left(folder, monkeypatch):
+    made, variants = [], product_module.variants
+    monkeypatch.setattr(product_module, "variants", lambda *of: (made.append(0) or part for part in variants(*of)))
+    seeds = SHORT + "[motion]\nseed = {{first = 1, count = {}}}\n[[only]]\nmotion.seed = {{at_least = {}}}"
+    assert load(folder, seeds.format(10**9, 999999995)).recipe_count == 10**9
+    assert LOOKED_AT <= len(made) < LOOKED_AT + 100
+    with pytest.raises(PlanError, match="its constraints leave no recipe"):  # of so few, each is looked at
+        load(folder, seeds.format(SPELT_OUT + 1, SPELT_OUT + 2))
+
+
+def test_combinations_that_lead_to_nothing_are_not_entered(folder):
+    text = '[object]\nsource = ["cube", "tube"]\n[motion]\nseed = {first = 1, count = 1000000000}\n'
+    plan = load(folder, text + '[[exclude]]\nobject.source = "cube"\nstrategy.source = "cc"')
+    assert (plan.recipe_count, plan.is_exact) == (10**9, True)
+    assert next(plan.recipes()).thing["name"] == "tube"  # at once, not after a billion cubes
+
+
+def test_plans_are_told_apart(folder):
+    digests = [
+        load(folder, text, *overrides).described()["digest"]
+        for text, *overrides in ([SHORT], [SHORT, "object.fit=0.1"], [SHORT, "per_pose=true"], [SHORT + "fit = 0.1"])
+    ]
+    assert len(set(digests)) == 4
+    assert load(folder, SHORT).described()["digest"] == digests[0]
+    (folder / "meshes" / "b.stl").unlink()
+    before = load(folder, '[object]\nsource = "meshes/*"').described()["digest"]
+    (folder / "meshes" / "a.stl").write_text("solid changed")
+    changed = load(folder, '[object]\nsource = "meshes/*"').described()["digest"]
+    assert changed != before
+    (folder / "meshes" / "a.stl").rename(folder / "meshes" / "x.stl")  # tables and constraints have names
+    assert load(folder, '[object]\nsource = "meshes/*"').described()["digest"] != changed
+
+
+# The document
+
+
+def test_plans_of_the_document_are_plans(folder):
+    blocks = re.findall(r"^```toml\n(.*?)^```", DOCUMENT.read_text(), re.MULTILINE | re.DOTALL)
+    assert [load(folder, block).recipe_count for block in blocks] == [
+        4 * 2 * 2 * 20 * 4 * 3 - 4 * 2 * 20 * 3,
+        3 * 4 * 2,
+    ]
+
+
+def test_the_document_tells_every_key(folder):
+    text = DOCUMENT.read_text()
+    for axis, keys in KEYS.items():
+        section = text.partition(f"| `[{axis}]` |")[2].partition("\n\n")[0]
+        assert {name for name in ("source", *keys) if f"`{name}`" not in section} == set()
+
+
+# Whatever is written
+
+ODD = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(10**400), 10**400)
+    | st.floats()
+    | st.text("a*[]:.\0/~%é{", max_size=5)
+    | st.sampled_from(["cube", "random", "1979-05-27", "07:32:00"]),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(["from", "to", "count", "step", "first", "log", "at_least", "x"]), inner, max_size=3
+        )
+    ),
+    max_leaves=5,
+)
+PLACES = [*(f"{axis}.{key}" for axis, keys in KEYS.items() for key in ("source", *keys)), "metrics", "keep", "per_pose"]
+PLACES += ["device", "workers", "exclude", "only", *KEYS]
+
+
+def toml(value):
+    """A value as TOML writes it; dates and times stand for none and for texts that look like them."""
+    if value is None or value in ("1979-05-27", "07:32:00"):
+        return "1979-05-27T07:32:00Z" if value is None else value
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return (
+        str(value).lower()
+        if isinstance(value, bool)
+        else json.dumps(value).replace("N", "n").replace("Infinity", "inf")
+    )
+
+
+@pytest.mark.exhaustive
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+@given(place=st.sampled_from(PLACES), value=ODD)
+def test_whatever_is_written_is_a_plan_or_refused(folder, place, value):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PalpateWarning)
+        try:
+            plan = load(folder, SHORT, f"{place}={toml(value)}")
+        except PlanError:
+            return
+    assert next(plan.recipes()).hash

@@ -1,0 +1,318 @@
+"""Recipes: keys that depend on meaning alone and on all of it, JSON that reads back, columns, groups, makers."""
+
+import hashlib
+import json
+from dataclasses import asdict, field, make_dataclass
+
+import numpy as np
+import pytest
+
+from palpate.render.errors import PlanError
+from palpate.render.playback.drive import DriveStrategy
+from palpate.render.sampling.strategy import SamplingStrategy
+from palpate.render.stages.registry import find_stage
+from palpate.render.sweeps.plan import recipe as recipe_module
+from palpate.render.sweeps.plan.axes import KEYS
+from palpate.render.sweeps.plan.loading import load_plans
+from palpate.render.sweeps.plan.recipe import GROUPS, PARTS, Recipe, digest_source, groups_of, maker
+
+PLAIN = '[object]\nsource = "cube"\n'
+
+
+@pytest.fixture
+def folder(tmp_path):
+    np.save(tmp_path / "voxels.npy", np.zeros((4, 4, 4)))
+    (tmp_path / "thing.stl").write_text("solid thing")
+    (tmp_path / "hand.csv").write_text("time,joint,x\n")
+    for name, height in (("still", 0.0), ("raised", 0.1)):
+        placed = {"position": [0, 0, height], "orientation": [0, 0, 0, 1]}
+        (tmp_path / f"{name}.json").write_text(json.dumps(placed))
+    (tmp_path / "ball.py").write_text(
+        "import warp as wp\n\n\n@wp.func\ndef ball(x: wp.vec3) -> float:\n    return wp.length(x) - 0.05\n\n\n"
+        "@wp.func\ndef egg(x: wp.vec3) -> float:\n    return wp.length(x) - 0.06\n"
+    )
+    return tmp_path
+
+
+def one(folder, text):
+    path = folder / "plan.toml"
+    path.write_text(text)
+    (recipe,) = load_plans([path], allow_code=True).recipes()
+    return recipe
+
+
+def test_keys_are_made_as_the_document_says(folder):
+    """The format of keys: whoever changes it makes every baseline useless.
+
+    A field that is added later must be left out of keys where it has the value that means what was before.
+    """
+    recipe = one(folder, '[object]\nsource = "tube"\nfit = 0.13\n[hand]\nsource = "planes"\n[strategy]\nstep = 0.002\n'
+                 "[sampling]\nspeed = 5.0")  # fmt: skip
+    content = json.loads(recipe.to_json())
+    for name in PARTS:
+        del content[name]["name"]
+        if name in ("strategy", "sampling", "array"):
+            del content[name]["source"]
+    assert content["thing"] == {
+        "source": "tube", "sha256": None, "function": None, "scale": 1.0, "up": "z", "fit": 0.13,
+        "rotate": [0.0, 0.0, 0.0], "at": None, "volume": {}, "bounds": None, "simplify": None,
+    }  # fmt: skip
+    assert content["hand"] == {"source": "planes", "sha256": None, "palm": None}
+    assert content["motion"] == {"source": "exploration", "sha256": None, "duration": 30.0, "rate": 90.0, "seed": 1}
+    assert content["strategy"] == {
+        "described": {"raw": "section", "prune": ["outside"], "transform": ["close"], "step": 0.002},
+        "step": 0.002,
+    }
+    assert (list(content["sampling"]), list(content["array"])) == (["described"], ["described"])
+    assert content["sampling"]["described"].pop("speed") == 5.0
+    assert content["sampling"]["described"] == {k: v for k, v in asdict(SamplingStrategy()).items() if k != "speed"}
+    assert content["array"]["described"].pop("drive") == asdict(DriveStrategy(gs_pat_iterations=10, wgs_iterations=6))
+    content["sampling"]["described"], content["array"]["described"]["drive"] = {"speed": 5.0}, {}
+    whole = json.loads(
+        json.dumps(content), parse_float=lambda text: int(float(text)) if text.endswith(".0") else float(text)
+    )
+    digests = {
+        name: hashlib.sha256(json.dumps(part, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+        for name, part in whole.items()
+    }
+    for group, names in GROUPS.items():
+        lines = "palpate recipe 1\n" + "".join(f"{name} {digests[name]}\n" for name in names)
+        assert recipe.key(group) == hashlib.sha256(lines.encode()).hexdigest()[:32]
+    assert recipe.key("contours") == "d2d500c0905094e359640b99fa097f83"
+    assert recipe.hash == recipe.key("keep-drives") == "1cdcd61010cda04a0eef0cdac290b02e"
+
+
+SAME = [
+    (PLAIN, '[object]\nsource = "cube"\nscale = 1\nup = "z"\nrotate = [0, 0.0, -0.0]\n'),
+    (PLAIN, PLAIN + '[hand]\nsource = "palm"\npalm = [0.085, 0.085]'),
+    (PLAIN, PLAIN + '[motion]\nsource = "exploration"\nduration = 30\nrate = 9e1\nseed = 1.0'),
+    (PLAIN, PLAIN + '[strategy]\nsource = "CC"'),
+    (PLAIN, PLAIN + '[sampling]\nsource = "stm"\nspeed = 7\nupdate_rate = 10000'),
+    (PLAIN, PLAIN + '[array]\nsolver = "gs-pat+wgs"\nwgs_iterations = 6\nsound_speed = 343'),
+    (
+        PLAIN + "[motion]\nsource = 'random'\ncount = 1e3",
+        PLAIN + "[motion]\nsource = 'random'\ncount = 1000\nsize = 0.13",
+    ),
+    (PLAIN + "[sampling]\nspeed = 0.3", PLAIN + "[sampling]\nspeed = {from = 0.3, to = 0.3, count = 1}"),
+]
+
+
+@pytest.mark.parametrize(("text", "other"), SAME, ids=range(len(SAME)))
+def test_equal_meaning_has_equal_json_and_keys(folder, text, other):
+    assert one(folder, text).to_json() == one(folder, other).to_json()
+    assert one(folder, text).hash == one(folder, other).hash
+
+
+def test_files_are_known_by_what_is_in_them(folder):
+    text = '[object]\nsource = "thing.stl"\n[strategy]\nsource = "mine.json"\n'
+    (folder / "mine.json").write_text('{"prune": ["outside"], "transform": ["close", {"stage": "hatch"}]}')
+    before = one(folder, text)
+    moved = folder / "moved"
+    moved.mkdir()
+    (folder / "thing.stl").rename(moved / "renamed.stl")
+    (moved / "yours.json").write_text('{"transform": ["close", "hatch"], "raw": "section", "prune": ["outside"]}')
+    after = one(moved, text.replace("thing", "renamed").replace("mine", "yours"))
+    assert after.to_json() != before.to_json()
+    assert after.hash == before.hash
+    (moved / "renamed.stl").write_text("solid changed")
+    assert one(moved, text.replace("thing", "renamed").replace("mine", "yours")).hash != before.hash
+
+
+def test_options_of_stages_that_are_the_default_do_not_count(folder):
+    defaults = find_stage("transform", "smooth").defaults()
+    for name, stage in (("short", "smooth"), ("long", {"stage": "smooth", **defaults})):
+        (folder / f"{name}.json").write_text(json.dumps({"prune": ["outside"], "transform": ["close", stage]}))
+    short, long = (one(folder, f'{PLAIN}[strategy]\nsource = "{name}.json"') for name in ("short", "long"))
+    assert defaults
+    assert short.hash == long.hash
+
+
+def changed(recipe, part, name, value):
+    """A recipe with one field of a sampling strategy or a drive set."""
+    content = json.loads(recipe.to_json())
+    described = content[part]["described"]
+    (described if part == "sampling" else described["drive"])[name] = value
+    return Recipe.from_json(json.dumps(content))
+
+
+NEW_FIELDS = [("sampling", "option", SamplingStrategy), ("array", "option", DriveStrategy)]
+
+
+@pytest.mark.parametrize(("part", "name", "kind"), NEW_FIELDS, ids=lambda given: str(given))
+def test_a_field_that_is_new_changes_no_key_where_it_has_its_default(folder, monkeypatch, part, name, kind):
+    recipe = one(folder, PLAIN)
+    before = recipe.hash
+    newer = make_dataclass(kind.__name__, [(name, float, field(default=0.5))], bases=(kind,), frozen=True)
+    module = "sampling.strategy" if part == "sampling" else "playback.drive"
+    monkeypatch.setattr(f"palpate.render.{module}.{kind.__name__}", newer)
+    for cached in (recipe_module._sampling_defaults, recipe_module._drive_defaults):
+        cached.cache_clear()
+    try:
+        assert changed(recipe, part, name, 0.5).hash == before
+        assert changed(recipe, part, name, 0.6).hash != before
+    finally:
+        for cached in (recipe_module._sampling_defaults, recipe_module._drive_defaults):
+            cached.cache_clear()
+
+
+SETTINGS = [  # part, field, default as well spelt, another value
+    ("sampling", "speed", 7, 7.5),
+    ("sampling", "pace", asdict(SamplingStrategy())["pace"], {"kind": "capped"}),
+    ("sampling", "am", None, {}),
+    ("sampling", "foci", 1, 2),
+    ("array", "slew", None, 0.1),
+    ("array", "wgs_iterations", None, 7),
+    ("array", "wgs_iterations", 6, 7),
+]
+
+
+@pytest.mark.parametrize(("part", "name", "default", "other"), SETTINGS)
+def test_fields_count_where_they_differ_from_their_default(folder, part, name, default, other):
+    recipe = one(folder, PLAIN)
+    assert changed(recipe, part, name, default).hash == recipe.hash
+    assert changed(recipe, part, name, other).hash != recipe.hash
+
+
+def test_a_group_of_a_sampling_strategy_counts_by_what_it_says(folder):
+    recipe = one(folder, PLAIN)
+    short, long, other = (
+        changed(recipe, "sampling", "am", group)
+        for group in ({"depth": 0.5}, {"depth": 0.5, "frequency": 200.0, "wave": "sine"}, {"depth": 0.6})
+    )
+    assert short.hash == long.hash
+    assert len({recipe.hash, short.hash, other.hash}) == 3
+
+
+VOXELS = 'source = "voxels.npy"'
+RANDOM = 'source = "random"'
+RECORDING = 'source = "hand.csv"'
+
+TABLES = {  # every key: what its table needs, and two values
+    "object.source": ("bounds = [-1, -1, -1, 1, 1, 1]", "'ball.py:ball'", "'ball.py:egg'"),
+    "object.scale": ('source = "cube"', "1.0", "1.5"),
+    "object.up": ('source = "cube"', "'z'", "'-y'"),
+    "object.fit": ('source = "cube"', "0.1", "0.2"),
+    "object.rotate": ('source = "cube"', "[0, 0, 1]", "[0, 1, 0]"),
+    "object.at": ('source = "cube"', "[0, 0, 0.2]", "[0, 0, 0.3]"),
+    "object.solid": ('source = "cube"', "'winding'", "'even-odd'"),
+    "object.weld": ('source = "cube"', "0.0", "1e-6"),
+    "object.fill_holes": ('source = "cube"', "0.0", "0.01"),
+    "object.simplify": ('source = "cube"', "0.0", "0.001"),
+    "object.kind": (VOXELS, "'label'", "'distance'"),
+    "object.level": (VOXELS, "0.5", "1.5"),
+    "object.label": (VOXELS, "[1, 2]", "[1]"),
+    "object.inside": (VOXELS, "'above'", "'below'"),
+    "object.spacing": (VOXELS, "[1e-3, 1e-3, 1e-3]", "[1e-3, 1e-3, 2e-3]"),
+    "object.unit": (VOXELS, "'m'", "'mm'"),
+    "object.bounds": ('source = "ball.py:ball"', "[-1, -1, -1, 1, 1, 1]", "[-1, -1, -1, 1, 1, 2]"),
+    "hand.source": ("", "'palm'", "'skin'"),
+    "hand.palm": ("", "[0.1, 0.2]", "[0.2, 0.1]"),
+    "motion.source": ("seed = 2", "'exploration'", "'random'\ncount = 3"),
+    "motion.duration": ("", "1.0", "2.0"),
+    "motion.rate": ("", "1.0", "2.0"),
+    "motion.seed": ("", "1", "2"),
+    "motion.count": (RANDOM, "3", "4"),
+    "motion.size": (f"{RANDOM}\ncount = 3", "0.1", "0.2"),
+    "motion.at": (f"{RANDOM}\ncount = 3", "[0, 0, 0.1]", "[0, 0, 0.2]"),
+    "motion.side": (RECORDING, "'left'", "'right'"),
+    "motion.alignment": (RECORDING, "'still.json'", "'raised.json'"),
+    "strategy.source": ("", "'cc'", "'oc'"),
+    "strategy.step": ("", "0.001", "0.002"),
+    "strategy.flush": ("", "0.0", "1e-6"),
+    "sampling.source": ("", "'stm'", "'lm'"),
+    "sampling.speed": ("", "7.0", "7.5"),
+    "sampling.update_rate": ("", "1e4", "2e4"),
+    "array.source": ("", "'emulator'", "'sonicsurface'"),
+    "array.amplitude": ("", "'pressure'", "'force'"),
+    "array.solver": ("", "'wgs'", "'naive'"),
+    "array.gs_pat_iterations": ("", "3", "4"),
+    "array.wgs_iterations": ("", "3", "4"),
+    "array.slew": ("", "0.01", "0.02"),
+    "array.sound_speed": ("", "343.0", "343.5"),
+    "array.level_max": ("", "0.5", "0.6"),
+    "array.piston_radius": ("", "0.0", "0.001"),
+}
+
+
+def test_every_key_is_tried():
+    assert set(TABLES) == {f"{axis}.{key}" for axis, keys in KEYS.items() for key in ("source", *keys)}
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("key", TABLES)
+def test_another_value_of_any_key_has_other_keys_where_it_matters_only(folder, key):
+    axis, name = key.split(".")
+    needs, *values = TABLES[key]
+    plain = "" if axis == "object" else PLAIN
+    first, second = (one(folder, f"{plain}[{axis}]\n{needs}\n{name} = {value}") for value in values)
+    again = one(folder, f"{plain}[{axis}]\n{needs}\n{name} = {values[0]}")
+    assert again.hash == first.hash
+    part = "thing" if axis == "object" else axis
+    differs = {group for group in GROUPS if first.key(group) != second.key(group)}
+    assert differs == {group for group, names in GROUPS.items() if part in names}
+    assert first.hash != second.hash
+
+
+def test_recipes_read_back_from_their_json(folder):
+    recipe = one(folder, '[object]\nsource = "thing.stl"\n[motion]\nsource = "hand.csv"\nalignment = "still.json"')
+    again = Recipe.from_json(recipe.to_json())
+    assert again == recipe
+    assert (again.hash, again.to_json(), again.columns()) == (recipe.hash, recipe.to_json(), recipe.columns())
+    for text in ("{", "[]", '{"thing": {}}'):
+        with pytest.raises(PlanError, match="recipe: "):
+            Recipe.from_json(text)
+
+
+def test_every_recipe_has_the_same_columns_of_plain_values(folder):
+    texts = [
+        PLAIN,
+        '[object]\nsource = "voxels.npy"\nkind = "label"\nlabel = [3, 1]\nspacing = [1e-3, 1e-3, 2e-3]',
+        '[object]\nsource = "ball.py:ball"\nbounds = [-1, -1, -1, 1, 1, 1]\n[motion]\nsource = "random"\ncount = 7',
+        PLAIN + '[motion]\nsource = "hand.csv"\nside = "left"\nalignment = "still.json"\n[hand]\nsource = "skin"',
+    ]
+    rows = [one(folder, text).columns() for text in texts]
+    assert len({tuple(row) for row in rows}) == 1
+    assert {type(value) for row in rows for value in row.values()} <= {str, float, int, bool, type(None)}
+    assert (rows[1]["object_label"], rows[1]["object_spacing_z"], rows[0]["object_label"]) == ("[1, 3]", 2e-3, None)
+    assert (rows[2]["object"], rows[2]["count"], rows[2]["duration"], rows[2]["motion_at_z"]) == ("ball", 7, None, 0.2)
+    assert (rows[3]["side"], rows[3]["alignment"], rows[3]["palm_width"]) == ("left", "still.json", None)
+
+
+def test_groups_are_what_is_asked_for_in_one_order():
+    assert groups_of(["frequency", "contours"], True, ["focal-points"]) == (
+        "contours",
+        "frequency",
+        "poses",
+        "keep-focal-points",
+    )
+    with pytest.raises(PlanError, match="unknown groups keep-all"):
+        groups_of([], False, ["all"])
+    with pytest.raises(PlanError, match="unknown group 'x'"):
+        Recipe({}, {}, {}, {}, {}, {}).key("x")
+
+
+def test_files_that_hold_their_data_elsewhere_are_hashed_with_it(folder):
+    (folder / "a.nhdr").write_text("NRRD0004\ntype: uchar\ndata file: a.raw\n")
+    (folder / "a.raw").write_bytes(b"1")
+    (folder / "b.gltf").write_text(json.dumps({"buffers": [{"uri": "b%201.bin"}, {"uri": "data:,x"}]}))
+    (folder / "b 1.bin").write_bytes(b"1")
+    (folder / "c.nhdr").write_text("NRRD0004\ndata file: c%02d.raw 1 5 4\n")
+    (folder / "d.nhdr").write_text("NRRD0004\ndata file: LIST\nc01.raw\nc05.raw\n")
+    for name in ("c01.raw", "c05.raw"):
+        (folder / name).write_bytes(b"1")
+    for source, data in (("a.nhdr", "a.raw"), ("b.gltf", "b 1.bin"), ("c.nhdr", "c05.raw"), ("d.nhdr", "c01.raw")):
+        before = digest_source(str(folder / source))
+        (folder / data).write_bytes(b"2")
+        assert digest_source(str(folder / source)) != before
+        (folder / data).unlink()
+        with pytest.raises(PlanError, match=rf"names the file '{data}', which is not there"):
+            digest_source(str(folder / source))
+        (folder / data).write_bytes(b"1")
+    plain = digest_source(str(folder / "thing.stl"))
+    assert plain == hashlib.sha256(b"solid thing").hexdigest()
+    assert digest_source(f"{folder}/ball.py:ball") == hashlib.sha256((folder / "ball.py").read_bytes()).hexdigest()
+
+
+def test_the_maker_names_versions_and_code():
+    assert maker().startswith("palpate 0.") and ", warp 1." in maker()  # noqa: PT018  # one string
+    assert len(maker().rpartition("code ")[2]) == 16

@@ -1,0 +1,273 @@
+"""A sweep's table against an earlier one: tolerances, what moved, what is missing, and baselines that are none."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sweep_rows import recipe, table
+
+from palpate.datasets.sweeps.table import write_parquet, write_table
+from palpate.render.errors import SweepError
+from palpate.render.sweeps.report.compare import (
+    DEFAULT,
+    FLOORS,
+    Baseline,
+    Tolerance,
+    compare_tables,
+    load_baseline,
+    parse_tolerances,
+    row_names,
+)
+
+SEEDS = [{"seed": k, "length_mean": 0.1 + 0.01 * k} for k in range(4)]
+MAGNITUDES = st.floats(1e-9, 1e9)
+
+
+def against(old, new, *words):
+    """Compare two tables."""
+    return compare_tables(Baseline("old", {k: np.array(v) for k, v in old.items()}), new, parse_tolerances(words))
+
+
+def test_the_same_table_has_not_moved():
+    found = against(table(*SEEDS), table(*SEEDS))
+    assert found.is_kept
+    assert found.recipe_count == 4
+    assert found.value_count == 4 * 6  # poses, length_mean, r, draw_frequency_actual, jumps_pose, area_mean
+    assert found.sentences() == ["nothing moved in 4 recipes compared with old"]
+
+
+@given(value=MAGNITUDES, sign=st.sampled_from([-1, 1]), amount=st.floats(1e-9, 0.5), far=st.booleans())
+def test_a_relative_change_over_the_tolerance_is_found_and_below_never(value, sign, amount, far):
+    new = value * (1 + sign * amount * (1.01 if far else 0.98))
+    change = abs(new - value) / max(abs(new), abs(value))
+    found = against(table({"length_mean": value}), table({"length_mean": new}), f"{amount!r}")
+    is_tiny = abs(new - value) <= FLOORS["m"]
+    assert found.is_kept == (change <= amount or is_tiny)
+    if not far:
+        assert found.is_kept
+    if far and sign < 0 and not is_tiny:  # the old one is the greater
+        assert not found.is_kept
+        assert found.moved[0].change == pytest.approx(-1.01 * amount)
+
+
+@given(value=st.floats(-1e3, 1e3), amount=st.floats(1e-6, 1e3), sign=st.sampled_from([-1, 1]), far=st.booleans())
+def test_an_absolute_change_over_the_tolerance_is_found_and_below_never(value, amount, sign, far):
+    new = value + sign * amount * (1.001 if far else 0.999)
+    found = against(table({"area_mean": value}), table({"area_mean": new}), f"area_mean={amount!r}abs")
+    assert found.is_kept != far
+
+
+@given(
+    moved=st.sets(st.tuples(st.integers(0, 3), st.sampled_from(["length_mean", "r", "jumps_pose"]))),
+    order=st.permutations(range(4)),
+)
+def test_exactly_what_moved_is_told_whatever_the_order_of_rows(moved, order):
+    old, new = table(*SEEDS), table(*SEEDS)
+    for row, metric in moved:
+        new[metric][row] *= 1.25
+    shuffled = {name: [values[k] for k in order] for name, values in new.items()}
+    found = against(old, shuffled)
+    assert {(int(m.recipe_hash, 16), m.metric) for m in found.moved} == moved
+    assert found.is_kept == (not moved)
+    assert all(m.change == pytest.approx(0.2) for m in found.moved)
+
+
+def test_the_last_tolerance_that_names_a_column_counts():
+    old, new = table({"length_mean": 1.0, "r": 1.0}), table({"length_mean": 1.001, "r": 1.001})
+    assert [m.metric for m in against(old, new).moved] == ["length_mean", "r"]
+    assert against(old, new, "0.01").is_kept
+    assert [m.metric for m in against(old, new, "length_mean=1e-2").moved] == ["r"]
+    assert [m.metric for m in against(old, new, "length_*=1e-2", "length_mean=0", "r=1").moved] == ["length_mean"]
+    assert [m.metric for m in against(old, new, "r=1e-2", "1e-6").moved] == ["length_mean", "r"]
+
+
+def test_the_default_takes_rounding_and_nothing_else():
+    rounded = float(np.float32(0.1))  # 1.5e-8 off
+    assert against(table({"length_mean": 0.1}), table({"length_mean": rounded})).is_kept
+    assert not against(table({"length_mean": 0.1}), table({"length_mean": 0.1 * (1 + 1.1 * DEFAULT)})).is_kept
+
+
+@pytest.mark.parametrize(("old", "new"), [(math.nan, 1.0), (1.0, math.nan), (1.0, None), (0.0, 1e-3)])
+def test_what_appears_or_vanishes_has_moved_and_stands_first(old, new):
+    found = against(table({"r": old}, {"r": 1.0}), table({"r": new}, {"r": 9.0}))
+    assert [m.recipe_hash[-1] for m in found.moved] == ["0", "1"]
+    assert "none" in "".join(found.rows()[0]) or new == 1e-3
+
+
+@pytest.mark.parametrize(("metric", "floor"), [("length_mean", 1e-9), ("area_mean", 1e-12), ("dwell_spread", 1e-9),
+                                                ("draw_frequency_actual", 1e-6)])  # fmt: skip
+def test_rounding_about_zero_is_no_move_unless_the_tolerance_is_0(metric, floor):
+    was, here, far = (table({metric: value}) for value in (0.0, 0.9 * floor, 1.1 * floor))
+    assert against(was, here).is_kept
+    assert against(was, here, "1e-3").is_kept
+    assert [m.metric for m in against(was, far).moved] == [metric]
+    assert [m.metric for m in against(was, here, "0").moved] == [metric]
+    assert [m.metric for m in against(was, here, f"{metric}={0.5 * floor}abs").moved] == [metric]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [(math.inf, 1.0), (1.0, math.inf), (math.inf, -math.inf), (math.nan, math.inf)]
+)
+def test_infinity_is_near_itself_only(old, new):
+    for words in ((), ("1e9",), ("length_max=1e300abs",)):
+        found = against(table({"length_max": old}), table({"length_max": new}), *words)
+        assert [(m.metric, m.change) for m in found.moved] == [("length_max", None)]
+    assert against(table({"length_max": old}), table({"length_max": old})).is_kept
+
+
+def test_nothing_is_as_nothing_was():
+    assert against(table({"r": math.nan}), table({"r": None})).is_kept
+
+
+def test_time_makers_and_names_are_not_compared():
+    old = table({"maker": "a", "seconds": 1.0, "hand": "palm"})
+    found = against(old, table({"maker": "b", "seconds": 9.0, "hand": "my palm"}))
+    assert found.is_kept
+    assert found.makers == ("a", "b")
+    assert found.sentences()[-1] == "the baseline was made by a, this by b"
+
+
+def test_recipes_that_are_gone_fail_and_new_ones_do_not():
+    small, large = table(*SEEDS[:2]), table(*SEEDS[:3])
+    assert against(small, large).is_kept
+    assert against(small, large).added == ("seed=2",)
+    gone = against(large, small)
+    assert not gone.is_kept
+    assert gone.missing == ("seed=2",)
+    assert "1 recipe of the baseline is not in this plan: seed=2" in gone.sentences()
+
+
+def edited(*rows):
+    """Tables before and after an edit of a file: recipes with other hashes, what is said of them the same."""
+    return table(*rows), table(*(row | {"recipe_hash": f"new {k}"} for k, row in enumerate(rows)))
+
+
+def test_recipes_of_an_edited_file_are_compared_by_name():
+    old, new = edited(*SEEDS)
+    found = against(old, new)
+    assert found.is_kept
+    assert (found.recipe_count, found.missing, found.added, len(found.changed)) == (4, (), (), 4)
+    assert "4 recipes are compared by name: the file behind this name has changed: seed=0" in found.sentences()[1]
+    new["length_mean"][2] *= 1.01
+    found = against(old, new)
+    assert not found.is_kept
+    assert [(m.recipe_hash, m.recipe, m.metric) for m in found.moved] == [("new 2", "seed=2", "length_mean")]
+    new["complete"][2] = False
+    assert against(old, new).incomplete == ("seed=2",)
+
+
+def test_what_has_changed_behind_its_name_is_named():
+    one, other = (recipe(strategy="hatch", seed=seed) for seed in (1, 2))
+    edits = [replace(r, strategy=r.strategy | {"described": {"raw": "section"}}) for r in (one, other)]
+    old, new = (
+        table(*({"seed": r.motion["seed"], "recipe": r.to_json(), "recipe_hash": r.hash} for r in recipes))
+        for recipes in ((one, other), edits)
+    )
+    found = against(old, new)
+    assert found.sources == ("strategy hatch",)
+    assert found.sentences()[1].endswith("2 recipes are compared by name: the file behind this name has changed: "
+                                         "strategy hatch")  # fmt: skip
+
+
+def test_recipes_are_compared_by_name_only_if_one_is_gone_and_one_is_new():
+    old, new = edited({"seed": 1}, {"seed": 1}, {"seed": 2})
+    found = against(old, new)
+    assert (found.recipe_count, len(found.missing), len(found.added)) == (1, 2, 2)
+    assert found.changed == ("seed=2",)
+    same, _ = edited({"seed": 1}, {"seed": 2})
+    grown = table({"seed": 1}, {"seed": 2}, {"seed": 2, "recipe_hash": "new"})  # what it was is still there
+    assert (against(same, grown).changed, len(against(same, grown).added)) == ((), 1)
+
+
+def test_columns_of_the_recipe_that_one_side_lacks_do_not_hinder():
+    old, new = edited({"seed": 1, "object_fit": math.nan}, {"seed": 2, "object_fit": math.nan})
+    new = {**new, "object_fit": [None, None], "size": [None, 0.13]}
+    assert against(old, new).recipe_count == 2
+
+
+def test_a_baseline_of_another_plan_says_so():
+    found = against(table(*SEEDS), table({"recipe_hash": "another", "seed": 77}))
+    assert not found.is_kept
+    assert found.sentences()[0] == "no recipe in common with old: it is of another plan"
+    assert not against(table({"complete": False}), table({})).is_kept
+
+
+def test_incomplete_results_fail_here_and_are_ignored_in_the_baseline():
+    whole, part = table(*SEEDS), table(*SEEDS[:3], SEEDS[3] | {"complete": False, "length_mean": None})
+    found = against(whole, part)
+    assert not found.is_kept
+    assert found.incomplete == ("seed=3",)
+    assert found.moved == ()
+    back = against(part, whole)
+    assert back.is_kept
+    assert back.added == ("seed=3",)
+
+
+def test_metrics_that_only_one_side_has_are_told():
+    less = {name: values for name, values in table(*SEEDS).items() if name != "area_mean"}
+    gone, new = against(table(*SEEDS), less), against(less, table(*SEEDS))
+    assert (gone.is_kept, gone.columns_missing) == (False, ("area_mean",))
+    assert (new.is_kept, new.columns_added) == (True, ("area_mean",))
+
+
+def test_the_largest_change_comes_first_and_twenty_are_shown():
+    rows = [{"seed": k} for k in range(50)]
+    new = table(*[row | {"length_mean": 0.2 * (1 + 0.001 * row["seed"])} for row in rows])
+    found = against(table(*rows), new)
+    assert len(found.moved) == 49
+    shown = found.rows()
+    assert len(shown) == 20
+    assert shown[0] == ("seed=49", "length_mean", "0.2", "0.2098", "+4.67 %")
+    assert len(json.loads(json.dumps(found.to_dict()))["moved"]) == 49
+
+
+def test_recipes_are_named_by_what_tells_them_apart():
+    fits = {"tube": None, "dog": 0.1}
+    rows = [{"object": name, "object_fit": fits[name], "seed": seed} for name in fits for seed in (1, 2)]
+    assert row_names(table(*rows)) == ["tube seed=1", "tube seed=2", "dog seed=1", "dog seed=2"]
+    assert row_names(table({})) == ["0" * 12]
+
+
+@pytest.mark.parametrize("word", ["", "x", "-1", "nan", "inf", "r=", "=1", "r=1mm", "r=1abss"])
+def test_what_is_no_tolerance_is_refused(word):
+    with pytest.raises(SweepError, match="must be"):
+        Tolerance.parse(word)
+
+
+def test_a_tolerance_for_an_unknown_metric_is_refused_with_the_known_ones():
+    with pytest.raises(SweepError, match=r"--tolerance lenght_mean: no such metric; known: area_mean, .*length_mean"):
+        against(table(*SEEDS), table(*SEEDS), "lenght_mean=1")
+
+
+@pytest.mark.parametrize("write", [write_table, write_parquet])
+def test_a_baseline_is_a_table_or_the_folder_that_has_one(tmp_path, write):
+    path = tmp_path / ("table.h5" if write is write_table else "table.parquet")
+    columns = table(*SEEDS) | {"r": [1.0, None, None, 2.0]}
+    write(path, columns, {})
+    places = [path, tmp_path] if write is write_table else [path]
+    for place in places:
+        found = compare_tables(load_baseline(place), columns)
+        assert found.is_kept
+        assert found.value_count == 24
+        assert found.baseline == str(place)
+
+
+def test_a_baseline_that_is_none_is_refused_in_one_sentence(tmp_path):
+    with pytest.raises(SweepError, match=r"missing does not exist"):
+        load_baseline(tmp_path / "missing")
+    with pytest.raises(SweepError, match=r"has no table\.h5"):
+        load_baseline(tmp_path)
+    (tmp_path / "table.h5").write_bytes(b"no HDF5")
+    with pytest.raises(SweepError, match=r"baseline .*table\.h5"):
+        load_baseline(tmp_path)
+    write_table(tmp_path / "other.h5", {"a": [1.0]}, {})
+    with pytest.raises(SweepError, match="no table of a sweep"):
+        load_baseline(tmp_path / "other.h5")
+    twice = table({"recipe_hash": "a"}, {"recipe_hash": "a"})
+    write_table(tmp_path / "twice.h5", twice, {})
+    with pytest.raises(SweepError, match="more than once"):
+        load_baseline(tmp_path / "twice.h5")

@@ -1,0 +1,166 @@
+"""Strategies that change between sweeps: what CI is told; and what a store has lost of its tables is written again."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import FAILED, PALPATE, answer, run
+
+from palpate.datasets.sweeps.table import load_table
+
+PLAN = """
+metrics = ["contours", "frequency"]
+per_pose = true
+[object]
+source = "tube"
+[motion]
+source = "random"
+count = 300
+[strategy]
+source = {strategies}
+"""
+OWN_STAGE = '''"""A stage of one's own."""
+
+import numpy as np
+
+from palpate.render.contour_batch import ContourBatch
+from palpate.render.stages.registry import register_prune
+
+
+def renewed_odd(batch, setting):
+    """Leave out every other polyline."""
+    keep = np.arange(batch.polyline_count) % 2 == 0
+    counts, poses = np.diff(batch.polyline_start), np.repeat(np.arange(batch.pose_count), np.diff(batch.pose_start))
+    points = np.repeat(keep, counts)
+    polylines = np.append(0, np.cumsum(np.bincount(poses[keep], minlength=batch.pose_count)))
+    return ContourBatch(
+        batch.points[points], batch.kind[points], np.append(0, np.cumsum(counts[keep])), batch.polyline_patch[keep],
+        batch.polyline_closed[keep], polylines,
+    )
+
+
+register_prune("renewed-odd", renewed_odd)
+'''
+
+
+def plan(folder, *strategies):
+    path = folder / "plan.toml"
+    path.write_text(PLAN.format(strategies=json.dumps(strategies)))
+    return path
+
+
+def sweep(*arguments):
+    return answer("sweep", "--device", "cpu", "--workers", "1", *arguments)
+
+
+def small(folder, length, **more):
+    (folder / "mine.json").write_text(json.dumps({"prune": ["outside", {"stage": "small", "length": length}], **more}))
+
+
+def test_recipes_with_other_prune_stages_have_one_table_of_poses(tmp_path):
+    small(tmp_path, 0.05)
+    told = sweep("--no-figure", plan(tmp_path, "mine.json", "oc"))
+    poses = load_table(told["poses_table"])
+    assert len(poses["pose"]) == 600
+    first = poses["recipe"] == 0
+    assert np.isfinite(poses["removed_small"]).tolist() == first.tolist()
+    assert np.isnan(poses["removed_off_skin"]).all()
+    table = load_table(told["table"])
+    assert np.mean(poses["removed_small"][first], dtype=float) == pytest.approx(table["removed_small_mean"][0])
+    assert table["removed_small_mean"][0] > 0
+
+
+@pytest.mark.exhaustive
+def test_an_edited_strategy_is_compared_with_what_it_was(tmp_path):
+    path = plan(tmp_path, "mine.json")
+    small(tmp_path, 0.05)
+    sweep("--no-figure", path, "--table", tmp_path / "old.h5")
+    small(tmp_path, 0.05 + 1e-12)  # harmless
+    told = sweep("--no-figure", path, "--baseline", tmp_path / "old.h5")["comparison"]
+    assert (told["kept"], told["recipe_count"], told["sources"]) == (True, 1, ["strategy mine.json"])
+    small(tmp_path, 0.2)
+    found = run("sweep", "--device", "cpu", "--workers", "1", "--no-figure", path, "--baseline", tmp_path / "old.h5")
+    assert found.exit_code == FAILED
+    said = " ".join(found.stderr.split())
+    assert "the file behind this name has changed: strategy mine.json" in said
+    assert "removed_small_mean" in said
+
+
+@pytest.mark.exhaustive
+def test_a_stage_of_ones_own_may_have_its_words_changed_and_tells_what_it_removes(tmp_path):
+    (tmp_path / "mine.json").write_text(json.dumps({"prune": ["outside", "renewed-odd"], "modules": ["renewed_stage"]}))
+    words = [
+        *PALPATE,
+        "sweep",
+        plan(tmp_path, "mine.json"),
+        "--device",
+        "cpu",
+        "--workers",
+        "1",
+        "--no-figure",
+        "--allow-code",
+        "--json",
+    ]
+    told = []
+    for text, more in ((OWN_STAGE, []), (OWN_STAGE.replace("Leave", "Drop"), ["--baseline", tmp_path / "old.h5"])):
+        (tmp_path / "renewed_stage.py").write_text(text)  # a process of its own, since Python imports a module once
+        done = subprocess.run([*words, "--table", tmp_path / f"{'new' if more else 'old'}.h5", *more],
+                              capture_output=True, text=True)  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        told.append(json.loads(done.stdout))
+    assert told[1]["poses_rendered"] == 300
+    found = told[1]["comparison"]
+    assert (found["kept"], found["recipe_count"], found["sources"]) == (True, 1, ["strategy mine.json"])
+    removed = load_table(tmp_path / "new.h5")["removed_other_mean"]
+    assert removed[0] > 0
+    assert load_table(told[1]["poses_table"])["removed_other"].mean(dtype=float) == pytest.approx(removed[0])
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", ["poses.h5", "table.h5", "summary.png"])
+@pytest.mark.parametrize("how", ["deleted", "emptied"])
+def test_what_a_store_has_lost_is_written_again(tmp_path, name, how):
+    path = plan(tmp_path, "oc")
+    told = sweep(path)
+    lost = Path(told["store"]) / name
+    before = lost.read_bytes()
+    lost.unlink() if how == "deleted" else lost.write_bytes(b"")
+    again = sweep(path)
+    assert again["poses_rendered"] == 0
+    assert all(Path(again[key]).stat().st_size for key in ("table", "poses_table", "figure"))
+    assert name == "summary.png" or lost.read_bytes() == before
+
+
+@pytest.mark.exhaustive
+def test_a_damaged_table_of_the_same_length_is_written_again_which_is_said(tmp_path):
+    path = plan(tmp_path, "oc")
+    table = Path(sweep(path)["table"])
+    before = table.read_bytes()
+    for at in (len(before) // 2, len(before) - 20):
+        table.write_bytes(before[:at] + bytes([before[at] ^ 1]) + before[at + 1 :])
+        again = run("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure")
+        assert again.exit_code == 0, again.output
+        assert "table.h5 is damaged: its checksum does not match; it is written again" in " ".join(again.stderr.split())
+        assert table.read_bytes() == before
+
+
+def test_a_picture_that_fails_is_told_and_costs_nothing_else(tmp_path, monkeypatch):
+    from palpate.render.sweeps.report import figure as figure_module
+
+    def broken(*_, **__):
+        raise ValueError("no such glyph\nand more")
+
+    monkeypatch.setattr(figure_module, "sweep_figure", broken)
+    done = run("sweep", "--device", "cpu", "--workers", "1", plan(tmp_path, "oc"))
+    assert done.exit_code == 0, done.output
+    assert "warning: no figure: ValueError: no such glyph" in " ".join(done.stderr.split())
+    assert not list((tmp_path / "plan.sweep").glob("summary*"))
+
+
+@pytest.mark.exhaustive
+def test_names_with_dollars_have_a_picture(tmp_path):
+    (tmp_path / "a$^$b.json").write_text(json.dumps({"prune": ["outside", "small"]}))
+    told = sweep(plan(tmp_path, "oc", "a$^$b.json"))
+    assert Path(told["figure"]).stat().st_size > 1000

@@ -1,0 +1,173 @@
+"""A sweep's tidy table: merged parts, columns, what is missing, and its pace."""
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sweep_rows import HandMadeStore, payload, recipe, statistic
+
+from palpate.datasets.storage.schema import PRUNED_NAMES, removed_name
+from palpate.datasets.sweeps.shard import ShardRow, write_shard
+from palpate.datasets.sweeps.store import SweepStore
+from palpate.datasets.sweeps.table import load_table, write_table
+from palpate.datasets.sweeps.table_stream import write_blocks
+from palpate.render.sweeps.make.sampling import NUMBERS
+from palpate.render.sweeps.make.task import PART
+from palpate.render.sweeps.report.table import (
+    CONTOUR_METRICS,
+    FREQUENCY_METRICS,
+    METRICS,
+    SAMPLING_METRICS,
+    Statistic,
+    column_units,
+    is_axis,
+    is_metric,
+    pose_blocks,
+    tidy_columns,
+)
+
+GROUPS = ("contours", "frequency", "sampling")
+LENGTHS = st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=40)
+
+
+def results(one, **parts):
+    """Results of a recipe: payloads of each group."""
+    return {(group.replace("_", "-"), one.key(group.replace("_", "-"))): own for group, own in parts.items()}
+
+
+@given(values=LENGTHS, cuts=st.sets(st.integers(0, 40)))
+def test_statistics_are_those_of_all_poses_however_they_are_cut(values, cuts):
+    parts = [
+        statistic(part.tolist()) for part in np.split(np.array(values), sorted(c for c in cuts if c < len(values)))
+    ]
+    merged = Statistic.merged(parts)
+    assert merged.number == len(values)
+    assert merged.mean == pytest.approx(np.mean(values), rel=1e-12)
+    assert merged.most == max(values)
+    assert merged.std == pytest.approx(np.std(values), rel=1e-6, abs=2e-6 * math.sqrt(np.mean(np.square(values))))
+
+
+@given(parts=st.permutations([statistic([0.1 * k, 0.3]) for k in range(6)]))
+def test_statistics_do_not_depend_on_the_order_of_parts(parts):
+    assert Statistic.merged(parts) == Statistic.merged(sorted(parts))
+
+
+def test_rounding_is_no_deviation_and_nothing_has_none():
+    assert Statistic.merged([statistic([0.1] * 1000)] * 7).std == 0.0
+    empty = Statistic.merged([[0, 0.0, 0.0, None, None]])
+    assert (empty.mean, empty.std, empty.most) == (None, None, None)
+
+
+def test_a_row_has_the_recipe_then_metrics_then_who_made_it():
+    one = recipe(count=PART + 3)
+    parts = [
+        payload(PART, length=[0.2, 0.4], length_object=[0.1, 0.3], polylines=[1, 3], area=[], removed_small=[0.01]),
+        payload(3, length=[0.6], length_object=[0.1], polylines=[2], area=[]),
+    ]
+    frequency = [payload(PART, draw_frequency_nominal=[10, 20], draw_frequency_actual=[9]), payload(3)]
+    counts = {"jumps_pose": 5, "revisit_rate": None, "seconds": {"sampling": 2.0}}
+    store = HandMadeStore(results(one, contours=parts, frequency=frequency, sampling=[counts]))
+    columns = tidy_columns([one], store, GROUPS)
+    assert all(len(values) == 1 for values in columns.values())
+    row = {name: values[0] for name, values in columns.items()}
+    own, metrics = list(one.columns()), [name for metrics in METRICS.values() for name in metrics]
+    last = ["complete", "recipe", "recipe_hash", "maker", "seconds", "seconds_draw", "seconds_find", "seconds_sampling"]
+    assert list(row) == [*own, *metrics, *last]
+    assert row["poses"] == PART + 3
+    assert row["poses_drawn"] == PART + 1
+    assert row["length_mean"] == pytest.approx(0.4)
+    assert row["length_std"] == pytest.approx(math.sqrt(0.08 / 3))
+    assert row["length_max"] == 0.6
+    assert row["r"] == pytest.approx(1.2 / 0.5)
+    assert (row["polylines_mean"], row["polylines_max"]) == (2, 3)
+    assert row["area_mean"] is None
+    assert row["removed_small_mean"] == 0.01
+    assert row["draw_frequency_nominal"] == 15
+    assert row["jumps_pose"] == 5
+    assert row["complete"] is True
+    assert row["seconds"] == pytest.approx(4 * 0.75 + 2)
+    assert (row["recipe"], row["recipe_hash"], row["maker"]) == (one.to_json(), one.hash, "hand")
+
+
+@pytest.mark.parametrize(("strategy", "has_r"), [("oc", False), ("cc", True), ("hatch", True)])
+def test_r_is_there_where_the_strategy_closes(strategy, has_r):
+    one = recipe(strategy=strategy)
+    store = HandMadeStore(results(one, contours=[payload(length=[0.3], length_object=[0.2])]))
+    assert tidy_columns([one], store, ["contours"])["r"] == [pytest.approx(1.5) if has_r else None]
+
+
+def test_what_is_not_whole_has_no_metrics_and_says_so():
+    half, none, whole = recipe(count=2 * PART), recipe("cube"), recipe("rock")
+    part = payload(PART, length=[0.2])
+    store = HandMadeStore(results(half, contours=[part]) | results(whole, contours=[part]))
+    columns = tidy_columns([half, none, whole], store, ["contours"])
+    assert columns["complete"] == [False, False, True]
+    assert columns["length_mean"] == [None, None, pytest.approx(0.2)]
+    assert columns["poses"] == [None, None, PART]
+    assert columns["seconds"] == [None, None, 0.75]
+    assert tidy_columns([whole], store, ["contours", "frequency"])["complete"] == [False]
+
+
+def test_kept_files_are_named():
+    one = recipe()
+    kept = {"path": "contours/1.h5", "bytes": 12}
+    columns = tidy_columns([one], HandMadeStore(results(one, keep_contours=[kept])), ["keep-contours"])
+    assert columns["kept_contours"] == ["contours/1.h5"]
+    assert columns["complete"] == [True]
+
+
+def test_every_number_that_sampling_makes_is_a_column():
+    assert set(NUMBERS) <= set(SAMPLING_METRICS)
+
+
+def test_each_column_is_of_the_recipe_or_a_metric_or_neither():
+    one = recipe()
+    columns = tidy_columns([one], HandMadeStore({}), GROUPS)
+    assert [name for name in columns if is_axis(name)] == list(one.columns())
+    assert {n for n in columns if is_metric(n)} == {*CONTOUR_METRICS, *FREQUENCY_METRICS, *SAMPLING_METRICS}
+    numbers = {name for name, value in one.columns().items() if isinstance(value, float | int)}
+    assert numbers <= set(column_units(columns)) | {"drive_gs_pat_iterations", "drive_wgs_iterations"}
+
+
+@pytest.mark.exhaustive
+def test_results_of_thousands_of_recipes_are_looked_up_together():
+    recipes = [recipe(thing, seed=seed) for thing, seed in product("abc", range(1500))]
+    store = HandMadeStore({("contours", one.key("contours")): [payload(length=[0.2])] for one in recipes[::2]})
+    columns = tidy_columns(iter(recipes), store, GROUPS[:1])
+    assert store.asked == 2
+    assert [mean is None for mean in columns["length_mean"]] == [False, True] * 2250
+    assert columns["seed"] == [one.motion["seed"] for one in recipes]
+
+
+def test_a_real_store_gives_the_table_and_the_file_gives_it_back(tmp_path):
+    one, other, bare = recipe(), recipe("cube"), recipe("rock")
+    rows = [ShardRow("contours", one.key("contours"), 0, payload(length=[0.25], area=[])),
+            *(ShardRow("poses", r.key("poses"), 0, {"poses": 3}) for r in (one, bare))]  # fmt: skip
+    with SweepStore(tmp_path / "store", maker="m") as store:
+        shard = store.folder / "shards" / "1.h5"
+        lengths = {"pose": np.arange(3), "length": np.ones(3, np.float32)}
+        pruned = {**lengths, "removed_small": np.full(3, 0.5, np.float32)}
+        write_shard(shard, rows, [None, pruned, lengths], maker="m")
+        store.record(shard)
+        columns = tidy_columns([other, one], store, ["contours"])
+        blocks = list(pose_blocks([other, one, bare], store))
+        assert write_blocks(tmp_path / "poses.h5", blocks, {}) == 6
+    assert columns["maker"] == ["m", "m"]
+    write_table(tmp_path / "table.h5", columns, {}, units=column_units(columns))
+    back = load_table(tmp_path / "table.h5")
+    assert math.isnan(back["length_mean"][0])
+    assert back["length_mean"][1] == 0.25
+    assert back["complete"].tolist() == [False, True]
+    assert [block["recipe"].tolist() for block in blocks] == [[1, 1, 1], [2, 2, 2]]
+    assert set(blocks[0]) == set(blocks[1]) == {"recipe", "pose", "length", *map(removed_name, PRUNED_NAMES)}
+    removed = load_table(tmp_path / "poses.h5")["removed_small"]
+    np.testing.assert_array_equal(removed, [0.5] * 3 + [np.nan] * 3)
+
+
+def test_what_a_stage_removed_has_one_name_in_files_and_tables():
+    names = {stage: removed_name(stage) for stage in ("off-skin", "small#2", "halve", "mine.halve#2")}
+    assert set(names.values()) == {"removed_off_skin", "removed_small", "removed_other"}
+    assert {f"{name}_mean" for name in names.values()} <= set(CONTOUR_METRICS)

@@ -1,0 +1,350 @@
+"""`palpate sweep` from plan to table: what is made, what is made again, what is refused, and what a kill leaves."""
+
+import contextlib
+import json
+import os
+import re
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.datasets.sweeps.table import load_table, table_attributes, write_table
+from palpate.render.cli import app as cli
+from palpate.render.sweeps.run import estimate as estimate_module
+
+SMALL = """
+[object]
+source = {objects}
+[motion]
+duration = 2.0
+seed = {seeds}
+[strategy]
+source = {strategies}
+[sampling]
+speed = {speeds}
+"""
+LARGE = """
+metrics = ["contours"]
+[object]
+source = ["tube", "dog"]
+[motion]
+source = "random"
+count = 20_000
+seed = {first = 1, count = 10}
+"""
+
+
+def plan(path, objects=("cube",), seeds=(1, 2), strategies=("oc", "cc"), speeds=(7.0,)):
+    listed = {"objects": objects, "seeds": seeds, "strategies": strategies, "speeds": speeds}
+    path.write_text(SMALL.format(**{name: json.dumps(list(values)) for name, values in listed.items()}))
+    return path
+
+
+def sweep(*arguments):
+    return answer("sweep", "--device", "cpu", "--workers", "1", "--no-figure", *arguments)
+
+
+def rows(told):
+    """A table's rows without times, by recipe."""
+    table = load_table(told["table"])
+    names = [name for name in table if not name.startswith("seconds")]
+    columns = [[repr(value) for value in table[name].tolist()] for name in names]
+    return {row[names.index("recipe_hash")]: dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)}
+
+
+@pytest.mark.exhaustive
+def test_a_sweep_is_made_once_and_grows(tmp_path):
+    told = answer("sweep", plan(tmp_path / "a.toml"), "--device", "cpu", "--workers", "1")
+    assert (told["recipes"], told["poses"], told["poses_rendered"], told["recipes_failed"]) == (4, 720, 720, 0)
+    table = load_table(told["table"])
+    assert table["complete"].all()
+    assert table["object"].tolist() == ["cube"] * 4
+    assert (table["length_mean"] > 0).all()
+    assert np.isfinite(table["r"]).tolist() == [False, True, False, True]
+    assert os.path.getsize(told["figure"]) > 1000
+    with h5py.File(told["table"]) as file:
+        assert file["length_mean"].attrs["units"] == "m"
+    written = os.stat(told["table"]).st_mtime_ns
+    again = sweep(tmp_path / "a.toml")
+    assert (again["poses_rendered"], again["poses_reused"], again["engine"]) == (0, 720, None)
+    assert os.stat(told["table"]).st_mtime_ns == written
+    plan(tmp_path / "a.toml", seeds=(1, 2, 3), speeds=(5.0, 7.0))
+    more = sweep(tmp_path / "a.toml")
+    assert more["recipes"] == 12
+    # seed 3, and for the second speed the lengths, which are not kept for each pose, once more
+    assert more["poses_rendered"] == 2 * 180 + 4 * 180
+    before, after = rows({"table": told["table"]}), rows(more)
+    assert len(after) == 12
+    assert before.items() <= after.items()
+
+
+@pytest.mark.exhaustive
+@settings(max_examples=4)
+@given(st.data())
+def test_the_table_of_a_union_of_plans_is_the_union_of_their_tables(tmp_path_factory, data):
+    folder = tmp_path_factory.mktemp("union")
+    some = st.lists(st.sampled_from([1, 2, 3]), min_size=1, unique=True)
+    paths = [
+        plan(
+            folder / f"{name}.toml",
+            seeds=data.draw(some),
+            strategies=data.draw(st.lists(st.sampled_from(["oc", "cc"]), min_size=1, unique=True)),
+        )
+        for name in "ab"
+    ]
+    alone = [rows(sweep(path)) for path in paths]
+    both = rows(sweep(*paths, "--store", folder / "both.sweep"))
+    assert both == alone[0] | alone[1]
+
+
+@pytest.mark.exhaustive
+def test_rows_of_poses_and_kept_files(tmp_path):
+    path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("oc", "hatch"))
+    path.write_text('per_pose = true\nkeep = ["contours"]\n' + path.read_text())
+    told = sweep(path)
+    poses, table = load_table(told["poses_table"]), load_table(told["table"])
+    assert len(poses["recipe"]) == 2 * 180
+    for row, mean in enumerate(table["length_mean"]):
+        assert poses["length"][poses["recipe"] == row].mean(dtype=float) == pytest.approx(mean)
+    for kept in table["kept_contours"]:
+        assert run("check", tmp_path / "a.sweep" / kept).exit_code == 0
+    assert sweep(path)["poses_rendered"] == 0
+
+
+def test_a_change_is_caught_against_a_baseline(tmp_path):
+    path = plan(tmp_path / "a.toml")
+    (tmp_path / "old.h5").write_bytes(b"of an earlier sweep")
+    sweep(path, "--overwrite", "--table", tmp_path / "old.h5", "--table", tmp_path / "old.parquet")
+    for old in ("old.h5", "old.parquet", "a.sweep"):
+        told = sweep(path, "--store", tmp_path / "b.sweep", "--baseline", tmp_path / old)
+        assert told["comparison"]["kept"] is True
+        assert told["comparison"]["value_count"] > 20
+    columns = load_table(tmp_path / "old.h5")
+    columns["length_mean"][2] *= 1.001
+    write_table(tmp_path / "old.h5", columns, table_attributes(tmp_path / "old.h5"))
+    result = run("sweep", path, "--device", "cpu", "--baseline", tmp_path / "old.h5")
+    assert result.exit_code == FAILED
+    assert "length_mean" in result.stderr
+    assert run("sweep", path, "--baseline", tmp_path / "old.h5", "--tolerance", "length_mean=0.01").exit_code == 0
+
+
+def test_recipes_that_cannot_be_made_are_named_and_the_rest_is_made(tmp_path):
+    mesh = tmp_path / "open.stl"
+    mesh.write_text(
+        "solid a\nfacet normal 0 0 1\nouter loop\nvertex -0.05 -0.05 0.2\nvertex 0.05 -0.05 0.2\nvertex 0 0.05 0.2\n"
+        "endloop\nendfacet\nendsolid a\n"
+    )
+    path = plan(tmp_path / "a.toml", objects=("cube", "open.stl"), seeds=(1, 2))
+    result = run("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure", "--json")
+    assert result.exit_code == FAILED
+    told = json.loads(result.stdout)
+    failure, _ = told["failures"]
+    assert "open" in failure["name"]
+    assert "cc" in failure["name"]
+    assert "open edges" in failure["sentence"]
+    assert load_table(told["table"])["complete"].tolist() == [True] * 5 + [False, True, False]
+    shown = run("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure")
+    assert "2 recipes could not be made" in shown.stderr
+    assert shown.stderr.count("open edges") == 1
+    assert "Traceback" not in shown.output
+
+
+def test_a_dry_run_tells_what_to_expect_and_makes_nothing(tmp_path):
+    path = plan(tmp_path / "a.toml", objects=("cube", "tube"), speeds=(5.0, 7.0))
+    told = answer("sweep", path, "--dry-run", "--device", "cpu", "--set", "motion.seed={first=1,count=5}")
+    assert (told["recipes"], told["is_exact"], told["renderings"], told["poses"]) == (40, True, 20, 40 * 180)
+    assert (told["is_bound"], told["bytes_table"]) == (False, 40 * estimate_module.TABLE_BYTES)
+    large = estimate_module.Estimate(10**5, False, True, 0, 1, 1, 1, 1, 1, 900_000_000).sentences()
+    assert large[0].startswith("at most 100,000 recipes, about 1 poses")
+    assert "memory: about 900 MB while the table is written" in large
+    assert told["poses_to_render"] == 20 * 180
+    assert (told["families"], told["problems"]) == (4, [])
+    assert 0 < told["families_sampled"] <= 4
+    assert 0 < told["seconds"] < 60
+    assert 0 < told["bytes"] < 1e6
+    assert not (tmp_path / "a.sweep").exists()
+    shown = run("sweep", path, "--dry-run", "--device", "cpu").stdout
+    assert "16 recipes" in shown
+    assert "estimate" in shown
+
+
+@pytest.mark.exhaustive
+def test_a_dry_run_expects_the_bytes_that_kept_files_take(tmp_path):
+    path = plan(tmp_path / "a.toml", seeds=(1,), speeds=(5.0, 7.0))
+    path.write_text('keep = ["contours", "focal-points", "drives"]\n' + path.read_text())
+    told = answer("sweep", path, "--dry-run", "--device", "cpu", "--set", "motion.duration=1.0")
+    kept = sweep(path, "--set", "motion.duration=1.0")
+    size = sum(file.stat().st_size for file in Path(kept["store"]).rglob("*.h5"))
+    assert told["renderings"] == 2
+    assert told["bytes"] == pytest.approx(size, rel=0.2)
+
+
+def test_a_plan_of_a_billion_recipes_asks(tmp_path):
+    path = plan(tmp_path / "a.toml")
+    refused(MISUSED, "--yes", "sweep", path, "--set", "motion.seed={first=1,count=500_000_000}")
+    told = json.loads(run("sweep", path, "--set", "motion.seed={first=1,count=500_000_000}", "--json").stdout)["error"]
+    assert "1,000,000,000 recipes" in told
+    assert "poses" in told
+    assert " TB" in told
+
+
+@pytest.mark.exhaustive
+def test_mistakes_get_one_sentence(tmp_path):
+    path = plan(tmp_path / "a.toml")
+    refused(MISUSED, "a.toml:2: objekt", "sweep", _with(tmp_path, "\nobjekt.source = 'cube'\n"))
+    for count in ("many", "0", "257"):
+        refused(MISUSED, "--workers must be a number in 1..256 or auto", "sweep", path, "--workers", count)
+    for option in ("--baseline", "--table", "--scheduler"):
+        refused(MISUSED, f"{option} does not go with --dry-run", "sweep", path, "--dry-run", option, tmp_path / "t.h5")
+    refused(MISUSED, "does not exist", "sweep", path, "--baseline", tmp_path / "none.h5")
+    refused(MISUSED, "--tolerance", "sweep", path, "--tolerance", "1e-6")
+    refused(MISUSED, "a table must end in", "sweep", path, "--table", tmp_path / "t.csv")
+    refused(MISUSED, "no device", "sweep", path, "--device", "cuda:7")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("")
+    refused(MISUSED, "not a sweep's store", "sweep", path, "--store", tmp_path / "other")
+    sweep(path)
+    refused(MISUSED, "no device", "sweep", path, "--device", "cuda:7")  # though nothing is missing
+    refused(MISUSED, "--workers must be", "sweep", path, "--workers", "0")
+    with sqlite3.connect(tmp_path / "a.sweep" / "store.sqlite") as manifest:
+        manifest.execute("PRAGMA user_version = 99")
+    manifest.close()
+    refused(FAILED, "newer", "sweep", path)
+
+
+def _with(folder, text):
+    path = folder / "bad" / "a.toml"
+    path.parent.mkdir()
+    path.write_text(text)
+    return path
+
+
+def started(path, *arguments):
+    command = [*PALPATE, "sweep", str(path), "--device", "cpu", "--no-figure", "--json", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def events(store, name):
+    try:
+        lines = (store / "log.jsonl").read_text().splitlines()
+    except OSError:
+        return []
+    return [event for event in map(json.loads, lines) if event["event"] == name]
+
+
+def wait_for(truth, process, seconds=120):
+    until = time.monotonic() + seconds
+    while not truth():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_killed_parent_loses_what_was_under_way_and_nothing_else(tmp_path, workers):
+    path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
+    path.write_text(LARGE)
+    process = started(path, "--workers", workers)
+    wait_for(lambda: len(events(store, "task")) >= 3, process)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    recorded = sum(event["poses"] for event in events(store, "task"))
+    told = sweep(path)
+    assert told["recipes_failed"] == 0
+    assert told["poses_rendered"] + recorded <= 400_000
+    assert load_table(told["table"])["complete"].all()
+    assert not list((store / "shards").glob("*.h5"))
+
+
+def children_of(pid):
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            command = (folder / "cmdline").read_bytes()
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            if parent == pid and b"resource_tracker" not in command:
+                found.append(int(folder.name))
+    return found
+
+
+@pytest.mark.exhaustive
+def test_a_killed_worker_is_replaced_and_its_task_made_again(tmp_path):
+    path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
+    path.write_text(LARGE)
+    process = started(path, "--workers", "2")
+    wait_for(lambda: len(events(store, "task")) >= 1, process)
+    os.kill(children_of(process.pid)[0], signal.SIGKILL)
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    told = json.loads(out)
+    assert (told["recipes"], told["recipes_failed"]) == (20, 0)
+    assert told["workers_lost"] <= 1  # 0 if it had nothing to do at that moment
+    assert "signal 9" in err or not told["workers_lost"]
+    assert load_table(told["table"])["complete"].all()
+
+
+@pytest.mark.exhaustive
+def test_two_parents_make_one_store_together(tmp_path):
+    path = tmp_path / "large.toml"
+    path.write_text(LARGE)
+    processes = [started(path, "--workers", "1") for _ in range(2)]
+    told = [json.loads(process.communicate(timeout=300)[0]) for process in processes]
+    assert [process.returncode for process in processes] == [0, 0]
+    assert all(one["recipes_failed"] == 0 for one in told)
+    assert rows(told[0]) == rows(sweep(path, "--store", tmp_path / "alone.sweep"))
+
+
+@pytest.mark.exhaustive
+def test_ctrl_c_tells_what_is_kept(tmp_path):
+    path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
+    path.write_text(LARGE)
+    process = started(path, "--workers", "1")
+    wait_for(lambda: events(store, "task"), process)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == FAILED
+    told = json.loads(out)["error"]
+    poses = re.search(r"of 20 recipes are done; ([\d,]+) poses rendered in this run", told)
+    assert poses, told
+    assert int(poses[1].replace(",", "")) > 0
+    assert "Traceback" not in err
+
+
+def test_ctrl_c_before_the_command_runs_is_told_without_a_traceback(tmp_path, monkeypatch, capsys):
+    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt")
+    paths = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
+    done = subprocess.run(PALPATE, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (FAILED, "error: interrupted")
+    assert "Traceback" not in done.stderr
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "app", interrupted)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert (end.value.code, "interrupted" in capsys.readouterr().err) == (FAILED, True)
+
+
+@pytest.mark.exhaustive
+def test_a_finished_sweep_imports_no_more_than_it_needs(tmp_path):
+    path = plan(tmp_path / "a.toml")
+    sweep(path)
+    code = (
+        "import sys; from palpate.render.cli.app import main; sys.argv[1:] = ['sweep', sys.argv[1], '--no-figure']\n"
+        "try: main()\n"
+        "except SystemExit as end: print(end.code, {'matplotlib', 'trimesh', 'scipy', 'pyarrow'} & set(sys.modules))"
+    )
+    out = subprocess.run([sys.executable, "-P", "-c", code, str(path)], capture_output=True, text=True, check=True)
+    assert out.stdout.splitlines()[-1] == "0 set()"

@@ -1,0 +1,112 @@
+"""What is wrong with a sweep's options is found before anything is made, and is misuse."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from command_line import MISUSED, answer, refused, run
+
+PLAN = """
+[object]
+source = "cube"
+[motion]
+duration = 0.5
+seed = {seeds}
+"""
+
+
+@pytest.fixture
+def path(tmp_path):
+    return plan(tmp_path / "a.toml", [1])
+
+
+def plan(path, seeds):
+    path.write_text(PLAN.format(seeds=seeds))
+    return path
+
+
+def refused_before(store, message, *arguments):
+    refused(MISUSED, message, "sweep", *arguments)
+    assert not store.exists()
+
+
+def made(path, *arguments):
+    return answer("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure", *arguments)
+
+
+def test_a_store_that_is_something_else(path, tmp_path):
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("")
+    for arguments in ([], ["--dry-run"]):
+        refused(MISUSED, "not a sweep's store", "sweep", path, "--store", tmp_path / "other", *arguments)
+    refused(MISUSED, "cannot be a sweep's store", "sweep", path, "--store", path)
+    assert [left.name for left in (tmp_path / "other").iterdir()] == ["thesis.tex"]
+    (tmp_path / "empty").mkdir()
+    assert answer("sweep", path, "--dry-run", "--device", "cpu", "--store", tmp_path / "empty")["recipes_done"] == 0
+
+
+@pytest.mark.exhaustive
+def test_a_baseline_of_another_plan_and_one_of_a_part_of_it(path, tmp_path):
+    old = Path(made(path)["store"])
+    other = plan(tmp_path / "b.toml", [7])
+    refused_before(tmp_path / "b.sweep", "no recipe in common", other, "--baseline", old)
+    told = made(plan(tmp_path / "c.toml", [*range(2, 5), 1]), "--baseline", old)
+    assert told["comparison"]["kept"]
+    (tmp_path / "no.h5").write_bytes(b"no table")
+    refused_before(tmp_path / "b.sweep", "no.h5", other, "--baseline", tmp_path / "no.h5")
+
+
+def test_a_recipe_in_common_is_found_far_into_a_plan(path, tmp_path, monkeypatch):
+    monkeypatch.setattr("palpate.render.sweeps.refusals.RECIPES_FIRST", 1)
+    old = Path(made(path)["store"])
+    assert made(plan(tmp_path / "c.toml", [2, 3, 1]), "--baseline", old)["comparison"]["recipe_count"] == 1
+
+
+def test_a_tolerance_of_no_metric(path, tmp_path):
+    old = Path(made(path)["store"])
+    store = tmp_path / "b.sweep"
+    refused_before(store, "no such metric", path, "--store", store, "--baseline", old, "--tolerance", "lenght_mean=1")
+
+
+def test_extras_that_are_not_installed(path, tmp_path, monkeypatch):
+    store = tmp_path / "a.sweep"
+    for name in ("pyarrow", "distributed"):
+        monkeypatch.setitem(sys.modules, name, None)
+    refused_before(store, "pip install 'palpate[parquet]'", path, "--table", tmp_path / "t.parquet")
+    refused_before(store, "pip install 'palpate[cluster]'", path, "--scheduler", "local")
+
+
+@pytest.mark.exhaustive
+def test_tables_and_schedulers_that_cannot_be(path, tmp_path):
+    pytest.importorskip("dask_jobqueue")
+    store = tmp_path / "a.sweep"
+    (tmp_path / "t.h5").mkdir()
+    refused_before(store, "is a folder", path, "--table", tmp_path / "t.h5")
+    (tmp_path / "old.h5").write_bytes(b"precious")
+    refused_before(store, "old.h5: exists; --overwrite replaces it", path, "--table", tmp_path / "old.h5")
+    refused_before(store, "unknown scheduler 'slrum'", path, "--scheduler", "slrum", "--workers", "2")
+    refused_before(store, "how many jobs", path, "--scheduler", "slurm")
+    refused_before(store, "one device", path, "--scheduler", "tcp://127.0.0.1:1", "--device", "cuda:0,cuda:1")
+
+
+def test_what_the_shell_took_apart_is_told_to_need_quotes(path):
+    # --set motion.seed={first=1,count=5}, as bash gives it
+    apart = ["--set", "motion.seed=first=1", "motion.seed=count=5"]
+    refused(MISUSED, "of --set it needs quotes", "sweep", path, *apart)
+    result = run("sweep", path, "none=such.toml")
+    assert "quotes" not in result.stderr
+
+
+@pytest.mark.exhaustive
+def test_a_dry_run_says_that_the_run_would_be_refused(path):
+    much = ["--dry-run", "--device", "cpu", "--set", "motion.seed={first=1,count=1_000_001}"]
+    assert "more than 1,000,000 recipes" in answer("sweep", path, *much)["refusal"]
+    assert "refused without --yes: the plan has 1,000,001 recipes" in run("sweep", path, *much).stdout
+    assert answer("sweep", path, "--dry-run", "--device", "cpu")["refusal"] is None
+
+
+def test_warnings_of_places_say_it_in_a_plan_s_words(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text('[object]\nsource = "cube"\nat = [0.0, 0.0, -0.2]\n[motion]\nduration = 0.1\n')
+    told = run("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure").stderr
+    assert "in a plan at = [0, 0, 0.2]" in " ".join(told.split())

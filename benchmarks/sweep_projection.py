@@ -14,14 +14,14 @@ import argparse
 import json
 from pathlib import Path
 
-from palpate.render.sweeps.make.task import PART
+from palpate.render.sweeps.make.task import CHUNK_POSES
 
 DEVICES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
 
 
 def projected_seconds(poses: float, devices: int, *, rate: float, parent: float, start: float) -> float:
     """Seconds of a sweep on paper; rate of one device [pose/s], parent [s] a part, start [s]."""
-    return start + max(poses / (devices * rate), -(-poses // PART) * parent)
+    return start + max(poses / (devices * rate), -(-poses // CHUNK_POSES) * parent)
 
 
 def table(poses: float, lines: list[dict], parent: float) -> list[dict]:
@@ -49,7 +49,7 @@ def draw(measured: dict[str, list[dict]], poses: float, parent: float, picture: 
         axes.plot(DEVICES, [row["poses_per_second"] for row in rows], color=color, label=f"{name}, on paper")
         rates = [line["poses_per_second"] for line in lines]
         axes.plot([line["devices"] for line in lines], rates, "o", color=color, label=f"{name}, measured")
-    axes.axhline(PART / parent, color="0.6", linewidth=0.8, linestyle="--", label="what one parent takes down")
+    axes.axhline(CHUNK_POSES / parent, color="0.6", linewidth=0.8, linestyle="--", label="what one parent takes down")
     axes.set(xscale="log", yscale="log", xlabel="devices", ylabel="poses a second", title="tube, CC, metrics only")
     axes.set_xticks(DEVICES, [str(n) for n in DEVICES])
     axes.minorticks_off()

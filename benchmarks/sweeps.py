@@ -42,7 +42,7 @@ from palpate.render.intersection.mesh_section import intersect
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 from palpate.render.strategies.intersection_strategy import closed_contour
-from palpate.render.sweeps.make.task import PART, Engine
+from palpate.render.sweeps.make.task import CHUNK_POSES, Engine
 from palpate.render.sweeps.plan.loading import load_plans
 from palpate.render.sweeps.run.engine import InProcess
 from palpate.render.sweeps.run.parent import run_sweep
@@ -59,6 +59,9 @@ class Started:
         self._engine = engine
         started = perf_counter()
         engine.start(store)
+        engine.grow(engine.worker_most)
+        while engine.free_count() < engine.worker_most:
+            engine.wait(0.1)
         self.seconds = perf_counter() - started
         """Of the start."""
 
@@ -214,7 +217,7 @@ def parent(folder: Path, device: str, count: int, rounds: int) -> dict:
         sweeps.run(lambda: engine)
         seconds.append(process_time() - started)
     engine._engine.close()
-    return {"poses": count, "parent_seconds_a_part": float(np.median(seconds[1:])) / -(-count // PART)}
+    return {"poses": count, "parent_seconds_a_part": float(np.median(seconds[1:])) / -(-count // CHUNK_POSES)}
 
 
 def finished(folder: Path, recipe_count: int, rounds: int) -> dict:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .playback.live import Instant
     from .playback.placed_arrays import PlacedArray, load_rig
     from .reports.file_summary import summarise
-    from .runtime.span_workers import worker_devices
+    from .runtime.worker_devices import worker_devices
     from .sampling.contour_sampling import (
         Dwell,
         FocalPoints,
@@ -82,7 +82,7 @@ _ROOMS = {
     "playback.live": "Instant",
     "playback.placed_arrays": "PlacedArray load_rig",
     "reports.file_summary": "summarise",
-    "runtime.span_workers": "worker_devices",
+    "runtime.worker_devices": "worker_devices",
     "sampling.contour_sampling": "Dwell FocalPoints Gap Sampler SamplingStrategy dwell_map load_sampling preset "
     "sample_contours",
     "sampling.revisits": "revisit_rate",

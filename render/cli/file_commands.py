@@ -19,7 +19,7 @@ from ..objects.solid import Solid
 from ..playback.pose_insertion import insert_poses
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise, summarise_frames
-from ..runtime.span_workers import worker_devices
+from ..runtime.worker_devices import worker_devices
 from ..strategies.intersection_strategy import load_strategy
 from ..terminal import console
 from ..terminal.foreign_text import print_message

@@ -10,7 +10,9 @@ from ..terminal import console
 from .trust_options import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
-SCHEDULER_HELP = "A cluster: tcp://HOST:PORT of a Dask scheduler, local, slurm, or another of dask-jobqueue."
+SCHEDULER_HELP = "A cluster: tcp://HOST:PORT or the scheduler file of a Dask scheduler; local: one of this host."
+TIMEOUT_HELP = "End a worker that uses so much processor time without progress; 0: never."
+MEMORY_HELP = "End a worker that holds more memory; by default an equal share of the machine's; 0: no limit."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
 
 
@@ -34,6 +36,8 @@ def sweep(
     workers: Annotated[
         str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, two on a GPU.")
     ] = "auto",
+    task_timeout: Annotated[float, typer.Option(metavar="SECONDS", help=TIMEOUT_HELP)] = 600.0,
+    worker_memory: Annotated[int | None, typer.Option(metavar="MB", help=MEMORY_HELP)] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER_HELP)] = None,
     baseline: Annotated[
         Path | None, typer.Option(metavar="OLD", help="Store or table to compare with: exit 1 if anything moved.")
@@ -57,6 +61,8 @@ def sweep(
         "device": device,
         "workers": workers,
         "scheduler": scheduler,
+        "task_timeout": task_timeout,
+        "worker_memory": worker_memory,
         "baseline": baseline,
         "tolerances": tolerance or [],
         "tables": table or [],

@@ -8,7 +8,7 @@ from ..errors import StrategyError
 from ..objects.mesh.solid_mesh import Placement
 from ..objects.voxels.files import WRITERS
 from ..objects.voxels.voxeliser import SIGNS, voxelise_file
-from ..runtime.span_workers import worker_devices
+from ..runtime.worker_devices import worker_devices
 from ..terminal import console
 from ..validation import require_choice
 

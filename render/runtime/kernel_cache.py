@@ -6,8 +6,6 @@ import pwd
 import stat
 from pathlib import Path
 
-import warp as wp
-
 from ..errors import KernelCacheError
 
 _REMEDY = "set WARP_CACHE_PATH to a folder that only you can write, such as one in your home folder"
@@ -19,6 +17,8 @@ def require_private_cache() -> None:
     The folder must be ours; no other user may write it or replace one of the folders that it is in. Of these, the home
     folder and what it lies in are not judged.
     """
+    import warp as wp  # a second, which commands that render nothing do without
+
     folder = Path(wp.config.kernel_cache_dir or "").resolve()
     home = Path(os.path.expanduser("~")).resolve()
     inside = [path for path in folder.parents if not home.is_relative_to(path)]

@@ -13,7 +13,6 @@ workers take turns: one computes while the results of the other are downloaded.
 from __future__ import annotations
 
 import heapq
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
@@ -22,8 +21,6 @@ import warp as wp
 
 from ..errors import StrategyError
 
-WORKERS_MOST = 256  # on one device; a larger number is probably a typing error
-GPU_WORKERS = 2  # one computes while the other downloads its results
 POSES_FIRST = 2048  # in each of the first spans, whose contours show how large the next may be
 POSES_FEWEST = 4096  # smaller spans are not made so that all workers end together
 BEFORE_ALL = -1  # a pose before the first: an error stored there is raised next
@@ -57,27 +54,6 @@ def warp_device(name: str) -> str:
     if name not in known and not (name == "cuda" and "cuda:0" in known):
         raise StrategyError(f"no device {name!r} on this machine; there is: {', '.join(known)}")
     return str(wp.get_device(name))
-
-
-def worker_devices(device: str, workers: int | None = None) -> list[str]:
-    """Device of each worker, from the command line's options --device and --workers.
-
-    device: "cpu", "cuda:0", several with commas between them, "cuda" (all GPUs), "auto" (the first GPU, else the CPU).
-    workers: number on each device; None: one for each core of the CPU, two for a GPU.
-    Raises StrategyError for a device that this machine lacks, one named twice, no workers, or more than WORKERS_MOST.
-    """
-    if workers is not None and workers < 1:
-        raise StrategyError(f"workers must be at least 1, not {workers}")
-    if workers is not None and workers > WORKERS_MOST:
-        raise StrategyError(f"workers must be at most {WORKERS_MOST} on each device, not {workers}")
-    gpus = [str(gpu) for gpu in wp.get_cuda_devices()]
-    names = {"auto": gpus[:1] or ["cpu"], "cuda": gpus or ["cuda"]}.get(device) or device.split(",")
-    devices = [warp_device(name.strip()) for name in names]
-    if len(set(devices)) < len(devices):
-        raise StrategyError(f"device {device!r} names one device twice; --workers says how many work on each")
-    cores = len(os.sched_getaffinity(0))
-    count = {name: workers or (cores if name == "cpu" else GPU_WORKERS) for name in devices}
-    return [name for name in devices for _ in range(count[name])]
 
 
 class PoseSpans:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...datasets.sweeps.store import SweepStore
 from ..errors import PlanError, SweepError
-from ..runtime.span_workers import WORKERS_MOST
+from ..runtime.worker_devices import WORKERS_MOST, worker_devices
 from ..terminal import console
 from ..terminal.foreign_text import print_message, show_table, write
 from .make.poses import pose_count
@@ -20,8 +20,9 @@ from .plan.recipe import maker
 from .refusals import refuse_baseline, refuse_tables
 from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
+from .run.limits import Limits, default_memory
 from .run.log import SweepProgress, sweep_bar
-from .run.missing import Counts, Failure, Key, Missing
+from .run.missing import Counts, Failure, Missing, ResultKey
 from .run.parent import SweepReport, run_sweep
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ TOLD = (
 
 @dataclass(frozen=True)
 class SweepJob:
-    """Everything that `palpate sweep` is told."""
+    """The options of `palpate sweep`."""
 
     plans: list[Path]
     store: Path | None
@@ -57,6 +58,8 @@ class SweepJob:
     device: str | None
     workers: str
     scheduler: str | None
+    task_timeout: float
+    worker_memory: int | None
     baseline: Path | None
     tolerances: list[str]
     tables: list[Path]
@@ -86,10 +89,11 @@ class SweepJob:
             for option, value in given.items():
                 if value:
                     raise PlanError(f"{option} does not go with --dry-run: it makes nothing, on this machine")
+        if self.task_timeout < 0:
+            raise PlanError(f"--task-timeout must be at least 0 s (0 is no limit), not {self.task_timeout:g}")
+        if self.worker_memory is not None and self.worker_memory < 0:
+            raise PlanError(f"--worker-memory must be at least 0 MB (0 is no limit), not {self.worker_memory}")
         if self.device not in (None, "auto", "cpu") and self.scheduler is None:
-            from ..runtime.span_workers import worker_devices
-
-            console.start_warp()
             worker_devices(self.device)
 
     def device_of(self, plan: Plan) -> str:
@@ -103,11 +107,16 @@ class SweepJob:
 
     def engine(self, plan: Plan) -> Engine:
         """Who makes the sweep."""
-        from .run.engine import choose_engine  # Warp, which a finished sweep does without
+        from .run.engine import choose_engine
 
-        if self.scheduler is None:
-            console.start_warp()
         return choose_engine(self.device_of(plan), self.workers_of(plan), self.scheduler)
+
+    def limits(self, plan: Plan) -> Limits:
+        """What ends a worker; the memory of a cluster's workers is the cluster's to bound."""
+        if self.worker_memory is not None or self.scheduler is not None:
+            return Limits(self.task_timeout, (self.worker_memory or 0) * 1_000_000)
+        count = len(worker_devices(self.device_of(plan), self.workers_of(plan)))
+        return Limits(self.task_timeout, default_memory(count))
 
 
 @dataclass(frozen=True)
@@ -125,9 +134,9 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
     check = _check_of(job)
     plan = draft_plans(job.plans, job.overrides)
     if job.scheduler is not None:
-        from .run.cluster import require_scheduler
+        from .run.dask_connection import require_scheduler
 
-        require_scheduler(job.scheduler, devices=job.device_of(plan), workers=job.workers_of(plan))
+        require_scheduler(job.scheduler, devices=job.device_of(plan))
     if job.dry_run:
         return _say_estimate(_estimated(job, plan), as_json=as_json)
     if plan.recipe_count > RECIPES_MOST and not job.yes:
@@ -138,7 +147,7 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
     report = _made(job, plan, as_json=as_json)
     if report is None:
         return console.FAILED
-    results = Results(plan, job.folder, is_complete=not report.failures, has_news=report.parts > 0)
+    results = Results(plan, job.folder, is_complete=not report.failures, has_news=report.rows > 0)
     results.write(job.tables, figure=job.figure)
     comparison = None
     if check is not None:
@@ -179,7 +188,14 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
                 last = now
                 bar(now)
 
-            return run_sweep(plan, job.folder, lambda: job.engine(plan), progress=progress, approve=approve)
+            return run_sweep(
+                plan,
+                job.folder,
+                lambda: job.engine(plan),
+                progress=progress,
+                approve=approve,
+                limits=job.limits(plan),
+            )
     except KeyboardInterrupt:
         message = (
             f"interrupted: {last.recipes:,} of {last.recipe_count:,} recipes are done; {last.poses:,} poses rendered "
@@ -199,8 +215,8 @@ def _say(report: SweepReport, outputs: dict[str, str], comparison: Comparison | 
         "poses": report.poses,
         "poses_rendered": report.poses_rendered,
         "poses_reused": report.poses_reused,
-        "parts_made": report.parts,
-        "parts_recovered": report.recovered,
+        "chunks_made": report.rows,
+        "chunks_recovered": report.recovered,
         "seconds": report.seconds,
         "seconds_starting": report.seconds_starting,
         "poses_per_second": report.rate,
@@ -254,9 +270,7 @@ def _show(title: str, names: Sequence[str], rows: Sequence[Sequence[str]], count
 def _estimated(job: SweepJob, plan: Plan) -> Estimate:
     """Look what is missing, and make samples of it."""
     console.start_warp()
-    from .run.engine import choose_engine
-
-    devices = choose_engine(job.device_of(plan), job.workers_of(plan), None).devices
+    devices = worker_devices(job.device_of(plan), job.workers_of(plan))
     with contextlib.ExitStack() as stack:
         done = _nothing
         if job.folder.is_file() or (job.folder.is_dir() and any(job.folder.iterdir())):
@@ -265,7 +279,7 @@ def _estimated(job: SweepJob, plan: Plan) -> Estimate:
         return estimate(plan, missing, job.folder, devices=devices)
 
 
-def _nothing(keys: Sequence[Key]) -> dict[Key, set[int]]:
+def _nothing(keys: Sequence[ResultKey]) -> dict[ResultKey, set[int]]:
     """What is done where there is no store."""
     return {key: set() for key in keys}
 

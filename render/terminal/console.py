@@ -12,7 +12,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import warp as wp
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from ...datasets.errors import DatasetError, NotStoreError, RecordingWarning
@@ -59,6 +58,8 @@ def start_warp() -> None:
     written again. The kernel cache is created for this user alone; raises KernelCacheError for one that other users
     can write, or that cannot be created.
     """
+    import warp as wp  # a second, which commands that render nothing do without
+
     wp.config.log_level = wp.LOG_WARNING
     sys.stderr.flush()
     kept = os.dup(2)

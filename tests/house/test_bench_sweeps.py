@@ -59,7 +59,7 @@ def test_projection_is_bound_by_the_devices_then_by_the_parent(tmp_path):
     lines = [{"devices": 1, "poses_per_second": 1e8, "start_seconds": 2.0}]
     rows = sweep_projection.table(1e12, lines, 1e-4)
     assert rows[0]["seconds"] == pytest.approx(2 + 1e12 / 1e8)
-    assert rows[-1]["seconds"] == pytest.approx(2 + 1e-4 * 1e12 / sweeps.PART, rel=1e-3)
+    assert rows[-1]["seconds"] == pytest.approx(2 + 1e-4 * 1e12 / sweeps.CHUNK_POSES, rel=1e-3)
     assert [row["seconds"] for row in rows] == sorted((row["seconds"] for row in rows), reverse=True)
     sweep_projection.draw({"GPU": lines}, 1e12, 1e-4, tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000

@@ -1,6 +1,6 @@
-"""Which poses a worker renders together: portions of recipes, cut to batches that fit the memory.
+"""Which poses a worker renders together: chunks of renderings, cut to batches that fit the memory and take a second.
 
-How they are cut changes no bit of a result: batches hold whole spans, and a part that is cut goes on in the next batch.
+How they are cut changes no bit of a result: batches hold whole spans, and a chunk that is cut goes on in the next one.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,50 +12,58 @@ import warp as wp
 from ....kernels.offsets import PointLimitError
 from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
 from ...sampling.contour_sampling import SamplingStrategy
-from ..plan.recipe import WHOLE_GROUPS, Recipe
+from ..plan.recipe import Recipe
 from .metrics import Measured
 from .rendering import Rendering, sampling_of
-from .task import PART, SPAN, Piece
+from .task import CHUNK_POSES, SPAN
 
-GPU_POSES = 128 * PART  # of a batch: 16 M, if the memory has room; launches and waits cost less than 2 % then
-GPU_SHARE = 8  # of a GPU's memory, a batch's working arrays take one part in so many
-POINTS_A_POSE = 32  # supposed, until a batch tells otherwise by not fitting
+GPU_POSES = 128 * CHUNK_POSES  # of a batch: 16 M, if the memory has room; launches and waits cost less than 2 % then
+GPU_SHARE = 8  # of a GPU's memory, a batch's working arrays take one eighth
+POINTS_A_POSE = 32  # supposed, until a batch does not fit
+POSES_FIRST = {"cpu": 4 * SPAN, "cuda": 8 * CHUNK_POSES}  # of a batch of a scene, before its speed is known
+BATCH_SECONDS = 1.0  # a worker shows a sign of progress after each batch
+GROWTH = 8  # largest ratio of a batch to the one before
 
 Samplings = dict[str, tuple[SamplingStrategy, ...]]
 """By rendering."""
 
 
 @dataclass(eq=False)
-class Want:
-    """A group of a part that is asked for."""
+class WantedResult:
+    """A result of a chunk that is asked for."""
 
     sampling: SamplingStrategy | None
     """None where contours are all that it needs."""
-    pieces: set[int] = field(default_factory=set)
-    """Who asks."""
+    places: set[int] = field(default_factory=set)
+    """Chunks of the task that ask for it."""
 
 
 @dataclass(eq=False)
-class Portion:
-    """A part of a rendering that is to be made."""
+class RenderedChunk:
+    """A chunk of a rendering that is to be made, for all recipes that share it."""
 
     rendering: Rendering
-    part: int
-    wanted: dict[tuple[str, str], Want] = field(default_factory=dict)
+    number: int
+    wanted: dict[tuple[str, str], WantedResult] = field(default_factory=dict)
     """By group and key."""
     measured: Measured | None = None
     """Of the poses rendered so far."""
     columns: list[tuple[dict[str, np.ndarray], ...]] = field(default_factory=list)
 
     @property
-    def stop(self) -> int:
-        """The pose after its last."""
-        return min((self.part + 1) * PART, self.rendering.poses.count)
+    def first(self) -> int:
+        """Its first pose."""
+        return self.number * CHUNK_POSES
 
     @property
-    def pieces(self) -> set[int]:
-        """Who asks for any of it."""
-        return set().union(*(want.pieces for want in self.wanted.values()))
+    def stop(self) -> int:
+        """The pose after its last."""
+        return min(self.first + CHUNK_POSES, self.rendering.poses.count)
+
+    @property
+    def places(self) -> set[int]:
+        """Chunks of the task that ask for any of it."""
+        return set().union(*(wanted.places for wanted in self.wanted.values()))
 
     @property
     def per_pose(self) -> bool:
@@ -64,10 +72,10 @@ class Portion:
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Poses of a portion that are rendered in one batch."""
+class PoseRange:
+    """Poses of a chunk that are rendered in one batch."""
 
-    portion: Portion
+    chunk: RenderedChunk
     first: int
     stop: int
 
@@ -77,80 +85,73 @@ class Stretch:
         return self.stop - self.first
 
 
-def plan_portions(
-    portions: dict[tuple[str, int], Portion], number: int, piece: Piece, recipe: Recipe, rendering: Rendering
+def want_chunk(
+    chunks: dict[tuple[str, int], RenderedChunk],
+    place: int,
+    number: int,
+    groups: Sequence[str],
+    recipe: Recipe,
+    rendering: Rendering,
 ) -> None:
-    """Add what a piece asks for of the groups that are made part by part."""
-    groups = [group for group in piece.groups if group not in WHOLE_GROUPS]
-    if not groups:
-        return
-    sampled = any(group != "contours" for group in groups)
-    sampling = sampling_of(recipe.sampling) if sampled else None
-    for part in range(piece.first, min(piece.stop, -(-rendering.poses.count // PART))):
-        portion = portions.setdefault((rendering.key, part), Portion(rendering, part))
-        for group in groups:
-            want = Want(None if group == "contours" else sampling)
-            portion.wanted.setdefault((group, recipe.key(group)), want).pieces.add(number)
+    """Add the results that a chunk of a task asks for; chunks of one rendering become one."""
+    sampling = sampling_of(recipe.sampling) if any(group != "contours" for group in groups) else None
+    chunk = chunks.setdefault((rendering.key, number), RenderedChunk(rendering, number))
+    for group in groups:
+        wanted = WantedResult(None if group == "contours" else sampling)
+        chunk.wanted.setdefault((group, recipe.key(group)), wanted).places.add(place)
 
 
-def samplings_of(portions: Sequence[Portion]) -> Samplings:
-    """How each rendering is sampled, for all of its portions alike: they go on from batch to batch."""
+def samplings_of(chunks: Sequence[RenderedChunk]) -> Samplings:
+    """How each rendering is sampled, for all of its chunks alike: they go on from batch to batch."""
     out: Samplings = {}
-    for portion in portions:
-        key = portion.rendering.key
-        own = [want.sampling for want in portion.wanted.values() if want.sampling is not None]
+    for chunk in chunks:
+        key = chunk.rendering.key
+        own = [wanted.sampling for wanted in chunk.wanted.values() if wanted.sampling is not None]
         out[key] = tuple(dict.fromkeys((*out.get(key, ()), *own)))
     return out
 
 
-def joined_stretches(stretches: Sequence[Stretch], by: Callable[[Portion], object]) -> list[Stretch]:
-    """Stretches, those that follow each other in what `by` tells of their portions as one, of the first's portion."""
-    out: list[Stretch] = []
-    for stretch in stretches:
+def join_ranges(ranges: Sequence[PoseRange], by: Callable[[RenderedChunk], object]) -> list[PoseRange]:
+    """Ranges; those that follow each other, and have the same in `by` of their chunks, as one, of the first's chunk."""
+    out: list[PoseRange] = []
+    for own in ranges:
         last = out[-1] if out else None
-        if last and last.stop == stretch.first and by(last.portion) is by(stretch.portion):
-            out[-1] = Stretch(last.portion, last.first, stretch.stop)
+        if last and last.stop == own.first and by(last.chunk) is by(own.chunk):
+            out[-1] = PoseRange(last.chunk, last.first, own.stop)
         else:
-            out.append(stretch)
+            out.append(own)
     return out
 
 
-def mended(stretches: Sequence[Stretch]) -> list[Stretch]:
-    """Stretches with those of one portion as one: a batch has one of a portion at most."""
-    return joined_stretches(stretches, lambda portion: portion)
-
-
-def take_batch(left: Sequence[Stretch], capacity: int) -> tuple[list[Stretch], list[Stretch]]:
-    """Stretches of up to `capacity` poses, the last one cut between spans, and what is left."""
-    batch: list[Stretch] = []
+def take_batch(left: Sequence[PoseRange], capacity: int) -> tuple[list[PoseRange], list[PoseRange]]:
+    """Ranges of up to `capacity` poses, the last one cut between spans, and what is left."""
+    batch: list[PoseRange] = []
     room = capacity
-    for k, stretch in enumerate(left):
-        if stretch.count > room:
-            cut = stretch.first + spans_below(room)
-            if cut > stretch.first:
-                batch.append(Stretch(stretch.portion, stretch.first, cut))
-                stretch = Stretch(stretch.portion, cut, stretch.stop)  # the rest of the same one
-            return batch, [stretch, *left[k + 1 :]]
-        batch.append(stretch)
-        room -= stretch.count
+    for k, own in enumerate(left):
+        if own.count > room:
+            cut = own.first + spans_below(room)
+            if cut > own.first:
+                batch.append(PoseRange(own.chunk, own.first, cut))
+                own = PoseRange(own.chunk, cut, own.stop)  # the rest of the same one
+            return batch, [own, *left[k + 1 :]]
+        batch.append(own)
+        room -= own.count
     return batch, []
 
 
-def poses_of(batch: Sequence[Stretch], device: str) -> np.ndarray | wp.array:
-    """Poses of all stretches, one after the other: on the host if all are there, else on the device."""
-    rows = [
-        s.portion.rendering.poses.rows(s.first, s.stop, device) for s in joined_stretches(batch, lambda p: p.rendering)
-    ]
+def poses_of(batch: Sequence[PoseRange], device: str) -> np.ndarray | wp.array:
+    """Poses of all ranges, one after the other: on the host if all are there, else on the device."""
+    rows = [s.chunk.rendering.poses.rows(s.first, s.stop, device) for s in join_ranges(batch, lambda c: c.rendering)]
     if len(rows) == 1:
         return rows[0]
-    if all(isinstance(part, np.ndarray) for part in rows):
+    if all(isinstance(own, np.ndarray) for own in rows):
         return np.concatenate(rows)
-    out = wp.empty(sum(len(part) for part in rows), dtype=wp.transform, device=device)
+    out = wp.empty(sum(len(own) for own in rows), dtype=wp.transform, device=device)
     at = 0
-    for part in rows:
-        source = wp.array(part, dtype=wp.transform, device=device) if isinstance(part, np.ndarray) else part
-        wp.copy(out, source, dest_offset=at, count=len(part))
-        at += len(part)
+    for own in rows:
+        source = wp.array(own, dtype=wp.transform, device=device) if isinstance(own, np.ndarray) else own
+        wp.copy(out, source, dest_offset=at, count=len(own))
+        at += len(own)
     return out
 
 
@@ -166,7 +167,7 @@ def batch_bytes(device: str) -> int:
 
 
 def batch_capacity(pose_bytes: int, device: str) -> int:
-    """Poses of a batch, one span at least: what the memory has room for, of contours of POINTS_A_POSE points."""
+    """Poses of a batch for which the memory has room, if a pose has POINTS_A_POSE points; one span at least."""
     fitting = batch_bytes(device) // (pose_bytes + POINT_BYTES * POINTS_A_POSE)
     return max(SPAN, spans_below(fitting if wp.get_device(device).is_cpu else min(fitting, GPU_POSES)))
 
@@ -180,3 +181,24 @@ def is_too_large(error: Exception) -> bool:
     """Whether a smaller batch may do: too many points, or no memory for them."""
     is_allocation = isinstance(error, RuntimeError) and "allocate" in str(error)
     return isinstance(error, PointLimitError | MemoryError) or is_allocation
+
+
+class BatchSize:
+    """How many poses of a scene make a batch: what fits the memory, and takes about BATCH_SECONDS."""
+
+    def __init__(self, capacity: int, first: int, *, is_fixed: bool) -> None:
+        """is_fixed: whether a user's stage sees the batches, which must not depend on how fast they are made then."""
+        self._capacity, self._is_fixed = capacity, is_fixed
+        self.poses = min(capacity, max(SPAN, first))
+        """Of the next batch."""
+
+    def learn(self, pose_count: int, seconds: float) -> None:
+        """Take note of a batch: the next one is to take BATCH_SECONDS."""
+        if self._is_fixed:
+            return
+        wanted = pose_count * BATCH_SECONDS / max(seconds, 1e-9)
+        self.poses = max(SPAN, spans_below(round(min(wanted, GROWTH * pose_count, self._capacity))))
+
+    def shrink(self, pose_count: int) -> None:
+        """Take note of a batch that did not fit the memory."""
+        self._capacity = self.poses = max(SPAN, spans_below(pose_count // 2))

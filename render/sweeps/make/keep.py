@@ -11,7 +11,7 @@ import json
 import os
 import shutil
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -57,7 +57,14 @@ def is_kept(path: Path) -> bool:
 
 
 def keep_contours(
-    scene: Scene, motion: HandMotion, recipe: Recipe, key: str, store: Path, device: str
+    scene: Scene,
+    motion: HandMotion,
+    recipe: Recipe,
+    key: str,
+    store: Path,
+    device: str,
+    *,
+    tick: Callable[[], object] = lambda: None,
 ) -> dict[str, Any]:
     """Have a rendering's contour file in the store; one that another process writes is waited for.
 
@@ -67,7 +74,7 @@ def keep_contours(
     path, started = contours_at(store, key), perf_counter()
     path.parent.mkdir(exist_ok=True)
     for left in reversed(range(TRIES)):
-        _wait_for_others(path)
+        _wait_for_others(path, tick)
         if is_kept(path):
             damage = damage_of(path)
             if damage is None:
@@ -75,7 +82,10 @@ def keep_contours(
             set_aside(path, damage)
         try:
             _claim(path, recipe)
-            record(path, scene.solid, scene.hand, motion, scene.strategy, mode="resume", device=device)
+            solid, hand, strategy = scene.solid, scene.hand, scene.strategy
+            record(
+                path, solid, hand, motion, strategy, mode="resume", device=device, progress=lambda done, count: tick()
+            )
             break
         except ContourFileError:
             if left == 0 or not (FolderLock.is_held(work_folder(path)) or is_kept(path)):
@@ -107,9 +117,10 @@ def set_aside(path: Path, problem: str) -> bool:
     return True
 
 
-def _wait_for_others(path: Path) -> None:
+def _wait_for_others(path: Path, tick: Callable[[], object]) -> None:
     while FolderLock.is_held(work_folder(path)):
         sleep(LOOK_AGAIN)
+        tick()
 
 
 def _claim(path: Path, recipe: Recipe) -> None:

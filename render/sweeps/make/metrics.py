@@ -1,4 +1,4 @@
-"""What a sweep keeps of a batch of poses: statistics of each part of a recipe, and a row a pose where asked for.
+"""What a sweep keeps of a batch of poses: statistics of each chunk of a recipe, and a row a pose where asked for.
 
 | metric | of a pose | does not apply |
 |---|---|---|
@@ -30,7 +30,7 @@ from ...runtime.stage_timing import StageClock, resolved_times, stage_times
 from ...sampling.strategy import SamplingStrategy
 from ...stages.registry import BY_RAW_KERNELS
 from .frequency import Pacer, needs_contours
-from .task import PART, SPAN
+from .task import CHUNK_POSES, SPAN
 
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 DRAWS_ON_CPU = True  # there it takes 3 to 10 % less than walking undrawn (measured); the bits are the same
@@ -38,42 +38,42 @@ WHOLE_NUMBERS = ("polylines",)  # columns of int32
 
 
 @dataclass(frozen=True)
-class Part:
-    """Poses of a batch that belong to one part of one piece, one after the other."""
+class ChunkSlice:
+    """Poses of a batch that belong to one chunk of one rendering, one after the other."""
 
-    piece: int
-    """Which of the pieces that the batch is made of."""
-    part: int
-    """Which part of the recipe, counted from its first pose in steps of `PART`."""
+    rendering: int
+    """Which of the renderings that the batch is made of."""
+    number: int
+    """Which chunk of the rendering, counted from its first pose in steps of `CHUNK_POSES`."""
     first: int
     """First pose, counted in the batch."""
     count: int
-    """How many poses, at most `PART`; a multiple of `SPAN` unless the part ends here."""
+    """How many poses, at most `CHUNK_POSES`; a multiple of `SPAN` unless the chunk ends here."""
     before: "Measured | None" = None
-    """What an earlier batch measured of the poses of this part before these; None: the part begins here."""
+    """What an earlier batch measured of the poses of this chunk before these; None: the chunk begins here."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What of a part has been measured, that of `Part.before` included; payloads are JSON.
+    """What of a chunk has been measured, that of `ChunkSlice.before` included; payloads are JSON.
 
     A payload is {"poses": n, "poses_drawn": n, "stat": {metric: [count, sum, sum of squares, least, greatest]},
     "seconds": {stage: s}}; only finite values count, and where none does, least and greatest are None.
     """
 
-    part: Part
+    slice: ChunkSlice
     contours: dict[str, Any]
     """Metrics length, length_object, length_hand, length_made, polylines, area, removed_<stage>."""
     frequency: tuple[dict[str, Any], ...]
-    """Metrics draw_frequency_nominal, draw_frequency_actual, for each sampling strategy of the part's piece."""
+    """Metrics draw_frequency_nominal, draw_frequency_actual, for each sampling strategy of the chunk's rendering."""
     columns: tuple[dict[str, np.ndarray], ...] = field(default=())
-    """If asked, for each sampling strategy a row for each of the part's poses in this batch, those before left out."""
+    """If asked, for each sampling strategy a row for each of the chunk's poses in this batch, those before left out."""
 
 
 def measure_batch(
     scene: Scene,
     pose: np.ndarray | wp.array,
-    parts: Sequence[Part],
+    slices: Sequence[ChunkSlice],
     *,
     device: str,
     samplings: Sequence[Sequence[SamplingStrategy]],
@@ -82,20 +82,20 @@ def measure_batch(
     point_limit: int | None = None,
     timing: dict[str, float] | None = None,
 ) -> list[Measured]:
-    """Render a batch of poses and measure it, nothing but statistics leaving the device; one result a part, in order.
+    """Render a batch of poses and measure it, nothing but statistics leaving the device; one result a chunk, in order.
 
-    pose: float32, shape [pose, 7], or wp.transform [pose] on the device: those of all parts. samplings: of each piece,
-    empty where draw frequencies are not asked for. first: row of the motion that `pose` begins at, for what is
-    articulated or moves. timing: takes the seconds of each stage. Results do not depend, to the bit, on how parts are
-    put into batches, nor on the device.
+    pose: float32, shape [pose, 7], or wp.transform [pose] on the device: those of all slices. samplings: of each
+    rendering, empty where draw frequencies are not asked for. first: row of the motion that `pose` begins at, for what
+    is articulated or moves. timing: takes the seconds of each stage. Results are bit-identical however slices are put
+    into batches, and on every device.
     Raises PointLimitError before memory is taken for more points than `point_limit`, which none is on a GPU where
-    lengths are enough (`Scene.is_drawn_to_measure`, `needs_contours`); SweepError for parts that are not within the
+    lengths are enough (`Scene.is_drawn_to_measure`, `needs_contours`); SweepError for slices that are not within the
     batch, and for one that goes on in the middle of a span.
     """
-    _require_parts(parts, len(pose), len(samplings))
+    _require_slices(slices, len(pose), len(samplings))
     clock = stage_times(device)
-    pieces = dict.fromkeys(part.piece for part in parts)
-    asked = list(dict.fromkeys(chain.from_iterable(samplings[piece] for piece in pieces)))
+    renderings = dict.fromkeys(own.rendering for own in slices)
+    asked = list(dict.fromkeys(chain.from_iterable(samplings[rendering] for rendering in renderings)))
     draws = DRAWS_ON_CPU and wp.get_device(device).is_cpu
     if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)):
         tallied = _tallied(scene, pose, first, device, point_limit, clock, len(asked))
@@ -104,40 +104,40 @@ def measure_batch(
     with StageClock(clock, "frequency", device):
         _pace(tallied, asked)
     with StageClock(clock, "measure", device):
-        sums = _sums(tallied, parts, asked, samplings, device)
+        sums = _sums(tallied, slices, asked, samplings, device)
     found = sums.numpy()  # the one download; waits for all that was asked of the device
     seconds = resolved_times(clock)
     if timing is not None:
         timing |= {stage: timing.get(stage, 0.0) + s for stage, s in seconds.items()}
     pacing = {"frequency": seconds.pop("frequency") / max(1, len(asked))}
-    before = [None if part.before is None else part.before.contours for part in parts]
-    contours = _payloads(parts, tallied.names, found, before, seconds, len(pose))
+    before = [None if own.before is None else own.before.contours for own in slices]
+    contours = _payloads(slices, tallied.names, found, before, seconds, len(pose))
     drawn = [payload["poses_drawn"] for payload in contours]
     frequency = []
     for k, strategy in enumerate(asked):
         own = found[:, len(tallied.names) + 2 * k :][:, :2]
-        before = _paced_before(parts, strategy, samplings)
-        frequency.append(_payloads(parts, FREQUENCIES, own, before, pacing, len(pose), drawn))
-    numbers = {piece: [asked.index(strategy) for strategy in samplings[piece]] for piece in pieces}
-    columns = _columns(tallied, parts, numbers) if per_pose else [()] * len(parts)
-    paced = [tuple(frequency[s][k] for s in numbers[part.piece]) for k, part in enumerate(parts)]
-    ended = [part if part.before is None else replace(part, before=None) for part in parts]  # it is in the payloads
+        before = _paced_before(slices, strategy, samplings)
+        frequency.append(_payloads(slices, FREQUENCIES, own, before, pacing, len(pose), drawn))
+    numbers = {rendering: [asked.index(strategy) for strategy in samplings[rendering]] for rendering in renderings}
+    columns = _columns(tallied, slices, numbers) if per_pose else [()] * len(slices)
+    paced = [tuple(frequency[s][k] for s in numbers[own.rendering]) for k, own in enumerate(slices)]
+    ended = [own if own.before is None else replace(own, before=None) for own in slices]  # it is in the payloads
     return [Measured(*row) for row in zip(ended, contours, paced, columns, strict=True)]
 
 
-def _require_parts(parts: Sequence[Part], pose_count: int, piece_count: int) -> None:
-    """Raise SweepError for parts that no batch has."""
-    for part in parts:
-        done = 0 if part.before is None else part.before.contours["poses"]
-        name = f"part {part.part} of piece {part.piece}"
-        if not 0 <= part.piece < piece_count:
-            raise SweepError(f"{name}: there are samplings for {piece_count} pieces")
-        if part.count < 1 or not 0 <= part.first <= pose_count - part.count:
-            raise SweepError(f"{name}: poses {part.first}..{part.first + part.count} of a batch of {pose_count}")
-        if done % SPAN or done + part.count > PART:
+def _require_slices(slices: Sequence[ChunkSlice], pose_count: int, rendering_count: int) -> None:
+    """Raise SweepError for slices that no batch has."""
+    for own in slices:
+        done = 0 if own.before is None else own.before.contours["poses"]
+        name = f"chunk {own.number} of rendering {own.rendering}"
+        if not 0 <= own.rendering < rendering_count:
+            raise SweepError(f"{name}: there are samplings for {rendering_count} renderings")
+        if own.count < 1 or not 0 <= own.first <= pose_count - own.count:
+            raise SweepError(f"{name}: poses {own.first}..{own.first + own.count} of a batch of {pose_count}")
+        if done % SPAN or done + own.count > CHUNK_POSES:
             raise SweepError(
-                f"{name} goes on after {done} poses with {part.count}: whole spans of {SPAN} must stand before, and a "
-                f"part has {PART} poses at most"
+                f"{name} goes on after {done} poses with {own.count}: whole spans of {SPAN} must stand before, and a "
+                f"chunk has {CHUNK_POSES} poses at most"
             )
 
 
@@ -204,16 +204,16 @@ class Spans:
     """First pose of each span, int64, shape [span]."""
     count: wp.array
     """Its poses, int64, shape [span]."""
-    part_start: wp.array
-    """Offsets of parts into spans, int64, shape [part + 1]."""
+    chunk_start: wp.array
+    """Offsets of slices into spans, int64, shape [chunk + 1]."""
 
     @classmethod
-    def of(cls, parts: Sequence[Part], device: str) -> Self:
-        """The spans of parts, each counted from the part's first pose."""
-        first, count = (np.array([getattr(part, name) for part in parts], np.int64) for name in ("first", "count"))
+    def of(cls, slices: Sequence[ChunkSlice], device: str) -> Self:
+        """The spans of slices, each counted from the chunk's first pose."""
+        first, count = (np.array([getattr(own, name) for own in slices], np.int64) for name in ("first", "count"))
         spans = -(-count // SPAN)
         start = np.concatenate([[0], np.cumsum(spans)])
-        place = SPAN * (np.arange(start[-1]) - np.repeat(start[:-1], spans))  # within the part
+        place = SPAN * (np.arange(start[-1]) - np.repeat(start[:-1], spans))  # within the chunk
         left = np.minimum(np.repeat(count, spans) - place, SPAN)
         table = np.concatenate([np.repeat(first, spans) + place, left, start])
         on_device = wp.array(table, dtype=wp.int64, device=device)  # one upload
@@ -230,49 +230,49 @@ def _pace(tallied: Tallied, asked: Sequence[SamplingStrategy]) -> None:
 
 def _sums(
     tallied: Tallied,
-    parts: Sequence[Part],
+    slices: Sequence[ChunkSlice],
     asked: Sequence[SamplingStrategy],
     samplings: Sequence[Sequence[SamplingStrategy]],
     device: str,
 ) -> wp.array:
-    """Statistics of each part on the device, those of earlier batches included, shape [part, metric, statistic]."""
+    """Statistics of each chunk on the device, those of earlier batches included, shape [chunk, metric, statistic]."""
     begun = None
-    if any(part.before is not None for part in parts):
-        contours = [None if part.before is None else part.before.contours for part in parts]
-        rates = [_begun(FREQUENCIES, _paced_before(parts, strategy, samplings)) for strategy in asked]
+    if any(own.before is not None for own in slices):
+        contours = [None if own.before is None else own.before.contours for own in slices]
+        rates = [_begun(FREQUENCIES, _paced_before(slices, strategy, samplings)) for strategy in asked]
         table = np.concatenate([_begun(tallied.names, contours), *rates], axis=1)
         begun = wp.array(table, dtype=wp.float64, device=device)
-    spans = Spans.of(parts, device)
-    return sum_parts(tallied.value, spans.first, spans.count, spans.part_start, begun)
+    spans = Spans.of(slices, device)
+    return sum_parts(tallied.value, spans.first, spans.count, spans.chunk_start, begun)
 
 
 def _begun(names: Sequence[str], before: Sequence[dict[str, Any] | None]) -> np.ndarray:
-    """Statistics that payloads tell, shape [part, metric, statistic]."""
+    """Statistics of payloads, shape [chunk, metric, statistic]."""
     begun = np.zeros((len(before), len(names), len(STATISTICS)))
     begun[..., 3:5] = np.inf, -np.inf
-    for part, payload in enumerate(before):
+    for row_number, payload in enumerate(before):
         if payload is not None:
             for row, name in enumerate(names):
                 known = payload["stat"][name]
                 used = 5 if known[0] else 3  # without values there is no least
-                begun[part, row, :used] = known[:used]
-            begun[part, :, 5] = payload["poses_drawn"]
+                begun[row_number, row, :used] = known[:used]
+            begun[row_number, :, 5] = payload["poses_drawn"]
     return begun
 
 
 def _paced_before(
-    parts: Sequence[Part], strategy: SamplingStrategy, samplings: Sequence[Sequence[SamplingStrategy]]
+    slices: Sequence[ChunkSlice], strategy: SamplingStrategy, samplings: Sequence[Sequence[SamplingStrategy]]
 ) -> list[dict[str, Any] | None]:
-    """What earlier batches told of a strategy's draw frequencies, a part each."""
+    """What earlier batches measured of a strategy's draw frequencies, a chunk each."""
     place = [list(own).index(strategy) if strategy in own else None for own in samplings]
     return [
-        None if part.before is None or (at := place[part.piece]) is None else part.before.frequency[at]
-        for part in parts
+        None if own.before is None or (at := place[own.rendering]) is None else own.before.frequency[at]
+        for own in slices
     ]
 
 
 def _payloads(
-    parts: Sequence[Part],
+    slices: Sequence[ChunkSlice],
     names: Sequence[str],
     sums: np.ndarray,
     before: Sequence[dict[str, Any] | None],
@@ -280,9 +280,12 @@ def _payloads(
     pose_count: int,
     drawn: Sequence[int] | None = None,
 ) -> list[dict[str, Any]]:
-    """What is stored of each part; seconds: of the whole batch of so many poses; drawn: None for the first metric's."""
+    """What is stored of each chunk.
+
+    seconds: of the whole batch of `pose_count` poses. drawn: None for the first metric's.
+    """
     out, rows = [], sums.tolist()
-    for k, part in enumerate(parts):
+    for k, part in enumerate(slices):
         own = before[k] or {"poses": 0, "seconds": {}}
         known = own["seconds"]
         stat = {
@@ -296,21 +299,24 @@ def _payloads(
 
 
 def _columns(
-    tallied: Tallied, parts: Sequence[Part], numbers: Mapping[int, Sequence[int]]
+    tallied: Tallied, slices: Sequence[ChunkSlice], numbers: Mapping[int, Sequence[int]]
 ) -> list[tuple[dict[str, np.ndarray], ...]]:
-    """A row a pose of each part, for each sampling strategy of its piece; numbers: of those of a piece, in the rows."""
+    """A row a pose of each chunk, for each sampling strategy of its rendering.
+
+    numbers: of each rendering's sampling strategies, in the order of the rows of `tallied`.
+    """
     count, table = len(tallied.names), tallied.value.numpy()
     values = dict(zip(tallied.names, table[:count], strict=True))
     values |= {name: values[name].astype(np.int32) for name in WHOLE_NUMBERS}
     out = []
-    for part in parts:
-        done = part.part * PART + (0 if part.before is None else part.before.contours["poses"])
-        pose = {"pose": np.arange(done, done + part.count)}
-        rows = slice(part.first, part.first + part.count)
-        own = []
-        for number in numbers[part.piece]:
+    for own in slices:
+        done = own.number * CHUNK_POSES + (0 if own.before is None else own.before.contours["poses"])
+        pose = {"pose": np.arange(done, done + own.count)}
+        rows = slice(own.first, own.first + own.count)
+        blocks = []
+        for number in numbers[own.rendering]:
             rates = table[count + 2 * number :][:2]
             columns = values | dict(zip(FREQUENCIES, rates, strict=True))
-            own.append(pose | {name: value[rows].copy() for name, value in columns.items()})
-        out.append(tuple(own))
+            blocks.append(pose | {name: value[rows].copy() for name, value in columns.items()})
+        out.append(tuple(blocks))
     return out

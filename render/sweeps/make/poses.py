@@ -20,7 +20,7 @@ from ....datasets.motions.hand_motion import HandMotion
 from ....datasets.storage.hdf5 import Hdf5Reader
 from ...errors import SweepError
 from ..plan.recipe import Recipe, digest_source
-from .task import PART
+from .task import CHUNK_POSES
 
 RANDOM, EXPLORATION = "random", "exploration"
 ARTICULATED = ("planes", "skin")
@@ -95,9 +95,9 @@ def pose_count(recipe: Recipe) -> int:
     )
 
 
-def part_count(recipe: Recipe) -> int:
-    """Parts of `PART` poses that a recipe has."""
-    return -(-pose_count(recipe) // PART)
+def chunk_count(recipe: Recipe) -> int:
+    """Chunks of `CHUNK_POSES` poses that a recipe has."""
+    return -(-pose_count(recipe) // CHUNK_POSES)
 
 
 @lru_cache(maxsize=256)

@@ -90,7 +90,7 @@ class Rendering:
         return self.scene.hand.pose_count is None and self.scene.object_pose is None and not self.has_own_stages
 
 
-class Workshop:
+class RecipeCache:
     """Everything that recipes name, for one Warp device; what is loaded is kept within bounds.
 
     Raises what loading raises (RenderError, DatasetError, DeviceError), and SweepError for a file that is no longer
@@ -160,9 +160,9 @@ class Workshop:
 
 
 @lru_cache(maxsize=16)
-def workshop_on(device: str) -> Workshop:
-    """The workshop of a device, kept from task to task."""
-    return Workshop(device)
+def recipe_cache(device: str) -> RecipeCache:
+    """The cache of a device, kept from task to task."""
+    return RecipeCache(device)
 
 
 @lru_cache(maxsize=1024)

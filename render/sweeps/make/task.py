@@ -1,4 +1,4 @@
-"""What passes between the parent of a sweep and its workers: pieces of work one way, paths and counts the other."""
+"""What passes between the parent of a sweep and its workers: chunks of work one way, paths and counts the other."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,26 +6,21 @@ from typing import Protocol
 
 SPAN = 512
 """Poses that one thread adds up, in order."""
-PART = 256 * SPAN
-"""Poses of a part, counted from a recipe's first: the unit of what is stored, and of what a kill can lose. Fixed, so
-that sums do not depend on who rendered what."""
-
-WHOLE = 0
-"""The only part of what must be made in one go."""
+CHUNK_POSES = 256 * SPAN
+"""Poses of a chunk, counted from a recipe's first: what the store keeps a row for, and what a kill can lose. It is
+fixed, so that sums do not depend on who rendered what."""
 
 
 @dataclass(frozen=True)
-class Piece:
-    """Parts of one recipe: what of it is to be made."""
+class Chunk:
+    """Poses of one recipe and the groups that are to be made of them; all poses, where a group cannot be split."""
 
     recipe: str
     """JSON of a `Recipe`."""
     groups: tuple[str, ...]
-    """Which metrics, and what to keep (`GROUPS`)."""
-    first: int = WHOLE
-    """First part."""
-    stop: int = WHOLE + 1
-    """After the last part; recipes that must be made in one go have one."""
+    """Which metrics, and what to keep (`GROUPS`): either groups of `WHOLE_GROUPS`, or none of these."""
+    number: int = 0
+    """The chunk's first pose is `number * CHUNK_POSES`; a chunk of all poses has number 0."""
 
 
 @dataclass(frozen=True)
@@ -33,38 +28,73 @@ class Task:
     """What a worker is given at a time; made again by another, it leaves the same files."""
 
     number: int
-    pieces: tuple[Piece, ...]
+    chunks: tuple[Chunk, ...]
     store: str
     """Folder of the store, as every worker sees it."""
     name: str
-    """Of the shard: unique in the store's history, so that nobody writes over another's."""
+    """Of the shard: unique in the store's history, so that no worker writes over another's."""
     code: frozenset[str] = frozenset()
     """SHA-256 of files of code that recipes name and that may be run: those that the parent ran."""
+    seconds: float = float("inf")
+    """After so long the worker begins no further chunk: it returns those that are left."""
+
+
+@dataclass(frozen=True)
+class FailedChunk:
+    """A chunk that could not be made."""
+
+    place: int
+    """Of the chunk in its task."""
+    message: str
+    is_transient: bool = False
+    """Whether trying again may help: a full disk, a network file system that did not answer."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a task."""
+    """The result of giving a task to a worker.
+
+    | error | is_lost | means |
+    |---|---|---|
+    | None | False | chunks are in the shard, but for those that `failed` and that are `left` |
+    | a sentence | False | the task raised, or some chunks failed; those of `failed` are named |
+    | a sentence | True | the worker died, or was ended: nothing of the task is kept |
+    """
 
     number: int
     worker: str
     """Who made it: process, host, device."""
     shard: str | None = None
-    """Path of what it left, within the store."""
-    part_count: int = 0
+    """Path of the file that it left, within the store."""
+    row_count: int = 0
+    """Results of chunks in the shard."""
     pose_count: int = 0
     seconds: float = 0.0
     error: str | None = None
     """One sentence; None if all went well."""
     is_lost: bool = False
-    """Whether the worker died or gave no answer, so that another may do better."""
-    failed: tuple[tuple[int, str], ...] = ()
-    """Pieces, by their place in the task, that could not be made, each with one sentence; the others are in the
-    shard."""
+    failed: tuple[FailedChunk, ...] = ()
+    left: tuple[int, ...] = ()
+    """Places of chunks that were not begun, as the task's time was over."""
+    suspects: tuple[int, ...] | None = None
+    """Of a lost task: places of the chunks that were being made; None if that is not known."""
+
+
+@dataclass(frozen=True)
+class Running:
+    """How far a worker is with its task."""
+
+    seconds: float
+    """Since it began."""
+    idle_seconds: float
+    """Processor time that it has used since its last sign of progress; of one that only waits, an eighth of the wall
+    time."""
+    memory: int = 0
+    """Of its process [byte]; 0 if that is not known."""
 
 
 class Engine(Protocol):
-    """Who makes tasks: this process, several, or a cluster."""
+    """Who makes tasks: this process, others of this host, or a cluster. A worker has one task at a time."""
 
     @property
     def name(self) -> str:
@@ -73,27 +103,43 @@ class Engine(Protocol):
 
     @property
     def devices(self) -> tuple[str, ...]:
-        """Warp device of each worker."""
+        """Warp device of each worker that can work now."""
+        ...
+
+    @property
+    def worker_most(self) -> int:
+        """Workers that it may have."""
         ...
 
     def start(self, store: Path) -> None:
-        """Start the workers; raises SweepError, naming the worker, for one that cannot do the work."""
+        """Start the first worker, or find workers; they need not be ready when this returns.
+
+        Raises SweepError, naming the worker, for one that cannot do the work, here or in `wait`.
+        """
+        ...
+
+    def grow(self, worker_count: int) -> None:
+        """Have so many workers, at most `worker_most`: seconds of work are left."""
+        ...
+
+    def free_count(self) -> int:
+        """Workers that can be given a task now."""
         ...
 
     def submit(self, task: Task) -> None:
-        """Have a task made; workers take tasks in the order in which they are submitted."""
+        """Give a task to a free worker."""
         ...
 
-    def wait(self, timeout: float | None = None) -> list[Outcome]:
-        """What has come of tasks since the last call: at least one, unless nothing came within `timeout` [s]."""
+    def wait(self, timeout: float) -> list[Outcome]:
+        """Outcomes since the last call; waits for one, or for a worker that becomes free, at most `timeout` [s]."""
         ...
 
-    def running(self) -> dict[int, float]:
-        """Tasks that a worker has begun: number, and seconds since then."""
+    def running(self) -> dict[int, Running]:
+        """Tasks that a worker has begun, by number."""
         ...
 
-    def drop(self, number: int) -> None:
-        """End a task that takes too long, with its worker if need be; its outcome is `is_lost`."""
+    def drop(self, number: int, reason: str) -> None:
+        """End the worker that makes a task. The task's outcome, which `wait` returns, is lost, with the reason."""
         ...
 
     def close(self) -> None:

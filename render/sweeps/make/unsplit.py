@@ -3,8 +3,9 @@
 Recipes of one rendering share its contours; those of one sampling strategy, too, share its focal points.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from ....datasets.errors import ContourFileError
 from ....datasets.motions.hand_motion import HandMotion
 from ...intersection.scene import Scene
 from ...playback.focus_source import ContourRows, ContourSource
-from ...sampling.contour_sampling import Sampler, SamplingStrategy
+from ...sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
 from ..plan.recipe import Recipe
 from .keep import (
     DriveKeeper,
@@ -33,20 +34,36 @@ Place = tuple[str, str]
 Wanted = Mapping[Place, Recipe]
 Made = dict[Place, dict[str, Any] | Exception]
 """Payloads, or why there is none."""
+
+
+@dataclass(frozen=True)
+class Ticker:
+    """Shows progress whenever focal points are made."""
+
+    tick: Callable[[], object]
+
+    def take(self, focus: FocalPoints) -> None:
+        """Show it."""
+        self.tick()
+
+
 KEEPERS = {"keep-focal-points": FocusKeeper, "keep-drives": DriveKeeper}
 
 
-def make_whole(rendering: Rendering, wanted: Wanted, store: Path, device: str) -> Made:
-    """Make the groups that are made in one go, of recipes that have one rendering.
+def make_unsplit(
+    rendering: Rendering, wanted: Wanted, store: Path, device: str, *, tick: Callable[[], object] = lambda: None
+) -> Made:
+    """Make the groups that cannot be split, of recipes that have one rendering.
 
-    What goes wrong with a group stands in its place; the others are made.
+    tick: called after every block of poses, as a sign of progress. What goes wrong with a group stands in its place;
+    the others are made.
     """
     made: Made = {}
     kept = {place: recipe for place, recipe in wanted.items() if place[0] == "keep-contours"}
     for place, recipe in kept.items():
         try:
             motion = rendering.poses.motion
-            made[place] = keep_contours(rendering.scene, motion, recipe, rendering.key, store, device)
+            made[place] = keep_contours(rendering.scene, motion, recipe, rendering.key, store, device, tick=tick)
         except Exception as error:  # of this group only
             made[place] = error
     sampled = {place: recipe for place, recipe in wanted.items() if place not in kept}
@@ -56,14 +73,16 @@ def make_whole(rendering: Rendering, wanted: Wanted, store: Path, device: str) -
     reason = why_not_sampled(motion)
     if reason is not None or motion is None:
         return made | {place: _nothing(place, reason or "") for place in sampled}
-    results = _sampled(rendering, motion, sampled, store, device)
+    results = _sampled(rendering, motion, sampled, store, device, tick)
     failed = {place: sampled[place] for place, error in results.items() if isinstance(error, ContourFileError)}
     if failed:
-        results |= _mended(rendering, motion, failed, store, device)
+        results |= _repaired(rendering, motion, failed, store, device, tick)
     return made | results
 
 
-def _mended(rendering: Rendering, motion: HandMotion, failed: Wanted, store: Path, device: str) -> Made:
+def _repaired(
+    rendering: Rendering, motion: HandMotion, failed: Wanted, store: Path, device: str, tick: Callable[[], object]
+) -> Made:
     """The groups again if it was a damaged contour file that they failed of, which is set aside and made anew.
 
     Nothing if it is whole, or cannot be read for now: the error stays theirs.
@@ -74,13 +93,15 @@ def _mended(rendering: Rendering, motion: HandMotion, failed: Wanted, store: Pat
         if damage is None or not set_aside(path, damage):
             return {}
         recipe = next(iter(failed.values()))  # any: they have one rendering
-        keep_contours(rendering.scene, motion, recipe, rendering.key, store, device)
+        keep_contours(rendering.scene, motion, recipe, rendering.key, store, device, tick=tick)
     except Exception as error:  # it cannot be looked at, or not be made again
         return dict.fromkeys(failed, error)
-    return _sampled(rendering, motion, failed, store, device)
+    return _sampled(rendering, motion, failed, store, device, tick)
 
 
-def _sampled(rendering: Rendering, motion: HandMotion, sampled: Wanted, store: Path, device: str) -> Made:
+def _sampled(
+    rendering: Rendering, motion: HandMotion, sampled: Wanted, store: Path, device: str, tick: Callable[[], object]
+) -> Made:
     """Groups that are made of focal points, by one walk through the contours for each sampling strategy."""
     by_sampling: dict[SamplingStrategy, dict[Place, Recipe]] = {}
     for place, recipe in sampled.items():
@@ -89,7 +110,7 @@ def _sampled(rendering: Rendering, motion: HandMotion, sampled: Wanted, store: P
     try:
         with contours_of(rendering.scene, motion, rendering.key, store, device) as contours:
             for strategy, asked in by_sampling.items():
-                made |= _walk(contours, motion, rendering.scene, strategy, asked, store)
+                made |= _walk(contours, motion, rendering.scene, strategy, asked, store, tick)
     except Exception as error:  # a kept file that cannot be read
         made |= {place: error for place in sampled if place not in made}
     return made
@@ -108,16 +129,17 @@ def _walk(
     strategy: SamplingStrategy,
     asked: Wanted,
     store: Path,
+    tick: Callable[[], object],
 ) -> Made:
     """Sample once for all groups of one sampling strategy; if that fails, once for each."""
     try:
-        return _walked(contours, motion, scene, strategy, asked, store)
+        return _walked(contours, motion, scene, strategy, asked, store, tick)
     except Exception as error:  # of one group, which the others are not to suffer from
         if len(asked) == 1:
             return dict.fromkeys(asked, error)
     made: Made = {}
     for place, recipe in asked.items():
-        made |= _walk(contours, motion, scene, strategy, {place: recipe}, store)
+        made |= _walk(contours, motion, scene, strategy, {place: recipe}, store, tick)
     return made
 
 
@@ -128,6 +150,7 @@ def _walked(
     strategy: SamplingStrategy,
     asked: Wanted,
     store: Path,
+    tick: Callable[[], object],
 ) -> Made:
     frame_count = ContourSource(contours, Sampler(strategy)).frame_count
     made: dict[Place, dict[str, Any]] = {}
@@ -138,10 +161,12 @@ def _walked(
                 keepers[place] = KEEPERS[place[0]](recipe, place[1], store, strategy, frame_count)
                 stack.enter_context(keepers[place].file)
         counted = len(keepers) < len(asked)
-        numbers = sample_recipe(contours, motion, scene.hand, strategy, list(keepers.values()), counted=counted)
+        numbers = sample_recipe(
+            contours, motion, scene.hand, strategy, [*keepers.values(), Ticker(tick)], counted=counted
+        )
         seconds = numbers["seconds"]
         for place in asked:
             payload = keepers[place].publish() if place in keepers else numbers
             made[place] = {**payload, "seconds": seconds}
-            seconds = {}  # told once
+            seconds = {}  # counted once
     return dict(made)

@@ -1,19 +1,20 @@
-"""What a worker of a sweep does: make the pieces of a task, leave one shard, and say what came of it.
+"""What a worker of a sweep does: make the chunks of a task, leave one shard, and report the outcome.
 
 | poses of | rendered |
 |---|---|
 | a rigid hand | in batches that recipes of one object, hand and strategy share, whatever their motions |
 | a hand posed by a recording | by themselves, since its rows are the motion's |
-| either, too many for the memory | in batches of whole spans of 512 poses |
-| groups made in one go | in `unsplit`, recipe by recipe |
+| either, too many for the memory, or for a second | in batches of whole spans of 512 poses |
+| groups that cannot be split | in `unsplit`, recipe by recipe |
 
 How poses are put into batches changes no bit of a result. A recipe that fails does not take others with it: a batch
 that fails is made again, recipe by recipe.
 """
 
 import contextlib
+import errno
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,74 +29,95 @@ from ...errors import RenderError
 from ...sampling.contour_sampling import SamplingStrategy
 from ..plan.recipe import WHOLE_GROUPS, Recipe, maker
 from .batch import (
-    Portion,
+    POSES_FIRST,
+    BatchSize,
+    PoseRange,
+    RenderedChunk,
     Samplings,
-    Stretch,
     batch_capacity,
     is_too_large,
-    mended,
-    plan_portions,
+    join_ranges,
     point_limit,
     poses_of,
     samplings_of,
-    spans_below,
     take_batch,
+    want_chunk,
 )
-from .metrics import Part, measure_batch
-from .rendering import Rendering, read_recipe, workshop_on
-from .task import PART, SPAN, Outcome, Piece, Task
-from .unsplit import make_whole
+from .metrics import ChunkSlice, measure_batch
+from .rendering import Rendering, read_recipe, recipe_cache
+from .task import SPAN, FailedChunk, Outcome, Task
+from .unsplit import make_unsplit
 
 SHARDS = "shards"
 NAMED = 3  # recipes that failed in an error's sentence; all are in `Outcome.failed`
+TRANSIENT = {
+    getattr(errno, name)
+    for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "ESTALE", "ETIMEDOUT", "EAGAIN", "EMFILE", "ENFILE")
+}
+"""Errors of the system that may have passed when the chunk is made again."""
+
+Progress = Callable[[Sequence[int] | None], object]
+"""Takes the places of the chunks that are begun; None where these go on."""
 
 
 @dataclass(eq=False)
-class Work:
+class TaskWork:
     """A task under way: what has been made and what could not be."""
 
     device: str
     store: Path
+    progress: Progress
+    until: float = float("inf")
+    """Nothing more is begun after this [s, `time.perf_counter`]."""
     rows: list[ShardRow] = field(default_factory=list)
     columns: list[dict[str, Any] | None] = field(default_factory=list)
-    failed: dict[int, str] = field(default_factory=dict)
+    failed: dict[int, FailedChunk] = field(default_factory=dict)
+    left: set[int] = field(default_factory=set)
     pose_count: int = 0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the task's time is over, and something of it was made, so that no task goes round for ever."""
+        return time.perf_counter() > self.until and bool(self.rows or self.failed)
 
     def add(self, row: ShardRow, columns: dict[str, Any] | None = None) -> None:
         """Put into the shard."""
         self.rows.append(row)
         self.columns.append(columns)
 
-    def fail(self, pieces: Iterable[int], title: str, error: BaseException) -> None:
-        """Note pieces that could not be made, the first reason of each."""
-        for piece in pieces:
-            self.failed.setdefault(piece, f"{title}: {reason_of(error)}")
+    def fail(self, places: Iterable[int], title: str, error: BaseException) -> None:
+        """Note chunks that could not be made, the first reason of each."""
+        for place in places:
+            failed = FailedChunk(place, f"{title}: {reason_of(error)}", is_transient(error))
+            self.failed.setdefault(place, failed)
 
 
-def run_task(task: Task, device: str, *, worker: str = "") -> Outcome:
-    """Make all pieces of a task and write their results as one shard of the store.
+def run_task(task: Task, device: str, *, worker: str = "", progress: Progress = lambda places: None) -> Outcome:
+    """Make the chunks of a task and write their results as one shard of the store.
 
-    device: Warp's. worker: who this is, for the outcome. Raises nothing but what ends the process: what goes wrong is
-    in the outcome, by piece.
+    device: Warp's. worker: who this is, for the outcome. progress: called when chunks are begun, and after every batch.
+    Raises nothing but what ends the process: what goes wrong is in the outcome, by chunk.
     """
     started = time.perf_counter()
-    work = Work(device, Path(task.store))
+    work = TaskWork(device, Path(task.store), progress, started + task.seconds)
     try:
         _make(task, work)
         shard = _write(task, work)
-    except Exception as error:  # whatever it is, the parent is told
+    except Exception as error:  # whatever it is, the parent gets to know
         seconds = time.perf_counter() - started
-        every = tuple((k, reason_of(error)) for k in range(len(task.pieces)))
-        return Outcome(task.number, worker, seconds=seconds, error=f"task {task.number}: {every[0][1]}", failed=every)
+        every = tuple(FailedChunk(place, reason_of(error), is_transient(error)) for place, _ in enumerate(task.chunks))
+        message = f"task {task.number}: {reason_of(error)}"
+        return Outcome(task.number, worker, seconds=seconds, error=message, failed=every)
     return Outcome(
         task.number,
         worker,
         shard,
-        part_count=len(work.rows),
+        row_count=len(work.rows),
         pose_count=work.pose_count,
         seconds=time.perf_counter() - started,
-        error=_told(list(work.failed.values())),
-        failed=tuple(sorted(work.failed.items())),
+        error=_sentence([failed.message for failed in work.failed.values()]),
+        failed=tuple(work.failed[place] for place in sorted(work.failed)),
+        left=tuple(sorted(work.left - work.failed.keys())),
     )
 
 
@@ -109,16 +131,23 @@ def reason_of(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split()) or 'no reason given'}"
 
 
-def _told(sentences: Sequence[str]) -> str | None:
+def is_transient(error: BaseException | None) -> bool:
+    """Whether the system failed, or an error that it caused, in a way that may pass."""
+    if error is None:
+        return False
+    return (isinstance(error, OSError) and error.errno in TRANSIENT) or is_transient(error.__cause__)
+
+
+def _sentence(messages: Sequence[str]) -> str | None:
     """One sentence for all recipes that failed."""
-    names = list(dict.fromkeys(sentences))
+    names = list(dict.fromkeys(messages))
     if not names:
         return None
     rest = f"; and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return "; ".join(names[:NAMED]) + rest
 
 
-def _write(task: Task, work: Work) -> str | None:
+def _write(task: Task, work: TaskWork) -> str | None:
     """The shard, by its path within the store; None if there is nothing to write."""
     if not work.rows:
         return None
@@ -130,132 +159,171 @@ def _write(task: Task, work: Work) -> str | None:
     return name
 
 
-def _make(task: Task, work: Work) -> None:
-    """All pieces, the cut groups first."""
-    workshop, allowed = workshop_on(work.device), task.code
-    portions: dict[tuple[str, int], Portion] = {}
-    whole: dict[str, list[tuple[int, Piece, Recipe, Rendering]]] = {}
-    for number, piece in enumerate(task.pieces):
-        title = f"piece {number}"
-        try:
-            recipe = read_recipe(piece.recipe)
-            title = recipe.title
-            rendering = workshop.rendering(recipe, allow_code=allowed)
-        except Exception as error:  # of a user's module, too
-            work.fail([number], title, error)
+def _make(task: Task, work: TaskWork) -> None:
+    """All chunks: those that share batches first, then what cannot be split."""
+    cache = recipe_cache(work.device)
+    chunks: dict[tuple[str, int], RenderedChunk] = {}
+    unsplit: dict[str, list[tuple[int, Sequence[str], Recipe, Rendering]]] = {}
+    for place, chunk in enumerate(task.chunks):
+        if time.perf_counter() > work.until and place:
+            work.left.add(place)
             continue
-        plan_portions(portions, number, piece, recipe, rendering)
-        if set(piece.groups) & set(WHOLE_GROUPS):
-            whole.setdefault(rendering.key, []).append((number, piece, recipe, rendering))
-    families: dict[str, list[Portion]] = {}
-    for portion in portions.values():
-        alone = "" if portion.rendering.is_fusable else f" {portion.rendering.key} {portion.part}"
-        families.setdefault(portion.rendering.family + alone, []).append(portion)
+        work.progress((place,))  # loading a mesh takes seconds
+        title = f"chunk {place}"
+        try:
+            recipe = read_recipe(chunk.recipe)
+            title = recipe.title
+            rendering = cache.rendering(recipe, allow_code=task.code)
+        except Exception as error:  # of a user's module, too
+            work.fail([place], title, error)
+            continue
+        if chunk.groups[0] in WHOLE_GROUPS:
+            unsplit.setdefault(rendering.key, []).append((place, chunk.groups, recipe, rendering))
+        else:
+            want_chunk(chunks, place, chunk.number, chunk.groups, recipe, rendering)
+    families: dict[str, list[RenderedChunk]] = {}
+    for own in chunks.values():
+        alone = "" if own.rendering.is_fusable else f" {own.rendering.key} {own.number}"
+        families.setdefault(own.rendering.family + alone, []).append(own)
     for family in families.values():
         _render_family(family, work)
-    for asked in whole.values():
-        _make_whole(asked, work)
+    for asked in unsplit.values():
+        _make_unsplit(asked, work)
 
 
-def _render_family(portions: Sequence[Portion], work: Work) -> None:
-    """Portions of one scene, in batches."""
-    capacity = batch_capacity(portions[0].rendering.scene.pose_bytes, work.device)
-    samplings = samplings_of(portions)
-    left = [Stretch(p, p.part * PART, p.stop) for p in portions]
+def _render_family(chunks: Sequence[RenderedChunk], work: TaskWork) -> None:
+    """Chunks of one scene, in batches."""
+    rendering, is_fixed = chunks[0].rendering, chunks[0].rendering.has_own_stages
+    first = _first_batch(rendering, work.device)
+    size = BatchSize(batch_capacity(rendering.scene.pose_bytes, work.device), first, is_fixed=is_fixed)
+    samplings = samplings_of(chunks)
+    left = [PoseRange(chunk, chunk.first, chunk.stop) for chunk in chunks]
     lost: set[str] = set()
-    while left := [stretch for stretch in left if stretch.portion.rendering.key not in lost]:
-        batch, left = take_batch(left, capacity)
+    while left := _wanted_still(left, lost, work):
+        batch, left = take_batch(left, size.poses)
+        count = sum(own.count for own in batch)
+        started = time.perf_counter()
+        work.progress(sorted(set().union(*(own.chunk.places for own in batch))))
         try:
             _render_batch(batch, samplings, work)
+            size.learn(count, time.perf_counter() - started)
         except (PointLimitError, MemoryError, RuntimeError) as error:
-            count = sum(stretch.count for stretch in batch)
             if is_too_large(error) and count > SPAN:
-                capacity, left = max(SPAN, spans_below(count // 2)), mended([*batch, *left])
+                size.shrink(count)
+                left = join_ranges([*batch, *left], lambda chunk: chunk)
             else:
                 lost |= _render_alone(batch, samplings, work, error)
         except Exception as error:  # of one recipe, or of a user's stage
             lost |= _render_alone(batch, samplings, work, error)
+    if not is_fixed:
+        _batches_known[rendering.family, work.device] = size.poses
 
 
-def _render_alone(batch: Sequence[Stretch], samplings: Samplings, work: Work, error: Exception) -> set[str]:
+_batches_known: dict[tuple[str, str], int] = {}
+"""Poses of the last batch of a family on a device: the next task begins with as many."""
+
+
+def _first_batch(rendering: Rendering, device: str) -> int:
+    """Poses of the first batch."""
+    return _batches_known.get((rendering.family, device), POSES_FIRST["cpu" if device == "cpu" else "cuda"])
+
+
+def _wanted_still(left: Sequence[PoseRange], lost: set[str], work: TaskWork) -> list[PoseRange]:
+    """What has not failed; once the task's time is over, only chunks that are begun, the others are left."""
+    ranges = [own for own in left if own.chunk.rendering.key not in lost]
+    if not work.is_over:
+        return ranges
+    for own in ranges:
+        if own.chunk.measured is None:
+            work.left |= own.chunk.places
+    return [own for own in ranges if own.chunk.measured is not None]
+
+
+def _render_alone(batch: Sequence[PoseRange], samplings: Samplings, work: TaskWork, error: Exception) -> set[str]:
     """Make a batch that failed again, rendering by rendering; returns those that fail by themselves."""
-    keys = list(dict.fromkeys(stretch.portion.rendering.key for stretch in batch))
+    keys = list(dict.fromkeys(own.chunk.rendering.key for own in batch))
     lost: set[str] = set()
     for key in keys:
-        own = [stretch for stretch in batch if stretch.portion.rendering.key == key]
+        alone = [own for own in batch if own.chunk.rendering.key == key]
+        places = set().union(*(own.chunk.places for own in alone))
+        work.progress(sorted(places))
         try:
             if len(keys) == 1:
                 raise error
-            _render_batch(own, samplings, work)
+            _render_batch(alone, samplings, work)
         except Exception as reason:
             lost.add(key)
-            work.fail(set().union(*(stretch.portion.pieces for stretch in own)), own[0].portion.rendering.name, reason)
+            work.fail(places, alone[0].chunk.rendering.name, reason)
     return lost
 
 
-def _render_batch(batch: Sequence[Stretch], samplings: Samplings, work: Work) -> None:
-    """Render and measure stretches of one scene together; rows of the portions that end here are added."""
-    keys = list(dict.fromkeys(stretch.portion.rendering.key for stretch in batch))
-    parts, at = [], 0
-    for stretch in batch:
-        piece = keys.index(stretch.portion.rendering.key)
-        parts.append(Part(piece, stretch.portion.part, at, stretch.count, stretch.portion.measured))
-        at += stretch.count
+def _render_batch(batch: Sequence[PoseRange], samplings: Samplings, work: TaskWork) -> None:
+    """Render and measure poses of one scene together; rows of the chunks that end here are added."""
+    keys = list(dict.fromkeys(own.chunk.rendering.key for own in batch))
+    slices, at = [], 0
+    for own in batch:
+        rendering = keys.index(own.chunk.rendering.key)
+        slices.append(ChunkSlice(rendering, own.chunk.number, at, own.count, own.chunk.measured))
+        at += own.count
     found = measure_batch(
-        batch[0].portion.rendering.scene,
+        batch[0].chunk.rendering.scene,
         poses_of(batch, work.device),
-        parts,
+        slices,
         device=work.device,
         samplings=[samplings[key] for key in keys],
-        per_pose=any(stretch.portion.per_pose for stretch in batch),
+        per_pose=any(own.chunk.per_pose for own in batch),
         first=batch[0].first,
         point_limit=None if at <= SPAN else point_limit(work.device),
     )
     work.pose_count += at
-    for stretch, measured in zip(batch, found, strict=True):
-        portion = stretch.portion
-        portion.measured = measured
-        portion.columns.append(measured.columns)
-        if stretch.stop == portion.stop:
-            _add_rows(portion, samplings[portion.rendering.key], work)
+    for own, measured in zip(batch, found, strict=True):
+        own.chunk.measured = measured
+        own.chunk.columns.append(measured.columns)
+        if own.stop == own.chunk.stop:
+            _add_rows(own.chunk, samplings[own.chunk.rendering.key], work)
 
 
-def _add_rows(portion: Portion, samplings: Sequence[SamplingStrategy], work: Work) -> None:
-    """Rows of a portion of which all poses have been measured."""
-    measured = portion.measured
+def _add_rows(chunk: RenderedChunk, samplings: Sequence[SamplingStrategy], work: TaskWork) -> None:
+    """Rows of a chunk of which all poses have been measured."""
+    measured = chunk.measured
     if measured is None:
-        raise RuntimeError("a portion ended before it was measured")
-    rendering = measured.contours["seconds"]  # told once, however many groups were made of the same contours
-    for (group, key), want in portion.wanted.items():
+        raise RuntimeError("a chunk ended before it was measured")
+    rendering = measured.contours["seconds"]  # counted once, however many groups were made of the same contours
+    for (group, key), wanted in chunk.wanted.items():
         columns = None
-        if want.sampling is None:
+        if wanted.sampling is None:
             payload = measured.contours
         elif group == "frequency":
-            payload = measured.frequency[samplings.index(want.sampling)]
+            payload = measured.frequency[samplings.index(wanted.sampling)]
         else:
-            blocks = [own[samplings.index(want.sampling)] for own in portion.columns]
+            blocks = [own[samplings.index(wanted.sampling)] for own in chunk.columns]
             columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-            payload = {"poses": portion.stop - portion.part * PART, "seconds": {}}
-        own = {} if want.sampling is None else payload["seconds"]
-        work.add(ShardRow(group, key, portion.part, {**payload, "seconds": rendering | own}), columns)
+            payload = {"poses": chunk.stop - chunk.first, "seconds": {}}
+        own = {} if wanted.sampling is None else payload["seconds"]
+        work.add(ShardRow(group, key, chunk.number, {**payload, "seconds": rendering | own}), columns)
         rendering = {}
 
 
-def _make_whole(asked: Sequence[tuple[int, Piece, Recipe, Rendering]], work: Work) -> None:
-    """Groups of one rendering that are made in one go."""
+def _make_unsplit(asked: Sequence[tuple[int, Sequence[str], Recipe, Rendering]], work: TaskWork) -> None:
+    """Groups of one rendering that cannot be split."""
+    asking = {place for place, *_ in asked}
+    if work.is_over:
+        work.left |= asking
+        return
+    work.progress(sorted(asking))
     wanted: dict[tuple[str, str], Recipe] = {}
-    askers: dict[tuple[str, str], set[int]] = {}
-    for number, piece, recipe, _ in asked:
-        for group in [group for group in piece.groups if group in WHOLE_GROUPS]:
-            place = group, recipe.key(group)
-            wanted.setdefault(place, recipe)
-            askers.setdefault(place, set()).add(number)
+    places: dict[tuple[str, str], set[int]] = {}
+    for place, groups, recipe, _ in asked:
+        for group in groups:
+            wanted.setdefault((group, recipe.key(group)), recipe)
+            places.setdefault((group, recipe.key(group)), set()).add(place)
     rendering = asked[0][3]
     is_rendered = False
-    for place, result in make_whole(rendering, wanted, work.store, work.device).items():
-        if isinstance(result, Exception):
-            work.fail(askers[place], f"{wanted[place].title} ({place[0]})", result)
+    made = make_unsplit(rendering, wanted, work.store, work.device, tick=lambda: work.progress(None))
+    for result, payload in made.items():
+        if isinstance(payload, Exception):
+            work.fail(places[result], f"{wanted[result].title} ({result[0]})", payload)
         else:
-            work.add(ShardRow(*place, 0, result))
-            is_rendered = is_rendered or result.get("reason") is None
+            work.add(ShardRow(*result, 0, payload))
+            is_rendered = is_rendered or payload.get("reason") is None
     work.pose_count += rendering.poses.count if is_rendered else 0

@@ -18,7 +18,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from ....datasets.bounded_file import parse_toml, read_text, require_parsable
 from ....device.errors import DeviceError
 from ...errors import PalpateWarning, PlanError, RenderError
-from ...runtime.span_workers import WORKERS_MOST
+from ...runtime.worker_devices import WORKERS_MOST
 from ...trust.permission import AllowCode, Code, Namer, require_permission
 from ...validation import value_text
 from .axes import DEFAULT_SOURCES, KEYS, MODELS, AxisTable, require_agreement, require_playable

@@ -11,8 +11,7 @@ import numpy as np
 from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.store import SweepStore
 from ...reports.file_summary import length_ratio
-from ..make.poses import part_count
-from ..make.task import WHOLE
+from ..make.poses import chunk_count
 from ..plan.recipe import WHOLE_GROUPS, Recipe
 
 CHUNK = 4096  # recipes whose results are looked up at once
@@ -238,8 +237,8 @@ def _columns(recipe: Recipe, group: str, payloads: Sequence[Mapping[str, Any]]) 
 def _is_whole(recipe: Recipe, group: str, parts: Mapping[int, Mapping[str, Any]]) -> bool:
     """Whether all of a group's parts are there."""
     if not parts or group in WHOLE_GROUPS:
-        return WHOLE in parts
-    return len(parts) == part_count(recipe)
+        return 0 in parts
+    return len(parts) == chunk_count(recipe)
 
 
 def closes(strategy: Mapping[str, Any]) -> bool:

@@ -1,15 +1,14 @@
 """Dask's distributed scheduler as an engine: tasks go out as a few kilobytes, an `Outcome` comes back, arrays never.
 
-| what happens                            | what comes of it                                                         |
-|-----------------------------------------|--------------------------------------------------------------------------|
-| a worker dies with a task it had begun  | an outcome that is lost, naming worker and host                          |
-| with one that it only held in advance   | that one is sent again, unnoticed (SENDS times at most)                  |
-| a task raises                           | an outcome with the error: the worker lives on                           |
-| a worker joins later                    | it is judged at its first task; an unfit one is told of, and passed over |
-| no worker, or no scheduler, is left     | SweepError from `wait` or `submit`                                       |
+Each thread of a worker has one task at a time, sent to that worker and no other. So Dask repeats none by itself, in
+anybody's cluster, and a worker that dies is charged to the task that it made.
 
-A cluster that we start leaves trying again to the sweep's schedule (`allowed_failures` 0); somebody else's tries a task
-that kills its worker again by itself, as it is configured, before it gives up.
+| what happens                    | what follows                                                                    |
+|---------------------------------|---------------------------------------------------------------------------------|
+| a worker dies, or is ended      | its task is lost, naming worker and host; of several tasks none is charged       |
+| a task raises                   | an outcome with the error: the worker lives on                                  |
+| a worker joins later            | its plugin shows whether it is fit; an unfit one is reported, and not used       |
+| no worker, or no scheduler left | SweepError from `wait`                                                          |
 """
 
 from __future__ import annotations
@@ -18,51 +17,56 @@ import contextlib
 import queue
 import threading
 import time
-from dataclasses import dataclass
+import uuid
+import warnings
+from collections import Counter
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import PlanError, SweepError
-from ..make.task import Outcome, Task
-from .cluster import INSTALL, Connection, connect_cluster, hushed_logs
-from .crew import Crew, new_run
-from .dask_worker import Fitness, Work, pack_task, travelling
+from ...errors import PalpateWarning, PlanError, SweepError
+from ..make.task import Outcome, Running, Task
+from ..plan.recipe import maker
+from .dask_connection import INSTALL, Connection, connect_cluster, hushed_logs
+from .worker_process import WAITING_FACTOR
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-SENDS = 4  # of a task whose worker died before it was seen to begin
-POLL = 1.0  # [s] between looks at the cluster while nothing comes
-AGAIN = "again"
-"""Came of a task that nobody began."""
+    from .dask_worker import DaskWork, Fitness
+
+SIGHT = 5.0  # [s] until a file that a worker has written must be seen here: network file systems remember
+ALONE = 60.0  # [s] that a fit worker may be missed while unfit ones are there: what died is replaced within that
 
 
-@dataclass
-class _Held:
-    """A task that is out."""
+@dataclass(eq=False)
+class SentTask:
+    """A task that a worker has."""
 
     task: Task
+    address: str
+    sent: float
+    """[s, `time.monotonic`], as are the others."""
     future: Future | None = None
-    send_count: int = 0
-    fit: frozenset[str] = frozenset()
-    """Workers that it may go to; empty is any."""
-    begun: float | None = None
-    """When a worker began it, `time.monotonic` [s]."""
-    worker: str = ""
-    """Address of that one."""
-    words: str = ""
-    """Its last: why it ended itself."""
+    progressed: float | None = None
+    """When it last showed progress; None: it has not begun."""
+    used: float = 0.0
+    """Processor time that its thread has used since then [s]."""
+    places: tuple[int, ...] = ()
+    """Chunks that it is making."""
+    ending: str | None = None
+    """Why its worker ends."""
 
 
 class DaskEngine:
-    """Workers of a Dask cluster; an Engine, whose workers are each worker's threads.
+    """Workers of a Dask cluster; an Engine, each of whose workers is a thread of one of Dask's.
 
-    scheduler: "local" or None, an address, "slurm" and other queueing systems, or a Client (`cluster`'s table).
-    devices: the Warp device of each worker: "auto", "cpu", "cuda" (the first it sees), "cuda:0"; locally also several.
-    workers: processes a device (local), jobs (slurm), or how many must be there (others). work: what makes a task,
-    `work.run_task`; importable on the workers. patience: [s] for the scheduler to answer and workers to be there,
-    and later on, how long none may be there; 30 s, and a day for jobs.
+    scheduler: "local" or None, an address, Dask's scheduler file, or a Client (`dask_connection`'s table). devices: the
+    Warp device of each worker: "auto", "cpu", "cuda" (the first it sees), "cuda:0"; locally also several. workers:
+    processes a device (local), or how many must be there (others). work: what makes a task, `work.run_task`; importable
+    on the workers. patience: [s] for the scheduler to answer and workers to be there, and later on, how long none may
+    be there; a client's own, else 30 s.
 
     Raises SweepError at `start`: what `connect_cluster` raises, workers that do not come, or are not fit.
     """
@@ -73,19 +77,21 @@ class DaskEngine:
         *,
         devices: str = "auto",
         workers: int | None = None,
-        work: Work | None = None,
+        work: DaskWork | None = None,
         patience: float | None = None,
     ) -> None:
         self._scheduler, self._work = scheduler, work
         self._asked: dict[str, Any] = {"devices": devices, "workers": workers, "patience": patience}
-        self._run = new_run()
-        self._came: queue.Queue[tuple[_Held, Outcome | Fitness | str]] = queue.Queue()
-        self._held: dict[int, _Held] = {}
-        self._sends = 0
-        self._lock = threading.Lock()
+        self._run = f"palpate-{uuid.uuid4().hex}"
+        self._events: queue.Queue[tuple[str, Any]] = queue.Queue()
+        self._fitness: dict[str, Fitness] = {}
+        """Of each worker that is there and has shown it, by address."""
+        self._sent: dict[int, SentTask] = {}
+        self._sent_count = 0
+        self._outcomes: list[Outcome] = []
+        self._there_at = self._fit_at = 0.0
         self._stack = contextlib.ExitStack()
         self._connection: Connection | None = None
-        self._crew: Crew | None = None
 
     @property
     def name(self) -> str:
@@ -95,8 +101,13 @@ class DaskEngine:
 
     @property
     def devices(self) -> tuple[str, ...]:
-        """Warp device of each thread of each worker that is there now."""
-        return self._crew.devices() if self._crew else ()
+        """Warp device of each thread of each fit worker that is there now."""
+        return tuple(own.device for own in self._fit() for _ in range(own.threads))
+
+    @property
+    def worker_most(self) -> int:
+        """Those that are there: a cluster grows by itself."""
+        return len(self.devices)
 
     def start(self, store: Path) -> None:
         """Connect, wait for workers, and see that each can do the work, its kernels compiled.
@@ -107,183 +118,299 @@ class DaskEngine:
             import distributed
         except ImportError as error:
             raise PlanError(INSTALL) from error
-        self._make, _ = travelling()
         try:
             if not isinstance(self._scheduler, distributed.Client):  # whose log is its owner's
                 self._stack.enter_context(hushed_logs())
             self._connection = connect_cluster(self._scheduler, **self._asked)
             self._stack.callback(self._connection.close)
-            self._crew = Crew(self._connection, store.resolve(), self._run)
-            self._stack.callback(self._crew.leave)
-            self._connection.client.subscribe_topic(self._run, self._note_begun)
-            self._crew.gather()
+            self._gather(store.resolve())
         except BaseException:
             self.close()
             raise
 
+    def _gather(self, store: Path) -> None:
+        """Wait for the workers, and have each show that it can do the work."""
+        from .dask_worker import SweepPlugin, Terms
+
+        connection = self._open()
+        client, patience = connection.client, connection.patience
+        token = store / f".workers-{self._run}"
+        self._stack.callback(_remove_token, token)
+        token.write_text(self._run)
+        try:
+            client.wait_for_workers(connection.worker_count, timeout=patience)
+        except TimeoutError as error:
+            there = f"{len(client.nthreads())} of {connection.worker_count} workers are"
+            raise SweepError(f"only {there} there after {patience:g} s ({connection.name})") from error
+        client.subscribe_topic(self._run, partial(self._receive, "run"))
+        client.subscribe_topic("all", partial(self._receive, "all"))
+        self._stack.callback(self._leave, client)
+        terms = Terms(self._run, maker(), connection.device, str(token))
+        try:
+            client.register_plugin(SweepPlugin(terms))
+        except Exception as error:  # Dask gives an error of a worker as text
+            if "ModuleNotFoundError" not in f"{type(error).__name__} {error}":
+                raise
+            text = f"a worker cannot import palpate ({error}); install the same there as here"
+            raise SweepError(text) from error
+        self._wait_for_fitness(token, set(client.nthreads()), patience)
+
+    def _wait_for_fitness(self, token: Path, addresses: set[str], patience: float) -> None:
+        """Until every worker that was there has shown its fitness; none may be unfit."""
+        until = time.monotonic() + patience
+        client = self._open().client
+        while not addresses <= self._fitness.keys() and time.monotonic() < until:
+            for _, event in client.get_events(self._run):  # also those from before we were subscribed
+                self._take_event("run", event)
+            self._take(0.1)
+        for address, own in list(self._fitness.items()):
+            if own.fault is None and not _is_seen(token.with_name(own.answer)):
+                fault = f"what it writes into {token.parent} is not seen here; the store must be a shared folder"
+                self._fitness[address] = replace(own, fault=fault)
+        faults = sorted(own.complaint for own in self._fitness.values() if own.fault is not None)
+        faults += [f"worker {address} gave no answer" for address in sorted(addresses - self._fitness.keys())]
+        if faults:
+            raise SweepError(faults[0] + (f" (and {len(faults) - 1} more workers)" if len(faults) > 1 else ""))
+        self._warn_shared_cards()
+        self._there_at = self._fit_at = time.monotonic()
+
+    def grow(self, worker_count: int) -> None:
+        """Nothing: the cluster has its workers."""
+
+    def free_count(self) -> int:
+        """Threads of fit workers without a task."""
+        self._take(0.0)
+        return sum(self._free().values())
+
     def submit(self, task: Task) -> None:
-        """Have a task made; workers take tasks in the order in which they are submitted.
+        """Give a task to a free thread; raises SweepError if there is none."""
+        from .dask_worker import make_task, pack_task
 
-        Raises SweepError if no fit worker or no scheduler is left.
+        free = self._free()
+        if not free:
+            raise SweepError(f"task {task.number}: no worker is free")
+        address = free.most_common(1)[0][0]
+        self._sent_count += 1
+        sent = SentTask(task, address, time.monotonic())
+        self._sent[task.number] = sent
+        sent.future = future = self._open().client.submit(
+            make_task,
+            pack_task(task, self._run, self._work or _own_work()),
+            key=f"{self._run}-{task.number}-{self._sent_count}",
+            pure=False,
+            retries=0,
+            workers=[address],
+            allow_other_workers=False,
+        )
+        future.add_done_callback(partial(self._receive_future, sent))
+
+    def wait(self, timeout: float) -> list[Outcome]:
+        """Outcomes since the last call; waits for one, or for a free worker, at most `timeout` [s].
+
+        Raises SweepError when no scheduler, or no fit worker, is left.
         """
-        held = _Held(task)
-        with self._lock:
-            self._held[task.number] = held
-        self._send(held)
+        until = time.monotonic() + timeout
+        free = sum(self._free().values())
+        self._take(0.0)
+        while not self._outcomes and sum(self._free().values()) <= free and (left := until - time.monotonic()) > 0:
+            self._take(left)
+        if not self._outcomes:
+            self._require_workers()
+        outcomes, self._outcomes = self._outcomes, []
+        return outcomes
 
-    def wait(self, timeout: float | None = None) -> list[Outcome]:
-        """What has come of tasks since the last call: at least one, unless nothing came within `timeout` [s].
-
-        Raises SweepError when no scheduler or no worker is left.
-        """
-        end = None if timeout is None else time.monotonic() + timeout
-        while True:
-            left = POLL if end is None else min(POLL, end - time.monotonic())
-            came = self._take(max(left, 0.0))
-            if came:
-                return came
-            self._look_after()
-            if end is not None and time.monotonic() >= end:
-                return []
-
-    def running(self) -> dict[int, float]:
-        """Tasks that a worker has begun: number, and seconds since then."""
+    def running(self) -> dict[int, Running]:
+        """Tasks that a worker has begun, by number."""
         now = time.monotonic()
-        with self._lock:
-            return {number: now - held.begun for number, held in self._held.items() if held.begun is not None}
+        return {
+            number: Running(now - sent.sent, max(sent.used, (now - sent.progressed) / WAITING_FACTOR))
+            for number, sent in self._sent.items()
+            if sent.progressed is not None
+        }
 
-    def drop(self, number: int) -> None:
-        """End a task that takes too long; a worker that has begun it is ended, and with it what else it makes."""
-        crew, held = self._open(), self._held.get(number)
-        if held is None:
-            return
-        who = crew.name(held.worker) if held.worker else "no worker"
-        error = f"task {number} took too long and was ended ({who})"
-        self._came.put((held, Outcome(number, who, error=error, is_lost=True)))
-        if held.future is not None:
-            held.future.cancel(force=True)
-        if held.worker:
-            crew.end(held.worker)
-            held.worker = ""
+    def drop(self, number: int, reason: str) -> None:
+        """End the worker that makes a task, without waiting; a nanny starts another."""
+        sent = self._sent.get(number)
+        if sent is not None:
+            sent.ending = reason
+            client = self._open().client
+            threading.Thread(target=_end, args=(client, sent.address), daemon=True).start()
+            self._events.put(("gone", sent.address))
 
     def close(self) -> None:
         """End what this engine started, whatever it does; in somebody's cluster, what has begun is made to its end."""
-        with self._lock:
-            futures = [held.future for held in self._held.values() if held.future is not None]
-            self._held.clear()
-        if self._crew is not None and self._crew.client.status == "running":
+        futures = [sent.future for sent in self._sent.values() if sent.future is not None]
+        self._sent.clear()
+        if self._connection is not None and self._connection.client.status == "running":
             with contextlib.suppress(Exception):  # the scheduler may go at this very moment
-                self._crew.client.cancel(futures, force=True)
-        self._connection = self._crew = None
+                self._connection.client.cancel(futures, force=True)
+        self._connection = None
         self._stack.close()
 
-    def _open(self) -> Crew:
-        """The crew of a started engine."""
-        if self._crew is None:
+    def _leave(self, client: Any) -> None:
+        if client.status == "running":
+            with contextlib.suppress(Exception):  # the scheduler may go at this very moment
+                client.unsubscribe_topic("all")
+                client.unsubscribe_topic(self._run)
+                client.unregister_worker_plugin(self._run)
+
+    def _open(self) -> Connection:
+        if self._connection is None:
             raise SweepError("the engine is not started, or closed")
-        return self._crew
+        return self._connection
 
-    def _send(self, held: _Held) -> None:
-        """Hand a task to the scheduler."""
-        crew = self._open()
-        crew.look()
-        held.fit = crew.fit()
-        with self._lock:
-            self._sends += 1
-            order = self._sends
-            held.send_count += 1
-            held.begun, held.worker, held.words = None, "", ""
-        held.future = future = crew.client.submit(
-            self._make,
-            pack_task(held.task, crew.terms, self._work or _work()),
-            key=f"{self._run}-{held.task.number}-{order}",
-            pure=False,
-            retries=0,
-            priority=-order,  # Dask itself takes what comes within 100 ms in any order
-            workers=sorted(held.fit) or None,
-        )
-        future.add_done_callback(partial(self._receive, held))
+    def _fit(self) -> list[Fitness]:
+        return [own for own in self._fitness.values() if own.fault is None]
 
-    def _note_begun(self, event: tuple[float, Any]) -> None:
-        """A worker's event, on the client's loop: it begins, or it has spoilt its GPU and ends."""
-        with self._lock:
-            held = self._held.get(event[1]["number"])
-            if held is not None:
-                address = event[1]["fitness"]["address"]
-                if held.worker != address:
-                    held.begun, held.worker = time.monotonic(), address
-                held.words = event[1].get("words", "")
-        if self._crew is not None:
-            self._crew.meet(Fitness(**event[1]["fitness"]))
+    def _free(self) -> Counter[str]:
+        """Free threads of each fit worker that has any."""
+        busy = Counter(sent.address for sent in self._sent.values())
+        free = Counter({own.address: own.threads - busy[own.address] for own in self._fit()})
+        return +free
 
-    def _receive(self, held: _Held, future: Future) -> None:
-        """What came of a task, on a thread of Dask's."""
-        if held.future is future:
-            self._came.put((held, self._came_of(held, future)))
+    def _require_workers(self) -> None:
+        connection, now = self._open(), time.monotonic()
+        name, patience = connection.name, connection.patience
+        if connection.client.status == "closed":
+            raise SweepError(f"the scheduler is gone ({name}); what was finished is kept")
+        if self._fit():
+            self._there_at = self._fit_at = now
+        elif self._fitness:
+            self._there_at = now
+            if now - self._fit_at > min(ALONE, patience):
+                raise SweepError(min(self._fitness.values(), key=lambda own: own.address).complaint)
+        elif now - self._there_at > patience:
+            if connection.client.status != "running":
+                raise SweepError(f"the scheduler is gone ({name}); what was finished is kept")
+            raise SweepError(f"no worker was there for {patience:g} s ({name}); what was finished is kept")
 
-    def _came_of(self, held: _Held, future: Future) -> Outcome | Fitness | str:
-        """See the module's table."""
+    # ---- events, which come on threads of Dask's and are taken on the caller's
+
+    def _receive(self, topic: str, event: tuple[float, Any]) -> None:
+        self._events.put((topic, event[1]))
+
+    def _receive_future(self, sent: SentTask, future: Future) -> None:
+        self._events.put(("future", (sent, future)))
+
+    def _take(self, timeout: float) -> None:
+        """Take what has come by now, or first within `timeout` [s]."""
+        with contextlib.suppress(queue.Empty):
+            kind, value = self._events.get(timeout=timeout) if timeout > 0 else self._events.get_nowait()
+            while True:
+                self._take_event(kind, value)
+                kind, value = self._events.get_nowait()
+
+    def _take_event(self, kind: str, value: Any) -> None:
+        if kind == "future":
+            self._take_future(*value)
+        elif kind == "gone":
+            self._lose_worker(value)
+        elif kind == "run":
+            self._take_progress(value)
+        elif isinstance(value, dict) and value.get("action") == "remove-worker":
+            self._lose_worker(value["worker"])
+
+    def _take_progress(self, event: dict[str, Any]) -> None:
+        """A worker's event: its fitness, that it ends, or how far it is with a task."""
+        if "fitness" in event:
+            self._meet(event["fitness"])
+            return
+        sent = self._sent.get(event["number"])
+        if sent is None:
+            return
+        sent.ending = event.get("ending", sent.ending)
+        sent.used = event.get("used", 0.0)
+        if "used" not in event:
+            sent.progressed = time.monotonic()
+        if event.get("places") is not None:
+            sent.places = tuple(event["places"])
+
+    def _meet(self, values: dict[str, Any]) -> None:
+        """Take note of a worker; one that joined later and is unfit is reported once."""
+        from .dask_worker import Fitness
+
+        fitness = Fitness(**values)
+        self._fitness[fitness.address] = fitness
+        if fitness.fault is not None and self._there_at:
+            warnings.warn(f"{fitness.complaint}; it is not used", PalpateWarning, stacklevel=2)
+
+    def _take_future(self, sent: SentTask, future: Future) -> None:
+        """The end of a task, however it came."""
+        number = sent.task.number
+        if self._sent.get(number) is not sent:
+            return
+        if future.status == "finished":
+            del self._sent[number]
+            self._outcomes.append(future.result())
+            return
+        error = future.exception() if future.status == "error" else None
         from distributed import KilledWorker
 
-        number = held.task.number
-        if future.status == "cancelled":
-            return Outcome(number, held.worker, error=f"the cluster has lost task {number}", is_lost=True)
-        try:
-            made = future.result()
-        except KilledWorker as error:
-            return self._came_of_death(held, error.last_worker.address)
-        except Exception as error:
-            return Outcome(number, held.worker, error=f"task {number}: {type(error).__name__}: {error}")
-        return made if isinstance(made, (Outcome, Fitness)) else Fitness(*made)
+        if future.status == "error" and not isinstance(error, KilledWorker):
+            del self._sent[number]
+            text = f"task {number}: {type(error).__name__}: {error}"
+            self._outcomes.append(Outcome(number, self._worker_name(sent.address), error=text))
+        else:
+            self._lose_worker(sent.address)
 
-    def _came_of_death(self, held: _Held, address: str) -> Outcome | str:
-        """Dask blames every task that was with the worker; only one that had begun is to blame."""
-        if held.worker != address and held.send_count < SENDS:
-            return AGAIN
-        who = self._crew.name(address) if self._crew else address
-        number = held.task.number
-        error = held.words or f"worker {who} died while it made task {number}"
-        return Outcome(number, who, error=error, is_lost=True)
+    def _lose_worker(self, address: str) -> None:
+        """A worker is gone, or will be: its tasks are lost. Only one that was alone there is a suspect."""
+        own = [sent for sent in self._sent.values() if sent.address == address]
+        ended = [sent for sent in own if sent.ending is not None]
+        who = self._worker_name(address)
+        self._fitness.pop(address, None)
+        for sent in own:
+            del self._sent[sent.task.number]
+            if sent.future is not None:
+                sent.future.cancel(force=True)
+            error = sent.ending or f"worker {who} died while it made task {sent.task.number}"
+            is_suspect = sent in ended or (not ended and len(own) == 1 and sent.progressed is not None)
+            suspects = sent.places if is_suspect else ()
+            seconds = time.monotonic() - sent.sent
+            lost = Outcome(sent.task.number, who, seconds=seconds, error=error, is_lost=True, suspects=suspects)
+            self._outcomes.append(lost)
 
-    def _take(self, timeout: float) -> list[Outcome]:
-        """What has come by now, or first within `timeout` [s]; what must be sent again is."""
-        outcomes: list[Outcome] = []
-        with contextlib.suppress(queue.Empty):
-            held, came = self._came.get(timeout=timeout) if timeout > 0 else self._came.get_nowait()
-            while True:
-                self._settle(held, came, outcomes)
-                held, came = self._came.get_nowait()
-        return outcomes
+    def _worker_name(self, address: str) -> str:
+        return self._fitness[address].name if address in self._fitness else address
 
-    def _settle(self, held: _Held, came: Outcome | Fitness | str, outcomes: list[Outcome]) -> None:
-        """An outcome is told, once; all else is sent again."""
-        number = held.task.number
-        if self._held.get(number) is not held:
-            return  # dropped meanwhile
-        if isinstance(came, Outcome):
-            with self._lock:
-                del self._held[number]
-            outcomes.append(came)
-            return
-        if isinstance(came, Fitness):
-            self._open().meet(came)
-        self._send(held)
-
-    def _look_after(self) -> None:
-        """Nothing comes: see that somebody is there to make it."""
-        crew = self._open()
-        crew.look()
-        there = crew.threads().keys()
-        for held in list(self._held.values()):
-            if held.fit and not held.fit & there:  # those that it was meant for are gone, others may be there
-                old, held.future = held.future, None
-                if old is not None:
-                    old.cancel(force=True)
-                self._send(held)
+    def _warn_shared_cards(self) -> None:
+        """Several workers on one GPU take turns, which nobody meant."""
+        cards = Counter(own.card for own in self._fit() if own.card)
+        shared = [own for own in self._fit() if cards.get(own.card, 0) > 1]
+        if shared:
+            names = " and ".join(sorted(own.name for own in shared if own.card == shared[0].card)[:2])
+            text = f"{names} share one GPU; start each with a CUDA_VISIBLE_DEVICES of its own"
+            warnings.warn(text, PalpateWarning, stacklevel=2)
 
 
-def _work() -> Work:
+def _own_work() -> DaskWork:
     """What makes a sweep's tasks."""
     from ..make.work import run_task
 
     return run_task
+
+
+def _remove_token(token: Path) -> None:
+    """Take our files out of the store."""
+    for path in token.parent.glob(f"{token.name}*"):
+        path.unlink(missing_ok=True)
+
+
+def _is_seen(answer: Path) -> bool:
+    """Whether what a worker has written comes to be seen here."""
+    until = time.monotonic() + SIGHT
+    while not answer.exists():
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.1)
+    return True
+
+
+def _end(client: Any, address: str) -> None:
+    """End a worker's process, whatever it does; it may be gone already, by this or by itself."""
+    from .dask_worker import end_worker, kill_worker
+
+    with contextlib.suppress(Exception):
+        has_nanny = client.scheduler_info(n_workers=-1)["workers"][address]["nanny"]
+        end = kill_worker if has_nanny else end_worker
+        client.run(end, workers=[address], nanny=bool(has_nanny), on_error="ignore")

@@ -1,10 +1,10 @@
-"""What a worker of a cluster does: shows once that it is fit for the sweep, then makes tasks. Small things go back.
+"""What a worker of a Dask cluster does: shows once that it is fit for the sweep, then makes tasks.
 
-The check runs on every worker before the first task, and at the first task of a worker that joins later.
+A plugin of Dask's makes each worker show that, also one that joins later.
 
-| what a worker must bring       | how it is seen                                                                |
+| what a worker must have        | how it is seen                                                                |
 |--------------------------------|-------------------------------------------------------------------------------|
-| the same palpate and Warp      | `maker()` gives the same string                                               |
+| the same palpate and libraries | `maker()` gives the same string                                               |
 | the device that the plan names | Warp lists it                                                                 |
 | the store, at the same path    | it reads the parent's token there, and writes an answer that the parent sees  |
 | compiled kernels               | one process of a host compiles, under a lock beside Warp's cache; others wait |
@@ -12,6 +12,7 @@ The check runs on every worker before the first task, and at the first task of a
 
 from __future__ import annotations
 
+import asyncio
 import fcntl
 import os
 import pickle
@@ -21,21 +22,26 @@ import threading
 import time
 import uuid
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
+
+from distributed import WorkerPlugin, get_worker
 
 from ...errors import SweepError
 from ..make.task import Outcome, Task
-from .worker import attempt, is_usable, said
+from ..plan.recipe import maker
+from .worker import attempt, is_usable, message_of
 
-LAST_WORDS = 0.5  # [s] for an event to leave a process that ends
+LAST_EVENT = 0.5  # [s] for an event to leave a process that ends
+PROGRESS_SECONDS = 1.0  # between two signs of progress that are sent, unless other chunks are begun
+WATCH_SECONDS = 5.0  # between two reports of a task that shows no progress
 
-Work = Callable[..., Outcome]
-"""Makes a task: `work(task, device, worker=name)`, importable by name on every worker."""
+DaskWork = Callable[..., Outcome]
+"""Makes a task: `work(task, device, worker=name, progress=function)`, importable by name on every worker."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,8 @@ class Fitness:
 
     address: str
     host: str
+    threads: int = 1
+    """Tasks that it makes at a time."""
     device: str = ""
     card: str = ""
     """Which GPU it is, whatever the worker calls it; empty for a CPU."""
@@ -76,32 +84,76 @@ class Fitness:
         return f"worker {self.name}: {self.fault}"
 
 
-_known: dict[str, Fitness] = {}  # by run: this process was judged already
-_judging = threading.Lock()
+class SweepPlugin(WorkerPlugin):
+    """Has each worker of a cluster show whether it is fit, in an event of the run's topic."""
+
+    def __init__(self, terms: Terms) -> None:
+        self.name = terms.run
+        self._terms = terms
+
+    async def setup(self, worker: Any) -> None:
+        """On a thread: a worker that compiles still answers its scheduler."""
+        first = partial(Fitness, worker.address, platform.node(), worker.state.nthreads)
+        fitness = await asyncio.to_thread(_show_fitness, self._terms, first)
+        _fitness[self._terms.run] = fitness
+        worker.log_event(self._terms.run, {"fitness": asdict(fitness)})
 
 
-def pack_task(task: Task, terms: Terms, work: Work) -> bytes:
+_fitness: dict[str, Fitness] = {}
+"""Of this process, by run."""
+
+
+def pack_task(task: Task, run: str, work: DaskWork) -> bytes:
     """A task as it travels: its recipes are much alike, so that it shrinks to a few kilobytes."""
-    return zlib.compress(pickle.dumps((task, terms, work)), 1)
+    return zlib.compress(pickle.dumps((task, run, work)), 1)
 
 
-def make_task(packed: bytes) -> Outcome | Fitness:
-    """Make a task on the worker that runs this; its `Fitness` instead if that worker is not fit."""
-    from distributed import get_worker
-
-    task, terms, work = pickle.loads(zlib.decompress(packed))
-    worker = get_worker()
-    fitness = judge_worker(terms, worker.address)
-    if fitness.fault is not None:
-        return fitness
-    begun = {"number": task.number, "fitness": asdict(fitness)}
-    worker.log_event(terms.run, begun)
-    outcome = attempt(work, task, fitness.device, fitness.name)
+def make_task(packed: bytes) -> Outcome:
+    """Make a task on the worker that runs this."""
+    task, run, work = pickle.loads(zlib.decompress(packed))
+    worker, fitness = get_worker(), _fitness[run]
+    with _Progress(worker, run, task.number) as progress:
+        outcome = attempt(work, task, fitness.device, fitness.name, progress)
     if outcome.error is not None and not is_usable(fitness.device):
-        worker.log_event(terms.run, begun | {"words": f"{outcome.error} (it left {fitness.device} unusable)"})
-        time.sleep(LAST_WORDS)
+        message = f"{outcome.error} (it left {fitness.device} unusable)"
+        worker.log_event(run, {"number": task.number, "ending": message})
+        time.sleep(LAST_EVENT)
         os._exit(1)  # in this process nothing works any more; a nanny starts another
     return outcome
+
+
+class _Progress:
+    """Events of a task: signs of progress, and the processor time that its thread uses without any."""
+
+    def __init__(self, worker: Any, run: str, number: int) -> None:
+        self._worker, self._run, self._number = worker, run, number
+        self._clock = time.pthread_getcpuclockid(threading.get_ident())
+        self._progressed = time.clock_gettime(self._clock)
+        self._sent = time.monotonic()
+        self._is_over = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, name="palpate progress", daemon=True)
+
+    def __enter__(self) -> Self:
+        self(())
+        self._watcher.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._is_over.set()
+        self._watcher.join()
+
+    def __call__(self, places: Sequence[int] | None) -> None:
+        self._progressed = time.clock_gettime(self._clock)
+        if places is not None or time.monotonic() - self._sent >= PROGRESS_SECONDS:
+            self._send({"places": None if places is None else list(places)})
+
+    def _watch(self) -> None:
+        while not self._is_over.wait(WATCH_SECONDS):
+            self._send({"used": time.clock_gettime(self._clock) - self._progressed})
+
+    def _send(self, event: dict[str, Any]) -> None:
+        self._sent = time.monotonic()
+        self._worker.log_event(self._run, {"number": self._number, **event})
 
 
 def kill_worker(dask_worker: Any) -> None:
@@ -109,20 +161,12 @@ def kill_worker(dask_worker: Any) -> None:
     os.kill(dask_worker.pid, signal.SIGKILL)
 
 
-def end_process() -> None:
+def end_worker() -> None:
     """Run by a worker without a nanny: end it, whatever its threads do."""
     os._exit(1)
 
 
-def judge_worker(terms: Terms, address: str) -> Fitness:
-    """Whether this worker can do the work; judged once a process."""
-    with _judging:
-        if terms.run not in _known:
-            _known[terms.run] = _judge(terms, partial(Fitness, address, platform.node()))
-        return _known[terms.run]
-
-
-def _judge(terms: Terms, fitness: Callable[..., Fitness]) -> Fitness:
+def _show_fitness(terms: Terms, fitness: Callable[..., Fitness]) -> Fitness:
     """Each claim in turn; the first that fails is the fault."""
     device = card = ""
     try:
@@ -131,14 +175,12 @@ def _judge(terms: Terms, fitness: Callable[..., Fitness]) -> Fitness:
         answer = _answer_token(terms)
         _compile_once(device)
     except Exception as error:  # whatever is wrong with that machine: the parent names it
-        return fitness(device, card, fault=said(error))
+        return fitness(device, card, fault=message_of(error))
     return fitness(device, card, answer)
 
 
 def _check_maker(wanted: str) -> None:
     """Results of another version are other results."""
-    from ..plan.recipe import maker
-
     if maker() != wanted:
         raise SweepError(f"it has {maker()} where this sweep is made with {wanted}; install the same on both")
 
@@ -182,8 +224,11 @@ def _compile_once(device: str) -> None:
     """Compile what renders, unless the cache has it."""
     from ....kernels import compile_kernels
 
-    with _cache_lock():
+    with _compiling, _cache_lock():
         compile_kernels(device)
+
+
+_compiling = threading.Lock()
 
 
 @contextmanager
@@ -197,45 +242,6 @@ def _cache_lock() -> Iterator[None]:
         with suppress(OSError):  # some network file systems have no locks
             fcntl.flock(lock, fcntl.LOCK_EX)
         yield
-
-
-def answer_terms(packed: bytes, address: str) -> Fitness:
-    """`judge_worker` for terms that travelled."""
-    return judge_worker(pickle.loads(packed), address)
-
-
-def travelling() -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """What is sent instead of `make_task` and `answer_terms`.
-
-    Both travel by value, and what they are given as bytes, so that a worker without palpate can still say so: they
-    return what a `Fitness` is made of.
-    """
-    module = __name__
-
-    def load(address: str) -> tuple[Any, tuple[str, ...]]:
-        import importlib
-        import platform
-
-        try:
-            return importlib.import_module(module), ()
-        except ImportError as error:
-            fault = f"it cannot import palpate ({error}); install the same there as here"
-            return None, (address, platform.node(), "", "", "", fault)
-
-    def make(packed: bytes) -> Any:
-        from distributed import get_worker
-
-        palpate, fault = load(get_worker().address)
-        return palpate.make_task(packed) if palpate else fault
-
-    async def judge(packed: bytes, dask_worker: Any) -> Any:
-        import asyncio
-
-        address = dask_worker.address  # on a thread: a worker that compiles still answers its scheduler
-        palpate, fault = await asyncio.to_thread(load, address)
-        return await asyncio.to_thread(palpate.answer_terms, packed, address) if palpate else fault
-
-    return make, judge
 
 
 def dask_setup(worker: Any) -> None:

@@ -1,21 +1,27 @@
-"""Who makes a sweep's tasks: this process, several on this host (one a core, two a GPU), or a cluster."""
+"""Who makes a sweep's tasks: processes of this host (one a core, two a GPU), a Dask cluster, or this process."""
 
+import json
 import os
+import time
 from collections import deque
+from functools import lru_cache
 from pathlib import Path
 
 from ...errors import StrategyError, SweepError
-from ...runtime.span_workers import warp_device, worker_devices
-from ..make.task import Engine, Outcome, Task
+from ...runtime.worker_devices import worker_devices
+from ..make.task import Engine, Outcome, Running, Task
 from .messages import worker_name
 from .processes import WORK, Processes
 from .worker import Work, attempt, find_work
+
+IDLE = 0.02  # [s] of sleep where there is no task
 
 
 class InProcess:
     """Tasks are made one after the other where `wait` is called, on one Warp device; Ctrl-C passes through.
 
-    work: what makes a task, by default the sweep's own. A task that has begun cannot be dropped.
+    work: what makes a task, by default the sweep's own. A stage that crashes ends this process, and one that never
+    ends is never ended: for plans with code of that kind there is `Processes`.
     """
 
     def __init__(self, device: str = "cpu", *, work: Work | None = None) -> None:
@@ -23,7 +29,6 @@ class InProcess:
         self._given = work
         self._work: Work | None = None
         self._queue: deque[Task] = deque()
-        self._outcomes: list[Outcome] = []
 
     @property
     def name(self) -> str:
@@ -35,8 +40,15 @@ class InProcess:
         """Its one device."""
         return (self._device,)
 
+    @property
+    def worker_most(self) -> int:
+        """One: this process."""
+        return 1
+
     def start(self, store: Path) -> None:
         """Look whether the device is there; raises SweepError if not."""
+        from ...runtime.span_workers import warp_device  # Warp
+
         del store  # this process made it
         try:
             self._device = warp_device(self._device)
@@ -48,49 +60,156 @@ class InProcess:
     def _worker(self) -> str:
         return worker_name(0, os.getpid(), self._device)
 
+    def grow(self, worker_count: int) -> None:
+        """Nothing: there is one worker."""
+
+    def free_count(self) -> int:
+        """One, unless a task waits."""
+        return 0 if self._queue else 1
+
     def submit(self, task: Task) -> None:
-        """Have a task made by a later `wait`."""
+        """Have a task made by the next `wait`."""
         self._queue.append(task)
 
-    def wait(self, timeout: float | None = None) -> list[Outcome]:
-        """Make the next task, however long it takes; without one, there is nothing to wait for."""
-        del timeout
+    def wait(self, timeout: float) -> list[Outcome]:
+        """Make the task, however long it takes; without one, sleep for a moment."""
         if self._work is None:
             raise SweepError("the engine was not started")
-        if not self._outcomes and self._queue:
-            self._outcomes.append(attempt(self._work, self._queue.popleft(), self._device, self._worker))
-        outcomes, self._outcomes = self._outcomes, []
-        return outcomes
+        if not self._queue:
+            time.sleep(min(timeout, IDLE))
+            return []
+        return [attempt(self._work, self._queue.popleft(), self._device, self._worker, lambda places: None)]
 
-    def running(self) -> dict[int, float]:
-        """None: whoever asks is not in `wait`."""
+    def running(self) -> dict[int, Running]:
+        """None: the caller is not in `wait`."""
         return {}
 
-    def drop(self, number: int) -> None:
-        """Forget a task that waits."""
-        for task in [task for task in self._queue if task.number == number]:
-            self._queue.remove(task)
-            self._outcomes.append(Outcome(number, self._worker, error="it was dropped before it began", is_lost=True))
+    def drop(self, number: int, reason: str) -> None:
+        """Nothing: no task is running."""
 
     def close(self) -> None:
         """Forget what waits."""
         self._queue.clear()
 
 
+class LocalEngine:
+    """Workers of this host's cores: this process while little is left, then processes.
+
+    Starting a process takes longer than a few hundred poses do. It is worth that for seconds of work, and for chunks
+    that run Python: a stage that crashes, or never ends, must not take the sweep with it.
+    """
+
+    def __init__(self, worker_count: int) -> None:
+        self._here = InProcess("cpu")
+        self._processes = Processes(["cpu"] * worker_count)
+        self._store = Path()
+        self._has_processes = False
+        self._kept: deque[Task] = deque()
+        """Tasks for processes that are not ready yet."""
+
+    @property
+    def _engine(self) -> Engine:
+        return self._processes if self._has_processes else self._here
+
+    @property
+    def name(self) -> str:
+        """In the log."""
+        return self._engine.name
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """Of the processes that are ready, or of this one."""
+        return self._engine.devices
+
+    @property
+    def worker_most(self) -> int:
+        """Processes that there may be."""
+        return self._processes.worker_most
+
+    def start(self, store: Path) -> None:
+        """Start Warp in this process, quietly."""
+        from ...terminal.console import start_warp
+
+        self._store = store
+        start_warp()
+        self._here.start(store)
+
+    def grow(self, worker_count: int) -> None:
+        """Start processes if there is work for more than one worker."""
+        if worker_count > 1:
+            self._start_processes()
+        if self._has_processes:
+            self._processes.grow(worker_count)
+
+    def _start_processes(self) -> None:
+        if not self._has_processes:
+            self._has_processes = True
+            self._processes.start(self._store)
+
+    def free_count(self) -> int:
+        """Workers without a task; none while one waits for a process."""
+        return 0 if self._kept else self._engine.free_count()
+
+    def submit(self, task: Task) -> None:
+        """Give a task to a worker, or keep it until the first process is ready."""
+        if not self._has_processes and any(runs_python(chunk.recipe) for chunk in task.chunks):
+            self._start_processes()
+            self._kept.append(task)
+        else:
+            self._engine.submit(task)
+
+    def wait(self, timeout: float) -> list[Outcome]:
+        """Outcomes since the last call, see `Processes.wait`."""
+        outcomes = self._engine.wait(timeout)
+        while self._kept and self._processes.free_count():
+            self._processes.submit(self._kept.popleft())
+        return outcomes
+
+    def running(self) -> dict[int, Running]:
+        """How far workers are with their tasks, by number."""
+        return self._engine.running()
+
+    def drop(self, number: int, reason: str) -> None:
+        """Kill the worker that makes a task."""
+        self._engine.drop(number, reason)
+
+    def close(self) -> None:
+        """End all processes."""
+        self._here.close()
+        self._processes.close()
+
+
+@lru_cache(maxsize=256)
+def _is_python(strategy: str) -> bool:
+    """Whether a strategy, as JSON, has stages that run on the host or are a user's."""
+    from ...stages.registry import known_stages
+
+    described = json.loads(strategy)
+    stages = [(role, stage) for role in ("prune", "transform") for stage in described.get(role, ())]
+    names = [(role, stage if isinstance(stage, str) else stage["stage"]) for role, stage in stages]
+    entries = [known_stages(role).get(name) for role, name in names]
+    return any(entry is None or not entry.own or (entry.function and entry.on == "host") for entry in entries)
+
+
+def runs_python(recipe: str) -> bool:
+    """Whether making a recipe, given as JSON, runs Python of stages or of a user: such may crash or never end."""
+    parts = json.loads(recipe)
+    described = parts["strategy"]["described"]
+    has_code = parts["thing"].get("function") is not None or bool(described.get("modules"))
+    return has_code or _is_python(json.dumps(described))
+
+
 def choose_engine(device: str = "auto", workers: int | None = None, scheduler: str | None = None) -> Engine:
     """The engine for the command line's words.
 
     device: "cpu", "cuda:0", several with commas between them, "cuda" (all GPUs), "auto" (the first GPU, else the CPU).
-    workers: on each device; None is one for each core on the CPU, and two on a GPU. scheduler: of a cluster, see
-    `DaskEngine`.
+    workers: on each device; None is one for each core on the CPU, and two on a GPU. scheduler: of a cluster.
 
-    | scheduler | workers in all  | engine                                                                      |
-    |-----------|-----------------|-----------------------------------------------------------------------------|
-    | given     |                 | DaskEngine                                                                  |
-    | none      | one, on the CPU | InProcess: nobody else wants the core                                       |
-    | none      | one, on a GPU   | Processes: the GPU goes on while this process files results                 |
-    | none      | two, on a GPU   | Processes: it goes on, too, while one of them counts up (79 -> 83 % of it)  |
-    | none      | several         | Processes: of two threads, host stages make half as many poses as of one    |
+    | scheduler | devices   | engine                                                                             |
+    |-----------|-----------|------------------------------------------------------------------------------------|
+    | given     |           | DaskEngine                                                                         |
+    | none      | the CPU   | LocalEngine: this process, and processes once seconds of work are left             |
+    | none      | GPUs      | Processes: one renders while the other adds up (79 -> 83 % of the GPU's time)      |
 
     Raises StrategyError for a device that this machine lacks, or named twice, and a number of workers that cannot be.
     """
@@ -99,6 +218,4 @@ def choose_engine(device: str = "auto", workers: int | None = None, scheduler: s
 
         return DaskEngine(scheduler, devices=device, workers=workers)
     names = worker_devices(device, workers)
-    if names == ["cpu"]:
-        return InProcess("cpu")
-    return Processes(names)
+    return LocalEngine(len(names)) if set(names) == {"cpu"} else Processes(names)

@@ -1,8 +1,7 @@
 """What a sweep will cost before it is made: recipes, renderings, poses, bytes and seconds, from small samples.
 
-Seconds and bytes are estimates: of as many families (an object, a hand, a strategy) as a few seconds suffice for, a
-piece of the plan's own work is made in a folder that is then thrown away. Families that were not sampled count as their
-mean.
+Something of every family (an object, a hand, a strategy) is made in a folder that is then removed, so that what must
+fail is reported before a sweep. A few seconds go into timing families; those that were not timed count as the mean.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import random
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -21,23 +20,28 @@ from typing import Any
 from ....datasets.sweeps.shard import read_shard
 from ...errors import PlanError
 from ..make.poses import EXPLORATION, RANDOM, pose_count
-from ..make.task import PART, Piece, Task
+from ..make.task import CHUNK_POSES, Chunk, Task
 from ..plan.loading import Plan
 from ..plan.recipe import WHOLE_GROUPS, Recipe
 from .log import clock_time
-from .missing import Counts, Missing, Stretch
+from .missing import Counts, Missing, PendingChunk
+from .schedule import START_SECONDS, poses_of
 
 RECIPES_MOST, POSES_MOST = 10**6, 10**12  # beyond either, a sweep is made only with --yes
 RECIPES_SCATTERED, PARTS_LISTED = 200, 1000  # looked at to know the size of a plan of any number of recipes
-RECIPES_READ = 20_000  # of a plan; the rest counts as their mean
+RECIPES_READ, CHUNKS_LISTED = 20_000, 200_000  # of a plan; the rest counts as their mean
 FAMILIES_SAMPLED = 20
 SECONDS_SAMPLED = 5.0
-SAMPLE_POSES = {"cpu": 1024, "cuda": 1 << 20}
-SAMPLE_FIRST = {"cpu": 64, "cuda": 1024}  # of what is loaded and compiled before the clock runs
+LOAD_LONGEST = 60.0  # [s] for loading every combination of object, hand and strategy
+CHUNKS_SAMPLED = 4  # of a family, in one task
+SAMPLE_FEW = {"cpu": 64, "cuda": 1024}
+SAMPLE_MANY = {"cpu": 512, "cuda": 1 << 20}
+SECONDS_STARTING = 1.5  # of a worker
+SECONDS_TABLE, SECONDS_ROW = 2.0, 1.7e-4  # of table and figure: in all, and for each recipe
 ALL_THE_SAME = "; --yes makes it all the same"
 ROW_BYTES = 1200  # of a part in the manifest
 TABLE_BYTES = 9000  # of memory, of a recipe while the table is written
-TABLE_BYTES_TOLD = 10**8  # from this on people are told
+TABLE_BYTES_SHOWN = 10**8  # from this on it is reported
 POSE_BYTES = 48  # of a row of per-pose columns
 CONTOUR_BYTES = 600  # of a pose in a contour file, some 35 points: nothing is rendered to know it
 FOCUS_BYTES, TRANSDUCER_BYTES = 16, 4  # of a frame: position and intensity; a transducer's delay
@@ -91,7 +95,7 @@ class Estimate:
             f"to make: {about}{self.renderings:,} renderings of {about}{self.poses_to_render:,} poses",
             f"on the disk: about {byte_size(self.bytes)} of {byte_size(self.bytes_free)} free",
         ]
-        if self.bytes_table >= TABLE_BYTES_TOLD:
+        if self.bytes_table >= TABLE_BYTES_SHOWN:
             out.append(f"memory: about {byte_size(self.bytes_table)} while the table is written")
         if self.seconds is not None:
             of = f"{self.families_sampled} of {self.families} combinations of object, hand and strategy"
@@ -112,8 +116,8 @@ class _Size:
 
     def of(self, recipe: Recipe, poses: int, groups: Sequence[str]) -> int:
         """Bytes of groups of a recipe."""
-        parts = -(-poses // PART)
-        total = sum(ROW_BYTES * (1 if group in WHOLE_GROUPS else parts) for group in groups)
+        chunks = -(-poses // CHUNK_POSES)
+        total = sum(ROW_BYTES * (1 if group in WHOLE_GROUPS else chunks) for group in groups)
         motion, rate = recipe.motion, float(recipe.sampling["described"].get("update_rate") or 10_000.0)
         frames = poses / float(motion.get("rate") or 90.0) * rate
         if "poses" in groups:
@@ -187,80 +191,112 @@ def estimate(plan: Plan, missing: Missing, folder: Path, *, devices: Sequence[st
 
     missing: of the plan's recipes, nothing of which has been read. devices: Warp device of each worker.
     """
-    while not missing.is_exhausted and missing.counts.recipes < RECIPES_READ:
-        missing.read()
+    chunks: list[PendingChunk] = []
+    while not missing.is_exhausted and missing.counts.recipes < RECIPES_READ and len(chunks) < CHUNKS_LISTED:
+        chunks += missing.read()
     counts = missing.counts
-    stretches = {family: list(own) for family, own in missing.stretches.items()}
-    samples = _Sampler(devices[0]).run(stretches)
+    families: dict[str, list[PendingChunk]] = {}
+    for chunk in chunks:
+        families.setdefault(chunk.family, []).append(chunk)
+    samples = Samples(devices[0]).run(families)
     scale = pose_scale = 1.0
     if not missing.is_exhausted:
         scale = plan.recipe_count / counts.recipes
         pose_scale = plan.recipe_count * mean_size(plan)[0] / counts.poses
-    size, known, renderings = _Size(), 0, set[str]()
-    for stretch in (stretch for own in stretches.values() for stretch in own):
-        for want in stretch.wants:
-            recipe = Recipe.from_json(want.recipe)
-            known += size.of(recipe, stretch.poses(stretch.first, stretch.stop), want.groups)
-            renderings.add(recipe.key("contours"))
+        pose_scale *= 1.0 + missing.poses_unread / max(1, counts.poses_missing)
+    size = _Size()
+    known = sum(size.of(Recipe.from_json(own.chunk.recipe), own.pose_count, own.chunk.groups) for own in chunks)
+    recipe_count = counts.recipes if missing.is_exhausted else plan.recipe_count
     return Estimate(
-        recipes=counts.recipes if missing.is_exhausted else plan.recipe_count,
+        recipes=recipe_count,
         is_exact=missing.is_exhausted,
         is_bound=not (missing.is_exhausted or plan.is_exact),
         recipes_done=round(counts.done * scale),
-        renderings=round(len(renderings) * scale),
-        poses=round(counts.poses * pose_scale),
+        renderings=round(len({chunk.rendering for chunk in chunks}) * scale),
+        poses=round(plan.recipe_count * mean_size(plan)[0]) if not missing.is_exhausted else counts.poses,
         poses_to_render=round(counts.poses_missing * pose_scale),
         bytes=round(known * pose_scale),
         bytes_free=bytes_free(folder),
-        bytes_table=TABLE_BYTES * (missing.counts.recipes if missing.is_exhausted else plan.recipe_count),
-        seconds=samples.seconds(stretches, counts, pose_scale, len(devices)),
+        bytes_table=TABLE_BYTES * recipe_count,
+        seconds=samples.seconds(families, pose_scale, len(devices), recipe_count) if chunks else 0.0,
         workers=len(devices),
-        families=len(stretches),
-        families_sampled=len(samples.rates),
+        families=len(families),
+        families_sampled=len(samples.costs),
         refusal=_refusal(plan, folder, counts),
         code=tuple(code.title for code in plan.code),
         problems=tuple(dict.fromkeys((*(failure.sentence for failure in missing.failures), *samples.problems))),
     )
 
 
-class _Sampler:
-    """Makes a little of families, and takes the time."""
+@dataclass(frozen=True)
+class Cost:
+    """Of making chunks of a family."""
+
+    chunk_seconds: float
+    """Of each, however few poses it has."""
+    pose_seconds: float
+    """Of each pose."""
+
+
+class Samples:
+    """Makes a little of each family, so that what must fail is known, and takes the time of some."""
 
     def __init__(self, device: str) -> None:
         kind = "cuda" if device.startswith("cuda") else "cpu"
         self._device = device
-        self._first, self._poses = SAMPLE_FIRST[kind], SAMPLE_POSES[kind]
-        self.rates: dict[str, float] = {}
-        """Seconds a pose, by family."""
+        self._few, self._many = SAMPLE_FEW[kind], SAMPLE_MANY[kind]
+        self.costs: dict[str, Cost] = {}
+        """By family."""
+        self.load_seconds = 0.0
+        """Until the first poses of all families were made, beyond what they cost later."""
         self.problems: list[str] = []
 
-    def run(self, families: dict[str, list[Stretch]]) -> _Sampler:
-        """Sample families evenly, as long as time is left."""
-        names = list(families)
-        step = max(1, len(names) // FAMILIES_SAMPLED)
-        until = time.perf_counter() + SECONDS_SAMPLED
-        for name in names[::step][:FAMILIES_SAMPLED]:
+    def run(self, families: Mapping[str, Sequence[PendingChunk]]) -> Samples:
+        """Make something of each family, until LOAD_LONGEST; time families evenly, for SECONDS_SAMPLED."""
+        until = time.perf_counter() + LOAD_LONGEST
+        loaded = []
+        for name, chunks in families.items():
             if time.perf_counter() > until:
                 break
-            self._sample(name, families[name])
+            seconds = self._make(chunks[:1], self._few)
+            if seconds is not None:
+                self.load_seconds += seconds
+                loaded.append(name)
+        step = max(1, len(loaded) // FAMILIES_SAMPLED)
+        until = time.perf_counter() + SECONDS_SAMPLED
+        for name in loaded[::step][:FAMILIES_SAMPLED]:
+            if time.perf_counter() > until and self.costs:
+                break
+            self._time(name, families[name][:CHUNKS_SAMPLED])
         return self
 
-    def _sample(self, family: str, stretches: Sequence[Stretch]) -> None:
-        if any(names_code(Recipe.from_json(want.recipe)) for stretch in stretches for want in stretch.wants):
-            return  # an estimate runs none
-        self._timed(stretches, self._first)  # loads, compiles
-        took = self._timed(stretches, self._poses)
-        if took is not None:
-            self.rates[family] = took
+    def _time(self, family: str, chunks: Sequence[PendingChunk]) -> None:
+        """Time few and many poses of chunks; a line through both gives the cost of a chunk and of a pose."""
+        few, many = self._make(chunks, self._few), self._make(chunks, self._many)
+        if few is None or many is None:
+            return
+        recipes = [Recipe.from_json(chunk.chunk.recipe) for chunk in chunks]
+        first, last = (
+            sum(pose_count(shortened(recipe, count)) for recipe in recipes) for count in (self._few, self._many)
+        )
+        slope = max(0.0, many - few) / (last - first) if last > first else 0.0
+        slope = slope or many / last
+        self.costs[family] = Cost(max(0.0, few - slope * first) / len(chunks), slope)
 
-    def _timed(self, stretches: Sequence[Stretch], poses: int) -> float | None:
-        """Seconds a pose of making so many; None if it cannot be made."""
+    def _make(self, chunks: Sequence[PendingChunk], poses: int) -> float | None:
+        """Seconds of making chunks with motions of so many poses, where these can be shortened; None if it fails."""
         from ..make.work import run_task  # what renders
 
-        pieces, count = sample_pieces(stretches, poses)
+        recipes = [Recipe.from_json(own.chunk.recipe) for own in chunks]
+        if any(map(names_code, recipes)):
+            return None  # an estimate runs none
+        wire = tuple(
+            Chunk(shortened(recipe, poses).to_json(), own.chunk.groups)
+            for recipe, own in zip(recipes, chunks, strict=True)
+        )
         folder = Path(tempfile.mkdtemp(prefix="palpate-sample-"))
         try:
-            outcome = run_task(Task(0, pieces, str(folder), "sample"), self._device, worker="sample")
+            outcome = run_task(Task(0, wire, str(folder), "sample"), self._device, worker="sample")
             if outcome.shard is not None:
                 read_shard(folder / outcome.shard, columns=False)  # what the parent does with it
         finally:
@@ -268,35 +304,25 @@ class _Sampler:
         if outcome.error is not None:
             self.problems.append(outcome.error)
             return None
-        return outcome.seconds / count
+        return outcome.seconds
 
     def seconds(
-        self, families: dict[str, list[Stretch]], counts: Counts, scale: float, worker_count: int
+        self, families: Mapping[str, Sequence[PendingChunk]], scale: float, worker_count: int, recipe_count: int
     ) -> float | None:
-        """For all families; None if none was sampled, 0 if nothing is missing."""
-        if not counts.poses_missing:
-            return 0.0
-        if not self.rates:
+        """Until all is made and the table is written; None if no family could be timed."""
+        if not self.costs:
             return None
-        mean = sum(self.rates.values()) / len(self.rates)
-        total = sum(
-            self.rates.get(family, mean) * sum(own.poses(own.first, own.stop) for own in stretches)
-            for family, stretches in families.items()
+        mean = Cost(
+            sum(cost.chunk_seconds for cost in self.costs.values()) / len(self.costs),
+            sum(cost.pose_seconds for cost in self.costs.values()) / len(self.costs),
         )
-        return total * scale / worker_count
-
-
-def sample_pieces(stretches: Sequence[Stretch], poses: int) -> tuple[tuple[Piece, ...], int]:
-    """Pieces of about so many poses, from the first stretches, motions shortened where they can be; and their poses."""
-    pieces: list[Piece] = []
-    count = 0
-    for stretch in stretches:
-        recipes = [shortened(Recipe.from_json(want.recipe), poses - count) for want in stretch.wants]
-        pieces += [Piece(recipe.to_json(), want.groups) for recipe, want in zip(recipes, stretch.wants, strict=True)]
-        count += min(PART, pose_count(recipes[0]))
-        if count >= poses:
-            break
-    return tuple(pieces), count
+        total = self.load_seconds
+        for family, chunks in families.items():
+            cost = self.costs.get(family, mean)
+            poses = sum(poses_of(chunks).values())
+            total += (cost.chunk_seconds * len(chunks) + cost.pose_seconds * poses) * scale
+        workers = max(1, min(worker_count, round(total / START_SECONDS)))
+        return SECONDS_STARTING + total / workers + SECONDS_TABLE + SECONDS_ROW * recipe_count
 
 
 def names_code(recipe: Recipe) -> bool:

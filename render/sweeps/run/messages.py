@@ -14,14 +14,12 @@ HEAD = struct.Struct("!Q")  # length of a message
 
 @dataclass(frozen=True)
 class Assignment:
-    """What a worker is to be; the first that it is told."""
+    """What a worker is to be: the first message that it receives."""
 
     index: int
     device: str
     work: str
     """`module:name` of a `Work`."""
-    compiles: bool
-    """Whether it compiles the kernels before it says that it is ready, so that others find them."""
 
     @property
     def name(self) -> str:
@@ -30,22 +28,10 @@ class Assignment:
 
 
 @dataclass(frozen=True)
-class Return:
-    """The parent wants a task back that waits here, for a worker without one."""
-
-    number: int
-
-
-@dataclass(frozen=True)
-class Returned:
-    """It had not begun, and will not."""
-
-    number: int
-
-
-@dataclass(frozen=True)
 class Ready:
-    """The worker can do the work."""
+    """The worker can do the work on a device, which is Warp's full name of it."""
+
+    device: str
 
 
 @dataclass(frozen=True)
@@ -56,23 +42,22 @@ class Unfit:
 
 
 @dataclass(frozen=True)
-class Begun:
-    """A task was begun, at a time of `time.monotonic`, which all processes of a host share."""
+class Progress:
+    """A sign of progress: chunks were begun, by their places in the task; None: the same ones go on."""
 
-    number: int
-    at: float
+    places: tuple[int, ...] | None
 
 
 @dataclass(frozen=True)
 class Done:
-    """What came of the task begun last; the worker then ends if `is_last`."""
+    """The outcome of the task; the worker then ends if `is_last`."""
 
     outcome: Outcome
     is_last: bool
 
 
 @dataclass(frozen=True)
-class Told:
+class Warned:
     """A warning, for the user."""
 
     category: type[Warning]

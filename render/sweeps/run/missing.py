@@ -1,85 +1,116 @@
-"""What of a plan's recipes is missing in a store: read lazily, each thing once, whoever wants it.
+"""What of a plan's recipes the store lacks: read lazily, each result once, however many recipes share it.
 
-| of a recipe                                | what comes of it                                                     |
+| of a recipe                                | what follows                                                         |
 |--------------------------------------------|----------------------------------------------------------------------|
-| everything is there                        | counted as done                                                      |
-| parts are missing                          | a `Want`; wants of one rendering and the same parts share a `Stretch` |
-| somebody else's want makes the same        | waits for it: what is made once serves all                           |
-| what it waits for could not be made        | fails with the same sentence, under its own name                     |
-| its motion cannot be read                  | fails                                                                |
+| every result is there                      | it counts as done                                                    |
+| chunks of a result are missing             | each becomes a `PendingChunk`                                        |
+| another recipe has asked for the result    | it waits for that one: what is made once serves all                  |
+| a result that it needs could not be made   | it fails with the same sentence, under its own name                  |
+| its motion cannot be read                  | it fails                                                             |
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import groupby, islice
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
 
 from ....datasets.errors import DatasetError
 from ...errors import RenderError
-from ..make.task import PART
+from ..make.task import CHUNK_POSES, Chunk
 from ..plan.recipe import WHOLE_GROUPS, Recipe
 
 FAMILY = ("thing", "hand", "strategy")  # what decides the cost of a pose
-WHOLE_MOST = 16  # wants of what is made in one go, made of one rendering
-CHUNK_FIRST, CHUNK = 256, 4096  # recipes asked for at once: few at first, so that work begins at once
+RECIPES_FIRST, RECIPES_READ = 256, 4096  # asked for at once: few at first, so that work begins at once
+CHUNKS_READ = 1 << 16  # given at once: a recipe of 10^12 poses has millions
 
-Key = tuple[str, str]
+ResultKey = tuple[str, str]
 """A group and the key that its result is stored under."""
-
-Place = tuple[str, str, int, int]
-"""Family, rendering, first part, stop."""
 
 
 @dataclass(eq=False)
-class Wanted:
-    """A recipe that something is missing of."""
+class PendingRecipe:
+    """A recipe of which results are missing."""
 
     hash: str
     name: str
-    left: int = 0
-    """Wants that it waits for."""
-    sentence: str | None = None
+    results_left: int = 0
+    message: str | None = None
     """Why it failed."""
 
 
 @dataclass(eq=False)
-class Want:
-    """Groups of one recipe that are missing of some parts."""
+class PendingResult:
+    """A result of which chunks are missing."""
 
-    recipe: str
-    """JSON."""
-    groups: tuple[str, ...]
-    keys: tuple[Key, ...]
-    left: int
-    """Parts to come."""
-    waiting: list[tuple[Wanted, tuple[Key, ...]]]
-    """Recipes that wait for this, and which of its keys each needs."""
-    parts: range
-    """All that it was of, in the beginning."""
-    sentence: str | None = None
-    """Why it was given up."""
-    absent: frozenset[Key] = frozenset()
-    """Its keys of which parts are missing since it was given up."""
+    key: ResultKey
+    chunks_left: int
+    recipes: list[PendingRecipe] = field(default_factory=list)
+    """That wait for it."""
+    message: str | None = None
+    """Why it could not be made."""
 
 
 @dataclass(eq=False)
-class Stretch:
-    """Parts first..stop of one rendering, missing alike for all who want them; cut from the front."""
+class PendingChunk:
+    """A chunk that is to be made."""
 
+    chunk: Chunk
+    results: tuple[PendingResult, ...]
+    """Of its groups."""
+    title: str
+    """Of its recipe."""
     family: str
-    wants: tuple[Want, ...]
-    first: int
-    stop: int
+    """Chunks of one family cost the same time a pose."""
+    rendering: str
+    """Chunks of one rendering and number are rendered once."""
     pose_count: int
-    """Of the whole motion."""
-    is_whole: bool
-    """Whether it must be made in one go; `first` is then 0 and `stop` 1."""
+    failure_count: int = 0
+    """Workers that died, or were ended, while they made it alone."""
 
-    def poses(self, first: int, stop: int) -> int:
-        """How many poses its parts first..stop have."""
-        return self.pose_count if self.is_whole else min(stop * PART, self.pose_count) - first * PART
+    @property
+    def place(self) -> tuple[str, str, int]:
+        """Chunks of one place are rendered together."""
+        return self.family, self.rendering, self.chunk.number
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether any of its results can still be made whole."""
+        return any(result.message is None for result in self.results)
+
+
+@dataclass(eq=False)
+class IncompleteRecipe:
+    """A recipe of which chunks are still to be given."""
+
+    recipe: Recipe
+    text: str
+    family: str
+    rendering: str
+    pose_count: int
+    split: list[tuple[PendingResult, set[int]]]
+    """Results that chunks make, and which of their chunks are there."""
+    whole: tuple[PendingResult, ...]
+    """Results that all poses make at once."""
+
+    @property
+    def chunk_count(self) -> int:
+        """Chunks of its motion, those that are there included."""
+        return max(1, -(-self.pose_count // CHUNK_POSES)) if self.split else 1
+
+    def chunks(self, numbers: range) -> Iterator[PendingChunk]:
+        """Those that are missing of some numbers; what cannot be split is of number 0."""
+        for number in range(numbers.start, min(numbers.stop, self.chunk_count)):
+            absent = tuple(result for result, there in self.split if number not in there)
+            if absent:
+                yield self._chunk(absent, number, min(CHUNK_POSES, self.pose_count - number * CHUNK_POSES))
+        if self.whole and numbers.start == 0:
+            yield self._chunk(self.whole, 0, self.pose_count)
+
+    def _chunk(self, results: tuple[PendingResult, ...], number: int, pose_count: int) -> PendingChunk:
+        chunk = Chunk(self.text, tuple(result.key[0] for result in results), number)
+        family = f"{self.family}/{'whole' if results is self.whole else 'split'}"
+        return PendingChunk(chunk, results, self.recipe.title, family, self.rendering, pose_count)
 
 
 @dataclass(frozen=True)
@@ -93,29 +124,27 @@ class Failure:
 
 @dataclass
 class Counts:
-    """What has been read of a plan, and what came of it."""
+    """What has been read of a plan, and what has been done."""
 
     recipes: int = 0
     done: int = 0
-    """Recipes of which all is there."""
-    reused: int = 0
-    """Recipes of which all was there from the beginning."""
+    """Recipes of which every result is there."""
     failed: int = 0
     poses: int = 0
     """Of all recipes read."""
     poses_missing: int = 0
     """To be rendered; a rendering that several recipes share counts once."""
     poses_incomplete: int = 0
-    """Of all recipes read, those of which something is missing."""
+    """Of all recipes read of which something is missing."""
     poses_once: int = 0
-    """Of which something is missing, each once however many recipes and groups want it."""
+    """Of which something is missing, each once however many recipes and groups need it."""
 
 
 class Missing:
-    """What is missing, by family, in the order of the recipes.
+    """What is missing, in the order of the recipes; of those that are read at once, family by family.
 
-    done: which parts of keys are there (`SweepStore.done`); pose_count: of a recipe's motion; failed: hashes of recipes
-    that could not be made before.
+    done: which chunks of results are there (`SweepStore.done`); pose_count: of a recipe's motion; failed: hashes of
+    recipes that could not be made before.
     """
 
     def __init__(
@@ -123,201 +152,157 @@ class Missing:
         recipes: Iterator[Recipe],
         groups: Sequence[str],
         *,
-        done: Callable[[Sequence[Key]], dict[Key, set[int]]],
+        done: Callable[[Sequence[ResultKey]], dict[ResultKey, set[int]]],
         pose_count: Callable[[Recipe], int],
         failed: Collection[str] = (),
     ) -> None:
         self._recipes, self._done, self._pose_count, self._failed = recipes, done, pose_count, failed
-        self._cut = tuple(group for group in groups if group not in WHOLE_GROUPS)
+        self._split = tuple(group for group in groups if group not in WHOLE_GROUPS)
         self._whole = tuple(group for group in groups if group in WHOLE_GROUPS)
-        self._chunk = CHUNK_FIRST
-        self._open: dict[Key, list[Want]] = {}  # wants under way, by what they make
-        self._given_up: dict[Key, str] = {}
-        self.stretches: dict[str, deque[Stretch]] = {}
-        """By family, the next one first."""
+        self._read_count = RECIPES_FIRST
+        self._incomplete: list[IncompleteRecipe] = []
+        """Of which chunks are given from `_number` on."""
+        self._number = 0
+        self._results: dict[ResultKey, PendingResult] = {}
+        self._given_up: dict[ResultKey, str] = {}
         self.failures: list[Failure] = []
-        """Not told yet."""
+        """Not reported yet."""
         self.counts = Counts()
         self.is_exhausted = False
+        """Whether all recipes were read."""
         self.met_again: set[str] = set()
         """Recipes that could not be made before and are asked for again."""
 
-    def read(self) -> list[Stretch]:
-        """Read some recipes more, and tell what is new; sets `is_exhausted` after the last."""
-        chunk = list(islice(self._recipes, self._chunk))
-        self._chunk = CHUNK
-        if not chunk:
-            self.is_exhausted = True
-            return []
-        keys = [{group: recipe.key(group) for group in (*self._cut, *self._whole)} for recipe in chunk]
+    @property
+    def poses_unread(self) -> int:
+        """At most so many poses of recipes that were read are in chunks that were not given yet."""
+        left = {own.rendering: own.pose_count - self._number * CHUNK_POSES for own in self._incomplete}
+        return sum(max(0, count) for count in left.values())
+
+    def read(self) -> list[PendingChunk]:
+        """Read on; returns chunks that are missing, and sets `is_exhausted` after the last."""
+        if not self._incomplete:
+            self._read_recipes()
+        step = max(1, CHUNKS_READ // max(1, len(self._incomplete)))
+        numbers = range(self._number, self._number + step)
+        found: dict[tuple[str, str, int], list[PendingChunk]] = {}
+        for own in self._incomplete:
+            for chunk in own.chunks(numbers):
+                found.setdefault(chunk.place, []).append(chunk)
+        self._number = numbers.stop
+        if all(own.chunk_count <= numbers.stop for own in self._incomplete):
+            self._incomplete = []
+        self._count(chunks[0] for chunks in found.values())
+        families: dict[str, list[PendingChunk]] = {}
+        for (family, _, _), chunks in found.items():
+            families.setdefault(family, []).extend(chunks)
+        return [chunk for family in families.values() for chunk in family]
+
+    def _read_recipes(self) -> None:
+        """Read the next recipes, and note those that lack something; `is_exhausted` if there is none."""
+        recipes = list(islice(self._recipes, self._read_count))
+        self._read_count, self._number = RECIPES_READ, 0
+        self.is_exhausted = not recipes
+        keys = [{group: recipe.key(group) for group in (*self._split, *self._whole)} for recipe in recipes]
         there = self._done(list(dict.fromkeys(pair for one in keys for pair in one.items())))
-        found: dict[Place, list[Want]] = {}
-        counts: dict[Place, int] = {}
-        for recipe, own in zip(chunk, keys, strict=True):
-            self.counts.recipes += 1
-            if self._failed and recipe.hash in self._failed:
-                self.met_again.add(recipe.hash)
-            try:
-                count = self._pose_count(recipe)
-            except (RenderError, DatasetError, OSError) as error:
-                wanted = Wanted(recipe.hash, recipe.title)
-                self._fail(wanted, str(error))
-                self._settle(wanted)
-                continue
-            self.counts.poses += count
-            for place, want in self._wants(recipe, own, there, count):
-                found.setdefault(place, []).append(want)
-                counts[place] = count
-        return self._add(found, counts)
+        for recipe, own in zip(recipes, keys, strict=True):
+            incomplete = self._read_recipe(recipe, own, there)
+            if incomplete is not None:
+                self._incomplete.append(incomplete)
 
-    def _wants(
-        self, recipe: Recipe, own: dict[str, str], there: dict[Key, set[int]], pose_count: int
-    ) -> list[tuple[Place, Want]]:
-        """What nobody makes yet of a recipe, each with its family, rendering and parts."""
-        part_count = max(1, -(-pose_count // PART))
-        absent = {group: self._absent(group, own[group], there, part_count) for group in own}
-        if not any(absent.values()):
-            self.counts.done += 1
-            self.counts.reused += 1
-            return []
-        self.counts.poses_incomplete += self._poses(absent, pose_count)
-        wanted = Wanted(recipe.hash, recipe.title)
-        for group, parts in absent.items():
-            if parts and self._is_made_elsewhere((group, own[group]), wanted):
-                absent[group] = frozenset()
-        runs = [
-            *runs_of({group: absent[group] for group in self._cut}, part_count),
-            *runs_of({group: absent[group] for group in self._whole}, 1),
-        ]
-        text, family, rendering = recipe.to_json() if runs else "", recipe.digest(FAMILY), recipe.key("contours")
-        out = []
-        for first, stop, groups in runs:
-            made = tuple((group, own[group]) for group in groups)
-            want = Want(text, groups, made, stop - first, [(wanted, made)], range(first, stop))
-            wanted.left += 1
-            for key in want.keys:
-                self._open.setdefault(key, []).append(want)
-            kind = "whole" if groups[0] in self._whole else "cut"
-            out.append(((f"{family}/{kind}", rendering, first, stop), want))
-        if wanted.left == 0:  # all that it lacks was given up
-            self._settle(wanted)
-        return out
+    def _read_recipe(
+        self, recipe: Recipe, own: dict[str, str], there: dict[ResultKey, set[int]]
+    ) -> IncompleteRecipe | None:
+        """A recipe, if it has results that are missing and that no other recipe has asked for."""
+        self.counts.recipes += 1
+        if self._failed and recipe.hash in self._failed:
+            self.met_again.add(recipe.hash)
+        pending = PendingRecipe(recipe.hash, recipe.title)
+        try:
+            pose_count = self._pose_count(recipe)
+        except (RenderError, DatasetError, OSError) as error:
+            self._fail(pending, str(error))
+            self._settle_recipe(pending)
+            return None
+        self.counts.poses += pose_count
+        split: list[tuple[PendingResult, set[int]]] = []
+        whole: list[PendingResult] = []
+        for group, key in own.items():
+            is_whole, done = group in self._whole, there.get((group, key), set())
+            chunk_count = 1 if is_whole else max(1, -(-pose_count // CHUNK_POSES))
+            absent = chunk_count - sum(number < chunk_count for number in done)
+            result = self._wait_for((group, key), absent, pending) if absent else None
+            if result is not None and is_whole:
+                whole.append(result)
+            elif result is not None:
+                split.append((result, done))
+        if pending.results_left or pending.message:
+            self.counts.poses_incomplete += pose_count
+        if not pending.results_left:
+            self._settle_recipe(pending)
+        if not split and not whole:
+            return None
+        text, family, rendering = recipe.to_json(), recipe.digest(FAMILY), recipe.key("contours")
+        return IncompleteRecipe(recipe, text, family, rendering, pose_count, split, tuple(whole))
 
-    def _absent(self, group: str, key: str, there: dict[Key, set[int]], part_count: int) -> frozenset[int]:
-        count = part_count if group not in WHOLE_GROUPS else 1
-        have = there.get((group, key))
-        if not have:
-            return frozenset(range(count))
-        return frozenset() if len(have) >= count else frozenset(range(count)) - have
-
-    def _poses(self, absent: dict[str, frozenset[int]], pose_count: int) -> int:
-        """How many poses lack something."""
-        whole = any(absent[group] for group in self._whole)
-        if whole or any(len(absent[group]) * PART >= pose_count for group in self._cut):
-            return pose_count
-        parts = frozenset[int]().union(*(absent[group] for group in self._cut))
-        return _poses_of(parts, pose_count)
-
-    def _is_made_elsewhere(self, key: Key, wanted: Wanted) -> bool:
-        """Whether another want makes this, or could not; the recipe then waits, or fails."""
+    def _wait_for(self, key: ResultKey, chunk_count: int, pending: PendingRecipe) -> PendingResult | None:
+        """Have a recipe wait for a result; gives the result if its chunks are to be made for this recipe."""
         if key in self._given_up:
-            self._fail(wanted, self._given_up[key])
-            return True
-        for want in self._open.get(key, ()):
-            want.waiting.append((wanted, (key,)))
-            wanted.left += 1
-            if want.sentence is not None and key in want.absent:
-                self._fail(wanted, want.sentence)
-        return key in self._open
+            self._fail(pending, self._given_up[key])
+            return None
+        result, is_new = self._results.get(key), False
+        if result is None:
+            result, is_new = PendingResult(key, chunk_count), True
+            self._results[key] = result
+        result.recipes.append(pending)
+        pending.results_left += 1
+        if result.message is not None:
+            self._fail(pending, result.message)
+        return result if is_new else None
 
-    def _add(self, found: dict[Place, list[Want]], counts: dict[Place, int]) -> list[Stretch]:
-        stretches: list[Stretch] = []
-        for place, wants in found.items():
-            family, _, first, stop = place
-            is_whole = family.endswith("/whole")
-            most = WHOLE_MOST if is_whole else len(wants)
-            for k in range(0, len(wants), most):
-                some = tuple(wants[k : k + most])
-                stretches.append(Stretch(family, some, first, stop, counts[place], is_whole))
-        for stretch in stretches:
-            self.stretches.setdefault(stretch.family, deque()).append(stretch)
-            self.counts.poses_missing += stretch.poses(stretch.first, stretch.stop)
-        self.counts.poses_once += _poses_once(found, counts)
-        return stretches
+    def _count(self, chunks: Iterable[PendingChunk]) -> None:
+        """Add up poses of chunks, one of each place."""
+        once: dict[str, int] = {}
+        whole: dict[str, int] = {}
+        for chunk in chunks:
+            self.counts.poses_missing += chunk.pose_count
+            if chunk.family.endswith("/whole"):
+                whole[chunk.rendering] = chunk.pose_count
+            else:
+                once[chunk.rendering] = once.get(chunk.rendering, 0) + chunk.pose_count
+        self.counts.poses_once += sum((once | whole).values())
 
-    def settle(self, want: Want, part_count: int) -> None:
-        """So many parts of a want are made, or given up."""
-        want.left -= part_count
-        if want.left > 0:
-            return
-        for key in want.keys:
-            others = self._open[key]
-            others.remove(want)
-            if want.sentence is not None and key in want.absent:
-                self._given_up[key] = want.sentence
-            if not others:
-                del self._open[key]
-        for wanted, _ in want.waiting:
-            wanted.left -= 1
-            if wanted.left == 0:
-                self._settle(wanted)
+    def settle(self, chunk: PendingChunk) -> None:
+        """A chunk is made, or given up."""
+        for result in chunk.results:
+            result.chunks_left -= 1
+            if result.chunks_left:
+                continue
+            del self._results[result.key]
+            if result.message is not None:
+                self._given_up[result.key] = result.message
+            for recipe in result.recipes:
+                recipe.results_left -= 1
+                if not recipe.results_left:
+                    self._settle_recipe(recipe)
 
-    def give_up(self, want: Want, sentence: str) -> None:
-        """A want cannot be made: recipes that wait for what is not there of it have failed."""
-        if want.sentence is None:
-            want.sentence = sentence
-            there = self._done(want.keys)
-            want.absent = frozenset(key for key in want.keys if not there.get(key, set()).issuperset(want.parts))
-            for wanted, keys in want.waiting:
-                if not want.absent.isdisjoint(keys):
-                    self._fail(wanted, sentence)
+    def give_up(self, chunk: PendingChunk, message: str) -> None:
+        """A chunk cannot be made: recipes that need a result that lacks it have failed."""
+        there = self._done([result.key for result in chunk.results])
+        for result in chunk.results:
+            if chunk.chunk.number not in there.get(result.key, set()):
+                result.message = result.message or message
+                for recipe in result.recipes:
+                    self._fail(recipe, message)
+        self.settle(chunk)
 
-    def _fail(self, wanted: Wanted, sentence: str) -> None:
-        if wanted.sentence is None:
-            wanted.sentence = sentence
-            self.failures.append(Failure(wanted.hash, wanted.name, sentence))
+    def _fail(self, recipe: PendingRecipe, message: str) -> None:
+        if recipe.message is None:
+            recipe.message = message
+            self.failures.append(Failure(recipe.hash, recipe.name, message))
 
-    def _settle(self, wanted: Wanted) -> None:
-        if wanted.sentence is None:
+    def _settle_recipe(self, recipe: PendingRecipe) -> None:
+        if recipe.message is None:
             self.counts.done += 1
         else:
             self.counts.failed += 1
-
-
-def _poses_once(places: Iterable[Place], counts: Mapping[Place, int]) -> int:
-    """Poses of renderings' parts, each once."""
-    parts: dict[str, set[int]] = {}
-    sizes: dict[str, int] = {}
-    complete: set[str] = set()
-    for place in places:
-        family, rendering, first, stop = place
-        sizes[rendering] = counts[place]
-        if family.endswith("/whole") or (stop - first) * PART >= counts[place]:
-            complete.add(rendering)
-        else:
-            parts.setdefault(rendering, set()).update(range(first, stop))
-    return sum(sizes[name] if name in complete else _poses_of(parts[name], sizes[name]) for name in sizes)
-
-
-def _poses_of(parts: Collection[int], pose_count: int) -> int:
-    """How many poses some parts of a motion have; the last one may be short."""
-    part_count = -(-pose_count // PART)
-    return len(parts) * PART - (part_count * PART - pose_count if part_count - 1 in parts else 0)
-
-
-def runs_of(absent: dict[str, frozenset[int]], part_count: int) -> list[tuple[int, int, tuple[str, ...]]]:
-    """Parts first..stop that lack the same groups, in order."""
-    lacking = {group: parts for group, parts in absent.items() if parts}
-    if not lacking:
-        return []
-    if len(set(lacking.values())) == 1 and len(next(iter(lacking.values()))) == part_count:
-        return [(0, part_count, tuple(lacking))]
-    out: list[tuple[int, int, tuple[str, ...]]] = []
-    parts = sorted(set().union(*lacking.values()))
-    for groups, run in groupby(parts, key=lambda part: tuple(group for group in lacking if part in lacking[group])):
-        for part in run:
-            if out and out[-1][1] == part and out[-1][2] == groups:
-                out[-1] = (out[-1][0], part + 1, groups)
-            else:
-                out.append((part, part + 1, groups))
-    return out

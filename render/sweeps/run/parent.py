@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -19,20 +20,19 @@ from ...runtime.interrupt import interrupt_between
 from ..make.poses import pose_count
 from ..make.task import Engine, Outcome
 from ..plan.recipe import Recipe, SweepPlan, maker
+from .limits import Limits
 from .log import LOG, SweepLog, SweepProgress
-from .missing import Counts, Failure, Key, Missing
-from .pace import Pace, device_kind
-from .schedule import STORAGE_SENTENCES, Schedule
+from .missing import Counts, Failure, Missing, ResultKey
+from .schedule import START_SECONDS, Schedule, device_kind
 
 WAIT = 0.5  # [s] for an outcome, before what takes too long is looked at, and Ctrl-C
-IDLE = 0.02  # [s] between looks when nobody has anything to do
 HOLD = 1.0  # [s] shards lie whole in the store before they are recorded together: each time waits for the disk
 PROBE_BYTES = 1 << 20  # that must fit on the store's disk, or it counts as full
 
 
 @dataclass(frozen=True)
 class SweepReport:
-    """What running a sweep came to."""
+    """The result of running a sweep."""
 
     recipes: int
     """Of the plan, each once."""
@@ -50,15 +50,15 @@ class SweepReport:
     retries: int = 0
     workers_lost: int = 0
     recovered: int = 0
-    """Parts that a killed run had left and that were taken over."""
-    parts: int = 0
-    """Made by this run."""
+    """Rows that a killed run had left and that were taken over."""
+    rows: int = 0
+    """Results of chunks that this run made."""
     engine: str | None = None
     """None if there was nothing to make."""
     devices: tuple[str, ...] = ()
     failures: tuple[Failure, ...] = ()
     notes: tuple[str, ...] = ()
-    """What else was not as it should be: errors that were mended by making things again, damaged shards."""
+    """What else was not as it should be: workers that died, damaged shards."""
 
     @property
     def rate(self) -> float | None:
@@ -72,12 +72,12 @@ class _Tally:
     """What has happened so far."""
 
     poses: int = 0
-    parts: int = 0
+    rows: int = 0
     tasks: int = 0
     lost: int = 0
     failures: list[Failure] = field(default_factory=list)
     notes: dict[str, int] = field(default_factory=dict)
-    """Sentences, and how often."""
+    """Sentences, and their numbers."""
 
 
 def run_sweep(
@@ -89,24 +89,27 @@ def run_sweep(
     approve: Callable[[Counts], None] | None = None,
     log: Path | None = None,
     made_by: str | None = None,
+    limits: Limits | None = None,
     count_poses: Callable[[Recipe], int] = pose_count,
     clock: Callable[[], float] = time.monotonic,
 ) -> SweepReport:
     """Make everything of a plan that its store lacks; what was made is kept whatever happens, and not made again.
 
     engine: who makes it, or what gives it; neither called nor started if nothing is missing, and closed in the end.
-    approve: told what is missing, as far as the plan is read, before anything is made; what it raises ends the sweep.
-    log: file of JSON lines, by default log.jsonl in the store. made_by: the maker that results count for, by default
-    this code's. clock: seconds.
+    approve: called with what is missing, as far as the plan is read, before anything is made; what it raises ends the
+    sweep. log: file of JSON lines, by default log.jsonl in the store. made_by: the code version that results count for,
+    by default this code's. limits: what ends a worker. clock: seconds.
     Recipes that cannot be made are in the report. Raises SweepError if no worker can go on, or the store's disk is
     full; SweepStoreError for a folder that is no store; KeyboardInterrupt between two tasks.
     """
     with SweepStore(store_folder, maker=made_by or maker()) as store, SweepLog(log or store.folder / LOG) as lines:
-        return _Run(plan, store, lines, progress or _ignore, clock).run(engine, count_poses, approve or _ignore)
+        return _Run(plan, store, lines, progress or _ignore, limits or Limits(), clock).run(
+            engine, count_poses, approve or _ignore
+        )
 
 
-def _ignore(told: object) -> None:
-    """What nobody asked for."""
+def _ignore(value: object) -> None:
+    """Takes what nobody asked for."""
 
 
 class _Run:
@@ -118,11 +121,14 @@ class _Run:
         store: SweepStore,
         log: SweepLog,
         progress: Callable[[SweepProgress], None],
+        limits: Limits,
         clock: Callable[[], float],
     ) -> None:
         self._plan, self._store, self._log = plan, store, log
-        self._progress, self._clock = progress, clock
-        self._begun = self._ready = clock()
+        self._progress, self._limits, self._clock = progress, limits, clock
+        self._begun = clock()
+        self._ready: float | None = None
+        """When the first worker was ready."""
         self._tally = _Tally()
         self._held: list[Read] = []
         """Shards to be recorded."""
@@ -136,20 +142,32 @@ class _Run:
         approve: Callable[[Counts], None],
     ) -> SweepReport:
         recovered = self._store.recover()
-        failed = self._store.failed()
         missing = Missing(
-            self._plan.recipes(), self._plan.groups, done=self._done, pose_count=count_poses, failed=failed
+            self._plan.recipes(),
+            self._plan.groups,
+            done=self._done,
+            pose_count=count_poses,
+            failed=self._store.failed(),
         )
-        while not missing.is_exhausted and not missing.stretches:
-            missing.read()
+        schedule = Schedule(
+            missing,
+            store=str(self._store.folder),
+            run=self._log.run,
+            code=self._plan.granted,
+            timeout=self._limits.timeout,
+            memory=self._limits.memory,
+        )
+        schedule.read()
         self._record_failures(missing)
         report = SweepReport(0, 0, 0, 0, 0.0, recovered=recovered)
-        if missing.stretches:
+        if schedule.has_work:
             approve(missing.counts)
             worker = engine if not callable(engine) else engine()
-            retries = self._make(missing, worker, recovered)
+            self._make(schedule, worker, recovered)
             recovered += self._store.recover()  # of workers who outlived their parent, or whose task went to another
-            report = replace(report, engine=worker.name, devices=self._devices, retries=retries, recovered=recovered)
+            report = replace(
+                report, engine=worker.name, devices=self._devices, retries=schedule.retried, recovered=recovered
+            )
         self._forget_failures(missing)
         return self._finished(report, missing)
 
@@ -164,9 +182,9 @@ class _Run:
             poses_rendered=tally.poses,
             poses_reused=max(0, counts.poses - counts.poses_once),
             seconds=self._clock() - self._begun,
-            seconds_starting=self._ready - self._begun,
+            seconds_starting=0.0 if self._ready is None else self._ready - self._begun,
             tasks=tally.tasks,
-            parts=tally.parts,
+            rows=tally.rows,
             workers_lost=tally.lost,
             failures=tuple(tally.failures),
             notes=tuple(text if times == 1 else f"{text} ({times} times)" for text, times in tally.notes.items()),
@@ -181,14 +199,12 @@ class _Run:
             )
         return report
 
-    def _make(self, missing: Missing, engine: Engine, recovered: int) -> int:
-        """Make what is missing; how many tasks were made again."""
-        done = missing.counts.done + missing.counts.failed
-        self._progress(SweepProgress(done, self._plan.recipe_count, 0, 0.0, None))
+    def _make(self, schedule: Schedule, engine: Engine, recovered: int) -> None:
+        """Make what is missing."""
+        counts = schedule.missing.counts
+        self._progress(SweepProgress(counts.done + counts.failed, self._plan.recipe_count, 0, 0.0, None))
         try:
             engine.start(self._store.folder)
-            self._ready = self._clock()
-            self._devices = engine.devices
             self._log.write(
                 "start",
                 plan=self._plan.name,
@@ -196,25 +212,14 @@ class _Run:
                 groups=self._plan.groups,
                 maker=self._store.maker,
                 engine=engine.name,
-                devices=engine.devices,
                 recovered=recovered,
-            )
-            pace = Pace(device_kind(engine.devices))
-            schedule = Schedule(
-                missing,
-                pace,
-                worker_count=len(engine.devices),
-                store=str(self._store.folder),
-                run=self._log.run,
-                code=self._plan.granted,
             )
             with interrupt_between() as raise_if_interrupted:
                 while not schedule.is_done:
                     self._turn(schedule, engine)
                     raise_if_interrupted()
+            self._note_devices(engine)  # with those that came later
             self._record_held()
-            self._devices = engine.devices or self._devices  # with those who came later
-            return schedule.retried
         except KeyboardInterrupt:
             self._log.write("stopped", sentence="interrupted")
             raise
@@ -227,63 +232,71 @@ class _Run:
                 self._record_held()
 
     def _turn(self, schedule: Schedule, engine: Engine) -> None:
-        """Give out what workers have room for, take back what has come, look after the rest."""
-        schedule.worker_count = max(1, len(engine.devices))
-        while (task := schedule.next_task(self._clock())) is not None:
+        """Give tasks to free workers, take outcomes, look after the rest."""
+        self._note_workers(schedule, engine)
+        while engine.free_count() and (task := schedule.next_task(self._clock())) is not None:
             engine.submit(task)
         outcomes = engine.wait(WAIT)
         self._refuse_removed()
         for outcome in outcomes:
-            self._take(outcome, schedule, engine)
+            self._take(outcome, schedule)
+        while engine.free_count() and (task := schedule.next_task(self._clock())) is not None:
+            engine.submit(task)  # before anything waits for the disk
         if self._held and self._clock() - self._held_since >= HOLD:
             self._record_held()
         self._record_failures(schedule.missing)
-        running = engine.running()
-        for number in schedule.late(running):
-            self._log.write("dropped", number=number, seconds=round(running[number], 1))
-            engine.drop(number)
-        copy = schedule.copy_for_idle(running)
-        if copy is not None:
-            self._log.write("copied", number=copy[0].number, of=copy[1])
-            engine.submit(copy[0])
-        self._tell(schedule)
-        if not outcomes and not running:
-            time.sleep(IDLE)
+        for number, reason in schedule.overdue(engine.running()).items():
+            self._log.write("dropped", number=number, sentence=reason)
+            engine.drop(number, reason)
+        self._show(schedule)
 
-    def _take(self, outcome: Outcome, schedule: Schedule, engine: Engine) -> None:
-        """Have what a task left recorded, then let the schedule know."""
+    def _note_workers(self, schedule: Schedule, engine: Engine) -> None:
+        """See who is there, and have more workers started if seconds of work are left for each."""
+        devices = engine.devices
+        if devices and self._ready is None:
+            self._ready = self._clock()
+        if devices:
+            schedule.set_kind(device_kind(devices))
+            self._note_devices(engine)
+        schedule.worker_count = max(1, len(devices))
+        if len(devices) < engine.worker_most and not (schedule.missing.is_exhausted and not schedule.has_work):
+            engine.grow(min(engine.worker_most, math.ceil(schedule.seconds_waiting() / START_SECONDS)))
+
+    def _note_devices(self, engine: Engine) -> None:
+        self._devices = max(engine.devices, self._devices, key=len)
+
+    def _take(self, outcome: Outcome, schedule: Schedule) -> None:
+        """Hold what a task left, to be recorded, then let the schedule know."""
         outcome = self._checked(outcome)
         self._tally.tasks += 1
         self._tally.poses += outcome.pose_count
-        self._tally.parts += outcome.part_count
-        self._tally.lost += outcome.is_lost and schedule.is_open(outcome.number)
-        if outcome.error is None:
-            self._log.write(
-                "task",
-                number=outcome.number,
-                worker=outcome.worker,
-                parts=outcome.part_count,
-                poses=outcome.pose_count,
-                seconds=round(outcome.seconds, 4),
-            )
-        else:
-            event = "lost" if outcome.is_lost else "error"
-            self._log.write(event, number=outcome.number, worker=outcome.worker, sentence=outcome.error)
-            self._judge(outcome, is_needed=schedule.is_open(outcome.number))
+        self._tally.rows += outcome.row_count
+        self._tally.lost += outcome.is_lost
+        event = "lost" if outcome.is_lost else "error" if outcome.error is not None else "task"
+        values = {"sentence": outcome.error} if outcome.error is not None else {}
+        self._log.write(
+            event,
+            number=outcome.number,
+            worker=outcome.worker,
+            rows=outcome.row_count,
+            poses=outcome.pose_count,
+            seconds=round(outcome.seconds, 4),
+            **values,
+        )
+        if outcome.error is not None:
+            self._note_error(outcome)
         try:
-            unneeded = schedule.settle(outcome, self._clock())
+            schedule.settle(outcome, self._clock())
         except SweepError as error:
             raise self._stopped(str(error)) from error
-        for number in unneeded if not schedule.is_done else ():  # closing ends them, too
-            engine.drop(number)
 
-    def _judge(self, outcome: Outcome, *, is_needed: bool) -> None:
+    def _note_error(self, outcome: Outcome) -> None:
         """Keep an error in mind that is no recipe's; stop if it was the store's disk that is full."""
-        error = outcome.error or ""
-        is_storage = any(told in error for told in STORAGE_SENTENCES)
+        is_storage = any(own.is_transient for own in outcome.failed)
         if is_storage:
             self._refuse_full_disk()
-        if is_needed and (outcome.is_lost or is_storage):
+        if outcome.is_lost or is_storage:
+            error = outcome.error or ""
             self._note(error if outcome.worker in error else f"{outcome.worker}: {error}")
 
     def _checked(self, outcome: Outcome) -> Outcome:
@@ -343,8 +356,8 @@ class _Run:
             "goes on from there"
         )
 
-    def _done(self, keys: Sequence[Key]) -> dict[Key, set[int]]:
-        """Parts that are there, those too that have just come."""
+    def _done(self, keys: Sequence[ResultKey]) -> dict[ResultKey, set[int]]:
+        """Chunks that are there, those too that have just come."""
         if self._held:
             self._record_held()
         return self._store.done(keys)
@@ -365,13 +378,16 @@ class _Run:
     def _note(self, sentence: str) -> None:
         self._tally.notes[sentence] = self._tally.notes.get(sentence, 0) + 1
 
-    def _tell(self, schedule: Schedule) -> None:
-        """Tell who waits how far it is."""
-        counts, spent = schedule.missing.counts, self._clock() - self._ready
+    def _show(self, schedule: Schedule) -> None:
+        """Show how far it is."""
+        counts = schedule.missing.counts
         total = counts.recipes if schedule.missing.is_exhausted else self._plan.recipe_count
+        spent = 0.0 if self._ready is None else self._clock() - self._ready
         left = None
         if self._tally.poses:
             unread = (total - counts.recipes) * counts.poses_missing / max(1, counts.recipes)
-            left = (schedule.seconds_left() + schedule.pace.seconds({"": round(unread)})) / schedule.worker_count
+            unread += schedule.missing.poses_unread
+            seconds = schedule.seconds_left() + schedule.rates.seconds({"": round(unread)})
+            left = seconds / schedule.worker_count
         rate = self._tally.poses / spent if spent > 0.0 else 0.0
         self._progress(SweepProgress(counts.done + counts.failed, total, self._tally.poses, rate, left))

@@ -1,332 +1,320 @@
-"""Which tasks a sweep's workers are given, one after another, and what is done about those that go wrong.
+"""Which tasks a sweep's workers are given, one after another, and what follows from each outcome.
 
-| what came of a task                      | what is done                                                              |
-|------------------------------------------|----------------------------------------------------------------------------|
-| all of it                                | its poses a second size the next ones                                     |
-| some pieces failed, and are named        | these again, each alone; the rest is done                                 |
-| an error that names no piece             | all again, each piece alone                                               |
-| its worker died, or it took far too long | all again, each rendering alone; one that was alone, in two halves        |
-| its worker could not write               | the same again, later; again and again without success: the sweep stops   |
-| one piece failed `TRIES` times           | given up by name; the rest goes on                                        |
+| outcome of a task                           | what follows                                                           |
+|---------------------------------------------|------------------------------------------------------------------------|
+| chunks are made                             | they are settled; their speed sizes the next tasks                     |
+| chunks are left, as the task's time is over | they are given out again                                               |
+| a chunk failed, and is named                | it is given up by name: the same error would come again                |
+| a chunk failed as the system failed         | it is given out again, later; `WRITES_FAILED` in a row end the sweep   |
+| an error that names no chunk                | the chunks again, each alone; one that was alone is given up           |
+| the worker died                             | suspects again, each alone; a suspect that was alone `TRIES` times is  |
+|                                             | given up; all others again                                             |
+| the worker was ended: late, too much memory | the same, but a suspect that was alone is given up at once             |
 
-A copy of a task that takes long is given to a worker that has nothing left to do: the first to end counts, since both
-leave the same.
+Suspects are the chunks that the worker was making, or all of the task if that is not known. A task is ended when its
+worker has used `timeout` seconds of processor time since its last sign of progress, or more than `memory` bytes. Time
+on the wall does not count, so a busy machine loses nothing.
 """
 
 from __future__ import annotations
 
-import errno
-import os
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from ...errors import SweepError
-from ..make.task import PART, Outcome, Piece, Task
-from .missing import Missing, Stretch, Want
-from .pace import Pace
+from ..make.task import FailedChunk, Outcome, Running, Task
+from .missing import Missing, PendingChunk
 
-AHEAD = 2  # tasks under way or submitted, a worker
-CHUNKS_AHEAD = 4  # times what all workers make in one target time: recipes are read until so much is known
-TRIES = 2  # of a piece alone
-LATE_SECONDS, LATE_FACTOR = 60.0, 10.0  # a task that has run for longer than both is dropped
-COPY_SECONDS, COPY_FACTOR = 5.0, 2.0  # one that has run for longer than both is worth a copy
+SECONDS = {"cpu": 2.0, "cuda": 3.0}  # of a task: long beside handing it over, short beside what a kill may lose
+RATE_FIRST = {"cpu": 1e4, "cuda": 2e6}  # [pose/s] until an outcome has come: a small mesh, with its loading
+BLEND = 0.5  # weight of the last task in a family's rate
+START_SECONDS = 3.0  # of work for each worker that is started: starting one takes 1 to 2 s
+SHORTEST = 0.2  # [s] of a task, however little is left: what is shared among workers
+OVERTIME = 2.0  # times its planned length, a task begins no further chunk
 FAMILIES_SHARED = 256  # with more families left than that, tasks are not made shorter towards the end
-WRITES_FAILED = 12  # one after another without a success: nobody can write any more
+AHEAD = 4  # times what all workers make in the length of a task: recipes are read until so much is known
+TRIES = 2  # workers that may die while they make a chunk alone
+WRITES_FAILED = 12  # one after another without a success: nothing can be written any more
 HOLD_FIRST, HOLD_LONGEST = 0.25, 8.0  # [s] before tasks are given out again after a failed write
-STORAGE_SENTENCES = tuple(os.strerror(code) for code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS))
+
+
+class Rates:
+    """Poses a second of one worker, by family. kind: of the workers' devices, "cpu" or "cuda"."""
+
+    def __init__(self, kind: str) -> None:
+        self._first = RATE_FIRST[kind]
+        self._known: dict[str, float] = {}
+        self._poses, self._seconds = 0.0, 0.0
+
+    def set_first(self, rate: float) -> None:
+        """Suppose a rate [pose/s] until an outcome has come."""
+        self._first = rate
+
+    def rate(self, family: str) -> float:
+        """Of a family: measured, or that of all others on average, or supposed."""
+        if family in self._known:
+            return self._known[family]
+        return self._poses / self._seconds if self._seconds > 0.0 else self._first
+
+    def seconds(self, poses: Mapping[str, int]) -> float:
+        """What so many poses of each family take."""
+        return sum(count / self.rate(family) for family, count in poses.items())
+
+    def learn(self, poses: Mapping[str, int], seconds: float) -> None:
+        """Take note of a task: its time is shared among families as expected."""
+        expected = self.seconds(poses)
+        if not (seconds > 0.0 and expected > 0.0):
+            return
+        for family in poses:
+            rate = self.rate(family) * expected / seconds
+            known = self._known.get(family, rate)
+            self._known[family] = 1.0 / ((1.0 - BLEND) / known + BLEND / rate)
+        self._poses += sum(poses.values())
+        self._seconds += seconds
 
 
 @dataclass(eq=False)
-class Unit:
-    """Parts of one rendering, for some of those who want them."""
+class GivenTask:
+    """A task that a worker has."""
 
-    stretch: Stretch
-    wants: tuple[Want, ...]
-    first: int
-    stop: int
-    failures: int = 0
-    """Times that it was known to have failed, or lost a worker, alone."""
-
-    @property
-    def poses(self) -> int:
-        """To be rendered."""
-        return self.stretch.poses(self.first, self.stop)
-
-    def parted(self, failures: int) -> list[Unit]:
-        """Each piece by itself."""
-        return [Unit(self.stretch, (want,), self.first, self.stop, failures) for want in self.wants]
-
-    def halved(self, failures: int) -> list[Unit]:
-        """Two with half the parts each; one, if there is only one part."""
-        middle = (self.first + self.stop) // 2
-        ranges = ((self.first, middle), (middle, self.stop))
-        return [Unit(self.stretch, self.wants, first, stop, failures) for first, stop in ranges if first < stop]
-
-
-@dataclass(eq=False)
-class Job:
-    """A task, with its copies."""
-
-    units: tuple[Unit, ...]
+    chunks: tuple[PendingChunk, ...]
     expected: float
     """Seconds."""
-    numbers: set[int] = field(default_factory=set)
-    """Under way."""
-    is_settled: bool = False
+    reason: str | None = None
+    """Why its worker was ended."""
 
-    @property
-    def poses(self) -> Counter[str]:
-        """To be rendered, by family."""
-        count: Counter[str] = Counter()
-        for unit in self.units:
-            count[unit.stretch.family] += unit.poses
-        return count
 
-    def pieces(self) -> list[tuple[Unit, Want]]:
-        """In the order of the task's."""
-        return [(unit, want) for unit in self.units for want in unit.wants]
+def poses_of(chunks: Iterable[PendingChunk]) -> Counter[str]:
+    """Poses to be rendered, by family; those of one place count once."""
+    places = {chunk.place: chunk.pose_count for chunk in chunks}
+    out: Counter[str] = Counter()
+    for (family, _, _), count in places.items():
+        out[family] += count
+    return out
 
 
 class Schedule:
-    """Cuts what is missing into tasks. store: folder as workers see it; run: names the run's tasks, unique in a store.
+    """Cuts what is missing into tasks.
 
-    code: SHA-256 of the files of code that workers may run.
-
-    Times are seconds of any one clock.
+    store: folder as workers see it. run: names the run's tasks, unique in a store. code: SHA-256 of the files of code
+    that workers may run. timeout [s], memory [byte]: see the module; 0 is no bound. Times are seconds of any one clock.
     """
 
     def __init__(
         self,
         missing: Missing,
-        pace: Pace,
         *,
-        worker_count: int,
         store: str,
         run: str,
         code: frozenset[str] = frozenset(),
+        timeout: float = 0.0,
+        memory: int = 0,
     ) -> None:
-        self.missing, self.pace = missing, pace
-        self.worker_count = worker_count
+        self.missing, self.rates = missing, Rates("cpu")
+        self.worker_count = 1
         """May change as workers come and go."""
+        self._seconds = SECONDS["cpu"]
         self._store, self._run, self._code = store, run, code
-        self._jobs: dict[int, Job] = {}
-        self._again: deque[tuple[Unit, ...]] = deque()
+        self._timeout, self._memory = timeout, memory
+        self._given: dict[int, GivenTask] = {}
+        self._waiting: deque[PendingChunk] = deque()
+        self._left: Counter[str] = Counter()  # poses that wait, by family
+        self._alone: deque[tuple[PendingChunk, ...]] = deque()
         self._number = 0
-        self._left: Counter[str] = Counter()  # poses not given out yet, by family
-        for stretches in missing.stretches.values():
-            self._note(stretches)
         self._held_until = 0.0
         self._writes_failed = 0
         self.retried = 0
-        """Tasks given out again."""
+        """Tasks given out because of an earlier one that went wrong."""
 
     @property
     def is_done(self) -> bool:
         """Whether everything is made or given up."""
-        return self.has_nothing_left and not self._jobs_open()
+        return self.missing.is_exhausted and not self._waiting and not self._alone and not self._given
 
     @property
-    def has_nothing_left(self) -> bool:
-        """Whether everything is given out."""
-        return not self._again and self.missing.is_exhausted and not self.missing.stretches
+    def has_work(self) -> bool:
+        """Whether any chunk waits."""
+        return bool(self._waiting or self._alone)
 
     def seconds_left(self) -> float:
         """What is not made yet, for one worker, as far as recipes were read."""
-        waiting = sum(self.pace.seconds(Counter({unit.stretch.family: unit.poses})) for u in self._again for unit in u)
-        under_way = sum(job.expected for job in self._jobs.values() if not job.is_settled)
-        return self._cut_seconds() + waiting + under_way
+        return self.seconds_waiting() + sum(given.expected for given in self._given.values())
 
-    def _cut_seconds(self) -> float:
-        return self.pace.seconds(self._left)
+    def seconds_waiting(self) -> float:
+        """What no worker has yet, for one worker, as far as recipes were read."""
+        alone = sum(self.rates.seconds(poses_of(chunks)) for chunks in self._alone)
+        return self.rates.seconds(self._left) + alone
 
-    def is_open(self, number: int) -> bool:
-        """Whether anybody waits for a task's outcome."""
-        return number in self._jobs and not self._jobs[number].is_settled
+    def set_kind(self, kind: str) -> None:
+        """Cut tasks for workers of a kind of device, "cpu" or "cuda"."""
+        self._seconds = SECONDS[kind]
+        self.rates.set_first(RATE_FIRST[kind])
+
+    def is_given(self, number: int) -> bool:
+        """Whether a task's outcome is still to come."""
+        return number in self._given
 
     # ---- giving out
 
+    def read(self) -> None:
+        """Read recipes until enough is known to be missing."""
+        enough = AHEAD * self.worker_count * self._seconds
+        while not self.missing.is_exhausted and self.rates.seconds(self._left) < enough:
+            self._put(self.missing.read())
+
+    def _put(self, chunks: Sequence[PendingChunk]) -> None:
+        self._waiting.extend(chunks)
+        self._left.update(poses_of(chunks))
+
     def next_task(self, now: float) -> Task | None:
-        """What a worker should be given next; None if they have enough, or all is given out."""
-        if now < self._held_until or len(self._jobs_open()) >= AHEAD * self.worker_count:
+        """What a free worker should be given; None if nothing waits, or nothing can be written for a while."""
+        if now < self._held_until:
             return None
-        units = self._again.popleft() if self._again else self._cut()
-        if not units:
-            return None
-        job = Job(tuple(units), 0.0)
-        job.expected = self.pace.seconds(job.poses)
-        return self._given(job)
+        while True:
+            self.read()
+            chunks = self._alone.popleft() if self._alone else self._cut()
+            if not chunks:
+                return None
+            if wanted := self._wanted(chunks):
+                return self._give(wanted)
 
-    def _jobs_open(self) -> list[Job]:
-        return [job for job in self._jobs.values() if not job.is_settled]
+    def _wanted(self, chunks: Iterable[PendingChunk]) -> tuple[PendingChunk, ...]:
+        """Chunks without those of which every result has failed meanwhile."""
+        out = []
+        for chunk in chunks:
+            if chunk.is_wanted:
+                out.append(chunk)
+            else:
+                self.missing.settle(chunk)
+        return tuple(out)
 
-    def _given(self, job: Job) -> Task:
+    def _cut(self) -> tuple[PendingChunk, ...]:
+        """Chunks for one task, from the front; those of one place stay together."""
+        limit = self._limit()
+        chunks: list[PendingChunk] = []
+        places = set()
+        seconds = 0.0
+        while self._waiting:
+            chunk = self._waiting[0]
+            if chunk.place not in places:
+                own = chunk.pose_count / self.rates.rate(chunk.family)
+                if chunks and seconds + own > limit:
+                    break
+                places.add(chunk.place)
+                seconds += own
+            chunks.append(self._waiting.popleft())
+        for family, count in poses_of(chunks).items():
+            self._left[family] -= count
+            if self._left[family] <= 0:
+                del self._left[family]
+        return tuple(chunks)
+
+    def _limit(self) -> float:
+        """Length of the next task [s]: towards the end so short that all workers end together."""
+        is_last = self.missing.is_exhausted and len(self._left) <= FAMILIES_SHARED
+        if not is_last or self.worker_count == 1:
+            return self._seconds
+        return min(self._seconds, max(SHORTEST, self.rates.seconds(self._left) / (2 * self.worker_count)))
+
+    def _give(self, chunks: tuple[PendingChunk, ...]) -> Task:
         number = self._number
         self._number += 1
-        job.numbers.add(number)
-        self._jobs[number] = job
-        pieces = tuple(Piece(want.recipe, want.groups, unit.first, unit.stop) for unit, want in job.pieces())
-        return Task(number, pieces, self._store, f"{self._run}-{number:06d}", self._code)
-
-    def _cut(self) -> list[Unit]:
-        """Units for one task, from the front."""
-        self._read_ahead()
-        limit = self.pace.target
-        if self.missing.is_exhausted and len(self.missing.stretches) <= FAMILIES_SHARED:
-            limit = self.pace.share(self._cut_seconds(), self.worker_count)
-        units: list[Unit] = []
-        poses: Counter[str] = Counter()
-        while self.missing.stretches:
-            family = next(iter(self.missing.stretches))
-            unit = self._cut_unit(family, poses, limit - self.pace.seconds(poses))
-            if unit is None:
-                break
-            if unit.wants:
-                units.append(unit)
-                poses[family] += unit.poses
-            if not self.missing.stretches:
-                self._read_ahead()
-        return units
-
-    def _cut_unit(self, family: str, taken: Counter[str], seconds: float) -> Unit | None:
-        """The next unit of a family, such that it takes at most so long; None if the task is full."""
-        stretches = self.missing.stretches[family]
-        stretch = stretches[0]
-        room = min(int(seconds * self.pace.rate(family)), self.pace.room(family, taken))
-        stop = min(stretch.stop, stretch.first + max(1, room // PART))
-        if stretch.poses(stretch.first, stretch.stop) <= room:  # its last part may be small
-            stop = stretch.stop
-        if taken and stretch.poses(stretch.first, stop) > room:
-            return None
-        unit = Unit(stretch, tuple(want for want in stretch.wants if want.sentence is None), stretch.first, stop)
-        if not unit.wants:  # given up meanwhile, all of it
-            unit.stop = stretch.stop
-        for want in stretch.wants:
-            if want.sentence is not None:
-                self.missing.settle(want, unit.stop - unit.first)
-        self._left[family] -= unit.poses
-        stretch.first = unit.stop
-        if stretch.first == stretch.stop:
-            stretches.popleft()
-            if not stretches:
-                del self.missing.stretches[family], self._left[family]
-        return unit
-
-    def _read_ahead(self) -> None:
-        """Read recipes until enough is known to be missing."""
-        enough = CHUNKS_AHEAD * self.worker_count * self.pace.target
-        while not self.missing.is_exhausted and self._cut_seconds() < enough:
-            self._note(self.missing.read())
-
-    def _note(self, stretches: Iterable[Stretch]) -> None:
-        for stretch in stretches:
-            self._left[stretch.family] += stretch.poses(stretch.first, stretch.stop)
+        self._given[number] = GivenTask(chunks, self.rates.seconds(poses_of(chunks)))
+        name = f"{self._run}-{number:06d}"
+        wire = tuple(chunk.chunk for chunk in chunks)
+        return Task(number, wire, self._store, name, self._code, OVERTIME * self._seconds)
 
     # ---- taking back
 
-    def settle(self, outcome: Outcome, now: float) -> list[int]:
-        """Take note of an outcome; returns copies of the task that nobody needs any more.
-
-        Raises SweepError if no worker can write any more.
-        """
-        job = self._jobs.pop(outcome.number, None)
-        if job is None:
-            return []
-        job.numbers.discard(outcome.number)
-        if job.is_settled:
-            return []
-        if outcome.error is None:
-            self._writes_failed = 0
-            self.pace.learn(job.poses, outcome.seconds)
-            self._settle_all(job, {})
-            return sorted(job.numbers)
-        if job.numbers:  # a copy may do better
-            return []
-        self._retry(job, outcome, now)
-        return []
-
-    def _settle_all(self, job: Job, but: Mapping[int, str]) -> None:
-        """Pieces are made, but for some by their place."""
-        job.is_settled = True
-        for place, (unit, want) in enumerate(job.pieces()):
-            if place not in but:
-                self.missing.settle(want, unit.stop - unit.first)
-
-    def _retry(self, job: Job, outcome: Outcome, now: float) -> None:
-        """Do about a task that went wrong what the table above says."""
-        job.is_settled = True
-        sentence = outcome.error or ""
-        failed = dict(outcome.failed)
-        if len(job.pieces()) == 1:
-            failed = failed or {0: sentence}
+    def settle(self, outcome: Outcome, now: float) -> None:
+        """Do about an outcome what the module's table has; raises SweepError if nothing can be written any more."""
+        given = self._given.pop(outcome.number, None)
+        if given is None:
+            return
         if outcome.is_lost:
-            self._retry_lost(job, sentence)
-        elif outcome.shard is None and any(told in sentence for told in STORAGE_SENTENCES):
-            self._retry_later(job, outcome, now)
-        elif failed:
-            self._settle_all(job, failed)
-            for place, (unit, want) in enumerate(job.pieces()):
-                if place in failed:
-                    alone = Unit(unit.stretch, (want,), unit.first, unit.stop, unit.failures + 1)
-                    self._again_or_given_up([alone], failed[place])
-        else:
-            for unit in job.units:
-                self._again_or_given_up(unit.parted(unit.failures), sentence)
+            self._retry_lost(given, outcome)
+            return
+        failed = {own.place: own for own in outcome.failed}
+        if outcome.error is not None and not failed and not outcome.left:
+            failed = {place: FailedChunk(place, outcome.error) for place, _ in enumerate(given.chunks)}
+            if len(given.chunks) > 1:
+                self._give_alone(given.chunks)
+                return
+        made, left = [], []
+        for place, chunk in enumerate(given.chunks):
+            if place in outcome.left:
+                left.append(chunk)
+            elif place not in failed:
+                made.append(chunk)
+                self.missing.settle(chunk)
+        if made:
+            self._writes_failed = 0
+            self.rates.learn(poses_of(made), outcome.seconds)
+        self._put(left)
+        self._take_failed([(given.chunks[place], own) for place, own in failed.items()], outcome, now)
 
-    def _retry_lost(self, job: Job, sentence: str) -> None:
-        """Tasks of many renderings are parted, those of one are halved."""
-        is_alone = len(job.units) == 1
-        for unit in job.units:
-            parts = [unit]
-            if is_alone:
-                parts = (unit.parted if len(unit.wants) > 1 else unit.halved)(unit.failures + 1)
-            self._again_or_given_up(parts, sentence)
+    def _take_failed(self, failed: Sequence[tuple[PendingChunk, FailedChunk]], outcome: Outcome, now: float) -> None:
+        again = [chunk for chunk, own in failed if own.is_transient]
+        for chunk, own in failed:
+            if not own.is_transient:
+                self.missing.give_up(chunk, own.message)
+        if again:
+            self._writes_failed += 1
+            if self._writes_failed >= WRITES_FAILED:
+                raise SweepError(f"nothing can be written any more: {outcome.worker}: {outcome.error}")
+            self._held_until = now + min(HOLD_LONGEST, HOLD_FIRST * 2 ** (self._writes_failed - 1))
+            self._alone.append(tuple(again))
+            self.retried += 1
 
-    def _retry_later(self, job: Job, outcome: Outcome, now: float) -> None:
-        self._writes_failed += 1
-        if self._writes_failed >= WRITES_FAILED:
-            raise SweepError(f"nothing can be written any more: {outcome.worker}: {outcome.error}")
-        self._held_until = now + min(HOLD_LONGEST, HOLD_FIRST * 2 ** (self._writes_failed - 1))
-        self._again.append(job.units)
-        self.retried += 1
+    def _retry_lost(self, given: GivenTask, outcome: Outcome) -> None:
+        """A task whose worker died or was ended."""
+        places = range(len(given.chunks)) if outcome.suspects is None else outcome.suspects
+        suspects = [chunk for place, chunk in enumerate(given.chunks) if place in places]
+        others = [chunk for place, chunk in enumerate(given.chunks) if place not in places]
+        if others:
+            self._alone.append(tuple(others))
+            self.retried += 1
+        if len(suspects) > 1:
+            self._give_alone(suspects)
+            return
+        for chunk in suspects:
+            chunk.failure_count += 1
+            if given.reason is not None or chunk.failure_count >= TRIES:
+                self.missing.give_up(chunk, given.reason or outcome.error or "its worker died")
+            else:
+                self._give_alone([chunk])
 
-    def _again_or_given_up(self, units: list[Unit], sentence: str) -> None:
-        for unit in units:
-            if unit.failures < TRIES:
-                self._again.append((unit,))
-                self.retried += 1
-                continue
-            for want in unit.wants:
-                self.missing.give_up(want, sentence)
-                self.missing.settle(want, unit.stop - unit.first)
+    def _give_alone(self, chunks: Iterable[PendingChunk]) -> None:
+        for chunk in chunks:
+            self._alone.append((chunk,))
+            self.retried += 1
 
     # ---- watching
 
-    def late(self, running: Mapping[int, float]) -> list[int]:
-        """Tasks that have run for so long that they should be dropped; they get more time when they are made again.
+    def overdue(self, running: Mapping[int, Running]) -> dict[int, str]:
+        """Tasks that are to be ended, each with the reason."""
+        out = {}
+        for number, own in running.items():
+            given = self._given.get(number)
+            if given is None or given.reason is not None:
+                continue
+            if self._memory and own.memory > self._memory:
+                given.reason = (
+                    f"its worker used {own.memory / 1e9:.3g} GB of memory, more than the limit of "
+                    f"{self._memory / 1e9:.3g} GB (--worker-memory)"
+                )
+            elif self._timeout and own.idle_seconds > self._timeout:
+                given.reason = (
+                    f"its worker showed no progress in {own.idle_seconds:.0f} s of processor time, more than the limit "
+                    f"of {self._timeout:.0f} s (--task-timeout)"
+                )
+            if given.reason is not None:
+                out[number] = given.reason
+        return out
 
-        running: seconds, by number.
-        """
-        late = []
-        for number, seconds in running.items():
-            job = self._jobs.get(number)
-            if job is not None and seconds > max(LATE_SECONDS, LATE_FACTOR * job.expected):
-                late.append(number)
-                self.pace.slow_down(job.poses, seconds)
-        return late
 
-    def copy_for_idle(self, running: Mapping[int, float]) -> tuple[Task, int] | None:
-        """A copy of the task that has run for longest, and its number, if a worker has nothing else left to do."""
-        if not self.has_nothing_left or len(running) >= self.worker_count or len(self._jobs) > len(running):
-            return None
-        long = [
-            (seconds, number)
-            for number, seconds in running.items()
-            if number in self._jobs and len(self._jobs[number].numbers) == 1
-            if seconds > max(COPY_SECONDS, COPY_FACTOR * self._jobs[number].expected)
-        ]
-        if not long:
-            return None
-        self.retried += 1
-        number = max(long)[1]
-        return self._given(self._jobs[number]), number
+def device_kind(devices: Iterable[str]) -> str:
+    """What tasks are cut for: "cuda" if every worker has a GPU, else "cpu"."""
+    names = list(devices)
+    return "cuda" if names and all(device.startswith("cuda") for device in names) else "cpu"

@@ -1,10 +1,10 @@
-"""The worker's end of a sweep in several processes: tasks come through a socket, outcomes go back, nothing else does.
+"""The worker's end of a sweep in several processes: tasks come through a socket, outcomes and progress go back.
 
-| what happens to the worker              | what it does                                                              |
-|-----------------------------------------|---------------------------------------------------------------------------|
-| its parent ends, however, or closes     | ends at once, whatever it is at: a thread listens while another works      |
-| a task raises, or calls exit            | says so, takes the next                                                    |
-| a task leaves its GPU out of order      | says that the task is lost, ends: in this process nothing works any more   |
+| what happens to the worker              | what it does                                                               |
+|-----------------------------------------|----------------------------------------------------------------------------|
+| its parent ends, however, or closes     | ends at once, whatever it does: a thread listens while another works       |
+| a task raises, or calls exit            | reports that, takes the next                                               |
+| a task leaves its GPU out of order      | reports the task as lost, ends: in this process nothing works any more     |
 | Ctrl-C on the terminal                  | nothing: its parent decides                                                |
 
 Not by PR_SET_PDEATHSIG: that kills workers when the *thread* that started them ends, as in a notebook.
@@ -12,6 +12,7 @@ Not by PR_SET_PDEATHSIG: that kills workers when the *thread* that started them 
 
 import importlib
 import os
+import queue
 import select
 import signal
 import socket
@@ -19,103 +20,93 @@ import sys
 import threading
 import time
 import warnings
-from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NoReturn, Protocol
 
 from ....datasets.errors import DatasetError
 from ...errors import RenderError
 from ..make.task import Outcome, Task
-from .messages import Assignment, Begun, Done, Frames, Ready, Return, Returned, Told, Unfit, frame
+from .messages import Assignment, Done, Frames, Progress, Ready, Unfit, Warned, frame
 
 PARENT_LOOK = 0.5  # [s]; how often a worker looks whether its parent lives, should a third process hold the socket open
-WORDS_MOST = 2**20  # [byte] that a worker keeps of what is printed in it
+OUTPUT_MOST = 2**20  # [byte] that a worker keeps of what is printed in it
 
 
 class Work(Protocol):
     """Makes a task on a Warp device; `worker` is its name in sentences. Importable by its name."""
 
-    def __call__(self, task: Task, device: str, /, *, worker: str) -> Outcome:
-        """Make it; what it raises becomes the outcome's error."""
+    def __call__(self, task: Task, device: str, /, *, worker: str, progress: Any) -> Outcome:
+        """Make it, and show progress (`work.Progress`); what it raises becomes the outcome's error."""
         ...
 
 
-class Wire:
-    """A worker's way to its parent. What the parent says is heard by a thread of its own, also during work."""
+class Port:
+    """A worker's connection to its parent. A thread of its own receives what the parent sends, also during work."""
 
     def __init__(self, port: socket.socket, parent: int) -> None:
         self._port, self._parent = port, parent
+        self._received: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._sending = threading.Lock()
-        self._changed = threading.Condition()
-        self._waiting: deque[Any] = deque()
-        threading.Thread(target=self._listen, name="palpate sweep wire", daemon=True).start()
+        threading.Thread(target=self._listen, name="palpate sweep port", daemon=True).start()
 
     def take(self) -> Any:
-        """The next thing to do, waited for."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._waiting)
-            return self._waiting.popleft()
+        """The next message, waited for."""
+        return self._received.get()
 
     def send(self, message: object) -> None:
-        """Tell the parent; if there is none any more, end."""
+        """Send to the parent; if there is none any more, end."""
         with self._sending:
             try:
                 self._port.sendall(frame(message))
             except OSError:
                 os._exit(0)
 
+    def show_progress(self, places: Sequence[int] | None) -> None:
+        """Tell the parent which chunks are begun, or that they go on."""
+        self.send(Progress(None if places is None else tuple(places)))
+
     def _listen(self) -> NoReturn:
         frames, poll = Frames(), select.poll()
         poll.register(self._port, select.POLLIN)
         while True:
-            arrived = self._port.recv(2**16) if poll.poll(PARENT_LOOK * 1e3) else None
+            try:
+                arrived = self._port.recv(2**16) if poll.poll(PARENT_LOOK * 1e3) else None
+            except OSError:  # the parent ended before it had read all that was sent
+                arrived = b""
             if arrived == b"" or os.getppid() != self._parent:
-                os._exit(0)  # nothing is tidied up: who reads the store knows what an unfinished file is
+                os._exit(0)  # nothing is tidied up: readers of the store know unfinished files
             for message in frames.take(arrived or b""):
-                self._hear(message)
-
-    def _hear(self, message: object) -> None:
-        with self._changed:
-            if not isinstance(message, Return):
-                self._waiting.append(message)
-                self._changed.notify()
-                return
-            kept = [task for task in self._waiting if task.number != message.number]
-            was_waiting = len(kept) < len(self._waiting)
-            self._waiting = deque(kept)
-        if was_waiting:
-            self.send(Returned(message.number))
+                self._received.put(message)
 
 
 def main(descriptor: int, parent: int) -> NoReturn:
     """Be a worker, for a parent at the other end of a socket."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    wire = Wire(socket.socket(fileno=descriptor), parent)
-    assignment = wire.take()
+    port = Port(socket.socket(fileno=descriptor), parent)
+    assignment = port.take()
     try:
-        work = prepare(assignment, wire)
+        work, device = prepare(assignment, port)
     except Exception as error:
-        wire.send(Unfit(f"{assignment.name}: {said(error)}"))
+        port.send(Unfit(f"{assignment.name}: {message_of(error)}"))
         os._exit(1)
-    wire.send(Ready())
+    port.send(Ready(device))
     is_last = False
     while not is_last:
-        task = wire.take()
-        wire.send(Begun(task.number, time.monotonic()))
-        outcome = attempt(work, task, assignment.device, assignment.name)
-        is_last = outcome.error is not None and not is_usable(assignment.device)
+        task = port.take()
+        outcome = attempt(work, task, device, assignment.name, port.show_progress)
+        is_last = outcome.error is not None and not is_usable(device)
         if is_last:
-            outcome = replace(outcome, is_lost=True, error=f"{outcome.error} (it left {assignment.device} unusable)")
-        wire.send(Done(outcome, is_last))
-        forget_words()
+            outcome = replace(outcome, is_lost=True, error=f"{outcome.error} (it left {device} unusable)")
+        port.send(Done(outcome, is_last))
+        forget_output()
     os._exit(1)  # tidying up would ask the GPU
 
 
-def prepare(assignment: Assignment, wire: Wire) -> Work:
+def prepare(assignment: Assignment, port: Port) -> tuple[Work, str]:
     """Start Warp on the worker's device, and find what it is to do; raises what keeps it from that."""
     import warp as wp
 
-    from ....kernels import compile_kernels
     from ...runtime.span_workers import warp_device
     from ...terminal.console import SHOWN_WARNINGS, start_warp
 
@@ -126,7 +117,7 @@ def prepare(assignment: Assignment, wire: Wire) -> Work:
     def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
         for kind in SHOWN_WARNINGS:
             if issubclass(category, kind):
-                wire.send(Told(kind, str(message)))
+                port.send(Warned(kind, str(message)))
                 return
         otherwise(message, category, *place)
 
@@ -134,9 +125,7 @@ def prepare(assignment: Assignment, wire: Wire) -> Work:
     start_warp()
     device = warp_device(assignment.device)
     wp.set_device(device)
-    if assignment.compiles:
-        compile_kernels(device)
-    return find_work(assignment.work)
+    return find_work(assignment.work), device
 
 
 def find_work(name: str) -> Work:
@@ -148,19 +137,19 @@ def find_work(name: str) -> Work:
     return found
 
 
-def attempt(work: Work, task: Task, device: str, worker: str) -> Outcome:
-    """What comes of a task; whatever it raises is one sentence, but KeyboardInterrupt."""
+def attempt(work: Work, task: Task, device: str, worker: str, progress: Any) -> Outcome:
+    """The outcome of a task; whatever it raises is one sentence, but KeyboardInterrupt."""
     started = time.perf_counter()
     try:
-        return work(task, device, worker=worker)
+        return work(task, device, worker=worker, progress=progress)
     except SystemExit as error:  # of a user's own function: no reason to end a sweep
-        sentence = f"something in it called exit({error.code!r})"
+        message = f"something in it called exit({error.code!r})"
     except Exception as error:
-        sentence = said(error)
-    return Outcome(task.number, worker, seconds=time.perf_counter() - started, error=f"{worker}: {sentence}")
+        message = message_of(error)
+    return Outcome(task.number, worker, seconds=time.perf_counter() - started, error=f"{worker}: {message}")
 
 
-def said(error: BaseException) -> str:
+def message_of(error: BaseException) -> str:
     """An exception in a sentence."""
     return str(error) if isinstance(error, (RenderError, DatasetError)) else f"{type(error).__name__}: {error}"
 
@@ -177,9 +166,9 @@ def is_usable(device: str) -> bool:
         return False
 
 
-def forget_words() -> None:
+def forget_output() -> None:
     """Keep what is printed in this process from growing without bound; the parent reads the end of it."""
     sys.stdout.flush()
-    if os.fstat(2).st_size > WORDS_MOST:
+    if os.fstat(2).st_size > OUTPUT_MOST:
         os.ftruncate(2, 0)
         os.lseek(2, 0, os.SEEK_SET)

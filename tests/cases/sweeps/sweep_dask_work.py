@@ -7,26 +7,27 @@ import threading
 import time
 from pathlib import Path
 
-from palpate.render.sweeps.make.task import Outcome, Piece, Task
+from palpate.render.sweeps.make.task import Chunk, Outcome, Task
 from palpate.render.sweeps.run import dask_worker as dask_worker_module
 
 
 def make_task(number, *words, store, name=None):
     """A task whose pieces are words that `work` understands."""
-    return Task(number, tuple(Piece(word, ("contours",)) for word in words), str(store), name or f"shard-{number}")
+    return Task(number, tuple(Chunk(word, ("contours",)) for word in words), str(store), name or f"shard-{number}")
 
 
-def work(task, device, *, worker):
+def work(task, device, *, worker, progress):
     """Do what each word says, then leave a shard with the words in it."""
     store = Path(task.store)
-    for piece in task.pieces:
-        verb, _, value = piece.recipe.partition(" ")
+    progress((0,))
+    for chunk in task.chunks:
+        verb, _, value = chunk.recipe.partition(" ")
         VERBS[verb](store, value)
     shard = store / "shards" / task.name
     part = shard.with_name(f"{task.name}.{os.getpid()}.{threading.get_ident()}.tmp")
-    part.write_text(" ".join(piece.recipe for piece in task.pieces))
+    part.write_text(" ".join(chunk.recipe for chunk in task.chunks))
     part.rename(shard)
-    return Outcome(task.number, worker, f"shards/{task.name}", len(task.pieces), 512, 0.0)
+    return Outcome(task.number, worker, f"shards/{task.name}", len(task.chunks), 512, 0.0)
 
 
 def die(store, value):
@@ -55,7 +56,15 @@ def spoil(store, value):
     raise ValueError(value)
 
 
+def count(store, value):
+    """Be busy without ever sleeping."""
+    until = time.monotonic() + float(value)
+    while time.monotonic() < until:
+        pass
+
+
 VERBS = {
+    "count": count,
     "text": lambda store, value: None,
     "sleep": lambda store, value: time.sleep(float(value)),
     "write": lambda store, value: (store / value).write_text(str(os.getpid())),

@@ -10,8 +10,8 @@ from palpate.render.playback.drive import DriveStrategy
 from palpate.render.sampling.contour_sampling import SamplingStrategy, load_sampling
 from palpate.render.strategies.intersection_strategy import draft_strategy, load_strategy
 from palpate.render.strategies.user_stage_sources import stage_sources
-from palpate.render.sweeps.make.task import Piece, Task
-from palpate.render.sweeps.plan.recipe import Recipe
+from palpate.render.sweeps.make.task import Chunk, Task
+from palpate.render.sweeps.plan.recipe import WHOLE_GROUPS, Recipe
 
 
 def digest(source):
@@ -83,13 +83,18 @@ def recipe_of(thing="tube", hand="palm", motion=None, strategy="cc", sampling="s
     )
 
 
-CUT = ("contours", "frequency")
+SPLIT = ("contours", "frequency")
 
 
-def task_of(store, recipes, groups=CUT, *, parts=1, number=0, name=None):
-    """One piece a recipe, all of their parts."""
-    pieces = tuple(Piece(recipe.to_json(), tuple(groups), 0, parts) for recipe in recipes)
-    return Task(number, pieces, str(store), name or f"shard-{number}", code_of(recipes))
+def task_of(store, recipes, groups=SPLIT, *, chunk_count=1, number=0, name=None):
+    """Chunks of each recipe: so many of the groups that can be split, and one of the others."""
+    chunks = []
+    for recipe in recipes:
+        split = tuple(group for group in groups if group not in WHOLE_GROUPS)
+        whole = tuple(group for group in groups if group in WHOLE_GROUPS)
+        chunks += [Chunk(recipe.to_json(), split, k) for k in range(chunk_count)] if split else []
+        chunks += [Chunk(recipe.to_json(), whole)] if whole else []
+    return Task(number, tuple(chunks), str(store), name or f"shard-{number}", code_of(recipes))
 
 
 def code_of(recipes):

@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, field
 
-from palpate.render.sweeps.make.task import PART, Outcome
+from palpate.render.sweeps.make.task import CHUNK_POSES, Outcome
 from palpate.render.sweeps.plan.recipe import GROUPS
 
 
@@ -36,37 +36,37 @@ class StandIn:
         return json.dumps(vars(self))
 
     @classmethod
-    def of(cls, piece):
-        return cls(**json.loads(piece.recipe))
+    def of(cls, chunk):
+        return cls(**json.loads(chunk.recipe))
 
 
 def count_poses(recipe):
     return recipe.poses
 
 
-def parts_of(recipe, group):
-    """(group, key, part) of all that a group of a recipe has."""
-    count = -(-recipe.poses // PART) if group in ("contours", "frequency", "poses") else 1
-    return [(group, recipe.key(group), part) for part in range(count)]
+def rows_wanted(recipe, group):
+    """(group, key, chunk number) of all that a group of a recipe has."""
+    count = -(-recipe.poses // CHUNK_POSES) if group in ("contours", "frequency", "poses") else 1
+    return [(group, recipe.key(group), number) for number in range(count)]
 
 
-def rows_of(piece):
-    """What making a piece leaves."""
-    recipe = StandIn.of(piece)
-    return [(group, recipe.key(group), part) for group in piece.groups for part in range(piece.first, piece.stop)]
+def rows_of(chunk):
+    """What making a chunk leaves."""
+    recipe = StandIn.of(chunk)
+    return [(group, recipe.key(group), chunk.number) for group in chunk.groups]
 
 
 @dataclass
 class Memory:
-    """What is done, and how often each part was made."""
+    """What is done, and how often each row was made."""
 
     rows: dict[tuple[str, str, int], int] = field(default_factory=dict)
 
     def done(self, keys):
         found = {key: set() for key in keys}
-        for group, key, part in self.rows:
+        for group, key, number in self.rows:
             if (group, key) in found:
-                found[group, key].add(part)
+                found[group, key].add(number)
         return found
 
     def record(self, rows):
@@ -74,5 +74,5 @@ class Memory:
             self.rows[row] = self.rows.get(row, 0) + 1
 
 
-def good(task, **told):
-    return Outcome(task.number, "worker 0", seconds=0.5, pose_count=1, **told)
+def good(task, **values):
+    return Outcome(task.number, "worker 0", **{"seconds": 0.5, "pose_count": 1} | values)

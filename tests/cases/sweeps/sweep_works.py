@@ -13,11 +13,12 @@ from palpate.render.errors import PalpateWarning, StrategyError
 from palpate.render.sweeps.make.task import Outcome
 
 
-def do(task, device, *, worker):
+def do(task, device, *, worker, progress):
     """Do what the task's name says; `said` in its store has a line for each that was begun: number, pid."""
     with (Path(task.store) / "said").open("a") as file:
         file.write(f"{task.number} {os.getpid()}\n")
     verb, _, argument = task.name.partition(" ")
+    progress((0,))
     return ACTS[verb](task, device, worker, argument)
 
 
@@ -27,7 +28,7 @@ def poke(place: wp.array(dtype=wp.int32)):
 
 
 def done(task, device, worker, argument=""):
-    return Outcome(task.number, worker, shard=f"{task.number}.shard", part_count=len(task.pieces), pose_count=7)
+    return Outcome(task.number, worker, shard=f"{task.number}.shard", row_count=len(task.chunks), pose_count=7)
 
 
 def rest(task, device, worker, seconds):
@@ -78,6 +79,13 @@ def talk(task, device, worker, argument):
     return done(task, device, worker)
 
 
+def hog(task, device, worker, count):
+    """Hold so many MB for a while."""
+    held = bytearray(b"x" * (int(count) << 20))
+    time.sleep(60)
+    return done(task, device, worker, str(len(held)))
+
+
 def tell(task, device, worker, argument):
     """What a worker is: in the shard's place."""
     told = f"{os.environ['OMP_NUM_THREADS']} {wp.get_device()} {signal.getsignal(signal.SIGINT) == signal.SIG_IGN}"
@@ -103,6 +111,7 @@ ACTS = {
     "refuse": refuse,
     "warn": warn,
     "talk": talk,
+    "hog": hog,
     "tell": tell,
     "fault": fault,
 }

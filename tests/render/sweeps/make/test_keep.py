@@ -30,8 +30,8 @@ from palpate.render.sampling.contour_sampling import Sampler, dwell_map, joined,
 from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make import keep as keep_module
 from palpate.render.sweeps.make import sampling as sampling_module
+from palpate.render.sweeps.make.rendering import recipe_cache
 from palpate.render.sweeps.make.rendering import sampling_of as sampling_strategy
-from palpate.render.sweeps.make.rendering import workshop_on
 from palpate.render.sweeps.make.work import run_task
 
 ALL = ("contours", "sampling", "keep-contours", "keep-focal-points", "keep-drives")
@@ -50,7 +50,7 @@ def payload(store, recipe, group, name="a"):
 
 
 def motion_of(recipe):
-    return workshop_on("cpu").rendering(recipe).poses.motion
+    return recipe_cache("cpu").rendering(recipe).poses.motion
 
 
 def contents(path):
@@ -224,7 +224,7 @@ def test_contours_of_too_many_random_poses_are_refused(tmp_path):
 def test_an_array_that_cannot_play_the_rate_is_told_and_takes_nothing_with_it(tmp_path):
     recipe = recipe_of("cube", sampling=sampling_of("stm", update_rate=7001.0))
     outcome = run_task(task_of(tmp_path, [recipe], ("sampling", "keep-focal-points", "keep-drives")), "cpu", worker="x")
-    assert outcome.failed[0][0] == 0
+    assert outcome.failed[0].place == 0
     assert "keep-drives" in outcome.error
     assert "7001" in outcome.error
     assert {row.group for row in read_shard(tmp_path / outcome.shard).rows} == {"sampling", "keep-focal-points"}

@@ -34,8 +34,8 @@ from palpate.render.intersection.file_recording import metrics_of
 from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps.make import metrics as metrics_module
-from palpate.render.sweeps.make.metrics import FREQUENCIES, Part, measure_batch
-from palpate.render.sweeps.make.task import PART, SPAN
+from palpate.render.sweeps.make.metrics import FREQUENCIES, ChunkSlice, measure_batch
+from palpate.render.sweeps.make.task import CHUNK_POSES, SPAN
 
 TUBE, CUBE, CC = MeshObject.load("tube"), MeshObject.load("cube"), closed_contour()
 STM, RETURN = SamplingStrategy(), PRESETS["fast-return"]()
@@ -57,7 +57,7 @@ def random_on(device, count, seed=0):
 
 def measured(scene, pose, device, samplings=(STM,), **options):
     """All poses as one part."""
-    part = Part(0, 0, 0, len(pose))
+    part = ChunkSlice(0, 0, 0, len(pose))
     return measure_batch(scene, pose, [part], device=device, samplings=[samplings], **options)[0]
 
 
@@ -68,7 +68,7 @@ def without_seconds(result):
 
 
 @pytest.fixture(scope="module")
-def pieces():
+def renderings():
     """Poses of three recipes, and what each gives alone, in one batch."""
     poses = [random_on("cpu", count, seed).numpy() for seed, count in enumerate((3 * SPAN + 70, 2 * SPAN, 45))]
     samplings = [(STM, RETURN), (), (RETURN,)]
@@ -77,39 +77,39 @@ def pieces():
 
 
 def batches_of(takes, counts):
-    """Batches of (piece, first, count): spans taken as told, then all that is left, a piece once a batch."""
+    """Batches of (rendering, first, count): spans taken as told, then all that is left, a rendering once a batch."""
     at, batch = [0] * len(counts), []
-    for piece, spans, ends in (*takes, *((piece, 99, False) for piece in range(len(counts)))):
-        count = min(spans * SPAN, counts[piece] - at[piece])
-        if ends or piece in [own for own, _, _ in batch]:
+    for rendering, spans, ends in (*takes, *((rendering, 99, False) for rendering in range(len(counts)))):
+        count = min(spans * SPAN, counts[rendering] - at[rendering])
+        if ends or rendering in [own for own, _, _ in batch]:
             yield batch
             batch = []
         if count:
-            batch.append((piece, at[piece], count))
-            at[piece] += count
+            batch.append((rendering, at[rendering], count))
+            at[rendering] += count
     yield batch
 
 
 @given(takes=st.lists(st.tuples(st.integers(0, 2), st.integers(1, 3), st.booleans()), max_size=8))
 @settings(max_examples=25)
-def test_bits_do_not_depend_on_how_parts_are_cut_and_fused(takes, pieces):
-    poses, samplings, whole = pieces
+def test_bits_do_not_depend_on_how_parts_are_cut_and_fused(takes, renderings):
+    poses, samplings, whole = renderings
     done, columns = [None] * 3, [[], [], []]
     for batch in filter(None, batches_of(takes, [len(p) for p in poses])):
         starts = np.cumsum([0, *(count for _, _, count in batch)]).tolist()
         parts = [
-            Part(piece, 0, first, count, done[piece])
-            for first, (piece, _, count) in zip(starts, batch, strict=False)  # the last start is the end
+            ChunkSlice(rendering, 0, first, count, done[rendering])
+            for first, (rendering, _, count) in zip(starts, batch, strict=False)  # the last start is the end
         ]
-        pose = np.concatenate([poses[piece][at : at + count] for piece, at, count in batch])
+        pose = np.concatenate([poses[rendering][at : at + count] for rendering, at, count in batch])
         for result in measure_batch(CUBE_SCENE, pose, parts, device="cpu", samplings=samplings, per_pose=True):
-            done[result.part.piece] = result
-            columns[result.part.piece].append(result.columns)
-    for piece in range(3):
-        assert without_seconds(done[piece]) == without_seconds(whole[piece])
-        for k, want in enumerate(whole[piece].columns):
+            done[result.slice.rendering] = result
+            columns[result.slice.rendering].append(result.columns)
+    for rendering in range(3):
+        assert without_seconds(done[rendering]) == without_seconds(whole[rendering])
+        for k, want in enumerate(whole[rendering].columns):
             for name, column in want.items():
-                got = np.concatenate([one[k][name] for one in columns[piece]])
+                got = np.concatenate([one[k][name] for one in columns[rendering]])
                 np.testing.assert_array_equal(got, column)
                 assert got.dtype == column.dtype
 
@@ -230,9 +230,9 @@ def test_time_is_shared_by_poses_and_adds_up(device):
     pose = random_on(device, SPAN + 20)
     first, then = {}, {}
     begun = measure_batch(
-        CUBE_SCENE, pose[:SPAN], [Part(0, 0, 0, SPAN)], device=device, samplings=[(STM,)], timing=first
+        CUBE_SCENE, pose[:SPAN], [ChunkSlice(0, 0, 0, SPAN)], device=device, samplings=[(STM,)], timing=first
     )
-    parts = [Part(0, 0, 0, 20, begun[0]), Part(1, 0, 20, 60)]
+    parts = [ChunkSlice(0, 0, 0, 20, begun[0]), ChunkSlice(1, 0, 20, 60)]
     pose = random_on(device, 80)
     one, two = measure_batch(CUBE_SCENE, pose, parts, device=device, samplings=[(STM,), (STM,)], timing=then)
     for stage, seconds in one.contours["seconds"].items():
@@ -246,17 +246,17 @@ def test_parts_that_no_batch_has_are_refused():
     pose = random_on("cpu", 100)
     ended = measured(CUBE_SCENE, pose, "cpu")
     for part, message in (
-        (Part(0, 3, 50, 51), r"part 3 of piece 0: poses 50\.\.101 of a batch of 100"),
-        (Part(0, 0, 0, 0), "poses 0..0"),
-        (Part(1, 0, 0, 10), "samplings for 1 pieces"),
-        (Part(0, 0, 0, 10, ended), "goes on after 100 poses"),
+        (ChunkSlice(0, 3, 50, 51), r"chunk 3 of rendering 0: poses 50\.\.101 of a batch of 100"),
+        (ChunkSlice(0, 0, 0, 0), "poses 0..0"),
+        (ChunkSlice(1, 0, 0, 10), "samplings for 1 renderings"),
+        (ChunkSlice(0, 0, 0, 10, ended), "goes on after 100 poses"),
     ):
         with pytest.raises(SweepError, match=message):
             measure_batch(CUBE_SCENE, pose, [part], device="cpu", samplings=[()])
-    full = replace(ended, contours=ended.contours | {"poses": PART - SPAN})
-    with pytest.raises(SweepError, match=f"{PART} poses at most"):
+    full = replace(ended, contours=ended.contours | {"poses": CHUNK_POSES - SPAN})
+    with pytest.raises(SweepError, match=f"{CHUNK_POSES} poses at most"):
         measure_batch(
-            CUBE_SCENE, random_on("cpu", SPAN + 1), [Part(0, 0, 0, SPAN + 1, full)], device="cpu", samplings=[()]
+            CUBE_SCENE, random_on("cpu", SPAN + 1), [ChunkSlice(0, 0, 0, SPAN + 1, full)], device="cpu", samplings=[()]
         )
 
 
@@ -279,8 +279,10 @@ def test_contours_are_drawn_only_where_their_points_are_needed(device):
 
 def test_time_of_drawing_is_kept_where_a_part_goes_on_undrawn():
     pose = random_on("cpu", SPAN + 20)
-    begun = measure_batch(CUBE_SCENE, pose[:SPAN], [Part(0, 0, 0, SPAN)], device="cpu", samplings=[(STM, RETURN)])[0]
-    part = Part(0, 0, 0, 20, begun)
+    begun = measure_batch(
+        CUBE_SCENE, pose[:SPAN], [ChunkSlice(0, 0, 0, SPAN)], device="cpu", samplings=[(STM, RETURN)]
+    )[0]
+    part = ChunkSlice(0, 0, 0, 20, begun)
     (ended,) = measure_batch(CUBE_SCENE, random_on("cpu", 20), [part], device="cpu", samplings=[(STM,)])
     assert ended.contours["seconds"]["draw"] == begun.contours["seconds"]["draw"]
     assert ended.contours["seconds"]["find"] > begun.contours["seconds"]["find"]

@@ -28,10 +28,10 @@ from palpate.render.objects.mesh.solid_mesh import Placement
 from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make import batch as batch_module
 from palpate.render.sweeps.make import work as work_module
-from palpate.render.sweeps.make.batch import Portion, Stretch, mended, take_batch
+from palpate.render.sweeps.make.batch import PoseRange, RenderedChunk, join_ranges, take_batch
 from palpate.render.sweeps.make.poses import pose_count
 from palpate.render.sweeps.make.rendering import Kept
-from palpate.render.sweeps.make.task import PART, SPAN
+from palpate.render.sweeps.make.task import CHUNK_POSES, SPAN
 from palpate.render.sweeps.make.work import run_task
 
 KINDS = ("object", "hand", "made")
@@ -52,7 +52,7 @@ def rows_of(store, outcome):
     for row, columns in zip(shard.rows, shard.columns, strict=True):
         payload = {name: value for name, value in row.payload.items() if name != "seconds"}
         out[row.group, row.key, row.part] = payload, {k: v.tobytes() for k, v in (columns or {}).items()}
-    assert len(out) == len(shard.rows) == outcome.part_count
+    assert len(out) == len(shard.rows) == outcome.row_count
     return out
 
 
@@ -149,22 +149,23 @@ def test_batches_with_too_many_points_are_halved(tmp_path, alone, monkeypatch):
 
     monkeypatch.setattr(work_module, "measure_batch", measured)
     monkeypatch.setattr(work_module, "point_limit", lambda _: 12_000)  # some 600 poses of the tube
+    monkeypatch.setattr(work_module, "_batches_known", {})
     assert made(tmp_path, mixed(), GROUPS) == alone
     assert max(tried) > 2 * SPAN
-    assert min(tried[1:4]) < max(tried)
+    assert min(tried[1:6]) < max(tried)
 
 
 def test_parts_are_counted_from_the_first_pose_and_made_where_asked(tmp_path):
-    recipe = recipe_of("cube", motion=random_motion(PART + 700))
-    task = task_of(tmp_path, [recipe], ("contours", "poses"), parts=2)
+    recipe = recipe_of("cube", motion=random_motion(CHUNK_POSES + 700))
+    task = task_of(tmp_path, [recipe], ("contours", "poses"), chunk_count=2)
     outcome = run_task(task, "cpu", worker="here")
     rows = rows_of(tmp_path, outcome)
     poses = [rows["contours", recipe.key("contours"), part][0]["poses"] for part in (0, 1)]
-    assert (poses, outcome.pose_count) == ([PART, 700], PART + 700)
+    assert (poses, outcome.pose_count) == ([CHUNK_POSES, 700], CHUNK_POSES + 700)
     columns = read_shard(tmp_path / outcome.shard).columns
     number = np.concatenate([own["pose"] for own in columns if own])
-    np.testing.assert_array_equal(number, np.arange(PART + 700))
-    assert pose_count(recipe) == PART + 700
+    np.testing.assert_array_equal(number, np.arange(CHUNK_POSES + 700))
+    assert pose_count(recipe) == CHUNK_POSES + 700
 
 
 def test_several_sampling_strategies_share_a_rendering(tmp_path, monkeypatch):
@@ -210,14 +211,14 @@ def test_hands_that_are_posed_by_a_recording_keep_to_their_rows(tmp_path, record
 def test_poses_are_counted_without_making_them(tmp_path, recording):
     for duration, rate in ((0.1, 30.0), (2.0, 90.0), (1.0, 7.3)):
         recipe = recipe_of(motion=explored(duration, rate))
-        assert pose_count(recipe) == work_module.workshop_on("cpu").rendering(recipe).poses.count
+        assert pose_count(recipe) == work_module.recipe_cache("cpu").rendering(recipe).poses.count
     pose = poses_of(7)
     for name in ("a.h5", "a.csv"):
         HandMotion(None, pose).save(tmp_path / name)
         assert pose_count(recipe_of(motion=recorded(tmp_path / name))) == 7
     for hand in ("palm", "planes"):
         recipe = recipe_of("tube", hand, recording)
-        assert pose_count(recipe) == work_module.workshop_on("cpu").rendering(recipe).poses.count > 20
+        assert pose_count(recipe) == work_module.recipe_cache("cpu").rendering(recipe).poses.count > 20
 
 
 OWN = """
@@ -254,8 +255,8 @@ def test_a_recipe_that_fails_leaves_the_others(tmp_path):
         recipe_of("cube", strategy="oc"),
     ]
     outcome = run_task(task_of(tmp_path, recipes), "cpu", worker="here")
-    assert [piece for piece, _ in outcome.failed] == [1, 3, 4]
-    sentences = dict(outcome.failed)
+    assert [failed.place for failed in outcome.failed] == [1, 3, 4]
+    sentences = {failed.place: failed.message for failed in outcome.failed}
     assert "open.stl, palm" in sentences[1]
     assert "open edges" in sentences[1]
     assert "gone.stl: cannot be read" in sentences[3]
@@ -278,7 +279,7 @@ def test_a_stage_that_fails_on_one_motion_takes_no_other_with_it(tmp_path):
     motions = [random_motion(600), recorded(tmp_path / "far.csv"), random_motion(30, seed=2)]
     recipes = [recipe_of(motion=motion, strategy=strategy) for motion in motions]
     outcome = run_task(task_of(tmp_path, recipes), "cpu", worker="here")
-    assert [piece for piece, _ in outcome.failed] == [1]
+    assert [failed.place for failed in outcome.failed] == [1]
     assert "far.csv" in outcome.error
     assert "a hand too far out" in outcome.error
     assert {key for _, key, _ in rows_of(tmp_path, outcome)} == {
@@ -307,10 +308,10 @@ def test_what_each_thing_costs_is_asked_once():
 
 def test_a_task_that_cannot_be_read_is_told(tmp_path):
     task = task_of(tmp_path, [recipe_of()])
-    broken = type(task)(3, (type(task.pieces[0])("{}", ("contours",)),), str(tmp_path), "a")
+    broken = type(task)(3, (type(task.chunks[0])("{}", ("contours",)),), str(tmp_path), "a")
     outcome = run_task(broken, "cpu", worker="here")
-    assert (outcome.number, outcome.shard, outcome.part_count) == (3, None, 0)
-    assert outcome.failed[0][0] == 0
+    assert (outcome.number, outcome.shard, outcome.row_count) == (3, None, 0)
+    assert outcome.failed[0].place == 0
 
 
 FULL = """
@@ -351,19 +352,19 @@ def test_a_batch_on_a_cpu_is_as_large_as_those_of_render():
     fits=st.lists(st.booleans(), max_size=30),
 )
 def test_batches_cover_every_pose_once_in_order_whatever_does_not_fit(counts, spans, fits):
-    left = [Stretch(k, 0, count) for k, count in enumerate(counts)]  # a portion is a name here
+    left = [PoseRange(k, 0, count) for k, count in enumerate(counts)]  # a chunk is a name here
     capacity, reached = spans * SPAN, [0] * len(counts)
     while left:
         batch, left = take_batch(left, capacity)
         if not (fits.pop() if fits else True) and capacity > SPAN:
-            capacity, left = capacity // 2 // SPAN * SPAN, mended([*batch, *left])
+            capacity, left = capacity // 2 // SPAN * SPAN, join_ranges([*batch, *left], lambda chunk: chunk)
             continue
-        assert 0 < sum(stretch.count for stretch in batch) <= capacity
-        assert len({stretch.portion for stretch in batch}) == len(batch)
-        for stretch in batch:
-            assert reached[stretch.portion] == stretch.first
-            assert stretch.stop % SPAN == 0 or stretch.stop == counts[stretch.portion]
-            reached[stretch.portion] = stretch.stop
+        assert 0 < sum(own.count for own in batch) <= capacity
+        assert len({own.chunk for own in batch}) == len(batch)
+        for own in batch:
+            assert reached[own.chunk] == own.first
+            assert own.stop % SPAN == 0 or own.stop == counts[own.chunk]
+            reached[own.chunk] = own.stop
     assert reached == counts
 
 
@@ -377,9 +378,9 @@ def test_poses_are_those_of_each_rendering_though_one_ends_where_the_next_begins
 
     one, other = (SimpleNamespace(poses=Rows(value)) for value in (1.0, 2.0))
     batch = [
-        Stretch(Portion(one, 0), PART - 2, PART),
-        Stretch(Portion(one, 1), PART, PART + 1),
-        Stretch(Portion(other, 1), PART + 1, PART + 4),
+        PoseRange(RenderedChunk(one, 0), CHUNK_POSES - 2, CHUNK_POSES),
+        PoseRange(RenderedChunk(one, 1), CHUNK_POSES, CHUNK_POSES + 1),
+        PoseRange(RenderedChunk(other, 1), CHUNK_POSES + 1, CHUNK_POSES + 4),
     ]
     assert batch_module.poses_of(batch, "cpu")[:, 0].tolist() == [1.0] * 3 + [2.0] * 3
-    assert [(s.first, s.stop) for s in mended(batch)] == [(s.first, s.stop) for s in batch]
+    assert [(s.first, s.stop) for s in join_ranges(batch, lambda chunk: chunk)] == [(s.first, s.stop) for s in batch]

@@ -15,7 +15,7 @@ from palpate.datasets.sweeps.store import SweepStore
 from palpate.datasets.sweeps.table import load_table, write_table
 from palpate.datasets.sweeps.table_stream import write_blocks
 from palpate.render.sweeps.make.sampling import NUMBERS
-from palpate.render.sweeps.make.task import PART
+from palpate.render.sweeps.make.task import CHUNK_POSES
 from palpate.render.sweeps.report.table import (
     CONTOUR_METRICS,
     FREQUENCY_METRICS,
@@ -62,12 +62,14 @@ def test_rounding_is_no_deviation_and_nothing_has_none():
 
 
 def test_a_row_has_the_recipe_then_metrics_then_who_made_it():
-    one = recipe(count=PART + 3)
+    one = recipe(count=CHUNK_POSES + 3)
     parts = [
-        payload(PART, length=[0.2, 0.4], length_object=[0.1, 0.3], polylines=[1, 3], area=[], removed_small=[0.01]),
+        payload(
+            CHUNK_POSES, length=[0.2, 0.4], length_object=[0.1, 0.3], polylines=[1, 3], area=[], removed_small=[0.01]
+        ),
         payload(3, length=[0.6], length_object=[0.1], polylines=[2], area=[]),
     ]
-    frequency = [payload(PART, draw_frequency_nominal=[10, 20], draw_frequency_actual=[9]), payload(3)]
+    frequency = [payload(CHUNK_POSES, draw_frequency_nominal=[10, 20], draw_frequency_actual=[9]), payload(3)]
     counts = {"jumps_pose": 5, "revisit_rate": None, "seconds": {"sampling": 2.0}}
     store = HandMadeStore(results(one, contours=parts, frequency=frequency, sampling=[counts]))
     columns = tidy_columns([one], store, GROUPS)
@@ -76,8 +78,8 @@ def test_a_row_has_the_recipe_then_metrics_then_who_made_it():
     own, metrics = list(one.columns()), [name for metrics in METRICS.values() for name in metrics]
     last = ["complete", "recipe", "recipe_hash", "maker", "seconds", "seconds_draw", "seconds_find", "seconds_sampling"]
     assert list(row) == [*own, *metrics, *last]
-    assert row["poses"] == PART + 3
-    assert row["poses_drawn"] == PART + 1
+    assert row["poses"] == CHUNK_POSES + 3
+    assert row["poses_drawn"] == CHUNK_POSES + 1
     assert row["length_mean"] == pytest.approx(0.4)
     assert row["length_std"] == pytest.approx(math.sqrt(0.08 / 3))
     assert row["length_max"] == 0.6
@@ -100,13 +102,13 @@ def test_r_is_there_where_the_strategy_closes(strategy, has_r):
 
 
 def test_what_is_not_whole_has_no_metrics_and_says_so():
-    half, none, whole = recipe(count=2 * PART), recipe("cube"), recipe("rock")
-    part = payload(PART, length=[0.2])
+    half, none, whole = recipe(count=2 * CHUNK_POSES), recipe("cube"), recipe("rock")
+    part = payload(CHUNK_POSES, length=[0.2])
     store = HandMadeStore(results(half, contours=[part]) | results(whole, contours=[part]))
     columns = tidy_columns([half, none, whole], store, ["contours"])
     assert columns["complete"] == [False, False, True]
     assert columns["length_mean"] == [None, None, pytest.approx(0.2)]
-    assert columns["poses"] == [None, None, PART]
+    assert columns["poses"] == [None, None, CHUNK_POSES]
     assert columns["seconds"] == [None, None, 0.75]
     assert tidy_columns([whole], store, ["contours", "frequency"])["complete"] == [False]
 

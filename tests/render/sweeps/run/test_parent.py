@@ -3,45 +3,27 @@
 import json
 import resource
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import pytest
-from sweep_stand_ins import StandIn, count_poses, parts_of, rows_of
+from simulated_engine import MAKER, StandInPlan
+from sweep_stand_ins import StandIn, count_poses, rows_of, rows_wanted
 
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.sweeps.shard import ShardRow, write_shard
 from palpate.datasets.sweeps.store import SweepStore
 from palpate.render.errors import SweepError
-from palpate.render.sweeps.make.task import PART, Outcome
+from palpate.render.sweeps.make.task import CHUNK_POSES, FailedChunk, Outcome, Running
 from palpate.render.sweeps.run import parent as parent_module
 from palpate.render.sweeps.run.parent import run_sweep
 
-MAKER = "test"
 DISK = "shards/a.h5: No space left on device"
-
-
-@dataclass
-class StandInPlan:
-    wanted: list
-    groups: tuple = ("contours", "frequency")
-    name: str = "plan"
-
-    @property
-    def granted(self):
-        return frozenset()
-
-    @property
-    def recipe_count(self):
-        return len(self.wanted)
-
-    def recipes(self):
-        return iter(self.wanted)
 
 
 class StandInEngine:
     """Makes tasks at once; `trouble` may take a task's outcome into its own hands."""
 
-    name, devices = "stand-in", ("cpu", "cpu")
+    name, devices, worker_most = "stand-in", ("cpu", "cpu"), 2
 
     def __init__(self, trouble=lambda task: None):
         self.trouble, self.is_closed = trouble, False
@@ -50,10 +32,16 @@ class StandInEngine:
     def start(self, store):
         self.store = store
 
+    def grow(self, worker_count):
+        pass
+
+    def free_count(self):
+        return 2 - len(self.queue) - len(self.begun)
+
     def submit(self, task):
         self.queue.append(task)
 
-    def wait(self, timeout=None):
+    def wait(self, timeout):
         if self.outcomes or not self.queue:
             outcomes, self.outcomes = self.outcomes, []
             return outcomes
@@ -64,20 +52,25 @@ class StandInEngine:
     def running(self):
         return self.begun
 
-    def drop(self, number):
+    def drop(self, number, reason):
         del self.begun[number]
-        self.outcomes.append(Outcome(number, "worker 1", error="worker 1 was ended", is_lost=True))
+        self.outcomes.append(Outcome(number, "worker 1", error=f"worker 1 was ended: {reason}", is_lost=True))
 
     def close(self):
         self.is_closed = True
 
 
 def made(task, store):
-    rows = [ShardRow(group, key, part, {"poses": 1}) for piece in task.pieces for group, key, part in rows_of(piece)]
+    rows = [ShardRow(*row, {"poses": 1}) for chunk in task.chunks for row in rows_of(chunk)]
     name = f"shards/{task.name}.h5"
     write_shard(store / name, rows, maker=MAKER)
-    poses = sum(StandIn.of(piece).poses for piece in task.pieces)
-    return Outcome(task.number, "worker 0", name, part_count=len(rows), pose_count=poses, seconds=0.5)
+    poses = sum(StandIn.of(chunk).poses for chunk in task.chunks)
+    return Outcome(task.number, "worker 0", name, row_count=len(rows), pose_count=poses, seconds=0.05)
+
+
+def full(task, worker="w"):
+    failed = tuple(FailedChunk(place, DISK, is_transient=True) for place, _ in enumerate(task.chunks))
+    return Outcome(task.number, worker, error=DISK, failed=failed)
 
 
 def go(folder, wanted, engine, **options):
@@ -88,10 +81,10 @@ def is_whole(folder, wanted):
     with SweepStore(folder, maker=MAKER, mode="read") as store:
         there = store.done([(g, r.key(g)) for r in wanted for g in ("contours", "frequency")])
     return all(
-        part in there[group, key]
+        number in there[group, key]
         for r in wanted
         for g in ("contours", "frequency")
-        for group, key, part in parts_of(r, g)
+        for group, key, number in rows_wanted(r, g)
     )
 
 
@@ -107,7 +100,7 @@ def test_a_sweep_is_made_recorded_and_told(tmp_path):
     report = go(tmp_path / "s", RECIPES, engine, progress=told.append)
     assert is_whole(tmp_path / "s", RECIPES)
     assert (report.recipes, report.poses, report.poses_rendered, report.poses_reused) == (40, 40_000, 40_000, 0)
-    assert (report.parts, report.tasks, report.retries, report.failures) == (80, len(engine.tasks), 0, ())
+    assert (report.rows, report.tasks, report.retries, report.failures) == (80, len(engine.tasks), 0, ())
     assert told[-1].recipes == told[-1].recipe_count == 40
     assert [line["event"] for line in lines(tmp_path / "s")] == ["start", *["task"] * report.tasks, "end"]
     assert len({line["run"] for line in lines(tmp_path / "s")}) == 1
@@ -146,7 +139,7 @@ def test_a_plan_that_grows_makes_what_is_new(tmp_path):
 
 def test_an_interrupt_keeps_what_is_made(tmp_path):
     def interrupt(task):
-        if task.number == 2:
+        if task.number == 1:
             raise KeyboardInterrupt
 
     engine = StandInEngine(interrupt)
@@ -179,12 +172,12 @@ def test_dead_workers_and_errors_are_mended_and_told(tmp_path):
 
 def test_what_cannot_be_made_is_named_kept_in_mind_and_tried_again_next_time(tmp_path):
     def poisoned(task):
-        bad = tuple((k, "it is open") for k, piece in enumerate(task.pieces) if StandIn.of(piece).motion == "7")
-        return (
-            Outcome(task.number, "w", error="it is open", failed=bad)
-            if len(bad) == len(task.pieces)
-            else (Outcome(task.number, "w", error="2 of 3") if bad else None)
-        )
+        bad = [k for k, chunk in enumerate(task.chunks) if StandIn.of(chunk).motion == "7"]
+        if not bad:
+            return None
+        good = replace(task, chunks=tuple(chunk for k, chunk in enumerate(task.chunks) if k not in bad))
+        outcome = made(good, tmp_path / "s") if good.chunks else Outcome(task.number, "w")
+        return replace(outcome, error="it is open", failed=tuple(FailedChunk(k, "it is open") for k in bad))
 
     report = go(tmp_path / "s", RECIPES, StandInEngine(poisoned))
     (failure,) = report.failures
@@ -218,10 +211,10 @@ def test_a_damaged_shard_is_made_again(tmp_path):
 
 def test_a_full_disk_of_the_store_stops_the_sweep_and_tells_what_is_safe(tmp_path):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    engine = StandInEngine(lambda task: Outcome(task.number, "w", error=DISK) if task.number == 3 else None)
+    engine = StandInEngine(lambda task: full(task) if task.number == 1 else None)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 19, hard))
     try:
-        with pytest.raises(SweepError, match=r"takes no more: File too large; what 4 tasks of this run made is safe"):
+        with pytest.raises(SweepError, match=r"takes no more: File too large; what 2 tasks of this run made is safe"):
             go(tmp_path / "s", RECIPES, engine)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -234,7 +227,7 @@ def test_a_full_disk_of_the_store_stops_the_sweep_and_tells_what_is_safe(tmp_pat
 @pytest.mark.parametrize("is_told", [False, True])
 def test_a_store_that_is_removed_meanwhile_is_told(tmp_path, is_told):
     def remove(task):
-        if task.number != 3:
+        if task.number != 1:
             return None
         outcome = made(task, tmp_path / "s")
         shutil.rmtree(tmp_path / "s")
@@ -260,10 +253,10 @@ def test_what_was_made_of_a_failed_piece_and_not_recorded_yet_serves_others(tmp_
 
     def spoil(task):
         rows, failed = [], []
-        for k, piece in enumerate(task.pieces):
-            bad = StandIn.of(piece).array == "bad" and "keep-drives" in piece.groups
-            failed += [(k, "too many foci")] if bad else []
-            rows += [row for row in rows_of(piece) if not (bad and row[0] == "keep-drives")]
+        for k, chunk in enumerate(task.chunks):
+            bad = StandIn.of(chunk).array == "bad" and "keep-drives" in chunk.groups
+            failed += [FailedChunk(k, "too many foci")] if bad else []
+            rows += [row for row in rows_of(chunk) if not (bad and row[0] == "keep-drives")]
         if not failed:
             return None
         name = f"shards/{task.name}.h5"
@@ -287,25 +280,25 @@ def test_poses_that_two_groups_lack_are_not_reused_and_count_once(tmp_path):
 def test_a_worker_with_a_full_disk_costs_time_only(tmp_path):
     failed = []
 
-    def full(task):
+    def full_twice(task):
         if len(failed) < 2:
             failed.append(task)
-            return Outcome(task.number, "worker 1", error=DISK)
+            return full(task, "worker 1")
         return None
 
-    report = go(tmp_path / "s", RECIPES, StandInEngine(full))
+    report = go(tmp_path / "s", RECIPES, StandInEngine(full_twice))
     assert is_whole(tmp_path / "s", RECIPES)
     assert report.notes == (f"worker 1: {DISK} (2 times)",)
     assert report.retries == 2
 
 
-def test_a_task_without_an_end_is_dropped_and_given_to_another(tmp_path):
+def test_a_task_without_an_end_is_dropped_and_its_chunks_are_given_to_others(tmp_path):
     class Stuck(StandInEngine):
-        def wait(self, timeout=None):
+        def wait(self, timeout):
             if self.queue and not self.tasks:
                 task = self.queue.pop(0)
                 self.tasks.append(task)
-                self.begun[task.number] = 1e9
+                self.begun[task.number] = Running(1e9, 1e9)
                 return []
             return super().wait(timeout)
 
@@ -324,9 +317,9 @@ def test_results_of_other_code_than_the_parents_stop_the_sweep(tmp_path):
         go(tmp_path / "s", RECIPES, StandInEngine(other))
 
 
-def test_parts_of_one_long_recipe_are_made_by_several_tasks(tmp_path):
+def test_rows_wanted_one_long_recipe_are_made_by_several_tasks(tmp_path):
     engine = StandInEngine()
-    wanted = [StandIn(poses=6 * PART - 1)]
+    wanted = [StandIn(poses=6 * CHUNK_POSES - 1)]
     go(tmp_path / "s", wanted, engine)
     assert is_whole(tmp_path / "s", wanted)
     assert len(engine.tasks) > 1

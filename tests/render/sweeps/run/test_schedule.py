@@ -1,47 +1,50 @@
-"""A sweep's schedule: every part that is missing is made exactly once, whatever comes of tasks, in whatever order."""
-
-from itertools import pairwise
+"""A sweep's schedule: every result that is missing is made exactly once, whatever the outcomes, in whatever order."""
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sweep_stand_ins import Memory, StandIn, count_poses, good, parts_of, rows_of
+from sweep_stand_ins import Memory, StandIn, count_poses, good, rows_of, rows_wanted
 
 from palpate.render.errors import SweepError
-from palpate.render.sweeps.make.task import PART, Outcome
-from palpate.render.sweeps.run.missing import Missing, runs_of
-from palpate.render.sweeps.run.pace import GROWTH, POSES_FIRST, Pace, device_kind
-from palpate.render.sweeps.run.schedule import COPY_SECONDS, LATE_SECONDS, WRITES_FAILED, Schedule
+from palpate.render.sweeps.make.task import CHUNK_POSES, FailedChunk, Outcome, Running
+from palpate.render.sweeps.run.missing import Missing
+from palpate.render.sweeps.run.schedule import TRIES, WRITES_FAILED, Schedule, device_kind
 
 GROUPS = ("contours", "frequency", "sampling", "keep-contours", "keep-drives")
 DISK = "shards/a.h5: No space left on device"
 
 
-def schedule_of(recipes, memory, groups=("contours", "frequency"), worker_count=2, kind="cpu", **options):
-    missing = Missing(iter(recipes), groups, done=memory.done, pose_count=options.pop("pose_count", count_poses))
-    return Schedule(missing, Pace(kind), worker_count=worker_count, store="store", run="run")
+def schedule_of(recipes, there, groups=("contours", "frequency"), worker_count=2, kind="cpu", **options):
+    missing = Missing(iter(recipes), groups, done=there.done, pose_count=options.pop("pose_count", count_poses))
+    schedule = Schedule(missing, store="store", run="run", **options)
+    schedule.set_kind(kind)
+    schedule.worker_count = worker_count
+    return schedule
 
 
-def given_out(schedule):
-    """All tasks that workers have room for."""
-    tasks = []
-    while (task := schedule.next_task(0.0)) is not None:
-        tasks.append(task)
-    return tasks
+def full_disk(task):
+    return Outcome(
+        task.number,
+        "worker 9",
+        error=DISK,
+        failed=tuple(FailedChunk(place, DISK, is_transient=True) for place, _ in enumerate(task.chunks)),
+    )
 
 
 def finish(schedule, memory, outcome_of=good):
     """Make everything, task by task in order; all tasks there were."""
     every = []
     while not schedule.is_done:
-        tasks = given_out(schedule)
-        assert tasks, "nothing to do, but not done"
-        for task in tasks:
-            outcome = outcome_of(task)
-            if outcome.error is None:
-                memory.record(row for piece in task.pieces for row in rows_of(piece))
-            schedule.settle(outcome, 0.0)
-        every += tasks
+        task = schedule.next_task(0.0)
+        if task is None:
+            assert schedule.is_done, "nothing to do, but not done"
+            break
+        outcome = outcome_of(task)
+        if outcome.error is None:
+            made = [chunk for place, chunk in enumerate(task.chunks) if place not in outcome.left]
+            memory.record(row for chunk in made for row in rows_of(chunk))
+        schedule.settle(outcome, 0.0)
+        every.append(task)
     return every
 
 
@@ -52,7 +55,7 @@ recipes = st.lists(
         motion=st.sampled_from(["1", "2"]),
         sampling=st.sampled_from(["a", "b"]),
         array=st.sampled_from(["x", "y"]),
-        poses=st.sampled_from([1, 1000, PART, PART + 1, 5 * PART - 3]),
+        poses=st.sampled_from([1, 1000, CHUNK_POSES, CHUNK_POSES + 1, 5 * CHUNK_POSES - 3]),
     ),
     max_size=12,
     unique=True,
@@ -60,34 +63,38 @@ recipes = st.lists(
 
 
 @pytest.mark.exhaustive
-@settings(max_examples=200)
+@settings(max_examples=300, deadline=None)
 @given(st.data())
-def test_every_missing_part_is_made_once_whatever_comes_in_whatever_order(data):
+def test_every_missing_row_is_made_once_whatever_comes_in_whatever_order(data):
     wanted, groups = data.draw(recipes), data.draw(st.lists(st.sampled_from(GROUPS), min_size=1, unique=True))
-    every = sorted({row for recipe in wanted for group in groups for row in parts_of(recipe, group)})
+    every = sorted({row for recipe in wanted for group in groups for row in rows_wanted(recipe, group)})
     there = data.draw(st.lists(st.sampled_from(every), unique=True)) if every else []
     memory = Memory(dict.fromkeys(there, 1))
     bad = {recipe.title for recipe in data.draw(st.lists(st.sampled_from(wanted), unique=True))} if wanted else set()
     schedule = schedule_of(wanted, memory, groups, worker_count=data.draw(st.integers(1, 3)))
     under_way, trouble, now = [], data.draw(st.integers(0, 8)), 0.0
     while not schedule.is_done:
-        while (task := schedule.next_task(now)) is not None:
+        while len(under_way) < schedule.worker_count and (task := schedule.next_task(now)) is not None:
             under_way.append(task)
         now += 10.0
         if not under_way:
             continue
         task = under_way.pop(data.draw(st.integers(0, len(under_way) - 1)))
-        failed = tuple((k, "bad") for k, piece in enumerate(task.pieces) if StandIn.of(piece).title in bad)
-        came = data.draw(st.sampled_from(["done", "lost", "disk"])) if trouble else "done"
-        if came == "lost" and len(task.pieces) > 1:
-            trouble -= 1
-            schedule.settle(Outcome(task.number, "w", error="killed", is_lost=True), now)
-        elif came == "disk":
-            trouble -= 1
-            schedule.settle(Outcome(task.number, "w", error=DISK), now)
+        places = range(len(task.chunks))
+        failed = [k for k in places if StandIn.of(task.chunks[k]).title in bad]
+        event = data.draw(st.sampled_from(["done", "left", "lost", "disk"])) if trouble else "done"
+        trouble -= trouble > 0 and event != "done"
+        if event == "lost" and len(places) > 1:
+            suspects = data.draw(st.one_of(st.none(), st.just(()), st.just((0,))))
+            schedule.settle(Outcome(task.number, "w", error="killed", is_lost=True, suspects=suspects), now)
+        elif event == "disk":
+            schedule.settle(full_disk(task), now)
         else:
-            memory.record(r for k, p in enumerate(task.pieces) if k not in dict(failed) for r in rows_of(p))
-            schedule.settle(good(task, error="bad" if failed else None, failed=failed), now)
+            left = tuple(places[1:]) if event == "left" else ()
+            failed = [k for k in failed if k not in left]
+            memory.record(r for k in places if k not in failed and k not in left for r in rows_of(task.chunks[k]))
+            named = tuple(FailedChunk(k, "bad") for k in failed)
+            schedule.settle(good(task, error="bad" if failed else None, failed=named, left=left), now)
     counts = schedule.missing.counts
     failures = {failure.name for failure in schedule.missing.failures}
     assert counts.done + counts.failed == counts.recipes == len(wanted)
@@ -95,9 +102,9 @@ def test_every_missing_part_is_made_once_whatever_comes_in_whatever_order(data):
     assert set(memory.rows.values()) <= {1}
     for recipe in wanted:
         if recipe.title not in failures:
-            assert all(row in memory.rows for group in groups for row in parts_of(recipe, group))
+            assert all(row in memory.rows for group in groups for row in rows_wanted(recipe, group))
         else:  # it, or one that makes the same
-            assert any(row not in memory.rows for group in groups for row in parts_of(recipe, group))
+            assert any(row not in memory.rows for group in groups for row in rows_wanted(recipe, group))
     assert bool(failures) <= bool(bad)
 
 
@@ -108,7 +115,7 @@ def test_what_is_there_is_not_asked_for_again():
     schedule = schedule_of(wanted, memory)
     assert schedule.next_task(0.0) is None
     assert schedule.is_done
-    assert schedule.missing.counts.reused == 10_000
+    assert schedule.missing.counts.done == 10_000
     assert schedule.missing.counts.poses_missing == 0
 
 
@@ -116,7 +123,7 @@ def test_a_rendering_that_two_samplings_share_is_rendered_once_in_one_task():
     memory = Memory()
     schedule = schedule_of([StandIn(sampling="a"), StandIn(sampling="b")], memory)
     (task,) = finish(schedule, memory)
-    assert [piece.groups for piece in task.pieces] == [("contours", "frequency"), ("frequency",)]
+    assert [chunk.groups for chunk in task.chunks] == [("contours", "frequency"), ("frequency",)]
     assert schedule.missing.counts.poses_missing == 1000
 
 
@@ -127,74 +134,108 @@ def test_recipes_are_read_as_they_are_needed():
         k = 0
         while True:
             read.append(k)
-            yield StandIn(motion=str(k), poses=PART)
+            yield StandIn(motion=str(k), poses=CHUNK_POSES)
             k += 1
 
     schedule = schedule_of(endless(), Memory())
-    given_out(schedule)
+    assert [schedule.next_task(0.0) for _ in range(4)]
     assert 0 < len(read) < 10_000
 
 
-@pytest.mark.parametrize("lost", [False, True])
-def test_a_poisoned_piece_is_reported_by_name_and_the_rest_is_finished(lost):
+@pytest.mark.parametrize("suspects", [None, "own", "wrong"])
+def test_a_chunk_that_kills_is_reported_by_name_and_the_rest_is_finished(suspects):
     wanted, memory = [StandIn(motion=str(k)) for k in range(20)], Memory()
     schedule = schedule_of(wanted, memory)
     deaths = 0
 
     def outcome_of(task):
         nonlocal deaths
-        if not any(StandIn.of(piece).motion == "7" for piece in task.pieces):
+        places = [k for k, chunk in enumerate(task.chunks) if StandIn.of(chunk).motion == "7"]
+        if not places:
             return good(task)
         deaths += 1
-        return Outcome(task.number, "w", error="worker 1 was killed by signal 9", is_lost=lost)
+        seen = {None: None, "own": tuple(places), "wrong": () if len(task.chunks) > 1 else tuple(places)}[suspects]
+        if suspects == "wrong" and deaths > 3:
+            seen = tuple(places)
+        return Outcome(task.number, "w", error="worker 1 was killed by signal 9", is_lost=True, suspects=seen)
 
     finish(schedule, memory, outcome_of)
     (failure,) = schedule.missing.failures
     assert failure.name == wanted[7].title
     assert failure.recipe_hash == wanted[7].hash
     assert "signal 9" in failure.sentence
-    assert deaths == 3  # with others, and twice alone
+    assert deaths <= TRIES + 4
     assert schedule.missing.counts.done == 19
 
 
-def test_a_part_of_many_that_kills_costs_its_recipe_only():
-    memory = Memory()
-    schedule = schedule_of([StandIn(poses=40 * PART), StandIn(motion="2")], memory, worker_count=1, kind="cuda")
+def test_an_error_that_is_named_is_not_tried_again():
+    wanted, memory, tries = [StandIn(motion=str(k)) for k in range(20)], Memory(), []
+    schedule = schedule_of(wanted, memory)
 
     def outcome_of(task):
-        if any(piece.first <= 5 < piece.stop for piece in task.pieces):
-            return Outcome(task.number, "w", error="killed", is_lost=True)
-        return good(task)
+        failed = [k for k, chunk in enumerate(task.chunks) if StandIn.of(chunk).motion in ("3", "7")]
+        tries.extend(failed)
+        memory.record(row for k, chunk in enumerate(task.chunks) if k not in failed for row in rows_of(chunk))
+        named = tuple(FailedChunk(k, "it is open") for k in failed)
+        return good(task, error="it is open", failed=named) if failed else good(task)
 
-    tasks = finish(schedule, memory, outcome_of)
-    assert [failure.name for failure in schedule.missing.failures] == [StandIn(poses=40 * PART).title]
+    finish(schedule, memory, outcome_of)
+    assert {failure.name for failure in schedule.missing.failures} == {wanted[3].title, wanted[7].title}
+    assert len(tries) == 2
+    assert schedule.retried == 0
+
+
+def test_an_error_that_names_nobody_is_found_by_trying_each_alone():
+    wanted, memory = [StandIn(motion=str(k)) for k in range(20)], Memory()
+    schedule = schedule_of(wanted, memory)
+    finish(
+        schedule,
+        memory,
+        lambda task: (
+            good(task, error="broken") if any(StandIn.of(chunk).motion == "7" for chunk in task.chunks) else good(task)
+        ),
+    )
+    assert [failure.name for failure in schedule.missing.failures] == [wanted[7].title]
+    assert schedule.missing.counts.done == 19
+
+
+def test_a_chunk_of_many_that_kills_costs_its_recipe_only():
+    memory = Memory()
+    wanted = [StandIn(poses=40 * CHUNK_POSES), StandIn(motion="2")]
+    schedule = schedule_of(wanted, memory, worker_count=1, kind="cuda")
+
+    def outcome_of(task):
+        places = tuple(k for k, chunk in enumerate(task.chunks) if chunk.number == 5)
+        return Outcome(task.number, "w", error="killed", is_lost=True, suspects=places) if places else good(task)
+
+    finish(schedule, memory, outcome_of)
+    assert [failure.name for failure in schedule.missing.failures] == [wanted[0].title]
     assert schedule.missing.counts.done == 1
-    lost = [piece for task in tasks for piece in task.pieces if piece.first <= 5 < piece.stop]
-    assert len(lost) <= 3
+
+
+def test_chunks_of_a_recipe_that_failed_are_not_made_any_more():
+    memory, wanted = Memory(), [StandIn(poses=400 * CHUNK_POSES)]
+    schedule = schedule_of(wanted, memory, worker_count=1)
+    every = finish(schedule, memory, lambda task: good(task, error="open", failed=(FailedChunk(0, "open"),)))
+    assert len(every) == 1
+    assert schedule.missing.counts.failed == 1
 
 
 def test_recipes_that_wait_for_what_fails_fail_under_their_own_names():
     wanted = [StandIn(sampling="a"), StandIn(sampling="b"), StandIn(thing="tube")]
     memory = Memory()
     schedule = schedule_of(wanted, memory, groups=("contours",))
-    finish(
-        schedule,
-        memory,
-        lambda task: (
-            good(
-                task,
-                error="open",
-                failed=tuple((k, "open") for k, piece in enumerate(task.pieces) if StandIn.of(piece).thing == "cube"),
-            )
-            if any(StandIn.of(piece).thing == "cube" for piece in task.pieces)
-            else good(task)
-        ),
-    )
+
+    def outcome_of(task):
+        failed = [k for k, chunk in enumerate(task.chunks) if StandIn.of(chunk).thing == "cube"]
+        return good(task, error="open" if failed else None, failed=tuple(FailedChunk(k, "open") for k in failed))
+
+    finish(schedule, memory, outcome_of)
     assert {failure.name for failure in schedule.missing.failures} == {wanted[0].title, wanted[1].title}
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_what_is_made_of_a_failed_piece_serves_those_who_need_no_more(order):
+def test_results_of_a_failed_chunk_serve_recipes_that_need_no_more(order):
     groups = ("contours", "keep-contours", "keep-drives")
     wanted = [StandIn(array="bad"), StandIn(array="good"), StandIn(array="late")][::order]
     memory = Memory()
@@ -202,32 +243,32 @@ def test_what_is_made_of_a_failed_piece_serves_those_who_need_no_more(order):
 
     def outcome_of(task):
         failed = []
-        for k, piece in enumerate(task.pieces):
-            rows = rows_of(piece)
-            if StandIn.of(piece).array == "bad" and "keep-drives" in piece.groups:
-                failed.append((k, "too many foci"))
+        for k, chunk in enumerate(task.chunks):
+            rows = rows_of(chunk)
+            if StandIn.of(chunk).array == "bad" and "keep-drives" in chunk.groups:
+                failed.append(FailedChunk(k, "too many foci"))
                 rows = [row for row in rows if row[0] != "keep-drives"]
             memory.record(rows)
-        return good(task, error="too many foci", failed=tuple(failed)) if failed else good(task)
+        return good(task, error="too many foci" if failed else None, failed=tuple(failed))
 
     while not schedule.is_done:
-        for task in given_out(schedule):
-            schedule.settle(outcome_of(task), 0.0)
+        schedule.settle(outcome_of(schedule.next_task(0.0)), 0.0)
     assert [failure.name for failure in schedule.missing.failures] == [StandIn(array="bad").title]
     assert (schedule.missing.counts.done, schedule.missing.counts.failed) == (2, 1)
 
 
 def test_poses_are_counted_once_however_many_groups_want_them():
-    wanted = [StandIn(poses=PART + 5), StandIn(poses=PART + 5, array="x"), StandIn(motion="2")]
-    memory = Memory(dict.fromkeys(parts_of(wanted[2], "contours"), 1))
-    memory.record(parts_of(wanted[0], "contours")[:1])
-    cut = schedule_of(wanted, memory, ("contours",)).missing
+    long = CHUNK_POSES + 5
+    wanted = [StandIn(poses=long), StandIn(poses=long, array="x"), StandIn(motion="2")]
+    memory = Memory(dict.fromkeys(rows_wanted(wanted[2], "contours"), 1))
+    memory.record(rows_wanted(wanted[0], "contours")[:1])
+    split = schedule_of(wanted, memory, ("contours",)).missing
     both = schedule_of(wanted, memory, ("contours", "keep-contours")).missing
-    for missing in (cut, both):
+    for missing in (split, both):
         missing.read()
-    assert (cut.counts.poses_incomplete, cut.counts.poses_once) == (10, 5)
-    assert both.counts.poses == both.counts.poses_incomplete == 2 * (PART + 5) + 1000
-    assert both.counts.poses_once == PART + 5 + 1000
+    assert split.counts.poses_once == split.counts.poses_missing == 5
+    assert both.counts.poses == both.counts.poses_incomplete == 2 * long + 1000
+    assert both.counts.poses_once == long + 1000
 
 
 def test_a_motion_that_cannot_be_read_fails_alone():
@@ -247,8 +288,7 @@ def test_a_motion_that_cannot_be_read_fails_alone():
 def test_a_worker_that_cannot_write_is_given_time_but_not_for_ever():
     schedule = schedule_of([StandIn()], Memory())
     for k in range(WRITES_FAILED):
-        task = schedule.next_task(10.0 * k)
-        outcome = Outcome(task.number, "worker 9", error=DISK)
+        outcome = full_disk(schedule.next_task(10.0 * k))
         if k < WRITES_FAILED - 1:
             schedule.settle(outcome, 10.0 * k)
             assert schedule.next_task(10.0 * k) is None
@@ -256,85 +296,59 @@ def test_a_worker_that_cannot_write_is_given_time_but_not_for_ever():
         schedule.settle(outcome, 0.0)
 
 
-@pytest.mark.exhaustive
-def test_tasks_grow_to_the_target_and_no_faster_than_fourfold():
-    schedule, memory = schedule_of([StandIn(poses=1 << 40)], Memory(), kind="cuda"), Memory()
-    rate, sizes = 1e8, []
-    for _ in range(40):
-        for task in given_out(schedule):
-            poses = sum((piece.stop - piece.first) * PART for piece in task.pieces)
-            sizes.append(poses)
-            schedule.settle(Outcome(task.number, "w", seconds=poses / rate), 0.0)
-    assert sizes[0] == POSES_FIRST["cuda"]
-    assert all(after <= GROWTH * max(sizes[:k]) for k, after in enumerate(sizes) if k)
-    assert sizes[-1] / rate == pytest.approx(3.0, rel=0.05)
-    assert memory.rows == {}
+def test_tasks_grow_to_the_length_that_is_meant():
+    schedule = schedule_of([StandIn(poses=1 << 40)], Memory(), kind="cuda")
+    rate = 1e8
+    for _ in range(20):
+        task = schedule.next_task(0.0)
+        poses = len(task.chunks) * CHUNK_POSES
+        schedule.settle(Outcome(task.number, "w", seconds=poses / rate), 0.0)
+    assert poses / rate == pytest.approx(3.0, rel=0.05)
 
 
-def test_one_worker_shares_the_end_with_nobody():
-    pace = Pace("cpu")
-    assert pace.share(1e-3, 1) == pace.share(1e3, 1) == pace.target
-    assert pace.share(1.0, 2) < pace.target
+def test_chunks_that_a_worker_returns_are_given_out_again():
+    wanted, memory = [StandIn(motion=str(k), poses=10_000) for k in range(6)], Memory()
+    schedule = schedule_of(wanted, memory, worker_count=1)
+    every = finish(schedule, memory, lambda task: good(task, left=tuple(range(1, len(task.chunks)))))
+    assert len(every) >= 6
+    assert set(memory.rows.values()) == {1}
+    assert schedule.missing.counts.done == 6
 
 
 def test_the_end_is_shared_among_workers():
     schedule = schedule_of([StandIn(motion=str(k), poses=10_000) for k in range(100)], Memory(), worker_count=4)
-    schedule.pace.learn({schedule.next_task(0.0).pieces[0].recipe and "cube/-/-/cut": 400_000}, 2.0)
     sizes = []
-    while tasks := given_out(schedule):
-        for task in tasks:
-            sizes.append(len(task.pieces))
-            schedule.settle(Outcome(task.number, "w", seconds=len(task.pieces) * 0.05), 0.0)
-    assert max(sizes) < 20
+    while (task := schedule.next_task(0.0)) is not None:
+        sizes.append(len(task.chunks))
+        schedule.settle(Outcome(task.number, "w", seconds=len(task.chunks) * 0.05), 0.0)
+    assert sum(sizes) == 100
+    assert max(sizes) <= 20
     assert sizes[-1] <= 4
 
 
-def test_slow_work_is_dropped_only_after_a_multiple_of_what_it_should_take_and_gets_more_time():
+def test_a_worker_is_ended_by_its_own_time_and_memory_and_by_name():
+    schedule = schedule_of([StandIn()], Memory(), timeout=100.0, memory=10**9)
+    task = schedule.next_task(0.0)
+    assert schedule.overdue({task.number: Running(1e6, 99.0, 10**9)}) == {}
+    (reason,) = schedule.overdue({task.number: Running(5.0, 101.0, 0)}).values()
+    assert "101 s of processor time" in reason
+    assert "limit of 100 s (--task-timeout)" in reason
+    assert schedule.overdue({task.number: Running(1e6, 1e6, 0)}) == {}  # it is ended once
+    schedule.settle(Outcome(task.number, "w", error="ended", is_lost=True, suspects=(0,)), 0.0)
+    assert [failure.sentence for failure in schedule.missing.failures] == [reason]  # what takes for ever is tried once
+    assert schedule.is_done
+    other = schedule_of([StandIn()], Memory(), timeout=100.0, memory=10**9)
+    (reason,) = other.overdue({other.next_task(0.0).number: Running(1.0, 1.0, 2 * 10**9)}).values()
+    assert "2 GB of memory, more than the limit of 1 GB (--worker-memory)" in reason
+
+
+def test_without_limits_no_worker_is_ended():
     schedule = schedule_of([StandIn()], Memory())
     task = schedule.next_task(0.0)
-    assert schedule.late({task.number: LATE_SECONDS}) == []
-    assert schedule.late({task.number: LATE_SECONDS + 1}) == [task.number]
-    schedule.settle(Outcome(task.number, "w", error="was ended", is_lost=True), 0.0)
-    again = schedule.next_task(0.0)
-    assert schedule.late({again.number: 10 * LATE_SECONDS}) == []
-
-
-def test_a_copy_goes_to_an_idle_worker_and_the_first_to_end_counts():
-    schedule, memory = schedule_of([StandIn()], Memory()), Memory()
-    task = schedule.next_task(0.0)
-    assert schedule.copy_for_idle({task.number: COPY_SECONDS / 2}) is None
-    copy, original = schedule.copy_for_idle({task.number: COPY_SECONDS + 1})
-    assert (original, copy.pieces) == (task.number, task.pieces)
-    assert copy.name != task.name
-    assert schedule.copy_for_idle({task.number: 1e6}) is None  # one is enough
-    schedule.settle(Outcome(task.number, "w", error="killed", is_lost=True), 0.0)
-    assert not schedule.is_done  # the copy may do better
-    assert schedule.next_task(0.0) is None
-    assert schedule.settle(good(copy), 0.0) == []
-    assert schedule.is_done
-    assert memory.rows == {}
-
-
-def test_the_copy_that_is_not_needed_any_more_is_named():
-    schedule = schedule_of([StandIn()], Memory())
-    task = schedule.next_task(0.0)
-    copy, _ = schedule.copy_for_idle({task.number: 1e6})
-    assert schedule.settle(good(copy), 0.0) == [task.number]
-    assert schedule.is_done
-    assert schedule.settle(Outcome(task.number, "w", error="was ended", is_lost=True), 0.0) == []
-    assert schedule.is_done
-
-
-@given(st.dictionaries(st.sampled_from("abc"), st.frozensets(st.integers(0, 6)), min_size=1))
-def test_runs_cover_what_is_absent_once(absent):
-    covered = [
-        (group, part) for first, stop, groups in runs_of(absent, 7) for part in range(first, stop) for group in groups
-    ]
-    assert sorted(covered) == sorted((group, part) for group, parts in absent.items() for part in parts)
-    runs = runs_of(absent, 7)
-    assert all(a[1] <= b[0] and (a[1] < b[0] or a[2] != b[2]) for a, b in pairwise(runs))
+    assert schedule.overdue({task.number: Running(1e9, 1e9, 10**15)}) == {}
 
 
 def test_tasks_are_cut_for_the_slowest_kind_of_device():
     assert device_kind(["cuda:0", "cuda:1"]) == "cuda"
     assert device_kind(["cuda:0", "cpu"]) == "cpu"
+    assert device_kind([]) == "cpu"

@@ -1,11 +1,10 @@
-"""Which cluster makes a sweep's tasks: processes of this host, somebody's scheduler, or jobs of a queueing system.
+"""Which Dask cluster makes a sweep's tasks: processes of this host, or one that is there already.
 
 | scheduler                      | cluster                          | workers                     | device of each     |
 |--------------------------------|----------------------------------|-----------------------------|--------------------|
 | None, "local"                  | Dask's own, on 127.0.0.1         | one for each GPU, each core | one of those named |
 | "tcp://host:port", "host:port" | somebody's; stays when we go     | at least so many must come  | the word, there    |
 | "scheduler.json"               | the same; Dask's file has where  | the same                    | the word, there    |
-| "slurm", "pbs", "sge", ...     | dask-jobqueue's, jobqueue.yaml   | jobs; the first must come   | the word, there    |
 | a Client (Python)              | the client's; stays when we go   | at least so many must come  | the word, there    |
 """
 
@@ -29,13 +28,11 @@ if TYPE_CHECKING:
     from distributed import Client
 
 PATIENCE = 30.0  # [s] for a scheduler to answer, and workers to be there
-PATIENCE_JOBS = 24 * 3600.0  # [s] for a first job to begin: queues are long
 GRACE = 0.5  # [s] for workers of this host to go by themselves
 HOST = "127.0.0.1"
 ADDRESS = re.compile(r"^[\w.-]+:\d+$")
 INSTALL = "sweeps on a cluster need Dask: pip install 'palpate[cluster]'"
 COMPARED = ("python", "dask", "distributed", "msgpack", "cloudpickle")  # what must understand each other
-NEEDED = ("cores", "memory")  # of a job, which nobody else can know
 SAFE_PATH = "PYTHONSAFEPATH"  # does what -P does
 SILENT = logging.CRITICAL + 1
 
@@ -53,7 +50,7 @@ class Connection:
     patience: float
     """[s] that they may take, and that none may be there for later on."""
     cluster: Any = None
-    """What we started, so what we close; None for somebody's."""
+    """What we started, so what we close; None for a cluster that was there."""
     is_client_ours: bool = True
     restore: Callable[[], object] = lambda: None
     """Undoes what starting it has changed in this process."""
@@ -88,12 +85,11 @@ def connect_cluster(
     if isinstance(scheduler, distributed.Client):
         address = str(scheduler.scheduler_info()["address"])
         return Connection(scheduler, address, devices, workers or 1, patience or PATIENCE, is_client_ours=False)
-    if _is_address(scheduler):
-        return _find(scheduler, devices, workers or 1, patience or PATIENCE)
-    return _start_jobs(scheduler, devices, workers, patience or PATIENCE_JOBS)
+    require_scheduler(scheduler, devices=devices)
+    return _find(scheduler, devices, workers or 1, patience or PATIENCE)
 
 
-def require_scheduler(scheduler: str, *, devices: str = "auto", workers: int | None = None) -> None:
+def require_scheduler(scheduler: str, *, devices: str = "auto") -> None:
     """Refuse what can be seen to be wrong of `connect_cluster`'s arguments before anything runs; raises PlanError."""
     if importlib.util.find_spec("distributed") is None:
         raise PlanError(INSTALL)
@@ -101,7 +97,10 @@ def require_scheduler(scheduler: str, *, devices: str = "auto", workers: int | N
         return
     _require_one_device(devices)
     if not _is_address(scheduler):
-        _job_system(scheduler, workers)
+        raise PlanError(
+            f"unknown scheduler {scheduler!r}; known: local, tcp://host:port, FILE.json (Dask's scheduler file). "
+            "Kubernetes, SLURM and clouds: start their Dask cluster by their own package, and give its address"
+        )
 
 
 def _is_address(scheduler: str) -> bool:
@@ -130,7 +129,7 @@ def _start_here(devices: str, workers: int | None, patience: float) -> Connectio
         for name in names
         for number in range(each)
     }
-    # Whoever is lost is the schedule's to try again: it knows which tasks were begun, Dask does not.
+    # Tasks of workers that die are given out again by the schedule, not by Dask.
     ours = {"cls": Scheduler, "options": bound | {"port": 0, "allowed_failures": 0}}
     with ExitStack() as stack:
         stack.callback(_put_safe_path())
@@ -154,7 +153,7 @@ def _devices_here(devices: str) -> list[str]:
     """Devices of this host by the command line's words, all of one kind."""
     if devices == "cpu":  # Warp is not needed here then
         return ["cpu"]
-    from ...runtime.span_workers import worker_devices
+    from ...runtime.worker_devices import worker_devices
     from ...terminal.console import start_warp
 
     start_warp()
@@ -192,34 +191,6 @@ def _find(address: str, devices: str, workers: int, patience: float) -> Connecti
     return Connection(client, address, devices, workers, patience)
 
 
-def _start_jobs(word: str, devices: str, workers: int | None, patience: float) -> Connection:
-    """Jobs of a queueing system, each of which is a worker, by the user's jobqueue.yaml."""
-    import dask.config
-    from distributed.security import Security
-
-    system = _job_system(word, workers)
-    missing = [key for key in NEEDED if dask.config.get(f"jobqueue.{word}.{key}", None) is None]
-    if missing:
-        raise SweepError(f"{word} needs {', '.join(missing)} of a job: ~/.config/dask/jobqueue.yaml, jobqueue.{word}")
-    cluster = None
-    try:
-        with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
-            configured = Security()  # by distributed.yaml
-            prologue = dask.config.get(f"jobqueue.{word}.job-script-prologue", None) or []
-            keys = dask.config.get(f"jobqueue.{word}.shared-temp-directory", None) or "~"  # files that only we can read
-            cluster = system(
-                security=configured if configured.tls_ca_file else _new_keys(),
-                shared_temp_directory=keys,
-                job_script_prologue=[*prologue, f"export {SAFE_PATH}=1"],
-            )
-        cluster.scale(jobs=workers)
-        return Connection(_client(patience, address=cluster), word, devices, 1, patience, cluster)
-    except (ValueError, TypeError, OSError, RuntimeError) as error:
-        if cluster is not None:
-            _close_cluster(cluster)
-        raise SweepError(f"{word} cannot run workers: {_one_line(error)} (jobqueue.yaml)") from error
-
-
 def _new_keys() -> Any:
     """Keys for one cluster, kept in memory.
 
@@ -231,29 +202,6 @@ def _new_keys() -> Any:
         return Security.temporary()
     except ImportError as error:
         raise PlanError(INSTALL) from error
-
-
-def _job_system(word: str, workers: int | None) -> Any:
-    """The class of dask-jobqueue for a word; a number of jobs is needed with it."""
-    systems = _job_systems()
-    if word not in systems:
-        known = ", ".join(("local", "tcp://host:port", "FILE.json", *sorted(systems)))
-        raise PlanError(f"unknown scheduler {word!r}; known: {known}")
-    if workers is None:
-        raise PlanError(f"how many jobs {word} is to run must be said: --workers")
-    return systems[word]
-
-
-def _job_systems() -> dict[str, type]:
-    """Classes of dask-jobqueue by the words for them."""
-    try:
-        import dask_jobqueue
-        from dask_jobqueue.core import JobQueueCluster
-    except ImportError as error:
-        raise PlanError(INSTALL) from error
-    kinds = [kind for kind in vars(dask_jobqueue).values() if isinstance(kind, type) and kind is not JobQueueCluster]
-    systems = [kind for kind in kinds if issubclass(kind, JobQueueCluster)]
-    return {kind.__name__.removesuffix("Cluster").lower(): kind for kind in systems}
 
 
 def _close_cluster(cluster: Any) -> None:
@@ -268,9 +216,6 @@ def _close_cluster(cluster: Any) -> None:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
     closing.join()
-    for name in ("_job_ca_file", "_job_cert", "_job_key"):  # dask-jobqueue leaves its files of keys open
-        if (file := getattr(cluster, name, None)) is not None:
-            file.close()
 
 
 def _client(patience: float, **where: Any) -> Any:
@@ -320,8 +265,3 @@ def hushed_logs() -> Iterator[None]:
     finally:
         for handler, level in zip(handlers, levels, strict=True):
             handler.setLevel(level)
-
-
-def _one_line(error: BaseException) -> str:
-    """What an error says, on one line."""
-    return " ".join(str(error).split())[:300] or type(error).__name__

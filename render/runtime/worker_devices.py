@@ -1,0 +1,53 @@
+"""Which Warp devices workers use, from the command line's words; Warp is imported only where a GPU may be meant."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+
+from ..errors import StrategyError
+
+WORKERS_MOST = 256  # on one device; a larger number is probably a typing error
+GPU_WORKERS = 2  # one computes while the other downloads its results
+DRIVER = {"linux": "libcuda.so.1", "win32": "nvcuda.dll"}
+
+
+def worker_devices(device: str, workers: int | None = None) -> list[str]:
+    """Device of each worker, from the command line's options --device and --workers.
+
+    device: "cpu", "cuda:0", several with commas between them, "cuda" (all GPUs), "auto" (the first GPU, else the CPU).
+    workers: number on each device; None: one for each core of the CPU, two for a GPU.
+    Raises StrategyError for a device that this machine lacks, one named twice, no workers, or more than WORKERS_MOST.
+    """
+    if workers is not None and workers < 1:
+        raise StrategyError(f"workers must be at least 1, not {workers}")
+    if workers is not None and workers > WORKERS_MOST:
+        raise StrategyError(f"workers must be at most {WORKERS_MOST} on each device, not {workers}")
+    devices = ["cpu"] if device == "cpu" or (device == "auto" and not has_cuda_driver()) else _warp_devices(device)
+    if len(set(devices)) < len(devices):
+        raise StrategyError(f"device {device!r} names one device twice; --workers says how many work on each")
+    cores = len(os.sched_getaffinity(0))
+    count = {name: workers or (cores if name == "cpu" else GPU_WORKERS) for name in devices}
+    return [name for name in devices for _ in range(count[name])]
+
+
+def has_cuda_driver() -> bool:
+    """Whether this machine has a driver of NVIDIA's, so that Warp may find a GPU: asking Warp takes a second."""
+    if "warp" in sys.modules:
+        return True  # Warp is asked, as that costs nothing any more
+    try:
+        ctypes.CDLL(DRIVER.get(sys.platform, ""))
+    except OSError:
+        return False
+    return sys.platform in DRIVER
+
+
+def _warp_devices(device: str) -> list[str]:
+    import warp as wp
+
+    from .span_workers import warp_device
+
+    gpus = [str(gpu) for gpu in wp.get_cuda_devices()]
+    names = {"auto": gpus[:1] or ["cpu"], "cuda": gpus or ["cuda"]}.get(device) or device.split(",")
+    return [warp_device(name.strip()) for name in names]

@@ -31,7 +31,7 @@ from palpate.render.intersection.batch_rendering import Chunk, rendered_chunks
 from palpate.render.intersection.file_recording import file_header, metrics_of, record
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.mesh.solid_mesh import MeshObject
-from palpate.render.runtime.span_workers import worker_devices
+from palpate.render.runtime.worker_devices import worker_devices
 from palpate.render.strategies.intersection_strategy import closed_contour
 
 THINGS = ("cube", "tube")

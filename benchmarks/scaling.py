@@ -24,7 +24,7 @@ from palpate.render.hands.hand import Palm
 from palpate.render.intersection.batch_rendering import rendered_chunks
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.mesh.solid_mesh import MeshObject
-from palpate.render.runtime.span_workers import GPU_WORKERS
+from palpate.render.runtime.worker_devices import GPU_WORKERS
 from palpate.render.strategies.intersection_strategy import closed_contour
 
 

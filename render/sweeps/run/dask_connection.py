@@ -16,10 +16,12 @@ import os
 import re
 import signal
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import PalpateWarning, PlanError, StrategyError, SweepError
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 PATIENCE = 30.0  # [s] for a scheduler to answer, and workers to be there
+SIGHT = 5.0  # [s] until a file that a worker has written must be seen here: network file systems remember
 GRACE = 0.5  # [s] for workers of this host to go by themselves
 HOST = "127.0.0.1"
 ADDRESS = re.compile(r"^[\w.-]+:\d+$")
@@ -265,3 +268,29 @@ def hushed_logs() -> Iterator[None]:
     finally:
         for handler, level in zip(handlers, levels, strict=True):
             handler.setLevel(level)
+
+
+def remove_token(token: Path) -> None:
+    """Take our files out of the store."""
+    for path in token.parent.glob(f"{token.name}*"):
+        path.unlink(missing_ok=True)
+
+
+def is_seen(answer: Path) -> bool:
+    """Whether what a worker has written comes to be seen here."""
+    until = time.monotonic() + SIGHT
+    while not answer.exists():
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.1)
+    return True
+
+
+def end_process(client: Any, address: str) -> None:
+    """End a worker's process, whatever it does; it may be gone already, by this or by itself."""
+    from .dask_worker import end_worker, kill_worker
+
+    with contextlib.suppress(Exception):
+        has_nanny = client.scheduler_info(n_workers=-1)["workers"][address]["nanny"]
+        end = kill_worker if has_nanny else end_worker
+        client.run(end, workers=[address], nanny=bool(has_nanny), on_error="ignore")

@@ -28,7 +28,15 @@ from typing import TYPE_CHECKING, Any
 from ...errors import PalpateWarning, PlanError, SweepError
 from ..make.task import Outcome, Running, Task
 from ..plan.recipe import maker
-from .dask_connection import INSTALL, Connection, connect_cluster, hushed_logs
+from .dask_connection import (
+    INSTALL,
+    Connection,
+    connect_cluster,
+    end_process,
+    hushed_logs,
+    is_seen,
+    remove_token,
+)
 from .worker_process import WAITING_FACTOR
 
 if TYPE_CHECKING:
@@ -36,7 +44,6 @@ if TYPE_CHECKING:
 
     from .dask_worker import DaskWork, Fitness
 
-SIGHT = 5.0  # [s] until a file that a worker has written must be seen here: network file systems remember
 ALONE = 60.0  # [s] that a fit worker may be missed while unfit ones are there: what died is replaced within that
 
 
@@ -135,7 +142,7 @@ class DaskEngine:
         connection = self._open()
         client, patience = connection.client, connection.patience
         token = store / f".workers-{self._run}"
-        self._stack.callback(_remove_token, token)
+        self._stack.callback(remove_token, token)
         token.write_text(self._run)
         try:
             client.wait_for_workers(connection.worker_count, timeout=patience)
@@ -164,7 +171,7 @@ class DaskEngine:
                 self._take_event("run", event)
             self._take(0.1)
         for address, own in list(self._fitness.items()):
-            if own.fault is None and not _is_seen(token.with_name(own.answer)):
+            if own.fault is None and not is_seen(token.with_name(own.answer)):
                 fault = f"what it writes into {token.parent} is not seen here; the store must be a shared folder"
                 self._fitness[address] = replace(own, fault=fault)
         faults = sorted(own.complaint for own in self._fitness.values() if own.fault is not None)
@@ -234,7 +241,7 @@ class DaskEngine:
         if sent is not None:
             sent.ending = reason
             client = self._open().client
-            threading.Thread(target=_end, args=(client, sent.address), daemon=True).start()
+            threading.Thread(target=end_process, args=(client, sent.address), daemon=True).start()
             self._events.put(("gone", sent.address))
 
     def close(self) -> None:
@@ -388,29 +395,3 @@ def _own_work() -> DaskWork:
     from ..make.work import run_task
 
     return run_task
-
-
-def _remove_token(token: Path) -> None:
-    """Take our files out of the store."""
-    for path in token.parent.glob(f"{token.name}*"):
-        path.unlink(missing_ok=True)
-
-
-def _is_seen(answer: Path) -> bool:
-    """Whether what a worker has written comes to be seen here."""
-    until = time.monotonic() + SIGHT
-    while not answer.exists():
-        if time.monotonic() > until:
-            return False
-        time.sleep(0.1)
-    return True
-
-
-def _end(client: Any, address: str) -> None:
-    """End a worker's process, whatever it does; it may be gone already, by this or by itself."""
-    from .dask_worker import end_worker, kill_worker
-
-    with contextlib.suppress(Exception):
-        has_nanny = client.scheduler_info(n_workers=-1)["workers"][address]["nanny"]
-        end = kill_worker if has_nanny else end_worker
-        client.run(end, workers=[address], nanny=bool(has_nanny), on_error="ignore")

@@ -22,7 +22,8 @@ from palpate.render.errors import StrategyError
 from palpate.render.intersection import batch_rendering as batch_module
 from palpate.render.intersection.batch_rendering import POINT_BYTES, memory_for, rendered_chunks
 from palpate.render.intersection.scene import SECTION_BYTES, Scene
-from palpate.render.runtime.span_workers import PoseSpans, WorkerThreads, worker_devices
+from palpate.render.runtime.span_workers import PoseSpans, WorkerThreads
+from palpate.render.runtime.worker_devices import worker_devices
 
 PALM = Palm()
 TUBE = MeshObject.load("tube")

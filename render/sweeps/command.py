@@ -15,8 +15,8 @@ from ..terminal import console
 from ..terminal.foreign_text import print_message, show_table, write
 from .make.poses import pose_count
 from .make.task import Engine
+from .plan.code_version import code_version
 from .plan.loading import Plan, draft_plans
-from .plan.recipe import maker
 from .refusals import refuse_baseline, refuse_tables
 from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
@@ -260,7 +260,7 @@ def _estimated(job: SweepJob, plan: Plan) -> Estimate:
     with contextlib.ExitStack() as stack:
         done = _nothing
         if job.folder.is_file() or (job.folder.is_dir() and any(job.folder.iterdir())):
-            done = stack.enter_context(SweepStore(job.folder, maker=maker(), mode="read")).done
+            done = stack.enter_context(SweepStore(job.folder, maker=code_version(), mode="read")).done
         missing = Missing(plan.recipes(), plan.groups, done=done, pose_count=pose_count)
         return estimate(plan, missing, job.folder, devices=devices)
 

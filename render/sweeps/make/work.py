@@ -26,7 +26,8 @@ from ....device.errors import DeviceError
 from ....kernels.offsets import PointLimitError
 from ...errors import RenderError
 from ...sampling.contour_sampling import SamplingStrategy
-from ..plan.recipe import WHOLE_GROUPS, Recipe, maker
+from ..plan.code_version import code_version
+from ..plan.recipe import WHOLE_GROUPS, Recipe
 from .batch import (
     Portion,
     Samplings,
@@ -126,7 +127,7 @@ def _write(task: Task, work: Work) -> str | None:
     path = work.store / name
     with contextlib.suppress(FileExistsError):
         path.parent.mkdir()
-    write_shard(path, work.rows, work.columns, maker=maker())
+    write_shard(path, work.rows, work.columns, maker=code_version())
     return name
 
 

@@ -20,7 +20,7 @@ from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.store import SweepStore
 from ...errors import RenderError, SweepError
 from ...terminal import console
-from ..plan.recipe import maker
+from ..plan.code_version import code_version, modules_digest
 
 if TYPE_CHECKING:
     from ..plan.loading import Plan
@@ -30,6 +30,7 @@ LENGTHS = ("length", *(f"length_{kind}" for kind in ("object", "hand", "made")))
 REMOVED = tuple(map(removed_name, PRUNED_NAMES))
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 POSE_UNITS = dict.fromkeys((*LENGTHS, *REMOVED), "m") | dict.fromkeys(FREQUENCIES, "Hz") | {"area": "m2"}
+WRITING = ("render/sweeps/report/results.py",)  # and what it imports: code that decides tables and pictures
 LOCK_SECONDS = 60.0  # for another parent that writes the same store's table
 
 
@@ -40,7 +41,7 @@ class Results:
         """is_complete: whether every recipe could be made; has_news: whether any part was made just now."""
         self._plan, self._folder, self._is_complete = plan, folder, is_complete
         self._columns: dict[str, Any] = {}
-        self._stamp = {"plan": plan.described()["digest"], "maker": maker()}
+        self._stamp = {"plan": plan.described()["digest"], "maker": code_version(), "code": modules_digest(WRITING)}
         self._tables = (TABLE, *([POSES] if "poses" in plan.groups else []))
         self._is_fresh = is_complete and not has_news and _stamped(folder) == self._stamp | self._sizes()
         self._is_fresh = self._is_fresh and _is_whole(folder / TABLE)
@@ -57,7 +58,7 @@ class Results:
         elif not self._columns:
             from .table import tidy_columns
 
-            with SweepStore(self._folder, maker=maker(), mode="read") as store:
+            with SweepStore(self._folder, maker=code_version(), mode="read") as store:
                 self._columns = tidy_columns(self._plan.recipes(), store, self._plan.groups)
         return self._columns
 
@@ -85,7 +86,7 @@ class Results:
             from ....datasets.sweeps.table_stream import write_blocks
             from .table import pose_blocks
 
-            with SweepStore(self._folder, maker=maker()) as store:
+            with SweepStore(self._folder, maker=code_version()) as store:
                 blocks = pose_blocks(self._plan.recipes(), store)
                 write_blocks(self._folder / POSES, blocks, _attributes(self._plan), units=POSE_UNITS)
         if self._is_complete:
@@ -130,7 +131,7 @@ def _write_table(path: Path, columns: dict[str, Any], plan: Plan) -> None:
 
 def _attributes(plan: Plan) -> dict[str, Any]:
     """What a table says of itself."""
-    return {"plan": plan.described(), "name": plan.name, "maker": maker()}
+    return {"plan": plan.described(), "name": plan.name, "maker": code_version()}
 
 
 def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:

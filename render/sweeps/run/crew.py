@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import PalpateWarning, SweepError
-from ..plan.recipe import maker
+from ..plan.code_version import code_version
 from .cluster import Connection
 from .dask_worker import Fitness, Terms, end_process, kill_worker, travelling
 
@@ -31,7 +31,7 @@ class Crew:
     def __init__(self, connection: Connection, store: Path, run: str) -> None:
         self._connection = connection
         self._token = store / f".workers-{run}"
-        self.terms = Terms(run, maker(), connection.device, str(self._token))
+        self.terms = Terms(run, code_version(), connection.device, str(self._token))
         self._threads: dict[str, int] = {}
         self._fitness: dict[str, Fitness] = {}
         self._is_stale = True

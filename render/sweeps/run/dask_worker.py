@@ -4,7 +4,7 @@ The check runs on every worker before the first task, and at the first task of a
 
 | what a worker must bring       | how it is seen                                                                |
 |--------------------------------|-------------------------------------------------------------------------------|
-| the same palpate and Warp      | `maker()` gives the same string                                               |
+| the same palpate and Warp      | `code_version()` gives the same                                               |
 | the device that the plan names | Warp lists it                                                                 |
 | the store, at the same path    | it reads the parent's token there, and writes an answer that the parent sees  |
 | compiled kernels               | one process of a host compiles, under a lock beside Warp's cache; others wait |
@@ -137,10 +137,10 @@ def _judge(terms: Terms, fitness: Callable[..., Fitness]) -> Fitness:
 
 def _check_maker(wanted: str) -> None:
     """Results of another version are other results."""
-    from ..plan.recipe import maker
+    from ..plan.code_version import code_version
 
-    if maker() != wanted:
-        raise SweepError(f"it has {maker()} where this sweep is made with {wanted}; install the same on both")
+    if code_version() != wanted:
+        raise SweepError(f"it has {code_version()} where this sweep is made with {wanted}; install the same on both")
 
 
 def _find_device(word: str) -> tuple[str, str]:

@@ -18,7 +18,8 @@ from ...errors import SweepError
 from ...runtime.interrupt import interrupt_between
 from ..make.poses import pose_count
 from ..make.task import Engine, Outcome
-from ..plan.recipe import Recipe, SweepPlan, maker
+from ..plan.code_version import code_version
+from ..plan.recipe import Recipe, SweepPlan
 from .log import LOG, SweepLog, SweepProgress
 from .missing import Counts, Failure, Key, Missing
 from .pace import Pace, device_kind
@@ -101,7 +102,8 @@ def run_sweep(
     Recipes that cannot be made are in the report. Raises SweepError if no worker can go on, or the store's disk is
     full; SweepStoreError for a folder that is no store; KeyboardInterrupt between two tasks.
     """
-    with SweepStore(store_folder, maker=made_by or maker()) as store, SweepLog(log or store.folder / LOG) as lines:
+    code = made_by or code_version()
+    with SweepStore(store_folder, maker=code) as store, SweepLog(log or store.folder / LOG) as lines:
         return _Run(plan, store, lines, progress or _ignore, clock).run(engine, count_poses, approve or _ignore)
 
 

@@ -302,7 +302,7 @@ def test_a_missing_device_is_named_with_worker_and_host(theirs, store):
 
 @pytest.mark.exhaustive
 def test_a_worker_with_other_code_is_named(theirs, store, monkeypatch):
-    monkeypatch.setattr("palpate.render.sweeps.run.crew.maker", lambda: "palpate 0.0.1")
+    monkeypatch.setattr("palpate.render.sweeps.run.crew.code_version", lambda: "palpate 0.0.1")
     with pytest.raises(SweepError, match=r"worker tcp.*it has palpate.*made with palpate 0\.0\.1"):
         DaskEngine(theirs.scheduler_address, devices="cpu", work=work).start(store)
 

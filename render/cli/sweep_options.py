@@ -11,6 +11,7 @@ from .trust_options import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
 SCHEDULER_HELP = "A cluster: tcp://HOST:PORT of a Dask scheduler, local, slurm, or another of dask-jobqueue."
+SAME_HELP = "Count results of the store's latest other code version: you know that the change moved none."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
 
 
@@ -30,6 +31,7 @@ def sweep(
     yes: Annotated[
         bool, typer.Option("--yes", help="Also more than a million recipes, or more bytes than the disk has.")
     ] = False,
+    same_results: Annotated[bool, typer.Option("--same-results", help=SAME_HELP)] = False,
     device: Annotated[str | None, typer.Option(help=DEVICE_HELP)] = None,
     workers: Annotated[
         str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, two on a GPU.")
@@ -54,6 +56,7 @@ def sweep(
         "overrides": overrides or [],
         "dry_run": dry_run,
         "yes": yes,
+        "same_results": same_results,
         "device": device,
         "workers": workers,
         "scheduler": scheduler,

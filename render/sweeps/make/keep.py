@@ -29,6 +29,7 @@ from ....datasets.motions.hand_motion import HandMotion
 from ....datasets.storage.durable import FolderLock, discard, write_file
 from ....datasets.storage.hdf5 import is_of_system
 from ....datasets.storage.hdf5_opening import Attribute
+from ....datasets.sweeps.counted_versions import read_counted
 from ....datasets.sweeps.shard import DAMAGED_SUFFIX
 from ....kernels.driving.solve import POINTS_MOST
 from ...errors import PalpateWarning, StrategyError
@@ -53,8 +54,8 @@ def contours_at(store: Path, key: str) -> Path:
 
 
 def is_kept(path: Path) -> bool:
-    """Whether a contour file is there, made by this code; what has damaged it since is seen where it is read."""
-    return path.is_file() and _told_maker(path) == code_version()
+    """Whether a contour file is there whose code version counts; what has damaged it since is seen when it is read."""
+    return path.is_file() and _is_counted(path)
 
 
 def keep_contours(
@@ -115,7 +116,7 @@ def _wait_for_others(path: Path) -> None:
 
 def _claim(path: Path, recipe: Recipe) -> None:
     """Say beside a contour file which code makes it, what other code has left of it being removed first."""
-    if _told_maker(path) == code_version():
+    if _is_counted(path):
         return
     discard(path)
     if (folder := work_folder(path)).exists():
@@ -127,6 +128,12 @@ def _claim(path: Path, recipe: Recipe) -> None:
 
 def _told_at(path: Path) -> Path:
     return path.with_suffix(".json")
+
+
+def _is_counted(path: Path) -> bool:
+    """Whether a contour file, finished or not, is of this code, or of code whose results count for it."""
+    maker, own = _told_maker(path), code_version()
+    return maker == own or (maker is not None and maker in read_counted(path.parents[1], own))
 
 
 def _told_maker(path: Path) -> str | None:

@@ -41,7 +41,12 @@ class Results:
         """is_complete: whether every recipe could be made; has_news: whether any part was made just now."""
         self._plan, self._folder, self._is_complete = plan, folder, is_complete
         self._columns: dict[str, Any] = {}
-        self._stamp = {"plan": plan.described()["digest"], "maker": code_version(), "code": modules_digest(WRITING)}
+        with SweepStore(folder, maker=code_version(), mode="read") as store:
+            self._made_by = store.made_by
+            self.counted = store.counted
+            """Other code versions whose results count."""
+        self._stamp = {"plan": plan.described()["digest"], "maker": self._made_by, "code": modules_digest(WRITING)}
+        self._attributes = {"plan": plan.described(), "name": plan.name, "maker": self._made_by}
         self._tables = (TABLE, *([POSES] if "poses" in plan.groups else []))
         self._is_fresh = is_complete and not has_news and _stamped(folder) == self._stamp | self._sizes()
         self._is_fresh = self._is_fresh and _is_whole(folder / TABLE)
@@ -73,7 +78,7 @@ class Results:
                 if figure:
                     _draw(picture, self.columns, self._plan)
         for path in tables:
-            _write_table(path, self.columns, self._plan)
+            _write_table(path, self.columns, self._attributes)
         if "poses" in self._plan.groups:
             self.files["poses_table"] = str(self._folder / POSES)
         if picture.exists():
@@ -81,14 +86,14 @@ class Results:
 
     def _write_store_table(self) -> None:
         discard(self._folder / STAMP)
-        _write_table(self._folder / TABLE, self.columns, self._plan)
+        _write_table(self._folder / TABLE, self.columns, self._attributes)
         if "poses" in self._plan.groups:
             from ....datasets.sweeps.table_stream import write_blocks
             from .table import pose_blocks
 
             with SweepStore(self._folder, maker=code_version()) as store:
                 blocks = pose_blocks(self._plan.recipes(), store)
-                write_blocks(self._folder / POSES, blocks, _attributes(self._plan), units=POSE_UNITS)
+                write_blocks(self._folder / POSES, blocks, self._attributes, units=POSE_UNITS)
         if self._is_complete:
             _write_stamp(self._folder, self._stamp | self._sizes())
 
@@ -117,7 +122,7 @@ def locked(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-def _write_table(path: Path, columns: dict[str, Any], plan: Plan) -> None:
+def _write_table(path: Path, columns: dict[str, Any], attributes: dict[str, Any]) -> None:
     from ....datasets.sweeps.table import write_parquet, write_table
     from .table import column_units
 
@@ -126,12 +131,7 @@ def _write_table(path: Path, columns: dict[str, Any], plan: Plan) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SweepError(f"{path.parent} cannot be made: {error.strerror or error}") from error
-    write(path, columns, _attributes(plan), units=column_units(columns))
-
-
-def _attributes(plan: Plan) -> dict[str, Any]:
-    """What a table says of itself."""
-    return {"plan": plan.described(), "name": plan.name, "maker": code_version()}
+    write(path, columns, attributes, units=column_units(columns))
 
 
 def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:

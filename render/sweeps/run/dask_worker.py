@@ -4,7 +4,7 @@ The check runs on every worker before the first task, and at the first task of a
 
 | what a worker must bring       | how it is seen                                                                |
 |--------------------------------|-------------------------------------------------------------------------------|
-| the same palpate and Warp      | `code_version()` gives the same                                               |
+| the same code version          | `code_version()` gives the same                                               |
 | the device that the plan names | Warp lists it                                                                 |
 | the store, at the same path    | it reads the parent's token there, and writes an answer that the parent sees  |
 | compiled kernels               | one process of a host compiles, under a lock beside Warp's cache; others wait |

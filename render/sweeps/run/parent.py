@@ -196,7 +196,7 @@ class _Run:
                 plan=self._plan.name,
                 recipe_count=self._plan.recipe_count,
                 groups=self._plan.groups,
-                maker=self._store.maker,
+                maker=self._store.made_by,
                 engine=engine.name,
                 devices=engine.devices,
                 recovered=recovered,

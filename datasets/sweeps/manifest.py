@@ -25,8 +25,12 @@ from ..storage.hdf5_columns import temporary_name
 from ..storage.sqlite_opening import open_database
 
 NAME = "store.sqlite"
-FORMAT_VERSION = 2
-"""Version 1 has no digests: it is read as it is, and gets them when it is opened for writing."""
+FORMAT_VERSION = 3
+"""The newest. Version 1 has no digests: it is read as it is, and becomes version 2 when it is opened for writing.
+Version 3 has the table `same_results`; a manifest becomes one when a person first states that results are the same, so
+that an earlier palpate can use all other stores, and refuses this one by its version."""
+NEW_VERSION = 2
+"""Of a manifest that is made."""
 APPLICATION_ID = 0x70616C70
 """In the file's header: `palp`."""
 
@@ -80,6 +84,14 @@ END;
 """
 """What version 2 adds: a digest in every row that is believed, and how many parts each key has, counted apart."""
 
+_SAME_RESULTS = """
+CREATE TABLE same_results (
+    maker INTEGER NOT NULL REFERENCES maker, counted INTEGER NOT NULL REFERENCES maker, time TEXT NOT NULL,
+    digest BLOB NOT NULL, PRIMARY KEY (maker, counted)
+);
+"""
+"""What version 3 adds: which code versions' results count for which other one, since when."""
+
 _FILL = """
 UPDATE maker SET digest = digest_of(maker);
 UPDATE failure SET digest = digest_of((SELECT maker FROM maker WHERE id = failure.maker), recipe, sentence);
@@ -117,7 +129,7 @@ class Manifest:
         try:
             self.version = self._required_version()
             """Of the format."""
-            if self.version < FORMAT_VERSION and mode == "create":
+            if self.version == 1 and mode == "create":
                 self._add_digests()
         except SweepStoreError:
             self._connection.close()
@@ -202,14 +214,21 @@ class Manifest:
     def _add_digests(self) -> None:
         """Make version 2 of version 1: what it holds is believed this once, and proven from now on."""
         with self.transaction():
-            if int(self.run("PRAGMA user_version")[0][0]) == FORMAT_VERSION:  # another parent's just now
-                self.version = FORMAT_VERSION
+            self.version = int(self.run("PRAGMA user_version")[0][0])
+            if self.version > 1:  # another parent's just now
                 return
             self._connection.create_function("digest_of", -1, row_digest, deterministic=True)
             for statement in _statements(_DIGESTS + _FILL):
                 self.run(statement)
-            self.run(f"PRAGMA user_version={FORMAT_VERSION}")
+            self.run(f"PRAGMA user_version={NEW_VERSION}")
             self.adopted = int(self.run("SELECT count(*) FROM part")[0][0])
+        self.version = NEW_VERSION
+
+    def add_same_results(self) -> None:
+        """Make version 3 of version 2, within a transaction of the caller's."""
+        if int(self.run("PRAGMA user_version")[0][0]) < FORMAT_VERSION:
+            self.run(_SAME_RESULTS)
+            self.run(f"PRAGMA user_version={FORMAT_VERSION}")
         self.version = FORMAT_VERSION
 
     def _make(self, maker: str | None) -> None:
@@ -221,7 +240,7 @@ class Manifest:
                 with contextlib.closing(connection):
                     connection.executescript(
                         f"PRAGMA journal_mode=MEMORY; PRAGMA synchronous=FULL; BEGIN; {_SCHEMA} {_DIGESTS}"
-                        f"PRAGMA application_id={APPLICATION_ID}; PRAGMA user_version={FORMAT_VERSION};"
+                        f"PRAGMA application_id={APPLICATION_ID}; PRAGMA user_version={NEW_VERSION};"
                     )
                     if maker is not None:
                         connection.execute(
@@ -246,14 +265,14 @@ class Manifest:
                 f"{self.path} has format version {version}, this palpate reads up to {FORMAT_VERSION}: "
                 "a newer one wrote it; update palpate, or name another store"
             )
-        if version not in (1, FORMAT_VERSION):
+        if version < 1:
             raise self.damaged(f"its version is {version}")
         with self._named():
             differing = _schema_of(self._connection) ^ _schema(version)
         if differing:
             name = min((str(own[1]) for own in differing), key=lambda own: (own.startswith("sqlite_"), own))
             raise self.damaged(f"its tables are not those of version {version}: {name!r:.80} differs")
-        if version == FORMAT_VERSION:
+        if version > 1:
             for maker, digest in self.run("SELECT CAST(maker AS BLOB), digest FROM maker"):
                 if maker is None or row_digest(maker) != digest:
                     raise self.damaged(f"the name of a maker: {maker!r:.80}")
@@ -290,7 +309,8 @@ def _schema_of(connection: sqlite3.Connection) -> _Schema:
 def _schema(version: int) -> _Schema:
     """What a manifest of a version has: a view or trigger of a stranger would be run as the query that it is."""
     with contextlib.closing(sqlite3.connect(":memory:", isolation_level=None)) as connection:
-        connection.executescript(_SCHEMA + (_DIGESTS if version == FORMAT_VERSION else ""))
+        added = (_DIGESTS, _SAME_RESULTS)
+        connection.executescript(_SCHEMA + "".join(added[: version - 1]))
         return _schema_of(connection)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any, NamedTuple, cast
 
 from ..errors import SweepStoreError
@@ -34,9 +35,9 @@ _COLUMNS = "part.id, part.key, part.part, CAST(part.payload AS BLOB), CAST(colum
 _JOINED = "LEFT JOIN column_file ON column_file.id = part.column_file"
 _OF_KEYS = (
     "SELECT {}, {} FROM part INDEXED BY part_of {} "
-    'WHERE part.maker = ? AND part."group" = ? AND part.key IN ({{}}) ORDER BY part.key, part.part'
+    'WHERE part.maker = {} AND part."group" = ? AND part.key IN ({{}}) ORDER BY part.key, part.part'
 )
-_TALLY = 'SELECT key, parts FROM tally WHERE maker = ? AND "group" = ? AND key IN ({})'
+_TALLY = 'SELECT key, parts FROM tally WHERE maker = {} AND "group" = ? AND key IN ({{}})'
 _ALL = (
     f'SELECT part.maker, maker.maker, part."group", {_COLUMNS}, part.digest '
     f"FROM part NOT INDEXED JOIN maker ON maker.id = part.maker {_JOINED}"
@@ -44,14 +45,20 @@ _ALL = (
 
 
 class Parts:
-    """Parts of one maker in a manifest; every method raises SweepStoreError."""
+    """Parts of some makers in a manifest; every method raises SweepStoreError.
 
-    def __init__(self, manifest: Manifest, number: int, maker: str) -> None:
-        self._manifest, self._number, self._maker = manifest, number, maker.encode()
+    makers: number and name; of a part that several have, the first one's counts.
+    """
+
+    def __init__(self, manifest: Manifest, makers: Sequence[tuple[int, str]]) -> None:
+        self._manifest, self._makers = manifest, [maker.encode() for _, maker in makers]
         self.are_proven = manifest.version > 1
         """Whether rows carry digests."""
-        rows = _OF_KEYS.format(_COLUMNS, "part.digest" if self.are_proven else "NULL", _JOINED)
-        self._statements = [rows, _TALLY] if self.are_proven else [rows]
+        digest = "part.digest" if self.are_proven else "NULL"
+        self._statements: list[str] = []
+        for number, _ in makers:
+            self._statements.append(_OF_KEYS.format(_COLUMNS, digest, _JOINED, number))
+            self._statements += [_TALLY.format(number)] * self.are_proven
 
     def of(self, group: str, keys: Sequence[str]) -> Iterator[tuple[list[PartRow], list[PartRow]]]:
         """Rows of some keys, a batch of keys at a time, by key and part: those that are whole, and damaged ones.
@@ -59,14 +66,24 @@ class Parts:
         Raises:
             SweepStoreError: A key has fewer or more parts than were counted.
         """
-        for found in self._manifest.among(self._statements, (self._number, group), keys):
-            rows = [PartRow(*values) for values in found[0]]
+        for found in self._manifest.among(self._statements, (group,), keys):
             if not self.are_proven:
-                yield rows, []
+                yield _joined([[PartRow(*values) for values in rows] for rows in found]), []
                 continue
-            self._refuse_missing(group, Counter(row.key for row in rows), dict(found[1]))
-            whole = [row for row in rows if _digest_of(self._maker, group, row) == row.digest]
-            yield whole, [row for row in rows if row not in whole] if len(whole) < len(rows) else []
+            each = [
+                self._proven(maker, group, rows, tally)
+                for maker, rows, tally in zip(self._makers, found[::2], found[1::2], strict=True)
+            ]
+            yield _joined([whole for whole, _ in each]), [row for _, damaged in each for row in damaged]
+
+    def _proven(
+        self, maker: bytes, group: str, values: Sequence[tuple[Any, ...]], tally: Sequence[tuple[Any, ...]]
+    ) -> tuple[list[PartRow], list[PartRow]]:
+        """One maker's rows that are whole, and damaged ones."""
+        rows = [PartRow(*own) for own in values]
+        self._refuse_missing(group, Counter(row.key for row in rows), dict(tally))
+        whole = [row for row in rows if _digest_of(maker, group, row) == row.digest]
+        return whole, [row for row in rows if row not in whole] if len(whole) < len(rows) else []
 
     def forget(self, rows: Sequence[PartRow]) -> None:
         """Remove rows, unless another process has just replaced them."""
@@ -80,6 +97,16 @@ class Parts:
             key = next(key for key in {**found, **counted} if found.get(key) != counted.get(key))
             what = f"{group} {key} has {found.get(key, 0)} parts, and {counted.get(key, 0)} were recorded"
             raise self._manifest.damaged(what)
+
+
+def _joined(each: Sequence[list[PartRow]]) -> list[PartRow]:
+    """Rows of several makers, each part once, by key and part."""
+    if len(each) == 1:
+        return each[0]
+    found: dict[tuple[str, int], PartRow] = {}
+    for row in chain.from_iterable(each):
+        found.setdefault((row.key, row.part), row)
+    return [found[place] for place in sorted(found)]
 
 
 def _digest_of(maker: str | bytes, group: str, row: PartRow) -> bytes:

@@ -15,7 +15,7 @@ from pathlib import Path
 from ..errors import SweepStoreError
 from ..storage.durable import TEMPORARY_SUFFIX, discard, is_locked, sync
 from .manifest import Manifest, row_digest
-from .shard import Shard, read_shard
+from .shard import DAMAGED_SUFFIX, Shard, read_shard
 
 SHARDS = "shards"
 """Folder of a store that workers write into; empty once all is recorded."""
@@ -26,8 +26,6 @@ KEPT = ("contours", "focal-points", "drives")
 """Folders of files that a plan keeps, by their recipes' keys."""
 
 SHARD_SUFFIX = ".h5"
-DAMAGED_SUFFIX = ".damaged"
-"""Ends the name of a shard that was set aside."""
 
 _SHARDS_AT_A_TIME = 64  # a transaction when many are recovered
 _OF_FILE = "column_file = (SELECT id FROM column_file WHERE name = ?)"

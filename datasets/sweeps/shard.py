@@ -35,6 +35,8 @@ from ..storage.hdf5_opening import StrictFile
 
 FORMAT_NAME = "palpate shard"
 FORMAT_VERSION = 1
+DAMAGED_SUFFIX = ".damaged"
+"""Ends the name of a shard, or of a kept file, that was set aside."""
 
 _KIND = "shard"
 _PARTS_MOST = 1 << 63  # what SQLite holds

@@ -19,9 +19,12 @@ import numpy as np
 from ..errors import NotStoreError, SweepStoreError
 from ..storage.durable import discard
 from ..storage.hdf5_columns import Columns
-from .manifest import NAME, Manifest, Mode, row_digest
+from .counted_versions import counted_for, write_statements
+from .failures import add_failure, failures_of, remove_failures
+from .manifest import NAME, Manifest, Mode
 from .parts import PartRow, Parts, payload_of
 from .record import COLUMNS, SHARDS, Read, Recorder
+from .same_results import add_statement, latest_maker, statements_of
 from .shard import require_named, shard_columns
 
 TEMPORARY_SECONDS = 900.0
@@ -78,7 +81,9 @@ class SweepStore:
                     _make_folder(self.folder / name)
             self.maker = maker if maker is not None else next(reversed(self.makers()), "")
             self._maker = self._maker_number(self.maker)
-            self._parts = Parts(self._manifest, self._maker, self.maker)
+            self._count(counted_for(statements_of(self._manifest), self.maker))
+            if mode == "create":
+                write_statements(self.folder, statements_of(self._manifest))
             self._proven: dict[Path, tuple[int, int, int]] = {}
             self._recorder = Recorder(self.folder, self._manifest, self.maker, self.damaged)
         except BaseException:
@@ -125,6 +130,34 @@ class SweepStore:
             if counted != found:
                 raise self._manifest.damaged(f"makers have {found} parts, and {counted} were recorded")
         return found
+
+    @property
+    def made_by(self) -> str:
+        """Whose results this gives, for people: the maker, and others whose results count for it."""
+        return "; ".join((self.maker, *(f"also results of {maker}" for maker in self.counted)))
+
+    def latest_other(self) -> str | None:
+        """Of other makers the one that recorded a result last; None if no other has one in the store."""
+        return latest_maker(self._manifest, self._maker)
+
+    def count_results_of(self, maker: str) -> None:
+        """Have another maker's results, and what counts for that, count for this one; mode "create" records it.
+
+        In mode "read" they count until the store is closed. Stating it again does nothing.
+        """
+        if self.mode == "create":
+            add_statement(self._manifest, (self._maker, self.maker), (self._maker_number(maker), maker))
+            write_statements(self.folder, statements_of(self._manifest))
+        statements = statements_of(self._manifest)
+        statements.setdefault(self.maker, []).append(maker)
+        self._count(counted_for(statements, self.maker))
+
+    def _count(self, makers: tuple[str, ...]) -> None:
+        """Let results of other makers count as this one's, which come first."""
+        self.counted = makers
+        """Other makers whose results count, because a person stated that they are the same."""
+        self._makers = [(self._maker_number(name), name) for name in (self.maker, *makers)]
+        self._parts = Parts(self._manifest, self._makers)
 
     def done(self, keys: Sequence[Key]) -> dict[Key, set[int]]:
         """Parts that are there of each (group, key), all keys asked for, in their order; an empty set for nothing.
@@ -282,47 +315,35 @@ class SweepStore:
 
     def record_failure(self, recipe: str, sentence: str) -> None:
         """Note that a recipe (its hash) could not be made, and why; a later note of the same recipe replaces it."""
-        with self._manifest.transaction():
-            digest = row_digest(self.maker, recipe, sentence)
-            values = (self._maker, recipe, sentence, digest)
-            self._manifest.run("INSERT OR REPLACE INTO failure VALUES (?, ?, ?, ?)", values)
+        add_failure(self._manifest, (self._maker, self.maker), recipe, sentence)
 
     def forget_failures(self, recipes: Sequence[str]) -> None:
         """Forget why these recipes could not be made: they are tried again, or were made."""
-        with self._manifest.transaction():
-            statement = "DELETE FROM failure WHERE maker = ? AND recipe IN ({})"
-            for _ in self._manifest.among([statement], (self._maker,), recipes):
-                pass
+        remove_failures(self._manifest, self._makers, recipes)
 
     def failed(self) -> dict[str, str]:
         """Recipes (their hashes) that could not be made by this maker, and why.
 
         A damaged note is forgotten, which `damaged` tells; mode "read": it raises SweepStoreError.
         """
-        digest = "digest" if self.is_proven else "NULL"
-        statement = f"SELECT rowid, CAST(recipe AS BLOB), CAST(sentence AS BLOB), {digest} FROM failure WHERE maker = ?"
         found: dict[str, str] = {}
-        for number, recipe, sentence, own in self._manifest.run(statement, (self._maker,)):
-            if not self.is_proven or row_digest(self.maker, recipe, sentence) == own:
-                found[recipe.decode(errors="replace")] = sentence.decode(errors="replace")
-                continue
-            lost = f"{self._manifest.path} is damaged: why recipe {recipe.decode(errors='replace')} could not be made"
-            if self.mode == "read":
-                raise SweepStoreError(f"{lost} is lost; run the sweep again")
-            with self._manifest.transaction():
-                self._manifest.run("DELETE FROM failure WHERE rowid = ?", (number,))
-            self.damaged.append(f"{lost} is lost")
+        for maker in reversed(self._makers):  # of two sentences for a recipe, the own one stays
+            found |= failures_of(self._manifest, maker, None if self.mode == "read" else self.damaged)
         return found
 
     def prune(self) -> int:
-        """Remove what other makers have made, and files of columns that nothing refers to; how many parts."""
+        """Remove what makers have made whose results do not count, and unused files of columns; how many parts."""
+        others = f"NOT IN ({', '.join(str(number) for number, _ in self._makers)})"
         with self._manifest.transaction():
-            count = self._manifest.changed("DELETE FROM part WHERE maker != ?", (self._maker,))
-            self._manifest.run("DELETE FROM failure WHERE maker != ?", (self._maker,))
-            self._manifest.run("DELETE FROM maker WHERE id != ?", (self._maker,))
+            count = self._manifest.changed(f"DELETE FROM part WHERE maker {others}")
+            self._manifest.run(f"DELETE FROM failure WHERE maker {others}")
+            if self._manifest.version > 2:
+                self._manifest.run(f"DELETE FROM same_results WHERE maker {others} OR counted {others}")
+            self._manifest.run(f"DELETE FROM maker WHERE id {others}")
             unused = "id NOT IN (SELECT column_file FROM part WHERE column_file IS NOT NULL)"
             names = self._manifest.run(f"SELECT name FROM column_file WHERE {unused}")
             self._manifest.run(f"DELETE FROM column_file WHERE {unused}")
+        write_statements(self.folder, statements_of(self._manifest))
         for (name,) in names:
             discard(self.folder / COLUMNS / str(name))
         return count

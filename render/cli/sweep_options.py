@@ -13,6 +13,7 @@ DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, 
 SCHEDULER_HELP = "A cluster: tcp://HOST:PORT or the scheduler file of a Dask scheduler; local: one of this host."
 TIMEOUT_HELP = "End a worker that uses so much processor time without progress; 0: never."
 MEMORY_HELP = "End a worker that holds more memory; by default an equal share of the machine's; 0: no limit."
+SAME_HELP = "Count results of the store's latest other code version: you know that the change moved none."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
 
 
@@ -32,6 +33,7 @@ def sweep(
     yes: Annotated[
         bool, typer.Option("--yes", help="Also more than a million recipes, or more bytes than the disk has.")
     ] = False,
+    same_results: Annotated[bool, typer.Option("--same-results", help=SAME_HELP)] = False,
     device: Annotated[str | None, typer.Option(help=DEVICE_HELP)] = None,
     workers: Annotated[
         str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, two on a GPU.")
@@ -58,6 +60,7 @@ def sweep(
         "overrides": overrides or [],
         "dry_run": dry_run,
         "yes": yes,
+        "same_results": same_results,
         "device": device,
         "workers": workers,
         "scheduler": scheduler,

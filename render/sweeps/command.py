@@ -15,13 +15,13 @@ from ..terminal import console
 from ..terminal.foreign_text import print_message, show_table, write
 from .make.poses import pose_count
 from .make.task import Engine
+from .plan.code_version import code_version
 from .plan.loading import Plan, draft_plans
-from .plan.recipe import maker
-from .refusals import refuse_baseline, refuse_tables
+from .refusals import other_code_version, refuse_baseline, refuse_tables
 from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
 from .run.limits import Limits, default_memory
-from .run.log import SweepProgress, sweep_bar
+from .run.log import LOG, SweepLog, SweepProgress, sweep_bar
 from .run.missing import Counts, Failure, Missing, ResultKey
 from .run.parent import SweepReport, run_sweep
 
@@ -55,6 +55,7 @@ class SweepJob:
     overrides: list[str]
     dry_run: bool
     yes: bool
+    same_results: bool
     device: str | None
     workers: str
     scheduler: str | None
@@ -132,18 +133,21 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
     job = SweepJob(**options)
     job.require_sense()
     check = _check_of(job)
+    other = other_code_version(job.folder) if job.same_results else None
     plan = draft_plans(job.plans, job.overrides)
     if job.scheduler is not None:
         from .run.dask_connection import require_scheduler
 
         require_scheduler(job.scheduler, devices=job.device_of(plan))
     if job.dry_run:
-        return _say_estimate(_estimated(job, plan), as_json=as_json)
+        return _say_estimate(_estimated(job, plan, other), as_json=as_json)
     if plan.recipe_count > RECIPES_MOST and not job.yes:
         refuse_too_large(plan, job.folder)
     plan = plan.with_code(job.allow_code)
     if check is not None:
         refuse_baseline(check.baseline, check.tolerances, plan)
+    if other is not None:
+        _keep_results(job.folder, other)
     report = _made(job, plan, as_json=as_json)
     if report is None:
         return console.FAILED
@@ -154,7 +158,8 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
         from .report.compare import compare_tables
 
         comparison = compare_tables(check.baseline, results.columns, check.tolerances)
-    _say(report, {"store": str(job.folder), **results.files}, comparison, as_json=as_json)
+    outputs = {"store": str(job.folder), **results.files, "also_results_of": list(results.counted)}
+    _say(report, outputs, comparison, as_json=as_json)
     return console.FAILED if report.failures or (comparison and not comparison.is_kept) else console.DONE
 
 
@@ -170,6 +175,14 @@ def _check_of(job: SweepJob) -> Check | None:
         return Check(load_baseline(job.baseline), parse_tolerances(job.tolerances))
     except SweepError as error:
         raise PlanError(str(error)) from error
+
+
+def _keep_results(folder: Path, other: str) -> None:
+    """Record that the results of another code version count, in the store and in its log; and report it."""
+    with SweepStore(folder, maker=code_version()) as store, SweepLog(store.folder / LOG) as log:
+        store.count_results_of(other)
+        log.write("same-results", maker=store.maker, counted=store.counted)
+    console.warn(f"--same-results: results that {other} made count from now on as those of {code_version()}")
 
 
 def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
@@ -208,7 +221,7 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
 # ---- what is said
 
 
-def _say(report: SweepReport, outputs: dict[str, str], comparison: Comparison | None, *, as_json: bool) -> None:
+def _say(report: SweepReport, outputs: dict[str, Any], comparison: Comparison | None, *, as_json: bool) -> None:
     values: dict[str, Any] = {
         "recipes": report.recipes,
         "recipes_failed": len(report.failures),
@@ -267,14 +280,18 @@ def _show(title: str, names: Sequence[str], rows: Sequence[Sequence[str]], count
 # ---- what it would cost
 
 
-def _estimated(job: SweepJob, plan: Plan) -> Estimate:
-    """Look what is missing, and make samples of it."""
+def _estimated(job: SweepJob, plan: Plan, other: str | None) -> Estimate:
+    """Look what is missing, and make samples of it. other: a code version whose results would count."""
     console.start_warp()
     devices = worker_devices(job.device_of(plan), job.workers_of(plan))
     with contextlib.ExitStack() as stack:
         done = _nothing
         if job.folder.is_file() or (job.folder.is_dir() and any(job.folder.iterdir())):
-            done = stack.enter_context(SweepStore(job.folder, maker=maker(), mode="read")).done
+            store = stack.enter_context(SweepStore(job.folder, maker=code_version(), mode="read"))
+            if other is not None:
+                store.count_results_of(other)  # of this opened store only
+                console.warn(f"--same-results: this counts results that {other} made; a dry run does not record it")
+            done = store.done
         missing = Missing(plan.recipes(), plan.groups, done=done, pose_count=pose_count)
         return estimate(plan, missing, job.folder, devices=devices)
 

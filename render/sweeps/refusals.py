@@ -8,7 +8,9 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...datasets.sweeps.store import SweepStore
 from ..errors import PlanError, SweepError
+from .plan.code_version import code_version
 from .plan.loading import Plan
 from .plan.recipe import Recipe
 from .run.estimate import RECIPES_MOST
@@ -31,6 +33,17 @@ def refuse_tables(tables: Sequence[Path], *, overwrite: bool) -> None:
             raise PlanError(f"--table {table}: exists; --overwrite replaces it")
         if table.suffix == ".parquet" and importlib.util.find_spec("pyarrow") is None:
             raise PlanError(f"--table {table}: Parquet needs PyArrow: pip install 'palpate[parquet]'")
+
+
+def other_code_version(folder: Path) -> str:
+    """The other code version that last recorded results in a store; raises PlanError if there is none."""
+    if not folder.exists():
+        raise PlanError(f"--same-results: there is no store {folder}, so it has no results that could be kept")
+    with SweepStore(folder, maker=code_version(), mode="read") as store:
+        other = store.latest_other()
+    if other is None:
+        raise PlanError(f"--same-results: {folder} has no results of another code version than this one's")
+    return other
 
 
 def refuse_baseline(baseline: Baseline, tolerances: Sequence[Tolerance], plan: Plan) -> None:

@@ -29,7 +29,8 @@ from ....datasets.motions.hand_motion import HandMotion
 from ....datasets.storage.durable import FolderLock, discard, write_file
 from ....datasets.storage.hdf5 import is_of_system
 from ....datasets.storage.hdf5_opening import Attribute
-from ....datasets.sweeps.record import DAMAGED_SUFFIX
+from ....datasets.sweeps.counted_versions import read_counted
+from ....datasets.sweeps.shard import DAMAGED_SUFFIX
 from ....kernels.driving.solve import POINTS_MOST
 from ...errors import PalpateWarning, StrategyError
 from ...intersection.file_recording import record
@@ -37,7 +38,8 @@ from ...intersection.scene import Scene
 from ...playback.drive import Driver
 from ...playback.focus_source import ContourRows
 from ...sampling.contour_sampling import FocalPoints, SamplingStrategy
-from ..plan.recipe import Recipe, maker
+from ..plan.code_version import code_version
+from ..plan.recipe import Recipe
 from .rendering import arrays_of
 from .sampling import RenderedContours
 
@@ -52,8 +54,8 @@ def contours_at(store: Path, key: str) -> Path:
 
 
 def is_kept(path: Path) -> bool:
-    """Whether a contour file is there, made by this code; what has damaged it since is seen where it is read."""
-    return path.is_file() and _told_maker(path) == maker()
+    """Whether a contour file is there whose code version counts; what has damaged it since is seen when it is read."""
+    return path.is_file() and _is_counted(path)
 
 
 def keep_contours(
@@ -125,18 +127,24 @@ def _wait_for_others(path: Path, tick: Callable[[], object]) -> None:
 
 def _claim(path: Path, recipe: Recipe) -> None:
     """Say beside a contour file which code makes it, what other code has left of it being removed first."""
-    if _told_maker(path) == maker():
+    if _is_counted(path):
         return
     discard(path)
     if (folder := work_folder(path)).exists():
         shutil.rmtree(folder)
     parts = {name: getattr(recipe, name) for name in ("thing", "hand", "motion", "strategy")}
-    text = json.dumps({"maker": maker(), "recipe": parts}, indent=2)
+    text = json.dumps({"maker": code_version(), "recipe": parts}, indent=2)
     write_file(_told_at(path), memoryview(text.encode()))
 
 
 def _told_at(path: Path) -> Path:
     return path.with_suffix(".json")
+
+
+def _is_counted(path: Path) -> bool:
+    """Whether a contour file, finished or not, is of this code, or of code whose results count for it."""
+    maker, own = _told_maker(path), code_version()
+    return maker == own or (maker is not None and maker in read_counted(path.parents[1], own))
 
 
 def _told_maker(path: Path) -> str | None:
@@ -249,5 +257,5 @@ def _attributes(form: str, recipe: Recipe, strategy: SamplingStrategy) -> dict[s
         "version": np.array([1, 0], np.int32),
         "recipe": recipe.to_json(),
         "sampling": strategy.to_json(),
-        "maker": maker(),
+        "maker": code_version(),
     }

@@ -27,7 +27,8 @@ from ....device.errors import DeviceError
 from ....kernels.offsets import PointLimitError
 from ...errors import RenderError
 from ...sampling.contour_sampling import SamplingStrategy
-from ..plan.recipe import WHOLE_GROUPS, Recipe, maker
+from ..plan.code_version import code_version
+from ..plan.recipe import WHOLE_GROUPS, Recipe
 from .batch import (
     POSES_FIRST,
     BatchSize,
@@ -155,7 +156,7 @@ def _write(task: Task, work: TaskWork) -> str | None:
     path = work.store / name
     with contextlib.suppress(FileExistsError):
         path.parent.mkdir()
-    write_shard(path, work.rows, work.columns, maker=maker())
+    write_shard(path, work.rows, work.columns, maker=code_version())
     return name
 
 

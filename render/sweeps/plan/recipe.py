@@ -15,7 +15,6 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import unquote
@@ -43,7 +42,6 @@ METRICS = ("contours", "frequency", "sampling")
 KEPT = ("contours", "focal-points", "drives")
 KEY_DIGITS = 32
 CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-SOURCES = ("kernels", "render", "datasets")  # packages whose code decides results
 
 
 @dataclass(frozen=True)
@@ -278,22 +276,6 @@ def groups_of(metrics: Iterable[str], per_pose: bool, keep: Iterable[str]) -> tu
     if unknown := asked - set(GROUPS):
         raise PlanError(f"unknown groups {', '.join(sorted(unknown))}; known: {', '.join(GROUPS)}")
     return tuple(group for group in GROUPS if group in asked)
-
-
-@cache
-def maker() -> str:
-    """Who makes results: versions of palpate and Warp, and a digest of the code that decides them.
-
-    Results are looked up for the same maker only. Other libraries (trimesh, manifold3d) are not in it.
-    """
-    digest = hashlib.sha256()
-    root = Path(__file__).resolve().parents[3]
-    for name in SOURCES:
-        for path in sorted((root / name).rglob("*.py")):
-            digest.update(
-                f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode()
-            )
-    return f"palpate {version('palpate')}, warp {version('warp-lang')}, code {digest.hexdigest()[:16]}"
 
 
 def digest_source(source: str) -> str:

@@ -268,7 +268,7 @@ def _label(figure: Any, layout: Layout, table: Mapping[str, Sequence[Any]], name
     """Title, legend and caption; total: recipes, with those that are left out."""
     poses = np.nansum(_numbers(table["poses"])) if "poses" in table else None
     parts = [f"{total:,} recipe{'s' * (total != 1)}", *([f"{poses:,.0f} poses"] if poses else [])]
-    parts += sorted({str(maker) for maker in table.get("maker", ())})[:2]
+    parts += sorted({str(maker).partition(COMMA)[0] for maker in table.get("maker", ())})[:2]
     figure.suptitle(shown_name(name, TITLE_MOST), x=0.01, ha="left", fontsize=11, fontweight="bold")
     told = caption(layout, total - len(table["recipe_hash"]), int(18 * figure.get_figwidth()))
     figure.supxlabel("\n".join([COMMA.join(parts), *told]), x=0.01, ha="left", fontsize=7, color="#555555")

@@ -20,7 +20,7 @@ from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.store import SweepStore
 from ...errors import RenderError, SweepError
 from ...terminal import console
-from ..plan.recipe import maker
+from ..plan.code_version import code_version, modules_digest
 
 if TYPE_CHECKING:
     from ..plan.loading import Plan
@@ -30,6 +30,7 @@ LENGTHS = ("length", *(f"length_{kind}" for kind in ("object", "hand", "made")))
 REMOVED = tuple(map(removed_name, PRUNED_NAMES))
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 POSE_UNITS = dict.fromkeys((*LENGTHS, *REMOVED), "m") | dict.fromkeys(FREQUENCIES, "Hz") | {"area": "m2"}
+WRITING = ("render/sweeps/report/results.py",)  # and what it imports: code that decides tables and pictures
 LOCK_SECONDS = 60.0  # for another parent that writes the same store's table
 
 
@@ -40,7 +41,12 @@ class Results:
         """is_complete: whether every recipe could be made; has_news: whether any part was made just now."""
         self._plan, self._folder, self._is_complete = plan, folder, is_complete
         self._columns: dict[str, Any] = {}
-        self._stamp = {"plan": plan.described()["digest"], "maker": maker()}
+        with SweepStore(folder, maker=code_version(), mode="read") as store:
+            self._made_by = store.made_by
+            self.counted = store.counted
+            """Other code versions whose results count."""
+        self._stamp = {"plan": plan.described()["digest"], "maker": self._made_by, "code": modules_digest(WRITING)}
+        self._attributes = {"plan": plan.described(), "name": plan.name, "maker": self._made_by}
         self._tables = (TABLE, *([POSES] if "poses" in plan.groups else []))
         self._is_fresh = is_complete and not has_news and _stamped(folder) == self._stamp | self._sizes()
         self._is_fresh = self._is_fresh and _is_whole(folder / TABLE)
@@ -57,7 +63,7 @@ class Results:
         elif not self._columns:
             from .table import tidy_columns
 
-            with SweepStore(self._folder, maker=maker(), mode="read") as store:
+            with SweepStore(self._folder, maker=code_version(), mode="read") as store:
                 self._columns = tidy_columns(self._plan.recipes(), store, self._plan.groups)
         return self._columns
 
@@ -72,7 +78,7 @@ class Results:
                 if figure:
                     _draw(picture, self.columns, self._plan)
         for path in tables:
-            _write_table(path, self.columns, self._plan)
+            _write_table(path, self.columns, self._attributes)
         if "poses" in self._plan.groups:
             self.files["poses_table"] = str(self._folder / POSES)
         if picture.exists():
@@ -80,14 +86,14 @@ class Results:
 
     def _write_store_table(self) -> None:
         discard(self._folder / STAMP)
-        _write_table(self._folder / TABLE, self.columns, self._plan)
+        _write_table(self._folder / TABLE, self.columns, self._attributes)
         if "poses" in self._plan.groups:
             from ....datasets.sweeps.table_stream import write_blocks
             from .table import pose_blocks
 
-            with SweepStore(self._folder, maker=maker()) as store:
+            with SweepStore(self._folder, maker=code_version()) as store:
                 blocks = pose_blocks(self._plan.recipes(), store)
-                write_blocks(self._folder / POSES, blocks, _attributes(self._plan), units=POSE_UNITS)
+                write_blocks(self._folder / POSES, blocks, self._attributes, units=POSE_UNITS)
         if self._is_complete:
             _write_stamp(self._folder, self._stamp | self._sizes())
 
@@ -116,7 +122,7 @@ def locked(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-def _write_table(path: Path, columns: dict[str, Any], plan: Plan) -> None:
+def _write_table(path: Path, columns: dict[str, Any], attributes: dict[str, Any]) -> None:
     from ....datasets.sweeps.table import write_parquet, write_table
     from .table import column_units
 
@@ -125,12 +131,7 @@ def _write_table(path: Path, columns: dict[str, Any], plan: Plan) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SweepError(f"{path.parent} cannot be made: {error.strerror or error}") from error
-    write(path, columns, _attributes(plan), units=column_units(columns))
-
-
-def _attributes(plan: Plan) -> dict[str, Any]:
-    """What a table says of itself."""
-    return {"plan": plan.described(), "name": plan.name, "maker": maker()}
+    write(path, columns, attributes, units=column_units(columns))
 
 
 def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:

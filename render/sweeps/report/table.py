@@ -97,7 +97,7 @@ class Results(Protocol):
     """What the table needs of a store."""
 
     @property
-    def maker(self) -> str:
+    def made_by(self) -> str:
         """Whose results it gives."""
         ...
 
@@ -182,7 +182,7 @@ def tidy_columns(recipes: Iterable[Recipe], store: Results, groups: Sequence[str
             for part in parts:
                 row |= part.columns
             row["complete"] = all(part.is_whole for part in parts)
-            row |= {"recipe": recipe.to_json(), "recipe_hash": recipe.hash, "maker": store.maker}
+            row |= {"recipe": recipe.to_json(), "recipe_hash": recipe.hash, "maker": store.made_by}
             rows.append(row)
             seconds.append(_took([part.seconds for part in parts]))
         for name in rows[0]:  # every recipe has the same

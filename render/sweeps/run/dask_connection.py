@@ -290,7 +290,7 @@ def end_process(client: Any, address: str) -> None:
     """End a worker's process, whatever it does; it may be gone already, by this or by itself."""
     from .dask_worker import end_worker, kill_worker
 
-    with contextlib.suppress(Exception):
+    with suppress(Exception):
         has_nanny = client.scheduler_info(n_workers=-1)["workers"][address]["nanny"]
         end = kill_worker if has_nanny else end_worker
         client.run(end, workers=[address], nanny=bool(has_nanny), on_error="ignore")

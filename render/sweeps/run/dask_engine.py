@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import PalpateWarning, PlanError, SweepError
 from ..make.task import Outcome, Running, Task
-from ..plan.recipe import maker
+from ..plan.code_version import code_version
 from .dask_connection import (
     INSTALL,
     Connection,
@@ -152,7 +152,7 @@ class DaskEngine:
         client.subscribe_topic(self._run, partial(self._receive, "run"))
         client.subscribe_topic("all", partial(self._receive, "all"))
         self._stack.callback(self._leave, client)
-        terms = Terms(self._run, maker(), connection.device, str(token))
+        terms = Terms(self._run, code_version(), connection.device, str(token))
         try:
             client.register_plugin(SweepPlugin(terms))
         except Exception as error:  # Dask gives an error of a worker as text

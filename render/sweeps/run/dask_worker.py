@@ -4,7 +4,7 @@ A plugin of Dask's makes each worker show that, also one that joins later.
 
 | what a worker must have        | how it is seen                                                                |
 |--------------------------------|-------------------------------------------------------------------------------|
-| the same palpate and libraries | `maker()` gives the same string                                               |
+| the same code version          | `code_version()` gives the same                                               |
 | the device that the plan names | Warp lists it                                                                 |
 | the store, at the same path    | it reads the parent's token there, and writes an answer that the parent sees  |
 | compiled kernels               | one process of a host compiles, under a lock beside Warp's cache; others wait |
@@ -33,7 +33,7 @@ from distributed import WorkerPlugin, get_worker
 
 from ...errors import SweepError
 from ..make.task import Outcome, Task
-from ..plan.recipe import maker
+from ..plan.code_version import code_version
 from .worker import attempt, is_usable, message_of
 
 LAST_EVENT = 0.5  # [s] for an event to leave a process that ends
@@ -181,8 +181,8 @@ def _show_fitness(terms: Terms, fitness: Callable[..., Fitness]) -> Fitness:
 
 def _check_maker(wanted: str) -> None:
     """Results of another version are other results."""
-    if maker() != wanted:
-        raise SweepError(f"it has {maker()} where this sweep is made with {wanted}; install the same on both")
+    if code_version() != wanted:
+        raise SweepError(f"it has {code_version()} where this sweep is made with {wanted}; install the same on both")
 
 
 def _find_device(word: str) -> tuple[str, str]:

@@ -5,6 +5,7 @@ Each line of log.jsonl is one object: `time` (ISO 8601, UTC), `run` (of which pa
 | event | numbers |
 |---|---|
 | start | plan, recipe_count, groups, maker, engine, devices, recovered (parts that a killed run had left) |
+| same-results | maker (this code version), counted (code versions whose results count for it from now on) |
 | task | number, worker, pieces, parts, poses, seconds |
 | error | number, worker, sentence; the task is made again |
 | lost | number, worker, sentence: the worker died, or was ended; the task is made again |

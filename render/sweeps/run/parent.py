@@ -19,7 +19,8 @@ from ...errors import SweepError
 from ...runtime.interrupt import interrupt_between
 from ..make.poses import pose_count
 from ..make.task import Engine, Outcome
-from ..plan.recipe import Recipe, SweepPlan, maker
+from ..plan.code_version import code_version
+from ..plan.recipe import Recipe, SweepPlan
 from .limits import Limits
 from .log import LOG, SweepLog, SweepProgress
 from .missing import Counts, Failure, Missing, ResultKey
@@ -102,10 +103,10 @@ def run_sweep(
     Recipes that cannot be made are in the report. Raises SweepError if no worker can go on, or the store's disk is
     full; SweepStoreError for a folder that is no store; KeyboardInterrupt between two tasks.
     """
-    with SweepStore(store_folder, maker=made_by or maker()) as store, SweepLog(log or store.folder / LOG) as lines:
-        return _Run(plan, store, lines, progress or _ignore, limits or Limits(), clock).run(
-            engine, count_poses, approve or _ignore
-        )
+    code = made_by or code_version()
+    with SweepStore(store_folder, maker=code) as store, SweepLog(log or store.folder / LOG) as lines:
+        run = _Run(plan, store, lines, progress or _ignore, limits or Limits(), clock)
+        return run.run(engine, count_poses, approve or _ignore)
 
 
 def _ignore(value: object) -> None:
@@ -210,7 +211,7 @@ class _Run:
                 plan=self._plan.name,
                 recipe_count=self._plan.recipe_count,
                 groups=self._plan.groups,
-                maker=self._store.maker,
+                maker=self._store.made_by,
                 engine=engine.name,
                 recovered=recovered,
             )

@@ -472,4 +472,4 @@ def test_the_schema_of_a_new_manifest_is_that_of_an_upgraded_one(folder, tmp_pat
     SweepStore(folder, maker=MAKER).close()
     SweepStore(tmp_path / "new", maker=MAKER).close()
     assert schema(folder) == schema(tmp_path / "new")
-    assert manifest_module.FORMAT_VERSION == 2
+    assert manifest_module.NEW_VERSION == 2

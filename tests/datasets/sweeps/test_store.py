@@ -262,7 +262,7 @@ def test_a_newer_version_is_refused_by_name(store):
     connection.execute(f"PRAGMA user_version = {FORMAT_VERSION + 1}")
     connection.close()
     for mode in ("create", "read"):
-        with pytest.raises(SweepStoreError, match=r"store.sqlite has format version 3, this palpate reads up to 2"):
+        with pytest.raises(SweepStoreError, match=r"store.sqlite has format version 4, this palpate reads up to 3"):
             SweepStore(store.folder, maker=MAKER, mode=mode)
 
 

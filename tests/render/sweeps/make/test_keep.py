@@ -126,7 +126,7 @@ def test_contours_that_are_kept_are_read_and_not_rendered_again(tmp_path, render
     monkeypatch.setattr(sampling_module, "rendered_chunks", None)
     kept = payload(tmp_path, recipe, "sampling")
     assert kept | {"seconds": 0} == rendering | {"seconds": 0}
-    monkeypatch.setattr(keep_module, "maker", lambda: "other code")
+    monkeypatch.setattr(keep_module, "code_version", lambda: "other code")
     with pytest.raises(AssertionError, match="NoneType"):
         payload(tmp_path, recipe, "sampling")
 
@@ -238,7 +238,7 @@ def test_contours_of_other_code_are_made_anew_and_own_ones_kept(tmp_path, render
     made = kept.stat().st_mtime_ns
     payload(tmp_path, recipe, "keep-contours")
     assert kept.stat().st_mtime_ns == made
-    monkeypatch.setattr(keep_module, "maker", lambda: "other code")
+    monkeypatch.setattr(keep_module, "code_version", lambda: "other code")
     payload(tmp_path, recipe, "keep-contours")
     assert kept.stat().st_mtime_ns > made
     assert check_file(kept) == []
@@ -252,7 +252,7 @@ from palpate.render.intersection.batch_rendering import PoseSpans
 from palpate.render.sweeps.make.work import run_task
 from sweep_recipes import explored, recipe_of, task_of
 from palpate.render.sweeps.make import keep as keep_module
-keep_module.maker = lambda: "this code"
+keep_module.code_version = lambda: "this code"
 PoseSpans.learn = lambda *_: None
 write = ContourWriter.write
 def told(self, first, stop, *rest):
@@ -281,7 +281,7 @@ def test_a_killed_worker_leaves_contours_that_the_next_one_goes_on_with(tmp_path
         assert FolderLock.is_held(folder)
         process.send_signal(signal.SIGKILL)
     written = []
-    monkeypatch.setattr(keep_module, "maker", lambda: "this code")
+    monkeypatch.setattr(keep_module, "code_version", lambda: "this code")
     write = ContourWriter.write
 
     def noted(self, first, stop, *rest):
@@ -307,7 +307,7 @@ def test_contours_that_another_process_writes_are_waited_for(tmp_path, monkeypat
             slept.append(seconds)
 
         monkeypatch.setattr(keep_module, "sleep", let_go)
-        monkeypatch.setattr(keep_module, "maker", lambda: "this code")
+        monkeypatch.setattr(keep_module, "code_version", lambda: "this code")
         told = payload(tmp_path, recipe, "keep-contours")
     assert slept
     assert check_file(tmp_path / told["path"]) == []

@@ -20,8 +20,8 @@ from palpate.render.stages import registry as stages
 from palpate.render.stages.user_code_digest import digest_of
 from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make.work import run_task
+from palpate.render.sweeps.plan.code_version import code_version
 from palpate.render.sweeps.plan.loading import load_plans
-from palpate.render.sweeps.plan.recipe import maker
 from palpate.render.sweeps.run.engine import InProcess
 from palpate.render.sweeps.run.parent import run_sweep
 
@@ -87,7 +87,7 @@ def mean_length(folder, source):
     plan = plan_in(folder, source)
     (recipe,) = plan.recipes()
     run_sweep(plan, folder / "store", InProcess("cpu"))
-    with SweepStore(folder / "store", maker=maker(), mode="read") as made:
+    with SweepStore(folder / "store", maker=code_version(), mode="read") as made:
         ((_, _, _, payload),) = made.results([("contours", recipe.key("contours"))])
     return payload["stat"]["length"][1]
 

@@ -1,4 +1,4 @@
-"""Recipes: keys that depend on meaning alone and on all of it, JSON that reads back, columns, groups, makers."""
+"""Recipes: keys that depend on meaning alone and on all of it, JSON that reads back, columns, groups."""
 
 import hashlib
 import json
@@ -14,7 +14,7 @@ from palpate.render.stages.registry import find_stage
 from palpate.render.sweeps.plan import recipe as recipe_module
 from palpate.render.sweeps.plan.axes import KEYS
 from palpate.render.sweeps.plan.loading import load_plans
-from palpate.render.sweeps.plan.recipe import GROUPS, PARTS, Recipe, digest_source, groups_of, maker
+from palpate.render.sweeps.plan.recipe import GROUPS, PARTS, Recipe, digest_source, groups_of
 
 PLAIN = '[object]\nsource = "cube"\n'
 
@@ -311,8 +311,3 @@ def test_files_that_hold_their_data_elsewhere_are_hashed_with_it(folder):
     plain = digest_source(str(folder / "thing.stl"))
     assert plain == hashlib.sha256(b"solid thing").hexdigest()
     assert digest_source(f"{folder}/ball.py:ball") == hashlib.sha256((folder / "ball.py").read_bytes()).hexdigest()
-
-
-def test_the_maker_names_versions_and_code():
-    assert maker().startswith("palpate 0.") and ", warp 1." in maker()  # noqa: PT018  # one string
-    assert len(maker().rpartition("code ")[2]) == 16

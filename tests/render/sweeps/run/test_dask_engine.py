@@ -257,7 +257,7 @@ def test_a_worker_without_palpate_is_reported_at_the_start(theirs, store):
 @pytest.mark.exhaustive
 def test_a_worker_that_joins_later_and_is_unfit_is_reported_and_not_used(theirs, store):
     address = theirs.scheduler_address
-    other = "import palpate.render.sweeps.plan.recipe as recipe; recipe.maker = lambda: 'palpate 0.0.1'"
+    other = "import palpate.render.sweeps.plan.code_version as version; version.code_version = lambda: 'palpate 0.0.1'"
     with started(store, address) as engine, stranger(address, code=other):
         with pytest.warns(PalpateWarning, match=r"worker tcp.*it has palpate 0\.0\.1.*not used") as told:
             until(lambda: engine.wait(0.05) == [] and len(engine._fitness) == 2)
@@ -300,7 +300,7 @@ def test_a_missing_device_is_named_with_worker_and_host(theirs, store):
 
 @pytest.mark.exhaustive
 def test_a_worker_with_other_code_is_named(theirs, store, monkeypatch):
-    monkeypatch.setattr("palpate.render.sweeps.run.dask_engine.maker", lambda: "palpate 0.0.1")
+    monkeypatch.setattr("palpate.render.sweeps.run.dask_engine.code_version", lambda: "palpate 0.0.1")
     with pytest.raises(SweepError, match=r"worker tcp.*it has palpate.*made with palpate 0\.0\.1"):
         DaskEngine(theirs.scheduler_address, devices="cpu", work=work).start(store)
 

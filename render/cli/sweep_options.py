@@ -11,6 +11,7 @@ from .trust_options import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
 SCHEDULER_HELP = "A cluster: tcp://HOST:PORT of a Dask scheduler, local, slurm, or another of dask-jobqueue."
+UPDATE_HELP = "Write --baseline's file (.csv for review, .h5, .parquet) after the run, and exit 0 though values moved."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
 
 
@@ -38,6 +39,7 @@ def sweep(
     baseline: Annotated[
         Path | None, typer.Option(metavar="OLD", help="Store or table to compare with: exit 1 if anything moved.")
     ] = None,
+    update_baseline: Annotated[bool, typer.Option("--update-baseline", help=UPDATE_HELP)] = False,
     tolerance: Annotated[list[str] | None, typer.Option(metavar="T", help=TOLERANCE_HELP)] = None,
     table: Annotated[
         list[Path] | None, typer.Option(metavar="OUT", help="The table once more: .h5 or .parquet. May be repeated.")
@@ -58,6 +60,7 @@ def sweep(
         "workers": workers,
         "scheduler": scheduler,
         "baseline": baseline,
+        "update_baseline": update_baseline,
         "tolerances": tolerance or [],
         "tables": table or [],
         "overwrite": overwrite,

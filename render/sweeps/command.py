@@ -17,7 +17,7 @@ from .make.poses import pose_count
 from .make.task import Engine
 from .plan.loading import Plan, draft_plans
 from .plan.recipe import maker
-from .refusals import refuse_baseline, refuse_tables
+from .refusals import refuse_baseline, refuse_baseline_file, refuse_tables
 from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
 from .run.log import SweepProgress, sweep_bar
@@ -42,6 +42,7 @@ TOLD = (
     "store",
     "table",
     "figure",
+    "baseline",
 )
 
 
@@ -58,6 +59,7 @@ class SweepJob:
     workers: str
     scheduler: str | None
     baseline: Path | None
+    update_baseline: bool
     tolerances: list[str]
     tables: list[Path]
     overwrite: bool
@@ -81,8 +83,15 @@ class SweepJob:
         """Raise PlanError or StrategyError for options that cannot be, whether or not there is anything to make."""
         self.worker_count()
         refuse_tables(self.tables, overwrite=self.overwrite)
+        if self.update_baseline:
+            refuse_baseline_file(self.baseline)
         if self.dry_run:
-            given = {"--baseline": self.baseline, "--table": self.tables, "--scheduler": self.scheduler}
+            given = {
+                "--update-baseline": self.update_baseline,
+                "--baseline": self.baseline,
+                "--table": self.tables,
+                "--scheduler": self.scheduler,
+            }
             for option, value in given.items():
                 if value:
                     raise PlanError(f"{option} does not go with --dry-run: it makes nothing, on this machine")
@@ -134,7 +143,7 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
         refuse_too_large(plan, job.folder)
     plan = plan.with_code(job.allow_code)
     if check is not None:
-        refuse_baseline(check.baseline, check.tolerances, plan)
+        refuse_baseline(check.baseline, check.tolerances, plan, needs_match=not job.update_baseline)
     report = _made(job, plan, as_json=as_json)
     if report is None:
         return console.FAILED
@@ -145,18 +154,32 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
         from .report.compare import compare_tables
 
         comparison = compare_tables(check.baseline, results.columns, check.tolerances)
+    if job.update_baseline and job.baseline is not None and not report.failures:
+        from .report.baseline import write_baseline
+
+        old, tolerances = (check.baseline, check.tolerances) if check else (None, ())
+        write_baseline(job.baseline, results.columns, old=old, tolerances=tolerances)
+        results.files["baseline"] = str(job.baseline)
     _say(report, {"store": str(job.folder), **results.files}, comparison, as_json=as_json)
-    return console.FAILED if report.failures or (comparison and not comparison.is_kept) else console.DONE
+    if job.update_baseline and report.failures:
+        console.warn(f"{job.baseline} is not written, because {len(report.failures)} recipes could not be made")
+    is_kept = comparison is None or comparison.is_kept or job.update_baseline
+    return console.FAILED if report.failures or not is_kept else console.DONE
 
 
 def _check_of(job: SweepJob) -> Check | None:
-    """The baseline, read before anything is made: a mistake in it should not cost a sweep."""
+    """The baseline, read before anything is made: a mistake in it should not cost a sweep.
+
+    None if there is none, or none yet that could be updated.
+    """
     if job.baseline is None:
         if job.tolerances:
             raise PlanError("--tolerance is of a comparison: name what to compare with by --baseline")
         return None
     from .report.compare import load_baseline, parse_tolerances
 
+    if job.update_baseline and not job.baseline.exists():
+        return None
     try:
         return Check(load_baseline(job.baseline), parse_tolerances(job.tolerances))
     except SweepError as error:

@@ -11,8 +11,8 @@ import numpy as np
 
 from ...errors import SweepError
 from ...reports.contour_figure import SUFFIXES, save_picture
-from .layout import Axis, Layout, choose_layout, is_missing
-from .table import AXIS_UNITS
+from .layout import Axis, Layout, choose_layout
+from .table import AXIS_UNITS, is_missing
 
 COLOURS = ("#2b2d42", "#c1121f", "#1d6fa5", "#2a9d8f", "#f4a261", "#9b5de5", "#bc6c25", "#e56b9f", "#8d99ae", "#606c38")
 MARKERS = "osD^vPX<>*"

@@ -1,13 +1,12 @@
 """Which axis of a sweep stands where in a picture: x, colours, columns of panels, dashes; or is averaged over."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .table import is_axis
+from .table import is_axis, is_missing, plain_cell
 
 COLOURS_GOOD, COLOURS_MOST = 10, 20  # that are told apart well, and at all
 COLUMNS_MOST = 6
@@ -51,23 +50,14 @@ class Layout:
     """Replicates, and what there is no room for."""
 
 
-def is_missing(value: Any) -> bool:
-    """Whether a cell says that its column does not apply."""
-    return value is None or value == "" or (isinstance(value, float) and math.isnan(value))
-
-
 def axis_of(name: str, values: Sequence[Any]) -> Axis:
     """An axis from a column."""
-    cells = [None if is_missing(value) else _plain(value) for value in values]
+    cells = [plain_cell(value) for value in values]
     is_numeric = all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells)
     seen = list(dict.fromkeys(cells))
     distinct = sorted(seen) if is_numeric else seen  # type: ignore[type-var]  # numbers only, asked above
     place = {value: k for k, value in enumerate(distinct)}
     return Axis(name, tuple(distinct), np.array([place[cell] for cell in cells], np.int64), is_numeric)
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def varying_axes(table: Mapping[str, Sequence[Any]]) -> list[Axis]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.store import SweepStore
+from ....datasets.sweeps.table_text import CONSTANTS
 from ...reports.file_summary import length_ratio
 from ..make.poses import part_count
 from ..make.task import WHOLE
@@ -83,6 +84,9 @@ AXIS_UNITS: dict[str, str] = {
 
 UNITS: dict[str, str] = {name: unit for metrics in METRICS.values() for name, unit in metrics.items()}
 """Unit of each metric column; "1" is a number."""
+
+ALWAYS = ("object", "hand", "motion", "strategy")
+"""Columns of the recipe that a table has even if their value is the same in all rows: people group by them."""
 
 OTHERS = ("recipe", "recipe_hash", "maker", "complete", *KEPT.values())
 """Columns that are neither of the recipe nor metrics; nor are those of time, which begin with "seconds"."""
@@ -190,6 +194,36 @@ def tidy_columns(recipes: Iterable[Recipe], store: Results, groups: Sequence[str
             table.setdefault(name, []).extend([row[name] for row in rows])
     stages = sorted({name for took in seconds for name in took})
     return table | {name: [took.get(name) for took in seconds] for name in stages}
+
+
+def split_constants(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Columns of a table that vary, are metrics or stand in ALWAYS; and the one value of each of the others.
+
+    A value that does not apply is None. A table without rows keeps all columns.
+    """
+    constants: dict[str, Any] = {}
+    for name, values in columns.items():
+        if (is_axis(name) or name == "maker") and name not in ALWAYS and len(values):
+            first = plain_cell(values[0])
+            if all(plain_cell(value) == first for value in values):
+                constants[name] = first
+    return {name: values for name, values in columns.items() if name not in constants}, constants
+
+
+def constant_attributes(constants: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes of a table's file that hold its constants, and the units of those that have one."""
+    return {CONSTANTS: dict(constants), "constant_units": column_units(constants)}
+
+
+def is_missing(value: Any) -> bool:
+    """Whether a cell says that its column does not apply."""
+    return value is None or value == "" or (isinstance(value, float) and math.isnan(value))
+
+
+def plain_cell(value: Any) -> Any:
+    """A cell as Python's own type, None if it does not apply: the same from a file and from a new table."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    return None if is_missing(plain) else plain
 
 
 def column_units(columns: Iterable[str]) -> dict[str, str]:

@@ -26,7 +26,8 @@ Constant = str | int | float | bool | None
 
 _FORMAT, _VERSION = "palpate text table", 1
 _HEAD = f"# {_FORMAT} {_VERSION}: each line below of the form '# name = value' holds for all rows"
-_NUMBER = re.compile(r"-?(?:[0-9]{1,300}(?:\.[0-9]{1,300})?(?:e[+-]?[0-9]{1,3})?|inf)")
+# As Python writes numbers. A hash of 32 digits is none, though all may be decimal ones.
+_NUMBER = re.compile(r"-?(?:[0-9]{1,20}(?:\.[0-9]{1,25})?(?:e[+-]?[0-9]{1,3})?|inf)")
 _WHOLE = re.compile(r"-?[0-9]{1,18}")
 _EXACT = 1 << 53  # below it float64 holds every whole number
 
@@ -88,7 +89,10 @@ def constant_columns(path: Path, constants: Mapping[str, Constant], row_count: i
     """A column of equal values for each constant; raises SweepStoreError for more bytes than a file may take."""
     with naming_failures(path):
         require_bytes(8 * row_count * len(constants), "its constants as columns")
-    return {name: column_array(name, [value]).repeat(row_count) for name, value in constants.items()}
+    try:
+        return {name: column_array(name, [value]).repeat(row_count) for name, value in constants.items()}
+    except SweepStoreError as error:
+        raise SweepStoreError(f"{path}: {error}") from error
 
 
 def _constants(path: Path, lines: list[str]) -> dict[str, Constant]:
@@ -126,7 +130,10 @@ def _columns(path: Path, text: str, first: int) -> Columns:
     if len(set(names)) < len(names):
         raise SweepStoreError(f"{path}:{first + 1}: a column stands there more than once")
     cells = zip(*rows[1:], strict=True) if rows[1:] else [() for _ in names]
-    return column_arrays({name: _values(own) for name, own in zip(names, cells, strict=True)})
+    try:
+        return column_arrays({name: _values(own) for name, own in zip(names, cells, strict=True)})
+    except SweepStoreError as error:
+        raise SweepStoreError(f"{path}: {error}") from error
 
 
 def _values(cells: tuple[str, ...]) -> list[Any]:

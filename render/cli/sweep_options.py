@@ -12,6 +12,7 @@ from .trust_options import AllowCode
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
 SCHEDULER_HELP = "A cluster: tcp://HOST:PORT of a Dask scheduler, local, slurm, or another of dask-jobqueue."
 UPDATE_HELP = "Write --baseline's file (.csv for review, .h5, .parquet) after the run, and exit 0 though values moved."
+SUMMARY_HELP = "Append counts, failures and what moved to FILE.md as Markdown, for the step summary of CI."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
 
 
@@ -46,6 +47,7 @@ def sweep(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that --table names.")] = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the store's summary.png.")] = True,
+    summary: Annotated[Path | None, typer.Option(metavar="FILE.md", help=SUMMARY_HELP)] = None,
     allow_code: AllowCode = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
@@ -65,6 +67,7 @@ def sweep(
         "tables": table or [],
         "overwrite": overwrite,
         "figure": figure,
+        "summary": summary,
         "allow_code": allow_code,
     }
 

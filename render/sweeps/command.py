@@ -17,10 +17,11 @@ from .make.poses import pose_count
 from .make.task import Engine
 from .plan.loading import Plan, draft_plans
 from .plan.recipe import maker
-from .refusals import refuse_baseline, refuse_baseline_file, refuse_tables
+from .refusals import refuse_baseline, refuse_baseline_file, refuse_summary, refuse_tables
+from .report.progress import sweep_bar
 from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
-from .run.log import SweepProgress, sweep_bar
+from .run.log import SweepProgress
 from .run.missing import Counts, Failure, Key, Missing
 from .run.parent import SweepReport, run_sweep
 
@@ -64,6 +65,7 @@ class SweepJob:
     tables: list[Path]
     overwrite: bool
     figure: bool
+    summary: Path | None
     allow_code: bool
 
     @property
@@ -83,6 +85,7 @@ class SweepJob:
         """Raise PlanError or StrategyError for options that cannot be, whether or not there is anything to make."""
         self.worker_count()
         refuse_tables(self.tables, overwrite=self.overwrite)
+        refuse_summary(self.summary)
         if self.update_baseline:
             refuse_baseline_file(self.baseline)
         if self.dry_run:
@@ -90,6 +93,7 @@ class SweepJob:
                 "--update-baseline": self.update_baseline,
                 "--baseline": self.baseline,
                 "--table": self.tables,
+                "--summary": self.summary,
                 "--scheduler": self.scheduler,
             }
             for option, value in given.items():
@@ -160,6 +164,10 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
         old, tolerances = (check.baseline, check.tolerances) if check else (None, ())
         write_baseline(job.baseline, results.columns, old=old, tolerances=tolerances)
         results.files["baseline"] = str(job.baseline)
+    if job.summary is not None:
+        from .report.summary import append_summary, sweep_summary
+
+        append_summary(job.summary, sweep_summary(plan.name, report, comparison, row_count=SHOWN))
     _say(report, {"store": str(job.folder), **results.files}, comparison, as_json=as_json)
     if job.update_baseline and report.failures:
         console.warn(f"{job.baseline} is not written, because {len(report.failures)} recipes could not be made")
@@ -195,7 +203,7 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
             refuse_too_large(plan, job.folder, share=counts.poses_incomplete / max(1, counts.poses))
 
     try:
-        with sweep_bar(quiet=as_json) as bar:
+        with sweep_bar(as_json=as_json) as bar:
 
             def progress(now: SweepProgress) -> None:
                 nonlocal last
@@ -248,11 +256,9 @@ def _say(report: SweepReport, outputs: dict[str, str], comparison: Comparison | 
 
 
 def _show_failures(failures: Sequence[Failure]) -> None:
-    """Reasons, each with the recipes that it holds for."""
-    names: dict[str, list[str]] = {}
-    for failure in failures:
-        names.setdefault(failure.sentence.removeprefix(f"{failure.name}: "), []).append(failure.name)
-    rows = [(own[0] + (f" and {len(own) - 1} more" if own[1:] else ""), why) for why, own in names.items()]
+    from .report.summary import failure_rows
+
+    rows = failure_rows(failures)
     _show(f"{len(failures)} recipes could not be made", ("recipe", "why"), rows[:SHOWN], len(rows))
 
 

@@ -43,6 +43,12 @@ def refuse_baseline_file(path: Path | None) -> None:
     _require_pyarrow("--baseline", path)
 
 
+def refuse_summary(path: Path | None) -> None:
+    """Raise PlanError for a summary that cannot be written."""
+    if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+        raise PlanError(f"--summary {path}: must be a file in a folder that exists")
+
+
 def _require_pyarrow(option: str, path: Path) -> None:
     if path.suffix == ".parquet" and importlib.util.find_spec("pyarrow") is None:
         raise PlanError(f"{option} {path}: Parquet needs PyArrow: pip install 'palpate[parquet]'")

@@ -109,6 +109,28 @@ def test_what_is_no_table_is_refused_with_its_line(tmp_path, text, message):
         assert load_table(path)["a"].tolist() == [1e20, 1.0]
 
 
+def test_a_hash_of_decimal_digits_stays_a_text(tmp_path):
+    for key in ("1234567890" * 3 + "12", "1" * 29 + "e12"):
+        write_csv(tmp_path / "t.csv", {"recipe_hash": [key]}, {})
+        assert load_table(tmp_path / "t.csv")["recipe_hash"].tolist() == [key]
+
+
+@given(st.one_of(st.text('#= ,"a1.e-\n\r{[', max_size=40).map(str.encode), st.binary(max_size=40)))
+def test_any_bytes_are_a_table_or_refused(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("text") / "t.csv"
+    path.write_bytes(HEAD.encode() + content)
+    rows, refusal = _rows_of(path)
+    assert str(path) in refusal or len(rows) <= 1
+
+
+def _rows_of(path):
+    """Lengths of the columns of a table, or the message of its refusal."""
+    try:
+        return {len(values) for values in load_table(path, constants=True).values()}, ""
+    except SweepStoreError as error:
+        return set(), str(error)
+
+
 def test_bytes_that_are_no_text_are_refused(tmp_path):
     (tmp_path / "t.csv").write_bytes(HEAD.encode() + b"a\n\xff\n")
     with pytest.raises(SweepStoreError, match="not UTF-8"):

@@ -150,9 +150,10 @@ def test_an_updated_baseline_is_kept_from_then_on(tmp_path):
     old.write_text(re.sub(r"0\.(\d{6,}),0\.", r"0.9\1,0.", written, count=1))
     result = run("sweep", path, "--device", "cpu", "--baseline", old)
     assert result.exit_code == FAILED
-    result = run("sweep", *update, "--device", "cpu")
+    result = run("sweep", *update, "--device", "cpu", "--summary", tmp_path / "page.md")
     assert result.exit_code == 0
     assert "what moved" in result.stderr
+    assert "#### What moved" in (tmp_path / "page.md").read_text()
     assert old.read_text() == written
     plan(path, seeds=(5,))
     assert sweep(*update)["comparison"]["recipe_count"] == 0  # of another plan, and therefore replaced
@@ -178,7 +179,9 @@ def test_recipes_that_cannot_be_made_are_named_and_the_rest_is_made(tmp_path):
     assert "2 recipes could not be made" in shown.stderr
     assert shown.stderr.count("open edges") == 1
     assert "Traceback" not in shown.output
-    kept = run("sweep", path, "--device", "cpu", "--baseline", tmp_path / "b.csv", "--update-baseline")
+    summary = ("--summary", tmp_path / "page.md")
+    kept = run("sweep", path, "--device", "cpu", "--baseline", tmp_path / "b.csv", "--update-baseline", *summary)
+    assert (tmp_path / "page.md").read_text().count("open edges") == 1
     assert kept.exit_code == FAILED
     assert "is not written, because 2 recipes could not be made" in " ".join(kept.stderr.split())
     assert not (tmp_path / "b.csv").exists()

@@ -45,6 +45,14 @@ def test_a_store_that_is_something_else(path, tmp_path):
     assert answer("sweep", path, "--dry-run", "--device", "cpu", "--store", tmp_path / "empty")["recipes_done"] == 0
 
 
+def test_a_summary_that_cannot_be_written(path, tmp_path):
+    for name in (".", "missing/page.md"):
+        refused_before(tmp_path / "a.sweep", "must be a file in a folder", path, "--summary", tmp_path / name)
+    refused_before(
+        tmp_path / "a.sweep", "--summary does not go with --dry-run", path, "--summary", tmp_path / "a.md", "--dry-run"
+    )
+
+
 def test_a_baseline_that_cannot_be_updated(path, tmp_path):
     store = tmp_path / "a.sweep"
     refused_before(store, "--update-baseline needs --baseline FILE", path, "--update-baseline")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..plan.recipe import GROUPS, part_of
-from .table import METRICS, is_axis, is_missing, plain_cell
+from .table import METRICS, differs, is_axis, is_missing, plain_cell
 
 METRIC_GROUPS = {metric: group for group, metrics in METRICS.items() for metric in metrics} | {"jumps": "sampling"}
 """Group of each metric that a picture may show; jumps are those of all causes."""
@@ -145,17 +145,20 @@ def choose_views(table: Mapping[str, Sequence[Any]], metrics: Mapping[str, np.nd
 
     metrics: values by name, one a row of the table; GROUPS has the parts of a recipe that each depends on.
     """
-    varying = [axis.name for axis in (axis_of(name, table[name]) for name in table if is_axis(name)) if axis.values[1:]]
-    shown = {axis.name for axis in varying_axes(table)}
+    varying = [name for name, values in table.items() if is_axis(name) and differs(values)]
+    used = {name: table[name] for name in table if name in (*varying, "strategy", "recipe_hash")}
+    shown = {axis.name for axis in varying_axes(used)}
     names_of: dict[tuple[str, ...], list[str]] = {}
     for metric in metrics:
         parts = GROUPS[METRIC_GROUPS[metric]]
         names_of.setdefault(tuple(name for name in varying if part_of(name) not in parts), []).append(metric)
     views: list[View] = []
     for omitted, names in names_of.items():
-        left = {name: values for name, values in table.items() if name not in omitted}
-        rows = _distinct_rows([*(left[name] for name in varying if name in left), *(metrics[name] for name in names)])
-        rows = rows if omitted else list(range(len(table["recipe_hash"])))
+        left = {name: values for name, values in used.items() if name not in omitted}
+        rows = list(range(len(table["recipe_hash"])))
+        if omitted:
+            cells = [*(left[name] for name in varying if name in left), *(metrics[name] for name in names)]
+            rows = _distinct_rows(cells)
         own = {name: [values[row] for row in rows] for name, values in left.items()}
         told = tuple(name for name in omitted if name in shown)
         views.append(View(choose_layout(own), {name: metrics[name][rows] for name in names}, told))

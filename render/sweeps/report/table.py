@@ -203,11 +203,15 @@ def split_constants(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> tuple[
     """
     constants: dict[str, Any] = {}
     for name, values in columns.items():
-        if (is_axis(name) or name == "maker") and name not in ALWAYS and len(values):
-            first = plain_cell(values[0])
-            if all(plain_cell(value) == first for value in values):
-                constants[name] = first
+        if (is_axis(name) or name == "maker") and name not in ALWAYS and len(values) and not differs(values):
+            constants[name] = plain_cell(values[0])
     return {name: values for name, values in columns.items() if name not in constants}, constants
+
+
+def differs(values: Sequence[Any] | np.ndarray) -> bool:
+    """Whether the cells of a column, of which there is at least one, are not all alike."""
+    first = plain_cell(values[0])
+    return any(plain_cell(value) != first for value in values)
 
 
 def constant_attributes(constants: Mapping[str, Any]) -> dict[str, Any]:

@@ -120,7 +120,7 @@ def test_any_bytes_are_a_table_or_refused(tmp_path_factory, content):
     path = tmp_path_factory.mktemp("text") / "t.csv"
     path.write_bytes(HEAD.encode() + content)
     rows, refusal = _rows_of(path)
-    assert str(path) in refusal or len(rows) <= 1
+    assert str(path) in refusal if refusal else len(rows) <= 1
 
 
 def _rows_of(path):

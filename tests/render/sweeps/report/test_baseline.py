@@ -85,6 +85,28 @@ def test_an_edited_file_is_compared_with_a_text_baseline_by_name(tmp_path):
     assert compare_tables(load_baseline(tmp_path / "b.csv"), other).recipe_count == 0  # a constant counts, too
 
 
+def table_file(path, columns, *, is_old=False):
+    """A table as a sweep writes it, or wrote it before tables had constants."""
+    varying, constants = (columns, {}) if is_old else split_constants(columns)
+    write_table(path, varying, constant_attributes(constants) if constants else {})
+    return load_baseline(path)
+
+
+@pytest.mark.parametrize("is_old", [False, True])
+@pytest.mark.parametrize("is_edited", [False, True])
+def test_tables_with_other_constants_are_compared(tmp_path, is_old, is_edited):
+    few = table(*(row | {"speed": 7.0} for row in ROWS))
+    hashes = {"recipe_hash": [f"edited {key}" for key in few["recipe_hash"]]} if is_edited else {}
+    faster = [row | {"speed": 9.0, "recipe_hash": f"fast {row['recipe_hash']}"} for row in ROWS]
+    many = table(*ROWS, *faster)
+    found = compare_tables(table_file(tmp_path / "few.h5", few | hashes, is_old=is_old), many)
+    assert (found.recipe_count, len(found.added), found.missing, found.moved) == (12, 12, (), ())
+    assert len(found.changed) == (12 if is_edited else 0)
+    found = compare_tables(table_file(tmp_path / "many.h5", many, is_old=is_old), few | hashes)
+    assert (found.recipe_count, len(found.missing), found.added) == (12, 12, ())
+    assert all("speed=9" in name for name in found.missing)
+
+
 def test_results_that_are_not_whole_make_no_baseline(tmp_path):
     with pytest.raises(SweepError, match="1 recipes have no whole results"):
         write_baseline(tmp_path / "b.csv", table(*ROWS[:3], ROWS[3] | {"complete": False}))

@@ -153,26 +153,34 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
         return console.FAILED
     results = Results(plan, job.folder, is_complete=not report.failures, has_news=report.parts > 0)
     results.write(job.tables, figure=job.figure)
-    comparison = None
-    if check is not None:
-        from .report.compare import compare_tables
-
-        comparison = compare_tables(check.baseline, results.columns, check.tolerances)
-    if job.update_baseline and job.baseline is not None and not report.failures:
-        from .report.baseline import write_baseline
-
-        old, tolerances = (check.baseline, check.tolerances) if check else (None, ())
-        write_baseline(job.baseline, results.columns, old=old, tolerances=tolerances)
-        results.files["baseline"] = str(job.baseline)
+    comparison = None if check is None else _compared(check, results)
+    if job.update_baseline:
+        _update_baseline(job, check, report, results)
     if job.summary is not None:
         from .report.summary import append_summary, sweep_summary
 
         append_summary(job.summary, sweep_summary(plan.name, report, comparison, row_count=SHOWN))
     _say(report, {"store": str(job.folder), **results.files}, comparison, as_json=as_json)
-    if job.update_baseline and report.failures:
-        console.warn(f"{job.baseline} is not written, because {len(report.failures)} recipes could not be made")
     is_kept = comparison is None or comparison.is_kept or job.update_baseline
     return console.FAILED if report.failures or not is_kept else console.DONE
+
+
+def _compared(check: Check, results: Results) -> Comparison:
+    from .report.compare import compare_tables
+
+    return compare_tables(check.baseline, results.columns, check.tolerances)
+
+
+def _update_baseline(job: SweepJob, check: Check | None, report: SweepReport, results: Results) -> None:
+    """Write the baseline, unless recipes failed: it would then lack them from now on."""
+    if report.failures or job.baseline is None:
+        console.warn(f"{job.baseline} is not written, because {len(report.failures)} recipes could not be made")
+        return
+    from .report.baseline import write_baseline
+
+    old, tolerances = (check.baseline, check.tolerances) if check else (None, ())
+    write_baseline(job.baseline, results.columns, old=old, tolerances=tolerances)
+    results.files["baseline"] = str(job.baseline)
 
 
 def _check_of(job: SweepJob) -> Check | None:

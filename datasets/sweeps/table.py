@@ -1,4 +1,7 @@
-"""A sweep's tidy table as a file: HDF5 with one dimension `row`, or Parquet; pandas, polars and xarray read them."""
+"""A sweep's tidy table as a file: HDF5 with one dimension `row`, Parquet, or text (`table_text`).
+
+pandas, polars and xarray read them.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +33,7 @@ from ..storage.hdf5_columns import (
     write_whole,
 )
 from ..storage.hdf5_opening import StrictFile
+from .table_text import CONSTANTS, CSV, constant_columns, read_csv, require_constants
 
 FORMAT_NAME = "palpate table"
 FORMAT_VERSION = 1
@@ -37,7 +41,7 @@ ROW = "row"
 """The dimension of all columns, and the dataset that numbers them; no column may have its name."""
 
 PARQUET = ".parquet"
-"""What the name of a Parquet file ends with; every other name is HDF5."""
+"""What the name of a Parquet file ends with; a name that ends otherwise, and not with `CSV`, is HDF5."""
 
 DIGEST = "digest"
 """Attribute of a table that tells how its content is proven; tables of old have none, and are believed."""
@@ -104,16 +108,30 @@ def write_parquet(
     _write(path, memoryview(sink.getvalue()))
 
 
-def load_table(path: str | Path, *, verify: bool = True) -> Columns:
-    """Columns of a table, HDF5 or Parquet: bool, numbers, and object arrays of str.
+def load_table(path: str | Path, *, constants: bool = False, verify: bool = True) -> Columns:
+    """Columns of a table, HDF5, Parquet or text: bool, numbers, and object arrays of str.
 
-    verify: whether to prove its content by its digest before it is believed. Tables that palpate wrote before it had
-    digests carry none (`has_digest`).
+    constants: whether to add a column for each value that all rows share and that the file therefore holds once
+    (`table_attributes(path)["constants"]`).
+    verify: whether to prove its content by its digest before it is believed. Text has no digest, nor have tables that
+    palpate wrote before it had digests (`has_digest`).
 
     Raises:
         SweepStoreError: It is missing, damaged, or no table.
     """
     path = Path(path)
+    if path.suffix == CSV:
+        columns, shared = read_csv(path)
+    else:
+        columns = _load_columns(path, verify)
+        shared = _shared(path, table_attributes(path, verify=verify)) if constants else {}
+    row_count = len(next(iter(columns.values()), ()))
+    added = {name: value for name, value in shared.items() if constants and name not in columns}
+    return columns | constant_columns(path, added, row_count)
+
+
+def _load_columns(path: Path, verify: bool) -> Columns:
+    """Columns of a table in HDF5 or Parquet, as they are in the file."""
     if path.suffix == PARQUET:
         table = _parquet_table(path)
         attributes = _parquet_attributes(path, table.schema)
@@ -137,15 +155,27 @@ def load_table(path: str | Path, *, verify: bool = True) -> Columns:
 def table_attributes(path: str | Path, *, verify: bool = True) -> dict[str, Any]:
     """What a table says of itself, as it was given to the writer; arguments and errors as `load_table`."""
     path = Path(path)
+    if path.suffix == CSV:
+        return {CONSTANTS: json.dumps(read_csv(path)[1])}
     if path.suffix == PARQUET:
         return _parquet_attributes(path, _parquet_schema(path))
     with _opened(path, verify=verify) as file:
         return _attributes(file)
 
 
+def _shared(path: Path, attributes: Attributes) -> dict[str, Any]:
+    """Constants of a table, from its attributes."""
+    try:
+        return require_constants(path, parse_json(attributes.get(CONSTANTS, "{}"), allow_nan=True))
+    except (ValueError, TypeError) as error:
+        raise SweepStoreError(f"{path}: its attribute {CONSTANTS} is not JSON: {error}") from error
+
+
 def column_units(path: str | Path, *, verify: bool = True) -> dict[str, str]:
-    """Units of those columns of a table that have one; arguments and errors as `load_table`."""
+    """Units of those columns of a table that have one, none in text; arguments and errors as `load_table`."""
     path = Path(path)
+    if path.suffix == CSV:
+        return {}
     if path.suffix == PARQUET:
         schema = _parquet_schema(path)
         _parquet_attributes(path, schema)

@@ -14,6 +14,8 @@ SCHEDULER_HELP = "A cluster: tcp://HOST:PORT or the scheduler file of a Dask sch
 TIMEOUT_HELP = "End a worker that uses so much processor time without progress; 0: never."
 MEMORY_HELP = "End a worker that holds more memory; by default an equal share of the machine's; 0: no limit."
 SAME_HELP = "Count results of the store's latest other code version: you know that the change moved none."
+UPDATE_HELP = "Write --baseline's file (.csv for review, .h5, .parquet) after the run, and exit 0 though values moved."
+SUMMARY_HELP = "Append counts, failures and what moved to FILE.md as Markdown, for the step summary of CI."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
 
 
@@ -44,12 +46,14 @@ def sweep(
     baseline: Annotated[
         Path | None, typer.Option(metavar="OLD", help="Store or table to compare with: exit 1 if anything moved.")
     ] = None,
+    update_baseline: Annotated[bool, typer.Option("--update-baseline", help=UPDATE_HELP)] = False,
     tolerance: Annotated[list[str] | None, typer.Option(metavar="T", help=TOLERANCE_HELP)] = None,
     table: Annotated[
         list[Path] | None, typer.Option(metavar="OUT", help="The table once more: .h5 or .parquet. May be repeated.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that --table names.")] = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the store's summary.png.")] = True,
+    summary: Annotated[Path | None, typer.Option(metavar="FILE.md", help=SUMMARY_HELP)] = None,
     allow_code: AllowCode = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
@@ -67,10 +71,12 @@ def sweep(
         "task_timeout": task_timeout,
         "worker_memory": worker_memory,
         "baseline": baseline,
+        "update_baseline": update_baseline,
         "tolerances": tolerance or [],
         "tables": table or [],
         "overwrite": overwrite,
         "figure": figure,
+        "summary": summary,
         "allow_code": allow_code,
     }
 

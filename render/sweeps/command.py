@@ -17,11 +17,12 @@ from .make.poses import pose_count
 from .make.task import Engine
 from .plan.code_version import code_version
 from .plan.loading import Plan, draft_plans
-from .refusals import other_code_version, refuse_baseline, refuse_tables
+from .refusals import other_code_version, refuse_baseline, refuse_baseline_file, refuse_summary, refuse_tables
+from .report.progress import sweep_bar
 from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
 from .run.limits import Limits, default_memory
-from .run.log import LOG, SweepLog, SweepProgress, sweep_bar
+from .run.log import LOG, SweepLog, SweepProgress
 from .run.missing import Counts, Failure, Missing, ResultKey
 from .run.parent import SweepReport, run_sweep
 
@@ -43,6 +44,7 @@ TOLD = (
     "store",
     "table",
     "figure",
+    "baseline",
 )
 
 
@@ -62,10 +64,12 @@ class SweepJob:
     task_timeout: float
     worker_memory: int | None
     baseline: Path | None
+    update_baseline: bool
     tolerances: list[str]
     tables: list[Path]
     overwrite: bool
     figure: bool
+    summary: Path | None
     allow_code: bool
 
     @property
@@ -85,8 +89,17 @@ class SweepJob:
         """Raise PlanError or StrategyError for options that cannot be, whether or not there is anything to make."""
         self.worker_count()
         refuse_tables(self.tables, overwrite=self.overwrite)
+        refuse_summary(self.summary)
+        if self.update_baseline:
+            refuse_baseline_file(self.baseline)
         if self.dry_run:
-            given = {"--baseline": self.baseline, "--table": self.tables, "--scheduler": self.scheduler}
+            given = {
+                "--update-baseline": self.update_baseline,
+                "--baseline": self.baseline,
+                "--table": self.tables,
+                "--summary": self.summary,
+                "--scheduler": self.scheduler,
+            }
             for option, value in given.items():
                 if value:
                     raise PlanError(f"{option} does not go with --dry-run: it makes nothing, on this machine")
@@ -145,7 +158,7 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
         refuse_too_large(plan, job.folder)
     plan = plan.with_code(job.allow_code)
     if check is not None:
-        refuse_baseline(check.baseline, check.tolerances, plan)
+        refuse_baseline(check.baseline, check.tolerances, plan, needs_match=not job.update_baseline)
     if other is not None:
         _keep_results(job.folder, other)
     report = _made(job, plan, as_json=as_json)
@@ -153,24 +166,50 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
         return console.FAILED
     results = Results(plan, job.folder, is_complete=not report.failures, has_news=report.rows > 0)
     results.write(job.tables, figure=job.figure)
-    comparison = None
-    if check is not None:
-        from .report.compare import compare_tables
+    comparison = None if check is None else _compared(check, results)
+    if job.update_baseline:
+        _update_baseline(job, check, report, results)
+    if job.summary is not None:
+        from .report.summary import append_summary, sweep_summary
 
-        comparison = compare_tables(check.baseline, results.columns, check.tolerances)
+        append_summary(job.summary, sweep_summary(plan.name, report, comparison, row_count=SHOWN))
     outputs = {"store": str(job.folder), **results.files, "also_results_of": list(results.counted)}
     _say(report, outputs, comparison, as_json=as_json)
-    return console.FAILED if report.failures or (comparison and not comparison.is_kept) else console.DONE
+    is_kept = comparison is None or comparison.is_kept or job.update_baseline
+    return console.FAILED if report.failures or not is_kept else console.DONE
+
+
+def _compared(check: Check, results: Results) -> Comparison:
+    from .report.compare import compare_tables
+
+    return compare_tables(check.baseline, results.columns, check.tolerances)
+
+
+def _update_baseline(job: SweepJob, check: Check | None, report: SweepReport, results: Results) -> None:
+    """Write the baseline, unless recipes failed: it would then lack them from now on."""
+    if report.failures or job.baseline is None:
+        console.warn(f"{job.baseline} is not written, because {len(report.failures)} recipes could not be made")
+        return
+    from .report.baseline import write_baseline
+
+    old, tolerances = (check.baseline, check.tolerances) if check else (None, ())
+    write_baseline(job.baseline, results.columns, old=old, tolerances=tolerances)
+    results.files["baseline"] = str(job.baseline)
 
 
 def _check_of(job: SweepJob) -> Check | None:
-    """The baseline, read before anything is made: a mistake in it should not cost a sweep."""
+    """The baseline, read before anything is made: a mistake in it should not cost a sweep.
+
+    None if there is none, or none yet that could be updated.
+    """
     if job.baseline is None:
         if job.tolerances:
             raise PlanError("--tolerance is of a comparison: name what to compare with by --baseline")
         return None
     from .report.compare import load_baseline, parse_tolerances
 
+    if job.update_baseline and not job.baseline.exists():
+        return None
     try:
         return Check(load_baseline(job.baseline), parse_tolerances(job.tolerances))
     except SweepError as error:
@@ -194,7 +233,7 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
             refuse_too_large(plan, job.folder, share=counts.poses_incomplete / max(1, counts.poses))
 
     try:
-        with sweep_bar(quiet=as_json) as bar:
+        with sweep_bar(as_json=as_json) as bar:
 
             def progress(now: SweepProgress) -> None:
                 nonlocal last
@@ -254,11 +293,9 @@ def _say(report: SweepReport, outputs: dict[str, Any], comparison: Comparison | 
 
 
 def _show_failures(failures: Sequence[Failure]) -> None:
-    """Reasons, each with the recipes that it holds for."""
-    names: dict[str, list[str]] = {}
-    for failure in failures:
-        names.setdefault(failure.sentence.removeprefix(f"{failure.name}: "), []).append(failure.name)
-    rows = [(own[0] + (f" and {len(own) - 1} more" if own[1:] else ""), why) for why, own in names.items()]
+    from .report.summary import failure_rows
+
+    rows = failure_rows(failures)
     _show(f"{len(failures)} recipes could not be made", ("recipe", "why"), rows[:SHOWN], len(rows))
 
 

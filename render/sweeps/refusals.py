@@ -31,8 +31,7 @@ def refuse_tables(tables: Sequence[Path], *, overwrite: bool) -> None:
             raise PlanError(f"--table {table}: is a folder")
         if table.exists() and not overwrite:
             raise PlanError(f"--table {table}: exists; --overwrite replaces it")
-        if table.suffix == ".parquet" and importlib.util.find_spec("pyarrow") is None:
-            raise PlanError(f"--table {table}: Parquet needs PyArrow: pip install 'palpate[parquet]'")
+        _require_pyarrow("--table", table)
 
 
 def other_code_version(folder: Path) -> str:
@@ -46,9 +45,34 @@ def other_code_version(folder: Path) -> str:
     return other
 
 
-def refuse_baseline(baseline: Baseline, tolerances: Sequence[Tolerance], plan: Plan) -> None:
-    """Raise PlanError where no recipe of a plan is the baseline's, or a tolerance is of no metric of either.
+def refuse_baseline_file(path: Path | None) -> None:
+    """Raise PlanError for a baseline that `--update-baseline` cannot write; None if no baseline is given."""
+    from .report.baseline import SUFFIXES
 
+    if path is None:
+        raise PlanError("--update-baseline needs --baseline FILE, the file to write")
+    if path.suffix not in SUFFIXES or path.is_dir():
+        raise PlanError(f"--baseline {path}: a baseline to update must be a file that ends in {', '.join(SUFFIXES)}")
+    _require_pyarrow("--baseline", path)
+
+
+def refuse_summary(path: Path | None) -> None:
+    """Raise PlanError for a summary that cannot be written."""
+    if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+        raise PlanError(f"--summary {path}: must be a file in a folder that exists")
+
+
+def _require_pyarrow(option: str, path: Path) -> None:
+    if path.suffix == ".parquet" and importlib.util.find_spec("pyarrow") is None:
+        raise PlanError(f"{option} {path}: Parquet needs PyArrow: pip install 'palpate[parquet]'")
+
+
+def refuse_baseline(
+    baseline: Baseline, tolerances: Sequence[Tolerance], plan: Plan, *, needs_match: bool = True
+) -> None:
+    """Raise PlanError where a tolerance is of no metric of a plan or baseline, or no recipe is of both.
+
+    needs_match: whether a baseline of another plan is refused; one that is to be replaced is not.
     Of plans of more than RECIPES_MOST recipes only the tolerances are judged.
     """
     from .report.compare import compare_tables
@@ -60,7 +84,7 @@ def refuse_baseline(baseline: Baseline, tolerances: Sequence[Tolerance], plan: P
             found = compare_tables(baseline, columns, tolerances)
         except SweepError as error:
             raise PlanError(str(error)) from error
-        if found.recipe_count:
+        if found.recipe_count or not needs_match:
             return
     if plan.recipe_count <= RECIPES_MOST:
         raise PlanError(f"baseline {baseline.path} has no recipe in common with this plan: it is of another one")

@@ -36,6 +36,13 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "keep-drives": DRIVEN,
 }
 """What can be made of a recipe, and the parts of the recipe that it depends on."""
+_PART_OF = {
+    "object": "thing",
+    **dict.fromkeys(("hand", "palm"), "hand"),
+    **dict.fromkeys(("strategy", "step", "flush"), "strategy"),
+    **dict.fromkeys(("sampling", "speed", "update", "foci"), "sampling"),
+    **dict.fromkeys(("array", "drive"), "array"),
+}  # by the first word of a column; every other column is of the motion
 WHOLE_GROUPS = ("sampling", "keep-contours", "keep-focal-points", "keep-drives")
 """Groups that are made of a recipe in one go."""
 METRICS = ("contours", "frequency", "sampling")
@@ -186,6 +193,11 @@ class SweepPlan(Protocol):
     def recipes(self) -> Iterator[Recipe]:
         """Each once."""
         ...
+
+
+def part_of(column: str) -> str:
+    """Which of PARTS a column of `Recipe.columns` describes."""
+    return _PART_OF.get(column.partition("_")[0], "motion")
 
 
 def _spread(name: str, values: Sequence[float] | None, ends: tuple[str, ...] = ("x", "y", "z")) -> dict[str, Any]:

@@ -14,8 +14,9 @@ from ....datasets.errors import SweepStoreError
 from ....datasets.sweeps.table import load_table
 from ...errors import RenderError, SweepError
 from ..plan.recipe import PARTS, Recipe
-from .layout import Axis, is_missing, telling_axes
-from .table import UNITS, is_axis, is_metric
+from .layout import Axis, telling_axes
+from .matching import is_complete, pair_rows
+from .table import UNITS, is_metric, is_missing
 
 TABLE = "table.h5"
 """Of a store: what stands for it as a baseline."""
@@ -144,9 +145,9 @@ class Comparison:
     changed: tuple[str, ...] = ()
     """Recipes that have another hash and are the baseline's by name, and compared with it: told, not wrong."""
     sources: tuple[str, ...] = ()
-    """What has changed behind its name in those: "strategy mine.json"."""
+    """What has changed behind its name in those, such as "strategy mine.json", if the baseline keeps recipes."""
     makers: tuple[str, str] = field(default=("", ""))
-    """Who made the baseline, and who the sweep."""
+    """Who made the baseline, "" if it does not say so, and who the sweep."""
 
     @property
     def is_kept(self) -> bool:
@@ -160,13 +161,13 @@ class Comparison:
         if not self.recipe_count:
             out = [f"no recipe in common with {self.baseline}: it is of another plan"]
         if self.changed:
-            what = _few(self.sources or self.changed)
-            said = "1 recipe is" if len(self.changed) == 1 else f"{len(self.changed)} recipes are"
-            out.append(f"{said} compared by name: the file behind this name has changed: {what}")
+            count = "1 recipe is" if len(self.changed) == 1 else f"{len(self.changed)} recipes are"
+            why = "the file behind this name" if self.sources else "a file behind their names"
+            out.append(f"{count} compared by name: {why} has changed: {_few(self.sources or self.changed)}")
         for names, one, several in self._told():
             if names:
                 out.append(f"{len(names)} {one if len(names) == 1 else several}: {_few(names)}")
-        if self.makers[0] != self.makers[1]:
+        if self.makers[0] and self.makers[0] != self.makers[1]:
             out.append(f"the baseline was made by {self.makers[0]}, this by {self.makers[1]}")
         return out
 
@@ -214,7 +215,7 @@ def parse_tolerances(words: Sequence[str]) -> tuple[Tolerance, ...]:
 
 
 def load_baseline(path: str | Path) -> Baseline:
-    """An earlier sweep: its store's folder, which has a table, or a table of its own (.h5, .parquet).
+    """An earlier sweep: its store's folder, which has a table, or a table of its own (.csv, .h5, .parquet).
 
     Raises SweepError where there is none, or it is no sweep's table.
     """
@@ -224,13 +225,16 @@ def load_baseline(path: str | Path) -> Baseline:
         why = f"has no {TABLE}: a sweep that ends writes one" if given.is_dir() else "does not exist"
         raise SweepError(f"baseline {given} {why}")
     try:
-        columns = load_table(file)
+        columns = load_table(file, constants=True)
     except SweepStoreError as error:
         raise SweepError(f"baseline {error}") from error
     if "recipe_hash" not in columns or not any(map(is_metric, columns)):
         raise SweepError(f"baseline {file} is no table of a sweep: it has no recipe_hash, or no metric")
     if len(set(map(str, columns["recipe_hash"]))) < len(columns["recipe_hash"]):
         raise SweepError(f"baseline {file} has a recipe more than once")
+    for name in filter(is_metric, columns):
+        if columns[name].dtype.kind not in "fiub" and any(columns[name] != ""):
+            raise SweepError(f"baseline {file}: the metric {name} has text, expected numbers")
     return Baseline(str(given), columns)
 
 
@@ -247,62 +251,37 @@ def compare_tables(
     old, tolerances = baseline.columns, (Tolerance(), *tolerances)
     olds, news = (tuple(name for name in table if is_metric(name)) for table in (old, columns))
     _refuse_unknown(tolerances, set(olds) | set(news))
-    old_row = {str(key): i for i, key in enumerate(old["recipe_hash"]) if _is_complete(old, i)}
-    new_row = {str(key): i for i, key in enumerate(columns["recipe_hash"])}
+    rows = pair_rows(old, columns)
     names, old_names = _Names(columns), _Names(old)
-    pairs = {row: old_row[key] for key, row in new_row.items() if key in old_row}
-    gone = [row for key, row in old_row.items() if key not in new_row]
-    renewed = _renewed(old, gone, columns, [row for row in new_row.values() if row not in pairs])
-    pairs |= renewed
-    found = set(pairs.values())
-    whole = [row for row in sorted(pairs) if _is_complete(columns, row)]
-    before, now = np.array([pairs[row] for row in whole], int), np.array(whole, int)
+    whole = [row for row in sorted(rows.pairs) if is_complete(columns, row)]
+    before, now = np.array([rows.pairs[row] for row in whole], int), np.array(whole, int)
     moved: list[Moved] = []
     compared = [name for name in olds if name in news]
     for metric in compared:
-        tolerance = next(t for t in reversed(tolerances) if fnmatchcase(metric, t.columns))
-        was, here = _floats(old[metric])[before], _floats(columns[metric])[now]
+        tolerance = tolerance_of(metric, tolerances)
+        was, here = as_floats(old[metric])[before], as_floats(columns[metric])[now]
         for i in np.flatnonzero(~tolerance.is_kept(was, here, UNITS[metric])).tolist():
             key = str(columns["recipe_hash"][whole[i]])
             moved.append(_moved(key, names[whole[i]], metric, was[i], here[i], tolerance))
     return Comparison(
         baseline.path,
-        len(pairs),
+        len(rows.pairs),
         len(whole) * len(compared),
         tuple(sorted(moved, key=lambda m: -m.rank)),
-        missing=tuple(old_names[row] for row in gone if row not in found),
-        incomplete=tuple(names[row] for row in sorted(pairs) if not _is_complete(columns, row)),
-        added=tuple(names[row] for row in new_row.values() if row not in pairs),
+        missing=tuple(old_names[row] for row in rows.missing),
+        incomplete=tuple(names[row] for row in sorted(rows.pairs) if not is_complete(columns, row)),
+        added=tuple(names[row] for row in rows.added),
         columns_missing=tuple(name for name in olds if name not in news),
         columns_added=tuple(name for name in news if name not in olds),
-        changed=tuple(names[row] for row in sorted(renewed)),
-        sources=_sources(old, columns, renewed),
+        changed=tuple(names[row] for row in sorted(rows.renewed)),
+        sources=_sources(old, columns, rows.renewed),
         makers=(_maker(old), _maker(columns)),
     )
 
 
-def _renewed(
-    old: Mapping[str, np.ndarray], gone: Sequence[int], new: Mapping[str, Any], added: Sequence[int]
-) -> dict[int, int]:
-    """Rows of a baseline by rows of a sweep that agree in all columns of the recipe: only hashes differ.
-
-    gone, added: the rows that are looked at; those that several others agree with are left out.
-    """
-    axes = [name for name in new if is_axis(name) and name in old]
-    rows: list[dict[tuple[Any, ...], list[int]]] = []
-    for table, own in ((old, gone), (new, added)):
-        alike: dict[tuple[Any, ...], list[int]] = {}
-        for row in own:
-            alike.setdefault(tuple(_cell(table[name][row]) for name in axes), []).append(row)
-        rows.append(alike)
-    before, now = rows
-    return {now[key][0]: own[0] for key, own in before.items() if len(own) == 1 == len(now.get(key, ()))}
-
-
-def _cell(value: Any) -> Any:
-    """A value, alike from a file and fresh."""
-    plain = value.item() if isinstance(value, np.generic) else value
-    return None if is_missing(plain) else plain
+def tolerance_of(metric: str, tolerances: Sequence[Tolerance]) -> Tolerance:
+    """The last of several tolerances that names a metric."""
+    return next(own for own in reversed(tolerances) if fnmatchcase(metric, own.columns))
 
 
 def _sources(old: Mapping[str, np.ndarray], new: Mapping[str, Any], pairs: Mapping[int, int]) -> tuple[str, ...]:
@@ -338,12 +317,8 @@ def _refuse_unknown(tolerances: Sequence[Tolerance], known: set[str]) -> None:
             raise SweepError(f"--tolerance {tolerance.columns}: no such metric; known: {', '.join(sorted(known))}")
 
 
-def _is_complete(columns: Mapping[str, Sequence[Any] | np.ndarray], row: int) -> bool:
-    return "complete" not in columns or bool(columns["complete"][row])
-
-
-def _floats(values: Sequence[Any] | np.ndarray) -> np.ndarray:
-    """Values as float64; NaN for None."""
+def as_floats(values: Sequence[Any] | np.ndarray) -> np.ndarray:
+    """A column as a new array of float64; NaN for None."""
     if isinstance(values, np.ndarray) and values.dtype.kind in "fiub":
         return values.astype(np.float64)
     return np.array([np.nan if v is None or v == "" else v for v in values], np.float64)

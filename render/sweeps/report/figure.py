@@ -11,8 +11,8 @@ import numpy as np
 
 from ...errors import SweepError
 from ...reports.contour_figure import SUFFIXES, save_picture
-from .layout import Axis, Layout, choose_layout, is_missing
-from .table import AXIS_UNITS
+from .layout import Axis, Layout, View, choose_views
+from .table import AXIS_UNITS, is_missing
 
 COLOURS = ("#2b2d42", "#c1121f", "#1d6fa5", "#2a9d8f", "#f4a261", "#9b5de5", "#bc6c25", "#e56b9f", "#8d99ae", "#606c38")
 MARKERS = "osD^vPX<>*"
@@ -48,8 +48,9 @@ def draw_sweep(
 ) -> None:
     """Draw a sweep's table (`tidy_columns`) into a PNG, SVG or PDF.
 
-    Metrics are rows of panels; x, colours, columns and dashes are those of `choose_layout`. What is left
-    is averaged over: a point is a mean, a band or bar one standard deviation to each side. The caption tells it.
+    Metrics are rows of panels; x, colours, columns and dashes are those of `choose_layout`, for each metric of the axes
+    that it depends on. What is left is averaged over: a point is a mean, a band or bar one standard deviation to each
+    side. The caption names what is averaged over, and what metrics do not depend on.
 
     name: of the plan. Raises SweepError for another kind of picture, a table without a
     result, and where the picture cannot be written.
@@ -73,22 +74,76 @@ def sweep_figure(columns: Mapping[str, Sequence[Any] | np.ndarray], *, name: str
     if not len(rows):
         raise SweepError(f"{name}: no recipe has its results, so there is nothing to draw")
     table: dict[str, list[Any]] = {key: [values[i] for i in rows.tolist()] for key, values in columns.items()}
-    layout = choose_layout(table)
     metrics = shown_metrics(table)
     if not metrics:
         raise SweepError(f"{name}: the table has none of {COMMA.join(TITLES)}, so there is nothing to draw")
+    views = choose_views(table, metrics)
     style = {"font.size": 8, "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left"}
     with mpl.rc_context(style):
-        lies = _lies(layout)
-        down, across = (1, len(metrics)) if lies else _grid(len(metrics), layout)
-        width, height = max(6.4, 1.9 + 2.1 * across), 1.35 + (_thickness(layout) if lies else 1.6 * down)
-        figure = Figure(figsize=(width, height), layout="constrained")
+        blocks = _blocks(views, list(metrics))
+        heights = [block.height for block in blocks]
+        figure = Figure(figsize=(max(block.width for block in blocks), 1.35 + sum(heights)), layout="constrained")
         figure.get_layout_engine().set(w_pad=0.05, h_pad=0.05)  # type: ignore[union-attr]  # given one line before
-        share_y = "row" if layout.column or lies else False
-        axes = figure.subplots(down, across, sharex=not lies, sharey=share_y, squeeze=False)
-        _draw_panels(axes, layout, metrics)
-        _label(figure, layout, table, name, total)
+        areas = figure.subfigures(len(blocks), 1, height_ratios=heights) if blocks[1:] else [figure]
+        for area, block in zip(areas, blocks, strict=True):
+            _draw_block(area, block)
+        _label(figure, views, table, name, total)
     return figure
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Panels that share their axes."""
+
+    metrics: Mapping[str, tuple[Layout, np.ndarray]]
+    """Layouts have the same places, and differ in their rows."""
+
+    @property
+    def layout(self) -> Layout:
+        """Of any of them."""
+        return next(iter(self.metrics.values()))[0]
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Panels below and beside each other."""
+        return (1, len(self.metrics)) if _lies(self.layout) else _grid(len(self.metrics), self.layout)
+
+    @property
+    def width(self) -> float:
+        """[inch]."""
+        return max(6.4, 1.9 + 2.1 * self.grid[1])
+
+    @property
+    def height(self) -> float:
+        """[inch]."""
+        return _thickness(self.layout) if _lies(self.layout) else 1.6 * self.grid[0]
+
+
+def _blocks(views: Sequence[View], order: Sequence[str]) -> list[_Block]:
+    """Views whose axes have the same places are one block; metrics keep their order."""
+    rows = {metric: (view.layout, values) for view in views for metric, values in view.metrics.items()}
+    found: dict[tuple[str, ...], dict[str, tuple[Layout, np.ndarray]]] = {}
+    for metric in order:
+        found.setdefault(rows[metric][0].places, {})[metric] = rows[metric]
+    return [_Block(own) for own in found.values()]
+
+
+def _draw_block(area: Any, block: _Block) -> None:
+    """Draw panels and their legend into a figure or a part of one."""
+    layout, lies = block.layout, _lies(block.layout)
+    share_y = "row" if layout.column or lies else False
+    axes = area.subplots(*block.grid, sharex=not lies, sharey=share_y, squeeze=False)
+    _draw_panels(axes, layout, block.metrics)
+    handles = [
+        handle
+        for axis in (layout.hue, layout.dash)
+        if axis is not None
+        for handle in _legend(axis, layout, _with_unit(axis.name))
+    ]
+    if handles:
+        legend = area.legend(handles=handles, loc="outside right upper", frameon=False, handlelength=1.8)
+        for text in legend.get_texts():
+            text.set_fontweight("normal" if text.get_text().startswith(" ") else "bold")
 
 
 def shown_metrics(table: Mapping[str, Sequence[Any]]) -> dict[str, np.ndarray]:
@@ -129,13 +184,13 @@ def _thickness(layout: Layout) -> float:
     return 0.3 + len(layout.x.values) * max(0.17, 0.08 * (1 + _lanes(layout)))
 
 
-def _draw_panels(axes: np.ndarray, layout: Layout, metrics: Mapping[str, np.ndarray]) -> None:
+def _draw_panels(axes: np.ndarray, layout: Layout, metrics: Mapping[str, tuple[Layout, np.ndarray]]) -> None:
     column, panels_all = layout.column, axes.ravel()
-    for i, (metric, values) in enumerate(metrics.items()):
+    for i, (metric, (own, values)) in enumerate(metrics.items()):
         panels = axes[i] if column else [panels_all[i]]
         for k, panel in enumerate(panels):
-            rows = np.flatnonzero(column.code == k) if column else np.arange(len(values))
-            _draw_panel(panel, layout, values, rows)
+            rows = np.flatnonzero(own.column.code == k) if own.column else np.arange(len(values))
+            _draw_panel(panel, own, values, rows)
             if i == 0 and column:
                 title = f"{_words(column.name)} {column.word(k)}" if column.is_numeric else _value(column, k)
                 panel.set_title(title, fontsize=9, fontweight="bold")
@@ -264,24 +319,14 @@ def _colour(hues: Axis | None, k: int) -> Any:
     return COLOURS[k] if len(hues.values) <= len(COLOURS) else mpl.colormaps["tab20"](k % 20)
 
 
-def _label(figure: Any, layout: Layout, table: Mapping[str, Sequence[Any]], name: str, total: int) -> None:
-    """Title, legend and caption; total: recipes, with those that are left out."""
+def _label(figure: Any, views: Sequence[View], table: Mapping[str, Sequence[Any]], name: str, total: int) -> None:
+    """Title and caption; total: recipes, with those that are left out."""
     poses = np.nansum(_numbers(table["poses"])) if "poses" in table else None
     parts = [f"{total:,} recipe{'s' * (total != 1)}", *([f"{poses:,.0f} poses"] if poses else [])]
     parts += sorted({str(maker).partition(COMMA)[0] for maker in table.get("maker", ())})[:2]
     figure.suptitle(shown_name(name, TITLE_MOST), x=0.01, ha="left", fontsize=11, fontweight="bold")
-    told = caption(layout, total - len(table["recipe_hash"]), int(18 * figure.get_figwidth()))
+    told = caption(views, total - len(table["recipe_hash"]), int(18 * figure.get_figwidth()))
     figure.supxlabel("\n".join([COMMA.join(parts), *told]), x=0.01, ha="left", fontsize=7, color="#555555")
-    handles = [
-        handle
-        for axis in (layout.hue, layout.dash)
-        if axis is not None
-        for handle in _legend(axis, layout, _with_unit(axis.name))
-    ]
-    if handles:
-        legend = figure.legend(handles=handles, loc="outside right upper", frameon=False, handlelength=1.8)
-        for text in legend.get_texts():
-            text.set_fontweight("normal" if text.get_text().startswith(" ") else "bold")
 
 
 def _legend(axis: Axis, layout: Layout, title: str) -> list[Any]:
@@ -298,12 +343,21 @@ def _legend(axis: Axis, layout: Layout, title: str) -> list[Any]:
     return handles
 
 
-def caption(layout: Layout, left_out: int, width: int) -> list[str]:
+def caption(views: Sequence[View], left_out: int, width: int) -> list[str]:
     """What a point is and what is not shown, in lines of `width` characters."""
-    over = [f"{_words(axis.name)} ({len(axis.values)})" for axis in layout.averaged]
-    words = [f"Means over {COMMA.join(over)}; spread: one standard deviation."] if over else []
+    words = [text for view in views if (text := _described(view, is_alone=len(views) == 1))]
     words += [f"{left_out:,} recipe{'s' * (left_out != 1)} without whole results left out."] if left_out else []
-    return textwrap.wrap(" ".join(words), width)
+    return [line for sentence in words for line in textwrap.wrap(sentence, width)]
+
+
+def _described(view: View, *, is_alone: bool) -> str:
+    """A sentence on what the points of a view are; its metrics are named unless it is alone."""
+    over = COMMA.join(f"{_words(axis.name)} ({len(axis.values)})" for axis in view.layout.averaged)
+    clauses = [f"the same for every {COMMA.join(map(_words, view.omitted))}"] if view.omitted else []
+    clauses += [f"means over {over}", "spread: one standard deviation"] if over else []
+    text = "; ".join(clauses)
+    titles = COMMA.join(TITLES[metric][0].partition(COMMA)[0] for metric in view.metrics)
+    return f"{text[0].upper() + text[1:] if is_alone else f'{titles}: {text}'}." if text else ""
 
 
 def shown_name(name: str, most: int = NAME_MOST) -> str:

@@ -1,13 +1,19 @@
-"""Which axis of a sweep stands where in a picture: x, colours, columns of panels, dashes; or is averaged over."""
+"""Which axis of a sweep stands where in a picture: x, colours, columns of panels, dashes; or is averaged over.
 
-import math
+A metric is drawn over the axes that it depends on. The length of contours, say, is the same whatever the sampling.
+"""
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .table import is_axis
+from ..plan.recipe import GROUPS, part_of
+from .table import METRICS, differs, is_axis, is_missing, plain_cell
+
+METRIC_GROUPS = {metric: group for group, metrics in METRICS.items() for metric in metrics} | {"jumps": "sampling"}
+"""Group of each metric that a picture may show; jumps are those of all causes."""
 
 COLOURS_GOOD, COLOURS_MOST = 10, 20  # that are told apart well, and at all
 COLUMNS_MOST = 6
@@ -50,24 +56,31 @@ class Layout:
     averaged: tuple[Axis, ...] = ()
     """Replicates, and what there is no room for."""
 
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Names of the axes that have a place, "" where there is none."""
+        return tuple(axis.name if axis else "" for axis in (self.x, self.hue, self.column, self.dash))
 
-def is_missing(value: Any) -> bool:
-    """Whether a cell says that its column does not apply."""
-    return value is None or value == "" or (isinstance(value, float) and math.isnan(value))
+
+@dataclass(frozen=True)
+class View:
+    """Metrics that depend on the same axes, and how these are drawn."""
+
+    layout: Layout
+    metrics: Mapping[str, np.ndarray]
+    """Values of each by the rows of the layout: those of the table that differ in these axes."""
+    omitted: tuple[str, ...]
+    """Axes that vary in the sweep, and on which these metrics do not depend."""
 
 
 def axis_of(name: str, values: Sequence[Any]) -> Axis:
     """An axis from a column."""
-    cells = [None if is_missing(value) else _plain(value) for value in values]
+    cells = [plain_cell(value) for value in values]
     is_numeric = all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells)
     seen = list(dict.fromkeys(cells))
     distinct = sorted(seen) if is_numeric else seen  # type: ignore[type-var]  # numbers only, asked above
     place = {value: k for k, value in enumerate(distinct)}
     return Axis(name, tuple(distinct), np.array([place[cell] for cell in cells], np.int64), is_numeric)
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def varying_axes(table: Mapping[str, Sequence[Any]]) -> list[Axis]:
@@ -125,6 +138,39 @@ def choose_layout(table: Mapping[str, Sequence[Any]]) -> Layout:
     placed = [axis for axis in (x, hue, column, dash) if axis is not None]
     rest = [axis for axis in left if not _follows(axis, placed)]
     return Layout(x, hue, column, dash, tuple(seeds + rest))
+
+
+def choose_views(table: Mapping[str, Sequence[Any]], metrics: Mapping[str, np.ndarray]) -> list[View]:
+    """Give the axes of each metric their places; recipes that share a result count once.
+
+    metrics: values by name, one a row of the table; GROUPS has the parts of a recipe that each depends on.
+    """
+    varying = [name for name, values in table.items() if is_axis(name) and differs(values)]
+    used = {name: table[name] for name in table if name in (*varying, "strategy", "recipe_hash")}
+    shown = {axis.name for axis in varying_axes(used)}
+    names_of: dict[tuple[str, ...], list[str]] = {}
+    for metric in metrics:
+        parts = GROUPS[METRIC_GROUPS[metric]]
+        names_of.setdefault(tuple(name for name in varying if part_of(name) not in parts), []).append(metric)
+    views: list[View] = []
+    for omitted, names in names_of.items():
+        left = {name: values for name, values in used.items() if name not in omitted}
+        rows = list(range(len(table["recipe_hash"])))
+        if omitted:
+            cells = [*(left[name] for name in varying if name in left), *(metrics[name] for name in names)]
+            rows = _distinct_rows(cells)
+        own = {name: [values[row] for row in rows] for name, values in left.items()}
+        told = tuple(name for name in omitted if name in shown)
+        views.append(View(choose_layout(own), {name: metrics[name][rows] for name in names}, told))
+    return views
+
+
+def _distinct_rows(columns: Sequence[Sequence[Any] | np.ndarray]) -> list[int]:
+    """The first row of each combination of cells."""
+    first: dict[tuple[Any, ...], int] = {}
+    for row, cells in enumerate(zip(*columns, strict=True)):
+        first.setdefault(tuple(plain_cell(cell) for cell in cells), row)
+    return list(first.values())
 
 
 def _best_x(axes: Sequence[Axis]) -> Axis | None:

@@ -59,7 +59,7 @@ class Results:
         if not self._columns and self._is_fresh:
             from ....datasets.sweeps.table import load_table
 
-            self._columns = dict(load_table(self._folder / TABLE))
+            self._columns = dict(load_table(self._folder / TABLE, constants=True))
         elif not self._columns:
             from .table import tidy_columns
 
@@ -124,14 +124,15 @@ def locked(folder: Path) -> Iterator[None]:
 
 def _write_table(path: Path, columns: dict[str, Any], attributes: dict[str, Any]) -> None:
     from ....datasets.sweeps.table import write_parquet, write_table
-    from .table import column_units
+    from .table import column_units, constant_attributes, split_constants
 
     write = write_parquet if path.suffix == ".parquet" else write_table
+    varying, constants = split_constants(columns)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SweepError(f"{path.parent} cannot be made: {error.strerror or error}") from error
-    write(path, columns, attributes, units=column_units(columns))
+    write(path, varying, attributes | constant_attributes(constants), units=column_units(varying))
 
 
 def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.store import SweepStore
+from ....datasets.sweeps.table_text import CONSTANTS
 from ...reports.file_summary import length_ratio
 from ..make.poses import chunk_count
 from ..plan.recipe import WHOLE_GROUPS, Recipe
@@ -82,6 +83,9 @@ AXIS_UNITS: dict[str, str] = {
 
 UNITS: dict[str, str] = {name: unit for metrics in METRICS.values() for name, unit in metrics.items()}
 """Unit of each metric column; "1" is a number."""
+
+ALWAYS = ("object", "hand", "motion", "strategy")
+"""Columns of the recipe that a table has even if their value is the same in all rows: people group by them."""
 
 OTHERS = ("recipe", "recipe_hash", "maker", "complete", *KEPT.values())
 """Columns that are neither of the recipe nor metrics; nor are those of time, which begin with "seconds"."""
@@ -189,6 +193,40 @@ def tidy_columns(recipes: Iterable[Recipe], store: Results, groups: Sequence[str
             table.setdefault(name, []).extend([row[name] for row in rows])
     stages = sorted({name for took in seconds for name in took})
     return table | {name: [took.get(name) for took in seconds] for name in stages}
+
+
+def split_constants(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Columns of a table that vary, are metrics or stand in ALWAYS; and the one value of each of the others.
+
+    A value that does not apply is None. A table without rows keeps all columns.
+    """
+    constants: dict[str, Any] = {}
+    for name, values in columns.items():
+        if (is_axis(name) or name == "maker") and name not in ALWAYS and len(values) and not differs(values):
+            constants[name] = plain_cell(values[0])
+    return {name: values for name, values in columns.items() if name not in constants}, constants
+
+
+def differs(values: Sequence[Any] | np.ndarray) -> bool:
+    """Whether the cells of a column, of which there is at least one, are not all alike."""
+    first = plain_cell(values[0])
+    return any(plain_cell(value) != first for value in values)
+
+
+def constant_attributes(constants: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes of a table's file that hold its constants, and the units of those that have one."""
+    return {CONSTANTS: dict(constants), "constant_units": column_units(constants)}
+
+
+def is_missing(value: Any) -> bool:
+    """Whether a cell says that its column does not apply."""
+    return value is None or value == "" or (isinstance(value, float) and math.isnan(value))
+
+
+def plain_cell(value: Any) -> Any:
+    """A cell as Python's own type, None if it does not apply: the same from a file and from a new table."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    return None if is_missing(plain) else plain
 
 
 def column_units(columns: Iterable[str]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""What happens in a sweep, as JSON lines in its store, and as a bar for who waits.
+"""What happens in a sweep, as JSON lines in its store.
 
 Each line of log.jsonl is one object: `time` (ISO 8601, UTC), `run` (of which parent), `event`, and what belongs to it:
 
@@ -20,8 +20,6 @@ import contextlib
 import json
 import os
 import secrets
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -78,29 +76,6 @@ class SweepLog:
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
-
-
-@contextmanager
-def sweep_bar(*, quiet: bool) -> Iterator[Callable[[SweepProgress], None]]:
-    """Recipes, poses a second and the time to go on standard error; nothing if quiet, or where it is no terminal."""
-    from ...terminal import console
-
-    if quiet or not console.errors.is_terminal:
-        yield lambda progress: None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    told = TextColumn("{task.fields[told]}", markup=False)
-    columns = (TextColumn("recipes"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), told)
-    with Progress(*columns, console=console.errors, transient=True) as bar:
-        task = bar.add_task("recipes", total=None, told="")
-
-        def show(progress: SweepProgress) -> None:
-            left = "" if progress.seconds_left is None else f", {clock_time(progress.seconds_left)} to go"
-            told = f"{progress.rate:,.0f} poses/s{left}"
-            bar.update(task, completed=progress.recipes, total=progress.recipe_count, told=told)
-
-        yield show
 
 
 def clock_time(seconds: float) -> str:

@@ -138,6 +138,28 @@ def test_a_change_is_caught_against_a_baseline(tmp_path):
     assert run("sweep", path, "--baseline", tmp_path / "old.h5", "--tolerance", "length_mean=0.01").exit_code == 0
 
 
+def test_an_updated_baseline_is_kept_from_then_on(tmp_path):
+    path, old = plan(tmp_path / "a.toml", seeds=(1,)), tmp_path / "old.csv"
+    update = (path, "--baseline", old, "--update-baseline")
+    told = sweep(*update)
+    assert (told["baseline"], told["comparison"]) == (str(old), None)
+    written = old.read_text()
+    assert sweep(path, "--baseline", old)["comparison"]["kept"]
+    assert sweep(*update)["comparison"]["kept"]
+    assert old.read_text() == written
+    old.write_text(re.sub(r"0\.(\d{6,}),0\.", r"0.9\1,0.", written, count=1))
+    result = run("sweep", path, "--device", "cpu", "--baseline", old)
+    assert result.exit_code == FAILED
+    result = run("sweep", *update, "--device", "cpu", "--summary", tmp_path / "page.md")
+    assert result.exit_code == 0
+    assert "what moved" in result.stderr
+    assert "#### What moved" in (tmp_path / "page.md").read_text()
+    assert old.read_text() == written
+    plan(path, seeds=(5,))
+    assert sweep(*update)["comparison"]["recipe_count"] == 0  # of another plan, and therefore replaced
+    assert len(load_table(old)["recipe_hash"]) == 2
+
+
 def test_recipes_that_cannot_be_made_are_named_and_the_rest_is_made(tmp_path):
     mesh = tmp_path / "open.stl"
     mesh.write_text(
@@ -157,6 +179,12 @@ def test_recipes_that_cannot_be_made_are_named_and_the_rest_is_made(tmp_path):
     assert "2 recipes could not be made" in shown.stderr
     assert shown.stderr.count("open edges") == 1
     assert "Traceback" not in shown.output
+    summary = ("--summary", tmp_path / "page.md")
+    kept = run("sweep", path, "--device", "cpu", "--baseline", tmp_path / "b.csv", "--update-baseline", *summary)
+    assert (tmp_path / "page.md").read_text().count("open edges") == 1
+    assert kept.exit_code == FAILED
+    assert "is not written, because 2 recipes could not be made" in " ".join(kept.stderr.split())
+    assert not (tmp_path / "b.csv").exists()
 
 
 def test_a_dry_run_tells_what_to_expect_and_makes_nothing(tmp_path):

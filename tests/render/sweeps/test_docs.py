@@ -103,6 +103,7 @@ def test_the_workflow_compares_with_the_baseline(folder):
     (words,) = [shlex.split(step["run"]) for step in steps if "palpate sweep" in step.get("run", "")]
     assert words[:3] == ["palpate", "sweep", "checks/sweep.toml"]
     assert words[words.index("--baseline") + 1] in CI.read_text()
+    assert words[words.index("--summary") + 1] == "$GITHUB_STEP_SUMMARY"
     kept = steps[-1]["with"]["path"].split()
     assert words[words.index("--table") + 1] in kept
     assert {one.thing["name"] for one in load_plans([folder / "ci.toml"]).recipes()} >= {"cube", "tube"}

@@ -45,6 +45,29 @@ def test_a_store_that_is_something_else(path, tmp_path):
     assert answer("sweep", path, "--dry-run", "--device", "cpu", "--store", tmp_path / "empty")["recipes_done"] == 0
 
 
+def test_a_summary_that_cannot_be_written(path, tmp_path):
+    for name in (".", "missing/page.md"):
+        refused_before(tmp_path / "a.sweep", "must be a file in a folder", path, "--summary", tmp_path / name)
+    refused_before(
+        tmp_path / "a.sweep", "--summary does not go with --dry-run", path, "--summary", tmp_path / "a.md", "--dry-run"
+    )
+
+
+def test_a_baseline_that_cannot_be_updated(path, tmp_path):
+    store = tmp_path / "a.sweep"
+    refused_before(store, "--update-baseline needs --baseline FILE", path, "--update-baseline")
+    for name in ("old", "old.xlsx", "."):
+        refused_before(
+            store, "must be a file that ends in .csv", path, "--baseline", tmp_path / name, "--update-baseline"
+        )
+    refused_before(
+        store, "--update-baseline does not go with --dry-run", path, "--baseline", tmp_path / "b.csv",
+        "--update-baseline", "--dry-run",
+    )  # fmt: skip
+    (tmp_path / "thesis.csv").write_text("year,title\n")
+    refused_before(store, "is no table", path, "--baseline", tmp_path / "thesis.csv", "--update-baseline")
+
+
 @pytest.mark.exhaustive
 def test_a_baseline_of_another_plan_and_one_of_a_part_of_it(path, tmp_path):
     old = Path(made(path)["store"])

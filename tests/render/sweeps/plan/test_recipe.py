@@ -14,7 +14,7 @@ from palpate.render.stages.registry import find_stage
 from palpate.render.sweeps.plan import recipe as recipe_module
 from palpate.render.sweeps.plan.axes import KEYS
 from palpate.render.sweeps.plan.loading import load_plans
-from palpate.render.sweeps.plan.recipe import GROUPS, PARTS, Recipe, digest_source, groups_of
+from palpate.render.sweeps.plan.recipe import GROUPS, PARTS, Recipe, digest_source, groups_of, part_of
 
 PLAIN = '[object]\nsource = "cube"\n'
 
@@ -251,6 +251,8 @@ def test_another_value_of_any_key_has_other_keys_where_it_matters_only(folder, k
     differs = {group for group in GROUPS if first.key(group) != second.key(group)}
     assert differs == {group for group, names in GROUPS.items() if part in names}
     assert first.hash != second.hash
+    old, new = first.columns(), second.columns()
+    assert {part_of(column) for column in old if old[column] != new[column]} == {part}
 
 
 def test_recipes_read_back_from_their_json(folder):

@@ -151,7 +151,7 @@ def test_recipes_of_an_edited_file_are_compared_by_name():
     found = against(old, new)
     assert found.is_kept
     assert (found.recipe_count, found.missing, found.added, len(found.changed)) == (4, (), (), 4)
-    assert "4 recipes are compared by name: the file behind this name has changed: seed=0" in found.sentences()[1]
+    assert "4 recipes are compared by name: a file behind their names has changed: seed=0" in found.sentences()[1]
     new["length_mean"][2] *= 1.01
     found = against(old, new)
     assert not found.is_kept

@@ -8,7 +8,7 @@ from sweep_rows import table
 
 from palpate.render.errors import SweepError
 from palpate.render.sweeps.report.figure import ROWS, caption, draw_sweep, shown_metrics, sweep_figure
-from palpate.render.sweeps.report.layout import choose_layout, varying_axes
+from palpate.render.sweeps.report.layout import choose_layout, choose_views, varying_axes
 
 OBJECTS = ["cube", "sphere", "tube", "dog", "dog-detailed", "rock"]
 MESHES = [f"mesh {k}" for k in range(40)]
@@ -79,13 +79,13 @@ def texts(figure):
 
 @pytest.mark.exhaustive
 def test_small_multiples_have_a_column_an_object_and_a_row_a_metric():
-    axes = {"strategy": ["oc", "cc"], "object": OBJECTS, "speed": [5.0, 7.0, 9.0], "seed": range(3)}
+    axes = {"strategy": ["oc", "cc"], "object": OBJECTS, "palm_width": [0.05, 0.07, 0.09], "seed": range(3)}
     figure = sweep_figure(swept(**axes), name="my study")
     assert len(figure.axes) == 6 * 4
     assert [panel.get_title(loc="left") for panel in figure.axes[:6]] == OBJECTS
     labels = [panel.get_ylabel() for panel in figure.axes[::6]]
     assert labels == ["length [mm]", "r = |CC| / |OC|", "draw frequency [Hz]", "area of contact [cm²]"]
-    assert {panel.get_xlabel() for panel in figure.axes[-6:]} == {"speed [m/s]"}
+    assert {panel.get_xlabel() for panel in figure.axes[-6:]} == {"palm width [m]"}
     assert all(len(panel.lines) == 2 for panel in figure.axes)
     assert all(len(panel.collections) == 2 for panel in figure.axes)  # bands
     said = texts(figure)
@@ -98,7 +98,7 @@ def test_small_multiples_have_a_column_an_object_and_a_row_a_metric():
 
 
 def test_means_and_spreads_are_those_of_the_replicates():
-    rows = table(*({"speed": v, "seed": s, "length_mean": 0.1 * v + 0.01 * s} for v in (5, 6, 7) for s in (1, 3)))
+    rows = table(*({"duration": v, "seed": s, "length_mean": 0.1 * v + 0.01 * s} for v in (5, 6, 7) for s in (1, 3)))
     panel = sweep_figure(rows, name="x").axes[0]
     assert panel.lines[0].get_xdata().tolist() == [5, 6, 7]
     assert panel.lines[0].get_ydata() == pytest.approx([520, 620, 720])
@@ -132,8 +132,64 @@ def test_recipes_without_whole_results_are_left_out_and_told():
 
 
 def test_a_long_caption_is_wrapped():
-    layout = choose_layout(swept(object=MESHES, strategy=["oc", "cc"], seed=range(2)))
-    assert caption(layout, 0, 30) == ["Means over seed (2), object", "(40); spread: one standard", "deviation."]
+    rows = swept(object=MESHES, strategy=["oc", "cc"], seed=range(2))
+    views = choose_views(rows, shown_metrics(rows))
+    assert caption(views, 0, 30) == ["Means over seed (2), object", "(40); spread: one standard", "deviation."]
+
+
+def rendered(**axes):
+    """A table as `swept`, whose lengths do not depend on the sampling, as a sweep's do not."""
+    rows = swept(**axes)
+    names = [name for name in axes if name not in ("speed", "sampling", "array")]
+    first = {}
+    for name in ("length_mean", "r", "area_mean"):
+        for row, key in enumerate(zip(*(rows[axis] for axis in names), strict=True)):
+            rows[name][row] = first.setdefault((name, key), rows[name][row])
+    return rows
+
+
+def test_a_metric_is_drawn_over_the_axes_that_it_depends_on_only():
+    figure = sweep_figure(rendered(strategy=TWO, object=OBJECTS, speed=SPEEDS, seed=range(2)), name="x")
+    lengths, frequencies = figure.subfigs
+    assert {panel.get_xlabel() for panel in frequencies.axes} - {""} == {"speed [m/s]"}
+    assert [label.get_text() for label in lengths.axes[0].get_yticklabels()] == OBJECTS
+    assert [panel.get_title(loc="left") for panel in lengths.axes] == [
+        "length [mm]", "r = |CC| / |OC|", "area of contact [cm²]",
+    ]  # fmt: skip
+    (note,) = (text for text in texts(figure) if "palpate" in text or "recipes" in text)
+    assert "length, r = |CC| / |OC|, area of contact: the same for every speed; means over seed (2)" in " ".join(
+        note.split()
+    )
+    assert "draw frequency: means over seed (2)" in " ".join(note.split())
+
+
+def test_equal_results_count_once_however_many_recipes_share_them():
+    rows = table(
+        *(
+            {"strategy": s, "seed": k, "sampling": sampling, "length_mean": length, "draw_frequency_actual": length * n}
+            for s in TWO
+            for k, length in ((1, 0.1), (2, 0.3))
+            for n, sampling in enumerate(("stm", "pendulum", "still")[: 3 if k == 1 else 1], 1)
+        )
+    )
+    views = {metric: view for view in choose_views(rows, shown_metrics(rows)) for metric in view.metrics}
+    lengths, frequencies = views["length_mean"], views["draw_frequency_actual"]
+    assert lengths.metrics["length_mean"].tolist() == [100, 300] * 2
+    assert (lengths.omitted, frequencies.omitted) == (("sampling",), ())
+    assert len(frequencies.metrics["draw_frequency_actual"]) == 8
+    panel = sweep_figure(rows, name="x").axes[0]
+    assert [line.get_xdata().tolist() for line in panel.lines if len(line.get_xdata()) == 2][-1] == [200, 200]
+
+
+def test_an_axis_that_nothing_depends_on_has_no_place():
+    rows = swept(strategy=TWO, speed=SPEEDS)
+    alike = {name: [value for value in values for _ in range(2)] for name, values in rows.items()}
+    alike |= {"array": ["emulator", "pat"] * 6, "recipe_hash": [f"{k:032x}" for k in range(12)]}
+    for view in choose_views(alike, {"draw_frequency_actual": np.array(alike["draw_frequency_actual"])}):
+        assert view.omitted == ("array",)
+        assert view.layout.places == ("speed", "strategy", "", "")
+        assert len(view.layout.x.code) == 6
+        assert caption([view], 0, 80) == ["The same for every array."]
 
 
 ODD = ["a$^$b", "$", r"\$x$", "two\nlines", "$" * 7, "long " * 30]

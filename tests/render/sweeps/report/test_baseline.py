@@ -1,0 +1,123 @@
+"""Baselines that people review: equal results give equal bytes, and what differs is what moved."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sweep_rows import table
+
+from palpate.datasets.sweeps.table import load_table, write_parquet, write_table
+from palpate.render.errors import SweepError
+from palpate.render.sweeps.report.baseline import SUFFIXES, baseline_table, write_baseline
+from palpate.render.sweeps.report.compare import compare_tables, load_baseline, parse_tolerances
+from palpate.render.sweeps.report.table import constant_attributes, split_constants
+
+ROWS = [{"object": name, "seed": seed, "size": size, "length_mean": 0.1 + 0.01 * seed + len(name) / 1e3,
+         "recipe_hash": f"{name} {seed} {size}", "seconds": 1.0 * seed}
+        for name in ("cube", "tube") for seed in (1, 2, 10) for size in (None, 0.13)]  # fmt: skip
+
+
+def written(path, columns, **options):
+    """Bytes of a baseline."""
+    write_baseline(path, columns, **options)
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".csv", *(pytest.param(s, marks=pytest.mark.exhaustive) for s in SUFFIXES[1:])])
+@given(order=st.permutations(range(len(ROWS))))
+def test_equal_results_give_equal_bytes_whatever_the_order_time_or_maker(tmp_path_factory, suffix, order):
+    path = tmp_path_factory.mktemp("baseline") / f"b{suffix}"
+    other = [ROWS[k] | {"seconds": 7.0 + k, "maker": "another"} for k in order]
+    assert written(path, table(*ROWS)) == written(path, table(*other))
+
+
+@pytest.mark.parametrize(("suffix", "write"), [(".h5", write_table), (".parquet", write_parquet)])
+def test_a_table_that_is_read_again_gives_the_bytes_of_the_new_one(tmp_path, suffix, write):
+    columns = table(*ROWS)
+    varying, constants = split_constants(columns)
+    write(tmp_path / f"t{suffix}", varying, constant_attributes(constants))
+    again = load_table(tmp_path / f"t{suffix}", constants=True)
+    assert again.keys() == columns.keys()
+    assert set(varying) == {*columns} - {"object_fit", "palm_width", "palm_length", "speed", "maker"}
+    for form in SUFFIXES:
+        assert written(tmp_path / f"a{form}", columns) == written(tmp_path / f"b{form}", again)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_baseline_is_the_sweep_that_it_was_made_of(tmp_path, suffix):
+    columns = table(*ROWS)
+    assert write_baseline(tmp_path / f"b{suffix}", columns) == len(ROWS)
+    found = compare_tables(load_baseline(tmp_path / f"b{suffix}"), columns, parse_tolerances(["0"]))
+    assert found.is_kept
+    assert found.value_count == 6 * len(ROWS)  # poses, length_mean, r, draw_frequency_actual, jumps_pose, area_mean
+    assert found.sentences() == [f"nothing moved in {len(ROWS)} recipes compared with {tmp_path / f'b{suffix}'}"]
+
+
+def test_rows_are_sorted_by_what_recipes_are_called_and_numbers_as_numbers():
+    columns, constants = baseline_table(table(*reversed(ROWS)))
+    assert columns["object"].tolist() == ["cube"] * 6 + ["tube"] * 6
+    assert columns["seed"].tolist() == [1, 1, 2, 2, 10, 10] * 2
+    assert np.isnan(columns["size"]).tolist() == [True, False] * 6
+    assert constants == {"object_fit": None, "palm_width": 0.085, "palm_length": 0.085, "speed": 7.0}
+    assert not {"seconds", "maker", "complete", "recipe"} & set(columns)
+    assert {"hand", "strategy", "r", "recipe_hash"} < set(columns)  # these stay, though they do not vary
+
+
+@given(st.lists(st.floats(-3e-6, 3e-6), min_size=len(ROWS), max_size=len(ROWS)))
+def test_values_within_the_tolerance_stay_the_old_ones_and_others_do_not(tmp_path_factory, changes):
+    path = tmp_path_factory.mktemp("baseline") / "b.csv"
+    before = written(path, table(*ROWS)).splitlines()
+    old = load_baseline(path)
+    moved = [row | {"length_mean": row["length_mean"] * (1 + by)} for row, by in zip(ROWS, changes, strict=True)]
+    count = len(compare_tables(old, table(*moved)).moved)
+    after = written(path, table(*moved), old=old).splitlines()
+    assert sum(one != other for one, other in zip(before, after, strict=True)) == count
+    assert compare_tables(load_baseline(path), table(*moved)).is_kept
+
+
+def test_an_edited_file_is_compared_with_a_text_baseline_by_name(tmp_path):
+    rows = [row | {"strategy": "7"} for row in ROWS]  # a name that text does not tell from a number
+    write_baseline(tmp_path / "b.csv", table(*rows))
+    edited = table(*(row | {"recipe_hash": f"new {row['recipe_hash']}"} for row in rows))
+    found = compare_tables(load_baseline(tmp_path / "b.csv"), edited)
+    assert (found.recipe_count, found.missing, found.added) == (len(ROWS), (), ())
+    other = table(*(row | {"recipe_hash": f"new {row['recipe_hash']}", "speed": 8.0} for row in rows))
+    assert compare_tables(load_baseline(tmp_path / "b.csv"), other).recipe_count == 0  # a constant counts, too
+
+
+def table_file(path, columns, *, is_old=False):
+    """A table as a sweep writes it, or wrote it before tables had constants."""
+    varying, constants = (columns, {}) if is_old else split_constants(columns)
+    write_table(path, varying, constant_attributes(constants) if constants else {})
+    return load_baseline(path)
+
+
+@pytest.mark.parametrize("is_old", [False, True])
+@pytest.mark.parametrize("is_edited", [False, True])
+def test_tables_with_other_constants_are_compared(tmp_path, is_old, is_edited):
+    few = table(*(row | {"speed": 7.0} for row in ROWS))
+    hashes = {"recipe_hash": [f"edited {key}" for key in few["recipe_hash"]]} if is_edited else {}
+    faster = [row | {"speed": 9.0, "recipe_hash": f"fast {row['recipe_hash']}"} for row in ROWS]
+    many = table(*ROWS, *faster)
+    found = compare_tables(table_file(tmp_path / "few.h5", few | hashes, is_old=is_old), many)
+    assert (found.recipe_count, len(found.added), found.missing, found.moved) == (12, 12, (), ())
+    assert len(found.changed) == (12 if is_edited else 0)
+    found = compare_tables(table_file(tmp_path / "many.h5", many, is_old=is_old), few | hashes)
+    assert (found.recipe_count, len(found.missing), found.added) == (12, 12, ())
+    assert all("speed=9" in name for name in found.missing)
+
+
+def test_results_that_are_not_whole_make_no_baseline(tmp_path):
+    with pytest.raises(SweepError, match="1 recipes have no whole results"):
+        write_baseline(tmp_path / "b.csv", table(*ROWS[:3], ROWS[3] | {"complete": False}))
+    assert not (tmp_path / "b.csv").exists()
+
+
+def test_a_baseline_that_cannot_be_written_or_read_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SweepError, match=r"b\.csv cannot be written"):
+        write_baseline(tmp_path / "file" / "b.csv", table(*ROWS))
+    write_baseline(tmp_path / "b.csv", table(*ROWS))
+    (tmp_path / "b.csv").write_text((tmp_path / "b.csv").read_text().replace("0.114", "O.114"))
+    with pytest.raises(SweepError, match="length_mean has text, expected numbers"):
+        load_baseline(tmp_path / "b.csv")

@@ -1,0 +1,55 @@
+"""Progress of a sweep off a terminal: few lines on standard error, each of which can be read alone."""
+
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from palpate.render.sweeps.report import progress
+from palpate.render.sweeps.report.progress import LINE_SECONDS, sweep_bar
+from palpate.render.sweeps.run.log import SweepProgress
+from palpate.render.terminal import console
+
+
+class Terminal(Console):
+    """A terminal that counts what is printed on it."""
+
+    def __init__(self):
+        super().__init__(file=StringIO(), force_terminal=True)
+        self.count = 0
+
+    def print(self, *objects, **options):
+        self.count += 1
+        super().print(*objects, **options)
+
+
+@pytest.fixture
+def lines(monkeypatch):
+    """Seconds -> lines printed by then, by a sweep that reports its progress each second."""
+    printed, now = [], [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(progress, "print_message", printed.append)
+
+    def run(seconds, *, as_json=False):
+        with sweep_bar(as_json=as_json) as watch:
+            for second in range(seconds):
+                now[0] += 1.0
+                watch(SweepProgress(second, 1200, 10**6, 12345.6, 90.0 if second else None))
+        return printed
+
+    return run
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_long_sweep_prints_a_line_at_most_every_ten_seconds(lines, as_json):
+    assert lines(int(LINE_SECONDS) - 1, as_json=as_json) == []
+    assert len(lines(65, as_json=as_json)) == 6
+    assert lines(0)[0] == "9 of 1,200 recipes, 12,346 poses/s, 1 min 30 s to go"
+
+
+def test_a_terminal_has_a_bar_instead_unless_a_program_reads_the_results(lines, monkeypatch):
+    monkeypatch.setattr(console, "errors", Terminal())
+    assert lines(30, as_json=True) == []
+    assert console.errors.count == 0
+    assert lines(30) == []
+    assert console.errors.count > 0

@@ -21,7 +21,7 @@ from typing import Any
 
 from ...validation import value_text
 from .axes import KEYS, value_of
-from .key_lines import Place
+from .line_search import Place
 from .values import Check, Fault, Number, near, refuse, swept
 
 BOUNDS = ("at_least", "at_most")

@@ -23,7 +23,7 @@ from ...trust.permission import AllowCode, Code, Namer, require_permission
 from ...validation import value_text
 from .axes import DEFAULT_SOURCES, KEYS, MODELS, AxisTable, require_agreement, require_playable
 from .constraint import Constraint, constraint_of
-from .key_lines import Place, key_lines, line_of
+from .line_search import Place, line_of
 from .overrides import CONSTRAINTS, put_override, unknown_key
 from .product import Axis, Product, tell_apart
 from .recipe import KEPT, METRICS, Recipe, groups_of
@@ -93,7 +93,6 @@ class _Document:
     path: Path
     text: str
     tables: dict[str, Any]
-    lines: Mapping[Place, int]
     warns: bool = True
     overrides: dict[Place, str] = field(default_factory=dict)
     """What `--set` said, by the key that it is about."""
@@ -103,7 +102,7 @@ class _Document:
         """File and line, or override, and the key of a place."""
         keys = tuple(key for key in place if isinstance(key, str))
         said = next((self.overrides[keys[:k]] for k in range(len(keys), 0, -1) if keys[:k] in self.overrides), None)
-        line = line_of(self.lines, place)
+        line = line_of(self.text, place)
         start = said or (f"{self.path}:{line}" if line else str(self.path))
         return f"{start}: {'.'.join(keys)}" if keys else start
 
@@ -302,7 +301,7 @@ def _document(path: Path, text: str, overrides: Sequence[str], *, warns: bool = 
         found = re.match(r"line (\d+)", at)
         line = found[1] if found else str(text.count("\n") + 1)
         raise PlanError(f"{path}:{line}: not TOML: {fault} ({at or 'somewhere)'}") from error
-    document = _Document(path, text, tables, key_lines(text), warns)
+    document = _Document(path, text, tables, warns)
     for override in overrides:
         try:
             document.overrides[put_override(tables, override, list(PlanTable.model_fields))] = f"--set {override}"

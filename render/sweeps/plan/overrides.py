@@ -6,7 +6,7 @@ from typing import Any
 
 from ....datasets.bounded_file import parse_toml
 from .axes import KEYS
-from .key_lines import Place
+from .line_search import Place
 from .values import near, refuse
 
 CONSTRAINTS = ("exclude", "only")

@@ -21,7 +21,7 @@ from fractions import Fraction
 from typing import Any, NoReturn, overload
 
 from ...validation import value_text
-from .key_lines import Place
+from .line_search import Place
 
 QUANTITY = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s\d].*?)\s*")
 UNITS = {  # what a text with a unit is in SI

@@ -87,14 +87,17 @@ def _element_offset(statement: str, path: Sequence[str | int]) -> int:
     index = next((step for step in path if isinstance(step, int)), None)
     if index is None or len(lines) == 1:
         return 0
-    count, first, keys, begin = 0, 0, path[: path.index(index)], ""
+    count, first, begin = 0, 0, ""
+    keys: Sequence[str | int] = path[: path.index(index)]
     for stop in range(1, len(lines) + 1):
         elements: Any = _parsed(begin + "\n".join(lines[first:stop]) + ("" if stop == len(lines) else "\n]"))
         if elements is None and stop - first < FAILURES_MOST:
             continue
-        for key in keys if elements else ():
+        if elements is None:
+            return 0
+        for key in keys:
             elements = elements[key]
-        if elements is None or index < count + len(elements):
-            return first if elements and (index == count or stop == first + 1) else 0
+        if index < count + len(elements):
+            return first if index == count or stop == first + 1 else 0
         count, first, keys, begin = count + len(elements), stop, ("_",), "_ = ["
     return 0

@@ -32,7 +32,7 @@ from .overrides import TABLES
 from .product import PlanAxis, Product, show_distinct_names
 from .recipe import KEPT, METRICS, Recipe, groups_of
 from .sources import SourceIndex
-from .tied_keys import SampleTable, Ties, drawn_numbers, drawn_places, placed_tables, ties_of
+from .tied_keys import SampleTable, Ties, drawn_numbers, drawn_places, placed_tables, ties_of, valid_number
 
 
 @dataclass(frozen=True)
@@ -203,19 +203,23 @@ def _read(document: PlanDocument, index: SourceIndex) -> tuple[PlanTable, Produc
 def _draw(document: PlanDocument) -> list[Place]:
     """Put drawn numbers in place of the ranges of `[sample]`; returns their places."""
     given = document.tables.get("sample")
-    sample = None if given is None else document.validated(SampleTable, given, ("sample",))
-    if sample is None:
+    if given is None:
         return []
     places = drawn_places(document.tables)
+    sample = document.validated(SampleTable, given, ("sample",))
+    points = np.zeros((0, len(places)))
     if not places:
         document.fault(("sample",), "needs a range of from and to, without count or step, to draw numbers from")
-    with document.noting("sample"):
-        points = sample.points(len(places)) if places else ()
-        for shares, place in zip(np.transpose(points), places, strict=True):
-            table = document.tables[place[0]]
-            table = table[place[1]] if len(place) == 3 else table
-            with document.noting():
-                table[place[-1]] = drawn_numbers(place, table[place[-1]], shares.tolist())
+    elif sample is not None:
+        with document.noting("sample"):
+            points = sample.points(len(places))
+    for shares, place in zip(points.T, places, strict=True):
+        table = document.tables[place[0]]
+        table = table[place[1]] if len(place) == 3 else table
+        key = str(place[-1])
+        value, table[key] = table[key], [valid_number(place)]  # so that a fault here causes no other
+        with document.noting():
+            table[key] = drawn_numbers(place, value, shares.tolist()) or table[key]
     return places
 
 

@@ -28,7 +28,8 @@ from .values import (
 )
 
 METHODS = ("sobol", "latin-hypercube", "random")
-COUNT_MOST = 2**16
+COUNT_MOST = 2**14
+"""Rows of keys that go together; loading a plan takes half a millisecond for each."""
 AxisKeyName = tuple[str, str]
 """Axis and key."""
 Ties = dict[str, list[dict[str, Tie]]]
@@ -116,6 +117,13 @@ def placed_tables(axis: str, given: object) -> Iterator[tuple[Place, Any]]:
 def _check(axis: str, key: str) -> NumberCheck | None:
     check = KEYS[axis][key].check if key in KEYS[axis] else None
     return check if isinstance(check, NumberCheck) else None
+
+
+def valid_number(place: Place) -> float:
+    """A number that the key at a place of the plan accepts."""
+    check = _check(str(place[0]), str(place[-1]))
+    assert check is not None
+    return check.low
 
 
 def drawn_numbers(place: Place, value: dict[str, Any], shares: Sequence[float]) -> list[float]:

@@ -533,6 +533,8 @@ def test_plans_of_the_document_are_plans(folder):
     assert [load(folder, block).recipe_count for block in blocks] == [
         4 * 2 * 2 * 20 * 4 * 3 - 4 * 2 * 20 * 3,
         3 * 4 * 2,
+        3 * 2,
+        2 * 64,
     ]
 
 

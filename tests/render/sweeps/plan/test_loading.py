@@ -563,7 +563,7 @@ ODD = st.recursive(
     max_leaves=5,
 )
 PLACES = [*(f"{axis}.{key}" for axis, keys in KEYS.items() for key in ("source", *keys)), "metrics", "keep", "per_pose"]
-PLACES += ["device", "workers", "exclude", "only", *KEYS]
+PLACES += ["device", "workers", "exclude", "only", "zip", "sample", "sample.count", "sample.method", *KEYS]
 
 
 def toml(value):

@@ -29,6 +29,10 @@ POSES_MOST = 1e9
 """Most poses of one exploration, whatever the memory budget."""
 POSE_BYTES, SECOND_BYTES = 100, 1600
 """Peak memory of making an exploration [byte], per pose and per second of its path; measured."""
+EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
+"""Duration [s], rate [Hz] and seed of an exploration for which none are given."""
+RANDOM_SIZE, RANDOM_AT = 0.13, (0.0, 0.0, 0.2)
+"""Side of the cube in which random poses lie, and its centre [m]: around the built-in objects."""
 SEED_MOST = 2**63 - 1
 """Largest seed: HDF5 stores it as a signed 64-bit integer."""
 

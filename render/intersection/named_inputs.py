@@ -25,7 +25,7 @@ from ...datasets.bounded_file import open_regular
 from ...datasets.errors import MotionError
 from ...datasets.hand_model.shape import hand_shape
 from ...datasets.hand_model.skinning import posed_vertices
-from ...datasets.motions.hand_motion import HandMotion, exploration
+from ...datasets.motions.hand_motion import EXPLORATION_DEFAULTS, HandMotion, exploration
 from ...datasets.recordings.files import load_recording
 from ...datasets.recordings.recording import HandRecording
 from ..errors import StrategyError
@@ -45,7 +45,6 @@ from ..trust.permission import AllowCode
 from ..validation import require_choice
 
 EXPLORATION = "exploration"
-EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
 HEADER_BYTES = 65536  # first bytes of a CSV, in which its header is searched
 SOLID_HAND_STEP = 0.002  # [m]; grid step of the mesh of a hand given as a solid; smaller than any focus
 POSE_HEADERS = ("time,x,y,z", "x,y,z")  # first columns of a CSV of poses; a CSV recording has others

@@ -56,7 +56,7 @@ from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.plan.loading import load_plans
 from palpate.render.sweeps.plan.overrides import put_override
 from palpate.render.sweeps.plan.recipe import digest_source
-from palpate.render.sweeps.plan.values import Fault
+from palpate.render.sweeps.plan.values import PlanFault
 
 LIMIT = 2_000_000  # of these tests [byte]
 BOMB = bytes(20 * LIMIT)
@@ -350,7 +350,7 @@ def test_a_key_of_many_parts_is_refused_before_it_takes_memory(part, place, tmp_
     (tmp_path / "plan.toml").write_text("\n" + place.format(key) + ("" if "[" in place or "x" in place else " = 1"))
     with pytest.raises(PlanError, match=r"plan\.toml:2: not TOML: a key has more than 32 parts"):
         load_plans([tmp_path / "plan.toml"])
-    with pytest.raises(Fault, match="more than 32 parts"):
+    with pytest.raises(PlanFault, match="more than 32 parts"):
         put_override({}, f"name = {{ {key} = 1 }}", ["name"])
     assert peak() < LIMIT
 

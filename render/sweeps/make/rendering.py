@@ -12,6 +12,7 @@ from pathlib import Path
 from threading import RLock
 from typing import Any, Generic, TypeVar
 
+from ....datasets.motions.hand_motion import RANDOM_AT, RANDOM_SIZE
 from ....device.array import ArrayModel
 from ...errors import SweepError
 from ...hands.hand import Hand
@@ -41,7 +42,6 @@ HANDS_KEPT = 16
 BYTES_KEPT = 256_000_000  # of motions, posed hands with them; and of the posed hands of scenes
 SCENE_BYTES = BYTES_KEPT // 16  # that a scene counts for, so that there are not too many
 POSES_BYTES = BYTES_KEPT // 65536  # that any motion counts for: numbers of random poses are small, but many
-RANDOM_AT, RANDOM_SIZE = (0.0, 0.0, 0.2), 0.13  # [m] where a plan does not say
 
 
 class Kept(Generic[Thing]):

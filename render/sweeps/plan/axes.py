@@ -1,18 +1,16 @@
 """The six axes of a plan: their keys as pydantic models, and the recipe parts that their values make.
 
-A key that is left out has one value, its default; one that a source has no use for is refused.
+A key that is left out has one value, its default; a key that does not apply to a source is refused.
 """
 
 import json
-import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
-from itertools import product
-from typing import Annotated, Any, cast
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any, NamedTuple, cast
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
 
-from ....datasets.motions.hand_motion import POSES_MOST, SEED_MOST
+from ....datasets.motions.hand_motion import EXPLORATION_DEFAULTS, POSES_MOST, RANDOM_AT, RANDOM_SIZE, SEED_MOST
 from ....kernels.driving.solve import POINTS_MOST
 from ...errors import RenderError, StrategyError
 from ...hands.hand import LARGEST, SMALLEST, Palm
@@ -24,95 +22,116 @@ from ...playback.placed_arrays import load_rig
 from ...sampling.strategy import SamplingStrategy
 from ...strategies.intersection_strategy import FLUSH_HIGHEST, STEP_HIGHEST, STEP_LOWEST
 from .recipe import RecipePart
-from .sources import Source, alignments, sources_of
-from .values import Check, Choice, Labels, Number, Text, Values, Vector, refuse, swept
+from .sources import PlanSource, alignments, sources_of
+from .values import Check, ChoiceCheck, LabelCheck, NumberCheck, TextCheck, Values, VectorCheck, refuse, swept
 
 COUNT_MOST = 10**15  # poses of one recipe
 SIZE_SMALLEST = 1e-3  # [m] of an object
-COORDINATE = Number(-1e6, 1e6)  # of a function's own, in any unit
-PLACE = Number(-SIZE_LARGEST, SIZE_LARGEST, "m")
-ANGLE = Number(-360.0, 360.0, "degree")
+COORDINATE = NumberCheck(-1e6, 1e6)  # of a function's own, in any unit
+PLACE = NumberCheck(-SIZE_LARGEST, SIZE_LARGEST, "m")
+ANGLE = NumberCheck(-360.0, 360.0, "degree")
 
 
 @dataclass(frozen=True)
-class Key:
+class AxisKey:
     """A key of an axis beside its `source`."""
 
     check: Check | None
-    """None: files, read by a function of their own."""
+    """None for files, which a function of their own reads."""
     default: Any = None
     of: tuple[str, ...] = ()
-    """Kinds of source that it belongs to; empty: all."""
+    """Kinds of source that it applies to; empty for all."""
 
 
-KEYS: dict[str, dict[str, Key]] = {
+KEYS: dict[str, dict[str, AxisKey]] = {
     "object": {
-        "scale": Key(Number(1e-9, 1e9), 1.0),
-        "up": Key(Choice(UP_AXES), "z"),
-        "fit": Key(Number(SIZE_SMALLEST, SIZE_LARGEST, "m")),
-        "rotate": Key(Vector(3, ANGLE), [0.0, 0.0, 0.0]),
-        "at": Key(Vector(3, PLACE)),
-        "kind": Key(Choice(KINDS), of=("volume",)),
-        "level": Key(Number(-1e300, 1e300), of=("volume",)),
-        "label": Key(Labels(Number(0, 2**32, whole=True)), of=("volume",)),
-        "inside": Key(Choice(("below", "above")), of=("volume",)),
-        "spacing": Key(Vector(3, Number(1e-9, 1.0, "m")), of=("volume",)),
-        "unit": Key(Choice(tuple(UNITS)), of=("volume",)),
-        "bounds": Key(Vector(6, COORDINATE), of=("function",)),
-        "solid": Key(Choice(SOLID_RULES), SOLID_RULES[0], of=("built-in", "mesh")),
-        "weld": Key(Number(0.0, SIZE_LARGEST, "m"), 0.0, of=("built-in", "mesh")),
-        "fill_holes": Key(Number(0.0, SIZE_LARGEST, "m"), 0.0, of=("built-in", "mesh")),
-        "simplify": Key(Number(0.0, 0.1, "m"), of=("built-in", "mesh")),
+        "scale": AxisKey(NumberCheck(1e-9, 1e9), 1.0),
+        "up": AxisKey(ChoiceCheck(UP_AXES), "z"),
+        "fit": AxisKey(NumberCheck(SIZE_SMALLEST, SIZE_LARGEST, "m")),
+        "rotate": AxisKey(VectorCheck(3, ANGLE), [0.0, 0.0, 0.0]),
+        "at": AxisKey(VectorCheck(3, PLACE)),
+        "kind": AxisKey(ChoiceCheck(KINDS), of=("volume",)),
+        "level": AxisKey(NumberCheck(-1e300, 1e300), of=("volume",)),
+        "label": AxisKey(LabelCheck(NumberCheck(0, 2**32, whole=True)), of=("volume",)),
+        "inside": AxisKey(ChoiceCheck(("below", "above")), of=("volume",)),
+        "spacing": AxisKey(VectorCheck(3, NumberCheck(1e-9, 1.0, "m")), of=("volume",)),
+        "unit": AxisKey(ChoiceCheck(tuple(UNITS)), of=("volume",)),
+        "bounds": AxisKey(VectorCheck(6, COORDINATE), of=("function",)),
+        "solid": AxisKey(ChoiceCheck(SOLID_RULES), SOLID_RULES[0], of=("built-in", "mesh")),
+        "weld": AxisKey(NumberCheck(0.0, SIZE_LARGEST, "m"), 0.0, of=("built-in", "mesh")),
+        "fill_holes": AxisKey(NumberCheck(0.0, SIZE_LARGEST, "m"), 0.0, of=("built-in", "mesh")),
+        "simplify": AxisKey(NumberCheck(0.0, 0.1, "m"), of=("built-in", "mesh")),
     },
     "hand": {
-        "palm": Key(Vector(2, Number(SMALLEST, LARGEST, "m")), of=("palm",)),
+        "palm": AxisKey(VectorCheck(2, NumberCheck(SMALLEST, LARGEST, "m")), of=("palm",)),
     },
     "motion": {
-        "duration": Key(Number(1e-3, 1e9, "s"), of=("exploration",)),
-        "rate": Key(Number(1e-3, 1e6, "Hz"), of=("exploration", "recording")),
-        "seed": Key(Number(0, SEED_MOST, whole=True), of=("exploration", "random")),
-        "count": Key(Number(1, COUNT_MOST, whole=True), of=("random",)),
-        "size": Key(Number(SIZE_SMALLEST, SIZE_LARGEST, "m"), of=("random",)),
-        "at": Key(Vector(3, PLACE), of=("random",)),
-        "side": Key(Text(), of=("recording",)),
-        "alignment": Key(None, of=("recording",)),
+        "duration": AxisKey(NumberCheck(1e-3, 1e9, "s"), of=("exploration",)),
+        "rate": AxisKey(NumberCheck(1e-3, 1e6, "Hz"), of=("exploration", "recording")),
+        "seed": AxisKey(NumberCheck(0, SEED_MOST, whole=True), of=("exploration", "random")),
+        "count": AxisKey(NumberCheck(1, COUNT_MOST, whole=True), of=("random",)),
+        "size": AxisKey(NumberCheck(SIZE_SMALLEST, SIZE_LARGEST, "m"), of=("random",)),
+        "at": AxisKey(VectorCheck(3, PLACE), of=("random",)),
+        "side": AxisKey(TextCheck(), of=("recording",)),
+        "alignment": AxisKey(None, of=("recording",)),
     },
     "strategy": {
-        "step": Key(Number(STEP_LOWEST, STEP_HIGHEST, "m")),
-        "flush": Key(Number(0.0, FLUSH_HIGHEST, "m")),
+        "step": AxisKey(NumberCheck(STEP_LOWEST, STEP_HIGHEST, "m")),
+        "flush": AxisKey(NumberCheck(0.0, FLUSH_HIGHEST, "m")),
     },
     "sampling": {
-        "speed": Key(Number(1e-3, 100.0, "m/s")),
-        "update_rate": Key(Number(1.0, 40_000.0, "Hz")),
+        "speed": AxisKey(NumberCheck(1e-3, 100.0, "m/s")),
+        "update_rate": AxisKey(NumberCheck(1.0, 40_000.0, "Hz")),
     },
     "array": {
-        "amplitude": Key(Choice(AMPLITUDES)),
-        "solver": Key(Choice(tuple(SOLVERS))),
-        "gs_pat_iterations": Key(Number(1, 1000, whole=True)),
-        "wgs_iterations": Key(Number(1, 1000, whole=True)),
-        "slew": Key(Number(1e-6, 0.5, "turns a period")),
-        "sound_speed": Key(Number(300.0, 400.0, "m/s")),
-        "level_max": Key(Number(1e-3, 1.0)),
-        "piston_radius": Key(Number(0.0, 5.5e-3, "m")),
+        "amplitude": AxisKey(ChoiceCheck(AMPLITUDES)),
+        "solver": AxisKey(ChoiceCheck(tuple(SOLVERS))),
+        "gs_pat_iterations": AxisKey(NumberCheck(1, 1000, whole=True)),
+        "wgs_iterations": AxisKey(NumberCheck(1, 1000, whole=True)),
+        "slew": AxisKey(NumberCheck(1e-6, 0.5, "turns a period")),
+        "sound_speed": AxisKey(NumberCheck(300.0, 400.0, "m/s")),
+        "level_max": AxisKey(NumberCheck(1e-3, 1.0)),
+        "piston_radius": AxisKey(NumberCheck(0.0, 5.5e-3, "m")),
     },
 }
-"""Keys of each axis in the order in which they vary, the last fastest. Bounds are those of what they are given to, or
-narrower where a wider one could only be another unit."""
+"""Keys of each axis in the order in which they vary, the last fastest. Bounds are those of the code that uses a value,
+or narrower where a value beyond them could only have another unit."""
 DEFAULT_SOURCES = {"hand": "palm", "motion": "exploration", "strategy": "cc", "sampling": "stm", "array": "emulator"}
-"""Of axes that are left out; there is no default object."""
+"""Sources of axes that are left out; an object has none."""
 NEEDED = {("object", "function"): "bounds", ("motion", "random"): "count"}
-"""Keys that a kind of source cannot do without."""
-EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
-"""As those of `palpate render`, whose module imports everything that can be rendered."""
-RANDOM_SIZE, RANDOM_AT = 0.13, [0.0, 0.0, 0.2]
-"""Cube in which random poses lie, and its middle [m]: about the built-in objects."""
+"""Keys that a kind of source requires."""
 PLACEMENT_KEYS = ("scale", "up", "fit", "rotate", "at")
 MESH_KEYS = ("solid", "weld", "fill_holes")
 VOLUME_KEYS = ("kind", "level", "label", "inside", "spacing", "unit")
 
 
+class Tie(NamedTuple):
+    """Marks a key whose values go together, row by row, with those of other keys."""
+
+    group: int
+    """Which keys: a number that all of them have."""
+    row: int
+    """Row of the first value that its table lists."""
+
+
+@dataclass(frozen=True)
+class KeyColumn:
+    """Keys of one table that vary together."""
+
+    values: Mapping[str, Sequence[Any]]
+    """By key, of one length."""
+    tie: Tie | None
+
+    def __len__(self) -> int:
+        return len(next(iter(self.values.values())))
+
+    def at(self, place: int) -> dict[str, Any]:
+        """The value of each key at a place from 0."""
+        return {key: values[place] for key, values in self.values.items()}
+
+
 class AxisTable(BaseModel):
-    """One table of an axis: its source, and what was given of its keys, each as `Values`."""
+    """One table of an axis: the values of its source, and of each key that was given."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True)
     source: Values
@@ -121,10 +140,13 @@ class AxisTable(BaseModel):
         """Values by key, those of keys that were given."""
         return {name: value for name in type(self).model_fields if (value := getattr(self, name)) is not None}
 
-    @property
-    def combination_count(self) -> int:
-        """How many parts its values make."""
-        return math.prod(len(values) for values in self.given().values())
+    def columns(self, ties: Mapping[str, Tie]) -> list[KeyColumn]:
+        """The keys that vary by themselves, and the tied ones together, in the order in which they vary."""
+        given, columns = self.given(), dict[str | Tie, dict[str, Sequence[Any]]]()
+        for key, values in given.items():
+            column = columns.setdefault(ties.get(key, key), {})
+            column[key] = values.listed if key in ties else values.items
+        return [KeyColumn(own, name if isinstance(name, Tie) else None) for name, own in columns.items()]
 
 
 def _model(axis: str) -> type[AxisTable]:
@@ -138,11 +160,11 @@ def _model(axis: str) -> type[AxisTable]:
 
 
 MODELS: dict[str, type[AxisTable]] = {axis: _model(axis) for axis in KEYS}
-"""By axis; validated with a `Shelf` as context."""
+"""By axis; validated with a `SourceIndex` as context."""
 
 
-def require_agreement(axis: str, table: AxisTable) -> None:
-    """Refuse keys that one of the sources has no use for, and values that do not go together."""
+def require_agreement(axis: str, table: AxisTable, ties: Mapping[str, Tie]) -> None:
+    """Refuse keys that do not apply to one of the sources, and values that do not go together."""
     given = table.given()
     for source in table.source:
         for name in given:
@@ -156,66 +178,70 @@ def require_agreement(axis: str, table: AxisTable) -> None:
     for k, box in enumerate(given.get("bounds", ())):
         if not all(low < high for low, high in zip(box[:3], box[3:], strict=True)):
             refuse(f"must be lowest x, y, z, then highest x, y, z, not {box}", ("bounds", k))
-    if axis == "motion" and "exploration" in {source.kind for source in table.source}:
-        _require_poses(given)
-    if axis in JUDGES:
-        for values in _corners(given):
-            try:
-                JUDGES[axis](values)
-            except RenderError as error:
-                refuse(str(error))
+    if axis not in VALIDATORS:
+        return
+    keys, validate = VALIDATORS[axis]
+    columns = [column for column in table.columns(ties) if {*keys, "source"} & column.values.keys()]
+    for places in combinations([_extremes(column) for column in columns]):
+        try:
+            validate(_values_at(columns, places))
+        except RenderError as error:
+            refuse(str(error))
 
 
-def _require_poses(given: Mapping[str, Values]) -> None:
-    """Refuse explorations that are longer than the library makes them."""
-    most = {
-        name: max(_ends(given[name])) if name in given else EXPLORATION_DEFAULTS[name] for name in ("duration", "rate")
-    }
-    if most["duration"] * most["rate"] > POSES_MOST:
-        text = f"{most['duration']:g} s at {most['rate']:g} Hz"
-        refuse(f"must give at most {POSES_MOST:g} poses with rate, not {text}", ("duration",))
+def _extremes(column: KeyColumn) -> Sequence[int]:
+    """Places that decide whether values go together: of numbers that vary alone, the least and the greatest."""
+    values = next(iter(column.values.values()))
+    if column.tie or not isinstance(values[0], int | float):
+        return range(len(column))
+    if isinstance(values, range):
+        return (0, len(column) - 1)
+    return (values.index(min(values)), values.index(max(values)))
 
 
-def _ends(values: Values) -> tuple[Any, ...]:
-    """The least and the greatest of numbers; all of anything else."""
-    if not isinstance(values.items, tuple):
-        return values.items[0], values.items[-1]
-    is_number = isinstance(values.items[0], int | float)
-    return (min(values.items), max(values.items)) if is_number else values.items
+def _values_at(columns: Sequence[KeyColumn], places: Sequence[int]) -> dict[str, Any]:
+    return {key: value for column, k in zip(columns, places, strict=True) for key, value in column.at(k).items()}
 
 
-def _corners(given: Mapping[str, Values]) -> Iterator[dict[str, Any]]:
-    """Combinations that all can be judged by: what cannot be together depends on the ends of ranges."""
-    for combination in product(*(_ends(values) for values in given.values())):
-        yield dict(zip(given, combination, strict=True))
+def combinations(ranges: Sequence[Sequence[int]]) -> Iterator[tuple[int, ...]]:
+    """As `itertools.product`, the last fastest, but without a copy of each range in memory."""
+    if not ranges:
+        yield ()
+        return
+    for place in ranges[0]:
+        for rest in combinations(ranges[1:]):
+            yield (place, *rest)
 
 
-def variants(axis: str, table: AxisTable) -> Iterator[RecipePart]:
-    """The parts that a table stands for, made one after the other; ranges are not spelt out."""
-    given = table.given()
-    names, columns = list(given), list(given.values())
-
-    def chosen(depth: int, values: dict[str, Any]) -> Iterator[RecipePart]:
-        if depth == len(names):
-            yield part_of(axis, values)
-            return
-        for value in columns[depth]:
-            values[names[depth]] = value
-            yield from chosen(depth + 1, values)
-
-    return chosen(0, {})
+def parts_of(axis: str, table: AxisTable, ties: Mapping[str, Tie]) -> Iterator[tuple[RecipePart, dict[int, int]]]:
+    """The parts that a table stands for, one after the other, each with its row in every group of tied keys."""
+    columns = table.columns(ties)
+    for places in combinations([range(len(column)) for column in columns]):
+        values = _values_at(columns, places)
+        rows = {c.tie.group: c.tie.row + k for c, k in zip(columns, places, strict=True) if c.tie}
+        yield RecipePart(CONTENTS[axis](values["source"], values)), rows
 
 
-def part_of(axis: str, values: Mapping[str, Any]) -> RecipePart:
-    """The part of a recipe that one value of each given key makes."""
-    return RecipePart(CONTENTS[axis](values["source"], values))
+def with_distinct_names(tables: Sequence[AxisTable]) -> list[AxisTable]:
+    """Tables of an axis in which sources of one name are shown with their paths."""
+    paths: dict[str, set[str]] = {}
+    for source in (source for table in tables for source in table.source):
+        paths.setdefault(source.name, set()).add(source.source)
+
+    def named(source: PlanSource) -> PlanSource:
+        return replace(source, name=source.written) if len(paths[source.name]) > 1 and source.written else source
+
+    def renamed(values: Values) -> Values:
+        return replace(values, listed=tuple(map(named, values.listed)), items=tuple(map(named, values.items)))
+
+    return [table.model_copy(update={"source": renamed(table.source)}) for table in tables]
 
 
-def _object(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
+def _object(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
     full = {name: values.get(name, key.default) for name, key in KEYS["object"].items()}
     repair = {name: full[name] for name in MESH_KEYS if full[name] != KEYS["object"][name].default}
     return {
-        **_whence(source),
+        **_identified(source),
         "function": source.loaded,
         **{name: full[name] for name in PLACEMENT_KEYS},
         "volume": {name: full[name] for name in VOLUME_KEYS if full[name] is not None},
@@ -225,37 +251,47 @@ def _object(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _hand(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
+def _hand(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
     palm = None
     if source.kind == "palm":
         own = Palm(*values["palm"]) if "palm" in values else Palm()
         palm = [own.width, own.length]
-    return {**_whence(source), "palm": palm}
+    return {**_identified(source), "palm": palm}
 
 
-def _motion(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
-    out = _whence(source)
+def _motion(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
+    out = _identified(source)
     if source.kind == "exploration":
         return out | {name: values.get(name, default) for name, default in EXPLORATION_DEFAULTS.items()}
     if source.kind == "random":
-        defaults = {"seed": EXPLORATION_DEFAULTS["seed"], "size": RANDOM_SIZE, "at": RANDOM_AT}
+        defaults = {"seed": EXPLORATION_DEFAULTS["seed"], "size": RANDOM_SIZE, "at": list(RANDOM_AT)}
         return out | {name: values.get(name, defaults.get(name)) for name in ("count", "seed", "size", "at")}
     if source.kind == "recording":
         return out | {name: values.get(name) for name in ("side", "alignment", "rate")}
     return out
 
 
-def _strategy(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
+def _require_poses(values: Mapping[str, Any]) -> None:
+    """Refuse explorations of more poses than palpate makes."""
+    duration, rate = (values.get(name, EXPLORATION_DEFAULTS[name]) for name in ("duration", "rate"))
+    if values["source"].kind == "exploration" and duration * rate > POSES_MOST:
+        refuse(f"must give at most {POSES_MOST:g} poses with rate, not {duration:g} s at {rate:g} Hz", ("duration",))
+
+
+def _strategy(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
     described = source.loaded | {name: values[name] for name in KEYS["strategy"] if name in values}
     return {**_named(source), "described": described, "step": described.get("step")}
 
 
-def _sampling(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
-    changes = {name: values[name] for name in KEYS["sampling"] if name in values}
-    return {**_named(source), "described": source.loaded | changes}
+def _sampling(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
+    return {**_named(source), "described": _sampled(values)}
 
 
-def _array(source: Source, values: Mapping[str, Any]) -> dict[str, Any]:
+def _sampled(values: Mapping[str, Any]) -> dict[str, Any]:
+    return values["source"].loaded | {name: values[name] for name in KEYS["sampling"] if name in values}
+
+
+def _array(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
     drive = _drive(values)
     counts = {"gs_pat_iterations": drive.iterations[0] or None, "wgs_iterations": drive.iterations[1] or None}
     return {**_named(source), "described": {**source.loaded, "drive": {**asdict(drive), **counts}}}
@@ -265,15 +301,15 @@ def _drive(values: Mapping[str, Any]) -> DriveStrategy:
     return DriveStrategy(**{name: values[name] for name in KEYS["array"] if name in values})
 
 
-def _named(source: Source) -> dict[str, Any]:
+def _named(source: PlanSource) -> dict[str, Any]:
     return {"source": source.source, "name": source.name}
 
 
-def _whence(source: Source) -> dict[str, Any]:
+def _identified(source: PlanSource) -> dict[str, Any]:
     return {**_named(source), "sha256": source.sha256}
 
 
-CONTENTS: dict[str, Callable[[Source, Mapping[str, Any]], dict[str, Any]]] = {
+CONTENTS: dict[str, Callable[[PlanSource, Mapping[str, Any]], dict[str, Any]]] = {
     "object": _object,
     "hand": _hand,
     "motion": _motion,
@@ -282,15 +318,16 @@ CONTENTS: dict[str, Callable[[Source, Mapping[str, Any]], dict[str, Any]]] = {
     "array": _array,
 }
 
-JUDGES: dict[str, Callable[[Mapping[str, Any]], object]] = {
-    "sampling": lambda values: SamplingStrategy.from_json(json.dumps(_sampling(values["source"], values)["described"])),
-    "array": _drive,
+VALIDATORS: dict[str, tuple[Collection[str], Callable[[Mapping[str, Any]], object]]] = {
+    "motion": (("duration", "rate"), _require_poses),
+    "sampling": (KEYS["sampling"], lambda values: SamplingStrategy.from_json(json.dumps(_sampled(values)))),
+    "array": (KEYS["array"], _drive),
 }
-"""What refuses values of different keys that do not go together, by RenderError; those of other axes always do."""
+"""Keys whose values may not go together, and a function that raises if they do not; of other axes all values do."""
 
 
 def require_playable(sampling: RecipePart, array: RecipePart) -> None:
-    """Raise RenderError or DeviceError unless drives of these focal points can be made and played by the array."""
+    """Raise RenderError or DeviceError unless the array can play drives of these focal points."""
     asked, described = sampling.content["described"], array.content["described"]
     rate = asked["update_rate"]
     if asked["foci"] > POINTS_MOST:
@@ -302,7 +339,7 @@ def require_playable(sampling: RecipePart, array: RecipePart) -> None:
 
 
 def value_of(axis: str, key: str, content: Mapping[str, Any]) -> Any:
-    """What a part has of a plan's key; None where it does not apply."""
+    """The value that a part of a recipe has for a key of the plan; None where the key does not apply."""
     described = cast(Mapping[str, Any], content.get("described", {}))
     if axis == "object" and key in VOLUME_KEYS:
         return content["volume"].get(key)

@@ -21,15 +21,15 @@ from typing import Any
 
 from ...validation import value_text
 from .axes import KEYS, value_of
-from .key_lines import Place
-from .values import Check, Fault, Number, near, refuse, swept
+from .line_search import Place
+from .values import Check, NumberCheck, near, refuse, swept, within
 
 BOUNDS = ("at_least", "at_most")
 
 
 @dataclass(frozen=True)
-class Entry:
-    """What one key must be."""
+class ConstraintEntry:
+    """One `axis.key = value` of a constraint."""
 
     key: str
     accepted: tuple[Any, ...] = ()
@@ -37,10 +37,10 @@ class Entry:
     at_least: float | None = None
     at_most: float | None = None
     folder: Path = Path()
-    """That patterns of sources start from."""
+    """From which patterns of sources start."""
 
     def matches(self, axis: str, content: Mapping[str, Any]) -> bool:
-        """Whether a part of a recipe has it."""
+        """Whether a part of a recipe matches."""
         value = value_of(axis, self.key, content)
         if self.key in ("source", "alignment"):
             named = content if self.key == "source" else value
@@ -52,7 +52,7 @@ class Entry:
         return (self.at_least is None or value >= self.at_least) and (self.at_most is None or value <= self.at_most)
 
     def _names(self, content: Mapping[str, Any], text: str) -> bool:
-        """Whether a source is called so: its name, or its path from the plan's folder on."""
+        """Whether a text is a source's name, its path from the plan's folder on, or a pattern of these."""
         known = (content["name"], content["source"])
         if text in known or str(self.folder / text) in known:  # names may have brackets
             return True
@@ -64,18 +64,18 @@ class Entry:
 class Constraint:
     """One table of a plan: entries by axis."""
 
-    entries: Mapping[str, tuple[Entry, ...]]
+    entries: Mapping[str, tuple[ConstraintEntry, ...]]
 
     def matches(self, axis: str, content: Mapping[str, Any]) -> bool:
-        """Whether a part has all that is asked of its axis."""
+        """Whether a part matches all entries of its axis."""
         return all(entry.matches(axis, content) for entry in self.entries.get(axis, ()))
 
 
 def constraint_of(table: object, folder: Path) -> Constraint:
-    """A constraint of a plan's table; raises faults."""
+    """The constraint of a plan's table; raises PlanFault."""
     if not isinstance(table, dict) or not table:
         refuse(f"must be a table of at least one axis.key = value, not {value_text(table)}")
-    entries: dict[str, tuple[Entry, ...]] = {}
+    entries: dict[str, tuple[ConstraintEntry, ...]] = {}
     for path, value in _flat(table):
         place: Place = path
         axis, _, key = ".".join(path).partition(".")
@@ -89,7 +89,7 @@ def constraint_of(table: object, folder: Path) -> Constraint:
 
 
 def _flat(table: Mapping[str, Any]) -> list[tuple[tuple[str, ...], Any]]:
-    """Entries, those of nested tables by their path: `strategy.source` with and without quotes is the same."""
+    """Entries by their path; `strategy.source` with and without quotes is the same."""
     out: list[tuple[tuple[str, ...], Any]] = []
     for name, value in table.items():
         if name in KEYS and isinstance(value, dict):
@@ -99,22 +99,20 @@ def _flat(table: Mapping[str, Any]) -> list[tuple[tuple[str, ...], Any]]:
     return out
 
 
-def _entry(key: str, check: Check | None, value: object, folder: Path, place: Place) -> Entry:
+def _entry(key: str, check: Check | None, value: object, folder: Path, place: Place) -> ConstraintEntry:
     if isinstance(value, dict):
-        if not isinstance(check, Number):
+        if not isinstance(check, NumberCheck):
             refuse(f"must be a value or a list of them, not {value_text(value)}: it is no number", place)
         if not value or set(value) - set(BOUNDS):
             refuse(f"must have at_least, at_most or both, not {value_text(value)}", place)
         for name, bound in value.items():
             if isinstance(bound, bool) or not isinstance(bound, int | float) or bound != bound:
                 refuse(f"{name} must be a number in {check.span}, not {value_text(bound)}", place)
-        return Entry(key, at_least=value.get("at_least"), at_most=value.get("at_most"))
+        return ConstraintEntry(key, at_least=value.get("at_least"), at_most=value.get("at_most"))
     if check is None:
         texts = value if isinstance(value, list) else [value]
         if not texts or not all(isinstance(text, str) and text for text in texts):
             refuse(f"must be a name, or a list of names, not {value_text(value)}", place)
-        return Entry(key, tuple(texts), folder=folder)
-    try:
-        return Entry(key, tuple(swept(check)(value)))
-    except Fault as fault:
-        refuse(fault.sentence, (*place, *fault.place))
+        return ConstraintEntry(key, tuple(texts), folder=folder)
+    with within(*place):
+        return ConstraintEntry(key, tuple(swept(check)(value)))

@@ -1,173 +1,69 @@
-"""PLAN.toml: read, overridden by `--set`, judged whole before anything runs, and turned into recipes.
+"""PLAN.toml as a `Plan`: read, validated whole before anything runs, and turned into recipes.
 
-A fault is told as `plan.toml:12: object.fit: must lie in ..., not ...`, or `--set object.fit=80: ...`; several are told
-together, one a line.
+All faults of a plan are reported together, one on each line.
 """
 
 import hashlib
 import json
-import re
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+import numpy as np
 
-from ....datasets.bounded_file import parse_toml, read_text, require_parsable
 from ....device.errors import DeviceError
-from ...errors import PalpateWarning, PlanError, RenderError
-from ...runtime.worker_devices import WORKERS_MOST
+from ...errors import PlanError, RenderError
 from ...trust.permission import AllowCode, Code, Namer, require_permission
 from ...validation import value_text
-from .axes import DEFAULT_SOURCES, KEYS, MODELS, AxisTable, require_agreement, require_playable
+from .axes import (
+    DEFAULT_SOURCES,
+    KEYS,
+    MODELS,
+    AxisTable,
+    require_agreement,
+    require_playable,
+    with_distinct_names,
+)
 from .constraint import Constraint, constraint_of
-from .key_lines import Place, key_lines, line_of
-from .overrides import CONSTRAINTS, put_override, unknown_key
-from .product import Axis, Product, tell_apart
+from .document import PlanDocument, PlanTable, parse_plan, read_plan
+from .line_search import Place
+from .overrides import TABLES
+from .product import PlanAxis, Product, show_distinct_names
 from .recipe import KEPT, METRICS, Recipe, groups_of
-from .sources import Shelf, with_own_names
-from .values import Choice, Fault, refuse
-
-DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
-
-
-def _names(known: tuple[str, ...]) -> BeforeValidator:
-    """Reads a list of names, each once."""
-
-    def read(value: object) -> list[str]:
-        if not isinstance(value, list):
-            refuse(f"must be a list of {', '.join(known)}, not {value_text(value)}")
-        out: list[str] = []
-        for k, item in enumerate(value):
-            try:
-                out.append(Choice(known)(item))
-            except Fault as fault:
-                refuse(fault.sentence, (k,))
-        return list(dict.fromkeys(out))
-
-    return BeforeValidator(read)
-
-
-def _read_flag(value: object) -> bool:
-    if not isinstance(value, bool):
-        refuse(f"must be true or false, not {value_text(value)}")
-    return value
-
-
-def _read_device(value: object) -> str:
-    """The names of devices as `--device` takes them; whether they are there is seen when work begins."""
-    names = value if isinstance(value, list) else str(value).split(",") if isinstance(value, str) else []
-    names = [name.strip() if isinstance(name, str) else name for name in names]
-    if not names or not all(isinstance(name, str) and DEVICE.fullmatch(name) for name in names):
-        refuse(f"must be auto, cpu, cuda, cuda:0 or a list of these, not {value_text(value)}")
-    if len(set(names)) < len(names) or (len(names) > 1 and {"auto", "cuda"} & set(names)):
-        refuse(f"must name each device once, and auto or cuda alone, not {value_text(value)}")
-    return ",".join(names)
-
-
-def _read_workers(value: object) -> int | None:
-    if value == "auto":
-        return None
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= WORKERS_MOST:
-        refuse(f"must be auto, or a number of workers in 1..{WORKERS_MOST}, not {value_text(value)}")
-    return value
-
-
-class PlanTable(BaseModel):
-    """What a plan says beside its axes and constraints."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-    metrics: Annotated[list[str], _names(METRICS)] = ["contours", "frequency"]
-    per_pose: Annotated[bool, BeforeValidator(_read_flag)] = False
-    keep: Annotated[list[str], _names(KEPT)] = []
-    device: Annotated[str, BeforeValidator(_read_device)] = "auto"
-    workers: Annotated[int | None, BeforeValidator(_read_workers)] = None
-
-
-@dataclass
-class _Document:
-    """One plan's text, its tables after overrides, and the faults found so far."""
-
-    path: Path
-    text: str
-    tables: dict[str, Any]
-    lines: Mapping[Place, int]
-    warns: bool = True
-    overrides: dict[Place, str] = field(default_factory=dict)
-    """What `--set` said, by the key that it is about."""
-    faults: list[str] = field(default_factory=list)
-
-    def where(self, place: Place) -> str:
-        """File and line, or override, and the key of a place."""
-        keys = tuple(key for key in place if isinstance(key, str))
-        said = next((self.overrides[keys[:k]] for k in range(len(keys), 0, -1) if keys[:k] in self.overrides), None)
-        line = line_of(self.lines, place)
-        start = said or (f"{self.path}:{line}" if line else str(self.path))
-        return f"{start}: {'.'.join(keys)}" if keys else start
-
-    def fault(self, place: Place, sentence: str) -> None:
-        """Note a fault."""
-        self.faults.append(f"{self.where(place)}: {sentence}")
-
-    def warn(self, place: Place, sentence: str) -> None:
-        """Warn (PalpateWarning) of something that the sweep goes on with."""
-        if self.warns:
-            warnings.warn(f"{self.where(place)}: {sentence}", PalpateWarning, stacklevel=4)
-
-    def validated(self, model: type[BaseModel], table: object, place: Place, shelf: Shelf | None = None) -> Any:
-        """A table as its model has it; None, with its faults noted, if it is none."""
-        if not isinstance(table, dict):
-            return self.fault(place, f"must be a table, not {value_text(table)}")
-        try:
-            return model.model_validate(table, context=shelf)
-        except ValidationError as error:
-            for one in error.errors(include_url=False):
-                own = one.get("ctx", {}).get("error")
-                inner = own.place if isinstance(own, Fault) else ()
-                self.fault((*place, *one["loc"], *inner), _sentence(one, own, model, place))
-        return None
-
-
-def _sentence(error: Any, own: object, model: type[BaseModel], place: Place) -> str:
-    """What is wrong, of one of pydantic's errors."""
-    if error["type"] == "extra_forbidden":
-        return unknown_key(str(error["loc"][-1]), [*model.model_fields, *([] if place else [*KEYS, *CONSTRAINTS])])
-    if error["type"] == "missing":
-        return "is missing"
-    return own.sentence if isinstance(own, Fault) else str(error["msg"])
+from .sources import SourceIndex
+from .tied_keys import SampleTable, Ties, drawn_numbers, drawn_places, placed_tables, ties_of, valid_number
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a sweep is to make: the recipes of one plan, or of several together, each once."""
+    """The recipes of a sweep: those of one plan, or of several together, each once."""
 
     name: str
     products: tuple[Product, ...]
     groups: tuple[str, ...]
-    """What is made of each recipe: names of `recipe.GROUPS`."""
+    """Groups of results that are made of each recipe: names of `recipe.GROUPS`."""
     device: str
     """As `--device` of `palpate render`: names with commas between them."""
     workers: int | None
-    """On each device; None: by the machine."""
+    """On each device; None for as many as the machine suggests."""
     texts: Mapping[str, str]
     """Text of each plan file, by path."""
     overrides: tuple[str, ...] = ()
     code: tuple[Code, ...] = ()
-    """That strategies and objects name."""
+    """Code that strategies and objects name."""
     is_draft: bool = False
-    """Whether none of it has been run, so that the recipes it is for are not known whole."""
+    """Whether none of that code has been run, so that recipes that use it lack the digests of its stages."""
 
     def with_code(self, allow_code: AllowCode) -> "Plan":
-        """The plan once the code that it names was run; itself if there is none.
+        """The plan after the code that it names was run; the plan itself if it names none.
 
-        Raises UntrustedCodeError, which lists all code, before any of it is run; PlanError if it is no good.
+        Raises UntrustedCodeError, which lists all code, before any of it is run; PlanError if the plan is invalid.
         """
         if not self.code or not self.is_draft:
             return self
         require_permission(self.code, allow_code)
-        documents = [_document(Path(path), text, self.overrides, warns=False) for path, text in self.texts.items()]
+        documents = [parse_plan(Path(path), text, self.overrides, warns=False) for path, text in self.texts.items()]
         return _joined(documents, self.overrides, allow_code)
 
     @property
@@ -177,12 +73,12 @@ class Plan:
 
     @property
     def recipe_count(self) -> int:
-        """How many recipes there are, without going through them; at most so many if not `is_exact`."""
+        """Number of recipes; an upper bound if not `is_exact`."""
         return sum(product.recipe_count for product in self.products)
 
     @property
     def is_exact(self) -> bool:
-        """Whether `recipe_count` is, not a bound: recipes of several plans may be the same."""
+        """Whether `recipe_count` is the number, not a bound: several plans may have the same recipes."""
         return len(self.products) == 1 and self.products[0].is_exact
 
     def recipes(self) -> Iterator[Recipe]:
@@ -199,9 +95,9 @@ class Plan:
                     yield recipe
 
     def described(self) -> dict[str, Any]:
-        """For JSON: the plans' texts, what `--set` changed, how many parts each axis has, and a digest of it all.
+        """For JSON: the plans' texts, overrides, the number of parts of each axis, and a digest of all that.
 
-        The digest is another whenever the recipes, what they are called, or the groups are.
+        The digest differs whenever the recipes, their names, or the groups differ.
         """
         out = {
             "name": self.name,
@@ -218,43 +114,45 @@ class Plan:
 
 
 def load_plans(paths: Sequence[str | Path], overrides: Sequence[str] = (), *, allow_code: AllowCode = False) -> Plan:
-    """Read plans, check them whole, and join them; code that they name is run in the end, if all else is in order.
+    """Read plans, validate them whole, and join them; the code that they name is run last, if all else is valid.
 
     overrides: "key=value" as `--set` takes them, for every plan: `motion.seed={first=1,count=5}`; values are TOML, a
     bare word is a text. allow_code: whether that code may be run, see `trust`.
     Warns (PalpateWarning) of values listed twice and of constraints that match nothing.
-    Raises PlanError, one line a fault with file, line and key, for plans that cannot be, and for ones that leave no
-    recipe; UntrustedCodeError, which lists all of it, for code that may not be run.
+    Raises PlanError, one line for each fault with file, line and key, for invalid plans and plans without a recipe;
+    UntrustedCodeError, which lists all such code, for code that may not be run.
     """
     return draft_plans(paths, overrides).with_code(allow_code)
 
 
 def draft_plans(paths: Sequence[str | Path], overrides: Sequence[str] = ()) -> Plan:
-    """The same without running any code that the plans name: a strategy with stages of such code is not judged whole.
+    """The same, but without running code that the plans name; raises PlanError as `load_plans` does.
 
-    So its recipes have other keys than those that are made; raises PlanError as `load_plans` does.
+    Strategies with user-defined stages are not validated whole, and their recipes have other keys than later results.
     """
     if not paths:
         raise PlanError("no plan given: a sweep needs at least one PLAN.toml")
-    return _joined([_document(Path(path), _text(Path(path)), overrides) for path in paths], overrides, None)
+    return _joined([parse_plan(Path(path), read_plan(Path(path)), overrides) for path in paths], overrides, None)
 
 
-def _joined(documents: Sequence[_Document], overrides: Sequence[str], allow_code: AllowCode | None) -> Plan:
-    """One plan of all; None: of which no code is run."""
+def _joined(documents: Sequence[PlanDocument], overrides: Sequence[str], allow_code: AllowCode | None) -> Plan:
+    """One plan of all; allow_code: None for a draft."""
     digests: dict[str, str] = {}
-    shelves = [
-        Shelf(d.path.absolute().parent, digests, Namer.of(d.path.resolve(), d.text), allow_code) for d in documents
+    indices = [
+        SourceIndex(d.path.absolute().parent, digests, Namer.of(d.path.resolve(), d.text), allow_code)
+        for d in documents
     ]
-    read = [_judged(document, shelf) for document, shelf in zip(documents, shelves, strict=True)]
+    read = [_read(document, index) for document, index in zip(documents, indices, strict=True)]
     faults = [fault for document in documents for fault in document.faults]
     tables = [pair[0] for pair in read if pair is not None]
     products = [pair[1] for pair in read if pair is not None]
     if not faults:
-        faults = [_no_recipe(d) for d, product in zip(documents, products, strict=True) if product.is_empty]
+        empty = [d for d, product in zip(documents, products, strict=True) if not product.recipe_count]
+        faults = [f"{document.path}: its constraints leave no recipe" for document in empty]
     if faults:
         raise PlanError(*dict.fromkeys(faults))
     if len(products) > 1:
-        tell_apart(products)
+        show_distinct_names(products)
     groups = {group for t in tables for group in groups_of(t.metrics, t.per_pose, t.keep)}
     return Plan(
         name="+".join(document.path.stem for document in documents),
@@ -264,74 +162,37 @@ def _joined(documents: Sequence[_Document], overrides: Sequence[str], allow_code
         workers=_agreed("workers", tables, documents),
         texts={str(document.path): document.text for document in documents},
         overrides=tuple(overrides),
-        code=tuple(dict.fromkeys(code for shelf in shelves for code in shelf.code)),
+        code=tuple(dict.fromkeys(code for index in indices for code in index.code)),
         is_draft=allow_code is None,
     )
 
 
-def _no_recipe(document: _Document) -> str:
-    return f"{document.path}: its constraints leave no recipe"
-
-
-def _agreed(name: str, tables: Sequence[PlanTable], documents: Sequence[_Document]) -> Any:
-    """What the plans that say something of a key say; they may not differ."""
-    said = {d.path: getattr(t, name) for t, d in zip(tables, documents, strict=True) if name in t.model_fields_set}
-    if len(set(said.values())) > 1:
-        shown = " and ".join(f"{value} in {path}" for path, value in said.items())
+def _agreed(name: str, tables: Sequence[PlanTable], documents: Sequence[PlanDocument]) -> Any:
+    """The value of a key on which all plans that have it agree."""
+    given = {d.path: getattr(t, name) for t, d in zip(tables, documents, strict=True) if name in t.model_fields_set}
+    if len(set(given.values())) > 1:
+        shown = " and ".join(f"{value} in {path}" for path, value in given.items())
         raise PlanError(f"{name}: plans that are run together must agree, not {shown}; --set {name}=... decides")
-    return next(iter(said.values()), PlanTable.model_fields[name].default)
+    return next(iter(given.values()), PlanTable.model_fields[name].default)
 
 
-def _text(path: Path) -> str:
-    """A plan's text."""
-    try:
-        text = read_text(path)
-        require_parsable(text)
-        return text
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise PlanError(f"{path}: cannot be read ({why}){_hint_of_quotes(path)}") from error
-
-
-def _document(path: Path, text: str, overrides: Sequence[str], *, warns: bool = True) -> _Document:
-    """A plan's tables with overrides in place."""
-    try:
-        tables = parse_toml(text)
-    except ValueError as error:
-        fault, _, at = str(error).partition(" (at ")
-        found = re.match(r"line (\d+)", at)
-        line = found[1] if found else str(text.count("\n") + 1)
-        raise PlanError(f"{path}:{line}: not TOML: {fault} ({at or 'somewhere)'}") from error
-    document = _Document(path, text, tables, key_lines(text), warns)
-    for override in overrides:
-        try:
-            document.overrides[put_override(tables, override, list(PlanTable.model_fields))] = f"--set {override}"
-        except Fault as fault:
-            document.faults.append(f"--set {override}: {fault.sentence}")
-    return document
-
-
-def _hint_of_quotes(path: Path) -> str:
-    """What to say of a plan that is not there, where its name is a piece of a `--set` that the shell took apart."""
-    key = str(path).partition("=")[0]
-    if path.exists() or "=" not in str(path) or key.split(".")[0] not in (*PlanTable.model_fields, *KEYS, *CONSTRAINTS):
-        return ""
-    return f"; of --set it needs quotes, or the shell takes braces and blanks apart: --set '{key}={{...}}'"
-
-
-def _judged(document: _Document, shelf: Shelf) -> tuple[PlanTable, Product] | None:
-    """A plan's own table and its recipes; None with faults noted."""
-    rest = {key: value for key, value in document.tables.items() if key not in (*KEYS, *CONSTRAINTS)}
+def _read(document: PlanDocument, index: SourceIndex) -> tuple[PlanTable, Product] | None:
+    """A plan's keys and its recipes; None with faults noted."""
+    rest = {key: value for key, value in document.tables.items() if key not in TABLES}
     table = document.validated(PlanTable, rest, ())
     if table is not None and not (table.metrics or table.per_pose or table.keep):
         document.fault(("metrics",), "is empty, and there is nothing to keep either: the sweep would make nothing")
-    axes = {axis: _axis_tables(document, axis, shelf) for axis in KEYS}
-    constraints = {name: _constraints(document, name, shelf.folder) for name in CONSTRAINTS}
-    if document.faults or table is None:
+    drawn = _draw(document)
+    axes = {axis: _axis_tables(document, axis, index) for axis in KEYS}
+    constraints = {name: _constraints(document, name, index.folder) for name in ("exclude", "only")}
+    product = None
+    if table is not None and not document.faults:
+        with document.noting():
+            product = _product(document, axes, ties_of(table.zip, drawn, axes), constraints)
+    if document.faults or product is None or table is None:
         return None
-    product = Product([Axis(axis, tables) for axis, tables in axes.items()], *constraints.values())
     if "drives" in table.keep:
-        _judge_drives(document, product)
+        _require_playable(document, product)
     for k in product.unmatched():
         excluding = len(constraints["exclude"])
         place: Place = ("exclude", k) if k < excluding else ("only", k - excluding)
@@ -339,50 +200,82 @@ def _judged(document: _Document, shelf: Shelf) -> tuple[PlanTable, Product] | No
     return table, product
 
 
-def _judge_drives(document: _Document, product: Product) -> None:
-    """Note update rates and foci that an array cannot be driven at, where the constraints let them come together."""
-    samplings, arrays = (axis for axis in product.axes if axis.name in ("sampling", "array"))
-    if samplings.is_lazy or arrays.is_lazy:
+def _draw(document: PlanDocument) -> list[Place]:
+    """Put drawn numbers in place of the ranges of `[sample]`; returns their places."""
+    given = document.tables.get("sample")
+    if given is None:
+        return []
+    places = drawn_places(document.tables)
+    sample = document.validated(SampleTable, given, ("sample",))
+    points = np.zeros((0, len(places)))
+    if not places:
+        document.fault(("sample",), "needs a range of from and to, without count or step, to draw numbers from")
+    elif sample is not None:
+        with document.noting("sample"):
+            points = sample.points(len(places))
+    for shares, place in zip(points.T, places, strict=True):
+        table = document.tables[place[0]]
+        table = table[place[1]] if len(place) == 3 else table
+        key = str(place[-1])
+        value, table[key] = table[key], [valid_number(place)]  # so that a fault here causes no other
+        with document.noting():
+            table[key] = drawn_numbers(place, value, shares.tolist()) or table[key]
+    return places
+
+
+def _product(
+    document: PlanDocument,
+    tables: Mapping[str, Sequence[AxisTable]],
+    ties: Ties,
+    constraints: Mapping[str, Sequence[Constraint]],
+) -> Product | None:
+    """The recipes of valid tables; None with faults noted. Warns (PalpateWarning) of values listed twice."""
+    for axis, own in tables.items():
+        given = [place for place, _ in placed_tables(axis, document.tables.get(axis))]
+        for place, table, tied in zip(given, own, ties[axis], strict=True):
+            with document.noting(*place):
+                require_agreement(axis, table, tied)
+            for key, values in table.given().items():
+                for k in values.repeated if key not in tied else ():
+                    document.warn((*place, key, k), "is listed before, and taken once")
+    if document.faults:
+        return None
+    axes = [PlanAxis(axis, with_distinct_names(own), ties[axis]) for axis, own in tables.items()]
+    return Product(axes, constraints["exclude"], constraints["only"])
+
+
+def _require_playable(document: PlanDocument, product: Product) -> None:
+    """Note update rates and foci of recipes at which their array cannot be driven."""
+    if any(axis.listed is None for axis in product.axes[-2:]):
         return
     reported: set[tuple[float, int, str]] = set()
-    for sampling in samplings.parts():
+    for sampling, array in product.endings(2):
         described = sampling.content["described"]
-        for array in arrays.parts():
-            case = described["update_rate"], described["foci"], array.digest
-            if case in reported or not product.has({"sampling": sampling, "array": array}):
-                continue
-            reported.add(case)
-            try:
-                require_playable(sampling, array)
-            except (RenderError, DeviceError) as error:
-                document.fault(("keep",), f"drives of {sampling.content['name']} cannot be played: {error}")
+        case = described["update_rate"], described["foci"], array.digest
+        if case in reported:
+            continue
+        reported.add(case)
+        try:
+            require_playable(sampling, array)
+        except (RenderError, DeviceError) as error:
+            document.fault(("keep",), f"drives of {sampling.content['name']} cannot be played: {error}")
 
 
-def _axis_tables(document: _Document, axis: str, shelf: Shelf) -> list[AxisTable]:
-    """The tables of one axis; those with faults are left out."""
-    given = document.tables.get(axis, {})
-    if isinstance(given, list) and not given:
+def _axis_tables(document: PlanDocument, axis: str, index: SourceIndex) -> list[AxisTable]:
+    """The tables of one axis; invalid ones are left out, and their faults noted."""
+    given = document.tables.get(axis)
+    if given == []:
         document.fault((axis,), "must have at least one table, not []")
     out: list[AxisTable] = []
-    for k, table in enumerate(given if isinstance(given, list) else [given]):
-        place: Place = (axis, k) if isinstance(given, list) else (axis,)
+    for place, table in placed_tables(axis, given):
         if isinstance(table, dict) and axis in DEFAULT_SOURCES:
             table = {"source": DEFAULT_SOURCES[axis], **table}
-        model = document.validated(MODELS[axis], table, place, shelf)
-        if model is None:
-            continue
-        try:
-            require_agreement(axis, model)
-        except Fault as fault:
-            document.fault((*place, *fault.place), fault.sentence)
-        for key, values in model.given().items():
-            for k_repeated in values.repeated:
-                document.warn((*place, key, k_repeated), "is listed before, and taken once")
-        out.append(model)
-    return with_own_names(out)
+        model = document.validated(MODELS[axis], table, place, index)
+        out += [] if model is None else [model]
+    return out
 
 
-def _constraints(document: _Document, name: Literal["exclude", "only"] | str, folder: Path) -> list[Constraint]:
+def _constraints(document: PlanDocument, name: str, folder: Path) -> list[Constraint]:
     """Constraints of one kind."""
     given = document.tables.get(name, [])
     if not isinstance(given, list):
@@ -390,8 +283,6 @@ def _constraints(document: _Document, name: Literal["exclude", "only"] | str, fo
         return []
     out: list[Constraint] = []
     for k, table in enumerate(given):
-        try:
+        with document.noting(name, k):
             out.append(constraint_of(table, folder))
-        except Fault as fault:
-            document.fault((name, k, *fault.place), fault.sentence)
     return out

@@ -1,4 +1,4 @@
-"""What `--set KEY=VALUE` says, put into a plan's tables; and unknown keys, with the one that is meant."""
+"""`--set KEY=VALUE`, put into a plan's tables; and the message of an unknown key, with the key that is meant."""
 
 import re
 from collections.abc import Sequence
@@ -6,30 +6,31 @@ from typing import Any
 
 from ....datasets.bounded_file import parse_toml
 from .axes import KEYS
-from .key_lines import Place
+from .line_search import Place
 from .values import near, refuse
 
-CONSTRAINTS = ("exclude", "only")
+TABLES = (*KEYS, "sample", "exclude", "only")
+"""Keys of a plan that have tables."""
 
 
 def unknown_key(key: str, known: Sequence[str]) -> str:
-    """That a key is unknown, and which is meant or whose it is."""
+    """The message of an unknown key: the known key that is meant, or the axis that has it."""
     owners = [axis for axis, keys in KEYS.items() if key in keys]
     meant = f" (it is a key of {' and '.join(owners)})" if owners else near(key, known)
     return f"unknown key{meant}; known: {', '.join(known)}"
 
 
 def put_override(tables: dict[str, Any], override: str, plain: Sequence[str]) -> Place:
-    """Put what one `--set` says into a plan's tables; the key that it is about.
+    """Put one `--set` into a plan's tables; returns the place of its key.
 
-    plain: keys of a plan beside its axes and constraints. Raises Fault for what is no override.
+    plain: keys of a plan beside its tables. Raises PlanFault for an invalid override.
     """
     key, equals, text = override.partition("=")
     place = tuple(part.strip() for part in key.split("."))
     if not equals or not all(place):
         refuse("must be key=value, such as motion.seed=3")
-    top, known = place[0], [*plain, *KEYS, *CONSTRAINTS]
-    if top not in known or len(place) > (2 if top in KEYS else 1):
+    top, known = place[0], [*plain, *TABLES]
+    if top not in known or len(place) > (2 if top in (*KEYS, "sample") else 1):
         refuse(unknown_key(".".join(place), known))
     try:
         value = _value(text)

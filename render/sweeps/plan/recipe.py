@@ -1,10 +1,10 @@
-"""One recipe of a sweep as data: what is rendered how, the keys that its results are stored under, and its columns.
+"""One recipe of a sweep as data: its six parts, the keys under which its results are stored, and its columns.
 
 Keys are made like this, so that any program can make them again:
 
 1. Canonical JSON of each part: keys sorted, no blanks, non-ASCII as it is (UTF-8), whole numbers without a decimal
-   point; without `name`, and without `source` where `sha256` or `described` says what it is; of a sampling strategy and
-   a drive without the fields that have their default, so that one more such field changes no key.
+   point; without `name`, and without `source` if `sha256` or `described` is present; of a sampling strategy and a
+   drive without the fields that have their default, so that a new field changes no key.
 2. Its digest: SHA-256, hexadecimal.
 3. The key of a group: the first 32 digits of the SHA-256 of the line "palpate recipe 1" and, for each part that the
    group depends on, a line of the part's name, a blank and its digest; lines end in a line feed.
@@ -35,7 +35,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "keep-focal-points": SAMPLED,
     "keep-drives": DRIVEN,
 }
-"""What can be made of a recipe, and the parts of the recipe that it depends on."""
+"""Groups of results, and the parts of a recipe that each depends on."""
 _PART_OF = {
     "object": "thing",
     **dict.fromkeys(("hand", "palm"), "hand"),
@@ -44,7 +44,7 @@ _PART_OF = {
     **dict.fromkeys(("array", "drive"), "array"),
 }  # by the first word of a column; every other column is of the motion
 WHOLE_GROUPS = ("sampling", "keep-contours", "keep-focal-points", "keep-drives")
-"""Groups that are made of a recipe in one go."""
+"""Groups that are made of a whole recipe at once."""
 METRICS = ("contours", "frequency", "sampling")
 KEPT = ("contours", "focal-points", "drives")
 KEY_DIGITS = 32
@@ -53,7 +53,7 @@ CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii
 
 @dataclass(frozen=True)
 class RecipePart:
-    """One of a recipe's six parts, with what is made of it once however many recipes it is in."""
+    """One of a recipe's six parts; its text and digest are computed once for all recipes that have it."""
 
     content: dict[str, Any]
 
@@ -64,15 +64,15 @@ class RecipePart:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of its canonical JSON: what it is called left out, and where it comes from if more is known."""
+        """SHA-256 of its canonical JSON, without its name, and without its source if more is known."""
         return hashlib.sha256(canonical(_without_defaults(_unnamed(self.content))).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What is rendered how. Each part is a JSON object with every default filled in (docs/guide/sweep-plan.md).
+    """Six parts, each a JSON object with every default filled in (docs/guide/sweep-plan.md).
 
-    `source` is a built-in name or an absolute path (`path.py:function`, `package.module:function`), `name` what is
+    `source` is a built-in name or an absolute path (`path.py:function`, `package.module:function`), `name` is
     shown. Lengths in metres, times in seconds, rotations in degree.
     """
 
@@ -85,9 +85,9 @@ class Recipe:
 
     @classmethod
     def of(cls, parts: Sequence[RecipePart]) -> "Recipe":
-        """A recipe of its six parts, which may be in others too."""
+        """A recipe of six parts, which it may share with others."""
         recipe = cls(*(part.content for part in parts))
-        vars(recipe)["_parts"] = tuple(parts)  # what the cached property would make anew
+        vars(recipe)["_parts"] = tuple(parts)  # instead of new ones by the cached property
         return recipe
 
     @cached_property
@@ -100,7 +100,7 @@ class Recipe:
 
     @classmethod
     def from_json(cls, text: str) -> "Recipe":
-        """Read back what `to_json` wrote; raises PlanError for anything else."""
+        """The recipe that `to_json` wrote; raises PlanError for any other text."""
         try:
             values = json.loads(text)
         except (ValueError, RecursionError) as error:
@@ -110,13 +110,13 @@ class Recipe:
         return cls(**values)
 
     def digest(self, names: Iterable[str]) -> str:
-        """Key of some parts together, 32 hexadecimal digits: what must be the same for work to be shared."""
+        """Key of some parts together, 32 hexadecimal digits; work is shared between recipes of equal keys."""
         parts = self._parts
         lines = [f"{name} {parts[_PLACE[name]].digest}\n" for name in names]
         return hashlib.sha256(f"{FORMAT}\n{''.join(lines)}".encode()).hexdigest()[:KEY_DIGITS]
 
     def key(self, group: str) -> str:
-        """Key that a group's results are stored under, 32 hexadecimal digits; groups are those of `GROUPS`."""
+        """Key under which a group's results are stored, 32 hexadecimal digits; groups are those of `GROUPS`."""
         if group not in GROUPS:
             raise PlanError(f"unknown group {group!r}; known: {', '.join(GROUPS)}")
         return self.digest(GROUPS[group])
@@ -128,7 +128,7 @@ class Recipe:
 
     @property
     def title(self) -> str:
-        """In messages: object, hand, motion, strategy, sampling."""
+        """Object, hand, motion, strategy and sampling, for messages."""
         motion = self.motion["name"] + (f" seed {self.motion['seed']}" if self.motion.get("seed") is not None else "")
         names = [self.thing["name"], self.hand["name"], motion, self.strategy["name"], self.sampling["name"]]
         return ", ".join(names)
@@ -168,21 +168,21 @@ class Recipe:
 
 
 class SweepPlan(Protocol):
-    """What a run needs of a `Plan`."""
+    """The attributes of a `Plan` that a run uses."""
 
     @property
     def name(self) -> str:
-        """In the log."""
+        """Name for the log."""
         ...
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """What is made of each recipe."""
+        """Groups of results that are made of each recipe."""
         ...
 
     @property
     def recipe_count(self) -> int:
-        """At most so many."""
+        """Number of recipes, or an upper bound."""
         ...
 
     @property
@@ -191,7 +191,7 @@ class SweepPlan(Protocol):
         ...
 
     def recipes(self) -> Iterator[Recipe]:
-        """Each once."""
+        """Every recipe once."""
         ...
 
 
@@ -211,8 +211,8 @@ def _written(values: object) -> str | None:
 
 
 def _unnamed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Without names, and without the sources of what `sha256` or `described` tells; of a motion's alignment too."""
-    known = any(content.get(told) is not None for told in ("sha256", "described"))
+    """Without `name`, and without `source` if `sha256` or `described` is present; the same in a motion's alignment."""
+    known = any(content.get(identity) is not None for identity in ("sha256", "described"))
     out = {key: value for key, value in content.items() if key != "name" and not (known and key == "source")}
     if isinstance(out.get("alignment"), Mapping):
         out["alignment"] = _unnamed(out["alignment"])
@@ -241,7 +241,7 @@ def _without_defaults(content: dict[str, Any]) -> dict[str, Any]:
 def _changed(
     values: Mapping[str, Any], defaults: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]] | None = None
 ) -> dict[str, Any]:
-    """Fields that do not have their default; of a group that differs, its own fields that do."""
+    """Fields that do not have their default; of a group that differs, only its own such fields."""
     out = {name: value for name, value in values.items() if name not in defaults or value != defaults[name]}
     for name, group in (groups or {}).items():
         if isinstance(out.get(name), Mapping):
@@ -251,7 +251,7 @@ def _changed(
 
 @cache
 def _sampling_defaults() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """Of a sampling strategy, and of each of its groups where it is there."""
+    """Defaults of a sampling strategy, and of each of its groups that is present."""
     from ...sampling.strategy import GROUPS as KINDS
     from ...sampling.strategy import SamplingStrategy
 
@@ -260,7 +260,7 @@ def _sampling_defaults() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
 
 @cache
 def _drive_defaults(solver: str | None) -> dict[str, Any]:
-    """Of a drive, the iterations being those of its solver."""
+    """Defaults of a drive; the iterations are those of its solver."""
     from ...playback.drive import SOLVERS, DriveStrategy  # Warp
 
     defaults = asdict(DriveStrategy())
@@ -269,7 +269,7 @@ def _drive_defaults(solver: str | None) -> dict[str, Any]:
 
 
 def canonical(value: Any) -> str:
-    """JSON of which there is one for each meaning, see the module."""
+    """Canonical JSON, as the module describes it."""
     return CANONICAL.encode(_plain(value))
 
 
@@ -291,17 +291,17 @@ def groups_of(metrics: Iterable[str], per_pose: bool, keep: Iterable[str]) -> tu
 
 
 def digest_source(source: str) -> str:
-    """SHA-256 of a recipe's source on disk: of the file, or of the digests of the files that it is made of.
+    """SHA-256 of a recipe's source on disk: of the file, or of the digests of its files.
 
     source: as in a recipe, an absolute path, `path.py:function` or `package.module:function`. A .gltf counts with its
-    buffers, a .nhdr with its data; what else a Python file imports does not. Raises PlanError for a file that cannot
-    be read.
+    buffers, a .nhdr with its data; files that a Python file imports do not count.
+    Raises PlanError for a file that cannot be read.
     """
     path = Path(path_of(source))
     try:
         digests = [_digest_file(file) for file in (path, *_companions(path))]
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise PlanError(f"{path}: cannot tell which files hold its data ({error})") from error
+        raise PlanError(f"{path}: the files that hold its data are unknown ({error})") from error
     except OSError as error:
         raise PlanError(f"{error.filename or path}: cannot be read ({error.strerror or error})") from error
     return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
@@ -332,7 +332,7 @@ def _digest_file(path: Path) -> str:
 
 
 def _companions(path: Path) -> list[Path]:
-    """Files beside one that hold a part of what it says; raises ValueError where it cannot be told."""
+    """Files that hold a part of another file's data; raises ValueError if they are unknown."""
     if path.suffix.lower() == ".gltf":
         buffers = read_json(path)["buffers"]
         names = [buffer.get("uri", "data:") for buffer in buffers]

@@ -1,4 +1,4 @@
-"""What the `source` of an axis names: something built in, files, or functions; found, judged and hashed once.
+"""The sources of axes: built in, files, or functions; found, validated and hashed once.
 
 | axis | built in | files | kinds |
 |---|---|---|---|
@@ -8,16 +8,15 @@
 | strategy, sampling | presets | JSON | preset, file |
 | array | device/array | JSON of several and where they stand | built-in, file |
 
-What only some sources need is imported where they are read: the parts of a finished sweep are to be known at once.
+Modules that only some sources need are imported where these are read, so that a finished sweep is recognised at once.
 """
 
-import difflib
 import glob
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar, cast
+from typing import Any, cast
 
 from pydantic import ValidationInfo
 
@@ -38,7 +37,7 @@ from ...strategies.user_stage_sources import require_unedited, stage_sources
 from ...trust.permission import UNNAMED, AllowCode, Code, Namer
 from ...validation import value_text
 from .recipe import digest_source
-from .values import Fault, Values, refuse
+from .values import Values, checked_items, near, refuse, unique
 
 HANDS = ("palm", "planes", "skin")
 MOTIONS = ("exploration", "random")
@@ -46,48 +45,34 @@ MOTION_SUFFIXES = (".csv", ".h5", ".hdf5", ".json", ".npz")
 JOKERS = "*?["
 
 
-class WithSource(Protocol):
-    """A table of an axis."""
-
-    source: Values
-
-    def model_copy(self, *, update: dict[str, Any]) -> Self:
-        """The same with other fields."""
-        ...
-
-
-T = TypeVar("T", bound=WithSource)
-
-
 @dataclass(frozen=True)
-class Source:
-    """Something that an axis can have as its `source`."""
+class PlanSource:
+    """One value of an axis's `source`."""
 
     kind: str
     source: str
     """Built-in name, absolute path, or name of a function."""
     name: str
     """Shown."""
-    place: str = ""
-    """Path as the plan has it, for where names are alike."""
+    written: str = ""
+    """Path as the plan has it, shown where names are alike."""
     sha256: str | None = None
     loaded: Any = field(default=None, compare=False)
-    """What was read of it: JSON of a strategy (in a draft without digests of stages), of a sampling strategy or of
-    arrays; a function's name."""
+    """JSON of a strategy (in a draft without digests of stages), of a sampling strategy or of arrays; or a function's
+    name."""
 
 
 @dataclass
-class Shelf:
-    """Where a plan's sources are: its folder, and digests of files, each read once for all plans together."""
+class SourceIndex:
+    """Finds a plan's sources; reads each file once for all plans together, and collects the code that they name."""
 
     folder: Path
     digests: dict[str, str] = field(default_factory=dict)
     namer: Namer = UNNAMED
-    """The plan."""
+    """Names the plan as the one that names code."""
     allow_code: AllowCode | None = None
-    """Whether code that is named may be run; None: a draft is made, for which none is."""
+    """Whether code may be run; None for a draft, which runs none."""
     code: list[Code] = field(default_factory=list)
-    """All that was named."""
 
     def digest(self, source: str) -> str:
         """SHA-256, see `digest_source`."""
@@ -96,109 +81,104 @@ class Shelf:
         return self.digests[source]
 
     def file(self, text: str) -> Path:
-        """Absolute path of what a plan calls a file, not resolved through links."""
+        """Absolute path of a path in the plan; links are not resolved."""
         return Path(text) if Path(text).is_absolute() else self.folder / text
 
 
-def shelf_of(info: ValidationInfo) -> Shelf:
-    """The context that models are validated in."""
-    return cast(Shelf, info.context)
-
-
 def sources_of(axis: str) -> Callable[[object, ValidationInfo], Values]:
-    """What reads an axis's `source`; the validation's context is the plan's `Shelf`."""
+    """The reader of an axis's `source`; the validation's context is the plan's `SourceIndex`."""
+    return _reader(lambda item, index: _found(axis, item, index), lambda source: source.source)
+
+
+def _reader(
+    find: Callable[[object, SourceIndex], Sequence[Any]], identity: Callable[[Any], str]
+) -> Callable[[object, ValidationInfo], Values]:
+    """Reads a value or a list of them, each of which may stand for several."""
 
     def read(value: object, info: ValidationInfo) -> Values:
-        items = value if isinstance(value, list) else [value]
-        if not items:
+        index = cast(SourceIndex, info.context)
+        if value == []:
             refuse("must have at least one value, not []")
-        kept: dict[str, Source] = {}
+        is_list = isinstance(value, list)
+        found = checked_items(lambda item: find(item, index), value) if is_list else [find(value, index)]
+        known: set[str] = set()
         repeated: list[int] = []
-        for k, item in enumerate(items):
-            found = _found(axis, item, shelf_of(info), (k,) if isinstance(value, list) else ())
-            if all(source.source in kept for source in found):
-                repeated.append(k)
-            kept |= {source.source: source for source in found if source.source not in kept}
-        return Values(tuple(kept.values()), tuple(repeated))
+        for k, some in enumerate(found):
+            own = {identity(one) for one in some}
+            repeated += [k] if own <= known else []
+            known |= own
+        listed = [one for some in found for one in some]
+        return replace(unique(listed, [identity(one) for one in listed]), repeated=tuple(repeated))
 
     return read
 
 
-def alignments(value: object, info: ValidationInfo) -> Values:
-    """What reads a recording's `alignment`: JSON files."""
-    shelf = shelf_of(info)
-    items = value if isinstance(value, list) else [value]
-    if not items:
-        refuse("must have at least one value, not []")
-    out: dict[str, dict[str, str]] = {}
-    for k, item in enumerate(items):
-        place = (k,) if isinstance(value, list) else ()
-        if not isinstance(item, str):
-            refuse(f"must be the path of a JSON file, not {value_text(item)}", place)
-        path = shelf.file(item)
-        _refuse_bytes(str(path), place)
-        try:
-            alignment_pose(path)
-            out[str(path)] = {"source": str(path), "name": path.name, "sha256": shelf.digest(str(path))}
-        except (DatasetError, RenderError) as error:
-            refuse(str(error), place)
-    return Values(tuple(out.values()))
-
-
-def _found(axis: str, item: object, shelf: Shelf, place: tuple[int, ...]) -> list[Source]:
-    """What one entry of `source` names: one source, or all files of a pattern."""
-    if not isinstance(item, str) or not item:
-        refuse(f"must be a name, a path or a pattern of paths, not {value_text(item)}", place)
-    texts = [item]
-    if any(joker in item for joker in JOKERS) and not shelf.file(item).is_file():
-        texts = sorted(glob.glob(item, root_dir=shelf.folder, recursive=True))
-        texts = [text for text in texts if shelf.file(text).is_file()]
-        if not texts:
-            refuse(f"no file matches {item!r} in {shelf.folder}", place)
-    for text in texts:
-        _refuse_bytes(str(shelf.file(text)), place)
+def _alignment(item: object, index: SourceIndex) -> list[dict[str, str]]:
+    if not isinstance(item, str):
+        refuse(f"must be the path of a JSON file, not {value_text(item)}")
+    path = index.file(item)
+    _require_utf8(str(path))
     try:
-        return [FINDERS[axis](text, shelf) for text in texts]
-    except Fault as fault:
-        refuse(fault.sentence, place)
+        alignment_pose(path)
+        return [{"source": str(path), "name": path.name, "sha256": index.digest(str(path))}]
+    except (DatasetError, RenderError) as error:
+        refuse(str(error))
+
+
+alignments = _reader(_alignment, lambda found: found["source"])
+"""The reader of a recording's `alignment`: JSON files."""
+
+
+def _found(axis: str, item: object, index: SourceIndex) -> list[PlanSource]:
+    """One source by its name or path, or all files of a pattern."""
+    if not isinstance(item, str) or not item:
+        refuse(f"must be a name, a path or a pattern of paths, not {value_text(item)}")
+    texts = [item]
+    if any(joker in item for joker in JOKERS) and not index.file(item).is_file():
+        texts = sorted(glob.glob(item, root_dir=index.folder, recursive=True))
+        texts = [text for text in texts if index.file(text).is_file()]
+        if not texts:
+            refuse(f"no file matches {item!r} in {index.folder}")
+    for text in texts:
+        _require_utf8(str(index.file(text)))
+    try:
+        return [FINDERS[axis](text, index) for text in texts]
     except (RenderError, DatasetError, DeviceError) as error:
-        refuse(str(error), place)
+        refuse(str(error))
 
 
-def _refuse_bytes(path: str, place: tuple[int, ...]) -> None:
-    """Refuse a path that is no text: it could not be told in results."""
+def _require_utf8(path: str) -> None:
+    """Refuse a path that is not UTF-8, because results could not name it."""
     try:
         path.encode()
     except UnicodeEncodeError:
         shown = os.fsencode(path).decode("utf-8", "backslashreplace")
-        refuse(f"must be UTF-8, which the path {shown} is not: rename it", place)
+        refuse(f"must be UTF-8, which the path {shown} is not: rename it")
 
 
-def _file(text: str, shelf: Shelf, known: Sequence[str], what: str, kind: str) -> Source:
-    """A file, or the fault that there is none and nothing built in either."""
-    path = shelf.file(text)
+def _file(text: str, index: SourceIndex, known: Sequence[str], what: str, kind: str) -> PlanSource:
+    """A file; refused if there is none, since nothing built in has this name either."""
+    path = index.file(text)
     if not path.is_file():
-        close = difflib.get_close_matches(text.lower(), known, 1, 0.6)
-        meant = f" (did you mean {close[0]!r}?)" if close else ""
-        refuse(f"{text!r} is no {what} ({', '.join(known)}) and no file in {shelf.folder}{meant}")
-    return Source(kind, str(path), path.name, text, shelf.digest(str(path)))
+        refuse(f"{text!r} is no {what} ({', '.join(known)}) and no file in {index.folder}{near(text, known)}")
+    return PlanSource(kind, str(path), path.name, text, index.digest(str(path)))
 
 
-def _object(text: str, shelf: Shelf) -> Source:
+def _object(text: str, index: SourceIndex) -> PlanSource:
     names = shape_names()
     if text in names:
-        return Source("built-in", text, text)
-    if ":" in text and not shelf.file(text).is_file():
+        return PlanSource("built-in", text, text)
+    if ":" in text and not index.file(text).is_file():
         from ...objects.functions.user_function import find_function_code, load_function
 
         where, _, function = text.rpartition(":")
-        full = f"{shelf.file(where)}:{function}" if where.endswith(".py") else text
-        shelf.code.append(find_function_code(full, shelf.namer).code)
-        if shelf.allow_code is not None:
-            load_function(full, allow_code=shelf.allow_code, namer=shelf.namer)
-        return Source("function", full, function, text, shelf.digest(full), function)
+        full = f"{index.file(where)}:{function}" if where.endswith(".py") else text
+        index.code.append(find_function_code(full, index.namer).code)
+        if index.allow_code is not None:
+            load_function(full, allow_code=index.allow_code, namer=index.namer)
+        return PlanSource("function", full, function, text, index.digest(full), function)
     kind = "volume" if is_volume(text) else "expression" if text.endswith(".json") else "mesh"
-    source = _file(text, shelf, names, "built-in object", kind)
+    source = _file(text, index, names, "built-in object", kind)
     if kind == "expression":
         from ...objects.functions.expression_json import load_expression
 
@@ -206,16 +186,16 @@ def _object(text: str, shelf: Shelf) -> Source:
     return source
 
 
-def _hand(text: str, shelf: Shelf) -> Source:
+def _hand(text: str, index: SourceIndex) -> PlanSource:
     if text in HANDS:
-        return Source(text, text, text)
-    return _file(text, shelf, HANDS, "hand", "file")
+        return PlanSource(text, text, text)
+    return _file(text, index, HANDS, "hand", "file")
 
 
-def _motion(text: str, shelf: Shelf) -> Source:
+def _motion(text: str, index: SourceIndex) -> PlanSource:
     if text in MOTIONS:
-        return Source(text, text, text)
-    source = _file(text, shelf, MOTIONS, "motion", "poses")
+        return PlanSource(text, text, text)
+    source = _file(text, index, MOTIONS, "motion", "poses")
     if Path(text).suffix.lower() not in MOTION_SUFFIXES:
         refuse(f"{text!r}: a motion is one of {', '.join(MOTION_SUFFIXES)}, or of {', '.join(MOTIONS)}")
     from ...intersection.named_inputs import is_recording
@@ -223,40 +203,40 @@ def _motion(text: str, shelf: Shelf) -> Source:
     return replace(source, kind="recording") if is_recording(source.source) else source
 
 
-def _strategy(text: str, shelf: Shelf) -> Source:
+def _strategy(text: str, index: SourceIndex) -> PlanSource:
     if text.lower() in PRESETS:
-        source = Source("preset", text.lower(), text.lower())
+        source = PlanSource("preset", text.lower(), text.lower())
     else:
-        source = _file(text, shelf, tuple(PRESETS), "strategy", "file")
+        source = _file(text, index, tuple(PRESETS), "strategy", "file")
         draft, code = draft_strategy(source.source)
-        shelf.code += code
-        if code and shelf.allow_code is None:
+        index.code += code
+        if code and index.allow_code is None:
             return replace(source, loaded=draft)
     return replace(
-        source, loaded=described_strategy(load_strategy(source.source, allow_code=shelf.allow_code or False))
+        source, loaded=described_strategy(load_strategy(source.source, allow_code=index.allow_code or False))
     )
 
 
-def _sampling(text: str, shelf: Shelf) -> Source:
+def _sampling(text: str, index: SourceIndex) -> PlanSource:
     if text.lower() in SAMPLING_PRESETS:
-        source = Source("preset", text.lower(), text.lower())
+        source = PlanSource("preset", text.lower(), text.lower())
     else:
-        source = _file(text, shelf, tuple(SAMPLING_PRESETS), "sampling", "file")
+        source = _file(text, index, tuple(SAMPLING_PRESETS), "sampling", "file")
     return replace(source, loaded=described_sampling(load_sampling(source.source)))
 
 
-def _array(text: str, shelf: Shelf) -> Source:
+def _array(text: str, index: SourceIndex) -> PlanSource:
     try:
         name = canonical_name(text)
-        source = Source("built-in", name, name)
+        source = PlanSource("built-in", name, name)
     except UnknownArrayError:
-        source = _file(text, shelf, array_names(), "array", "file")
+        source = _file(text, index, array_names(), "array", "file")
     models = [entry.model for entry in load_rig(source.source)]  # arrays alike may differ in where they can focus
     identity = "+".join(model.identity() for model in models)
     return replace(source, loaded={"arrays": [model.name for model in models], "identity": identity})
 
 
-FINDERS: dict[str, Callable[[str, Shelf], Source]] = {
+FINDERS: dict[str, Callable[[str, SourceIndex], PlanSource]] = {
     "object": _object,
     "hand": _hand,
     "motion": _motion,
@@ -267,9 +247,9 @@ FINDERS: dict[str, Callable[[str, Shelf], Source]] = {
 
 
 def described_strategy(strategy: IntersectionStrategy) -> dict[str, Any]:
-    """JSON of a strategy of which there is one for each meaning: options that are the default are left out.
+    """Canonical JSON of a strategy: options that have their default are left out, user-defined stages have digests.
 
-    A user's own stages are told by digests of their source; StrategyError if that has changed since it was imported.
+    Raises StrategyError if the source of a user-defined stage has changed since it was imported.
     """
     require_unedited(strategy)
     stages = {role: tuple(_shortest(role, stage) for stage in listed) for role, listed in strategy.stages().items()}
@@ -296,17 +276,4 @@ def _as_default(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, A
             out[name] = _as_default(value, defaults[name])
         else:
             out[name] = float(value) if isinstance(defaults[name], float) and isinstance(value, int) else value
-    return out
-
-
-def with_own_names(tables: Sequence[T]) -> list[T]:
-    """Tables of an axis in which sources that would be shown alike are shown with their paths."""
-    paths: dict[str, set[str]] = {}
-    for table in tables:
-        for source in table.source:
-            paths.setdefault(source.name, set()).add(source.source)
-    out: list[T] = []
-    for table in tables:
-        named = [replace(s, name=s.place) if len(paths[s.name]) > 1 and s.place else s for s in table.source]
-        out.append(table.model_copy(update={"source": replace(table.source, items=tuple(named))}))
     return out

@@ -1,4 +1,4 @@
-"""Values as a plan has them: one, a list, a range or seeds, each checked; units in texts told, duplicates dropped.
+"""Values of a plan's keys: one value, a list, a range or seeds, each checked; a value listed twice is used once.
 
 | a key's value | stands for |
 |---|---|
@@ -8,7 +8,7 @@
 | `{ from = 5.0, to = 9.0, step = 0.5 }` | from, from + step, ... up to `to` |
 | `{ first = 1, count = 20 }` | whole numbers one after the other |
 
-Ranges are worked out in fractions of the decimals as written, so that 0.1 in a range is 0.1 in a list; those with `log`
+Ranges are computed in fractions of the decimals as written, so that 0.1 in a range is 0.1 in a list; those with `log`
 are rounded to 12 digits.
 """
 
@@ -16,12 +16,13 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, NoReturn, overload
+from typing import Any, NoReturn
 
 from ...validation import value_text
-from .key_lines import Place
+from .line_search import Place
 
 QUANTITY = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s\d].*?)\s*")
 UNITS = {  # what a text with a unit is in SI
@@ -33,11 +34,15 @@ UNITS = {  # what a text with a unit is in SI
 }
 LOG_DIGITS = 12
 LINEAR, STEPPED, SEEDS = {"from", "to", "count"}, {"from", "to", "step"}, {"first", "count"}
-COUNT_MOST = 2**63 - 1
+DRAWN = {"from", "to"}
+"""Keys of a range that [sample] draws numbers from."""
+SEED_COUNT_MOST = 2**63 - 1
+COUNT_MOST = 10**6
+"""Of a range, which is kept as a list; seeds are not."""
 
 
-class Fault(ValueError):
-    """What is wrong with a value, and where within it; pydantic hands it on."""
+class PlanFault(ValueError):
+    """A value that is refused: the reason, and its place within the value; passes through pydantic."""
 
     def __init__(self, sentence: str, place: Place = ()) -> None:
         super().__init__(sentence)
@@ -45,8 +50,17 @@ class Fault(ValueError):
 
 
 def refuse(sentence: str, place: Place = ()) -> NoReturn:
-    """Raise a fault."""
-    raise Fault(sentence, place)
+    """Raise PlanFault."""
+    raise PlanFault(sentence, place)
+
+
+@contextmanager
+def within(*place: str | int) -> Iterator[None]:
+    """Put the place of an item before the place of every PlanFault that is raised in it."""
+    try:
+        yield
+    except PlanFault as fault:
+        refuse(fault.sentence, (*place, *fault.place))
 
 
 def near(name: object, known: Collection[str]) -> str:
@@ -57,22 +71,24 @@ def near(name: object, known: Collection[str]) -> str:
 
 @dataclass(frozen=True)
 class Values:
-    """What a key stands for, each value once."""
+    """The values that a key stands for."""
 
+    listed: Sequence[Any]
+    """As listed, repeated ones too; seeds are a `range` of any length."""
     items: Sequence[Any]
-    """A range is not spelt out: it may be of any length."""
+    """Each value once."""
     repeated: tuple[int, ...] = ()
-    """Places in a list of those that were there before."""
+    """Indices, in the plan's list, of values that stand earlier in it."""
 
     def __len__(self) -> int:
         return len(self.items)
 
     def __iter__(self) -> Iterator[Any]:
-        return (self.items[k] for k in range(len(self.items)))
+        return iter(self.items)
 
 
 @dataclass(frozen=True)
-class Number:
+class NumberCheck:
     """Checks a number; whole ones may be written as floats (1e6)."""
 
     low: float
@@ -100,7 +116,7 @@ class Number:
         return int(value)
 
     def _of_text(self, text: str) -> str:
-        """What is wrong with a number in quotes, its unit understood where it can be."""
+        """The fault of a number in quotes, with the value to write if its unit is known."""
         sentence = f"must be a number in {self.span}, without quotes, not {text!r}"
         found = QUANTITY.fullmatch(text)
         if not found:
@@ -113,42 +129,42 @@ class Number:
             return sentence
 
     def _smaller_unit(self, value: float) -> str:
-        """What the number would be if it were in millimetres."""
+        """The number in metres, if it is one in millimetres."""
         if self.unit == "m" and 1000 * self.low <= abs(value) <= 1000 * self.high:
             return f": lengths are in metres, {value:g} mm are {value / 1000:g}"
         return ""
 
 
 @dataclass(frozen=True)
-class Vector:
+class VectorCheck:
     """Checks a list of so many numbers."""
 
     size: int
-    number: Number
+    number: NumberCheck
 
     def __call__(self, value: object) -> list[float]:
         """The numbers."""
         if not isinstance(value, list) or len(value) != self.size:
             refuse(f"must be a list of {self.size} numbers in {self.number.span}, not {value_text(value)}")
-        return [_at(k, self.number, item) for k, item in enumerate(value)]
+        return checked_items(self.number, value)
 
 
 @dataclass(frozen=True)
-class Labels:
+class LabelCheck:
     """Checks the labels of a segmented volume that are solid: a number, or several."""
 
-    number: Number
+    number: NumberCheck
 
     def __call__(self, value: object) -> list[int]:
         """The labels in order, each once."""
         items = value if isinstance(value, list) else [value]
         if not items:
             refuse("must be at least one label, not []")
-        return sorted({int(_at(k, self.number, item)) for k, item in enumerate(items)})
+        return sorted({int(label) for label in checked_items(self.number, items)})
 
 
 @dataclass(frozen=True)
-class Choice:
+class ChoiceCheck:
     """Checks a name."""
 
     known: tuple[str, ...]
@@ -161,7 +177,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Text:
+class TextCheck:
     """Checks a text."""
 
     def __call__(self, value: object) -> str:
@@ -171,174 +187,147 @@ class Text:
         return value
 
 
-Check = Number | Vector | Labels | Choice | Text
+Check = NumberCheck | VectorCheck | LabelCheck | ChoiceCheck | TextCheck
 
 
 def swept(check: Check) -> Callable[[object], Values]:
-    """What reads a key's value, or its list, range or seeds; raises faults with the place within the value."""
+    """The reader of a key's value, list, range or seeds; it raises PlanFault with the place within the value."""
 
     def read(value: object) -> Values:
         if isinstance(value, dict):
-            if not isinstance(check, Number):
+            if not isinstance(check, NumberCheck):
                 refuse(f"cannot be a range, {value_text(value)}: it is no number")
-            return Values(_ranged(value, check))
-        several = isinstance(value, list)
-        if isinstance(check, Vector | Labels):
-            several = isinstance(value, list) and any(isinstance(item, list) for item in value)
-        return listed(value if several and isinstance(value, list) else [value], check, indexed=several or value == [])
+            numbers = _ranged(value, check)
+            return Values(numbers, numbers)
+        is_list = isinstance(value, list)
+        if isinstance(check, VectorCheck | LabelCheck):  # of which one value may be a list
+            is_list = isinstance(value, list) and (not value or any(isinstance(item, list) for item in value))
+        if is_list and value in ([], [[]]):
+            refuse("must have at least one value, not []")
+        listed = checked_items(check, value) if is_list and isinstance(value, list) else [check(value)]
+        return unique(listed, [repr(item) for item in listed])
 
     return read
 
 
-def listed(items: list[Any], check: Callable[[Any], Any], *, indexed: bool = True) -> Values:
-    """Values of a list, each once."""
-    if not items or (indexed and items == [[]]):
-        refuse("must have at least one value, not []")
-    kept: list[Any] = []
-    repeated: list[int] = []
-    seen: set[str] = set()
+def unique(listed: Sequence[Any], identities: Sequence[str]) -> Values:
+    """Values of a list, those of one identity once."""
+    first: dict[str, int] = {}
+    for k, identity in enumerate(identities):
+        first.setdefault(identity, k)
+    repeated = tuple(k for k, identity in enumerate(identities) if first[identity] != k)
+    return Values(tuple(listed), tuple(listed[k] for k in first.values()), repeated)
+
+
+def checked_items(check: Callable[[Any], Any], items: Sequence[object]) -> list[Any]:
+    """The items of a list, each checked."""
+    out: list[Any] = []
     for k, item in enumerate(items):
-        value = _at(k, check, item) if indexed else check(item)
-        known = repr(value)
-        repeated.append(k) if known in seen else kept.append(value)
-        seen.add(known)
-    return Values(tuple(kept), tuple(repeated))
+        with within(k):
+            out.append(check(item))
+    return out
 
 
-def _at(k: int, check: Callable[[Any], Any], item: object) -> Any:
-    """A checked item of a list; its faults tell which it is."""
-    try:
-        return check(item)
-    except Fault as fault:
-        refuse(fault.sentence, (k, *fault.place))
-
-
-def _ranged(value: dict[str, Any], check: Number) -> Sequence[float]:
-    """The numbers of a range, not spelt out."""
-    keys = set(value) - {"log"}
-    for key in keys - (LINEAR | STEPPED | SEEDS):
-        refuse(f"unknown key {key!r} of a range; known: from, to, count, step, log, first", (key,))
-    if keys not in (LINEAR, STEPPED, SEEDS):
-        refuse(f"a range is from, to and count, or from, to and step, or first and count, not {value_text(value)}")
-    if keys == SEEDS:
-        return _consecutive(value, check)
-    first, last = (_at_key(end, check, value[end]) for end in ("from", "to"))
+def range_ends(value: dict[str, Any], check: NumberCheck) -> tuple[float, float, bool]:
+    """`from`, `to` and `log` of a range."""
+    ends: list[float] = []
+    for key in ("from", "to"):
+        with within(key):
+            ends.append(check(value[key]))
+    first, last = ends
     if first > last:
         refuse(f"must be at most `to`, {last:g}, not {first:g}", ("from",))
     log = value.get("log", False)
     if not isinstance(log, bool) or (log and "step" in value):
         refuse(f"must be true or false, and goes with from, to and count, not {value_text(log)}", ("log",))
+    if log and first <= 0:
+        refuse(f"must be above 0 for log, not {first:g}", ("from",))
+    return first, last, log
+
+
+def _ranged(value: dict[str, Any], check: NumberCheck) -> Sequence[float]:
+    """The numbers of a range."""
+    keys = set(value) - {"log"}
+    for key in keys - (LINEAR | STEPPED | SEEDS):
+        refuse(f"unknown key {key!r} of a range; known: from, to, count, step, log, first", (key,))
+    if keys == SEEDS:
+        return _consecutive(value, check)
+    if keys not in (LINEAR, STEPPED):
+        drawn = "; from and to alone need a table [sample]" if keys == DRAWN else ""
+        refuse(
+            f"a range is from, to and count, or from, to and step, or first and count, not {value_text(value)}{drawn}"
+        )
+    first, last, log = range_ends(value, check)
     if "step" in value:
         return _stepped(value["step"], first, last, check)
-    count = int(_at_key("count", Number(1, COUNT_MOST, whole=True), value["count"]))
+    count = _count(value, SEED_COUNT_MOST if check.whole and not log else COUNT_MOST)
     if (count == 1) != (first == last):
         refuse(f"count must be {'1' if first == last else '2 or more'} from {first:g} to {last:g}, not {count}")
     if log:
-        if first <= 0:
-            refuse(f"must be above 0 for log, not {first:g}", ("from",))
-        return _tried(Logarithmic(first, last, count), check)
+        inner = [logarithmic(first, last, k / (count - 1)) for k in range(1, count - 1)]
+        return _different([first, *inner, last][:count], check)
     return _spaced(first, (fraction(last) - fraction(first)) / max(count - 1, 1), count, check)
 
 
-def _at_key(key: str, check: Callable[[Any], Any], item: object) -> Any:
-    try:
-        return check(item)
-    except Fault as fault:
-        refuse(fault.sentence, (key,))
+def _count(value: dict[str, Any], most: int) -> int:
+    with within("count"):
+        return int(NumberCheck(1, most, whole=True)(value["count"]))
 
 
-def _consecutive(value: dict[str, Any], check: Number) -> range:
+def _consecutive(value: dict[str, Any], check: NumberCheck) -> range:
     """Seeds."""
     if not check.whole:
         refuse(f"first and count are of whole numbers; here from, to and count, or step, not {value_text(value)}")
     if "log" in value:
         refuse("goes with from, to and count", ("log",))
-    first = int(_at_key("first", check, value["first"]))
-    count = int(_at_key("count", Number(1, COUNT_MOST, whole=True), value["count"]))
+    with within("first"):
+        first = int(check(value["first"]))
+    count = _count(value, SEED_COUNT_MOST)
     if first + count - 1 > check.high:
         refuse(f"must be at most {check.high:g} with first, not {first + count - 1}", ("count",))
     return range(first, first + count)
 
 
-def _stepped(value: object, first: float, last: float, check: Number) -> Sequence[float]:
-    span = fraction(last) - fraction(first)
-    step = fraction(_at_key("step", Number(0, 1e300, check.unit), value))
-    if step == 0:
-        refuse(f"must be above 0, not {value_text(value)}", ("step",))
-    count = span // step + 1  # a whole number of any size
-    if count > COUNT_MOST:
-        refuse(f"must be larger: more than {COUNT_MOST:g} numbers are {value_text(value)} apart", ("step",))
+def _stepped(value: object, first: float, last: float, check: NumberCheck) -> Sequence[float]:
+    with within("step"):
+        step = fraction(NumberCheck(0, 1e300, check.unit)(value))
+        if step == 0:
+            refuse(f"must be above 0, not {value_text(value)}")
+        count = (fraction(last) - fraction(first)) // step + 1  # a whole number of any size
+        if count > (most := SEED_COUNT_MOST if check.whole else COUNT_MOST):
+            refuse(f"must be larger: more than {most:g} numbers are {value_text(value)} apart")
     return _spaced(first, step, count, check)
 
 
-def _spaced(first: float, step: Fraction, count: int, check: Number) -> Sequence[float]:
+def _spaced(first: float, step: Fraction, count: int, check: NumberCheck) -> Sequence[float]:
     """Evenly spaced numbers; whole ones must come out whole."""
     if check.whole:
         if step.denominator != 1:
             refuse(f"{count} whole numbers from {first:g} on cannot be {float(step):g} apart")
         return range(int(first), int(first) + count * int(step) if step else int(first) + 1, max(int(step), 1))
-    return _tried(Spaced(fraction(first), step, count), check)
+    start, common = fraction(first), fraction(first).denominator * step.denominator
+    begin, stride = int(start * common), int(step * common)
+    return _different([(begin + k * stride) / common for k in range(count)], check)  # int / int is rounded once
 
 
-def _tried(numbers: "Spaced | Logarithmic", check: Number) -> Sequence[float]:
-    """A range whose numbers are all different."""
-    count = len(numbers)
-    if count > 1 and (numbers[0] == numbers[1] or numbers[count - 2] == numbers[count - 1]):
-        refuse(f"count must be lower: {count} numbers from {numbers[0]:g} to {numbers[-1]:g} are not all different")
-    return tuple(int(check(number)) for number in numbers) if check.whole else numbers
+def _different(numbers: list[float], check: NumberCheck) -> Sequence[float]:
+    """The numbers of a range, refused if two are the same."""
+    if len(set(numbers)) < len(numbers):
+        first, last = numbers[0], numbers[-1]
+        refuse(f"count must be lower: {len(numbers)} numbers from {first:g} to {last:g} are not all different")
+    return tuple(int(check(number)) for number in numbers) if check.whole else tuple(numbers)
 
 
 def fraction(number: float) -> Fraction:
-    """A number as its shortest decimal says."""
+    """The value of a number's shortest decimal."""
     return Fraction(repr(number))
 
 
-class Lazy(Sequence[float]):
-    """Numbers, each worked out when it is asked for: a range of a thousand million takes no room."""
-
-    length: int
-
-    def at(self, place: int) -> float:
-        """The number at a place from 0."""
-        raise NotImplementedError
-
-    def __len__(self) -> int:
-        return self.length
-
-    @overload
-    def __getitem__(self, index: int) -> float: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[float]: ...
-    def __getitem__(self, index: int | slice) -> float | Sequence[float]:
-        places = range(self.length)[index]
-        return self.at(places) if isinstance(places, int) else tuple(self.at(place) for place in places)
+def logarithmic(first: float, last: float, share: float) -> float:
+    """A number between two by equal factors, rounded to LOG_DIGITS digits; share: 0 for `first`, 1 for `last`."""
+    return rounded(math.exp(math.log(first) * (1 - share) + math.log(last) * share))
 
 
-@dataclass(frozen=True)
-class Spaced(Lazy):
-    """Evenly spaced numbers."""
-
-    first: Fraction
-    step: Fraction
-    length: int
-
-    def at(self, place: int) -> float:
-        """Rounded once."""
-        return float(self.first + place * self.step)
-
-
-@dataclass(frozen=True)
-class Logarithmic(Lazy):
-    """Numbers by equal factors."""
-
-    first: float
-    last: float
-    length: int
-
-    def at(self, place: int) -> float:
-        """Both ends as they were given, the others to LOG_DIGITS digits."""
-        if place in (0, self.length - 1):
-            return (self.first, self.last)[place > 0]
-        share = place / (self.length - 1)
-        exact = math.exp(math.log(self.first) * (1 - share) + math.log(self.last) * share)
-        return float(f"{exact:.{LOG_DIGITS}g}")
+def rounded(number: float) -> float:
+    """A number of LOG_DIGITS digits."""
+    return float(f"{number:.{LOG_DIGITS}g}")

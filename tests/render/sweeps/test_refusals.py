@@ -115,7 +115,7 @@ def test_tables_and_schedulers_that_cannot_be(path, tmp_path):
 def test_what_the_shell_took_apart_is_told_to_need_quotes(path):
     # --set motion.seed={first=1,count=5}, as bash gives it
     apart = ["--set", "motion.seed=first=1", "motion.seed=count=5"]
-    refused(MISUSED, "of --set it needs quotes", "sweep", path, *apart)
+    refused(MISUSED, "a --set with braces or blanks needs quotes", "sweep", path, *apart)
     result = run("sweep", path, "none=such.toml")
     assert "quotes" not in result.stderr
 

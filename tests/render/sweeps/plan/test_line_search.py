@@ -1,12 +1,13 @@
 """Lines of keys in TOML texts: every table, key and array element where it stands, whatever strings look like."""
 
+import time
 import tomllib
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.render.sweeps.plan.key_lines import key_lines, line_of
+from palpate.render.sweeps.plan.line_search import line_of
 
 TEXT = '''metrics = [
   "contours",   # ] not the end
@@ -52,27 +53,52 @@ k = true
         (("exclude", 0, "strategy.source"), 16),
         (("exclude", 0, "a", "b"), 17),
         (("exclude", 1), 18),
-        (("exclude", 1, "at", 0, 2), 20),
+        (("exclude", 1, "at", 0, 2), 19),  # an element within an element has the line of the outer one
         (("exclude", 1, "at", 1), 21),
         (("exclude", 1, "sub", "k"), 23),
         (("exclude", 1, "tables", 1, "deep"), 26),
     ],
 )
-def test_every_thing_is_found_on_its_line(place, line):
-    assert key_lines(TEXT)[place] == line
+def test_every_place_is_found_on_its_line(place, line):
+    assert line_of(TEXT, place) == line
+    assert line_of(TEXT.replace("\n", "\r\n"), place) == line
 
 
-def test_what_strings_and_comments_hold_is_nothing():
-    assert ("x",) not in key_lines(TEXT)
-    assert ("hand",) not in key_lines(TEXT)
-    assert key_lines("# [object]\n\r\n") == {}
+def test_text_within_strings_and_comments_is_no_key():
+    assert line_of(TEXT, ("x",)) is None
+    assert line_of(TEXT, ("hand",)) is None
+    assert line_of("# [object]\n\r\n", ("object",)) is None
+    assert line_of("", ("object",)) is None
 
 
-def test_what_is_not_there_has_the_line_of_what_is_around_it():
-    lines = key_lines(TEXT)
-    assert line_of(lines, ("object", "at", 3)) == 12
-    assert line_of(lines, ("exclude", 1, "nothing")) == 18
-    assert line_of(lines, ("hand", "palm")) is None
+def test_a_missing_key_has_the_line_of_its_table():
+    assert line_of(TEXT, ("object", "at", 3)) == 12
+    assert line_of(TEXT, ("exclude", 1, "nothing")) == 18
+    assert line_of(TEXT, ("hand", "palm")) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('a = [\n1,\n# c\n\n2,\n"t"]\nx = 2', 5),
+        ("a = [1,\n2]", 2),
+        ("a = [1, # ]\n\n[2, 3],\n]", 3),
+        ('a = [1, """\n""", 2,\n3]', 1),  # the string hides where the second element begins
+        ("a = [1\n, 2]", 1),  # so does a comma that begins a line
+        ("a = [[1,\n2],\n[3]]", 3),
+    ],
+)
+def test_an_element_has_its_own_line_unless_that_is_in_doubt(text, line):
+    assert line_of(text, ("a", 1)) == line
+
+
+def test_a_long_array_takes_no_long_time():
+    text = "a = [\n" + "[1, 2],\n" * 20_000 + "]\nb = 3\n"
+    began = time.perf_counter()
+    assert line_of(text, ("b",)) == 20_003
+    assert line_of(text, ("a", 19_999)) == 20_001
+    assert line_of('a = """\n' + "b = [\n" * 20_000 + '"""\nb = 3\n', ("b",)) is None  # in doubt
+    assert time.perf_counter() - began < 10
 
 
 NAMES = st.text("abc-_", min_size=1, max_size=4)
@@ -109,7 +135,6 @@ def test_keys_written_one_a_line_are_found_there(tables, end):
         for key, value in content.items():
             text.append(f"{key} = {written(value)}")
             places[name, k, key] = len(text)
-    lines = key_lines(end.join(text))
-    tomllib.loads(end.join(text))
-    assert {place: line for place, line in lines.items() if place in places} == places
-    assert {place for place in lines if len(place) == 3} == {place for place in places if len(place) == 3}
+    whole = end.join(text)
+    tomllib.loads(whole)
+    assert {place: line_of(whole, place) for place in places} == places

@@ -11,6 +11,8 @@ from .trust_options import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
 SCHEDULER_HELP = "A cluster: tcp://HOST:PORT or the scheduler file of a Dask scheduler; local: one of this host."
+SHARD_HELP = "Make only part I of N, for a matrix of jobs; `palpate sweep merge` joins their stores."
+SHARE_HELP = "Divide the work with other machines, each with a store of its own: a shared folder or s3://BUCKET/NAME."
 TIMEOUT_HELP = "End a worker that uses so much processor time without progress; 0: never."
 MEMORY_HELP = "End a worker that holds more memory; by default an equal share of the machine's; 0: no limit."
 SAME_HELP = "Count results of the store's latest other code version: you know that the change moved none."
@@ -40,6 +42,8 @@ def sweep(
     workers: Annotated[
         str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, two on a GPU.")
     ] = "auto",
+    shard: Annotated[str | None, typer.Option(metavar="I/N", help=SHARD_HELP)] = None,
+    share: Annotated[str | None, typer.Option(metavar="URL", help=SHARE_HELP)] = None,
     task_timeout: Annotated[float, typer.Option(metavar="SECONDS", help=TIMEOUT_HELP)] = 600.0,
     worker_memory: Annotated[int | None, typer.Option(metavar="MB", help=MEMORY_HELP)] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER_HELP)] = None,
@@ -68,6 +72,8 @@ def sweep(
         "device": device,
         "workers": workers,
         "scheduler": scheduler,
+        "shard": shard,
+        "share": share,
         "task_timeout": task_timeout,
         "worker_memory": worker_memory,
         "baseline": baseline,

@@ -61,6 +61,8 @@ class SweepJob:
     device: str | None
     workers: str
     scheduler: str | None
+    shard: str | None
+    share: str | None
     task_timeout: float
     worker_memory: int | None
     baseline: Path | None
@@ -85,6 +87,15 @@ class SweepJob:
             raise PlanError(f"--workers must be a number in 1..{WORKERS_MOST} or auto, not {self.workers!r}")
         return int(self.workers)
 
+    def shard_of(self) -> tuple[int, int]:
+        """Which part of how many is made, the first being 0; raises PlanError for what is no part."""
+        if self.shard is None:
+            return 0, 1
+        number, slash, count = self.shard.partition("/")
+        if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+            raise PlanError(f"--shard must be I/N with I in 1..N, such as 2/4, not {self.shard!r}")
+        return int(number) - 1, int(count)
+
     def require_sense(self) -> None:
         """Raise PlanError or StrategyError for options that cannot be, whether or not there is anything to make."""
         self.worker_count()
@@ -103,6 +114,7 @@ class SweepJob:
             for option, value in given.items():
                 if value:
                     raise PlanError(f"{option} does not go with --dry-run: it makes nothing, on this machine")
+        self.shard_of()
         if self.task_timeout < 0:
             raise PlanError(f"--task-timeout must be at least 0 s (0 is no limit), not {self.task_timeout:g}")
         if self.worker_memory is not None and self.worker_memory < 0:
@@ -247,6 +259,8 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
                 progress=progress,
                 approve=approve,
                 limits=job.limits(plan),
+                shard=job.shard_of(),
+                share=job.share,
             )
     except KeyboardInterrupt:
         message = (

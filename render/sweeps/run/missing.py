@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
+from zlib import crc32
 
 from ....datasets.errors import DatasetError
 from ...errors import RenderError
@@ -22,6 +23,7 @@ from ..plan.recipe import WHOLE_GROUPS, Recipe
 
 FAMILY = ("thing", "hand", "strategy")  # what decides the cost of a pose
 RECIPES_FIRST, RECIPES_READ = 256, 4096  # asked for at once: few at first, so that work begins at once
+BUCKETS, BUCKET_CHUNKS = 8, 64  # of a family; consecutive chunks of a motion that are in one bucket
 CHUNKS_READ = 1 << 16  # given at once: a recipe of 10^12 poses has millions
 
 ResultKey = tuple[str, str]
@@ -37,6 +39,8 @@ class PendingRecipe:
     results_left: int = 0
     message: str | None = None
     """Why it failed."""
+    is_left: bool = False
+    """Whether chunks of it are left to other shards."""
 
 
 @dataclass(eq=False)
@@ -72,6 +76,16 @@ class PendingChunk:
     def place(self) -> tuple[str, str, int]:
         """Chunks of one place are rendered together."""
         return self.family, self.rendering, self.chunk.number
+
+    @property
+    def bucket_number(self) -> int:
+        """The same in every parent: of its rendering and place, for sharing work."""
+        return crc32(self.rendering.encode()) + self.chunk.number // BUCKET_CHUNKS
+
+    @property
+    def bucket(self) -> str:
+        """Chunks of one bucket are made by one parent, where several share a sweep."""
+        return f"{self.family.replace('/', '-')}-{self.bucket_number % BUCKETS}"
 
     @property
     def is_wanted(self) -> bool:
@@ -130,6 +144,8 @@ class Counts:
     done: int = 0
     """Recipes of which every result is there."""
     failed: int = 0
+    left: int = 0
+    """Recipes that other shards make, in part at least."""
     poses: int = 0
     """Of all recipes read."""
     poses_missing: int = 0
@@ -286,6 +302,13 @@ class Missing:
                 if not recipe.results_left:
                     self._settle_recipe(recipe)
 
+    def leave(self, chunk: PendingChunk) -> None:
+        """A chunk is another shard's: recipes that need it are neither done nor failed."""
+        for result in chunk.results:
+            for recipe in result.recipes:
+                recipe.is_left = True
+        self.settle(chunk)
+
     def give_up(self, chunk: PendingChunk, message: str) -> None:
         """A chunk cannot be made: recipes that need a result that lacks it have failed."""
         there = self._done([result.key for result in chunk.results])
@@ -302,7 +325,9 @@ class Missing:
             self.failures.append(Failure(recipe.hash, recipe.name, message))
 
     def _settle_recipe(self, recipe: PendingRecipe) -> None:
-        if recipe.message is None:
-            self.counts.done += 1
-        else:
+        if recipe.message is not None:
             self.counts.failed += 1
+        elif recipe.is_left:
+            self.counts.left += 1
+        else:
+            self.counts.done += 1

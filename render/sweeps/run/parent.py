@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ....datasets.errors import SweepStoreError
-from ....datasets.sweeps.manifest import NAME as MANIFEST
-from ....datasets.sweeps.record import Read
-from ....datasets.sweeps.shard import read_shard
 from ....datasets.sweeps.store import SweepStore
 from ...errors import SweepError
 from ...runtime.interrupt import interrupt_between
@@ -24,11 +20,11 @@ from ..plan.recipe import Recipe, SweepPlan
 from .limits import Limits
 from .log import LOG, SweepLog, SweepProgress
 from .missing import Counts, Failure, Missing, ResultKey
+from .recording import Recording
 from .schedule import START_SECONDS, Schedule, device_kind
+from .sharing import Sharing
 
 WAIT = 0.5  # [s] for an outcome, before what takes too long is looked at, and Ctrl-C
-HOLD = 1.0  # [s] shards lie whole in the store before they are recorded together: each time waits for the disk
-PROBE_BYTES = 1 << 20  # that must fit on the store's disk, or it counts as full
 
 
 @dataclass(frozen=True)
@@ -91,6 +87,8 @@ def run_sweep(
     log: Path | None = None,
     made_by: str | None = None,
     limits: Limits | None = None,
+    shard: tuple[int, int] = (0, 1),
+    share: str | None = None,
     count_poses: Callable[[Recipe], int] = pose_count,
     clock: Callable[[], float] = time.monotonic,
 ) -> SweepReport:
@@ -99,14 +97,16 @@ def run_sweep(
     engine: who makes it, or what gives it; neither called nor started if nothing is missing, and closed in the end.
     approve: called with what is missing, as far as the plan is read, before anything is made; what it raises ends the
     sweep. log: file of JSON lines, by default log.jsonl in the store. made_by: the code version that results count for,
-    by default this code's. limits: what ends a worker. clock: seconds.
+    by default this code's. limits: what ends a worker. shard: (k, n) makes part k of n, from 0.
+    share: URL of a folder where parents of several machines share the work; parents of one store share it anyway.
+    clock: seconds.
     Recipes that cannot be made are in the report. Raises SweepError if no worker can go on, or the store's disk is
     full; SweepStoreError for a folder that is no store; KeyboardInterrupt between two tasks.
     """
     code = made_by or code_version()
     with SweepStore(store_folder, maker=code) as store, SweepLog(log or store.folder / LOG) as lines:
         run = _Run(plan, store, lines, progress or _ignore, limits or Limits(), clock)
-        return run.run(engine, count_poses, approve or _ignore)
+        return run.run(engine, count_poses, approve or _ignore, lambda: Sharing(store.folder, share), shard)
 
 
 def _ignore(value: object) -> None:
@@ -131,16 +131,19 @@ class _Run:
         self._ready: float | None = None
         """When the first worker was ready."""
         self._tally = _Tally()
-        self._held: list[Read] = []
-        """Shards to be recorded."""
-        self._held_since = 0.0
+        self._recording = Recording(store, log.run)
         self._devices: tuple[str, ...] = ()
+        self._sharing: Sharing | None = None
+        self._looked_at = 0.0
+        """When other parents' results were last looked for."""
 
     def run(
         self,
         engine: Engine | Callable[[], Engine],
         count_poses: Callable[[Recipe], int],
         approve: Callable[[Counts], None],
+        share: Callable[[], Sharing],
+        shard: tuple[int, int],
     ) -> SweepReport:
         recovered = self._store.recover()
         missing = Missing(
@@ -157,12 +160,15 @@ class _Run:
             code=self._plan.granted,
             timeout=self._limits.timeout,
             memory=self._limits.memory,
+            takes=lambda bucket: self._sharing is None or self._sharing.takes(bucket),
+            shard=shard,
         )
         schedule.read()
         self._record_failures(missing)
         report = SweepReport(0, 0, 0, 0, 0.0, recovered=recovered)
         if schedule.has_work:
             approve(missing.counts)
+            self._sharing = share()
             worker = engine if not callable(engine) else engine()
             self._make(schedule, worker, recovered)
             recovered += self._store.recover()  # of workers who outlived their parent, or whose task went to another
@@ -220,7 +226,7 @@ class _Run:
                     self._turn(schedule, engine)
                     raise_if_interrupted()
             self._note_devices(engine)  # with those that came later
-            self._record_held()
+            self._recording.record()
         except KeyboardInterrupt:
             self._log.write("stopped", sentence="interrupted")
             raise
@@ -229,8 +235,10 @@ class _Run:
             raise
         finally:
             engine.close()
+            if self._sharing is not None:
+                self._sharing.close()
             with contextlib.suppress(SweepStoreError, SweepError):  # the next run takes them over
-                self._record_held()
+                self._recording.record()
 
     def _turn(self, schedule: Schedule, engine: Engine) -> None:
         """Give tasks to free workers, take outcomes, look after the rest."""
@@ -238,14 +246,14 @@ class _Run:
         while engine.free_count() and (task := schedule.next_task(self._clock())) is not None:
             engine.submit(task)
         outcomes = engine.wait(WAIT)
-        self._refuse_removed()
+        self._recording.require_store()
         for outcome in outcomes:
             self._take(outcome, schedule)
         while engine.free_count() and (task := schedule.next_task(self._clock())) is not None:
             engine.submit(task)  # before anything waits for the disk
-        if self._held and self._clock() - self._held_since >= HOLD:
-            self._record_held()
+        self._recording.record_old(self._clock())
         self._record_failures(schedule.missing)
+        self._look_elsewhere(schedule)
         for number, reason in schedule.overdue(engine.running()).items():
             self._log.write("dropped", number=number, sentence=reason)
             engine.drop(number, reason)
@@ -263,6 +271,17 @@ class _Run:
         if len(devices) < engine.worker_most and not (schedule.missing.is_exhausted and not schedule.has_work):
             engine.grow(min(engine.worker_most, math.ceil(schedule.seconds_waiting() / START_SECONDS)))
 
+    def _look_elsewhere(self, schedule: Schedule) -> None:
+        """See what other parents have made of the chunks that they claimed."""
+        now = self._clock()
+        if self._sharing is None or now - self._looked_at < self._sharing.look_seconds:
+            return
+        self._looked_at = now
+        if keys := schedule.elsewhere_keys():
+            for shard in self._sharing.fetch():
+                self._checked(Outcome(-1, "another parent", shard))
+            schedule.look_elsewhere(self._done(keys))
+
     def _note_devices(self, engine: Engine) -> None:
         self._devices = max(engine.devices, self._devices, key=len)
 
@@ -270,6 +289,7 @@ class _Run:
         """Hold what a task left, to be recorded, then let the schedule know."""
         outcome = self._checked(outcome)
         self._tally.tasks += 1
+        self._recording.task_count += 1
         self._tally.poses += outcome.pose_count
         self._tally.rows += outcome.row_count
         self._tally.lost += outcome.is_lost
@@ -289,78 +309,32 @@ class _Run:
         try:
             schedule.settle(outcome, self._clock())
         except SweepError as error:
-            raise self._stopped(str(error)) from error
+            raise SweepError(self._recording.with_remedy(str(error))) from error
 
     def _note_error(self, outcome: Outcome) -> None:
         """Keep an error in mind that is no recipe's; stop if it was the store's disk that is full."""
         is_storage = any(own.is_transient for own in outcome.failed)
         if is_storage:
-            self._refuse_full_disk()
+            self._recording.require_room()
         if outcome.is_lost or is_storage:
             error = outcome.error or ""
             self._note(error if outcome.worker in error else f"{outcome.worker}: {error}")
 
     def _checked(self, outcome: Outcome) -> Outcome:
-        """Hold a task's shard to be recorded; one that is missing or damaged is an error of its task."""
+        """Hold a task's shard to be recorded; a missing or damaged one is an error of its task."""
         if outcome.shard is None:
             return outcome
-        try:
-            shard = self._store.check(outcome.shard)
-        except SweepStoreError as error:
-            self._refuse_full_disk()
-            try:
-                read_shard(self._store.folder / outcome.shard, columns=False)
-            except SweepStoreError as damage:
-                self._note(str(damage))
-                return Outcome(outcome.number, outcome.worker, seconds=outcome.seconds, error=str(damage))
-            raise self._stopped(str(error)) from error
-        if shard is not None:
-            self._held_since = self._held_since if self._held else self._clock()
-            self._held.append(shard)
+        damage = self._recording.hold(outcome.shard, self._clock())
+        if damage is not None:
+            self._note(damage)
+            return Outcome(outcome.number, outcome.worker, seconds=outcome.seconds, error=damage)
+        if self._sharing is not None and outcome.number >= 0:
+            self._sharing.publish(outcome.shard)
         return outcome
-
-    def _record_held(self) -> None:
-        """Put shards into the manifest, all in one transaction."""
-        held, self._held = self._held, []
-        try:
-            self._store.record_all(held)
-        except SweepStoreError as error:
-            self._refuse_full_disk()
-            raise self._stopped(str(error)) from error
-
-    def _refuse_full_disk(self) -> None:
-        """Raise SweepError if the store's disk takes no more, or the store is gone."""
-        self._refuse_removed()
-        probe = self._store.folder / f"probe-{self._log.run}.tmp"
-        try:
-            with probe.open("xb") as file:
-                file.write(bytes(PROBE_BYTES))
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise self._stopped(f"{self._store.folder} takes no more: {error.strerror}") from error
-        finally:
-            with contextlib.suppress(OSError):
-                probe.unlink()
-
-    def _refuse_removed(self) -> None:
-        if not (self._store.folder / MANIFEST).exists():
-            raise SweepError(
-                f"{self._store.folder} was removed while the sweep ran, with all that was made: the same command "
-                "begins anew"
-            )
-
-    def _stopped(self, sentence: str) -> SweepError:
-        """An error that ends the run, and what is safe."""
-        return SweepError(
-            f"{sentence}; what {self._tally.tasks} tasks of this run made is safe, and the same command "
-            "goes on from there"
-        )
 
     def _done(self, keys: Sequence[ResultKey]) -> dict[ResultKey, set[int]]:
         """Chunks that are there, those too that have just come."""
-        if self._held:
-            self._record_held()
+        self._recording.record()
         return self._store.done(keys)
 
     def _record_failures(self, missing: Missing) -> None:

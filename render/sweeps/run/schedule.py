@@ -19,12 +19,12 @@ on the wall does not count, so a busy machine loses nothing.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ...errors import SweepError
 from ..make.task import FailedChunk, Outcome, Running, Task
-from .missing import Missing, PendingChunk
+from .missing import Missing, PendingChunk, ResultKey
 
 SECONDS = {"cpu": 2.0, "cuda": 3.0}  # of a task: long beside handing it over, short beside what a kill may lose
 RATE_FIRST = {"cpu": 1e4, "cuda": 2e6}  # [pose/s] until an outcome has come: a small mesh, with its loading
@@ -98,7 +98,9 @@ class Schedule:
     """Cuts what is missing into tasks.
 
     store: folder as workers see it. run: names the run's tasks, unique in a store. code: SHA-256 of the files of code
-    that workers may run. timeout [s], memory [byte]: see the module; 0 is no bound. Times are seconds of any one clock.
+    that workers may run. timeout [s], memory [byte]: see the module; 0 is no bound. takes: claims a bucket of chunks
+    for this parent, False if another has it. shard (k, n): only chunks whose bucket number is k modulo n are made.
+    Times are seconds of any one clock.
     """
 
     def __init__(
@@ -110,6 +112,8 @@ class Schedule:
         code: frozenset[str] = frozenset(),
         timeout: float = 0.0,
         memory: int = 0,
+        takes: Callable[[str], bool] = lambda bucket: True,
+        shard: tuple[int, int] = (0, 1),
     ) -> None:
         self.missing, self.rates = missing, Rates("cpu")
         self.worker_count = 1
@@ -117,6 +121,8 @@ class Schedule:
         self._seconds = SECONDS["cpu"]
         self._store, self._run, self._code = store, run, code
         self._timeout, self._memory = timeout, memory
+        self._takes, self._shard = takes, shard
+        self._elsewhere: list[PendingChunk] = []
         self._given: dict[int, GivenTask] = {}
         self._waiting: deque[PendingChunk] = deque()
         self._left: Counter[str] = Counter()  # poses that wait, by family
@@ -130,7 +136,12 @@ class Schedule:
     @property
     def is_done(self) -> bool:
         """Whether everything is made or given up."""
-        return self.missing.is_exhausted and not self._waiting and not self._alone and not self._given
+        return self.missing.is_exhausted and not self._waiting and not self._alone and not self._busy
+
+    @property
+    def _busy(self) -> bool:
+        """Whether outcomes are to come, of this parent's workers or of another parent."""
+        return bool(self._given or self._elsewhere)
 
     @property
     def has_work(self) -> bool:
@@ -164,8 +175,16 @@ class Schedule:
             self._put(self.missing.read())
 
     def _put(self, chunks: Sequence[PendingChunk]) -> None:
-        self._waiting.extend(chunks)
-        self._left.update(poses_of(chunks))
+        """Have chunks wait, those of one bucket together; those of other shards are nobody's here."""
+        number, count = self._shard
+        own = [chunk for chunk in chunks if chunk.bucket_number % count == number]
+        for chunk in chunks if count > 1 else ():
+            if chunk.bucket_number % count != number:
+                self.missing.leave(chunk)
+        places = {family: k for k, family in enumerate(dict.fromkeys(chunk.family for chunk in own))}
+        own.sort(key=lambda chunk: (places[chunk.family], chunk.bucket))
+        self._waiting.extend(own)
+        self._left.update(poses_of(own))
 
     def next_task(self, now: float) -> Task | None:
         """What a free worker should be given; None if nothing waits, or nothing can be written for a while."""
@@ -191,12 +210,15 @@ class Schedule:
 
     def _cut(self) -> tuple[PendingChunk, ...]:
         """Chunks for one task, from the front; those of one place stay together."""
-        limit = self._limit()
+        limit, elsewhere = self._limit(), len(self._elsewhere)
         chunks: list[PendingChunk] = []
         places = set()
         seconds = 0.0
         while self._waiting:
             chunk = self._waiting[0]
+            if not self._takes(chunk.bucket):
+                self._elsewhere.append(self._waiting.popleft())
+                continue
             if chunk.place not in places:
                 own = chunk.pose_count / self.rates.rate(chunk.family)
                 if chunks and seconds + own > limit:
@@ -204,7 +226,7 @@ class Schedule:
                 places.add(chunk.place)
                 seconds += own
             chunks.append(self._waiting.popleft())
-        for family, count in poses_of(chunks).items():
+        for family, count in poses_of([*chunks, *self._elsewhere[elsewhere:]]).items():
             self._left[family] -= count
             if self._left[family] <= 0:
                 del self._left[family]
@@ -224,6 +246,29 @@ class Schedule:
         name = f"{self._run}-{number:06d}"
         wire = tuple(chunk.chunk for chunk in chunks)
         return Task(number, wire, self._store, name, self._code, OVERTIME * self._seconds)
+
+    # ---- what other parents make
+
+    def elsewhere_keys(self) -> list[ResultKey]:
+        """Results of chunks that other parents make."""
+        return list(dict.fromkeys(result.key for chunk in self._elsewhere for result in chunk.results))
+
+    def look_elsewhere(self, there: Mapping[ResultKey, set[int]]) -> None:
+        """Settle chunks that other parents have made, and take over those of parents that are gone.
+
+        there: which chunks of `elsewhere_keys` the store has.
+        """
+        chunks, self._elsewhere = self._elsewhere, []
+        again = []
+        for chunk in chunks:
+            number = chunk.chunk.number
+            if all(number in there.get(result.key, ()) for result in chunk.results):
+                self.missing.settle(chunk)
+            elif self._takes(chunk.bucket):
+                again.append(chunk)
+            else:
+                self._elsewhere.append(chunk)
+        self._put(again)
 
     # ---- taking back
 

@@ -14,7 +14,7 @@ from palpate.datasets.sweeps.shard import ShardRow, write_shard
 from palpate.datasets.sweeps.store import SweepStore
 from palpate.render.errors import SweepError
 from palpate.render.sweeps.make.task import CHUNK_POSES, FailedChunk, Outcome, Running
-from palpate.render.sweeps.run import parent as parent_module
+from palpate.render.sweeps.run import recording as recording_module
 from palpate.render.sweeps.run.parent import run_sweep
 
 DISK = "shards/a.h5: No space left on device"
@@ -121,7 +121,7 @@ def test_a_finished_sweep_needs_no_engine(tmp_path):
 @pytest.mark.parametrize(("hold", "most"), [(-1.0, 100), (1e9, 1)])
 def test_tasks_that_come_within_a_time_are_recorded_together(tmp_path, monkeypatch, hold, most):
     counts, record_all = [], SweepStore.record_all
-    monkeypatch.setattr(parent_module, "HOLD", hold)
+    monkeypatch.setattr(recording_module, "HOLD", hold)
     monkeypatch.setattr(
         SweepStore, "record_all", lambda store, shards: counts.append(len(shards)) or record_all(store, shards)
     )

@@ -1,0 +1,132 @@
+"""How several parents share a sweep: claims of work, and, behind a URL, the shards and kept files that each has made.
+
+| parents             | store            | claims         | results of the others                       |
+|---------------------|------------------|----------------|---------------------------------------------|
+| of one store        | one folder       | in the store   | are in the store's manifest                 |
+| of several machines | each has its own | behind the URL | shards are fetched from there, and recorded |
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+from ....datasets.errors import SweepStoreError
+from ....datasets.storage.durable import TEMPORARY_SUFFIX
+from ....datasets.sweeps.claims import LEASE, SHARDS, SIGNS, Claims, LocalPlace, SharedPlace
+from ....datasets.sweeps.shard import read_shard
+from ...errors import SweepError
+
+LOOK_SECONDS = {"local": 0.5, "shared": 2.0}  # between looks at what other parents have made
+KEPT = "kept"  # folder of kept files behind a URL
+
+
+class Sharing:
+    """One parent's part in a sweep. url: where parents of several machines share it; None: parents of one store.
+
+    Raises SweepError from every method where the place cannot be used.
+    """
+
+    def __init__(self, store: Path, url: str | None = None, *, lease: float = LEASE) -> None:
+        self._store, self._lease = store, lease
+        self._known: set[str] = set()
+        """Names of shards behind the URL that were fetched, or are this parent's."""
+        self._is_over = threading.Event()
+        with self._naming(url or str(store)):
+            self._shared = None if url is None else SharedPlace(url)
+            self._place = self._shared or LocalPlace(store)
+            self._claims = Claims(self._place, lease=lease)
+        self._renewer = threading.Thread(target=self._renew, name="palpate sweep claims", daemon=True)
+        self._renewer.start()
+
+    @property
+    def look_seconds(self) -> float:
+        """Time between two looks at what other parents have made [s]."""
+        return LOOK_SECONDS["local" if self._shared is None else "shared"]
+
+    @contextlib.contextmanager
+    def _naming(self, where: str) -> Iterator[None]:
+        try:
+            yield
+        except SweepStoreError as error:
+            raise SweepError(str(error)) from error
+        except OSError as error:
+            raise SweepError(f"{where}: work cannot be claimed there ({error.strerror or error})") from error
+
+    def _renew(self) -> None:
+        """Signs of life, also while this process makes a task itself."""
+        while not self._is_over.wait(self._lease / SIGNS / 2):
+            with contextlib.suppress(OSError):  # the next one may get through
+                self._claims.renew()
+
+    def takes(self, bucket: str) -> bool:
+        """Whether a bucket of chunks is this parent's."""
+        with self._naming(str(self._store)):
+            return self._claims.take(bucket)
+
+    def publish(self, shard: str) -> None:
+        """Copy a shard, and first the kept files that it names, to where the other parents find them."""
+        if self._shared is None:
+            return
+        path = self._store / shard
+        with self._naming(self._shared.url):
+            for name in _kept_files(path):
+                self._shared.put(self._store / name, f"{KEPT}/{name}")
+            self._known.add(path.name)
+            self._shared.put(path, f"{SHARDS}/{path.name}")
+
+    def fetch(self) -> list[str]:
+        """Copy shards of other parents, and the kept files that they name, into the store; paths within the store."""
+        if self._shared is None:
+            return []
+        fetched = []
+        with self._naming(self._shared.url):
+            for name in sorted(set(self._shared.names(SHARDS)) - self._known):
+                if name.endswith(TEMPORARY_SUFFIX):
+                    continue
+                self._known.add(name)
+                shard = f"{SHARDS}/{name}"
+                self._get(shard, shard)
+                for kept in _kept_files(self._store / shard):
+                    if not (self._store / kept).exists():
+                        self._get(f"{KEPT}/{kept}", kept)
+                fetched.append(shard)
+        return fetched
+
+    def _get(self, name: str, path: str) -> None:
+        """A file gets its own name once it is whole."""
+        require_inside(path)
+        whole = self._store / path
+        whole.parent.mkdir(parents=True, exist_ok=True)
+        temporary = whole.with_name(f"{whole.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
+        if self._shared is not None:
+            self._shared.get(name, temporary)
+        os.replace(temporary, whole)
+
+    def close(self) -> None:
+        """Give up the claims: what this parent has not made, others may."""
+        self._is_over.set()
+        self._renewer.join()
+        self._claims.release()
+        self._place.clear()
+
+
+def require_inside(path: str) -> None:
+    """Raise SweepError for a path that does not lie in the store."""
+    if Path(path).is_absolute() or ".." in Path(path).parts:
+        raise SweepError(f"a shard of another parent names the file {path!r}, which is not in the store")
+
+
+def _kept_files(shard: Path) -> list[str]:
+    """Paths within the store of files that a shard's results are about."""
+    content = read_shard(shard, columns=False)
+    rows = zip(content.places, content.payloads, strict=True)
+    return [
+        path
+        for (group, _, _), payload in rows
+        if group.startswith("keep-") and isinstance(path := json.loads(payload).get("path"), str)
+    ]

@@ -205,6 +205,10 @@ class Claims:
             self._signed_at = now
             self._place.write(f"{PARENTS}/{self.owner}", str(self._sign))
 
+    def has_company(self) -> bool:
+        """Whether there is a file of another parent, dead or alive."""
+        return any(name != self.owner for name in self._place.names(PARENTS))
+
     def take(self, bucket: str) -> bool:
         """Whether a bucket is this parent's, which claims it if it is free, or its owner dead."""
         if bucket in self._own:

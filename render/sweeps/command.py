@@ -21,7 +21,7 @@ from .refusals import other_code_version, refuse_baseline, refuse_baseline_file,
 from .report.progress import sweep_bar
 from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
-from .run.limits import Limits, default_memory
+from .run.limits import WorkerLimits, default_memory
 from .run.log import LOG, SweepLog, SweepProgress
 from .run.missing import Counts, Failure, Missing, ResultKey
 from .run.parent import SweepReport, run_sweep
@@ -137,12 +137,12 @@ class SweepJob:
 
         return choose_engine(self.device_of(plan), self.workers_of(plan), self.scheduler)
 
-    def limits(self, plan: Plan) -> Limits:
+    def limits(self, plan: Plan) -> WorkerLimits:
         """What ends a worker; the memory of a cluster's workers is the cluster's to bound."""
         if self.worker_memory is not None or self.scheduler is not None:
-            return Limits(self.task_timeout, (self.worker_memory or 0) * 1_000_000)
+            return WorkerLimits(self.task_timeout, (self.worker_memory or 0) * 1_000_000)
         count = len(worker_devices(self.device_of(plan), self.workers_of(plan)))
-        return Limits(self.task_timeout, default_memory(count))
+        return WorkerLimits(self.task_timeout, default_memory(count))
 
 
 @dataclass(frozen=True)

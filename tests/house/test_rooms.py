@@ -17,7 +17,6 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("kernels", "render", "device", "datasets")
 ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"kernels", "datasets", "device"}}
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
-REPEATING = {f"render/sweeps{room}" for room in ("", "/make", "/report", "/run")}  # until they are written anew
 MODULES_MOST = 20
 SHARED = {"Box", "Chunk", "Cursor", "Field", "Frame", "Lattice", "Lines", "Parts", "Sections", "Step", "Surface"}
 """Class names that still stand in two folders, each a term of both fields; no name may join them."""
@@ -109,7 +108,7 @@ def test_no_module_repeats_its_folder_and_none_is_for_odds_and_ends():
 def test_a_class_name_stands_once():
     places = defaultdict(list)
     for path in SOURCES:
-        for node in ast.parse(path.read_text()).body if folder_of(path) not in REPEATING else ():
+        for node in ast.parse(path.read_text()).body:
             if isinstance(node, ast.ClassDef):
                 places[node.name].append(folder_of(path))
     assert {name for name, folders in places.items() if len(folders) > 1} == SHARED

@@ -44,7 +44,7 @@ SCENE_BYTES = BYTES_KEPT // 16  # that a scene counts for, so that there are not
 POSES_BYTES = BYTES_KEPT // 65536  # that any motion counts for: numbers of random poses are small, but many
 
 
-class Kept(Generic[Thing]):
+class CostCache(Generic[Thing]):
     """What was made last, up to a limit of its costs; one thing at least. Threads may ask at once."""
 
     def __init__(self, limit: int, cost: Callable[[Thing], int] = lambda _: 1) -> None:
@@ -99,10 +99,12 @@ class RecipeCache:
 
     def __init__(self, device: str) -> None:
         self.device = device
-        self._things: Kept[Solid] = Kept(THINGS_KEPT)
-        self._hands: Kept[Hand] = Kept(HANDS_KEPT)
-        self._scenes: Kept[tuple[Scene, bool]] = Kept(BYTES_KEPT, lambda kept: SCENE_BYTES + hand_bytes(kept[0].hand))
-        self._placed: Kept[tuple[Hand, Poses]] = Kept(BYTES_KEPT, _pose_bytes)
+        self._things: CostCache[Solid] = CostCache(THINGS_KEPT)
+        self._hands: CostCache[Hand] = CostCache(HANDS_KEPT)
+        self._scenes: CostCache[tuple[Scene, bool]] = CostCache(
+            BYTES_KEPT, lambda kept: SCENE_BYTES + hand_bytes(kept[0].hand)
+        )
+        self._placed: CostCache[tuple[Hand, Poses]] = CostCache(BYTES_KEPT, _pose_bytes)
 
     def rendering(self, recipe: Recipe, *, allow_code: AllowCode = frozenset()) -> Rendering:
         """The scene and the poses of a recipe. allow_code: which code that it names may be run, by default none."""
@@ -263,6 +265,10 @@ def _load_thing(thing: dict[str, Any], allow_code: AllowCode) -> Solid:
 def hand_bytes(hand: Hand) -> int:
     """What a hand that a recording poses takes; a rigid one's is left out [byte]."""
     return 0 if hand.pose_count is None else sum(array.nbytes for array in hand.arrays().values())
+
+
+def _scene_bytes(kept: tuple[Scene, bool]) -> int:
+    return SCENE_BYTES + hand_bytes(kept[0].hand)
 
 
 def _pose_bytes(kept: tuple[Hand, Poses]) -> int:

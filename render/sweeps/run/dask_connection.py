@@ -41,7 +41,7 @@ SILENT = logging.CRITICAL + 1
 
 
 @dataclass(frozen=True)
-class Connection:
+class DaskConnection:
     """A cluster that is ours to use."""
 
     client: Any  # Dask's Client, which is typed for both its uses, waiting and not
@@ -69,7 +69,7 @@ class Connection:
 
 def connect_cluster(
     scheduler: str | Client | None, *, devices: str = "auto", workers: int | None = None, patience: float | None = None
-) -> Connection:
+) -> DaskConnection:
     """Start a cluster or find one; see the table above.
 
     Raises PlanError, a SweepError, for a missing extra, an unknown word, a device that this host lacks (local) or
@@ -87,7 +87,7 @@ def connect_cluster(
     _require_one_device(devices)
     if isinstance(scheduler, distributed.Client):
         address = str(scheduler.scheduler_info()["address"])
-        return Connection(scheduler, address, devices, workers or 1, patience or PATIENCE, is_client_ours=False)
+        return DaskConnection(scheduler, address, devices, workers or 1, patience or PATIENCE, is_client_ours=False)
     require_scheduler(scheduler, devices=devices)
     return _find(scheduler, devices, workers or 1, patience or PATIENCE)
 
@@ -115,7 +115,7 @@ def _require_one_device(devices: str) -> None:
         raise PlanError(f"a worker of a cluster has one device, so device {devices!r} cannot be; name one, or 'cuda'")
 
 
-def _start_here(devices: str, workers: int | None, patience: float) -> Connection:
+def _start_here(devices: str, workers: int | None, patience: float) -> DaskConnection:
     """A scheduler in this process, and a process for each GPU, or for each core."""
     from distributed import Nanny, Scheduler, SpecCluster
 
@@ -138,7 +138,7 @@ def _start_here(devices: str, workers: int | None, patience: float) -> Connectio
         stack.callback(_put_safe_path())
         cluster = SpecCluster(workers=spec, scheduler=ours, security=security, silence_logs=SILENT)
         client = _client(patience, address=cluster)
-        return Connection(client, "local", word, len(spec), patience, cluster, restore=stack.pop_all().close)
+        return DaskConnection(client, "local", word, len(spec), patience, cluster, restore=stack.pop_all().close)
 
 
 def _put_safe_path() -> Callable[[], object]:
@@ -178,7 +178,7 @@ def _environment(name: str) -> dict[str, str]:
     return {"CUDA_VISIBLE_DEVICES": visible[index].strip() if visible else str(index)}
 
 
-def _find(address: str, devices: str, workers: int, patience: float) -> Connection:
+def _find(address: str, devices: str, workers: int, patience: float) -> DaskConnection:
     """A scheduler that somebody runs."""
     where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     try:
@@ -191,7 +191,7 @@ def _find(address: str, devices: str, workers: int, patience: float) -> Connecti
     except SweepError:
         client.close()
         raise
-    return Connection(client, address, devices, workers, patience)
+    return DaskConnection(client, address, devices, workers, patience)
 
 
 def _new_keys() -> Any:

@@ -30,7 +30,7 @@ from ..make.task import Outcome, Running, Task
 from ..plan.code_version import code_version
 from .dask_connection import (
     INSTALL,
-    Connection,
+    DaskConnection,
     connect_cluster,
     end_process,
     hushed_logs,
@@ -98,7 +98,7 @@ class DaskEngine:
         self._outcomes: list[Outcome] = []
         self._there_at = self._fit_at = 0.0
         self._stack = contextlib.ExitStack()
-        self._connection: Connection | None = None
+        self._connection: DaskConnection | None = None
 
     @property
     def name(self) -> str:
@@ -261,7 +261,7 @@ class DaskEngine:
                 client.unsubscribe_topic(self._run)
                 client.unregister_worker_plugin(self._run)
 
-    def _open(self) -> Connection:
+    def _open(self) -> DaskConnection:
         if self._connection is None:
             raise SweepError("the engine is not started, or closed")
         return self._connection

@@ -198,7 +198,7 @@ def estimate(plan: Plan, missing: Missing, folder: Path, *, devices: Sequence[st
     families: dict[str, list[PendingChunk]] = {}
     for chunk in chunks:
         families.setdefault(chunk.family, []).append(chunk)
-    samples = Samples(devices[0]).run(families)
+    samples = SweepSamples(devices[0]).run(families)
     scale = pose_scale = 1.0
     if not missing.is_exhausted:
         scale = plan.recipe_count / counts.recipes
@@ -238,7 +238,7 @@ class Cost:
     """Of each pose."""
 
 
-class Samples:
+class SweepSamples:
     """Makes a little of each family, so that what must fail is known, and takes the time of some."""
 
     def __init__(self, device: str) -> None:
@@ -251,7 +251,7 @@ class Samples:
         """Until the first poses of all families were made, beyond what they cost later."""
         self.problems: list[str] = []
 
-    def run(self, families: Mapping[str, Sequence[PendingChunk]]) -> Samples:
+    def run(self, families: Mapping[str, Sequence[PendingChunk]]) -> SweepSamples:
         """Make something of each family, until LOAD_LONGEST; time families evenly, for SECONDS_SAMPLED."""
         until = time.perf_counter() + LOAD_LONGEST
         loaded = []

@@ -11,7 +11,7 @@ CGROUP_MEMORY = Path("/sys/fs/cgroup/memory.max")  # of a container
 
 
 @dataclass(frozen=True)
-class Limits:
+class WorkerLimits:
     """What ends a worker."""
 
     timeout: float = TASK_TIMEOUT

@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from zlib import crc32
@@ -86,6 +86,10 @@ class PendingChunk:
     def bucket(self) -> str:
         """Chunks of one bucket are made by one parent, where several share a sweep."""
         return f"{self.family.replace('/', '-')}-{self.bucket_number % BUCKETS}"
+
+    def is_in(self, there: Mapping[ResultKey, Collection[int]]) -> bool:
+        """Whether all its results are there. there: numbers of the chunks of each result."""
+        return all(self.chunk.number in there.get(result.key, ()) for result in self.results)
 
     @property
     def is_wanted(self) -> bool:
@@ -188,6 +192,10 @@ class Missing:
         """Whether all recipes were read."""
         self.met_again: set[str] = set()
         """Recipes that could not be made before and are asked for again."""
+
+    def there(self, keys: Sequence[ResultKey]) -> dict[ResultKey, set[int]]:
+        """Which chunks of results the store has now."""
+        return self._done(list(dict.fromkeys(keys)))
 
     @property
     def poses_unread(self) -> int:

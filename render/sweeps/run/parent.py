@@ -17,13 +17,14 @@ from ..make.poses import pose_count
 from ..make.task import Engine, Outcome
 from ..plan.code_version import code_version
 from ..plan.recipe import Recipe, SweepPlan
-from .limits import Limits
+from .limits import WorkerLimits
 from .log import LOG, SweepLog, SweepProgress
 from .missing import Counts, Failure, Missing, ResultKey
-from .recording import Recording
+from .recording import ShardRecording
 from .schedule import START_SECONDS, Schedule, device_kind
 from .sharing import Sharing
 
+FOREIGN = -1  # number of a task of another parent
 WAIT = 0.5  # [s] for an outcome, before what takes too long is looked at, and Ctrl-C
 
 
@@ -86,7 +87,7 @@ def run_sweep(
     approve: Callable[[Counts], None] | None = None,
     log: Path | None = None,
     made_by: str | None = None,
-    limits: Limits | None = None,
+    limits: WorkerLimits | None = None,
     shard: tuple[int, int] = (0, 1),
     share: str | None = None,
     count_poses: Callable[[Recipe], int] = pose_count,
@@ -104,9 +105,12 @@ def run_sweep(
     full; SweepStoreError for a folder that is no store; KeyboardInterrupt between two tasks.
     """
     code = made_by or code_version()
-    with SweepStore(store_folder, maker=code) as store, SweepLog(log or store.folder / LOG) as lines:
-        run = _Run(plan, store, lines, progress or _ignore, limits or Limits(), clock)
-        return run.run(engine, count_poses, approve or _ignore, lambda: Sharing(store.folder, share), shard)
+    with contextlib.ExitStack() as stack:
+        store = stack.enter_context(SweepStore(store_folder, maker=code))
+        lines = stack.enter_context(SweepLog(log or store.folder / LOG))
+        sharing = stack.enter_context(Sharing(store.folder, share))
+        run = _Run(plan, store, lines, sharing, progress or _ignore, limits or WorkerLimits(), clock)
+        return run.run(engine, count_poses, approve or _ignore, shard)
 
 
 def _ignore(value: object) -> None:
@@ -121,19 +125,19 @@ class _Run:
         plan: SweepPlan,
         store: SweepStore,
         log: SweepLog,
+        sharing: Sharing,
         progress: Callable[[SweepProgress], None],
-        limits: Limits,
+        limits: WorkerLimits,
         clock: Callable[[], float],
     ) -> None:
-        self._plan, self._store, self._log = plan, store, log
+        self._plan, self._store, self._log, self._sharing = plan, store, log, sharing
         self._progress, self._limits, self._clock = progress, limits, clock
         self._begun = clock()
         self._ready: float | None = None
         """When the first worker was ready."""
         self._tally = _Tally()
-        self._recording = Recording(store, log.run)
+        self._recording = ShardRecording(store, log.run)
         self._devices: tuple[str, ...] = ()
-        self._sharing: Sharing | None = None
         self._looked_at = 0.0
         """When other parents' results were last looked for."""
 
@@ -142,10 +146,12 @@ class _Run:
         engine: Engine | Callable[[], Engine],
         count_poses: Callable[[Recipe], int],
         approve: Callable[[Counts], None],
-        share: Callable[[], Sharing],
         shard: tuple[int, int],
     ) -> SweepReport:
         recovered = self._store.recover()
+        if self._sharing.is_remote:
+            self._sharing.open()
+            self._fetch()
         missing = Missing(
             self._plan.recipes(),
             self._plan.groups,
@@ -160,7 +166,8 @@ class _Run:
             code=self._plan.granted,
             timeout=self._limits.timeout,
             memory=self._limits.memory,
-            takes=lambda bucket: self._sharing is None or self._sharing.takes(bucket),
+            takes=self._sharing.takes,
+            has_company=self._sharing.has_company,
             shard=shard,
         )
         schedule.read()
@@ -168,7 +175,7 @@ class _Run:
         report = SweepReport(0, 0, 0, 0, 0.0, recovered=recovered)
         if schedule.has_work:
             approve(missing.counts)
-            self._sharing = share()
+            self._sharing.open()
             worker = engine if not callable(engine) else engine()
             self._make(schedule, worker, recovered)
             recovered += self._store.recover()  # of workers who outlived their parent, or whose task went to another
@@ -235,8 +242,6 @@ class _Run:
             raise
         finally:
             engine.close()
-            if self._sharing is not None:
-                self._sharing.close()
             with contextlib.suppress(SweepStoreError, SweepError):  # the next run takes them over
                 self._recording.record()
 
@@ -274,25 +279,31 @@ class _Run:
     def _look_elsewhere(self, schedule: Schedule) -> None:
         """See what other parents have made of the chunks that they claimed."""
         now = self._clock()
-        if self._sharing is None or now - self._looked_at < self._sharing.look_seconds:
+        if now - self._looked_at < self._sharing.look_seconds:
             return
         self._looked_at = now
+        if not self._sharing.has_company():
+            return
+        self._fetch()
         if keys := schedule.elsewhere_keys():
-            for shard in self._sharing.fetch():
-                self._checked(Outcome(-1, "another parent", shard))
             schedule.look_elsewhere(self._done(keys))
+
+    def _fetch(self) -> None:
+        """Take over what other parents have published."""
+        for shard in self._sharing.fetch():
+            self._checked(Outcome(FOREIGN, "another parent", shard))
 
     def _note_devices(self, engine: Engine) -> None:
         self._devices = max(engine.devices, self._devices, key=len)
 
     def _take(self, outcome: Outcome, schedule: Schedule) -> None:
         """Hold what a task left, to be recorded, then let the schedule know."""
+        self._tally.lost += outcome.is_lost
         outcome = self._checked(outcome)
         self._tally.tasks += 1
         self._recording.task_count += 1
         self._tally.poses += outcome.pose_count
         self._tally.rows += outcome.row_count
-        self._tally.lost += outcome.is_lost
         event = "lost" if outcome.is_lost else "error" if outcome.error is not None else "task"
         values = {"sentence": outcome.error} if outcome.error is not None else {}
         self._log.write(
@@ -327,8 +338,8 @@ class _Run:
         damage = self._recording.hold(outcome.shard, self._clock())
         if damage is not None:
             self._note(damage)
-            return Outcome(outcome.number, outcome.worker, seconds=outcome.seconds, error=damage)
-        if self._sharing is not None and outcome.number >= 0:
+            return replace(outcome, shard=None, row_count=0, pose_count=0, error=damage, is_lost=True)
+        if outcome.number != FOREIGN:
             self._sharing.publish(outcome.shard)
         return outcome
 

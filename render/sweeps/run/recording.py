@@ -16,7 +16,7 @@ HOLD = 1.0  # [s] that shards lie whole in the store before they are recorded
 PROBE_BYTES = 1 << 20  # that must fit on the store's disk, or it counts as full
 
 
-class Recording:
+class ShardRecording:
     """Shards that are to be recorded. run: names the run's files."""
 
     def __init__(self, store: SweepStore, run: str) -> None:

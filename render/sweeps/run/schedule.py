@@ -99,8 +99,8 @@ class Schedule:
 
     store: folder as workers see it. run: names the run's tasks, unique in a store. code: SHA-256 of the files of code
     that workers may run. timeout [s], memory [byte]: see the module; 0 is no bound. takes: claims a bucket of chunks
-    for this parent, False if another has it. shard (k, n): only chunks whose bucket number is k modulo n are made.
-    Times are seconds of any one clock.
+    for this parent, False if another has it. has_company: whether other parents have been at work. shard (k, n): only
+    chunks whose bucket number is k modulo n are made. Times are seconds of any one clock.
     """
 
     def __init__(
@@ -113,6 +113,7 @@ class Schedule:
         timeout: float = 0.0,
         memory: int = 0,
         takes: Callable[[str], bool] = lambda bucket: True,
+        has_company: Callable[[], bool] = lambda: False,
         shard: tuple[int, int] = (0, 1),
     ) -> None:
         self.missing, self.rates = missing, Rates("cpu")
@@ -121,7 +122,8 @@ class Schedule:
         self._seconds = SECONDS["cpu"]
         self._store, self._run, self._code = store, run, code
         self._timeout, self._memory = timeout, memory
-        self._takes, self._shard = takes, shard
+        self._takes, self._has_company, self._shard = takes, has_company, shard
+        self._taken: set[str] = set()
         self._elsewhere: list[PendingChunk] = []
         self._given: dict[int, GivenTask] = {}
         self._waiting: deque[PendingChunk] = deque()
@@ -219,6 +221,11 @@ class Schedule:
             if not self._takes(chunk.bucket):
                 self._elsewhere.append(self._waiting.popleft())
                 continue
+            if chunk.bucket not in self._taken:
+                self._taken.add(chunk.bucket)
+                if self._has_company():
+                    self._settle_made(chunk.bucket)
+                    continue
             if chunk.place not in places:
                 own = chunk.pose_count / self.rates.rate(chunk.family)
                 if chunks and seconds + own > limit:
@@ -231,6 +238,19 @@ class Schedule:
             if self._left[family] <= 0:
                 del self._left[family]
         return tuple(chunks)
+
+    def _settle_made(self, bucket: str) -> None:
+        """Settle chunks at the front that another parent made before it gave its claim up."""
+        chunks = []
+        while self._waiting and self._waiting[0].bucket == bucket:
+            chunks.append(self._waiting.popleft())
+        there = self.missing.there([result.key for chunk in chunks for result in chunk.results])
+        left = [chunk for chunk in chunks if not chunk.is_in(there)]
+        for chunk in chunks:
+            if chunk.is_in(there):
+                self.missing.settle(chunk)
+        self._waiting.extendleft(reversed(left))
+        self._left.subtract(poses_of(chunk for chunk in chunks if chunk.is_in(there)))
 
     def _limit(self) -> float:
         """Length of the next task [s]: towards the end so short that all workers end together."""
@@ -261,8 +281,7 @@ class Schedule:
         chunks, self._elsewhere = self._elsewhere, []
         again = []
         for chunk in chunks:
-            number = chunk.chunk.number
-            if all(number in there.get(result.key, ()) for result in chunk.results):
+            if chunk.is_in(there):
                 self.missing.settle(chunk)
             elif self._takes(chunk.bucket):
                 again.append(chunk)

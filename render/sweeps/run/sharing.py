@@ -14,6 +14,7 @@ import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Self
 
 from ....datasets.errors import SweepStoreError
 from ....datasets.storage.durable import TEMPORARY_SUFFIX
@@ -32,14 +33,34 @@ class Sharing:
     """
 
     def __init__(self, store: Path, url: str | None = None, *, lease: float = LEASE) -> None:
-        self._store, self._lease = store, lease
+        """Nothing is created before `open`."""
+        self._store, self._url, self._lease = store, url, lease
         self._known: set[str] = set()
         """Names of shards behind the URL that were fetched, or are this parent's."""
         self._is_over = threading.Event()
-        with self._naming(url or str(store)):
-            self._shared = None if url is None else SharedPlace(url)
-            self._place = self._shared or LocalPlace(store)
-            self._claims = Claims(self._place, lease=lease)
+        self._has_company = False
+        self._shared: SharedPlace | None = None
+        self._claims: Claims | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    @property
+    def is_remote(self) -> bool:
+        """Whether parents of other machines take part."""
+        return self._url is not None
+
+    def open(self) -> None:
+        """Begin to claim work; once is enough."""
+        if self._claims is not None:
+            return
+        with self._naming(self._url or str(self._store)):
+            self._shared = None if self._url is None else SharedPlace(self._url)
+            self._place = self._shared or LocalPlace(self._store)
+            self._claims = Claims(self._place, lease=self._lease)
         self._renewer = threading.Thread(target=self._renew, name="palpate sweep claims", daemon=True)
         self._renewer.start()
 
@@ -61,12 +82,25 @@ class Sharing:
         """Signs of life, also while this process makes a task itself."""
         while not self._is_over.wait(self._lease / SIGNS / 2):
             with contextlib.suppress(OSError):  # the next one may get through
-                self._claims.renew()
+                self._opened.renew()
+
+    @property
+    def _opened(self) -> Claims:
+        if self._claims is None:
+            raise SweepError("work is claimed by a parent that has not begun")
+        return self._claims
+
+    def has_company(self) -> bool:
+        """Whether another parent has been seen, now or before."""
+        if not self._has_company and self._claims is not None:
+            with self._naming(str(self._store)):
+                self._has_company = self._opened.has_company()
+        return self._has_company
 
     def takes(self, bucket: str) -> bool:
         """Whether a bucket of chunks is this parent's."""
         with self._naming(str(self._store)):
-            return self._claims.take(bucket)
+            return self._opened.take(bucket)
 
     def publish(self, shard: str) -> None:
         """Copy a shard, and first the kept files that it names, to where the other parents find them."""
@@ -109,10 +143,12 @@ class Sharing:
 
     def close(self) -> None:
         """Give up the claims: what this parent has not made, others may."""
-        self._is_over.set()
-        self._renewer.join()
-        self._claims.release()
-        self._place.clear()
+        if self._claims is not None:
+            self._is_over.set()
+            self._renewer.join()
+            self._claims.release()
+            self._place.clear()
+            self._claims = None
 
 
 def require_inside(path: str) -> None:

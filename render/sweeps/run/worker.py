@@ -41,7 +41,7 @@ class Work(Protocol):
         ...
 
 
-class Port:
+class WorkerPort:
     """A worker's connection to its parent. A thread of its own receives what the parent sends, also during work."""
 
     def __init__(self, port: socket.socket, parent: int) -> None:
@@ -83,7 +83,7 @@ class Port:
 def main(descriptor: int, parent: int) -> NoReturn:
     """Be a worker, for a parent at the other end of a socket."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    port = Port(socket.socket(fileno=descriptor), parent)
+    port = WorkerPort(socket.socket(fileno=descriptor), parent)
     assignment = port.take()
     try:
         work, device = prepare(assignment, port)
@@ -103,7 +103,7 @@ def main(descriptor: int, parent: int) -> NoReturn:
     os._exit(1)  # tidying up would ask the GPU
 
 
-def prepare(assignment: Assignment, port: Port) -> tuple[Work, str]:
+def prepare(assignment: Assignment, port: WorkerPort) -> tuple[Work, str]:
     """Start Warp on the worker's device, and find what it is to do; raises what keeps it from that."""
     import warp as wp
 

@@ -30,7 +30,7 @@ from palpate.render.sweeps.make import batch as batch_module
 from palpate.render.sweeps.make import work as work_module
 from palpate.render.sweeps.make.batch import PoseRange, RenderedChunk, join_ranges, take_batch
 from palpate.render.sweeps.make.poses import pose_count
-from palpate.render.sweeps.make.rendering import Kept
+from palpate.render.sweeps.make.rendering import CostCache
 from palpate.render.sweeps.make.task import CHUNK_POSES, SPAN
 from palpate.render.sweeps.make.work import run_task
 
@@ -288,7 +288,7 @@ def test_a_stage_that_fails_on_one_motion_takes_no_other_with_it(tmp_path):
 
 
 def test_what_is_kept_for_later_tasks_has_a_limit():
-    kept, made_of = Kept(10, len), []
+    kept, made_of = CostCache(10, len), []
 
     def value(text):
         return kept.get(text[:1], lambda: made_of.append(text) or text)
@@ -300,7 +300,7 @@ def test_what_is_kept_for_later_tasks_has_a_limit():
 
 def test_what_each_thing_costs_is_asked_once():
     asked = []
-    kept = Kept(10**6, lambda value: asked.append(value) or 1)
+    kept = CostCache(10**6, lambda value: asked.append(value) or 1)
     for k in range(100):
         kept.get(str(k), lambda k=k: k)
     assert asked == list(range(100))

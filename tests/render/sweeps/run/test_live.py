@@ -112,6 +112,9 @@ def test_parents_with_stores_of_their_own_share_the_work_through_a_folder(large)
     assert min(one["poses_rendered"], other["poses_rendered"]) > 0
     assert rows(one["table"]) == rows(other["table"])
     assert load_table(one["table"])["complete"].all()
+    late, _ = finished(started(large, *share, "--store", large.parent / "late.sweep"))
+    assert (late["poses_rendered"], late["engine"]) == (0, None)
+    assert rows(late["table"]) == rows(one["table"])
 
 
 @pytest.mark.exhaustive

@@ -348,6 +348,56 @@ def test_without_limits_no_worker_is_ended():
     assert schedule.overdue({task.number: Running(1e9, 1e9, 10**15)}) == {}
 
 
+def test_chunks_that_another_parent_claims_are_waited_for_and_taken_over():
+    wanted, memory = [StandIn(motion=str(k)) for k in range(40)], Memory()
+    theirs, is_gone = {}, []
+    schedule = schedule_of(
+        wanted, memory, takes=lambda bucket: is_gone or theirs.setdefault(bucket, len(theirs) % 2 == 0)
+    )
+    made = []
+    while (task := schedule.next_task(0.0)) is not None:
+        made += [row for chunk in task.chunks for row in rows_of(chunk)]
+        memory.record(made[-2 * len(task.chunks) :])
+        schedule.settle(good(task), 0.0)
+    assert 0 < len(made) < 80
+    assert not schedule.is_done
+    other = [row for recipe in wanted for group in ("contours", "frequency") for row in rows_wanted(recipe, group)]
+    left = [row for row in other if row not in made]
+    memory.record(left[: len(left) // 4 * 2])  # the other parent makes some, then dies
+    schedule.look_elsewhere(memory.done(schedule.elsewhere_keys()))
+    assert not schedule.is_done
+    is_gone.append(True)
+    schedule.look_elsewhere(memory.done(schedule.elsewhere_keys()))
+    finish(schedule, memory)
+    assert schedule.is_done
+    assert schedule.missing.counts.done == 40
+    assert set(memory.rows.values()) == {1}
+
+
+def test_what_another_parent_made_before_it_ended_is_not_made_again():
+    wanted, memory = [StandIn(motion=str(k)) for k in range(40)], Memory()
+    schedule = schedule_of(wanted, memory, has_company=lambda: True)
+    schedule.read()
+    memory.record([row for recipe in wanted[:30] for g in ("contours", "frequency") for row in rows_wanted(recipe, g)])
+    made = sum(len(task.chunks) for task in finish(schedule, memory))
+    assert made == 10
+    assert schedule.missing.counts.done == 40
+
+
+def test_shards_of_a_plan_are_disjoint_and_together_all():
+    wanted = [StandIn(motion=str(k)) for k in range(50)]
+    rows = []
+    for k in range(3):
+        memory = Memory()
+        schedule = schedule_of(wanted, memory, shard=(k, 3))
+        finish(schedule, memory)
+        counts = schedule.missing.counts
+        assert counts.done + counts.left == 50
+        assert counts.failed == 0
+        rows += list(memory.rows)
+    assert len(rows) == len(set(rows)) == 100
+
+
 def test_tasks_are_cut_for_the_slowest_kind_of_device():
     assert device_kind(["cuda:0", "cuda:1"]) == "cuda"
     assert device_kind(["cuda:0", "cpu"]) == "cpu"

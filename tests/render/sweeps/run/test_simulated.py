@@ -7,10 +7,10 @@ from simulated_engine import MAKER, SECONDS, SimulatedEngine, StandInPlan
 from sweep_stand_ins import StandIn, count_poses, rows_wanted
 
 from palpate.datasets.sweeps.store import SweepStore
-from palpate.render.sweeps.run.limits import Limits
+from palpate.render.sweeps.run.limits import WorkerLimits
 from palpate.render.sweeps.run.parent import run_sweep
 
-LIMITS = Limits(timeout=600.0, memory=8 * 10**9)
+LIMITS = WorkerLimits(timeout=600.0, memory=8 * 10**9)
 BAD = {
     "raise": "it cannot be made",
     "crash": "killed by signal 11",

@@ -1,12 +1,10 @@
 """Claims of work: one parent has a bucket, whoever else asks; a dead parent's are taken over; on S3 as on a disk."""
 
-import socket
 import subprocess
 import sys
-import time
-import urllib.request
 
 import pytest
+from s3_server import s3_bucket
 
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.sweeps.claims import Claims, LocalPlace, SharedPlace, is_dead_process
@@ -22,32 +20,9 @@ class Clock:
 
 @pytest.fixture(scope="module")
 def bucket():
-    """An S3 server of this machine, and a bucket of it."""
-    pytest.importorskip("moto")
-    pytest.importorskip("s3fs")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    words = [sys.executable, "-c", "from moto.server import main; main()", "-H", "127.0.0.1", "-p", str(port)]
-    keys = {"AWS_ACCESS_KEY_ID": "key", "AWS_SECRET_ACCESS_KEY": "secret", "AWS_DEFAULT_REGION": "us-east-1"}
-    keys["AWS_ENDPOINT_URL"] = f"http://127.0.0.1:{port}"
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in keys.items():
-            patch.setenv(name, value)
-        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
-            until = time.monotonic() + 60
-            while True:
-                try:
-                    urllib.request.urlopen(keys["AWS_ENDPOINT_URL"], timeout=1)
-                    break
-                except OSError:
-                    assert time.monotonic() < until
-                    time.sleep(0.1)
-            import fsspec
-
-            fsspec.filesystem("s3").mkdir("palpate")
-            yield "s3://palpate"
-            server.kill()
+    """A bucket of an S3 server of this machine."""
+    with pytest.MonkeyPatch.context() as patch, s3_bucket(patch) as url:
+        yield url
 
 
 @pytest.fixture(params=["folder", "file://", pytest.param("s3", marks=pytest.mark.exhaustive)])

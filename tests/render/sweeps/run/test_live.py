@@ -1,5 +1,6 @@
 """Sweeps whose stages misbehave, in real processes and on a real cluster: each ends, and healthy recipes are made."""
 
+import contextlib
 import json
 import os
 import random
@@ -10,6 +11,7 @@ import time
 import pytest
 from bad_stages import REASONS, write_plan
 from command_line import PALPATE
+from s3_server import s3_bucket
 
 from palpate.datasets.sweeps.table import load_table
 
@@ -102,8 +104,15 @@ def test_two_parents_of_one_store_share_the_work(large):
 
 
 @pytest.mark.exhaustive
-def test_parents_with_stores_of_their_own_share_the_work_through_a_folder(large):
-    share = ["--share", f"file://{large.parent}/shared", "--workers", 1]
+@pytest.mark.parametrize("kind", ["folder", "s3"])
+def test_parents_with_stores_of_their_own_share_the_work(large, kind):
+    with pytest.MonkeyPatch.context() as patch, contextlib.ExitStack() as stack:
+        url = f"file://{large.parent}/shared" if kind == "folder" else f"{stack.enter_context(s3_bucket(patch))}/study"
+        share_work(large, url)
+
+
+def share_work(large, url):
+    share = ["--share", url, "--workers", 1]
     stores = [large.parent / "a.sweep", large.parent / "b.sweep"]
     processes = [started(large, *share, "--store", store) for store in stores]
     (one, err), (other, _) = map(finished, processes)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import SweepError
 from ...reports.contour_figure import SUFFIXES, save_picture
-from .layout import Axis, Layout, View, choose_views
+from .layout import Axis, FigureLayout, View, choose_views
 from .table import AXIS_UNITS, is_missing
 
 COLOURS = ("#2b2d42", "#c1121f", "#1d6fa5", "#2a9d8f", "#f4a261", "#9b5de5", "#bc6c25", "#e56b9f", "#8d99ae", "#606c38")
@@ -95,11 +95,11 @@ def sweep_figure(columns: Mapping[str, Sequence[Any] | np.ndarray], *, name: str
 class _Block:
     """Panels that share their axes."""
 
-    metrics: Mapping[str, tuple[Layout, np.ndarray]]
+    metrics: Mapping[str, tuple[FigureLayout, np.ndarray]]
     """Layouts have the same places, and differ in their rows."""
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> FigureLayout:
         """Of any of them."""
         return next(iter(self.metrics.values()))[0]
 
@@ -122,7 +122,7 @@ class _Block:
 def _blocks(views: Sequence[View], order: Sequence[str]) -> list[_Block]:
     """Views whose axes have the same places are one block; metrics keep their order."""
     rows = {metric: (view.layout, values) for view in views for metric, values in view.metrics.items()}
-    found: dict[tuple[str, ...], dict[str, tuple[Layout, np.ndarray]]] = {}
+    found: dict[tuple[str, ...], dict[str, tuple[FigureLayout, np.ndarray]]] = {}
     for metric in order:
         found.setdefault(rows[metric][0].places, {})[metric] = rows[metric]
     return [_Block(own) for own in found.values()]
@@ -162,29 +162,31 @@ def _numbers(values: Sequence[Any]) -> np.ndarray:
     return np.array([math.nan if is_missing(value) else value for value in values], np.float64)
 
 
-def _grid(metric_count: int, layout: Layout) -> tuple[int, int]:
+def _grid(metric_count: int, layout: FigureLayout) -> tuple[int, int]:
     if layout.column is not None:
         return metric_count, len(layout.column.values)
     across = min(metric_count, 2 if metric_count == 4 else ACROSS)
     return -(-metric_count // across), across
 
 
-def _lies(layout: Layout) -> bool:
+def _lies(layout: FigureLayout) -> bool:
     """Whether words stand one below the other at the left, metrics side by side: words are read best like that."""
     return not layout.x.is_numeric and layout.column is None
 
 
-def _lanes(layout: Layout) -> int:
+def _lanes(layout: FigureLayout) -> int:
     """Series in a panel."""
     return math.prod(len(axis.values) for axis in (layout.hue, layout.dash) if axis)
 
 
-def _thickness(layout: Layout) -> float:
+def _thickness(layout: FigureLayout) -> float:
     """Of panels that lie [inch]."""
     return 0.3 + len(layout.x.values) * max(0.17, 0.08 * (1 + _lanes(layout)))
 
 
-def _draw_panels(axes: np.ndarray, layout: Layout, metrics: Mapping[str, tuple[Layout, np.ndarray]]) -> None:
+def _draw_panels(
+    axes: np.ndarray, layout: FigureLayout, metrics: Mapping[str, tuple[FigureLayout, np.ndarray]]
+) -> None:
     column, panels_all = layout.column, axes.ravel()
     for i, (metric, (own, values)) in enumerate(metrics.items()):
         panels = axes[i] if column else [panels_all[i]]
@@ -238,7 +240,7 @@ def _label_x(panel: Any, x: Axis) -> None:
         panel.set_xscale("log")
 
 
-def _draw_panel(panel: Any, layout: Layout, values: np.ndarray, rows: np.ndarray) -> None:
+def _draw_panel(panel: Any, layout: FigureLayout, values: np.ndarray, rows: np.ndarray) -> None:
     """One metric over x, a line or a row of points for each colour and dash."""
     hues, dashes, lanes = layout.hue, layout.dash, _lanes(layout)
     dash_count = len(dashes.values) if dashes else 1
@@ -329,7 +331,7 @@ def _label(figure: Any, views: Sequence[View], table: Mapping[str, Sequence[Any]
     figure.supxlabel("\n".join([COMMA.join(parts), *told]), x=0.01, ha="left", fontsize=7, color="#555555")
 
 
-def _legend(axis: Axis, layout: Layout, title: str) -> list[Any]:
+def _legend(axis: Axis, layout: FigureLayout, title: str) -> list[Any]:
     """A heading, and how each value looks."""
     from matplotlib.lines import Line2D
 

@@ -46,7 +46,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Layout:
+class FigureLayout:
     """Where axes stand."""
 
     x: Axis
@@ -66,7 +66,7 @@ class Layout:
 class View:
     """Metrics that depend on the same axes, and how these are drawn."""
 
-    layout: Layout
+    layout: FigureLayout
     metrics: Mapping[str, np.ndarray]
     """Values of each by the rows of the layout: those of the table that differ in these axes."""
     omitted: tuple[str, ...]
@@ -108,7 +108,7 @@ def _determines(one: Axis, other: Axis) -> bool:
     return len(np.unique(pairs)) == len(np.unique(one.code))
 
 
-def choose_layout(table: Mapping[str, Sequence[Any]]) -> Layout:
+def choose_layout(table: Mapping[str, Sequence[Any]]) -> FigureLayout:
     """Give each axis that varies its place.
 
     | place | takes | at most |
@@ -137,7 +137,7 @@ def choose_layout(table: Mapping[str, Sequence[Any]]) -> Layout:
     left = _without(left, dash)
     placed = [axis for axis in (x, hue, column, dash) if axis is not None]
     rest = [axis for axis in left if not _follows(axis, placed)]
-    return Layout(x, hue, column, dash, tuple(seeds + rest))
+    return FigureLayout(x, hue, column, dash, tuple(seeds + rest))
 
 
 def choose_views(table: Mapping[str, Sequence[Any]], metrics: Mapping[str, np.ndarray]) -> list[View]:

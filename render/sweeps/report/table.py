@@ -97,7 +97,7 @@ Columns = dict[str, list[Any]]
 """Of a table: the name and the values, one a row; None where it does not apply."""
 
 
-class Results(Protocol):
+class ResultStore(Protocol):
     """What the table needs of a store."""
 
     @property
@@ -164,7 +164,7 @@ def is_axis(column: str) -> bool:
     return not (is_metric(column) or column in OTHERS or column.startswith("seconds"))
 
 
-def tidy_columns(recipes: Iterable[Recipe], store: Results, groups: Sequence[str]) -> Columns:
+def tidy_columns(recipes: Iterable[Recipe], store: ResultStore, groups: Sequence[str]) -> Columns:
     """A sweep's table: one row a recipe, in their order.
 
     Columns, in this order: the recipe's own, metrics of the groups asked for (`METRICS`), `kept_...` paths, "complete",
@@ -246,7 +246,7 @@ class _Made:
     """By stage; nothing if it is not whole."""
 
 
-def _made(recipes: Sequence[Recipe], keys: Sequence[Sequence[Key]], store: Results) -> dict[Key, _Made]:
+def _made(recipes: Sequence[Recipe], keys: Sequence[Sequence[Key]], store: ResultStore) -> dict[Key, _Made]:
     """Results of some recipes, each key's merged once however many recipes share it."""
     owner = {key: recipe for recipe, own in zip(recipes, keys, strict=True) for key in own}
     found: dict[Key, dict[int, Mapping[str, Any]]] = {key: {} for key in owner}

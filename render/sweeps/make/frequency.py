@@ -92,7 +92,7 @@ class Pacer:
         return self._gaps
 
     def _rows_of_tracks(self, strategy: SamplingStrategy) -> np.ndarray:
-        """Poses whose samples only a track tells."""
+        """Poses whose samples are known only from a track."""
         if is_fixed(strategy):
             return np.zeros(0, np.int64)
         paused = self.batch is not None and self.batch.dwell is not None

@@ -134,29 +134,29 @@ def _claim(path: Path, recipe: Recipe) -> None:
         shutil.rmtree(folder)
     parts = {name: getattr(recipe, name) for name in ("thing", "hand", "motion", "strategy")}
     text = json.dumps({"maker": code_version(), "recipe": parts}, indent=2)
-    write_file(_told_at(path), memoryview(text.encode()))
+    write_file(_beside(path), memoryview(text.encode()))
 
 
-def _told_at(path: Path) -> Path:
+def _beside(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
 def _is_counted(path: Path) -> bool:
     """Whether a contour file, finished or not, is of this code, or of code whose results count for it."""
-    maker, own = _told_maker(path), code_version()
+    maker, own = _maker_beside(path), code_version()
     return maker == own or (maker is not None and maker in read_counted(path.parents[1], own))
 
 
-def _told_maker(path: Path) -> str | None:
-    """Which code a contour file is of; None if nothing says it.
+def _maker_beside(path: Path) -> str | None:
+    """The code version that made a contour file; None if no file has it.
 
-    Raises OSError where what says it may not be read: a file of other code is thrown away, so none is taken for one.
+    Raises OSError if the file that has it may not be read: contours of other code are removed, so none may be mistaken.
     """
     try:
-        told = json.loads(_told_at(path).read_text(encoding="utf-8"))
+        beside = json.loads(_beside(path).read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):
         return None
-    return told.get("maker") if isinstance(told, dict) else None
+    return beside.get("maker") if isinstance(beside, dict) else None
 
 
 @contextmanager
@@ -251,7 +251,7 @@ def _room_for(store: Path, name: str) -> Path:
 
 
 def _attributes(form: str, recipe: Recipe, strategy: SamplingStrategy) -> dict[str, Attribute]:
-    """What every file says of itself."""
+    """Attributes of every file."""
     return {
         "format": form,
         "version": np.array([1, 0], np.int32),

@@ -74,7 +74,7 @@ Poses = HostPoses | RandomPoses
 
 
 def pose_count(recipe: Recipe) -> int:
-    """Number of poses of a recipe; nothing is made for it but what only a file's content tells.
+    """Number of poses of a recipe; nothing is made for it, unless only a file's content has it.
 
     Raises MotionError, RecordingError, ContourFileError for a file that cannot be read.
     """

@@ -32,7 +32,7 @@ NUMBERS = (
     "dwell_spread",
     "dwell_area",
 )
-"""What the group "sampling" holds: docs/formats/sweep-files.md tells each."""
+"""What the group "sampling" holds: docs/formats/sweep-files.md describes each."""
 
 
 class FocusTaker(Protocol):

@@ -85,7 +85,7 @@ class Moved:
 
     recipe_hash: str
     recipe: str
-    """What tells it from the others of the sweep."""
+    """Values that distinguish it from the others of the sweep."""
     metric: str
     old: float | None
     new: float | None
@@ -137,13 +137,13 @@ class Comparison:
     incomplete: tuple[str, ...] = ()
     """Recipes on both sides that the sweep has no whole results of."""
     added: tuple[str, ...] = ()
-    """Recipes that the baseline does not have, or not whole: told, not wrong."""
+    """Recipes that the baseline lacks, or has in part: they are reported, and no failure."""
     columns_missing: tuple[str, ...] = ()
     """Metrics of the baseline that the sweep does not have."""
     columns_added: tuple[str, ...] = ()
-    """Metrics that the baseline does not have: told, not wrong."""
+    """Metrics that the baseline lacks: they are reported, and no failure."""
     changed: tuple[str, ...] = ()
-    """Recipes that have another hash and are the baseline's by name, and compared with it: told, not wrong."""
+    """Recipes with another hash that are compared with the baseline's of the same name: reported, and no failure."""
     sources: tuple[str, ...] = ()
     """What has changed behind its name in those, such as "strategy mine.json", if the baseline keeps recipes."""
     makers: tuple[str, str] = field(default=("", ""))
@@ -164,15 +164,15 @@ class Comparison:
             count = "1 recipe is" if len(self.changed) == 1 else f"{len(self.changed)} recipes are"
             why = "the file behind this name" if self.sources else "a file behind their names"
             out.append(f"{count} compared by name: {why} has changed: {_few(self.sources or self.changed)}")
-        for names, one, several in self._told():
+        for names, one, several in self._notes():
             if names:
                 out.append(f"{len(names)} {one if len(names) == 1 else several}: {_few(names)}")
         if self.makers[0] and self.makers[0] != self.makers[1]:
             out.append(f"the baseline was made by {self.makers[0]}, this by {self.makers[1]}")
         return out
 
-    def _told(self) -> tuple[tuple[tuple[str, ...], str, str], ...]:
-        """Names, and what is said of one and of several."""
+    def _notes(self) -> tuple[tuple[tuple[str, ...], str, str], ...]:
+        """Names, with the sentence for one and for several."""
         return (
             (
                 self.missing,
@@ -207,7 +207,7 @@ class Comparison:
 
 
 def parse_tolerances(words: Sequence[str]) -> tuple[Tolerance, ...]:
-    """What `--tolerance` says, given any number of times; for each column the last that names it counts.
+    """The tolerances of `--tolerance`, given any number of times; for each column the last that names it counts.
 
     A column without one has 1e-6, relative. Raises SweepError for a word that is none.
     """
@@ -285,7 +285,7 @@ def tolerance_of(metric: str, tolerances: Sequence[Tolerance]) -> Tolerance:
 
 
 def _sources(old: Mapping[str, np.ndarray], new: Mapping[str, Any], pairs: Mapping[int, int]) -> tuple[str, ...]:
-    """Parts of recipes that are others under the same name, as recipes' JSON tells them."""
+    """Parts of recipes that have the same name and another content, by the recipes' JSON."""
     found: dict[str, None] = {}
     for row, was in pairs.items():
         try:
@@ -298,7 +298,7 @@ def _sources(old: Mapping[str, np.ndarray], new: Mapping[str, Any], pairs: Mappi
 
 
 def row_names(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> list[str]:
-    """What tells each row's recipe from the others: values of the columns that do, with the names of numbers."""
+    """Values that distinguish each row's recipe from the others, with the column's name before a number."""
     axes = telling_axes({name: list(values) for name, values in columns.items()})
     words = [[_word(axis, k) for k in range(len(axis.values))] for axis in axes]
     hashes = [str(key)[:12] for key in columns["recipe_hash"]]

@@ -33,7 +33,7 @@ TITLES: dict[str, tuple[str, str]] = {
 
 LOG_FROM = 40.0  # greatest over least from which an axis is logarithmic
 SINGLE_MOST = 40  # results of a point that are drawn one by one
-BANDS_CLEAR = 4  # series of which spreads can be told apart
+BANDS_CLEAR = 4  # series of which a reader can distinguish the spreads
 MARKED_MOST = 25  # points of a line that have markers
 NAME_MOST, TITLE_MOST = 32, 100  # characters of a name: of a value, of the sweep
 WIDE = 9  # characters of a tick label from which labels stand on end

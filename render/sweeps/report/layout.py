@@ -15,7 +15,7 @@ from .table import METRICS, differs, is_axis, is_missing, plain_cell
 METRIC_GROUPS = {metric: group for group, metrics in METRICS.items() for metric in metrics} | {"jumps": "sampling"}
 """Group of each metric that a picture may show; jumps are those of all causes."""
 
-COLOURS_GOOD, COLOURS_MOST = 10, 20  # that are told apart well, and at all
+COLOURS_GOOD, COLOURS_MOST = 10, 20  # that a reader can distinguish well, and at all
 COLUMNS_MOST = 6
 DASHES_MOST = 4
 TICKS_MOST = 24  # words along an axis
@@ -84,7 +84,7 @@ def axis_of(name: str, values: Sequence[Any]) -> Axis:
 
 
 def varying_axes(table: Mapping[str, Sequence[Any]]) -> list[Axis]:
-    """Columns of the recipe that vary, each once: of those that tell the same rows apart the first counts."""
+    """Columns of the recipe that vary, each once: of those that distinguish the same rows the first counts."""
     axes = [axis_of(name, values) for name, values in table.items() if is_axis(name)]
     kept: list[Axis] = []
     for axis in axes:
@@ -94,7 +94,7 @@ def varying_axes(table: Mapping[str, Sequence[Any]]) -> list[Axis]:
 
 
 def telling_axes(table: Mapping[str, Sequence[Any]]) -> list[Axis]:
-    """Columns of the recipe that tell rows apart, those left out that follow from the ones before."""
+    """Columns of the recipe that distinguish rows, without those that follow from the ones before."""
     kept: list[Axis] = []
     for name, values in table.items():
         if is_axis(name) and not _follows(axis := axis_of(name, values), kept):

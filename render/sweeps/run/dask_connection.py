@@ -3,9 +3,9 @@
 | scheduler                      | cluster                          | workers                     | device of each     |
 |--------------------------------|----------------------------------|-----------------------------|--------------------|
 | None, "local"                  | Dask's own, on 127.0.0.1         | one for each GPU, each core | one of those named |
-| "tcp://host:port", "host:port" | somebody's; stays when we go     | at least so many must come  | the word, there    |
+| "tcp://host:port", "host:port" | one that runs; it stays          | at least so many must come  | the word, there    |
 | "scheduler.json"               | the same; Dask's file has where  | the same                    | the word, there    |
-| a Client (Python)              | the client's; stays when we go   | at least so many must come  | the word, there    |
+| a Client (Python)              | the client's; it stays           | at least so many must come  | the word, there    |
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def _environment(name: str) -> dict[str, str]:
 
 
 def _find(address: str, devices: str, workers: int, patience: float) -> DaskConnection:
-    """A scheduler that somebody runs."""
+    """A scheduler that runs already."""
     where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     try:
         client = _client(patience, **where)
@@ -233,11 +233,11 @@ def _client(patience: float, **where: Any) -> Any:
 
 def _compare_versions(client: Any) -> None:
     """One sentence where Dask writes a table; code cannot travel between two Pythons, so that is an error."""
-    told = client.get_versions(check=False)
-    mine = told["client"]["packages"]
-    others = {"its scheduler": told["scheduler"]} | told["workers"]
+    versions = client.get_versions(check=False)
+    mine = versions["client"]["packages"]
+    others = {"its scheduler": versions["scheduler"]} | versions["workers"]
     theirs = {who: other["packages"] for who, other in others.items() if other}
-    for who in told["workers"].keys() & theirs.keys():
+    for who in versions["workers"].keys() & theirs.keys():
         if _minor(theirs[who]) != _minor(mine):
             raise SweepError(f"worker {who} has Python {_minor(theirs[who])}, this process {_minor(mine)}; take one")
     differing = sorted(

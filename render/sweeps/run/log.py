@@ -48,11 +48,11 @@ class SweepProgress:
 
 class SweepLog:
     """Appends events to a file; lines of several parents do not mix. A line that cannot be written is left out: a full
-    disk is noticed, and told, where results are recorded. So are all lines where the file is a link or a pipe."""
+    disk is noticed, and reported, where results are recorded. So are all lines where the file is a link or a pipe."""
 
     def __init__(self, path: Path) -> None:
         self.run = f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{os.getpid()}-{secrets.token_hex(3)}"
-        """Tells this parent's lines and shards from others'."""
+        """Distinguishes this parent's lines and shards from others'."""
         self._handle = -1
         with contextlib.suppress(OSError):
             self._handle = open_own(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)

@@ -63,7 +63,7 @@ class WorkerPort:
                 os._exit(0)
 
     def show_progress(self, places: Sequence[int] | None) -> None:
-        """Tell the parent which chunks are begun, or that they go on."""
+        """Report to the parent which chunks are begun, or that they go on."""
         self.send(Progress(None if places is None else tuple(places)))
 
     def _listen(self) -> NoReturn:

@@ -65,7 +65,7 @@ class WorkerProcess:
 
     @classmethod
     def launch(cls, index: int, device: str, work: str) -> Self:
-        """Start a process and tell it what it is; raises SweepError if the system has no room for one."""
+        """Start a process and send it its assignment; raises SweepError if the system has no room for one."""
         here, there = socket.socketpair()
         output = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `end`
         command = [sys.executable, "-P", "-c", BOOT, f"palpate sweep worker {index} on {device}", str(there.fileno())]

@@ -3,6 +3,7 @@
 | metric | of a pose | does not apply |
 |---|---|---|
 | length, length_object, length_hand, length_made | contours after all stages, in all and by kind [m] | |
+| length_intensity | integral of the intensity along contours [m] | |
 | polylines | their number | |
 | area | of S and R together, on all patches: what raw contours enclose, before other stages [m^2] | OC; hand mesh |
 | removed_<stage> | length that a prune stage removed [m] | |
@@ -63,7 +64,7 @@ class Measured:
 
     slice: ChunkSlice
     contours: dict[str, Any]
-    """Metrics length, length_object, length_hand, length_made, polylines, area, removed_<stage>."""
+    """`METRICS` of the kernels, and removed_<stage>."""
     frequency: tuple[dict[str, Any], ...]
     """Metrics draw_frequency_nominal, draw_frequency_actual, for each sampling strategy of the chunk's rendering."""
     columns: tuple[dict[str, np.ndarray], ...] = field(default=())

@@ -29,6 +29,8 @@ CONTOUR_METRICS: dict[str, str] = {
     "length_object_mean": "m",
     "length_hand_mean": "m",
     "length_made_mean": "m",
+    "length_intensity_mean": "m",
+    "intensity_mean": "1",
     "r": "1",
     "polylines_mean": "1",
     "polylines_max": "1",
@@ -292,6 +294,7 @@ def _statistic(payloads: Sequence[Mapping[str, Any]], name: str) -> Statistic:
 def _contours(payloads: Sequence[Mapping[str, Any]], closing: bool) -> dict[str, Any]:
     """Columns of `CONTOUR_METRICS`."""
     length, on_object = _statistic(payloads, "length"), _statistic(payloads, "length_object")
+    weighted = _statistic(payloads, "length_intensity")
     polylines, area = _statistic(payloads, "polylines"), _statistic(payloads, "area")
     return {
         "poses": sum(payload["poses"] for payload in payloads) if payloads else None,
@@ -302,6 +305,8 @@ def _contours(payloads: Sequence[Mapping[str, Any]], closing: bool) -> dict[str,
         "length_object_mean": on_object.mean,
         "length_hand_mean": _statistic(payloads, "length_hand").mean,
         "length_made_mean": _statistic(payloads, "length_made").mean,
+        "length_intensity_mean": weighted.mean,
+        "intensity_mean": length_ratio(weighted.total, length.total) if weighted.number else None,
         "r": length_ratio(length.total, on_object.total) if closing else None,
         "polylines_mean": polylines.mean,
         "polylines_max": polylines.most,

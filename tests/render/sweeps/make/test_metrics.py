@@ -180,6 +180,15 @@ def test_area_is_of_raw_contours_and_nan_where_none_is_closed(device):
     assert np.isnan(area(CUBE, MeshHand(*grid_skin()), replace(CC, step=0.01))).all()
 
 
+def test_strategies_that_differ_in_intensity_alone_have_other_numbers(device):
+    pose = generic_poses(60, 3)
+    one, other = (measured(Scene.of(CUBE, Palm(), load_strategy(name)), pose, device) for name in ("cc", "edges"))
+    stat, weighted = one.contours["stat"], other.contours["stat"]
+    assert stat["length_intensity"] == stat["length"]
+    assert weighted["length"][1] == pytest.approx(stat["length"][1], rel=1e-6)
+    assert 0.1 * stat["length"][1] < weighted["length_intensity"][1] < 0.99 * stat["length"][1]
+
+
 def test_what_never_applies_has_no_least(device):
     away = generic_poses(20, 1) + np.array([1, 0, 0, 0, 0, 0, 0], np.float32)
     result = measured(Scene.of(TUBE, Palm(), open_contour()), away, device)

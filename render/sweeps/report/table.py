@@ -45,6 +45,8 @@ SAMPLING_METRICS: dict[str, str] = {
     "jumps_pose": "1",
     "jumps_reentry": "1",
     "jump_length": "m",
+    "jumps_per_second": "Hz",
+    "hops_per_second": "Hz",
     "step_longest": "m",
     "silent_share": "1",
     "revisit_rate": "Hz",

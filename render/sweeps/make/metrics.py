@@ -22,6 +22,7 @@ import numpy as np
 import warp as wp
 
 from ....datasets.storage.schema import removed_name
+from ....kernels.metrics.histogram import count_bins
 from ....kernels.metrics.tally import METRICS, STATISTICS, sum_parts, tally_contours
 from ...contour_batch import ContourBatch
 from ...errors import SweepError
@@ -30,6 +31,7 @@ from ...intersection.scene import PoseBlock, Scene
 from ...runtime.stage_timing import StageClock, resolved_times, stage_times
 from ...sampling.strategy import SamplingStrategy
 from ...stages.registry import BY_RAW_KERNELS
+from . import histogram
 from .frequency import Pacer, needs_contours
 from .task import CHUNK_POSES, SPAN
 
@@ -59,7 +61,8 @@ class Measured:
     """What of a chunk has been measured, that of `ChunkSlice.before` included; payloads are JSON.
 
     A payload is {"poses": n, "poses_drawn": n, "stat": {metric: [count, sum, sum of squares, least, greatest]},
-    "seconds": {stage: s}}; only finite values count, and where none does, least and greatest are None.
+    "seconds": {stage: s}}; only finite values count, and where none does, least and greatest are None. That of contours
+    also has "histogram": {"length": numbers of poses in the bins of `histogram`}.
     """
 
     slice: ChunkSlice
@@ -105,14 +108,19 @@ def measure_batch(
     with StageClock(clock, "frequency", device):
         _pace(tallied, asked)
     with StageClock(clock, "measure", device):
-        sums = _sums(tallied, slices, asked, samplings, device)
-    found = sums.numpy()  # the one download; waits for all that was asked of the device
+        spans = Spans.of(slices, device)
+        sums = _sums(tallied, slices, spans, asked, samplings, device)
+        counted = _counted(tallied, spans)
+    found, bins = sums.numpy(), counted.numpy()  # all that is downloaded; waits for all that was asked of the device
     seconds = resolved_times(clock)
     if timing is not None:
         timing |= {stage: timing.get(stage, 0.0) + s for stage, s in seconds.items()}
     pacing = {"frequency": seconds.pop("frequency") / max(1, len(asked))}
     before = [None if own.before is None else own.before.contours for own in slices]
     contours = _payloads(slices, tallied.names, found, before, seconds, len(pose))
+    for own, payload, count in zip(slices, contours, bins, strict=True):
+        begun = [] if own.before is None else [own.before.contours["histogram"]["length"]]
+        payload["histogram"] = {"length": histogram.describe(histogram.merge(begun) + count)}
     drawn = [payload["poses_drawn"] for payload in contours]
     frequency = []
     for k, strategy in enumerate(asked):
@@ -232,6 +240,7 @@ def _pace(tallied: Tallied, asked: Sequence[SamplingStrategy]) -> None:
 def _sums(
     tallied: Tallied,
     slices: Sequence[ChunkSlice],
+    spans: Spans,
     asked: Sequence[SamplingStrategy],
     samplings: Sequence[Sequence[SamplingStrategy]],
     device: str,
@@ -243,8 +252,13 @@ def _sums(
         rates = [_begun(FREQUENCIES, _paced_before(slices, strategy, samplings)) for strategy in asked]
         table = np.concatenate([_begun(tallied.names, contours), *rates], axis=1)
         begun = wp.array(table, dtype=wp.float64, device=device)
-    spans = Spans.of(slices, device)
     return sum_parts(tallied.value, spans.first, spans.count, spans.chunk_start, begun)
+
+
+def _counted(tallied: Tallied, spans: Spans) -> wp.array:
+    """Poses of each chunk in the bins of their length, on the device."""
+    length, places = tallied.value[METRICS.index("length")], (spans.first, spans.count, spans.chunk_start)
+    return count_bins(length, *places, lowest=histogram.LOWEST, highest=histogram.HIGHEST, bits=histogram.BITS)
 
 
 def _begun(names: Sequence[str], before: Sequence[dict[str, Any] | None]) -> np.ndarray:

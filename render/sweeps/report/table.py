@@ -12,6 +12,7 @@ from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.store import SweepStore
 from ....datasets.sweeps.table_text import CONSTANTS
 from ...reports.file_summary import length_ratio
+from ..make import histogram
 from ..make.poses import chunk_count
 from ..plan.recipe import WHOLE_GROUPS, Recipe
 
@@ -20,12 +21,16 @@ NOISE = 1e-6
 """A standard deviation below this share of the root mean square is rounding, and stands as 0: sums of squares are
 float64 sums of up to 768 terms a part, right to about 1e-13, and sqrt(1e-13) of it is what their difference leaves."""
 
+PERCENTS = (5, 50, 95)
+"""Quantiles of the length, as percentages of the poses."""
+
 CONTOUR_METRICS: dict[str, str] = {
     "poses": "1",
     "poses_drawn": "1",
     "length_mean": "m",
     "length_std": "m",
     "length_max": "m",
+    **{f"length_p{percent:02}": "m" for percent in PERCENTS},
     "length_object_mean": "m",
     "length_hand_mean": "m",
     "length_made_mean": "m",
@@ -121,6 +126,7 @@ class Statistic(NamedTuple):
     """Of poses."""
     total: float
     squares: float
+    least: float
     greatest: float
 
     @classmethod
@@ -128,11 +134,12 @@ class Statistic(NamedTuple):
         """From parts' [count, sum, sum of squares, least, greatest]: the same whatever their order."""
         used = [part for part in parts if part[0]]
         if len(used) < 2:  # most recipes have one part, and not every metric
-            return cls(int(used[0][0]), used[0][1], used[0][2], used[0][4]) if used else NOTHING
+            return cls(int(used[0][0]), *used[0][1:5]) if used else NOTHING
         return cls(
             sum(int(part[0]) for part in used),
             math.fsum(part[1] for part in used),
             math.fsum(part[2] for part in used),
+            min(part[3] for part in used),
             max(part[4] for part in used),
         )
 
@@ -155,7 +162,7 @@ class Statistic(NamedTuple):
         return self.greatest if self.number else None
 
 
-NOTHING = Statistic(0, 0.0, 0.0, math.nan)
+NOTHING = Statistic(0, 0.0, 0.0, math.nan, math.nan)
 
 
 def is_metric(column: str) -> bool:
@@ -304,6 +311,7 @@ def _contours(payloads: Sequence[Mapping[str, Any]], closing: bool) -> dict[str,
         "length_mean": length.mean,
         "length_std": length.std,
         "length_max": length.most,
+        **_length_quantiles(payloads, length),
         "length_object_mean": on_object.mean,
         "length_hand_mean": _statistic(payloads, "length_hand").mean,
         "length_made_mean": _statistic(payloads, "length_made").mean,
@@ -316,6 +324,16 @@ def _contours(payloads: Sequence[Mapping[str, Any]], closing: bool) -> dict[str,
         "area_max": area.most,
         **{f"removed_{stage}_mean": _statistic(payloads, f"removed_{stage}").mean for stage in PRUNED_NAMES},
     }
+
+
+def _length_quantiles(payloads: Sequence[Mapping[str, Any]], length: Statistic) -> dict[str, float | None]:
+    """Columns of PERCENTS; None if results of an earlier code version count that have no histogram."""
+    names = [f"length_p{percent:02}" for percent in PERCENTS]
+    known = [payload["histogram"]["length"] for payload in payloads if "histogram" in payload]
+    if not length.number or len(known) < len(payloads):
+        return dict.fromkeys(names)
+    values = histogram.quantiles(histogram.merge(known), PERCENTS, length.least, length.greatest)
+    return dict(zip(names, values, strict=True))
 
 
 def _seconds(payload: Mapping[str, Any]) -> Mapping[str, float]:

@@ -34,6 +34,7 @@ from palpate.render.intersection.file_recording import metrics_of
 from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps.make import metrics as metrics_module
+from palpate.render.sweeps.make.histogram import merge, quantiles
 from palpate.render.sweeps.make.metrics import FREQUENCIES, ChunkSlice, measure_batch
 from palpate.render.sweeps.make.task import CHUNK_POSES, SPAN
 
@@ -138,6 +139,9 @@ def test_statistics_are_those_of_the_columns(device):
         assert count == len(x)
         np.testing.assert_allclose([total, square], [x.sum(), (x * x).sum()], rtol=1e-12)
         assert (least, greatest) == (x.min(), x.max())
+    length, count = columns["length"], merge([result.contours["histogram"]["length"]])
+    want = np.quantile(length, [0.5, 0.95], method="inverted_cdf")
+    np.testing.assert_allclose(quantiles(count, (50, 95), length.min(), length.max()), want, rtol=2**-7)
     drawn = np.count_nonzero(columns["length"])
     assert 0 < drawn < len(pose)
     for payload in (result.contours, *result.frequency):

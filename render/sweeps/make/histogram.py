@@ -5,8 +5,7 @@ share of 2^-(BITS + 1) = 0.8 %, from the value of the pose that it stands for. V
 range have a bin each.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -15,19 +14,21 @@ LOWEST, HIGHEST, BITS = -10, 6, 6
 BINS = (HIGHEST - LOWEST) * 2**BITS + 3
 
 
-def describe(count: np.ndarray) -> dict[str, Any]:
-    """JSON of the numbers of all bins: of values up to 0, and of the others from the first bin that has any."""
-    used = np.flatnonzero(count[1:])
-    first, stop = (int(used[0]) + 1, int(used[-1]) + 2) if len(used) else (1, 1)
-    return {"zero": int(count[0]), "first": first, "count": count[first:stop].tolist()}
+def describe(count: np.ndarray) -> list[int]:
+    """JSON of the numbers of all bins in their order; -n stands for n empty bins, and none follow the last number."""
+    used = np.flatnonzero(count)
+    gaps = np.diff(used, prepend=-1) - 1
+    pairs = zip((-gaps).tolist(), count[used].tolist(), strict=True)
+    return [number for pair in pairs for number in pair if number]
 
 
-def merge(histograms: Iterable[Mapping[str, Any]]) -> np.ndarray:
+def merge(histograms: Iterable[Sequence[int]]) -> np.ndarray:
     """Numbers of all bins of several histograms together, int64, shape [bin]."""
     out = np.zeros(BINS, np.int64)
     for own in histograms:
-        out[0] += own["zero"]
-        out[own["first"] : own["first"] + len(own["count"])] += np.array(own["count"], np.int64)
+        numbers = np.array(own, np.int64)
+        stop = np.cumsum(np.where(numbers < 0, -numbers, 1))
+        out[stop[numbers > 0] - 1] += numbers[numbers > 0]
     return out
 
 

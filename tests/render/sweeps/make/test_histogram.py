@@ -60,4 +60,5 @@ def test_parts_merge_in_any_order(values, order):
 def test_equal_lengths_are_exact_and_none_have_no_quantile():
     assert quantiles(counted([0.3] * 9), PERCENTS, 0.3, 0.3) == [0.3] * len(PERCENTS)
     assert quantiles(np.zeros(BINS, int), (50,), 0.0, 0.0) == [None]
-    assert describe(np.zeros(BINS, int)) == {"zero": 0, "first": 1, "count": []}
+    assert describe(np.zeros(BINS, int)) == []
+    assert describe(np.array([2, 0, 0, 5, 1, 0])) == [2, -2, 5, 1]

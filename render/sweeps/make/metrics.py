@@ -34,6 +34,7 @@ from ...stages.registry import BY_RAW_KERNELS
 from . import histogram
 from .frequency import Pacer, needs_contours
 from .task import CHUNK_POSES, SPAN
+from .user_metrics import UserMetric, measure
 
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 DRAWS_ON_CPU = True  # there it takes 3 to 10 % less than walking undrawn (measured); the bits are the same
@@ -70,6 +71,8 @@ class Measured:
     """`METRICS` of the kernels, and removed_<stage>."""
     frequency: tuple[dict[str, Any], ...]
     """Metrics draw_frequency_nominal, draw_frequency_actual, for each sampling strategy of the chunk's rendering."""
+    user_metrics: dict[str, dict[str, Any] | SweepError] = field(default_factory=dict)
+    """By group: what a user's function gives, as `user_metrics.measure` returns it, or why it gives nothing."""
     columns: tuple[dict[str, np.ndarray], ...] = field(default=())
     """If asked, for each sampling strategy a row for each of the chunk's poses in this batch, those before left out."""
 
@@ -81,6 +84,7 @@ def measure_batch(
     *,
     device: str,
     samplings: Sequence[Sequence[SamplingStrategy]],
+    user_metrics: Sequence[Sequence[UserMetric]] = (),
     per_pose: bool = False,
     first: int = 0,
     point_limit: int | None = None,
@@ -89,9 +93,9 @@ def measure_batch(
     """Render a batch of poses and measure it, nothing but statistics leaving the device; one result a chunk, in order.
 
     pose: float32, shape [pose, 7], or wp.transform [pose] on the device: those of all slices. samplings: of each
-    rendering, empty where draw frequencies are not asked for. first: row of the motion that `pose` begins at, for what
-    is articulated or moves. timing: takes the seconds of each stage. Results are bit-identical however slices are put
-    into batches, and on every device.
+    rendering, empty where draw frequencies are not asked for. user_metrics: of each rendering, if any. first: row of
+    the motion that `pose` begins at, for what is articulated or moves. timing: takes the seconds of each stage. Results
+    are bit-identical however slices are put into batches, and on every device.
     Raises PointLimitError before memory is taken for more points than `point_limit`, which none is on a GPU where
     lengths are enough (`Scene.is_drawn_to_measure`, `needs_contours`); SweepError for slices that are not within the
     batch, and for one that goes on in the middle of a span.
@@ -101,7 +105,7 @@ def measure_batch(
     renderings = dict.fromkeys(own.rendering for own in slices)
     asked = list(dict.fromkeys(chain.from_iterable(samplings[rendering] for rendering in renderings)))
     draws = DRAWS_ON_CPU and wp.get_device(device).is_cpu
-    if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)):
+    if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)) or any(user_metrics):
         tallied = _tallied(scene, pose, first, device, point_limit, clock, len(asked))
     else:
         tallied = _tallied_undrawn(scene, pose, first, device, clock, len(asked))
@@ -131,7 +135,28 @@ def measure_batch(
     columns = _columns(tallied, slices, numbers) if per_pose else [()] * len(slices)
     paced = [tuple(frequency[s][k] for s in numbers[own.rendering]) for k, own in enumerate(slices)]
     ended = [own if own.before is None else replace(own, before=None) for own in slices]  # it is in the payloads
-    return [Measured(*row) for row in zip(ended, contours, paced, columns, strict=True)]
+    own = _user_metrics(tallied, slices, user_metrics) if any(user_metrics) else [{}] * len(slices)
+    return [Measured(*row) for row in zip(ended, contours, paced, own, columns, strict=True)]
+
+
+def _user_metrics(
+    tallied: "Tallied", slices: Sequence[ChunkSlice], user_metrics: Sequence[Sequence[UserMetric]]
+) -> list[dict[str, dict[str, Any] | SweepError]]:
+    """What users' functions give of each chunk; what one raises is the result of its own group."""
+    if tallied.batch is None:
+        raise ValueError("contours are needed for a user's metric, and none were drawn")
+    host, out = tallied.batch.numpy(), []
+    for own in slices:
+        found: dict[str, dict[str, Any] | SweepError] = {}
+        for metric in user_metrics[own.rendering]:
+            before = None if own.before is None else own.before.user_metrics[metric.group]
+            try:
+                is_failed = isinstance(before, SweepError)
+                found[metric.group] = before if is_failed else measure(metric, host, own.first, own.count, before)
+            except SweepError as error:
+                found[metric.group] = error
+        out.append(found)
+    return out
 
 
 def _require_slices(slices: Sequence[ChunkSlice], pose_count: int, rendering_count: int) -> None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,12 +14,10 @@ from ....datasets.sweeps.table_text import CONSTANTS
 from ...reports.file_summary import length_ratio
 from ..make import histogram
 from ..make.poses import chunk_count
-from ..plan.recipe import WHOLE_GROUPS, Recipe
+from ..plan.recipe import WHOLE_GROUPS, Recipe, function_of, is_user_metric
+from .statistic import Statistic
 
 CHUNK = 4096  # recipes whose results are looked up at once
-NOISE = 1e-6
-"""A standard deviation below this share of the root mean square is rounding, and stands as 0: sums of squares are
-float64 sums of up to 768 terms a part, right to about 1e-13, and sqrt(1e-13) of it is what their difference leaves."""
 
 PERCENTS = (5, 50, 95)
 """Quantiles of the length, as percentages of the poses."""
@@ -90,6 +88,10 @@ AXIS_UNITS: dict[str, str] = {
 }
 """Unit of the recipe's own columns that have one."""
 
+USER_COLUMN = "metric_"
+"""What columns of metrics begin with that a user's function computes; they have no unit."""
+USER_STATISTICS = ("mean", "std", "max", "count")
+
 UNITS: dict[str, str] = {name: unit for metrics in METRICS.values() for name, unit in metrics.items()}
 """Unit of each metric column; "1" is a number."""
 
@@ -119,55 +121,14 @@ class Results(Protocol):
         ...
 
 
-class Statistic(NamedTuple):
-    """Of one metric over all poses to which it applies."""
-
-    number: int
-    """Of poses."""
-    total: float
-    squares: float
-    least: float
-    greatest: float
-
-    @classmethod
-    def merged(cls, parts: Iterable[Sequence[float]]) -> "Statistic":
-        """From parts' [count, sum, sum of squares, least, greatest]: the same whatever their order."""
-        used = [part for part in parts if part[0]]
-        if len(used) < 2:  # most recipes have one part, and not every metric
-            return cls(int(used[0][0]), *used[0][1:5]) if used else NOTHING
-        return cls(
-            sum(int(part[0]) for part in used),
-            math.fsum(part[1] for part in used),
-            math.fsum(part[2] for part in used),
-            min(part[3] for part in used),
-            max(part[4] for part in used),
-        )
-
-    @property
-    def mean(self) -> float | None:
-        """None without a pose."""
-        return self.total / self.number if self.number else None
-
-    @property
-    def std(self) -> float | None:
-        """Of the population; see NOISE for what counts as 0."""
-        if not self.number:
-            return None
-        variance = math.fsum((self.squares, -self.total * (self.total / self.number))) / self.number
-        return math.sqrt(variance) if variance > NOISE**2 * self.squares / self.number else 0.0
-
-    @property
-    def most(self) -> float | None:
-        """None without a pose."""
-        return self.greatest if self.number else None
-
-
-NOTHING = Statistic(0, 0.0, 0.0, math.nan, math.nan)
-
-
 def is_metric(column: str) -> bool:
     """Whether a table's column is a result that depends on nothing but the recipe (so not on time)."""
-    return column in UNITS
+    return column in UNITS or is_user_column(column)
+
+
+def is_user_column(column: str) -> bool:
+    """Whether a table's column is a metric that a user's function computes."""
+    return column.startswith(USER_COLUMN)
 
 
 def is_axis(column: str) -> bool:
@@ -186,6 +147,7 @@ def tidy_columns(recipes: Iterable[Recipe], store: Results, groups: Sequence[str
     """
     table: Columns = {}
     seconds: list[dict[str, float]] = []
+    has_user_metrics = any(map(is_user_metric, groups))  # whose columns are known by results only
     left = iter(recipes)
     while chunk := list(islice(left, CHUNK)):
         keys = [[(group, recipe.key(group)) for group in groups] for recipe in chunk]
@@ -200,8 +162,11 @@ def tidy_columns(recipes: Iterable[Recipe], store: Results, groups: Sequence[str
             row |= {"recipe": recipe.to_json(), "recipe_hash": recipe.hash, "maker": store.made_by}
             rows.append(row)
             seconds.append(_took([part.seconds for part in parts]))
-        for name in rows[0]:  # every recipe has the same
-            table.setdefault(name, []).extend([row[name] for row in rows])
+        count = len(next(iter(table.values()), ()))
+        for name in dict.fromkeys(
+            (*table, *(name for row in (rows if has_user_metrics else rows[:1]) for name in row))
+        ):
+            table.setdefault(name, [None] * count).extend([row.get(name) for row in rows])
     stages = sorted({name for took in seconds for name in took})
     return table | {name: [took.get(name) for took in seconds] for name in stages}
 
@@ -280,6 +245,8 @@ def _columns(recipe: Recipe, group: str, payloads: Sequence[Mapping[str, Any]]) 
         return {name: _statistic(payloads, name).mean for name in FREQUENCY_METRICS}
     if group == "sampling":
         return {name: payloads[0].get(name) if payloads else None for name in SAMPLING_METRICS}
+    if is_user_metric(group):
+        return _user_columns(function_of(group), payloads)
     return {KEPT[group]: payloads[0].get("path") if payloads else None} if group in KEPT else {}
 
 
@@ -334,6 +301,22 @@ def _length_quantiles(payloads: Sequence[Mapping[str, Any]], length: Statistic) 
         return dict.fromkeys(names)
     values = histogram.quantiles(histogram.merge(known), PERCENTS, length.least, length.greatest)
     return dict(zip(names, values, strict=True))
+
+
+def user_columns(function: str, key: str = "") -> list[str]:
+    """Names of the columns of a user's function, or of one key of the dict that it returns."""
+    name = f"{USER_COLUMN}{function}.{key}" if key else f"{USER_COLUMN}{function}"
+    return [f"{name}_{statistic}" for statistic in USER_STATISTICS]
+
+
+def _user_columns(function: str, payloads: Sequence[Mapping[str, Any]]) -> dict[str, float | int | None]:
+    """Columns of USER_STATISTICS for each key that the function returns; none without payloads."""
+    out: dict[str, float | int | None] = {}
+    for key in dict.fromkeys(key for payload in payloads for key in payload["stat"]):
+        own = _statistic(payloads, key)
+        values = (own.mean, own.std, own.most, own.number)
+        out |= zip(user_columns(function, key), values, strict=True)
+    return out
 
 
 def _seconds(payload: Mapping[str, Any]) -> Mapping[str, float]:

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -182,7 +183,7 @@ KEEP = ("keep-contours", "keep-focal-points", "keep-drives")
 class KeptPlan:
     """One short recipe, everything kept."""
 
-    name, recipe_count, groups, granted = "kept", 1, KEEP, frozenset()
+    name, recipe_count, groups, granted, user_metrics = "kept", 1, KEEP, frozenset(), MappingProxyType({})
 
     def recipes(self):
         yield recipe_of("cube", motion=explored(1.0))

@@ -186,7 +186,8 @@ def _make(task: Task, work: TaskWork) -> None:
             unsplit.setdefault(rendering.key, []).append((place, chunk.groups, recipe, rendering))
         else:
             groups = [group for group in chunk.groups if _is_ready(group, place, title, task, work)]
-            want_chunk(chunks, place, chunk.number, groups, recipe, rendering, work.user_metrics)
+            if groups:
+                want_chunk(chunks, place, chunk.number, groups, recipe, rendering, work.user_metrics)
     families: dict[str, list[RenderedChunk]] = {}
     for own in chunks.values():
         alone = "" if own.rendering.is_fusable else f" {own.rendering.key} {own.number}"

@@ -200,7 +200,7 @@ def test_a_kept_file_that_is_cut_or_gone_is_made_again(tmp_path, harm):
     def run():
         report = run_sweep(KeptPlan(), tmp_path, InProcess("cpu"))
         assert not report.failures
-        return report.parts
+        return report.rows
 
     assert (run(), run()) == (3, 0)
     files = sorted(tmp_path.glob("*/*.h5"))

@@ -145,6 +145,17 @@ def test_a_metric_that_ends_its_process_fails_its_recipes_only(folder):
     assert all("exit code 3" in failure["sentence"] and ", cc," in failure["name"] for failure in told["failures"])
 
 
+def test_trust_in_the_plan_permits_it_until_it_is_edited(folder):
+    assert CliRunner().invoke(app, ["trust", str(folder / "plan.toml")]).exit_code == 0
+    assert not (folder / "ran").exists()
+    (folder / "mine.py").write_text(CODE + "# edited\n")
+    with pytest.raises(UntrustedCodeError, match=r"mine\.py:kinds"):
+        load_plans([folder / "plan.toml"])
+    (folder / "mine.py").write_text(CODE)
+    assert len(load_plans([folder / "plan.toml"]).groups) == 3
+    assert (folder / "ran").exists()
+
+
 def test_a_dry_run_lists_it_and_runs_nothing(folder):
     options = ["--dry-run", "--json", "--device", "cpu", "--set", 'metrics=["mine.py:longest"]']
     done = CliRunner().invoke(app, ["sweep", str(folder / "plan.toml"), *options])

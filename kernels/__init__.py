@@ -46,6 +46,7 @@ MOTION_STAGES = ("metrics.contour_shift",)  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 SWEEP_STAGES = (
     "metrics.random_pose",
+    "metrics.histogram",
     "metrics.tally",
     "section.tally_undrawn",
 )  # poses made where they are used, and sums over them

@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from .sweeps.run.dask_engine import DaskEngine
     from .sweeps.run.engine import InProcess
     from .sweeps.run.parent import run_sweep
+    from .sweeps.study import SweepResult, sweep
 
 
 _ROOMS = {
@@ -94,6 +95,7 @@ _ROOMS = {
     "sweeps.plan.loading": "load_plans",
     "sweeps.run.parent": "run_sweep",
     "sweeps.report.table": "tidy_columns",
+    "sweeps.study": "SweepResult sweep",
 }
 """What each module has that scripts use: it is imported when that is asked for, as a command needs few of them."""
 
@@ -125,6 +127,7 @@ __all__ = [
     "SamplingStrategy",
     "Scene",
     "Stage",
+    "SweepResult",
     "VoxelObject",
     "array_points",
     "box",
@@ -161,6 +164,7 @@ __all__ = [
     "simplify",
     "sphere",
     "summarise",
+    "sweep",
     "tidy_columns",
     "together",
     "torus",

@@ -14,7 +14,7 @@ from ..patch import EXACT, to_float32, to_float64
 
 wp.set_module_options(EXACT)
 
-METRICS = ("length", "length_object", "length_hand", "length_made", "polylines", "area")
+METRICS = ("length", "length_object", "length_hand", "length_made", "polylines", "area", "length_intensity")
 """Rows that `tally_contours` writes, in this order."""
 STATISTICS = ("count", "sum", "sum of squares", "least", "greatest", "positive")
 """What is kept of a metric, float64: of values that are finite; the last is how many of them are above 0."""
@@ -43,16 +43,23 @@ class Pacing:
 
 
 @wp.func
+def stored_sum(total: wp.vec3d) -> wp.float32:
+    """Sum over kinds of what is stored by kind, so that the stored numbers agree."""
+    stored = to_float64(to_float32(total))
+    return wp.float32(stored[0] + stored[1] + stored[2])
+
+
+@wp.func
 def write_lengths(
     total: wp.vec3d, polylines: wp.int64, pose: int, value: wp.array2d[wp.float32], length: wp.array[wp.float64]
 ):
-    """Write a pose's rows of all METRICS but the area; total: by kind [m]."""
+    """Write a pose's rows of all METRICS but the area, for an intensity of 1; total: by kind [m]."""
     by_kind = to_float32(total)
-    stored = to_float64(by_kind)
-    value[0, pose] = wp.float32(stored[0] + stored[1] + stored[2])
+    value[0, pose] = stored_sum(total)
     for k in range(3):
         value[1 + k, pose] = by_kind[k]
     value[4, pose] = wp.float32(polylines)
+    value[6, pose] = value[0, pose]
     length[pose] = total[0] + total[1] + total[2]
 
 
@@ -102,6 +109,31 @@ def _tally_contours(
         value[5, pose] = wp.float32(wp.float64(0.5) * (area + wp.length(swept)))
     if measures != 0:
         write_lengths(total, pose_start[pose + 1] - pose_start[pose], pose, value, length)
+
+
+@wp.kernel
+def _weigh_contours(
+    # In:
+    points: wp.array[wp.vec3],
+    kind: wp.array[wp.uint8],
+    intensity: wp.array[wp.float32],
+    polyline_start: wp.array[wp.int64],
+    pose_start: wp.array[wp.int64],
+    # Out:
+    value: wp.array2d[wp.float32],  # shape [METRICS.., pose]
+):
+    """Integrate the intensity, which is linear from point to point, along a pose's contours."""
+    pose = wp.tid()
+    total = wp.vec3d()
+    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
+        base = polyline_start[line]
+        for k in range(int(polyline_start[line + 1] - base) - 1):
+            i = base + wp.int64(k)
+            j = i + wp.int64(1)
+            middle = wp.float64(0.5) * (wp.float64(intensity[i]) + wp.float64(intensity[j]))
+            segment = int(kind[i])
+            total[segment] = total[segment] + middle * wp.length(to_float64(points[j] - points[i]))
+    value[6, pose] = stored_sum(total)
 
 
 @wp.kernel
@@ -241,16 +273,21 @@ def tally_contours(batch: Any, value: wp.array, length: wp.array, *, measures: b
     """Measure each pose of a batch on the device of its arrays into rows METRICS of `value`, float32 [metric.., pose].
 
     batch: with the fields of contours, polylines of a pose in the order of their patches. length: takes the length of
-    all contours in float64 [m], shape [pose]. measures: writes that and all rows but the area. encloses: writes the
-    area of what closed polylines bound on their patches [m^2], outer boundaries one way round and holes the other.
+    all contours in float64 [m], shape [pose]. measures: writes that and all rows but the area; length_intensity is the
+    integral of the batch's intensity along contours [m], and bit-identical to length if that is None or 1 everywhere.
+    encloses: writes the area of what closed polylines bound on their patches [m^2], outer boundaries one way round and
+    holes the other.
     """
     pose_count = batch.pose_start.shape[0] - 1
     if value.shape[0] < len(METRICS) or value.shape[1] != pose_count or length.shape[0] != pose_count:
         raise ValueError(f"values must have shape [{len(METRICS)}.., {pose_count}], not {list(value.shape)}")
     arrays = [batch.points, batch.kind, batch.polyline_start, batch.polyline_patch, batch.polyline_closed]
     inputs = [*arrays, batch.pose_start, int(measures), int(encloses)]
-    outputs = [value, length]
-    wp.launch(_tally_contours, pose_count, inputs=inputs, outputs=outputs, device=value.device, block_dim=BLOCK)
+    launch = partial(wp.launch, device=value.device, block_dim=BLOCK)
+    launch(_tally_contours, pose_count, inputs=inputs, outputs=[value, length])
+    if measures and batch.intensity is not None:
+        inputs = [batch.points, batch.kind, batch.intensity, batch.polyline_start, batch.pose_start]
+        launch(_weigh_contours, pose_count, inputs=inputs, outputs=[value])
 
 
 def measure_gaps(batch: Any) -> tuple[wp.array, wp.array, wp.array]:

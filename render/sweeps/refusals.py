@@ -12,7 +12,7 @@ from ...datasets.sweeps.store import SweepStore
 from ..errors import PlanError, SweepError
 from .plan.code_version import code_version
 from .plan.loading import Plan
-from .plan.recipe import Recipe
+from .plan.recipe import Recipe, function_of, is_user_metric
 from .run.estimate import RECIPES_MOST
 
 if TYPE_CHECKING:
@@ -92,11 +92,12 @@ def refuse_baseline(
 
 def _columns_ahead(recipes: Iterable[Recipe], groups: Sequence[str]) -> dict[str, list[Any]]:
     """A table as it will be, all of whose results are still to come."""
-    from .report.table import METRICS
+    from .report.table import METRICS, user_columns
 
     made = list(recipes)
     rows = [recipe.columns() for recipe in made]
     columns: dict[str, list[Any]] = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
     metrics = [name for group in groups for name in METRICS.get(group, ())]
+    metrics += [name for group in groups if is_user_metric(group) for name in user_columns(function_of(group))]
     columns |= {name: [None] * len(rows) for name in metrics} | {"complete": [False] * len(rows)}
     return columns | {"recipe_hash": [recipe.hash for recipe in made]}

@@ -42,6 +42,16 @@ def load_function(spec: str, *, allow_code: AllowCode = False, namer: Namer = UN
     Raises UntrustedCodeError without permission, ImplicitError for what cannot be imported or is not there.
     """
     where, _, name = spec.rpartition(":")
+    module = load_module(spec, allow_code=allow_code, namer=namer)
+    if not hasattr(module, name):
+        known = [key for key, value in vars(module).items() if isinstance(value, wp.Function) and value.func]
+        raise ImplicitError(f"{where}: has no {name!r}; its Warp functions are {', '.join(known) or 'none'}")
+    return getattr(module, name)
+
+
+def load_module(spec: str, *, allow_code: AllowCode = False, namer: Namer = UNNAMED) -> Any:
+    """The module that holds the function of a name; arguments and errors as of `load_function`."""
+    where = spec.rpartition(":")[0]
     try:
         (module,) = run_all([find_function_code(spec, namer)], allow_code)
     except (ImplicitError, UntrustedCodeError):
@@ -49,11 +59,8 @@ def load_function(spec: str, *, allow_code: AllowCode = False, namer: Namer = UN
     except (Exception, SystemExit) as error:  # a module's own code can raise anything
         raise ImplicitError(f"{where}: cannot be imported ({type(error).__name__}: {error})") from error
     if not where.endswith(".py"):
-        module = _unchanged(module)
-    if not hasattr(module, name):
-        known = [key for key, value in vars(module).items() if isinstance(value, wp.Function) and value.func]
-        raise ImplicitError(f"{where}: has no {name!r}; its Warp functions are {', '.join(known) or 'none'}")
-    return getattr(module, name)
+        return _unchanged(module)
+    return module
 
 
 def find_function_code(spec: str, namer: Namer = UNNAMED) -> CodeSource:

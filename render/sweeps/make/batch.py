@@ -3,8 +3,9 @@
 How they are cut changes no bit of a result: batches hold whole spans, and a chunk that is cut goes on in the next one.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -12,10 +13,11 @@ import warp as wp
 from ....kernels.offsets import PointLimitError
 from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
 from ...sampling.contour_sampling import SamplingStrategy
-from ..plan.recipe import Recipe
+from ..plan.recipe import Recipe, is_user_metric
 from .metrics import Measured
 from .rendering import Rendering, sampling_of
 from .task import CHUNK_POSES, SPAN
+from .user_metrics import UserMetric
 
 GPU_POSES = 128 * CHUNK_POSES  # of a batch: 16 M, if the memory has room; launches and waits cost less than 2 % then
 GPU_SHARE = 8  # of a GPU's memory, a batch's working arrays take one eighth
@@ -24,7 +26,16 @@ POSES_FIRST = {"cpu": 4 * SPAN, "cuda": 8 * CHUNK_POSES}  # of a batch of a scen
 BATCH_SECONDS = 1.0  # a worker shows a sign of progress after each batch
 GROWTH = 8  # largest ratio of a batch to the one before
 
-Samplings = dict[str, tuple[SamplingStrategy, ...]]
+
+class RenderingWants(NamedTuple):
+    """What is computed of the contours of a rendering."""
+
+    samplings: tuple[SamplingStrategy, ...]
+    """Whose draw frequencies are asked for."""
+    user_metrics: tuple[UserMetric, ...]
+
+
+Wants = dict[str, RenderingWants]
 """By rendering."""
 
 
@@ -34,6 +45,8 @@ class WantedResult:
 
     sampling: SamplingStrategy | None
     """None where contours are all that it needs."""
+    metric: UserMetric | None = None
+    """The user's function that computes it, if one does."""
     places: set[int] = field(default_factory=set)
     """Chunks of the task that ask for it."""
 
@@ -92,22 +105,31 @@ def want_chunk(
     groups: Sequence[str],
     recipe: Recipe,
     rendering: Rendering,
+    user_metrics: Mapping[str, UserMetric],
 ) -> None:
-    """Add the results that a chunk of a task asks for; chunks of one rendering become one."""
-    sampling = sampling_of(recipe.sampling) if any(group != "contours" for group in groups) else None
+    """Add the results that a chunk of a task asks for; chunks of one rendering become one.
+
+    user_metrics: functions of groups that users define.
+    """
     chunk = chunks.setdefault((rendering.key, number), RenderedChunk(rendering, number))
     for group in groups:
-        wanted = WantedResult(None if group == "contours" else sampling)
+        is_of_contours = group == "contours" or is_user_metric(group)
+        sampling = None if is_of_contours else sampling_of(recipe.sampling)
+        wanted = WantedResult(sampling, user_metrics.get(group))
         chunk.wanted.setdefault((group, recipe.key(group)), wanted).places.add(place)
 
 
-def samplings_of(chunks: Sequence[RenderedChunk]) -> Samplings:
-    """How each rendering is sampled, for all of its chunks alike: they go on from batch to batch."""
-    out: Samplings = {}
+def wants_of(chunks: Sequence[RenderedChunk]) -> Wants:
+    """What is computed of each rendering, for all of its chunks alike: they go on from batch to batch."""
+    out: Wants = {}
     for chunk in chunks:
-        key = chunk.rendering.key
-        own = [wanted.sampling for wanted in chunk.wanted.values() if wanted.sampling is not None]
-        out[key] = tuple(dict.fromkeys((*out.get(key, ()), *own)))
+        known = out.get(chunk.rendering.key, RenderingWants((), ()))
+        wanted = chunk.wanted.values()
+        samplings = [one.sampling for one in wanted if one.sampling is not None]
+        metrics = [one.metric for one in wanted if one.metric is not None]
+        out[chunk.rendering.key] = RenderingWants(
+            tuple(dict.fromkeys((*known.samplings, *samplings))), tuple(dict.fromkeys((*known.user_metrics, *metrics)))
+        )
     return out
 
 

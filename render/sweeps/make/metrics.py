@@ -3,6 +3,7 @@
 | metric | of a pose | does not apply |
 |---|---|---|
 | length, length_object, length_hand, length_made | contours after all stages, in all and by kind [m] | |
+| length_intensity | integral of the intensity along contours [m] | |
 | polylines | their number | |
 | area | of S and R together, on all patches: what raw contours enclose, before other stages [m^2] | OC; hand mesh |
 | removed_<stage> | length that a prune stage removed [m] | |
@@ -21,6 +22,7 @@ import numpy as np
 import warp as wp
 
 from ....datasets.storage.schema import removed_name
+from ....kernels.metrics.histogram import count_bins
 from ....kernels.metrics.tally import METRICS, STATISTICS, sum_parts, tally_contours
 from ...contour_batch import ContourBatch
 from ...errors import SweepError
@@ -29,8 +31,10 @@ from ...intersection.scene import PoseBlock, Scene
 from ...runtime.stage_timing import StageClock, resolved_times, stage_times
 from ...sampling.strategy import SamplingStrategy
 from ...stages.registry import BY_RAW_KERNELS
+from . import histogram
 from .frequency import Pacer, needs_contours
 from .task import CHUNK_POSES, SPAN
+from .user_metrics import UserMetric, measure
 
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 DRAWS_ON_CPU = True  # there it takes 3 to 10 % less than walking undrawn (measured); the bits are the same
@@ -58,14 +62,17 @@ class Measured:
     """What of a chunk has been measured, that of `ChunkSlice.before` included; payloads are JSON.
 
     A payload is {"poses": n, "poses_drawn": n, "stat": {metric: [count, sum, sum of squares, least, greatest]},
-    "seconds": {stage: s}}; only finite values count, and where none does, least and greatest are None.
+    "seconds": {stage: s}}; only finite values count, and where none does, least and greatest are None. That of contours
+    also has "histogram": {"length": numbers of poses in the bins of `histogram`}.
     """
 
     slice: ChunkSlice
     contours: dict[str, Any]
-    """Metrics length, length_object, length_hand, length_made, polylines, area, removed_<stage>."""
+    """`METRICS` of the kernels, and removed_<stage>."""
     frequency: tuple[dict[str, Any], ...]
     """Metrics draw_frequency_nominal, draw_frequency_actual, for each sampling strategy of the chunk's rendering."""
+    user_metrics: dict[str, dict[str, Any] | SweepError] = field(default_factory=dict)
+    """By group: what a user's function gives, as `user_metrics.measure` returns it, or why it gives nothing."""
     columns: tuple[dict[str, np.ndarray], ...] = field(default=())
     """If asked, for each sampling strategy a row for each of the chunk's poses in this batch, those before left out."""
 
@@ -77,6 +84,7 @@ def measure_batch(
     *,
     device: str,
     samplings: Sequence[Sequence[SamplingStrategy]],
+    user_metrics: Sequence[Sequence[UserMetric]] = (),
     per_pose: bool = False,
     first: int = 0,
     point_limit: int | None = None,
@@ -85,9 +93,9 @@ def measure_batch(
     """Render a batch of poses and measure it, nothing but statistics leaving the device; one result a chunk, in order.
 
     pose: float32, shape [pose, 7], or wp.transform [pose] on the device: those of all slices. samplings: of each
-    rendering, empty where draw frequencies are not asked for. first: row of the motion that `pose` begins at, for what
-    is articulated or moves. timing: takes the seconds of each stage. Results are bit-identical however slices are put
-    into batches, and on every device.
+    rendering, empty where draw frequencies are not asked for. user_metrics: of each rendering, if any. first: row of
+    the motion that `pose` begins at, for what is articulated or moves. timing: takes the seconds of each stage. Results
+    are bit-identical however slices are put into batches, and on every device.
     Raises PointLimitError before memory is taken for more points than `point_limit`, which none is on a GPU where
     lengths are enough (`Scene.is_drawn_to_measure`, `needs_contours`); SweepError for slices that are not within the
     batch, and for one that goes on in the middle of a span.
@@ -97,21 +105,26 @@ def measure_batch(
     renderings = dict.fromkeys(own.rendering for own in slices)
     asked = list(dict.fromkeys(chain.from_iterable(samplings[rendering] for rendering in renderings)))
     draws = DRAWS_ON_CPU and wp.get_device(device).is_cpu
-    if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)):
+    if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)) or any(user_metrics):
         tallied = _tallied(scene, pose, first, device, point_limit, clock, len(asked))
     else:
         tallied = _tallied_undrawn(scene, pose, first, device, clock, len(asked))
     with StageClock(clock, "frequency", device):
         _pace(tallied, asked)
     with StageClock(clock, "measure", device):
-        sums = _sums(tallied, slices, asked, samplings, device)
-    found = sums.numpy()  # the one download; waits for all that was asked of the device
+        spans = Spans.of(slices, device)
+        sums = _sums(tallied, slices, spans, asked, samplings, device)
+        counted = _counted(tallied, spans)
+    found, bins = sums.numpy(), counted.numpy()  # all that is downloaded; waits for all that was asked of the device
     seconds = resolved_times(clock)
     if timing is not None:
         timing |= {stage: timing.get(stage, 0.0) + s for stage, s in seconds.items()}
     pacing = {"frequency": seconds.pop("frequency") / max(1, len(asked))}
     before = [None if own.before is None else own.before.contours for own in slices]
     contours = _payloads(slices, tallied.names, found, before, seconds, len(pose))
+    for own, payload, count in zip(slices, contours, bins, strict=True):
+        begun = [] if own.before is None else [own.before.contours["histogram"]["length"]]
+        payload["histogram"] = {"length": histogram.describe(histogram.merge(begun) + count)}
     drawn = [payload["poses_drawn"] for payload in contours]
     frequency = []
     for k, strategy in enumerate(asked):
@@ -122,7 +135,28 @@ def measure_batch(
     columns = _columns(tallied, slices, numbers) if per_pose else [()] * len(slices)
     paced = [tuple(frequency[s][k] for s in numbers[own.rendering]) for k, own in enumerate(slices)]
     ended = [own if own.before is None else replace(own, before=None) for own in slices]  # it is in the payloads
-    return [Measured(*row) for row in zip(ended, contours, paced, columns, strict=True)]
+    own = _user_metrics(tallied, slices, user_metrics) if any(user_metrics) else [{}] * len(slices)
+    return [Measured(*row) for row in zip(ended, contours, paced, own, columns, strict=True)]
+
+
+def _user_metrics(
+    tallied: "Tallied", slices: Sequence[ChunkSlice], user_metrics: Sequence[Sequence[UserMetric]]
+) -> list[dict[str, dict[str, Any] | SweepError]]:
+    """What users' functions give of each chunk; what one raises is the result of its own group."""
+    if tallied.batch is None:
+        raise ValueError("contours are needed for a user's metric, and none were drawn")
+    host, out = tallied.batch.numpy(), []
+    for own in slices:
+        found: dict[str, dict[str, Any] | SweepError] = {}
+        for metric in user_metrics[own.rendering]:
+            before = None if own.before is None else own.before.user_metrics[metric.group]
+            try:
+                is_failed = isinstance(before, SweepError)
+                found[metric.group] = before if is_failed else measure(metric, host, own.first, own.count, before)
+            except SweepError as error:
+                found[metric.group] = error
+        out.append(found)
+    return out
 
 
 def _require_slices(slices: Sequence[ChunkSlice], pose_count: int, rendering_count: int) -> None:
@@ -231,6 +265,7 @@ def _pace(tallied: Tallied, asked: Sequence[SamplingStrategy]) -> None:
 def _sums(
     tallied: Tallied,
     slices: Sequence[ChunkSlice],
+    spans: Spans,
     asked: Sequence[SamplingStrategy],
     samplings: Sequence[Sequence[SamplingStrategy]],
     device: str,
@@ -242,8 +277,13 @@ def _sums(
         rates = [_begun(FREQUENCIES, _paced_before(slices, strategy, samplings)) for strategy in asked]
         table = np.concatenate([_begun(tallied.names, contours), *rates], axis=1)
         begun = wp.array(table, dtype=wp.float64, device=device)
-    spans = Spans.of(slices, device)
     return sum_parts(tallied.value, spans.first, spans.count, spans.chunk_start, begun)
+
+
+def _counted(tallied: Tallied, spans: Spans) -> wp.array:
+    """Poses of each chunk in the bins of their length, on the device."""
+    length, places = tallied.value[METRICS.index("length")], (spans.first, spans.count, spans.chunk_start)
+    return count_bins(length, *places, lowest=histogram.LOWEST, highest=histogram.HIGHEST, bits=histogram.BITS)
 
 
 def _begun(names: Sequence[str], before: Sequence[dict[str, Any] | None]) -> np.ndarray:

@@ -25,6 +25,8 @@ CAUSES = {"jumps_polyline": "polyline", "jumps_order": "order", "jumps_pose": "p
 NUMBERS = (
     *CAUSES,
     "jump_length",
+    "jumps_per_second",
+    "hops_per_second",
     "step_longest",
     "silent_share",
     "revisit_rate",
@@ -125,9 +127,12 @@ def sample_recipe(
         cell=min(CELL, width, length),
     )
     count = sampler.count
+    seconds = count.samples / strategy.update_rate
     return {
         **{name: count.jumps[cause] for name, cause in CAUSES.items()},
         "jump_length": count.jump_length,
+        "jumps_per_second": sum(count.jumps.values()) / seconds,
+        "hops_per_second": sum(count.hops.values()) / seconds,
         "step_longest": count.step_longest,
         "silent_share": count.silent / count.samples,
         "revisit_rate": count.revisit_rate,

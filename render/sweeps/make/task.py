@@ -34,7 +34,9 @@ class Task:
     name: str
     """Of the shard: unique in the store's history, so that no worker writes over another's."""
     code: frozenset[str] = frozenset()
-    """SHA-256 of files of code that recipes name and that may be run: those that the parent ran."""
+    """SHA-256 of files of code that recipes and metrics name and that may be run: those that the parent ran."""
+    user_metrics: tuple[tuple[str, str], ...] = ()
+    """Group and source, `file.py:function`, of metrics that a user's functions compute."""
     seconds: float = float("inf")
     """After so long the worker begins no further chunk: it returns those that are left."""
 

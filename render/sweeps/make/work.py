@@ -25,29 +25,31 @@ from ....datasets.errors import DatasetError
 from ....datasets.sweeps.shard import ShardRow, write_shard
 from ....device.errors import DeviceError
 from ....kernels.offsets import PointLimitError
-from ...errors import RenderError
-from ...sampling.contour_sampling import SamplingStrategy
+from ...errors import RenderError, SweepError
 from ..plan.code_version import code_version
-from ..plan.recipe import WHOLE_GROUPS, Recipe
+from ..plan.recipe import WHOLE_GROUPS, Recipe, is_user_metric
+from ..plan.user_metric import load_planned, shown_name
 from .batch import (
     POSES_FIRST,
     BatchSize,
     PoseRange,
     RenderedChunk,
-    Samplings,
+    RenderingWants,
+    Wants,
     batch_capacity,
     is_too_large,
     join_ranges,
     point_limit,
     poses_of,
-    samplings_of,
     take_batch,
     want_chunk,
+    wants_of,
 )
 from .metrics import ChunkSlice, measure_batch
 from .rendering import Rendering, read_recipe, recipe_cache
 from .task import SPAN, FailedChunk, Outcome, Task
 from .unsplit import make_unsplit
+from .user_metrics import UserMetric
 
 SHARDS = "shards"
 NAMED = 3  # recipes that failed in an error's sentence; all are in `Outcome.failed`
@@ -74,6 +76,8 @@ class TaskWork:
     columns: list[dict[str, Any] | None] = field(default_factory=list)
     failed: dict[int, FailedChunk] = field(default_factory=dict)
     left: set[int] = field(default_factory=set)
+    user_metrics: dict[str, UserMetric] = field(default_factory=dict)
+    """By group, those that are loaded."""
     pose_count: int = 0
 
     @property
@@ -181,7 +185,9 @@ def _make(task: Task, work: TaskWork) -> None:
         if chunk.groups[0] in WHOLE_GROUPS:
             unsplit.setdefault(rendering.key, []).append((place, chunk.groups, recipe, rendering))
         else:
-            want_chunk(chunks, place, chunk.number, chunk.groups, recipe, rendering)
+            groups = [group for group in chunk.groups if _is_ready(group, place, title, task, work)]
+            if groups:
+                want_chunk(chunks, place, chunk.number, groups, recipe, rendering, work.user_metrics)
     families: dict[str, list[RenderedChunk]] = {}
     for own in chunks.values():
         alone = "" if own.rendering.is_fusable else f" {own.rendering.key} {own.number}"
@@ -192,12 +198,24 @@ def _make(task: Task, work: TaskWork) -> None:
         _make_unsplit(asked, work)
 
 
+def _is_ready(group: str, place: int, title: str, task: Task, work: TaskWork) -> bool:
+    """Whether a group can be made: the function of a user's metric is loaded first, once; else the chunk has failed."""
+    if not is_user_metric(group) or group in work.user_metrics:
+        return True
+    source = dict(task.user_metrics).get(group, "")
+    try:
+        work.user_metrics[group] = UserMetric(group, shown_name(source), load_planned(group, source, task.code))
+    except RenderError as error:
+        work.fail([place], title, error)
+    return group in work.user_metrics
+
+
 def _render_family(chunks: Sequence[RenderedChunk], work: TaskWork) -> None:
     """Chunks of one scene, in batches."""
     rendering, is_fixed = chunks[0].rendering, chunks[0].rendering.has_own_stages
     first = _first_batch(rendering, work.device)
     size = BatchSize(batch_capacity(rendering.scene.pose_bytes, work.device), first, is_fixed=is_fixed)
-    samplings = samplings_of(chunks)
+    wants = wants_of(chunks)
     left = [PoseRange(chunk, chunk.first, chunk.stop) for chunk in chunks]
     lost: set[str] = set()
     while left := _wanted_still(left, lost, work):
@@ -206,16 +224,16 @@ def _render_family(chunks: Sequence[RenderedChunk], work: TaskWork) -> None:
         started = time.perf_counter()
         work.progress(sorted(set().union(*(own.chunk.places for own in batch))))
         try:
-            _render_batch(batch, samplings, work)
+            _render_batch(batch, wants, work)
             size.learn(count, time.perf_counter() - started)
         except (PointLimitError, MemoryError, RuntimeError) as error:
             if is_too_large(error) and count > SPAN:
                 size.shrink(count)
                 left = join_ranges([*batch, *left], lambda chunk: chunk)
             else:
-                lost |= _render_alone(batch, samplings, work, error)
+                lost |= _render_alone(batch, wants, work, error)
         except Exception as error:  # of one recipe, or of a user's stage
-            lost |= _render_alone(batch, samplings, work, error)
+            lost |= _render_alone(batch, wants, work, error)
     if not is_fixed:
         _batches_known[rendering.family, work.device] = size.poses
 
@@ -240,7 +258,7 @@ def _wanted_still(left: Sequence[PoseRange], lost: set[str], work: TaskWork) -> 
     return [own for own in ranges if own.chunk.measured is not None]
 
 
-def _render_alone(batch: Sequence[PoseRange], samplings: Samplings, work: TaskWork, error: Exception) -> set[str]:
+def _render_alone(batch: Sequence[PoseRange], wants: Wants, work: TaskWork, error: Exception) -> set[str]:
     """Make a batch that failed again, rendering by rendering; returns those that fail by themselves."""
     keys = list(dict.fromkeys(own.chunk.rendering.key for own in batch))
     lost: set[str] = set()
@@ -251,14 +269,14 @@ def _render_alone(batch: Sequence[PoseRange], samplings: Samplings, work: TaskWo
         try:
             if len(keys) == 1:
                 raise error
-            _render_batch(alone, samplings, work)
+            _render_batch(alone, wants, work)
         except Exception as reason:
             lost.add(key)
             work.fail(places, alone[0].chunk.rendering.name, reason)
     return lost
 
 
-def _render_batch(batch: Sequence[PoseRange], samplings: Samplings, work: TaskWork) -> None:
+def _render_batch(batch: Sequence[PoseRange], wants: Wants, work: TaskWork) -> None:
     """Render and measure poses of one scene together; rows of the chunks that end here are added."""
     keys = list(dict.fromkeys(own.chunk.rendering.key for own in batch))
     slices, at = [], 0
@@ -271,7 +289,8 @@ def _render_batch(batch: Sequence[PoseRange], samplings: Samplings, work: TaskWo
         poses_of(batch, work.device),
         slices,
         device=work.device,
-        samplings=[samplings[key] for key in keys],
+        samplings=[wants[key].samplings for key in keys],
+        user_metrics=[wants[key].user_metrics for key in keys],
         per_pose=any(own.chunk.per_pose for own in batch),
         first=batch[0].first,
         point_limit=None if at <= SPAN else point_limit(work.device),
@@ -281,18 +300,24 @@ def _render_batch(batch: Sequence[PoseRange], samplings: Samplings, work: TaskWo
         own.chunk.measured = measured
         own.chunk.columns.append(measured.columns)
         if own.stop == own.chunk.stop:
-            _add_rows(own.chunk, samplings[own.chunk.rendering.key], work)
+            _add_rows(own.chunk, wants[own.chunk.rendering.key], work)
 
 
-def _add_rows(chunk: RenderedChunk, samplings: Sequence[SamplingStrategy], work: TaskWork) -> None:
+def _add_rows(chunk: RenderedChunk, wants: RenderingWants, work: TaskWork) -> None:
     """Rows of a chunk of which all poses have been measured."""
     measured = chunk.measured
     if measured is None:
         raise RuntimeError("a chunk ended before it was measured")
+    samplings = wants.samplings
     rendering = measured.contours["seconds"]  # counted once, however many groups were made of the same contours
     for (group, key), wanted in chunk.wanted.items():
         columns = None
-        if wanted.sampling is None:
+        if wanted.metric is not None:
+            payload = measured.user_metrics[group]
+            if isinstance(payload, SweepError):
+                work.fail(wanted.places, chunk.rendering.name, payload)
+                continue
+        elif wanted.sampling is None:
             payload = measured.contours
         elif group == "frequency":
             payload = measured.frequency[samplings.index(wanted.sampling)]
@@ -300,7 +325,7 @@ def _add_rows(chunk: RenderedChunk, samplings: Sequence[SamplingStrategy], work:
             blocks = [own[samplings.index(wanted.sampling)] for own in chunk.columns]
             columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
             payload = {"poses": chunk.stop - chunk.first, "seconds": {}}
-        own = {} if wanted.sampling is None else payload["seconds"]
+        own = {} if payload is measured.contours else payload["seconds"]
         work.add(ShardRow(group, key, chunk.number, {**payload, "seconds": rendering | own}), columns)
         rendering = {}
 

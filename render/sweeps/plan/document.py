@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo
 
 from ....datasets.bounded_file import parse_toml, read_text, require_parsable
 from ...errors import PalpateWarning, PlanError
@@ -22,6 +22,7 @@ from .overrides import TABLES, put_override, unknown_key
 from .recipe import KEPT, METRICS
 from .sources import SourceIndex
 from .tied_keys import AxisKeyName, read_zip
+from .user_metric import find_metric
 from .values import ChoiceCheck, PlanFault, checked_items, refuse
 
 DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
@@ -36,6 +37,19 @@ def _names(known: tuple[str, ...]) -> BeforeValidator:
         return list(dict.fromkeys(checked_items(ChoiceCheck(known), value)))
 
     return BeforeValidator(read)
+
+
+def _read_metrics(value: object, info: ValidationInfo) -> list[str]:
+    """Groups of results: built-in ones, and those of the user's functions, each once."""
+    index = cast(SourceIndex, info.context)
+    known = ChoiceCheck(METRICS)
+    if not isinstance(value, list):
+        refuse(f"must be a list of {', '.join(METRICS)} and file.py:function, not {value_text(value)}")
+
+    def read(item: object) -> str:
+        return find_metric(item, index) if isinstance(item, str) and ":" in item else known(item)
+
+    return list(dict.fromkeys(checked_items(read, value)))
 
 
 def _read_flag(value: object) -> bool:
@@ -67,7 +81,7 @@ class PlanTable(BaseModel):
     """The keys of a plan beside its tables."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-    metrics: Annotated[list[str], _names(METRICS)] = ["contours", "frequency"]
+    metrics: Annotated[list[str], BeforeValidator(_read_metrics)] = ["contours", "frequency"]
     per_pose: Annotated[bool, BeforeValidator(_read_flag)] = False
     keep: Annotated[list[str], _names(KEPT)] = []
     device: Annotated[str, BeforeValidator(_read_device)] = "auto"

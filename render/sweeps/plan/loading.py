@@ -6,7 +6,7 @@ All faults of a plan are reported together, one on each line.
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,10 @@ from .document import PlanDocument, PlanTable, parse_plan, read_plan
 from .line_search import Place
 from .overrides import TABLES
 from .product import PlanAxis, Product, show_distinct_names
-from .recipe import KEPT, METRICS, Recipe, groups_of
+from .recipe import GROUPS, Recipe, groups_of, is_user_metric
 from .sources import SourceIndex
 from .tied_keys import SampleTable, Ties, drawn_numbers, drawn_places, placed_tables, ties_of, valid_number
+from .user_metric import require_distinct_names
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,11 @@ class Plan:
     """Text of each plan file, by path."""
     overrides: tuple[str, ...] = ()
     code: tuple[Code, ...] = ()
-    """Code that strategies and objects name."""
+    """Code that strategies, objects and metrics name."""
     is_draft: bool = False
     """Whether none of that code has been run, so that recipes that use it lack the digests of its stages."""
+    user_metrics: Mapping[str, str] = field(default_factory=dict)
+    """Source, `file.py:function`, of each group that a user's function computes."""
 
     def with_code(self, allow_code: AllowCode) -> "Plan":
         """The plan after the code that it names was run; the plan itself if it names none.
@@ -153,17 +156,20 @@ def _joined(documents: Sequence[PlanDocument], overrides: Sequence[str], allow_c
         raise PlanError(*dict.fromkeys(faults))
     if len(products) > 1:
         show_distinct_names(products)
-    groups = {group for t in tables for group in groups_of(t.metrics, t.per_pose, t.keep)}
+    groups = dict.fromkeys(group for t in tables for group in groups_of(t.metrics, t.per_pose, t.keep))
+    metrics = [pair for index in indices for pair in index.metrics.items()]
+    require_distinct_names(metrics)
     return Plan(
         name="+".join(document.path.stem for document in documents),
         products=tuple(products),
-        groups=tuple(group for group in groups_of(METRICS, True, KEPT) if group in groups),
+        groups=(*(group for group in GROUPS if group in groups), *filter(is_user_metric, groups)),
         device=_agreed("device", tables, documents),
         workers=_agreed("workers", tables, documents),
         texts={str(document.path): document.text for document in documents},
         overrides=tuple(overrides),
         code=tuple(dict.fromkeys(code for index in indices for code in index.code)),
         is_draft=allow_code is None,
+        user_metrics=dict(metrics),
     )
 
 
@@ -179,7 +185,7 @@ def _agreed(name: str, tables: Sequence[PlanTable], documents: Sequence[PlanDocu
 def _read(document: PlanDocument, index: SourceIndex) -> tuple[PlanTable, Product] | None:
     """A plan's keys and its recipes; None with faults noted."""
     rest = {key: value for key, value in document.tables.items() if key not in TABLES}
-    table = document.validated(PlanTable, rest, ())
+    table = document.validated(PlanTable, rest, (), index)
     if table is not None and not (table.metrics or table.per_pose or table.keep):
         document.fault(("metrics",), "is empty, and there is nothing to keep either: the sweep would make nothing")
     drawn = _draw(document)

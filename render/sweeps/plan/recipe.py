@@ -45,6 +45,8 @@ _PART_OF = {
 }  # by the first word of a column; every other column is of the motion
 WHOLE_GROUPS = ("sampling", "keep-contours", "keep-focal-points", "keep-drives")
 """Groups that are made of a whole recipe at once."""
+USER_METRIC = "metric "
+"""What the name of a group begins with whose numbers a user's function computes of contours (`user_metric`)."""
 METRICS = ("contours", "frequency", "sampling")
 KEPT = ("contours", "focal-points", "drives")
 KEY_DIGITS = 32
@@ -116,10 +118,10 @@ class Recipe:
         return hashlib.sha256(f"{FORMAT}\n{''.join(lines)}".encode()).hexdigest()[:KEY_DIGITS]
 
     def key(self, group: str) -> str:
-        """Key under which a group's results are stored, 32 hexadecimal digits; groups are those of `GROUPS`."""
-        if group not in GROUPS:
+        """Key under which a group's results are stored, 32 hexadecimal digits; groups: `GROUPS`, and user metrics."""
+        if group not in GROUPS and not is_user_metric(group):
             raise PlanError(f"unknown group {group!r}; known: {', '.join(GROUPS)}")
-        return self.digest(GROUPS[group])
+        return self.digest(GROUPS.get(group, RENDERING))
 
     @property
     def hash(self) -> str:
@@ -190,9 +192,24 @@ class SweepPlan(Protocol):
         """SHA-256 of the files of code that its recipes name and workers may run."""
         ...
 
+    @property
+    def user_metrics(self) -> Mapping[str, str]:
+        """Source of each group that a user's function computes."""
+        ...
+
     def recipes(self) -> Iterator[Recipe]:
         """Every recipe once."""
         ...
+
+
+def is_user_metric(group: str) -> bool:
+    """Whether a user's function computes a group."""
+    return group.startswith(USER_METRIC)
+
+
+def function_of(group: str) -> str:
+    """Name of the function that computes a group."""
+    return group.rpartition(" ")[2]
 
 
 def part_of(column: str) -> str:
@@ -283,11 +300,13 @@ def _plain(value: Any) -> Any:
 
 
 def groups_of(metrics: Iterable[str], per_pose: bool, keep: Iterable[str]) -> tuple[str, ...]:
-    """Groups that a plan's `metrics`, `per_pose` and `keep` ask for, in the order of `GROUPS`."""
+    """Groups that a plan's `metrics`, `per_pose` and `keep` ask for, in the order of `GROUPS`, user metrics last."""
+    metrics = list(metrics)
     asked = {*metrics, *(["poses"] if per_pose else []), *(f"keep-{name}" for name in keep)}
-    if unknown := asked - set(GROUPS):
+    own = dict.fromkeys(filter(is_user_metric, metrics))
+    if unknown := asked - {*GROUPS, *own}:
         raise PlanError(f"unknown groups {', '.join(sorted(unknown))}; known: {', '.join(GROUPS)}")
-    return tuple(group for group in GROUPS if group in asked)
+    return (*(group for group in GROUPS if group in asked), *own)
 
 
 def digest_source(source: str) -> str:

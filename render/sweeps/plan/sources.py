@@ -73,6 +73,8 @@ class SourceIndex:
     allow_code: AllowCode | None = None
     """Whether code may be run; None for a draft, which runs none."""
     code: list[Code] = field(default_factory=list)
+    metrics: dict[str, str] = field(default_factory=dict)
+    """Source of each group that a user's function computes."""
 
     def digest(self, source: str) -> str:
         """SHA-256, see `digest_source`."""

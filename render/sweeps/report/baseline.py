@@ -69,7 +69,7 @@ def _settled(old: Baseline, arrays: Table, tolerances: Sequence[Tolerance]) -> d
     out: dict[str, np.ndarray] = {}
     for name in (name for name in filter(is_metric, arrays) if name in old.columns):
         was, values = as_floats(old.columns[name])[before], as_floats(arrays[name])
-        is_near = tolerance_of(name, tolerances).is_kept(was, values[now], UNITS[name])
+        is_near = tolerance_of(name, tolerances).is_kept(was, values[now], UNITS.get(name, "1"))
         values[now[is_near]] = was[is_near]
         is_whole = np.asarray(arrays[name]).dtype.kind in "iu" and bool((values == np.rint(values)).all())
         out[name] = values.astype(np.int64) if is_whole else values

@@ -260,7 +260,7 @@ def compare_tables(
     for metric in compared:
         tolerance = tolerance_of(metric, tolerances)
         was, here = as_floats(old[metric])[before], as_floats(columns[metric])[now]
-        for i in np.flatnonzero(~tolerance.is_kept(was, here, UNITS[metric])).tolist():
+        for i in np.flatnonzero(~tolerance.is_kept(was, here, UNITS.get(metric, "1"))).tolist():
             key = str(columns["recipe_hash"][whole[i]])
             moved.append(_moved(key, names[whole[i]], metric, was[i], here[i], tolerance))
     return Comparison(

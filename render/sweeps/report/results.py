@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..plan.loading import Plan
 
 TABLE, POSES, FIGURE, STAMP = "table.h5", "poses.h5", "summary.png", "table.json"
-LENGTHS = ("length", *(f"length_{kind}" for kind in ("object", "hand", "made")))
+LENGTHS = ("length", *(f"length_{kind}" for kind in ("object", "hand", "made", "intensity")))
 REMOVED = tuple(map(removed_name, PRUNED_NAMES))
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 POSE_UNITS = dict.fromkeys((*LENGTHS, *REMOVED), "m") | dict.fromkeys(FREQUENCIES, "Hz") | {"area": "m2"}

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,13 +12,15 @@ from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.store import SweepStore
 from ....datasets.sweeps.table_text import CONSTANTS
 from ...reports.file_summary import length_ratio
+from ..make import histogram
 from ..make.poses import chunk_count
-from ..plan.recipe import WHOLE_GROUPS, Recipe
+from ..plan.recipe import WHOLE_GROUPS, Recipe, function_of, is_user_metric
+from .statistic import Statistic
 
 CHUNK = 4096  # recipes whose results are looked up at once
-NOISE = 1e-6
-"""A standard deviation below this share of the root mean square is rounding, and stands as 0: sums of squares are
-float64 sums of up to 768 terms a part, right to about 1e-13, and sqrt(1e-13) of it is what their difference leaves."""
+
+PERCENTS = (5, 50, 95)
+"""Quantiles of the length, as percentages of the poses."""
 
 CONTOUR_METRICS: dict[str, str] = {
     "poses": "1",
@@ -26,9 +28,12 @@ CONTOUR_METRICS: dict[str, str] = {
     "length_mean": "m",
     "length_std": "m",
     "length_max": "m",
+    **{f"length_p{percent:02}": "m" for percent in PERCENTS},
     "length_object_mean": "m",
     "length_hand_mean": "m",
     "length_made_mean": "m",
+    "length_intensity_mean": "m",
+    "intensity_mean": "1",
     "r": "1",
     "polylines_mean": "1",
     "polylines_max": "1",
@@ -43,6 +48,8 @@ SAMPLING_METRICS: dict[str, str] = {
     "jumps_pose": "1",
     "jumps_reentry": "1",
     "jump_length": "m",
+    "jumps_per_second": "Hz",
+    "hops_per_second": "Hz",
     "step_longest": "m",
     "silent_share": "1",
     "revisit_rate": "Hz",
@@ -81,6 +88,10 @@ AXIS_UNITS: dict[str, str] = {
 }
 """Unit of the recipe's own columns that have one."""
 
+USER_COLUMN = "metric_"
+"""What columns of metrics begin with that a user's function computes; they have no unit."""
+USER_STATISTICS = ("mean", "std", "max", "count")
+
 UNITS: dict[str, str] = {name: unit for metrics in METRICS.values() for name, unit in metrics.items()}
 """Unit of each metric column; "1" is a number."""
 
@@ -110,53 +121,14 @@ class ResultStore(Protocol):
         ...
 
 
-class Statistic(NamedTuple):
-    """Of one metric over all poses to which it applies."""
-
-    number: int
-    """Of poses."""
-    total: float
-    squares: float
-    greatest: float
-
-    @classmethod
-    def merged(cls, parts: Iterable[Sequence[float]]) -> "Statistic":
-        """From parts' [count, sum, sum of squares, least, greatest]: the same whatever their order."""
-        used = [part for part in parts if part[0]]
-        if len(used) < 2:  # most recipes have one part, and not every metric
-            return cls(int(used[0][0]), used[0][1], used[0][2], used[0][4]) if used else NOTHING
-        return cls(
-            sum(int(part[0]) for part in used),
-            math.fsum(part[1] for part in used),
-            math.fsum(part[2] for part in used),
-            max(part[4] for part in used),
-        )
-
-    @property
-    def mean(self) -> float | None:
-        """None without a pose."""
-        return self.total / self.number if self.number else None
-
-    @property
-    def std(self) -> float | None:
-        """Of the population; see NOISE for what counts as 0."""
-        if not self.number:
-            return None
-        variance = math.fsum((self.squares, -self.total * (self.total / self.number))) / self.number
-        return math.sqrt(variance) if variance > NOISE**2 * self.squares / self.number else 0.0
-
-    @property
-    def most(self) -> float | None:
-        """None without a pose."""
-        return self.greatest if self.number else None
-
-
-NOTHING = Statistic(0, 0.0, 0.0, math.nan)
-
-
 def is_metric(column: str) -> bool:
     """Whether a table's column is a result that depends on nothing but the recipe (so not on time)."""
-    return column in UNITS
+    return column in UNITS or is_user_column(column)
+
+
+def is_user_column(column: str) -> bool:
+    """Whether a table's column is a metric that a user's function computes."""
+    return column.startswith(USER_COLUMN)
 
 
 def is_axis(column: str) -> bool:
@@ -175,6 +147,7 @@ def tidy_columns(recipes: Iterable[Recipe], store: ResultStore, groups: Sequence
     """
     table: Columns = {}
     seconds: list[dict[str, float]] = []
+    has_user_metrics = any(map(is_user_metric, groups))  # whose columns are known by results only
     left = iter(recipes)
     while chunk := list(islice(left, CHUNK)):
         keys = [[(group, recipe.key(group)) for group in groups] for recipe in chunk]
@@ -189,8 +162,11 @@ def tidy_columns(recipes: Iterable[Recipe], store: ResultStore, groups: Sequence
             row |= {"recipe": recipe.to_json(), "recipe_hash": recipe.hash, "maker": store.made_by}
             rows.append(row)
             seconds.append(_took([part.seconds for part in parts]))
-        for name in rows[0]:  # every recipe has the same
-            table.setdefault(name, []).extend([row[name] for row in rows])
+        count = len(next(iter(table.values()), ()))
+        for name in dict.fromkeys(
+            (*table, *(name for row in (rows if has_user_metrics else rows[:1]) for name in row))
+        ):
+            table.setdefault(name, [None] * count).extend([row.get(name) for row in rows])
     stages = sorted({name for took in seconds for name in took})
     return table | {name: [took.get(name) for took in seconds] for name in stages}
 
@@ -269,6 +245,8 @@ def _columns(recipe: Recipe, group: str, payloads: Sequence[Mapping[str, Any]]) 
         return {name: _statistic(payloads, name).mean for name in FREQUENCY_METRICS}
     if group == "sampling":
         return {name: payloads[0].get(name) if payloads else None for name in SAMPLING_METRICS}
+    if is_user_metric(group):
+        return _user_columns(function_of(group), payloads)
     return {KEPT[group]: payloads[0].get("path") if payloads else None} if group in KEPT else {}
 
 
@@ -292,6 +270,7 @@ def _statistic(payloads: Sequence[Mapping[str, Any]], name: str) -> Statistic:
 def _contours(payloads: Sequence[Mapping[str, Any]], closing: bool) -> dict[str, Any]:
     """Columns of `CONTOUR_METRICS`."""
     length, on_object = _statistic(payloads, "length"), _statistic(payloads, "length_object")
+    weighted = _statistic(payloads, "length_intensity")
     polylines, area = _statistic(payloads, "polylines"), _statistic(payloads, "area")
     return {
         "poses": sum(payload["poses"] for payload in payloads) if payloads else None,
@@ -299,9 +278,12 @@ def _contours(payloads: Sequence[Mapping[str, Any]], closing: bool) -> dict[str,
         "length_mean": length.mean,
         "length_std": length.std,
         "length_max": length.most,
+        **_length_quantiles(payloads, length),
         "length_object_mean": on_object.mean,
         "length_hand_mean": _statistic(payloads, "length_hand").mean,
         "length_made_mean": _statistic(payloads, "length_made").mean,
+        "length_intensity_mean": weighted.mean,
+        "intensity_mean": length_ratio(weighted.total, length.total) if weighted.number else None,
         "r": length_ratio(length.total, on_object.total) if closing else None,
         "polylines_mean": polylines.mean,
         "polylines_max": polylines.most,
@@ -309,6 +291,32 @@ def _contours(payloads: Sequence[Mapping[str, Any]], closing: bool) -> dict[str,
         "area_max": area.most,
         **{f"removed_{stage}_mean": _statistic(payloads, f"removed_{stage}").mean for stage in PRUNED_NAMES},
     }
+
+
+def _length_quantiles(payloads: Sequence[Mapping[str, Any]], length: Statistic) -> dict[str, float | None]:
+    """Columns of PERCENTS; None if results of an earlier code version count that have no histogram."""
+    names = [f"length_p{percent:02}" for percent in PERCENTS]
+    known = [payload["histogram"]["length"] for payload in payloads if "histogram" in payload]
+    if not length.number or len(known) < len(payloads):
+        return dict.fromkeys(names)
+    values = histogram.quantiles(histogram.merge(known), PERCENTS, length.least, length.greatest)
+    return dict(zip(names, values, strict=True))
+
+
+def user_columns(function: str, key: str = "") -> list[str]:
+    """Names of the columns of a user's function, or of one key of the dict that it returns."""
+    name = f"{USER_COLUMN}{function}.{key}" if key else f"{USER_COLUMN}{function}"
+    return [f"{name}_{statistic}" for statistic in USER_STATISTICS]
+
+
+def _user_columns(function: str, payloads: Sequence[Mapping[str, Any]]) -> dict[str, float | int | None]:
+    """Columns of USER_STATISTICS for each key that the function returns; none without payloads."""
+    out: dict[str, float | int | None] = {}
+    for key in dict.fromkeys(key for payload in payloads for key in payload["stat"]):
+        own = _statistic(payloads, key)
+        values = (own.mean, own.std, own.most, own.number)
+        out |= zip(user_columns(function, key), values, strict=True)
+    return out
 
 
 def _seconds(payload: Mapping[str, Any]) -> Mapping[str, float]:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from ...errors import StrategyError, SweepError
 from ...runtime.worker_devices import worker_devices
-from ..make.task import Engine, Outcome, Running, Task
+from ..make.task import Chunk, Engine, Outcome, Running, Task
+from ..plan.recipe import is_user_metric
 from .messages import worker_name
 from .processes import WORK, Processes
 from .worker import Work, attempt, find_work
@@ -152,7 +153,7 @@ class LocalEngine:
 
     def submit(self, task: Task) -> None:
         """Give a task to a worker, or keep it until the first process is ready."""
-        if not self._has_processes and any(runs_python(chunk.recipe) for chunk in task.chunks):
+        if not self._has_processes and any(map(runs_python, task.chunks)):
             self._start_processes()
             self._kept.append(task)
         else:
@@ -191,9 +192,11 @@ def _is_python(strategy: str) -> bool:
     return any(entry is None or not entry.own or (entry.function and entry.on == "host") for entry in entries)
 
 
-def runs_python(recipe: str) -> bool:
-    """Whether making a recipe, given as JSON, runs Python of stages or of a user: such may crash or never end."""
-    parts = json.loads(recipe)
+def runs_python(chunk: Chunk) -> bool:
+    """Whether making a chunk runs Python of stages, or code of a user: such may crash or never end."""
+    if any(map(is_user_metric, chunk.groups)):
+        return True
+    parts = json.loads(chunk.recipe)
     described = parts["strategy"]["described"]
     has_code = parts["thing"].get("function") is not None or bool(described.get("modules"))
     return has_code or _is_python(json.dumps(described))

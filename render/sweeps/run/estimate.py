@@ -22,7 +22,7 @@ from ...errors import PlanError
 from ..make.poses import EXPLORATION, RANDOM, pose_count
 from ..make.task import CHUNK_POSES, Chunk, Task
 from ..plan.loading import Plan
-from ..plan.recipe import WHOLE_GROUPS, Recipe
+from ..plan.recipe import WHOLE_GROUPS, Recipe, is_user_metric
 from .log import clock_time
 from .missing import Counts, Missing, PendingChunk
 from .schedule import START_SECONDS, poses_of
@@ -39,7 +39,7 @@ SAMPLE_MANY = {"cpu": 512, "cuda": 1 << 20}
 SECONDS_STARTING = 1.5  # of a worker
 SECONDS_TABLE, SECONDS_ROW = 2.0, 1.7e-4  # of table and figure: in all, and for each recipe
 ALL_THE_SAME = "; --yes makes it all the same"
-ROW_BYTES = 1200  # of a part in the manifest
+ROW_BYTES = 1700  # of a part in the manifest
 TABLE_BYTES = 9000  # of memory, of a recipe while the table is written
 TABLE_BYTES_SHOWN = 10**8  # from this on it is reported
 POSE_BYTES = 48  # of a row of per-pose columns
@@ -291,7 +291,7 @@ class SweepSamples:
         if any(map(names_code, recipes)):
             return None  # an estimate runs none
         wire = tuple(
-            Chunk(shortened(recipe, poses).to_json(), own.chunk.groups)
+            Chunk(shortened(recipe, poses).to_json(), _timed_groups(own.chunk.groups))
             for recipe, own in zip(recipes, chunks, strict=True)
         )
         folder = Path(tempfile.mkdtemp(prefix="palpate-sample-"))
@@ -323,6 +323,11 @@ class SweepSamples:
             total += (cost.chunk_seconds * len(chunks) + cost.pose_seconds * poses) * scale
         workers = max(1, min(worker_count, round(total / START_SECONDS)))
         return SECONDS_STARTING + total / workers + SECONDS_TABLE + SECONDS_ROW * recipe_count
+
+
+def _timed_groups(groups: Sequence[str]) -> tuple[str, ...]:
+    """Groups without those that a user's code computes, which an estimate does not run; contours stand for these."""
+    return tuple(group for group in groups if not is_user_metric(group)) or ("contours",)
 
 
 def names_code(recipe: Recipe) -> bool:

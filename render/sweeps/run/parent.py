@@ -164,6 +164,7 @@ class _Run:
             store=str(self._store.folder),
             run=self._log.run,
             code=self._plan.granted,
+            user_metrics=self._plan.user_metrics,
             timeout=self._limits.timeout,
             memory=self._limits.memory,
             takes=self._sharing.takes,

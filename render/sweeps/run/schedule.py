@@ -98,9 +98,10 @@ class Schedule:
     """Cuts what is missing into tasks.
 
     store: folder as workers see it. run: names the run's tasks, unique in a store. code: SHA-256 of the files of code
-    that workers may run. timeout [s], memory [byte]: see the module; 0 is no bound. takes: claims a bucket of chunks
-    for this parent, False if another has it. has_company: whether other parents have been at work. shard (k, n): only
-    chunks whose bucket number is k modulo n are made. Times are seconds of any one clock.
+    that workers may run. user_metrics: their sources, by group. timeout [s], memory [byte]: see the module; 0 is no
+    bound. takes: claims a bucket of chunks for this parent, False if another has it. has_company: whether other parents
+    have been at work. shard (k, n): only chunks whose bucket number is k modulo n are made. Times are seconds of any
+    one clock.
     """
 
     def __init__(
@@ -110,6 +111,7 @@ class Schedule:
         store: str,
         run: str,
         code: frozenset[str] = frozenset(),
+        user_metrics: Mapping[str, str] | None = None,
         timeout: float = 0.0,
         memory: int = 0,
         takes: Callable[[str], bool] = lambda bucket: True,
@@ -121,6 +123,7 @@ class Schedule:
         """May change as workers come and go."""
         self._seconds = SECONDS["cpu"]
         self._store, self._run, self._code = store, run, code
+        self._user_metrics = tuple((user_metrics or {}).items())
         self._timeout, self._memory = timeout, memory
         self._takes, self._has_company, self._shard = takes, has_company, shard
         self._taken: set[str] = set()
@@ -265,7 +268,7 @@ class Schedule:
         self._given[number] = GivenTask(chunks, self.rates.seconds(poses_of(chunks)))
         name = f"{self._run}-{number:06d}"
         wire = tuple(chunk.chunk for chunk in chunks)
-        return Task(number, wire, self._store, name, self._code, OVERTIME * self._seconds)
+        return Task(number, wire, self._store, name, self._code, self._user_metrics, OVERTIME * self._seconds)
 
     # ---- what other parents make
 

@@ -35,6 +35,10 @@ class StandInPlan:
         return frozenset()
 
     @property
+    def user_metrics(self):
+        return {}
+
+    @property
     def recipe_count(self):
         return len(self.wanted)
 

@@ -1,5 +1,7 @@
 """Numbers of a pose and their sums against slow oracles: lengths, polylines, area, statistics of spans and parts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -9,7 +11,7 @@ from section_oracle import section_links, walk
 
 from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.metrics.tally import METRICS, measure_gaps, sum_parts, tally_contours
-from palpate.render import MeshObject, Palm, closed_contour, open_contour
+from palpate.render import MeshObject, Palm, closed_contour, load_strategy, open_contour
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.objects.functions.expression import box, sphere
@@ -117,6 +119,35 @@ def test_flags_leave_the_other_rows_as_they_are(device):
     assert not batch.polyline_closed.numpy().any()
     with pytest.raises(ValueError, match="shape"):
         tally_contours(batch, value, wp.empty(3, dtype=wp.float64, device=device), measures=True, encloses=True)
+
+
+@pytest.mark.parametrize("strategy", ["edges", "corners", "cc"])
+def test_intensity_is_integrated_along_contours(strategy, device):
+    scene = Scene.of(thing_of("shell"), Palm(), load_strategy(strategy))
+    host = scene.contours(generic_poses(40, 5), 0, device)[0].numpy()
+    got, _ = tallied(host.to(device), device, encloses=False)
+    level = np.ones(host.point_count) if host.intensity is None else host.intensity.astype(np.float64)
+    for pose in range(40):
+        want = 0.0
+        for line in range(host.pose_start[pose], host.pose_start[pose + 1]):
+            own = slice(host.polyline_start[line], host.polyline_start[line + 1])
+            along = np.cumsum([0, *np.linalg.norm(np.diff(host.points[own].astype(np.float64), axis=0), axis=1)])
+            want += np.trapezoid(level[own], along)
+        assert got["length_intensity"][pose] == pytest.approx(want, rel=3e-7)
+    assert (strategy == "cc") == np.array_equal(got["length_intensity"], got["length"])
+
+
+def test_an_intensity_of_1_gives_the_bits_of_none(device):
+    batch = Scene.of(thing_of("bodies"), Palm(), closed_contour()).raw_contours(
+        PoseBlock(generic_poses(60, 2), 0, device)
+    )
+    ones = replace(batch, intensity=wp.full(batch.point_count, 1.0, dtype=wp.float32, device=device))
+    half = replace(batch, intensity=wp.full(batch.point_count, 0.5, dtype=wp.float32, device=device))
+    got, halved = tallied(ones, device)[0], tallied(half, device)[0]
+    assert got["length"].max() > 0.1
+    np.testing.assert_array_equal(got["length_intensity"], got["length"])
+    np.testing.assert_array_equal(halved["length_intensity"], got["length"] / 2)
+    np.testing.assert_array_equal(halved["length"], got["length"])
 
 
 def test_gaps_are_those_of_open_polylines_only(device):

@@ -10,8 +10,9 @@ import yaml
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from palpate.datasets import SweepStore
 from palpate.datasets.shapes.built_in import shape_names
-from palpate.render import MeshObject
+from palpate.render import InProcess, MeshObject, run_sweep, tidy_columns
 from palpate.render.cli.app import app
 from palpate.render.sweeps.make.poses import pose_count
 from palpate.render.sweeps.plan.loading import load_plans
@@ -67,7 +68,7 @@ def test_the_table_is_read_as_the_document_reads_it(folder):
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["recipes"] == 6
     said = {}
-    (reading, _) = blocks(SWEEP, "python")
+    reading = next(block for block in blocks(SWEEP, "python") if "load_table" in block)
     exec(reading.replace("print(", "said = ("), said)  # what a user types
     assert said["said"].loc[("tube", "cc"), "r"] > 1
     assert said["frame"].shape[0] == 6
@@ -126,3 +127,22 @@ def test_the_plan_of_palpates_own_ci_is_wide_and_large():
     assert plan.device == "cpu"
     stages = json.dumps([one.strategy["described"] for one in recipes])
     assert all(f'"{stage}"' in stages for stage in ("small", "turned-away", "hatch", "inset", "corners", "contact"))
+
+
+def test_the_metrics_of_the_document_are_metrics(folder):
+    (folder / "mine.py").write_text(next(block for block in blocks(SWEEP, "python") if "def corners" in block))
+    given = [
+        'metrics=["mine.py:corners","mine.py:shares"]',
+        "motion.duration=4.0",
+        "motion.seed=1",
+        'object.source="cube"',
+    ]
+    plan = load_plans([folder / "study.toml"], given, allow_code=True)
+    report = run_sweep(plan, folder / "store", InProcess("cpu"))
+    assert not report.failures
+    with SweepStore(folder / "store", mode="read") as store:
+        columns = tidy_columns(plan.recipes(), store, plan.groups)
+    assert set(columns) >= {f"metric_corners_{s}" for s in ("mean", "std", "max", "count")} | {
+        "metric_shares.hand_mean"
+    }
+    assert min(columns["metric_corners_mean"]) >= 2  # a segment has two ends

@@ -111,6 +111,10 @@ def test_sampling_is_counted_as_play_counts_it(tmp_path, rendered, name):
     assert [got[key] for key in ("jump_length", "step_longest", "revisit_rate", "samples")] == [
         played[key] for key in ("jump_length", "step_longest", "revisit_rate", "samples")
     ]
+    seconds = played["samples"] / strategy.update_rate
+    for event in ("jumps", "hops"):
+        assert got[f"{event}_per_second"] * seconds == pytest.approx(played[event])
+    assert name != "step" or played["jumps"] + played["hops"] > 0
     with ContourFile(path) as file:
         source = ContourSource(file, Sampler(strategy))
         motion = file.motion()

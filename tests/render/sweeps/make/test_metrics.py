@@ -34,6 +34,7 @@ from palpate.render.intersection.file_recording import metrics_of
 from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps.make import metrics as metrics_module
+from palpate.render.sweeps.make.histogram import merge, quantiles
 from palpate.render.sweeps.make.metrics import FREQUENCIES, ChunkSlice, measure_batch
 from palpate.render.sweeps.make.task import CHUNK_POSES, SPAN
 
@@ -138,6 +139,9 @@ def test_statistics_are_those_of_the_columns(device):
         assert count == len(x)
         np.testing.assert_allclose([total, square], [x.sum(), (x * x).sum()], rtol=1e-12)
         assert (least, greatest) == (x.min(), x.max())
+    length, count = columns["length"], merge([result.contours["histogram"]["length"]])
+    want = np.quantile(length, [0.5, 0.95], method="inverted_cdf")
+    np.testing.assert_allclose(quantiles(count, (50, 95), length.min(), length.max()), want, rtol=2**-7)
     drawn = np.count_nonzero(columns["length"])
     assert 0 < drawn < len(pose)
     for payload in (result.contours, *result.frequency):
@@ -178,6 +182,15 @@ def test_area_is_of_raw_contours_and_nan_where_none_is_closed(device):
     assert np.isnan(area(TUBE, Palm(), open_contour())).all()
     assert np.isnan(area(TUBE, Palm(), load_strategy("oc"))).all()
     assert np.isnan(area(CUBE, MeshHand(*grid_skin()), replace(CC, step=0.01))).all()
+
+
+def test_strategies_that_differ_in_intensity_alone_have_other_numbers(device):
+    pose = generic_poses(60, 3)
+    one, other = (measured(Scene.of(CUBE, Palm(), load_strategy(name)), pose, device) for name in ("cc", "edges"))
+    stat, weighted = one.contours["stat"], other.contours["stat"]
+    assert stat["length_intensity"] == stat["length"]
+    assert weighted["length"][1] == pytest.approx(stat["length"][1], rel=1e-6)
+    assert 0.1 * stat["length"][1] < weighted["length_intensity"][1] < 0.99 * stat["length"][1]
 
 
 def test_what_never_applies_has_no_least(device):

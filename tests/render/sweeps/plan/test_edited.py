@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -182,7 +183,7 @@ KEEP = ("keep-contours", "keep-focal-points", "keep-drives")
 class KeptPlan:
     """One short recipe, everything kept."""
 
-    name, recipe_count, groups, granted = "kept", 1, KEEP, frozenset()
+    name, recipe_count, groups, granted, user_metrics = "kept", 1, KEEP, frozenset(), MappingProxyType({})
 
     def recipes(self):
         yield recipe_of("cube", motion=explored(1.0))
@@ -199,7 +200,7 @@ def test_a_kept_file_that_is_cut_or_gone_is_made_again(tmp_path, harm):
     def run():
         report = run_sweep(KeptPlan(), tmp_path, InProcess("cpu"))
         assert not report.failures
-        return report.parts
+        return report.rows
 
     assert (run(), run()) == (3, 0)
     files = sorted(tmp_path.glob("*/*.h5"))

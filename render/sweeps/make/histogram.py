@@ -1,0 +1,58 @@
+"""A histogram of a metric over poses, from which quantiles are computed: exact counts, merged in any order.
+
+Every factor of two from 2^LOWEST to 2^HIGHEST has 2^BITS bins of equal width. So a quantile is at most half a bin, a
+share of 2^-(BITS + 1) = 0.8 %, from the value of the pose that it stands for. Values up to 0, below and above that
+range have a bin each.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+LOWEST, HIGHEST, BITS = -10, 6, 6
+"""From 1 mm to 64 m, in the unit of the metric; 64 bins each factor of two."""
+BINS = (HIGHEST - LOWEST) * 2**BITS + 3
+
+
+def describe(count: np.ndarray) -> list[int]:
+    """JSON of the numbers of all bins in their order; -n stands for n empty bins, and none follow the last number."""
+    used = np.flatnonzero(count)
+    gaps = np.diff(used, prepend=-1) - 1
+    pairs = zip((-gaps).tolist(), count[used].tolist(), strict=True)
+    return [number for pair in pairs for number in pair if number]
+
+
+def merge(histograms: Iterable[Sequence[int]]) -> np.ndarray:
+    """Numbers of all bins of several histograms together, int64, shape [bin]."""
+    out = np.zeros(BINS, np.int64)
+    for own in histograms:
+        numbers = np.array(own, np.int64)
+        stop = np.cumsum(np.where(numbers < 0, -numbers, 1))
+        out[stop[numbers > 0] - 1] += numbers[numbers > 0]
+    return out
+
+
+def quantiles(count: np.ndarray, percents: Sequence[int], least: float, greatest: float) -> list[float | None]:
+    """For each percentage p the smallest value that at least p % of the poses do not exceed; None without a pose.
+
+    That is `numpy.quantile` with method "inverted_cdf", within half a bin: the middle of the bin stands for the value,
+    and lies within `least`..`greatest` of all poses.
+    """
+    total = np.cumsum(count)
+    if not total[-1]:
+        return [None] * len(percents)
+    ranks = [max(1, -(-percent * int(total[-1]) // 100)) for percent in percents]
+    middles = [_middle(int(own), greatest) for own in np.searchsorted(total, ranks)]
+    return [min(max(middle, least), greatest) for middle in middles]
+
+
+def _middle(own: int, greatest: float) -> float:
+    """The middle of a bin; of values up to 0 it is 0, of those beyond the range the greatest."""
+    if own in (0, BINS - 1):
+        return greatest if own else 0.0
+    return (_lower_edge(own) + _lower_edge(own + 1)) / 2
+
+
+def _lower_edge(own: int) -> float:
+    power, step = divmod(own - 2, 2**BITS)
+    return 2.0 ** (LOWEST + power) * (1 + step / 2**BITS) if own > 1 else 0.0

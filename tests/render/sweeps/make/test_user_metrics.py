@@ -1,0 +1,179 @@
+"""A user's metrics: NumPy's numbers, the same however poses are batched; bad ones fail alone, and name what came."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mesh_cases import generic_poses
+from sweep_recipes import digest, random_motion, recipe_of, task_of
+
+from palpate.datasets.sweeps.shard import read_shard
+from palpate.kernels.metrics.random_pose import random_poses
+from palpate.render import MeshObject, Palm, closed_contour
+from palpate.render.errors import SweepError
+from palpate.render.intersection.scene import Scene
+from palpate.render.sweeps.make.metrics import ChunkSlice, measure_batch
+from palpate.render.sweeps.make.task import SPAN
+from palpate.render.sweeps.make.user_metrics import UserMetric, measure
+from palpate.render.sweeps.make.work import run_task
+from palpate.render.sweeps.plan.user_metric import DIGITS
+
+SCENE = Scene.of(MeshObject.load("tube"), Palm(), closed_contour())
+COUNTS = (3 * SPAN + 70, 2 * SPAN, 45)
+CODE = """
+import numpy as np
+
+def length(contours):
+    return contours.length().astype(float)
+
+def wrong(contours):
+    return contours.length()[:3]
+"""
+
+
+def length(contours):
+    return contours.length().astype(np.float64)
+
+
+def share(contours):
+    """Also depends on what else is in the batch, which must not matter."""
+    own = np.where(contours.length() > 0.1, contours.length("hand"), np.nan)
+    return {"hand": own, "among": np.full(len(own), np.nansum(own) + len(own))}
+
+
+METRICS = tuple(UserMetric(f"metric 0 {f.__name__}", f"mine.py:{f.__name__}", f) for f in (length, share))
+
+
+def metric_of(function):
+    return UserMetric("metric 0 f", "mine.py:f", function)
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return SCENE.contours(generic_poses(40, 2), 0, "cpu")[0].numpy()
+
+
+@pytest.fixture(scope="module")
+def renderings():
+    return [
+        random_poses(0, count, seed=seed, size=0.13, at=(0, 0, 0.2), device="cpu").numpy()
+        for seed, count in enumerate(COUNTS)
+    ]
+
+
+def rendered(poses, slices, device="cpu"):
+    """Without times."""
+    found = measure_batch(SCENE, poses, slices, device=device, samplings=[()] * 3, user_metrics=[METRICS] * 3)
+    return found, [{group: own["stat"] for group, own in result.user_metrics.items()} for result in found]
+
+
+def test_statistics_are_numpys(renderings, device):
+    poses = renderings[0]
+    ((result,), (stats,)) = rendered(poses, [ChunkSlice(0, 0, 0, len(poses))], device)
+    lengths = SCENE.contours(poses, 0, "cpu")[0].numpy().length().astype(np.float64)
+    count, total, square, least, greatest = stats["metric 0 length"][""]
+    assert (count, least, greatest) == (len(poses), lengths.min(), lengths.max())
+    assert total == pytest.approx(math.fsum(lengths), rel=1e-15)
+    assert square == pytest.approx(math.fsum(lengths**2), rel=1e-15)
+    assert stats["metric 0 share"]["hand"][0] == np.count_nonzero(lengths > np.float32(0.1)) < len(poses)
+    assert result.contours["stat"]["length"][0] == len(poses)
+
+
+@given(spans=st.lists(st.integers(1, 3), min_size=1, max_size=4), together=st.booleans())
+@settings(max_examples=10)
+def test_bits_do_not_depend_on_batches(spans, together, renderings):
+    _, want = rendered(
+        np.concatenate(renderings),
+        [ChunkSlice(k, 0, sum(COUNTS[:k]), count) for k, count in enumerate(COUNTS)],
+    )
+    poses, at, before = renderings[0], 0, None
+    other = renderings[2] if together else renderings[2][:0]
+    for count in [*(SPAN * own for own in spans), len(poses)]:
+        count = min(count, len(poses) - at)
+        if not count:
+            break
+        slices = [ChunkSlice(2, 0, 0, len(other))] if together else []
+        slices.append(ChunkSlice(0, 0, len(other), count, before))
+        found, stats = rendered(np.concatenate([other, poses[at : at + count]]), slices)
+        before, at = found[-1], at + count
+        assert not together or stats[0] == want[2]
+    assert json.dumps(stats[-1]) == json.dumps(want[0])
+
+
+BAD = {
+    "text": (lambda contours: "many", r"number per pose, an array of shape \[40\], not str"),
+    "texts": (lambda contours: ["many"] * 40, "not list of <U4"),
+    "one number": (lambda contours: 3.0, r"not of shape \[\]"),
+    "none": (lambda contours: None, "not NoneType of object"),
+    "too few": (lambda contours: np.zeros(39), r"not of shape \[39\]"),
+    "two axes": (lambda contours: np.zeros((40, 1)), r"not of shape \[40, 1\]"),
+    "ragged": (lambda contours: [[1], [1, 2]], "not list"),
+    "complex": (lambda contours: np.zeros(40, complex), "complex128"),
+    "infinite": (lambda contours: np.full(40, np.inf), "finite or NaN, not inf at pose 0"),
+    "nested": (lambda contours: {"a": {"b": np.zeros(40)}}, "as 'a' one number per pose.* not dict"),
+    "no key": (lambda contours: {}, "keys of its dict .* not none"),
+    "bad key": (lambda contours: {"a b": np.zeros(40)}, "not 'a b'"),
+    "number as key": (lambda contours: {1: np.zeros(40)}, "not 1"),
+    "raises": (lambda contours: 1 / 0, "raised ZeroDivisionError: division by zero"),
+    "exits": (lambda contours: exit(3), "raised SystemExit"),
+    "writes": (lambda contours: contours.points.fill(0), "raised ValueError: .*read-only"),
+}
+
+
+def endless():
+    """A list within itself."""
+    own = []
+    own.append(own)
+    return own
+
+
+BAD["endless"] = (lambda contours: endless(), "not list")
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_no_number_per_pose_is_refused_by_name(name, batch):
+    function, message = BAD[name]
+    with pytest.raises(SweepError, match=f"^metric mine.py:f: .*{message}"):
+        measure(metric_of(function), batch, 0, 40, None)
+
+
+@given(values=st.lists(st.floats(-1e6, 1e6) | st.just(math.nan), min_size=40, max_size=40))
+def test_nan_does_not_count(values, batch):
+    count, total, square, *ends = measure(metric_of(lambda contours: values), batch, 0, 40, None)["stat"][""]
+    known = [value for value in values if not math.isnan(value)]
+    assert count == len(known)
+    assert total == math.fsum(known)
+    assert square == pytest.approx(np.square(known).sum(), rel=1e-12)
+    assert ends == ([min(known), max(known)] if known else [None, None])
+
+
+def test_keys_are_the_same_for_all_poses(batch):
+    asked = []
+    metric = metric_of(lambda contours: asked.append(0) or {f"k{len(asked)}": np.zeros(contours.pose_count)})
+    begun = measure(metric, batch, 0, 20, None)
+    with pytest.raises(SweepError, match="same keys for all poses, first k1, then k2"):
+        measure(metric, batch, 20, 20, begun)
+
+
+def test_a_metric_that_fails_leaves_the_other_groups(tmp_path):
+    mine = tmp_path / "mine.py"
+    mine.write_text(CODE)
+    groups = {f"metric {digest(mine)[:DIGITS]} {name}": f"{mine}:{name}" for name in ("length", "wrong")}
+    recipe = recipe_of(motion=random_motion(600))
+    task = task_of(tmp_path, [recipe], ("contours", *groups))
+    task = replace(task, user_metrics=tuple(groups.items()))
+    assert "not the code that was permitted" in run_task(task, "cpu").error
+    task = replace(task, code=frozenset([digest(mine)]), name="permitted")
+    outcome = run_task(task, "cpu")
+    (failed,) = outcome.failed
+    assert "metric mine.py:wrong: must return one number per pose" in failed.message
+    payloads = {row.group: row.payload for row in read_shard(tmp_path / outcome.shard).rows}
+    assert set(payloads) == {"contours", next(iter(groups))}
+    assert payloads["contours"]["stat"]["length"][1] == pytest.approx(payloads[next(iter(groups))]["stat"][""][1])
+    mine.write_text(CODE + "\n# edited\n")
+    edited = run_task(replace(task, name="edited"), "cpu")
+    assert "has changed since the plan was read" in edited.error

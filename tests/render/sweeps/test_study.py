@@ -1,0 +1,154 @@
+"""Sweeps from Python: overrides, the table in pandas and xarray, the best row, and a search by Optuna."""
+
+import math
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.render import sweep
+from palpate.render.errors import PlanError, SweepError
+from palpate.render.sweeps.study import toml_text
+
+GUIDE = Path(__file__).parents[3] / "docs/guide/sweep.md"
+PLAN = """
+metrics = ["contours"]
+[object]
+source = ["sphere", "cube"]
+[motion]
+source = "random"
+count = 40
+[strategy]
+source = ["oc", "cc"]
+"""
+PLAIN = (
+    st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False) | st.text(st.characters(codec="utf-8"))
+)
+VALUES = st.recursive(PLAIN, lambda own: st.lists(own, max_size=3) | st.dictionaries(st.text("ab -", max_size=3), own))
+
+
+@pytest.fixture
+def plan(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    return path
+
+
+@given(value=VALUES)
+def test_values_are_written_as_toml_reads_them(value):
+    assert tomllib.loads(f"x = {toml_text('x', value)}")["x"] == value
+
+
+def test_numpys_values_and_paths_are_values():
+    assert toml_text("x", np.arange(3)) == toml_text("x", range(3)) == "[0, 1, 2]"
+    assert toml_text("x", np.float64(0.1)) == "0.1"
+    assert toml_text("x", Path("a/b.stl")) == '"a/b.stl"'
+    for value in (None, [None], {"a": object()}, 1j):
+        with pytest.raises(PlanError, match=r"set: x: must be a number, a text"):
+            toml_text("x", value)
+
+
+def test_a_sweep_is_made_once_and_its_table_is_tidy(plan):
+    result = sweep(plan, {"motion.seed": [1, 2, 3], "object.fit": 0.07})
+    again = sweep(plan, {"motion.seed": [1, 2, 3], "object.fit": 0.07})
+    assert (result.report.rows, again.report.rows) == (12, 0)
+    assert result.store == plan.with_suffix(".sweep")
+    assert result.failures == ()
+    frame = result.to_pandas()
+    assert frame.shape == (12, len(result.columns))
+    assert frame["object_fit"].tolist() == [0.07] * 12
+    assert frame["complete"].all()
+    np.testing.assert_array_equal(frame["length_mean"], again.columns["length_mean"])
+
+
+def test_axes_that_vary_are_dimensions_and_nothing_moves(plan):
+    result = sweep(plan, {"motion.seed": [2, 1], "object.fit": [0.07, 0.05]})
+    data = result.to_xarray()
+    assert dict(data.sizes) == {"object": 2, "object_fit": 2, "seed": 2, "strategy": 2}
+    assert data["seed"].values.tolist() == [1, 2]
+    assert data["length_mean"].attrs == {"units": "m"}
+    assert data.attrs["hand"] == "palm"
+    columns = result.columns
+    for row, value in enumerate(columns["length_mean"]):
+        at = {name: columns[name][row] for name in data.sizes}
+        assert data["length_mean"].sel(at).item() == value
+    assert np.isnan(data["r"].sel(strategy="oc")).all()
+    assert data["complete"].all()
+
+
+def test_axes_that_go_together_have_one_dimension(plan):
+    zipped = ["object.fit", "motion.seed", "motion.size"]
+    values = {"object.fit": [0.05, 0.06, 0.07], "motion.seed": [1, 2, 3], "motion.size": [0.1, 0.1, 0.12]}
+    data = sweep(plan, values | {"zip": [zipped]}).to_xarray()
+    assert dict(data.sizes) == {"object": 2, "object_fit": 3, "strategy": 2}
+    assert data["seed"].dims == data["size"].dims == ("object_fit",)
+    assert data["size"].values.tolist() == [0.1, 0.1, 0.12]
+    assert not data["length_mean"].isnull().any()
+
+
+def test_what_the_plan_leaves_out_is_nan(plan):
+    rule = [{"object.source": "cube", "strategy.source": "cc"}]
+    data = sweep(plan, {"exclude": rule}).to_xarray()
+    assert dict(data.sizes) == {"object": 2, "strategy": 2}
+    assert data["length_mean"].isnull().values.tolist() == [[False, False], [False, True]]
+    assert data["complete"].values.tolist() == [[True, True], [True, False]]
+
+
+def test_a_sparse_design_has_one_row_a_recipe(plan):
+    fits = [{"source": "sphere", "fit": 0.05 + k / 1000, "scale": 1 + k % 7 / 10} for k in range(20)]
+    data = sweep(plan, {"object": fits}).to_xarray()
+    assert dict(data.sizes) == {"object_fit": 20, "strategy": 2}  # the size decides the scale
+    places = [{"source": "sphere", "fit": 0.05 + k // 2 / 1000, "at": [0, 0, 0.2 + k % 40 / 999]} for k in range(80)]
+    data = sweep(plan, {"object": places, "strategy.source": "oc"}).to_xarray()
+    assert dict(data.sizes) == {"recipe": 80}
+    assert data["object_fit"].dims == data["object_at_z"].dims == ("recipe",)
+
+
+def test_the_best_row_is_the_largest_or_the_smallest(plan):
+    result = sweep(plan, {"motion.seed": [1, 2, 3]})
+    most, least = result.best("length_mean"), result.best("length_mean", largest=False)
+    assert most["length_mean"] == result.columns["length_mean"].max()
+    assert least["length_mean"] == result.columns["length_mean"].min()
+    assert (most["strategy"], least["strategy"], least["r"]) == ("cc", "oc", None)
+    assert result.units["length_mean"] == "m"
+    for name in ("object", "none"):
+        with pytest.raises(SweepError, match=rf"'{name}' is no metric of this table; known: poses, "):
+            result.best(name)
+    with pytest.raises(SweepError, match="no recipe has a value of r;"):
+        sweep(plan, {"strategy.source": "oc"}).best("r")
+
+
+def test_recipes_that_fail_are_in_the_result(plan, tmp_path):
+    (tmp_path / "mine.py").write_text("def f(contours):\n    return 'text'\n")
+    result = sweep(plan, {"metrics": ["contours", "mine.py:f"], "object.source": "cube"}, allow_code=True)
+    assert len(result.failures) == 2
+    assert result.columns["complete"].tolist() == [False, False]
+    assert result.best("length_mean")["object"] == "cube"
+
+
+def test_faults_of_values_name_the_key(plan):
+    with pytest.raises(PlanError, match=r"--set object\.fit=80: object\.fit: must lie in"):
+        sweep(plan, {"object.fit": 80})
+
+
+def test_optuna_finds_the_known_best(tmp_path, monkeypatch):
+    pytest.importorskip("optuna", reason="Optuna is not installed")
+    text = GUIDE.read_text()
+    monkeypatch.chdir(tmp_path)
+    toml = re.findall(r"^```toml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    Path("height.toml").write_text(next(block for block in toml if "a hand that turns about" in block))
+    search = next(block for block in re.findall(r"^```python[^\n]*\n(.*?)^```", text, re.M | re.S) if "optuna" in block)
+    names = {}
+    exec(search, names)
+    trials = names["study"].trials
+    heights = {trial.params["z"] for trial in trials}
+    assert names["study"].best_params["z"] == pytest.approx(0.2)
+    assert names["study"].best_value == pytest.approx(math.pi * 0.06, rel=0.01)  # a great circle
+    assert len(heights) < len(trials) == 40
+    table = sweep("height.toml", {"object.at": [[0.0, 0.0, z] for z in heights]})
+    assert table.report.rows == 0  # what the search made serves a sweep, and a point that came again was not made again
+    assert table.best("length_mean")["object_at_z"] == pytest.approx(0.2)

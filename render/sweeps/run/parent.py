@@ -249,14 +249,13 @@ class _Run:
     def _turn(self, schedule: Schedule, engine: Engine) -> None:
         """Give tasks to free workers, take outcomes, look after the rest."""
         self._note_workers(schedule, engine)
-        while engine.free_count() and (task := schedule.next_task(self._clock())) is not None:
-            engine.submit(task)
+        self._give(schedule, engine)
         outcomes = engine.wait(WAIT)
+        self._give(schedule, engine)  # before outcomes are looked at, so that no worker waits for that
         self._recording.require_store()
         for outcome in outcomes:
             self._take(outcome, schedule)
-        while engine.free_count() and (task := schedule.next_task(self._clock())) is not None:
-            engine.submit(task)  # before anything waits for the disk
+        self._give(schedule, engine)
         self._recording.record_old(self._clock())
         self._record_failures(schedule.missing)
         self._look_elsewhere(schedule)
@@ -264,6 +263,11 @@ class _Run:
             self._log.write("dropped", number=number, sentence=reason)
             engine.drop(number, reason)
         self._show(schedule)
+
+    def _give(self, schedule: Schedule, engine: Engine) -> None:
+        """Give tasks to free workers."""
+        while engine.free_count() and (task := schedule.next_task(self._clock())) is not None:
+            engine.submit(task)
 
     def _note_workers(self, schedule: Schedule, engine: Engine) -> None:
         """See who is there, and have more workers started if seconds of work are left for each."""

@@ -28,6 +28,7 @@ __all__ = [
     "check_file",
     "exploration",
     "hand_shape",
+    "load_pose_table",
     "load_recording",
     "load_table",
     "posed_vertices",
@@ -46,6 +47,7 @@ __all__ = [
 _LATER = {
     "ShardRow": "shard",
     "SweepStore": "store",
+    "load_pose_table": "pose_files",
     "load_table": "table",
     "table_attributes": "table",
     "write_parquet": "table",
@@ -55,6 +57,7 @@ _LATER = {
 """Names of sweeps, each with its module in `sweeps`: imported when asked for, as most programs need none."""
 
 if TYPE_CHECKING:
+    from .sweeps.pose_files import load_pose_table
     from .sweeps.shard import ShardRow, write_shard
     from .sweeps.store import SweepStore
     from .sweeps.table import load_table, table_attributes, write_parquet, write_table

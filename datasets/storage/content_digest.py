@@ -22,20 +22,10 @@ TRAILER = struct.Struct("<16sQ32s")
 _BLOCK_BYTES = 1 << 20
 
 
-def trailer(kind: str, version: int, size: int, digest: bytes) -> bytes:
-    """The trailer of content of `size` bytes; kind: of the file, at most 13 letters with the version."""
-    return TRAILER.pack(_mark(kind) + b"%d\n" % version, size, digest)
-
-
 def content_trailer(kind: str, version: int, content: Buffer) -> bytes:
-    """The trailer of content that is in memory."""
-    return trailer(kind, version, len(content), hashlib.blake2b(content, digest_size=32).digest())
-
-
-def file_trailer(kind: str, version: int, path: Path) -> bytes:
-    """The trailer of all that a file has so far, read in blocks; raises OSError."""
-    size = path.stat().st_size
-    return trailer(kind, version, size, _file_digest(path, size))
+    """The trailer of content that is in memory; kind: of the file, at most 13 letters with the version."""
+    digest = hashlib.blake2b(content, digest_size=32).digest()
+    return TRAILER.pack(_mark(kind) + b"%d\n" % version, len(content), digest)
 
 
 def read_whole(path: Path, kind: str, version: int) -> tuple[bytes, str]:

@@ -8,6 +8,7 @@ import fcntl
 import glob
 import os
 import secrets
+import shutil
 import stat
 import time
 from collections import deque
@@ -167,6 +168,14 @@ def discard(path: Path) -> None:
     """Remove a file; errors are ignored, as the next writer tries again."""
     with contextlib.suppress(OSError):
         path.unlink()
+
+
+def discard_tree(path: Path) -> None:
+    """Remove a file, a link, or a folder with all that is in it; errors are ignored."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        discard(path)
 
 
 def open_own(path: Path, flags: int) -> int:

@@ -11,6 +11,7 @@ from ..errors import SweepStoreError
 from ..focus_files.frame_reader import check_frames, frame_format
 from .manifest import NAME, Manifest
 from .parts import manifest_problems
+from .pose_files import POSES, pose_file_problems
 from .record import COLUMNS, KEPT, SHARD_SUFFIX, SHARDS
 from .shard import read_shard, require_named
 from .table import PARQUET, has_digest, is_table, load_table
@@ -47,6 +48,7 @@ def check_store(path: str | Path) -> StoreCheck:
         found.problems.extend(_damage(read_shard, own))
     for own in sorted(path.glob(f"*{SHARD_SUFFIX}")):
         _check_table(own, found)
+    found.problems.extend(pose_file_problems(path / POSES))
     for folder in KEPT:
         for own in sorted((path / folder).glob(f"*{SHARD_SUFFIX}")):
             found.problems.extend(check_file(own) if frame_format(own) is None else check_frames(own))

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ..errors import SweepStoreError
-from ..storage.durable import TEMPORARY_SUFFIX, discard, is_locked, sync
+from ..storage.durable import TEMPORARY_SUFFIX, discard, discard_tree, is_locked, sync
 from .manifest import Manifest, row_digest
 from .shard import DAMAGED_SUFFIX, Shard, read_shard
 
@@ -193,5 +193,5 @@ class Recorder:
         for folder in (self._folder, *(self._folder / name for name in (SHARDS, *KEPT))):
             for path in folder.glob(f"*{TEMPORARY_SUFFIX}"):
                 with contextlib.suppress(OSError):
-                    if path.is_file() and now - path.stat().st_mtime >= age and not is_locked(path):
-                        discard(path)
+                    if now - path.lstat().st_mtime >= age and not is_locked(path):
+                        discard_tree(path)  # a file, or the folder of a table of poses

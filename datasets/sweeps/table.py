@@ -5,6 +5,7 @@ pandas, polars and xarray read them.
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import json
 from collections.abc import Generator, Mapping, Sequence
@@ -48,7 +49,7 @@ DIGEST = "digest"
 TRAILER = "BLAKE2b-256 behind the HDF5 file"
 KIND = "table"
 
-_SCALE = (f"/{ROW}",)  # `TableWriter` gives the dimension a length and no values
+_SCALE = (f"/{ROW}",)  # in `poses.h5` of earlier palpate the dimension has a length and no values
 
 _METADATA, _METADATA_DIGEST = "palpate", "palpate.digest"
 """Keys of a Parquet schema's metadata: JSON of the attributes, and the digest of that and the units."""
@@ -71,7 +72,7 @@ def write_table(
     path = Path(path)
     arrays = _table_arrays(columns)
     with new_image() as file:
-        for key, value in proven(described(attributes)).items():
+        for key, value in {**_described(attributes), DIGEST: TRAILER}.items():
             file.attrs[key] = value
         count = len(next(iter(arrays.values()), ()))
         scale = put_column(file, ROW, np.arange(count, dtype=np.int64))
@@ -92,20 +93,26 @@ def write_parquet(
     Raises:
         SweepStoreError: As `write_table`; or PyArrow is missing, which the extra `palpate[parquet]` installs.
     """
-    path = Path(path)
+    _write(Path(path), parquet_content(columns, attributes, units or {}))
+
+
+def parquet_content(
+    columns: Mapping[str, Values], attributes: Attributes, units: Mapping[str, str], **options: Any
+) -> memoryview:
+    """The bytes of a table as Parquet; options: of `pyarrow.parquet.write_table`; raises as `write_parquet`."""
     arrays = _table_arrays(columns)
     arrow, parquet = _pyarrow("pyarrow"), _pyarrow("pyarrow.parquet")
     fields: list[Any] = []
     for name, array in arrays.items():
-        unit = (units or {}).get(name)
+        unit = units.get(name)
         kind: Any = arrow.string() if array.dtype.kind == "O" else arrow.from_numpy_dtype(array.dtype)
         fields.append(arrow.field(name, kind, metadata={"units": unit} if unit else None))
-    text = json.dumps(described(attributes) | {DIGEST: _columns_digest(arrays)})
-    own = _metadata_digest(text.encode(), [(name, (units or {}).get(name, "")) for name in arrays])
+    text = json.dumps(_described(attributes) | {DIGEST: _columns_digest(arrays)})
+    own = _metadata_digest(text.encode(), [(name, units.get(name, "")) for name in arrays])
     schema: Any = arrow.schema(fields, metadata={_METADATA: text, _METADATA_DIGEST: own})
     sink: Any = arrow.BufferOutputStream()
-    parquet.write_table(arrow.table(list(arrays.values()), schema=schema), sink)
-    _write(path, memoryview(sink.getvalue()))
+    parquet.write_table(arrow.table(list(arrays.values()), schema=schema), sink, **options)
+    return memoryview(sink.getvalue())
 
 
 def load_table(path: str | Path, *, constants: bool = False, verify: bool = True) -> Columns:
@@ -238,15 +245,10 @@ def _table_arrays(columns: Mapping[str, Values]) -> Columns:
     return column_arrays(columns)
 
 
-def described(attributes: Attributes) -> dict[str, str | int | float]:
+def _described(attributes: Attributes) -> dict[str, str | int | float]:
     """Attributes of a table's file: format, version, then what it says of itself, text and numbers as they are."""
     own = {key: value if type(value) in (str, int, float) else json.dumps(value) for key, value in attributes.items()}
     return {"format": FORMAT_NAME, "version": FORMAT_VERSION, **own}
-
-
-def proven(attributes: dict[str, str | int | float]) -> dict[str, str | int | float]:
-    """Attributes of a table of HDF5 that has a trailer."""
-    return attributes | {DIGEST: TRAILER}
 
 
 def _refuse_foreign(path: Path, attributes: Any) -> None:
@@ -317,13 +319,16 @@ def _metadata_digest(text: bytes, units: Sequence[tuple[str, str]]) -> bytes:
 
 
 def _columns_digest(columns: Columns) -> str:
-    """Of columns, their names, types and values, as hexadecimal text."""
-    texts: list[bytes] = []
+    """Of columns, their names, types and values, as hexadecimal text; without a copy of the numbers."""
+    digest = hashlib.blake2b(digest_size=16)
+    before = b""
     for name, array in columns.items():
         is_text = array.dtype.kind == "O"
-        values = "\0".join(array).encode() if is_text else array.astype(array.dtype.newbyteorder("<")).tobytes()
-        texts += [f"{name} {'text' if is_text else array.dtype.str[1:]} {len(array)}".encode(), values]
-    return text_digest(texts).hex()
+        digest.update(before + f"{name} {'text' if is_text else array.dtype.str[1:]} {len(array)}\n".encode())
+        stored = np.ascontiguousarray(array, array.dtype if is_text else array.dtype.newbyteorder("<"))
+        digest.update("\0".join(stored).encode() if is_text else stored.view(np.uint8).data)
+        before = b"\n"
+    return digest.hexdigest()
 
 
 def _numpy(name: str, column: Any) -> Any:

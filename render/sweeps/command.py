@@ -17,7 +17,14 @@ from .make.poses import pose_count
 from .make.task import Engine
 from .plan.code_version import code_version
 from .plan.loading import Plan, draft_plans
-from .refusals import other_code_version, refuse_baseline, refuse_baseline_file, refuse_summary, refuse_tables
+from .refusals import (
+    other_code_version,
+    refuse_baseline,
+    refuse_baseline_file,
+    refuse_poses,
+    refuse_summary,
+    refuse_tables,
+)
 from .report.progress import sweep_bar
 from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
@@ -160,6 +167,7 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
     check = _check_of(job)
     other = other_code_version(job.folder) if job.same_results else None
     plan = draft_plans(job.plans, job.overrides)
+    refuse_poses(plan)
     if job.scheduler is not None:
         from .run.dask_connection import require_scheduler
 

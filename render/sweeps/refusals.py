@@ -62,9 +62,20 @@ def refuse_summary(path: Path | None) -> None:
         raise PlanError(f"--summary {path}: must be a file in a folder that exists")
 
 
+def refuse_poses(plan: Plan) -> None:
+    """Raise PlanError for a plan with `per_pose` if PyArrow, which writes its rows, is not installed."""
+    if "poses" in plan.groups:
+        _require_module(f"{plan.name}: per_pose = true")
+
+
 def _require_pyarrow(option: str, path: Path) -> None:
-    if path.suffix == ".parquet" and importlib.util.find_spec("pyarrow") is None:
-        raise PlanError(f"{option} {path}: Parquet needs PyArrow: pip install 'palpate[parquet]'")
+    if path.suffix == ".parquet":
+        _require_module(f"{option} {path}")
+
+
+def _require_module(what: str) -> None:
+    if importlib.util.find_spec("pyarrow") is None:
+        raise PlanError(f"{what}: Parquet needs PyArrow: pip install 'palpate[parquet]'")
 
 
 def refuse_baseline(

@@ -21,7 +21,7 @@ FORMATS: tuple[Format, ...] = (
     Format("recording", stored.recording_seeds, stored.read_recording),
     Format("alignment", stored.alignment_seeds, stored.read_alignment),
     Format("table", stored.table_seeds, stored.read_table, damage=stored.damage_table),
-    Format("table-stream", stored.stream_seeds, stored.read_table, damage=damage_hdf5),
+    Format("old-poses", stored.old_seeds, stored.read_table, damage=damage_hdf5),
     Format("shard", stored.shard_seeds, stored.read_a_shard, is_checked=True, damage=damage_hdf5),
     Format(
         "store",

@@ -175,12 +175,10 @@ def table_seeds(folder: Path) -> None:
     write_parquet(folder / "table.parquet", columns, attributes, units={"length_mean": "m"})
 
 
-def stream_seeds(folder: Path) -> None:
-    from palpate.datasets.sweeps.table_stream import TableWriter
+def old_seeds(folder: Path) -> None:
+    from old_pose_table import write_old_table
 
-    with TableWriter(folder / "stream.h5", {"maker": "me"}, units={"length": "m"}) as table:
-        for _ in range(3):
-            table.append(COLUMNS)
+    write_old_table(folder / "poses.h5", COLUMNS, {"maker": "me"}, {"length": "m"})
 
 
 def read_table(path: Path) -> Any:

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from ....datasets.bounded_file import read_json
 from ....datasets.errors import SweepStoreError
-from ....datasets.storage.durable import FolderLock, discard, write_file
+from ....datasets.storage.durable import FolderLock, discard, discard_tree, write_file
 from ....datasets.storage.schema import PRUNED_NAMES, removed_name
+from ....datasets.sweeps.pose_files import POSES, write_pose_files
 from ....datasets.sweeps.store import SweepStore
 from ...errors import RenderError, SweepError
 from ...terminal import console
@@ -25,7 +26,8 @@ from ..plan.code_version import code_version, modules_digest
 if TYPE_CHECKING:
     from ..plan.loading import Plan
 
-TABLE, POSES, FIGURE, STAMP = "table.h5", "poses.h5", "summary.png", "table.json"
+TABLE, FIGURE, STAMP = "table.h5", "summary.png", "table.json"
+POSES_BEFORE = "poses.h5"  # of an earlier palpate
 LENGTHS = ("length", *(f"length_{kind}" for kind in ("object", "hand", "made", "intensity")))
 REMOVED = tuple(map(removed_name, PRUNED_NAMES))
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
@@ -47,7 +49,6 @@ class Results:
             """Other code versions whose results count."""
         self._stamp = {"plan": plan.described()["digest"], "maker": self._made_by, "code": modules_digest(WRITING)}
         self._attributes = {"plan": plan.described(), "name": plan.name, "maker": self._made_by}
-        self._tables = (TABLE, *([POSES] if "poses" in plan.groups else []))
         self._is_fresh = is_complete and not has_news and _stamped(folder) == self._stamp | self._sizes()
         self._is_fresh = self._is_fresh and _is_whole(folder / TABLE)
         self.files = {"table": str(folder / TABLE)}
@@ -87,19 +88,26 @@ class Results:
     def _write_store_table(self) -> None:
         discard(self._folder / STAMP)
         _write_table(self._folder / TABLE, self.columns, self._attributes)
-        if "poses" in self._plan.groups:
-            from ....datasets.sweeps.table_stream import write_blocks
-            from .table import pose_blocks
-
-            with SweepStore(self._folder, maker=code_version()) as store:
-                blocks = pose_blocks(self._plan.recipes(), store)
-                write_blocks(self._folder / POSES, blocks, self._attributes, units=POSE_UNITS)
+        self._write_poses()
         if self._is_complete:
             _write_stamp(self._folder, self._stamp | self._sizes())
 
+    def _write_poses(self) -> None:
+        """Write one row per pose if the plan asks for it; an earlier plan's rows would be of another table."""
+        discard(self._folder / POSES_BEFORE)
+        if "poses" not in self._plan.groups:
+            discard_tree(self._folder / POSES)
+            return
+        from .table import pose_blocks
+
+        with SweepStore(self._folder, maker=code_version()) as store:
+            blocks = pose_blocks(self._plan.recipes(), store)
+            write_pose_files(self._folder / POSES, blocks, self._attributes, units=POSE_UNITS)
+
     def _sizes(self) -> dict[str, Any]:
-        """Of its tables [byte], -1 for one that is not there: one that was deleted or cut is written again."""
-        return {"bytes": {name: _size(self._folder / name) for name in self._tables}}
+        """Of its tables [byte]: one that was deleted or cut is written again."""
+        poses = sorted((self._folder / POSES).glob("*"))
+        return {"bytes": {path.name: _size(path) for path in (self._folder / TABLE, *poses)}}
 
 
 @contextlib.contextmanager

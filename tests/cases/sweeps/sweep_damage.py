@@ -15,13 +15,14 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from old_pose_table import write_old_table
 from sweep_store_rows import MAKER, places_of, write_rows
 
 from palpate.datasets.errors import DatasetError
+from palpate.datasets.sweeps.pose_files import write_pose_files
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.datasets.sweeps.store import SweepStore
 from palpate.datasets.sweeps.table import column_units, load_table, table_attributes, write_parquet, write_table
-from palpate.datasets.sweeps.table_stream import write_blocks
 
 BLOCKS = (16, 64, 512, 4096)
 RECIPE_SHARDS, LEFT_SHARDS = 18, 2
@@ -109,7 +110,8 @@ def make_store(folder):
     write_table(folder / "table.h5", columns, attributes, units={"length": "m"})
     write_parquet(folder / "table.parquet", columns, attributes, units={"length": "m"})
     numbers = {name: values for name, values in columns.items() if name != "object"}
-    write_blocks(folder / "poses.h5", [numbers] * 3, attributes, units={"length": "m"})
+    write_old_table(folder / "poses.h5", numbers, {"maker": MAKER}, {"length": "m"})
+    write_pose_files(folder / "poses", [numbers] * 3, attributes, units={"length": "m"})
 
 
 def keys_of(folder):
@@ -192,7 +194,9 @@ def files_of(folder):
     """The files of a store that are read, each with its kind."""
     names = ["store.sqlite", "table.h5", "poses.h5", "table.parquet"]
     found = [(name, folder / name) for name in names if (folder / name).exists()]
-    return found + [(sub, path) for sub in ("columns", "shards") for path in sorted((folder / sub).glob("*.h5"))]
+    return found + [
+        (sub, path) for sub in ("columns", "shards", "poses") for path in sorted((folder / sub).glob("*.*"))
+    ]
 
 
 class Damages:

@@ -30,7 +30,6 @@ from palpate.datasets.sweeps.table import (
     write_parquet,
     write_table,
 )
-from palpate.datasets.sweeps.table_stream import write_blocks
 from palpate.render.cli.app import app
 
 TRAILER_BYTES = 56
@@ -308,7 +307,7 @@ def test_tables_that_carry_no_digest_are_read(tmp_path):
 
 def test_a_table_whose_digest_was_cut_off_is_refused(tmp_path):
     path = tmp_path / "t.h5"
-    write_blocks(path, [{"length": [0.1, 0.2]}], {})
+    write_table(path, {"length": [0.1, 0.2]}, {})
     os.truncate(path, path.stat().st_size - TRAILER_BYTES)
     for read in (load_table, table_attributes, column_units):
         with pytest.raises(SweepStoreError, match="was written with a digest behind it, which is gone"):

@@ -11,14 +11,12 @@ import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from old_pose_table import write_old_table
 from sweep_store_rows import file_size_limit
 
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.storage import hdf5_columns
 from palpate.datasets.sweeps import table as table_module
-from palpate.datasets.sweeps import table_stream
 from palpate.datasets.sweeps.table import column_units, load_table, table_attributes, write_parquet, write_table
-from palpate.datasets.sweeps.table_stream import TableWriter, write_blocks
 
 COLUMNS = {
     "object": ["tube", "dög", None],
@@ -204,76 +202,13 @@ def test_a_full_disk_leaves_the_earlier_table(tmp_path, suffix):
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
-def block(first, count):
-    poses = np.arange(first, first + count)
-    return {"pose": poses, "length": (poses / 7).astype(np.float32), "drawn": poses % 3 > 0}
-
-
-@pytest.mark.exhaustive
-@settings(max_examples=30)
-@given(counts=st.lists(st.integers(0, 30), max_size=8), chunk=st.integers(1, 12))
-def test_blocks_of_any_size_make_the_same_table(tmp_path_factory, counts, chunk):
-    path = tmp_path_factory.mktemp("blocks") / "p.h5"
-    firsts = np.cumsum([0, *counts])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(table_stream, "CHUNK_ROWS", chunk)
-        blocks = (block(first, count) for first, count in zip(firsts, counts, strict=False))
-        assert write_blocks(path, blocks, ATTRIBUTES, units=UNITS) == firsts[-1]
-    expected = block(0, int(firsts[-1])) if counts else {}
+def test_rows_of_poses_of_an_earlier_palpate_are_read(tmp_path):
+    path = tmp_path / "poses.h5"
+    columns = {"pose": np.arange(70_000), "length": (np.arange(70_000) / 7).astype(np.float32)}
+    write_old_table(path, columns, {"maker": "m"}, {"length": "m"})
     loaded = load_table(path)
-    assert list(loaded) == list(expected)
-    for name, column in expected.items():
+    assert list(loaded) == list(columns)
+    for name, column in columns.items():
         assert loaded[name].dtype == column.dtype
         np.testing.assert_array_equal(loaded[name], column)
-    assert [file.name for file in path.parent.iterdir()] == ["p.h5"]
-
-
-@pytest.mark.exhaustive
-def test_a_long_streamed_table_reads_everywhere(tmp_path):
-    path, size = tmp_path / "p.h5", 100_000
-    count = write_blocks(path, (block(k * size, size) for k in range(50)), ATTRIBUTES, units=UNITS)
-    assert count == 50 * size
-    assert count > 64 * hdf5_columns.CHUNK_ROWS  # the index has two levels
-    expected = block(0, count)
-    with xr.open_dataset(path, engine="h5netcdf") as data:
-        assert dict(data.sizes) == {"row": count}
-        assert data["length"].attrs["units"] == "m"
-        for name, column in expected.items():
-            np.testing.assert_array_equal(data[name], column)
-    assert len(pd.DataFrame(load_table(path))) == len(pl.DataFrame(load_table(path))) == count
-    assert json.loads(table_attributes(path)["plan"]) == ATTRIBUTES["plan"]
-
-
-def test_blocks_with_other_columns_are_refused_and_leave_nothing(tmp_path):
-    for second in ({"a": [1.0]}, {"a": [1], "b": [2]}, {"b": [1]}):
-        with pytest.raises(SweepStoreError, match="rows from 1 on have columns"):
-            write_blocks(tmp_path / "p.h5", [{"a": [1]}, second], {})
-    with pytest.raises(SweepStoreError, match="column a is text"):
-        write_blocks(tmp_path / "p.h5", [{"a": ["x"]}], {})
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_loses_only_the_new_file(tmp_path):
-    path = tmp_path / "p.h5"
-    write_blocks(path, [block(0, 10)], {})
-    before = path.read_bytes()
-    blocks = (block(k * 100_000, 100_000) for k in range(20))
-    with file_size_limit(5_000_000), pytest.raises(SweepStoreError, match=r"p.h5 cannot be written: File too large"):
-        write_blocks(path, blocks, {})
-    assert path.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == ["p.h5"]
-
-
-def test_an_exception_of_the_callers_leaves_nothing(tmp_path):
-    def blocks():
-        yield block(0, 10)
-        raise KeyError("mine")
-
-    with pytest.raises(KeyError, match="mine"):
-        write_blocks(tmp_path / "p.h5", blocks(), {})
-    assert list(tmp_path.iterdir()) == []
-    with TableWriter(tmp_path / "p.h5", {}) as writer:
-        own = block(0, 10)
-        writer.append(own)
-        own["pose"][:] = -1  # the caller's again
-    np.testing.assert_array_equal(load_table(tmp_path / "p.h5")["pose"], np.arange(10))
+    assert (table_attributes(path)["maker"], column_units(path)) == ("m", {"length": "m"})

@@ -18,6 +18,7 @@ from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.datasets.sweeps.pose_files import load_pose_table
 from palpate.datasets.sweeps.table import load_table, table_attributes, write_table
 from palpate.render.cli import app as cli
 from palpate.render.sweeps.run import estimate as estimate_module
@@ -112,7 +113,7 @@ def test_rows_of_poses_and_kept_files(tmp_path):
     path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("oc", "hatch"))
     path.write_text('per_pose = true\nkeep = ["contours"]\n' + path.read_text())
     told = sweep(path)
-    poses, table = load_table(told["poses_table"]), load_table(told["table"])
+    poses, table = load_pose_table(told["poses_table"]), load_table(told["table"])
     assert len(poses["recipe"]) == 2 * 180
     for row, mean in enumerate(table["length_mean"]):
         assert poses["length"][poses["recipe"] == row].mean(dtype=float) == pytest.approx(mean)

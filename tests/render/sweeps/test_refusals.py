@@ -96,6 +96,7 @@ def test_extras_that_are_not_installed(path, tmp_path, monkeypatch):
     for name in ("pyarrow", "distributed"):
         monkeypatch.setitem(sys.modules, name, None)
     refused_before(store, "pip install 'palpate[parquet]'", path, "--table", tmp_path / "t.parquet")
+    refused_before(store, "per_pose = true: Parquet needs PyArrow", path, "--set", "per_pose=true")
     refused_before(store, "pip install 'palpate[cluster]'", path, "--scheduler", "local")
 
 

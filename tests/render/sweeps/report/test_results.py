@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_line import FAILED, PALPATE, answer, run
 
+from palpate.datasets.sweeps.pose_files import load_pose_table
 from palpate.datasets.sweeps.table import load_table
 
 PLAN = """
@@ -21,6 +22,7 @@ count = 300
 [strategy]
 source = {strategies}
 """
+ROWS_FILE = "poses/000000-of-000001.parquet"
 OWN_STAGE = '''"""A stage of one's own."""
 
 import numpy as np
@@ -62,7 +64,7 @@ def small(folder, length, **more):
 def test_recipes_with_other_prune_stages_have_one_table_of_poses(tmp_path):
     small(tmp_path, 0.05)
     told = sweep("--no-figure", plan(tmp_path, "mine.json", "oc"))
-    poses = load_table(told["poses_table"])
+    poses = load_pose_table(told["poses_table"])
     assert len(poses["pose"]) == 600
     first = poses["recipe"] == 0
     assert np.isfinite(poses["removed_small"]).tolist() == first.tolist()
@@ -115,11 +117,11 @@ def test_a_stage_of_ones_own_may_have_its_words_changed_and_tells_what_it_remove
     assert (found["kept"], found["recipe_count"], found["sources"]) == (True, 1, ["strategy mine.json"])
     removed = load_table(tmp_path / "new.h5")["removed_other_mean"]
     assert removed[0] > 0
-    assert load_table(told[1]["poses_table"])["removed_other"].mean(dtype=float) == pytest.approx(removed[0])
+    assert load_pose_table(told[1]["poses_table"])["removed_other"].mean(dtype=float) == pytest.approx(removed[0])
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("name", ["poses.h5", "table.h5", "summary.png"])
+@pytest.mark.parametrize("name", [ROWS_FILE, "table.h5", "summary.png"])
 @pytest.mark.parametrize("how", ["deleted", "emptied"])
 def test_what_a_store_has_lost_is_written_again(tmp_path, name, how):
     path = plan(tmp_path, "oc")

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from sweep_rows import HandMadeStore, payload, recipe, statistic
 
 from palpate.datasets.storage.schema import PRUNED_NAMES, removed_name
+from palpate.datasets.sweeps.pose_files import load_pose_table, write_pose_files
 from palpate.datasets.sweeps.shard import ShardRow, write_shard
 from palpate.datasets.sweeps.store import SweepStore
 from palpate.datasets.sweeps.table import load_table, write_table
-from palpate.datasets.sweeps.table_stream import write_blocks
 from palpate.render.sweeps.make.sampling import NUMBERS
 from palpate.render.sweeps.make.task import CHUNK_POSES
 from palpate.render.sweeps.report.table import (
@@ -156,7 +156,7 @@ def test_a_real_store_gives_the_table_and_the_file_gives_it_back(tmp_path):
         store.record(shard)
         columns = tidy_columns([other, one], store, ["contours"])
         blocks = list(pose_blocks([other, one, bare], store))
-        assert write_blocks(tmp_path / "poses.h5", blocks, {}) == 6
+        assert write_pose_files(tmp_path / "poses", blocks, {}, units={}) == 6
     assert columns["maker"] == ["m", "m"]
     write_table(tmp_path / "table.h5", columns, {}, units=column_units(columns))
     back = load_table(tmp_path / "table.h5")
@@ -165,7 +165,7 @@ def test_a_real_store_gives_the_table_and_the_file_gives_it_back(tmp_path):
     assert back["complete"].tolist() == [False, True]
     assert [block["recipe"].tolist() for block in blocks] == [[1, 1, 1], [2, 2, 2]]
     assert set(blocks[0]) == set(blocks[1]) == {"recipe", "pose", "length", *map(removed_name, PRUNED_NAMES)}
-    removed = load_table(tmp_path / "poses.h5")["removed_small"]
+    removed = load_pose_table(tmp_path / "poses")["removed_small"]
     np.testing.assert_array_equal(removed, [0.5] * 3 + [np.nan] * 3)
 
 

@@ -90,7 +90,7 @@ def test_docstrings_comments_and_blank_lines_go(source):
 PIECES = st.sampled_from(["a", "f(", "[", ")", "]", "'", '"', '"""', "\\", "#", " ", "\n", "r", "1"])
 
 
-@given(st.lists(PIECES, max_size=30).map("".join))
+@given(st.lists(PIECES, max_size=30).map(lambda pieces: "".join([*pieces, "\n"])))
 @example("a\\\n.b # c")
 def test_what_python_can_read_keeps_its_tokens(source):
     assume(not re.search(r"\\\n\s*(#|$)", source))  # a line that goes on into nothing: no formatter writes that

@@ -29,6 +29,9 @@ def failures_of(manifest: Manifest, maker: Maker, damaged: list[str] | None) -> 
 
     damaged: a damaged row is removed, and gets a sentence here; None: it raises SweepStoreError.
     """
+    problem = str(manifest.run("PRAGMA integrity_check(failure)")[0][0])  # a row that is gone has no digest
+    if problem != "ok":
+        raise manifest.damaged(" ".join(problem.split()))
     digest = "digest" if manifest.version > 1 else "NULL"
     statement = f"SELECT rowid, CAST(recipe AS BLOB), CAST(sentence AS BLOB), {digest} FROM failure WHERE maker = ?"
     found: dict[str, str] = {}

@@ -57,7 +57,7 @@ def sweep(*arguments):
 
 def rows(told):
     """A table's rows without times, by recipe."""
-    table = load_table(told["table"])
+    table = load_table(told["table"], constants=True)
     names = [name for name in table if not name.startswith("seconds")]
     columns = [[repr(value) for value in table[name].tolist()] for name in names]
     return {row[names.index("recipe_hash")]: dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)}

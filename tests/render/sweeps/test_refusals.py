@@ -109,7 +109,11 @@ def test_tables_and_schedulers_that_cannot_be(path, tmp_path):
     (tmp_path / "old.h5").write_bytes(b"precious")
     refused_before(store, "old.h5: exists; --overwrite replaces it", path, "--table", tmp_path / "old.h5")
     refused_before(store, "unknown scheduler 'slrum'", path, "--scheduler", "slrum", "--workers", "2")
-    refused_before(store, "how many jobs", path, "--scheduler", "slurm")
+    refused_before(store, "unknown scheduler 'slurm'", path, "--scheduler", "slurm")
+    for shard in ("5/4", "0/3", "a/b", "2"):
+        refused_before(store, f"--shard must be I/N with I in 1..N, such as 2/4, not '{shard}'", path, "--shard", shard)
+    refused_before(store, "--task-timeout must be at least 0 s", path, "--task-timeout", "-1")
+    refused_before(store, "--worker-memory must be at least 0 MB", path, "--worker-memory", "-5")
     refused_before(store, "one device", path, "--scheduler", "tcp://127.0.0.1:1", "--device", "cuda:0,cuda:1")
 
 

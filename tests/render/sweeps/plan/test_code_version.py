@@ -50,8 +50,9 @@ def test_every_module_that_runs_in_a_task_counts(tmp_path, monkeypatch):
     told = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1])
     assert told["failures"] == []
     counted = set(import_closure(COMPUTING))
-    assert set(told["ran"]) - counted == set()
-    assert len(told["ran"]) > 0.7 * len(counted)
+    ran = {path for path in told["ran"] if path.split("/")[0] in PACKAGES}  # a virtual environment may lie beside them
+    assert ran - counted == set()
+    assert len(ran) > 0.7 * len(counted)
     loaded = {name.removeprefix("palpate.").replace(".", "/") for name in told["modules"]}
     modules = {f"{name}.py" for name in loaded if (HOUSE / f"{name}.py").is_file()}
     assert {path for path in modules - counted if not path.startswith(REGISTERED)} == set()

@@ -11,7 +11,7 @@ from .trust_options import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
 SCHEDULER_HELP = "A cluster: tcp://HOST:PORT or the scheduler file of a Dask scheduler; local: one of this host."
-SHARD_HELP = "Make only part I of N, for a matrix of jobs; `palpate sweep merge` joins their stores."
+SHARD_HELP = "Make only part I of N, for a matrix of jobs; with --share a last command fetches all parts."
 SHARE_HELP = "Divide the work with other machines, each with a store of its own: a shared folder or s3://BUCKET/NAME."
 TIMEOUT_HELP = "End a worker that uses so much processor time without progress; 0: never."
 MEMORY_HELP = "End a worker that holds more memory; by default an equal share of the machine's; 0: no limit."

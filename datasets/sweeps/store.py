@@ -17,12 +17,12 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import NotStoreError, SweepStoreError
-from ..storage.durable import discard
 from ..storage.hdf5_columns import Columns
 from .counted_versions import counted_for, write_statements
 from .failures import add_failure, failures_of, remove_failures
 from .manifest import NAME, Manifest, Mode
 from .parts import PartRow, Parts, payload_of
+from .prune import Unused, remove_parts, unused_parts
 from .record import COLUMNS, SHARDS, Read, Recorder
 from .same_results import add_statement, latest_maker, statements_of
 from .shard import require_named, shard_columns
@@ -331,22 +331,15 @@ class SweepStore:
             found |= failures_of(self._manifest, maker, None if self.mode == "read" else self.damaged)
         return found
 
-    def prune(self) -> int:
-        """Remove what makers have made whose results do not count, and unused files of columns; how many parts."""
-        others = f"NOT IN ({', '.join(str(number) for number, _ in self._makers)})"
-        with self._manifest.transaction():
-            count = self._manifest.changed(f"DELETE FROM part WHERE maker {others}")
-            self._manifest.run(f"DELETE FROM failure WHERE maker {others}")
-            if self._manifest.version > 2:
-                self._manifest.run(f"DELETE FROM same_results WHERE maker {others} OR counted {others}")
-            self._manifest.run(f"DELETE FROM maker WHERE id {others}")
-            unused = "id NOT IN (SELECT column_file FROM part WHERE column_file IS NOT NULL)"
-            names = self._manifest.run(f"SELECT name FROM column_file WHERE {unused}")
-            self._manifest.run(f"DELETE FROM column_file WHERE {unused}")
+    def unused(self) -> Unused:
+        """What `prune` would remove."""
+        return unused_parts(self._manifest, self.folder, (number for number, _ in self._makers))
+
+    def prune(self) -> Unused:
+        """Remove what makers have made whose results do not count, and files that nothing else refers to."""
+        unused = remove_parts(self._manifest, self.folder, (number for number, _ in self._makers))
         write_statements(self.folder, statements_of(self._manifest))
-        for (name,) in names:
-            discard(self.folder / COLUMNS / str(name))
-        return count
+        return unused
 
     def _maker_number(self, maker: str) -> int:
         """The manifest's number of a maker, entered if it may be; -1 for one that it does not know."""

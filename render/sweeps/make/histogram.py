@@ -17,9 +17,11 @@ BINS = (HIGHEST - LOWEST) * 2**BITS + 3
 def describe(count: np.ndarray) -> list[int]:
     """JSON of the numbers of all bins in their order; -n stands for n empty bins, and none follow the last number."""
     used = np.flatnonzero(count)
-    gaps = np.diff(used, prepend=-1) - 1
-    pairs = zip((-gaps).tolist(), count[used].tolist(), strict=True)
-    return [number for pair in pairs for number in pair if number]
+    pairs = np.empty((len(used), 2), np.int64)
+    pairs[:, 0] = np.arange(len(used)) - used  # minus the empty bins before, in all; below since the last one
+    pairs[1:, 0] -= pairs[:-1, 0].copy()
+    pairs[:, 1] = count[used]
+    return pairs[pairs != 0].tolist()
 
 
 def merge(histograms: Iterable[Sequence[int]]) -> np.ndarray:

@@ -167,6 +167,7 @@ def _write(task: Task, work: TaskWork) -> str | None:
 def _make(task: Task, work: TaskWork) -> None:
     """All chunks: those that share batches first, then what cannot be split."""
     cache = recipe_cache(work.device)
+    known: dict[str, tuple[Recipe, Rendering]] = {}  # chunks of a recipe share a rendering, whose poses are made at once
     chunks: dict[tuple[str, int], RenderedChunk] = {}
     unsplit: dict[str, list[tuple[int, Sequence[str], Recipe, Rendering]]] = {}
     for place, chunk in enumerate(task.chunks):
@@ -176,12 +177,15 @@ def _make(task: Task, work: TaskWork) -> None:
         work.progress((place,))  # loading a mesh takes seconds
         title = f"chunk {place}"
         try:
-            recipe = read_recipe(chunk.recipe)
-            title = recipe.title
-            rendering = cache.rendering(recipe, allow_code=task.code)
+            if chunk.recipe not in known:
+                recipe = read_recipe(chunk.recipe)
+                title = recipe.title
+                known[chunk.recipe] = recipe, cache.rendering(recipe, allow_code=task.code)
         except Exception as error:  # of a user's module, too
             work.fail([place], title, error)
             continue
+        recipe, rendering = known[chunk.recipe]
+        title = recipe.title
         if chunk.groups[0] in WHOLE_GROUPS:
             unsplit.setdefault(rendering.key, []).append((place, chunk.groups, recipe, rendering))
         else:

@@ -1,0 +1,174 @@
+"""Taking over results of another store: its manifest is read, the files that it names are copied, then recorded."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from ..errors import SweepStoreError
+from ..storage.durable import discard, open_own, publish, temporary_name
+from .failures import failures_of
+from .manifest import Manifest
+from .parts import PartRow, Parts, payload_of
+from .record import COLUMNS, KEPT, SHARD_SUFFIX, SHARDS
+from .same_results import Maker
+from .shard import ShardRow, require_named, write_shard
+from .store import SweepStore
+
+ROWS_MOST = 10_000  # of a shard that is written here
+
+
+@dataclass
+class Merged:
+    """What one store gave to another."""
+
+    parts: int = 0
+    """That were not there yet."""
+    failures: int = 0
+    """Recipes that could not be made."""
+    problems: list[str] = field(default_factory=list[str])
+    """A sentence for each kind of damage: these parts were left out."""
+
+
+def merge_store(target: SweepStore, source: Path) -> Merged:
+    """Take over what the target's code version made in another store, which stays as it is.
+
+    Merged again, nothing is added. Killed in between, the target is whole, and merging again completes it.
+
+    Raises:
+        SweepStoreError: The source is no store, or damaged beyond single rows and files; the target cannot be written.
+    """
+    merged = Merged()
+    with contextlib.closing(Manifest(source, "read")) as manifest:
+        numbers = manifest.run("SELECT id FROM maker WHERE maker = ?", (target.maker,))
+        if not numbers:
+            return merged
+        maker: Maker = (int(numbers[0][0]), target.maker)
+        columns: dict[str, None] = {}
+        bare: list[ShardRow] = []
+        for group, row in _missing_rows(target, manifest, maker, merged):
+            if row.file is not None:
+                columns[row.file.decode()] = None
+                continue
+            own = ShardRow(group, row.key, row.part, payload_of(row, manifest.path))
+            if _take_file(target, source, own.payload, merged):
+                bare.append(own)
+        for name in columns:
+            merged.parts += _take_columns(target, source / COLUMNS, name, merged)
+        for first in range(0, len(bare), ROWS_MOST):
+            merged.parts += _take_rows(target, bare[first : first + ROWS_MOST], first)
+        for recipe, sentence in failures_of(manifest, maker, None).items():
+            if recipe not in target.failed():
+                target.record_failure(recipe, sentence)
+                merged.failures += 1
+    return merged
+
+
+def _missing_rows(
+    target: SweepStore, manifest: Manifest, maker: Maker, merged: Merged
+) -> Iterator[tuple[str, PartRow]]:
+    """Whole rows of a maker that the target lacks, and their groups."""
+    keys: dict[str, list[str]] = {}
+    for group, key in manifest.run('SELECT DISTINCT "group", key FROM part WHERE maker = ? ORDER BY 1, 2', maker[:1]):
+        keys.setdefault(str(group), []).append(str(key))
+    parts, damaged = Parts(manifest, [maker]), Counter[str]()
+    for group, own in keys.items():
+        there = target.done([(group, key) for key in own])
+        for rows, broken in parts.of(group, own):
+            damaged[group] += len(broken)
+            yield from ((group, row) for row in rows if row.part not in there[group, row.key])
+    for group, count in damaged.items():
+        if count:
+            merged.problems.append(f"{manifest.path} is damaged: {count} parts of {group} do not have their digests")
+
+
+def _take_columns(target: SweepStore, folder: Path, name: str, merged: Merged) -> int:
+    """Copy a file of columns, which is a shard, and record it; how many parts that adds."""
+    shard = target.folder / SHARDS / name
+    try:
+        if PurePosixPath(name).name != name:
+            raise SweepStoreError(f"{folder / name} is not in its store")
+        require_named(folder / name)
+        _copy(folder / name, shard)
+        return target.record(shard)
+    except SweepStoreError as error:
+        discard(shard)
+        merged.problems.append(str(error))
+        return 0
+
+
+def _take_rows(target: SweepStore, rows: list[ShardRow], number: int) -> int:
+    """Record rows without columns; how many parts that adds."""
+    shard = target.folder / SHARDS / f"merge-{os.getpid()}-{number}{SHARD_SUFFIX}"
+    try:
+        write_shard(shard, rows, maker=target.maker)
+    except OSError as error:
+        raise _unwritable(target.folder, error) from error
+    return target.record(shard)
+
+
+def _take_file(target: SweepStore, source: Path, payload: Any, merged: Merged) -> bool:
+    """Copy the file that a row is about, if there is one; whether the row can be recorded."""
+    path = payload.get("path")
+    if path is None:
+        return True
+    name = PurePosixPath(str(path))
+    if len(name.parts) != 2 or name.parts[0] not in KEPT or name.parts[1] == "..":
+        merged.problems.append(f"{source} names the kept file {path!r:.80}, which is not in the store")
+        return False
+    try:
+        if (source / name).stat().st_size != payload.get("bytes"):
+            merged.problems.append(f"{source / name} is damaged: it does not have {payload.get('bytes')} bytes")
+            return False
+    except OSError as error:
+        merged.problems.append(f"{source / name} cannot be read: {error.strerror}")
+        return False
+    with contextlib.suppress(FileNotFoundError):  # which code made contours: a file beside them says
+        _copy((source / name).with_suffix(".json"), (target.folder / name).with_suffix(".json"))
+    _copy(source / name, target.folder / name)
+    return True
+
+
+def _copy(path: Path, to: Path) -> None:
+    """Copy a regular file; its new name shows it whole or not at all. Raises SweepStoreError, or FileNotFoundError."""
+    temporary = temporary_name(to)
+    try:
+        handle = open_own(path, os.O_RDONLY)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise SweepStoreError(f"{path} cannot be read: {error.strerror}") from error
+    try:
+        to.parent.mkdir(exist_ok=True)
+        with os.fdopen(handle, "rb") as old, temporary.open("xb") as new:
+            shutil.copyfileobj(old, new)
+            new.flush()
+            os.fsync(new.fileno())
+        publish(temporary, to)
+    except OSError as error:
+        raise _unwritable(to, error) from error
+    finally:
+        discard(temporary)
+
+
+def _unwritable(path: Path, error: OSError) -> SweepStoreError:
+    return SweepStoreError(f"{path} cannot be written: {error.strerror or error}; what was merged so far is safe")
+
+
+def other_makers(folder: Path, maker: str) -> dict[str, int]:
+    """Code versions other than one that have made parts in a store, and how many; the last one at the end."""
+    with SweepStore(folder, mode="read") as store:
+        return {name: count for name, count in store.makers().items() if count and name != maker}
+
+
+def waiting_shards(folder: Path) -> int:
+    """Shards of a store that no parent has recorded yet."""
+    return sum(1 for _ in (folder / SHARDS).glob(f"*{SHARD_SUFFIX}"))
+
+

@@ -35,6 +35,12 @@ class Merged:
     problems: list[str] = field(default_factory=list[str])
     """A sentence for each kind of damage: these parts were left out."""
 
+    def add(self, other: Merged) -> None:
+        """Count what came of another merge, too."""
+        self.parts += other.parts
+        self.failures += other.failures
+        self.problems += other.problems
+
 
 def merge_store(target: SweepStore, source: Path) -> Merged:
     """Take over what the target's code version made in another store, which stays as it is.
@@ -159,16 +165,3 @@ def _copy(path: Path, to: Path) -> None:
 
 def _unwritable(path: Path, error: OSError) -> SweepStoreError:
     return SweepStoreError(f"{path} cannot be written: {error.strerror or error}; what was merged so far is safe")
-
-
-def other_makers(folder: Path, maker: str) -> dict[str, int]:
-    """Code versions other than one that have made parts in a store, and how many; the last one at the end."""
-    with SweepStore(folder, mode="read") as store:
-        return {name: count for name, count in store.makers().items() if count and name != maker}
-
-
-def waiting_shards(folder: Path) -> int:
-    """Shards of a store that no parent has recorded yet."""
-    return sum(1 for _ in (folder / SHARDS).glob(f"*{SHARD_SUFFIX}"))
-
-

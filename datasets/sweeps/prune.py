@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from ..errors import SweepStoreError
 from ..storage.durable import discard
 from .manifest import Manifest
 from .record import COLUMNS, KEPT
@@ -20,11 +22,6 @@ class Unused:
     """Rows of the manifest."""
     files: tuple[Path, ...]
     """Files of columns, and kept files, that only these rows name; some may be missing."""
-
-    @property
-    def byte_count(self) -> int:
-        """Of the files [byte]."""
-        return sum(path.stat().st_size for path in self.files if path.is_file())
 
 
 def unused_parts(manifest: Manifest, folder: Path, makers: Iterable[int]) -> Unused:
@@ -59,6 +56,8 @@ def remove_parts(manifest: Manifest, folder: Path, makers: Iterable[int]) -> Unu
         )
     for path in unused.files:
         discard(path)
+    with contextlib.suppress(SweepStoreError):  # it makes the file smaller, which needs room for a second one
+        manifest.run("VACUUM")
     return unused
 
 

@@ -14,7 +14,7 @@ try:
     from .array_options import Array, Calibration, Emulate, Serial, Uncalibrated, Watchdog
     from .object_options import FillHoles, Inside, Kind, Label, Level, SolidRule, Spacing, Three, Unit, Weld
     from .selftest_options import selftest
-    from .sweep_options import sweep
+    from .sweep_options import SWEEP_HELP, sweep
     from .trust_options import AllowCode, trust
 except KeyboardInterrupt:  # nothing has begun
     sys.exit("error: interrupted")
@@ -204,7 +204,7 @@ def voxelise(
     )
 
 
-app.command()(sweep)
+app.add_typer(sweep, name="sweep", help=SWEEP_HELP)
 app.command()(trust)
 
 

@@ -1,10 +1,11 @@
-"""The command line of sweeps: `palpate sweep`."""
+"""The command line of sweeps: `palpate sweep PLAN.toml`, and `palpate sweep status STORE` and its like."""
 
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from ..terminal import console
 from .trust_options import AllowCode
@@ -20,8 +21,33 @@ UPDATE_HELP = "Write --baseline's file (.csv for review, .h5, .parquet) after th
 SUMMARY_HELP = "Append counts, failures and what moved to FILE.md as Markdown, for the step summary of CI."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
 
+STORES = "Of a store that is there: palpate sweep status, failures, prune, merge; each has --help."
+RUN = "run"
 
-def sweep(
+
+class SweepGroup(TyperGroup):
+    """Commands about stores; any other first word is a plan, or an option, of `run`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put in `run`, which nobody writes."""
+        return super().parse_args(ctx, args if args and args[0] in self.commands else [RUN, *args])
+
+
+sweep = typer.Typer(cls=SweepGroup, add_completion=False, rich_markup_mode=None)
+
+Store = Annotated[Path, typer.Argument(metavar="STORE", help="Folder of results that `palpate sweep` made.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+
+
+def _look_after(name: str, *arguments: object, as_json: bool, **options: object) -> None:
+    def command() -> object:
+        return getattr(import_module("..sweeps.upkeep", __package__), name)(*arguments, **options, as_json=as_json)
+
+    raise typer.Exit(console.run(command, as_json=as_json))
+
+
+@sweep.command(RUN, hidden=True, epilog=STORES)
+def run(
     plans: Annotated[
         list[Path], typer.Argument(metavar="PLAN.toml...", help="Plans; of several, the union of their recipes.")
     ],
@@ -59,7 +85,7 @@ def sweep(
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the store's summary.png.")] = True,
     summary: Annotated[Path | None, typer.Option(metavar="FILE.md", help=SUMMARY_HELP)] = None,
     allow_code: AllowCode = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    json: Json = False,
 ) -> None:
     """Make every combination that a plan names, what is there already left out, and a table of what came of it."""
     options = {
@@ -90,3 +116,41 @@ def sweep(
         return import_module("..sweeps.command", __package__).run_sweep_command(options, as_json=json)
 
     raise typer.Exit(console.run(command, as_json=json))
+
+
+SWEEP_HELP = run.__doc__
+
+
+@sweep.command()
+def status(store: Store, json: Json = False) -> None:
+    """Show what a store holds: results by code version and group, bytes, the last run, who works in it now."""
+    _look_after("show_status", store, as_json=json)
+
+
+@sweep.command()
+def failures(store: Store, json: Json = False) -> None:
+    """Show which recipes could not be made, and why."""
+    _look_after("show_failures", store, as_json=json)
+
+
+@sweep.command()
+def prune(
+    store: Store,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only tell what would be removed.")] = False,
+    json: Json = False,
+) -> None:
+    """Remove results of other code versions, and files that only these name."""
+    _look_after("prune_store", store, is_dry=dry_run, as_json=json)
+
+
+@sweep.command()
+def merge(
+    store: Annotated[Path, typer.Argument(metavar="STORE", help="Takes the results; made if it is not there.")],
+    others: Annotated[list[Path], typer.Argument(metavar="OTHER...", help="Stores to read; they stay as they are.")],
+    other_code: Annotated[
+        bool, typer.Option("--other-code", help="Also results of other code versions; each keeps its own.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Take over what other stores hold, such as those of the machines that each made a shard."""
+    _look_after("merge_stores", store, others, with_other_code=other_code, as_json=json)

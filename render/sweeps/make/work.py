@@ -167,7 +167,9 @@ def _write(task: Task, work: TaskWork) -> str | None:
 def _make(task: Task, work: TaskWork) -> None:
     """All chunks: those that share batches first, then what cannot be split."""
     cache = recipe_cache(work.device)
-    known: dict[str, tuple[Recipe, Rendering]] = {}  # chunks of a recipe share a rendering, whose poses are made at once
+    known: dict[
+        str, tuple[Recipe, Rendering]
+    ] = {}  # chunks of a recipe share a rendering, whose poses are made at once
     chunks: dict[tuple[str, int], RenderedChunk] = {}
     unsplit: dict[str, list[tuple[int, Sequence[str], Recipe, Rendering]]] = {}
     for place, chunk in enumerate(task.chunks):

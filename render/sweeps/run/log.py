@@ -23,11 +23,12 @@ import secrets
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from ....datasets.storage.durable import open_own
 
 LOG = "log.jsonl"
+READ_MOST = 1 << 24  # [byte] of a log: some 100,000 events
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,25 @@ class SweepLog:
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
+
+
+def read_log(path: Path) -> list[dict[str, Any]]:
+    """Events of a log, the newest last, of its last `READ_MOST` bytes; lines that are no events are left out."""
+    try:
+        handle = open_own(path, os.O_RDONLY)
+    except OSError:
+        return []
+    with os.fdopen(handle, "rb") as file:
+        size = os.fstat(handle).st_size
+        file.seek(max(0, size - READ_MOST))
+        lines = file.read(READ_MOST).splitlines()
+    events: list[dict[str, Any]] = []
+    for line in lines:
+        with contextlib.suppress(ValueError, RecursionError):
+            event = json.loads(line)
+            if isinstance(event, dict) and {"time", "run", "event"} <= event.keys():
+                events.append(event)
+    return events
 
 
 def clock_time(seconds: float) -> str:

@@ -87,7 +87,7 @@ def test_every_metric_is_told():
 
 @pytest.mark.parametrize("document", [SWEEP, CI], ids=lambda path: path.name)
 def test_commands_have_options_that_there_are(document):
-    known = {option for own in get_command(app).commands["sweep"].params for option in own.opts}
+    known = {option for own in get_command(app).commands["sweep"].commands["run"].params for option in own.opts}
     found = commands(document)
     assert found
     for words in found:

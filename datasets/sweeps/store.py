@@ -349,6 +349,11 @@ class SweepStore:
         return int(rows[0][0]) if rows else -1
 
 
+def is_read_only(folder: Path) -> bool:
+    """Whether a folder is a store that this process cannot write, such as one on a read-only mount."""
+    return (folder / NAME).exists() and not os.access(folder, os.W_OK)
+
+
 def _by_group(keys: Iterable[Key]) -> Iterator[tuple[str, list[str]]]:
     """Groups in the order in which they come, each with its keys."""
     groups: dict[str, list[str]] = {}

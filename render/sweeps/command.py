@@ -25,6 +25,7 @@ from .refusals import (
     refuse_summary,
     refuse_tables,
 )
+from .report.failures import failure_rows
 from .report.progress import sweep_bar
 from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
@@ -315,8 +316,6 @@ def _say(report: SweepReport, outputs: dict[str, Any], comparison: Comparison | 
 
 
 def _show_failures(failures: Sequence[Failure]) -> None:
-    from .report.summary import failure_rows
-
     rows = failure_rows(failures)
     _show(f"{len(failures)} recipes could not be made", ("recipe", "why"), rows[:SHOWN], len(rows))
 

@@ -13,7 +13,7 @@ from ..errors import PlanError, SweepError
 from ..terminal import console
 from ..terminal.foreign_text import show_table, visible
 from .plan.code_version import code_version
-from .report.summary import failure_rows
+from .report.failures import failure_rows
 from .run.log import LOG, read_log
 from .run.missing import Failure
 

@@ -18,7 +18,7 @@ from ....datasets.errors import SweepStoreError
 from ....datasets.storage.durable import FolderLock, discard, discard_tree, write_file
 from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.pose_files import POSES, write_pose_files
-from ....datasets.sweeps.store import SweepStore
+from ....datasets.sweeps.store import SweepStore, is_read_only
 from ...errors import RenderError, SweepError
 from ...terminal import console
 from ..plan.code_version import code_version, modules_digest
@@ -71,7 +71,11 @@ class Results:
     def write(self, tables: Sequence[Path], *, figure: bool) -> None:
         """Write what is not there, and the table into `tables` too. figure: draw one, too."""
         picture = self._folder / FIGURE
-        if not self._is_fresh or (figure and _size(picture) <= 0):
+        cannot_write = is_read_only(self._folder)
+        if cannot_write and not self._is_fresh:
+            del self.files["table"]
+            console.warn(f"{self._folder} cannot be written, and its own table is of another plan: see --table")
+        elif not cannot_write and (not self._is_fresh or (figure and _size(picture) <= 0)):
             with locked(self._folder):
                 if not self._is_fresh:
                     self._write_store_table()
@@ -80,9 +84,9 @@ class Results:
                     _draw(picture, self.columns, self._plan)
         for path in tables:
             _write_table(path, self.columns, self._attributes)
-        if "poses" in self._plan.groups:
+        if "poses" in self._plan.groups and "table" in self.files:
             self.files["poses_table"] = str(self._folder / POSES)
-        if picture.exists():
+        if picture.exists() and "table" in self.files:
             self.files["figure"] = str(picture)
 
     def _write_store_table(self) -> None:

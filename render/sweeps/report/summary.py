@@ -13,9 +13,9 @@ from ...errors import SweepError
 from ...terminal.foreign_text import visible
 from ..run.log import clock_time
 from .compare import ROWS_SHOWN, Comparison
+from .failures import failure_rows
 
 if TYPE_CHECKING:
-    from ..run.missing import Failure
     from ..run.parent import SweepReport
 
 TEXT_MOST = 300  # characters of a text from outside
@@ -52,14 +52,6 @@ def append_summary(path: Path, text: str) -> None:
             stream.write(f"{chr(10) * 2 if os.fstat(handle).st_size else ''}{text}".encode())
     except OSError as error:
         raise SweepError(f"--summary {path} cannot be written: {error.strerror or error}") from error
-
-
-def failure_rows(failures: Sequence[Failure]) -> list[tuple[str, str]]:
-    """Recipes that failed and why, one row a reason."""
-    names: dict[str, list[str]] = {}
-    for failure in failures:
-        names.setdefault(failure.sentence.removeprefix(f"{failure.name}: "), []).append(failure.name)
-    return [(own[0] + (f" and {len(own) - 1} more" if own[1:] else ""), why) for why, own in names.items()]
 
 
 def markdown_text(text: object) -> str:

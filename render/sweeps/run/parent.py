@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ....datasets.errors import SweepStoreError
-from ....datasets.sweeps.store import SweepStore
+from ....datasets.sweeps.store import SweepStore, is_read_only
 from ...errors import SweepError
 from ...runtime.interrupt import interrupt_between
 from ..make.poses import pose_count
@@ -101,12 +101,14 @@ def run_sweep(
     by default this code's. limits: what ends a worker. shard: (k, n) makes part k of n, from 0.
     share: URL of a folder where parents of several machines share the work; parents of one store share it anyway.
     clock: seconds.
-    Recipes that cannot be made are in the report. Raises SweepError if no worker can go on, or the store's disk is
-    full; SweepStoreError for a folder that is no store; KeyboardInterrupt between two tasks.
+    A store on a read-only disk suffices if it lacks nothing. Recipes that cannot be made are in the report.
+    Raises SweepError if no worker can go on, or the store's disk is full; SweepStoreError for a folder that is no
+    store; KeyboardInterrupt between two tasks.
     """
     code = made_by or code_version()
     with contextlib.ExitStack() as stack:
-        store = stack.enter_context(SweepStore(store_folder, maker=code))
+        mode = "read" if is_read_only(Path(store_folder)) else "create"
+        store = stack.enter_context(SweepStore(store_folder, maker=code, mode=mode))
         lines = stack.enter_context(SweepLog(log or store.folder / LOG))
         sharing = stack.enter_context(Sharing(store.folder, share))
         run = _Run(plan, store, lines, sharing, progress or _ignore, limits or WorkerLimits(), clock)
@@ -148,7 +150,7 @@ class _Run:
         approve: Callable[[Counts], None],
         shard: tuple[int, int],
     ) -> SweepReport:
-        recovered = self._store.recover()
+        recovered = 0 if self._is_read_only else self._store.recover()
         if self._sharing.is_remote:
             self._sharing.open()
             self._fetch()
@@ -175,6 +177,7 @@ class _Run:
         self._record_failures(missing)
         report = SweepReport(0, 0, 0, 0, 0.0, recovered=recovered)
         if schedule.has_work:
+            self._refuse_read_only(missing)
             approve(missing.counts)
             self._sharing.open()
             worker = engine if not callable(engine) else engine()
@@ -185,6 +188,19 @@ class _Run:
             )
         self._forget_failures(missing)
         return self._finished(report, missing)
+
+    @property
+    def _is_read_only(self) -> bool:
+        return self._store.mode == "read"
+
+    def _refuse_read_only(self, missing: Missing) -> None:
+        """Raise SweepError for a store that lacks something and cannot be written."""
+        if self._is_read_only:
+            lacking = missing.counts.recipes - missing.counts.done
+            raise SweepError(
+                f"{self._store.folder} cannot be written, and lacks results of at least {lacking:,} recipes of the "
+                "plan: name another --store, or make them where it can be written"
+            )
 
     def _finished(self, report: SweepReport, missing: Missing) -> SweepReport:
         counts, tally = missing.counts, self._tally
@@ -358,12 +374,13 @@ class _Run:
         failures, missing.failures[:] = list(missing.failures), []
         for failure in failures:
             self._tally.failures.append(failure)
-            self._store.record_failure(failure.recipe_hash, failure.sentence)
+            if not self._is_read_only:
+                self._store.record_failure(failure.recipe_hash, failure.sentence)
             self._log.write("failure", recipe_hash=failure.recipe_hash, recipe=failure.name, sentence=failure.sentence)
 
     def _forget_failures(self, missing: Missing) -> None:
         made = missing.met_again - {failure.recipe_hash for failure in self._tally.failures}
-        if made:
+        if made and not self._is_read_only:
             self._store.forget_failures(sorted(made))
 
     def _note(self, sentence: str) -> None:

@@ -36,8 +36,10 @@ LOAD_LONGEST = 60.0  # [s] for loading every combination of object, hand and str
 CHUNKS_SAMPLED = 4  # of a family, in one task
 SAMPLE_FEW = {"cpu": 64, "cuda": 1024}
 SAMPLE_MANY = {"cpu": 512, "cuda": 1 << 20}
-SECONDS_STARTING = 1.5  # of a worker
-SECONDS_TABLE, SECONDS_ROW = 2.0, 1.7e-4  # of table and figure: in all, and for each recipe
+START_MOST = (
+    3.0  # [s] of processor time for starting the command: in a program that has long been at work it is unknown
+)
+STARTS_TABLE, SECONDS_ROW = 2.0, 1.7e-4  # of table and figure: in starts of the command, and for each recipe
 ALL_THE_SAME = "; --yes makes it all the same"
 ROW_BYTES = 1700  # of a part in the manifest
 TABLE_BYTES = 9000  # of memory, of a recipe while the table is written
@@ -247,8 +249,9 @@ class SweepSamples:
         self._few, self._many = SAMPLE_FEW[kind], SAMPLE_MANY[kind]
         self.costs: dict[str, Cost] = {}
         """By family."""
+        self._start = min(START_MOST, time.process_time())  # of this command, on this host
         self.load_seconds = 0.0
-        """Until the first poses of all families were made, beyond what they cost later."""
+        """Until the first poses of all families were made: each worker loads what it makes."""
         self.problems: list[str] = []
 
     def run(self, families: Mapping[str, Sequence[PendingChunk]]) -> SweepSamples:
@@ -309,20 +312,21 @@ class SweepSamples:
     def seconds(
         self, families: Mapping[str, Sequence[PendingChunk]], scale: float, worker_count: int, recipe_count: int
     ) -> float | None:
-        """Until all is made and the table is written; None if no family could be timed."""
+        """Until the command ends: all is made, table and figure are written; None if no family could be timed."""
         if not self.costs:
             return None
         mean = Cost(
             sum(cost.chunk_seconds for cost in self.costs.values()) / len(self.costs),
             sum(cost.pose_seconds for cost in self.costs.values()) / len(self.costs),
         )
-        total = self.load_seconds
+        total = 0.0
         for family, chunks in families.items():
             cost = self.costs.get(family, mean)
             poses = sum(poses_of(chunks).values())
             total += (cost.chunk_seconds * len(chunks) + cost.pose_seconds * poses) * scale
-        workers = max(1, min(worker_count, round(total / START_SECONDS)))
-        return SECONDS_STARTING + total / workers + SECONDS_TABLE + SECONDS_ROW * recipe_count
+        workers = max(1, min(worker_count, round((self.load_seconds + total) / START_SECONDS)))
+        starts = 1.0 + (workers > 1) + STARTS_TABLE  # the command itself, its workers at once, and pictures
+        return starts * self._start + self.load_seconds + total / workers + SECONDS_ROW * recipe_count
 
 
 def _timed_groups(groups: Sequence[str]) -> tuple[str, ...]:

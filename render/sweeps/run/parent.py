@@ -139,6 +139,7 @@ class _Run:
         """When the first worker was ready."""
         self._tally = _Tally()
         self._recording = ShardRecording(store, log.run)
+        self._is_read_only = store.mode == "read"
         self._devices: tuple[str, ...] = ()
         self._looked_at = 0.0
         """When other parents' results were last looked for."""
@@ -188,10 +189,6 @@ class _Run:
             )
         self._forget_failures(missing)
         return self._finished(report, missing)
-
-    @property
-    def _is_read_only(self) -> bool:
-        return self._store.mode == "read"
 
     def _refuse_read_only(self, missing: Missing) -> None:
         """Raise SweepError for a store that lacks something and cannot be written."""

@@ -14,6 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import trimesh
 from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -205,6 +206,31 @@ def test_a_dry_run_tells_what_to_expect_and_makes_nothing(tmp_path):
     shown = run("sweep", path, "--dry-run", "--device", "cpu").stdout
     assert "16 recipes" in shown
     assert "estimate" in shown
+
+
+@pytest.mark.exhaustive
+def test_a_dry_run_tells_every_recipe_that_will_fail(tmp_path, monkeypatch):
+    """18 of 120: an open sheet has no closed contours, and each of these strategies needs them."""
+    monkeypatch.chdir(tmp_path)
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    trimesh.Trimesh(box.vertices, box.faces[:-1], process=False).export(tmp_path / "sheet.stl")
+    assert not trimesh.load_mesh(tmp_path / "sheet.stl").is_watertight  # what trimesh thinks of it
+    (tmp_path / "a.toml").write_text(
+        'metrics = ["contours"]\n[object]\nsource = ["cube", "sphere", "tube", "sheet.stl"]\n'
+        "[motion]\nduration = 0.2\nseed = {first = 1, count = 6}\n"
+        '[strategy]\nsource = ["oc", "whole", "cc", "hatch", "circle"]\n'
+    )
+    told = answer("sweep", "a.toml", "--dry-run", "--device", "cpu")
+    assert told["recipes"] == 120
+    result = run("sweep", "a.toml", "--device", "cpu", "--workers", "1", "--no-figure", "--json")
+    assert result.exit_code == FAILED
+    failures = json.loads(result.stdout)["failures"]
+    families = {tuple(own["name"].split(", ")[name] for name in (0, 3)) for own in failures}
+    assert families == {("sheet.stl", "cc"), ("sheet.stl", "hatch"), ("sheet.stl", "circle")}
+    assert len(failures) == 18
+    for _, strategy in families:
+        assert any("sheet.stl" in problem and strategy in problem for problem in told["problems"])
+    assert len(told["problems"]) == len(families)
 
 
 @pytest.mark.exhaustive

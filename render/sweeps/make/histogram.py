@@ -6,6 +6,7 @@ range have a bin each.
 """
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,14 +15,19 @@ LOWEST, HIGHEST, BITS = -10, 6, 6
 BINS = (HIGHEST - LOWEST) * 2**BITS + 3
 
 
-def describe(count: np.ndarray) -> list[int]:
-    """JSON of the numbers of all bins in their order; -n stands for n empty bins, and none follow the last number."""
-    used = np.flatnonzero(count)
-    pairs = np.empty((len(used), 2), np.int64)
-    pairs[:, 0] = np.arange(len(used)) - used  # minus the empty bins before, in all; below since the last one
-    pairs[1:, 0] -= pairs[:-1, 0].copy()
-    pairs[:, 1] = count[used]
-    return pairs[pairs != 0].tolist()
+def describe(count: np.ndarray) -> list[list[int]]:
+    """JSON of numbers of all bins in their order, shape [histogram, bin]; a list each.
+
+    -n stands for n empty bins, and none follow the last number.
+    """
+    row, used = np.nonzero(count)
+    first = np.searchsorted(row, np.arange(len(count) + 1))  # of each histogram in `used`
+    before = np.roll(used, 1)
+    before[first[:-1][first[:-1] < len(used)]] = -1
+    pairs = np.stack([before + 1 - used, count[row, used]], axis=1).ravel()
+    start = np.concatenate([[0], np.cumsum(pairs != 0)])[2 * first].tolist()
+    numbers = pairs[pairs != 0].tolist()
+    return [numbers[begin:end] for begin, end in pairwise(start)]
 
 
 def merge(histograms: Iterable[Sequence[int]]) -> np.ndarray:

@@ -122,9 +122,11 @@ def measure_batch(
     pacing = {"frequency": seconds.pop("frequency") / max(1, len(asked))}
     before = [None if own.before is None else own.before.contours for own in slices]
     contours = _payloads(slices, tallied.names, found, before, seconds, len(pose))
-    for own, payload, count in zip(slices, contours, bins, strict=True):
-        begun = [] if own.before is None else [own.before.contours["histogram"]["length"]]
-        payload["histogram"] = {"length": histogram.describe(histogram.merge(begun) + count)}
+    for own, count in zip(slices, bins, strict=True):
+        if own.before is not None:
+            count += histogram.merge([own.before.contours["histogram"]["length"]])
+    for payload, numbers in zip(contours, histogram.describe(bins), strict=True):
+        payload["histogram"] = {"length": numbers}
     drawn = [payload["poses_drawn"] for payload in contours]
     frequency = []
     for k, strategy in enumerate(asked):

@@ -119,9 +119,16 @@ class Recipe:
 
     def key(self, group: str) -> str:
         """Key under which a group's results are stored, 32 hexadecimal digits; groups: `GROUPS`, and user metrics."""
-        if group not in GROUPS and not is_user_metric(group):
-            raise PlanError(f"unknown group {group!r}; known: {', '.join(GROUPS)}")
-        return self.digest(GROUPS.get(group, RENDERING))
+        if group not in self._keys:
+            if group not in GROUPS and not is_user_metric(group):
+                raise PlanError(f"unknown group {group!r}; known: {', '.join(GROUPS)}")
+            self._keys[group] = self.digest(GROUPS.get(group, RENDERING))
+        return self._keys[group]
+
+    @cached_property
+    def _keys(self) -> dict[str, str]:
+        """Keys that were asked for, by group: every chunk asks."""
+        return {}
 
     @property
     def hash(self) -> str:

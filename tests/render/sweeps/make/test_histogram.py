@@ -34,7 +34,7 @@ def assert_close(got, want, greatest):
 
 @given(values=LENGTHS)
 def test_a_quantile_is_that_of_the_sorted_values(values):
-    count = merge([json.loads(json.dumps(describe(counted(values))))])
+    count = merge([json.loads(json.dumps(*describe(counted(values)[None])))])
     assert count.sum() == len(values)
     ordered = np.sort(values)
     got = quantiles(count, PERCENTS, ordered[0], ordered[-1])
@@ -53,12 +53,14 @@ def test_many_lengths_have_numpys_quantiles(rng):
 
 @given(values=LENGTHS, order=st.permutations(range(4)))
 def test_parts_merge_in_any_order(values, order):
-    parts = [describe(counted(part)) for part in np.array_split(values, 4)]
+    parts = describe(np.stack([counted(part) for part in np.array_split(values, 4)]))
     np.testing.assert_array_equal(merge(parts[k] for k in order), counted(values))
 
 
 def test_equal_lengths_are_exact_and_none_have_no_quantile():
     assert quantiles(counted([0.3] * 9), PERCENTS, 0.3, 0.3) == [0.3] * len(PERCENTS)
     assert quantiles(np.zeros(BINS, int), (50,), 0.0, 0.0) == [None]
-    assert describe(np.zeros(BINS, int)) == []
-    assert describe(np.array([2, 0, 0, 5, 1, 0])) == [2, -2, 5, 1]
+    empty = [0, 0, 0, 0, 0, 0]
+    listed = [empty, [2, 0, 0, 5, 1, 0], empty, empty, [0, 0, 0, 0, 0, 7], [1, 0, 0, 0, 0, 0], empty]
+    assert describe(np.array(listed)) == [[], [2, -2, 5, 1], [], [], [-5, 7], [1], []]
+    assert describe(np.zeros((0, BINS), int)) == []

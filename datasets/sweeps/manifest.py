@@ -355,7 +355,7 @@ def _link(temporary: Path, path: Path) -> None:
 
 
 def _reason(error: sqlite3.Error) -> str:
-    """What SQLite says, in a user's words."""
+    """SQLite's reason, in a user's words."""
     text = str(error)
     code = cast("str", getattr(error, "sqlite_errorname", ""))
     if code.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")) or "Could not decode" in text or "malformed" in text:

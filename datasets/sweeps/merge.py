@@ -135,7 +135,7 @@ def _take_file(target: SweepStore, source: Path, payload: Any, merged: Merged) -
     except OSError as error:
         merged.problems.append(f"{source / name} cannot be read: {error.strerror}")
         return False
-    with contextlib.suppress(FileNotFoundError):  # which code made contours: a file beside them says
+    with contextlib.suppress(FileNotFoundError):  # a file beside contours names the code that made them
         _copy((source / name).with_suffix(".json"), (target.folder / name).with_suffix(".json"))
     _copy(source / name, target.folder / name)
     return True

@@ -43,7 +43,7 @@ class StoreStatus:
 
 def store_status(folder: Path) -> StoreStatus:
     """Count what a store holds; nothing is changed. Raises SweepStoreError for a folder that is none, or damaged."""
-    SweepStore(folder, mode="read").close()  # it says what is no store
+    SweepStore(folder, mode="read").close()  # it refuses what is no store
     with contextlib.closing(Manifest(folder, "read")) as manifest:
         rows = manifest.run(
             'SELECT maker.maker, part."group", count(DISTINCT part.key), count(part.id), max(part.id) '

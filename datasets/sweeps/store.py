@@ -2,7 +2,7 @@
 
 Workers leave shards in `shards/`; parents take them into the manifest (`manifest.py`), which is the only truth
 about what is done. A shard with per-pose columns then goes to `columns/`, named by its content; others are removed.
-docs/formats/sweep-store.md tells the same to readers of other languages.
+docs/formats/sweep-store.md describes the same for readers in other languages.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ TEMPORARY_SECONDS = 900.0
 """Age of a temporary file at which its writer is taken for dead; writing one takes seconds."""
 
 KEPT = "keep-"
-"""Begins the names of groups that leave a file in the store: their payloads tell its `path` in there and `bytes`."""
+"""Begins the names of groups that leave a file in the store: their payloads hold its `path` in there and `bytes`."""
 
 Key = tuple[str, str]
 """Group and key."""
@@ -163,7 +163,7 @@ class SweepStore:
         """Parts that are there of each (group, key), all keys asked for, in their order; an empty set for nothing.
 
         A part that left a file is there as long as that is, with its bytes; else it counts as not done from now on
-        (mode "create"). So does a part whose row in the manifest is damaged, which `damaged` tells.
+        (mode "create"). So does a part whose row in the manifest is damaged; `damaged` names it.
 
         Raises:
             SweepStoreError: The manifest is damaged beyond that; mode "read": or at all.
@@ -195,7 +195,7 @@ class SweepStore:
         self.damaged.append(f"{sentence}; they count as not done")
 
     def _has_file(self, payload: dict[str, Any]) -> bool:
-        """Whether the file that a payload tells of is there in full; none may have been made."""
+        """Whether the file that a payload names is there in full, or it names none."""
         path = payload.get("path")
         if path is None:
             return True
@@ -324,7 +324,7 @@ class SweepStore:
     def failed(self) -> dict[str, str]:
         """Recipes (their hashes) that could not be made by this maker, and why.
 
-        A damaged note is forgotten, which `damaged` tells; mode "read": it raises SweepStoreError.
+        A damaged note is forgotten, and `damaged` names it; mode "read": it raises SweepStoreError.
         """
         found: dict[str, str] = {}
         for maker in reversed(self._makers):  # of two sentences for a recipe, the own one stays

@@ -45,7 +45,7 @@ PARQUET = ".parquet"
 """What the name of a Parquet file ends with; a name that ends otherwise, and not with `CSV`, is HDF5."""
 
 DIGEST = "digest"
-"""Attribute of a table that tells how its content is proven; tables of old have none, and are believed."""
+"""How a table's content is proven; tables that an earlier palpate wrote lack this attribute, and are believed."""
 TRAILER = "BLAKE2b-256 behind the HDF5 file"
 KIND = "table"
 
@@ -63,7 +63,7 @@ def write_table(
 ) -> None:
     """Write a table as HDF5, whole or not at all, replacing an earlier one.
 
-    columns: equally long, of one dimension (`column_array` tells which types there are, and what None becomes).
+    columns: equally long, of one dimension (`column_array` lists the types, and what None becomes).
     units: of columns, kept as their attribute `units`.
 
     Raises:
@@ -205,8 +205,8 @@ def is_table(path: str | Path) -> bool:
         if has_trailer(path, KIND):
             return True
         with open_columns(path, unread=_SCALE) as file:
-            said = file.attribute("/", "format")
-            return isinstance(said, str) and said == FORMAT_NAME
+            name = file.attribute("/", "format")
+            return isinstance(name, str) and name == FORMAT_NAME
     except SweepStoreError:
         return False
 
@@ -292,8 +292,8 @@ def _parquet_schema(path: Path) -> Any:
 def _parquet_units(path: Path, schema: Any) -> list[tuple[str, str]]:
     """Name and unit, or "", of each column."""
     with naming_failures(path):
-        told: list[tuple[str, dict[bytes, bytes]]] = [(str(own.name), own.metadata or {}) for own in schema]
-        return [(name, metadata.get(b"units", b"").decode()) for name, metadata in told]
+        units: list[tuple[str, dict[bytes, bytes]]] = [(str(own.name), own.metadata or {}) for own in schema]
+        return [(name, metadata.get(b"units", b"").decode()) for name, metadata in units]
 
 
 def _parquet_attributes(path: Path, schema: Any) -> dict[str, Any]:

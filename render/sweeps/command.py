@@ -1,4 +1,4 @@
-"""What `palpate sweep` does: plan, run, table, figure, comparison, and what is said of it all."""
+"""What `palpate sweep` does: plan, run, table, figure, comparison, and the report on them."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class Check:
 
 
 def run_sweep_command(options: dict, *, as_json: bool) -> int:
-    """Make a sweep, or tell what it would cost; the options are those of `SweepJob`."""
+    """Make a sweep, or report what it would cost; the options are those of `SweepJob`."""
     job = SweepJob(**options)
     job.require_sense()
     check = _check_of(job)
@@ -174,7 +174,7 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
 
         require_scheduler(job.scheduler, devices=job.device_of(plan))
     if job.dry_run:
-        return _say_estimate(_estimated(job, plan, other), as_json=as_json)
+        return _show_estimate(_estimated(job, plan, other), as_json=as_json)
     if plan.recipe_count > RECIPES_MOST and not job.yes:
         refuse_too_large(plan, job.folder)
     plan = plan.with_code(job.allow_code)
@@ -246,7 +246,7 @@ def _keep_results(folder: Path, other: str) -> None:
 
 
 def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
-    """Run the sweep; None if it was interrupted, which is said."""
+    """Run the sweep; None, after an error message, if it was interrupted."""
     last = SweepProgress(0, plan.recipe_count, 0, 0.0, None)
 
     def approve(counts: Counts) -> None:
@@ -280,7 +280,7 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
         return None
 
 
-# ---- what is said
+# ---- the report
 
 
 def _say(report: SweepReport, outputs: dict[str, Any], comparison: Comparison | None, *, as_json: bool) -> None:
@@ -359,12 +359,12 @@ def _nothing(keys: Sequence[ResultKey]) -> dict[ResultKey, set[int]]:
     return {key: set() for key in keys}
 
 
-def _say_estimate(told: Estimate, *, as_json: bool) -> int:
+def _show_estimate(found: Estimate, *, as_json: bool) -> int:
     if as_json:
-        console.show_values(told.as_dict(), as_json=True, title="")
+        console.show_values(found.as_dict(), as_json=True, title="")
     else:
-        for sentence in told.sentences():
+        for sentence in found.sentences():
             write(sentence)
-    for problem in told.problems:
+    for problem in found.problems:
         console.warn(problem)
     return console.DONE

@@ -267,10 +267,6 @@ def hand_bytes(hand: Hand) -> int:
     return 0 if hand.pose_count is None else sum(array.nbytes for array in hand.arrays().values())
 
 
-def _scene_bytes(kept: tuple[Scene, bool]) -> int:
-    return SCENE_BYTES + hand_bytes(kept[0].hand)
-
-
 def _pose_bytes(kept: tuple[Hand, Poses]) -> int:
     hand, poses = kept
     if isinstance(poses, RandomPoses):

@@ -327,8 +327,8 @@ def _label(figure: Any, views: Sequence[View], table: Mapping[str, Sequence[Any]
     parts = [f"{total:,} recipe{'s' * (total != 1)}", *([f"{poses:,.0f} poses"] if poses else [])]
     parts += sorted({str(maker).partition(COMMA)[0] for maker in table.get("maker", ())})[:2]
     figure.suptitle(shown_name(name, TITLE_MOST), x=0.01, ha="left", fontsize=11, fontweight="bold")
-    told = caption(views, total - len(table["recipe_hash"]), int(18 * figure.get_figwidth()))
-    figure.supxlabel("\n".join([COMMA.join(parts), *told]), x=0.01, ha="left", fontsize=7, color="#555555")
+    notes = caption(views, total - len(table["recipe_hash"]), int(18 * figure.get_figwidth()))
+    figure.supxlabel("\n".join([COMMA.join(parts), *notes]), x=0.01, ha="left", fontsize=7, color="#555555")
 
 
 def _legend(axis: Axis, layout: FigureLayout, title: str) -> list[Any]:

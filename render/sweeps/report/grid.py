@@ -6,7 +6,7 @@
 | varies | a dimension, with its values as coordinate |
 | varies with another one (`zip`, `[sample]`): that one's value decides it | a coordinate along that dimension |
 
-Combinations that the plan leaves out, and metrics that do not apply, are NaN. If rows are not told apart by these
+Combinations that the plan leaves out, and metrics that do not apply, are NaN. If rows do not differ in these
 columns, or fewer than one cell in SPARSE would be filled, the only dimension is `recipe`.
 """
 

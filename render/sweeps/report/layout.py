@@ -160,8 +160,8 @@ def choose_views(table: Mapping[str, Sequence[Any]], metrics: Mapping[str, np.nd
             cells = [*(left[name] for name in varying if name in left), *(metrics[name] for name in names)]
             rows = _distinct_rows(cells)
         own = {name: [values[row] for row in rows] for name, values in left.items()}
-        told = tuple(name for name in omitted if name in shown)
-        views.append(View(choose_layout(own), {name: metrics[name][rows] for name in names}, told))
+        named = tuple(name for name in omitted if name in shown)
+        views.append(View(choose_layout(own), {name: metrics[name][rows] for name in names}, named))
     return views
 
 

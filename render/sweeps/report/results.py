@@ -1,7 +1,7 @@
 """What a sweep leaves in its store beside results: the table, one row a recipe, rows of poses, and a figure.
 
-They are written anew whenever the plan, the code or what has been made are others than when they were written; which is
-what table.json is there to tell.
+They are written anew whenever the plan, the code or what has been made differ from when they were
+written; table.json records that.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def _write_table(path: Path, columns: dict[str, Any], attributes: dict[str, Any]
 
 
 def _draw(figure: Path, columns: dict[str, Any], plan: Plan) -> None:
-    """A sweep of which nothing can be drawn has no figure, which is said; whatever it is, results are worth more."""
+    """Where nothing can be drawn, a warning says why: results are worth more than their picture."""
     from .figure import draw_sweep  # matplotlib
 
     try:
@@ -171,7 +171,7 @@ def _size(path: Path) -> int:
 
 
 def _is_whole(table: Path) -> bool:
-    """Whether a table has its digest; a damaged one is written again, which is said."""
+    """Whether a table has its digest; a damaged one causes a warning, and is written again."""
     from ....datasets.sweeps.table import table_attributes
 
     try:

@@ -1,4 +1,4 @@
-"""The parent of a sweep: gives tasks to an engine, records what comes back at once, and sees to what goes wrong."""
+"""The parent of a sweep: gives tasks to an engine, records results at once, and deals with what goes wrong."""
 
 from __future__ import annotations
 

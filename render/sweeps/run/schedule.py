@@ -167,10 +167,6 @@ class Schedule:
         self._seconds = SECONDS[kind]
         self.rates.set_first(RATE_FIRST[kind])
 
-    def is_given(self, number: int) -> bool:
-        """Whether a task's outcome is still to come."""
-        return number in self._given
-
     # ---- giving out
 
     def read(self) -> None:

@@ -16,18 +16,25 @@ import contextlib
 import importlib
 import os
 import platform
+import re
 import secrets
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
+from ..bounded_file import FileBoundError, open_regular
 from ..errors import SweepStoreError
 from ..storage.durable import discard
 
 LEASE = 60.0  # [s] without a sign of life after which a parent counts as dead
 SIGNS = 6  # of life in the time of a lease
 CLAIMS, PARENTS, SHARDS = "claims", "parents", "shards"
+TEXT_MOST = 1000  # [byte] of a claim or sign of life
+READ_ONLY = ("http", "https", "zip", "tar", "libarchive", "github", "data", "reference")
+"""Schemes of URLs behind which nothing can be created."""
+
+_OWNER = re.compile(r"[\w.-]{1,300}")
 
 
 class ClaimPlace(Protocol):
@@ -81,8 +88,9 @@ class LocalPlace:
     def read(self, name: str) -> str | None:
         """Text of a file; None if it is missing."""
         try:
-            return (self._folder / name).read_text()
-        except FileNotFoundError:
+            with open_regular(self._folder / name, TEXT_MOST) as file:
+                return file.read().decode(errors="replace")
+        except (FileNotFoundError, FileBoundError, IsADirectoryError):  # what no parent wrote is nobody's
             return None
 
     def remove(self, name: str) -> None:
@@ -111,6 +119,11 @@ class SharedPlace:
 
     def __init__(self, url: str) -> None:
         self.url = url.rstrip("/")
+        scheme, is_url, _ = self.url.partition("://")
+        if not is_url and not Path(self.url).is_absolute():
+            raise SweepStoreError(f"{url}: must be a URL such as s3://bucket/study, or a folder's absolute path")
+        if is_url and scheme.rpartition("::")[2] in READ_ONLY:
+            raise SweepStoreError(f"{url}: nothing can be created behind {scheme}://; name a folder or an object store")
         try:
             fsspec: Any = importlib.import_module("fsspec")
         except ImportError as error:
@@ -149,7 +162,7 @@ class SharedPlace:
     def read(self, name: str) -> str | None:
         """Text of a file; None if it is missing."""
         try:
-            return str(self._system.cat_file(self._path(name)).decode())
+            return str(self._system.cat_file(self._path(name), 0, TEXT_MOST).decode(errors="replace"))
         except FileNotFoundError:
             return None
 
@@ -229,6 +242,8 @@ class Claims:
 
     def _is_alive(self, owner: str) -> bool:
         """See the module. An empty name is that of a parent that has just created its file."""
+        if owner and not _OWNER.fullmatch(owner):
+            return False  # no parent has such a name, which may lead out of the folder
         sign = self._place.read(f"{PARENTS}/{owner}") if owner else ""
         if sign is None or is_dead_process(owner):
             return False
@@ -254,7 +269,7 @@ def is_dead_process(owner: str) -> bool:
         return False
     try:
         os.kill(int(rest), 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, OverflowError):  # no process has so large a number
         return True
     except PermissionError:
         return False

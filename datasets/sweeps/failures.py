@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..errors import SweepStoreError
 from .manifest import Manifest, row_digest
 from .same_results import Maker
 
 
-def add_failure(manifest: Manifest, maker: Maker, recipe: str, sentence: str) -> None:
-    """Record that a recipe (its hash) could not be made, and why; an earlier row of the recipe is replaced."""
+def add_failures(manifest: Manifest, maker: Maker, failures: Mapping[str, str]) -> None:
+    """Record which recipes (their hashes) could not be made, and why; earlier rows of the recipes are replaced."""
+    rows = [(maker[0], recipe, why, row_digest(maker[1], recipe, why)) for recipe, why in failures.items()]
     with manifest.transaction():
-        values = (maker[0], recipe, sentence, row_digest(maker[1], recipe, sentence))
-        manifest.run("INSERT OR REPLACE INTO failure VALUES (?, ?, ?, ?)", values)
+        manifest.changed_by("INSERT OR REPLACE INTO failure VALUES (?, ?, ?, ?)", rows)
 
 
 def remove_failures(manifest: Manifest, makers: Sequence[Maker], recipes: Sequence[str]) -> None:

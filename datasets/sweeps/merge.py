@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import filecmp
 import os
 import shutil
 from collections import Counter
@@ -11,12 +12,14 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from ..contour_file.check import check_file
 from ..errors import SweepStoreError
+from ..focus_files.frame_reader import check_frames, frame_format
 from ..storage.durable import discard, open_own, publish, temporary_name
 from .failures import failures_of
 from .manifest import Manifest
 from .parts import PartRow, Parts, payload_of
-from .record import COLUMNS, KEPT, SHARD_SUFFIX, SHARDS
+from .record import COLUMNS, SHARD_SUFFIX, SHARDS, kept_path
 from .same_results import Maker
 from .shard import ShardRow, require_named, write_shard
 from .store import SweepStore
@@ -69,10 +72,10 @@ def merge_store(target: SweepStore, source: Path) -> Merged:
             merged.parts += _take_columns(target, source / COLUMNS, name, merged)
         for first in range(0, len(bare), ROWS_MOST):
             merged.parts += _take_rows(target, bare[first : first + ROWS_MOST], first)
-        for recipe, sentence in failures_of(manifest, maker, None).items():
-            if recipe not in target.failed():
-                target.record_failure(recipe, sentence)
-                merged.failures += 1
+        known = target.failed()
+        failures = {recipe: why for recipe, why in failures_of(manifest, maker, None).items() if recipe not in known}
+        target.record_failures(failures)
+        merged.failures = len(failures)
     return merged
 
 
@@ -121,35 +124,46 @@ def _take_rows(target: SweepStore, rows: list[ShardRow], number: int) -> int:
 
 def _take_file(target: SweepStore, source: Path, payload: Any, merged: Merged) -> bool:
     """Copy the file that a row is about, if there is one; whether the row can be recorded."""
-    path = payload.get("path")
-    if path is None:
-        return True
-    name = PurePosixPath(str(path))
-    if len(name.parts) != 2 or name.parts[0] not in KEPT or name.parts[1] == "..":
-        merged.problems.append(f"{source} names the kept file {path!r:.80}, which is not in the store")
-        return False
     try:
-        if (source / name).stat().st_size != payload.get("bytes"):
-            merged.problems.append(f"{source / name} is damaged: it does not have {payload.get('bytes')} bytes")
-            return False
+        name = kept_path(payload)
+        if name is None:
+            return True
+        _require_kept(source / name, payload.get("bytes"))
+        own = target.folder / name
+        if own.exists():
+            if not filecmp.cmp(source / name, own, shallow=False):
+                raise SweepStoreError(f"{source / name} differs from {own}, which stays: another code version made it")
+            return True
+        with contextlib.suppress(FileNotFoundError):  # a file beside contours names the code that made them
+            _copy((source / name).with_suffix(".json"), own.with_suffix(".json"))
+        _copy(source / name, own)
+        return True
+    except _UnwritableError:
+        raise
+    except SweepStoreError as error:
+        merged.problems.append(str(error) if str(source) in str(error) else f"{source}: {error}")
     except OSError as error:
-        merged.problems.append(f"{source / name} cannot be read: {error.strerror}")
-        return False
-    with contextlib.suppress(FileNotFoundError):  # a file beside contours names the code that made them
-        _copy((source / name).with_suffix(".json"), (target.folder / name).with_suffix(".json"))
-    _copy(source / name, target.folder / name)
-    return True
+        merged.problems.append(f"{error.filename or source} cannot be read: {error.strerror}")
+    return False
+
+
+def _require_kept(path: Path, size: object) -> None:
+    """Raise SweepStoreError, or OSError, for a kept file that is damaged or cannot be read; all of it is."""
+    os.close(open_own(path, os.O_RDONLY))
+    if path.stat().st_size != size:
+        raise SweepStoreError(f"{path} is damaged: it does not have {size} bytes")
+    problems = check_file(path) if frame_format(path) is None else check_frames(path)
+    if problems:
+        raise SweepStoreError(problems[0])
 
 
 def _copy(path: Path, to: Path) -> None:
-    """Copy a regular file; its new name shows it whole or not at all. Raises SweepStoreError, or FileNotFoundError."""
+    """Copy a regular file; its new name shows it whole or not at all.
+
+    Raises OSError where it cannot be read, _UnwritableError where the copy cannot be written.
+    """
     temporary = temporary_name(to)
-    try:
-        handle = open_own(path, os.O_RDONLY)
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise SweepStoreError(f"{path} cannot be read: {error.strerror}") from error
+    handle = open_own(path, os.O_RDONLY)
     try:
         to.parent.mkdir(exist_ok=True)
         with os.fdopen(handle, "rb") as old, temporary.open("xb") as new:
@@ -163,5 +177,9 @@ def _copy(path: Path, to: Path) -> None:
         discard(temporary)
 
 
-def _unwritable(path: Path, error: OSError) -> SweepStoreError:
-    return SweepStoreError(f"{path} cannot be written: {error.strerror or error}; what was merged so far is safe")
+class _UnwritableError(SweepStoreError):
+    """The target takes nothing more."""
+
+
+def _unwritable(path: Path, error: OSError) -> _UnwritableError:
+    return _UnwritableError(f"{path} cannot be written: {error.strerror or error}; what was merged so far is safe")

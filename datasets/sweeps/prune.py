@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from ..errors import SweepStoreError
 from ..storage.durable import discard
 from .manifest import Manifest
-from .record import COLUMNS, KEPT
+from .record import COLUMNS, KEPT, kept_path
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,8 @@ def unused_parts(manifest: Manifest, folder: Path, makers: Iterable[int]) -> Unu
     beside = {path.with_suffix(".json") for path in unused}
     columns = [folder / COLUMNS / str(name) for (name,) in names if PurePosixPath(str(name)).name == name]
     files = columns + [folder / path for path in sorted(unused | beside)]
+    linked = {folder / name for name in (COLUMNS, *KEPT) if (folder / name).is_symlink()}  # others' files, perhaps
+    files = [path for path in files if path.parent not in linked]
     return Unused(count, tuple(files))
 
 
@@ -65,10 +67,7 @@ def _kept_paths(rows: Iterable[tuple[object, ...]]) -> set[PurePosixPath]:
     """Kept files that rows' payloads name, such as contours/KEY.h5; a payload that names another place is left out."""
     found: set[PurePosixPath] = set()
     for (payload,) in rows:
-        try:
-            path = PurePosixPath(json.loads(str(payload))["path"])
-        except (ValueError, TypeError, KeyError, RecursionError):
-            continue
-        if len(path.parts) == 2 and path.parts[0] in KEPT and path.parts[1] != "..":
-            found.add(path)
+        with contextlib.suppress(ValueError, TypeError, AttributeError, RecursionError, SweepStoreError):
+            path = kept_path(json.loads(str(payload)))
+            found |= set() if path is None else {path}
     return found

@@ -9,8 +9,9 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 from ..errors import SweepStoreError
 from ..storage.durable import TEMPORARY_SUFFIX, discard, discard_tree, is_locked, sync
@@ -26,6 +27,21 @@ KEPT = ("contours", "focal-points", "drives")
 """Folders of files that a plan keeps, by their recipes' keys."""
 
 SHARD_SUFFIX = ".h5"
+
+
+def kept_path(payload: Mapping[str, Any]) -> PurePosixPath | None:
+    """The kept file that a payload names, such as contours/KEY.h5, within the store; None if it names none.
+
+    Raises SweepStoreError for a path that no sweep writes.
+    """
+    path = payload.get("path")
+    if path is None:
+        return None
+    own = PurePosixPath(str(path))
+    if len(own.parts) != 2 or own.parts[0] not in KEPT or own.suffix != SHARD_SUFFIX or "\0" in own.name:
+        raise SweepStoreError(f"the path {path!r:.80} is none of a kept file in the store")
+    return own
+
 
 _SHARDS_AT_A_TIME = 64  # a transaction when many are recovered
 _OF_FILE = "column_file = (SELECT id FROM column_file WHERE name = ?)"

@@ -8,7 +8,7 @@ docs/formats/sweep-store.md describes the same for readers in other languages.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import NotStoreError, SweepStoreError
 from ..storage.hdf5_columns import Columns
 from .counted_versions import counted_for, write_statements
-from .failures import add_failure, failures_of, remove_failures
+from .failures import add_failures, failures_of, remove_failures
 from .manifest import NAME, Manifest, Mode
 from .parts import PartRow, Parts, payload_of
 from .prune import Unused, remove_parts, unused_parts
@@ -315,7 +315,11 @@ class SweepStore:
 
     def record_failure(self, recipe: str, sentence: str) -> None:
         """Note that a recipe (its hash) could not be made, and why; a later note of the same recipe replaces it."""
-        add_failure(self._manifest, (self._maker, self.maker), recipe, sentence)
+        self.record_failures({recipe: sentence})
+
+    def record_failures(self, failures: Mapping[str, str]) -> None:
+        """The same of several recipes, in one transaction."""
+        add_failures(self._manifest, (self._maker, self.maker), failures)
 
     def forget_failures(self, recipes: Sequence[str]) -> None:
         """Forget why these recipes could not be made: they are tried again, or were made."""

@@ -33,9 +33,10 @@ def worker_devices(device: str, workers: int | None = None) -> list[str]:
 
 
 def has_cuda_driver() -> bool:
-    """Whether this machine has a driver of NVIDIA's, so that Warp may find a GPU: asking Warp takes a second."""
-    if "warp" in sys.modules:
-        return True  # Warp is asked, as that costs nothing any more
+    """Whether this machine has a driver of NVIDIA's, so that Warp may find a GPU.
+
+    Asking Warp takes a second, and has it print its greeting to standard output.
+    """
     try:
         ctypes.CDLL(DRIVER.get(sys.platform, ""))
     except OSError:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...datasets.sweeps.store import SweepStore
 from ..errors import PlanError, SweepError
-from ..runtime.worker_devices import WORKERS_MOST, worker_devices
+from ..runtime.worker_devices import WORKERS_MOST, has_cuda_driver, worker_devices
 from ..terminal import console
 from ..terminal.foreign_text import print_message, show_table, write
 from .make.poses import pose_count
@@ -22,6 +22,7 @@ from .refusals import (
     refuse_baseline,
     refuse_baseline_file,
     refuse_poses,
+    refuse_share,
     refuse_summary,
     refuse_tables,
 )
@@ -123,12 +124,14 @@ class SweepJob:
                 if value:
                     raise PlanError(f"{option} does not go with --dry-run: it makes nothing, on this machine")
         self.shard_of()
-        if self.task_timeout < 0:
+        if not self.task_timeout >= 0:  # NaN is not
             raise PlanError(f"--task-timeout must be at least 0 s (0 is no limit), not {self.task_timeout:g}")
         if self.worker_memory is not None and self.worker_memory < 0:
             raise PlanError(f"--worker-memory must be at least 0 MB (0 is no limit), not {self.worker_memory}")
+        if self.share is not None:
+            refuse_share(self.share)
         if self.device not in (None, "auto", "cpu") and self.scheduler is None:
-            worker_devices(self.device)
+            _worker_devices(self.device)
 
     def device_of(self, plan: Plan) -> str:
         """The device that is asked for, by the command line or else by the plan."""
@@ -149,8 +152,15 @@ class SweepJob:
         """What ends a worker; the memory of a cluster's workers is the cluster's to bound."""
         if self.worker_memory is not None or self.scheduler is not None:
             return WorkerLimits(self.task_timeout, (self.worker_memory or 0) * 1_000_000)
-        count = len(worker_devices(self.device_of(plan), self.workers_of(plan)))
+        count = len(_worker_devices(self.device_of(plan), self.workers_of(plan)))
         return WorkerLimits(self.task_timeout, default_memory(count))
+
+
+def _worker_devices(device: str, workers: int | None = None) -> list[str]:
+    """`worker_devices`; where Warp has to be asked, its greeting stays away from standard output."""
+    if device != "cpu" and (device != "auto" or has_cuda_driver()):
+        console.start_warp()
+    return worker_devices(device, workers)
 
 
 @dataclass(frozen=True)

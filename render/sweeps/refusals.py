@@ -8,6 +8,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...datasets.errors import SweepStoreError
+from ...datasets.sweeps.claims import SharedPlace
 from ...datasets.sweeps.store import SweepStore
 from ..errors import PlanError, SweepError
 from .plan.code_version import code_version
@@ -54,6 +56,14 @@ def refuse_baseline_file(path: Path | None) -> None:
     if path.suffix not in SUFFIXES or path.is_dir():
         raise PlanError(f"--baseline {path}: a baseline to update must be a file that ends in {', '.join(SUFFIXES)}")
     _require_pyarrow("--baseline", path)
+
+
+def refuse_share(url: str) -> None:
+    """Raise PlanError for a place that parents cannot share: no URL or absolute path, or one of an unknown kind."""
+    try:
+        SharedPlace(url)
+    except SweepStoreError as error:
+        raise PlanError(f"--share {error}") from error
 
 
 def refuse_summary(path: Path | None) -> None:

@@ -76,8 +76,9 @@ def _last_run(folder: Path) -> dict[str, Any] | None:
 
 
 def show_failures(folder: Path, *, as_json: bool) -> int:
-    """Show which recipes could not be made, and why, of the code version that recorded last."""
-    with SweepStore(folder, mode="read") as store:
+    """Show which recipes could not be made, and why: by this code version, or else by the one that recorded last."""
+    own = code_version()
+    with SweepStore(folder, maker=own if own in store_status(folder).groups else None, mode="read") as store:
         maker, failed = store.maker, store.failed()
     names = {
         str(event.get("recipe_hash")): str(event.get("recipe"))
@@ -180,7 +181,7 @@ def _makers_of(source: Path) -> list[str]:
 def _main_maker(target: Path, found: dict[Path, list[str]], *, refuses_others: bool) -> str:
     """Whose results are merged: this code's if there are any, else those of the code version that all stores share."""
     stores = dict(found)
-    if target.exists() and any(target.iterdir()):
+    if target.exists() and not (target.is_dir() and not any(target.iterdir())):
         stores = {target: _makers_of(target)} | stores
     own = code_version()
     latest = {store: own if own in makers else makers[-1] for store, makers in stores.items() if makers}

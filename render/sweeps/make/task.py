@@ -9,6 +9,8 @@ SPAN = 512
 CHUNK_POSES = 256 * SPAN
 """Poses of a chunk, counted from a recipe's first: what the store keeps a row for, and what a kill can lose. It is
 fixed, so that sums do not depend on who rendered what."""
+SENTENCE_MOST = 2000
+"""Characters of an error's sentence that are kept; a user's exception may have any number."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,20 @@ class Task:
     """After so long the worker begins no further chunk: it returns those that are left."""
 
 
+def text_of(error: BaseException) -> str:
+    """An error's own words; a user's exception may have none that can be shown."""
+    try:
+        return str(error)
+    except BaseException as second:
+        return f"its message cannot be shown ({type(second).__name__})"
+
+
+def stored_text(text: str) -> str:
+    """A sentence as logs and the manifest can hold it: UTF-8, of at most SENTENCE_MOST characters."""
+    text = text if len(text) <= SENTENCE_MOST else f"{text[:SENTENCE_MOST]}..."
+    return text.encode(errors="backslashreplace").decode()
+
+
 @dataclass(frozen=True)
 class FailedChunk:
     """A chunk that could not be made."""
@@ -50,6 +66,9 @@ class FailedChunk:
     message: str
     is_transient: bool = False
     """Whether trying again may help: a full disk, a network file system that did not answer."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "message", stored_text(self.message))
 
 
 @dataclass(frozen=True)
@@ -80,6 +99,9 @@ class Outcome:
     """Places of chunks that were not begun, as the task's time was over."""
     suspects: tuple[int, ...] | None = None
     """Of a lost task: places of the chunks that were being made; None if that is not known."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "error", None if self.error is None else stored_text(self.error))
 
 
 @dataclass(frozen=True)

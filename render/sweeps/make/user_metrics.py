@@ -14,7 +14,7 @@ import numpy as np
 
 from ...contour_batch import ContourBatch
 from ...errors import SweepError
-from .task import SPAN
+from .task import SPAN, text_of
 
 Payload = dict[str, Any]
 Numbers = dict[str, np.ndarray]
@@ -36,8 +36,8 @@ class UserMetric:
             array.flags.writeable = False  # other metrics see the same arrays
         try:
             found = self.function(contours)
-        except (Exception, SystemExit) as error:
-            raise SweepError(f"metric {self.source}: raised {type(error).__name__}: {error}") from error
+        except BaseException as error:  # in a worker, whose Ctrl-C is its parent's: all of these are the function's own
+            raise SweepError(f"metric {self.source}: raised {type(error).__name__}: {text_of(error)}") from error
         if not isinstance(found, Mapping):
             return {"": self._checked(found, "", contours.pose_count)}
         if not found or not all(isinstance(key, str) and key.isidentifier() for key in found):

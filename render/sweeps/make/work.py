@@ -47,7 +47,7 @@ from .batch import (
 )
 from .metrics import ChunkSlice, measure_batch
 from .rendering import Rendering, read_recipe, recipe_cache
-from .task import SPAN, FailedChunk, Outcome, Task
+from .task import SPAN, FailedChunk, Outcome, Task, text_of
 from .unsplit import make_unsplit
 from .user_metrics import UserMetric
 
@@ -129,11 +129,11 @@ def run_task(task: Task, device: str, *, worker: str = "", progress: Progress = 
 def reason_of(error: BaseException) -> str:
     """What went wrong, in one sentence."""
     if isinstance(error, RenderError | DatasetError | DeviceError):
-        return str(error)
+        return text_of(error)
     if isinstance(error, OSError):
         where = f" ({error.filename})" if error.filename else ""
         return f"{error.strerror or error}{where}"
-    return f"{type(error).__name__}: {' '.join(str(error).split()) or 'no reason given'}"
+    return f"{type(error).__name__}: {' '.join(text_of(error).split()) or 'no reason given'}"
 
 
 def is_transient(error: BaseException | None) -> bool:

@@ -345,4 +345,8 @@ def _number(value: float | None) -> str:
 
 
 def _change(moved: Moved) -> str:
-    return "" if moved.change is None else f"{100 * moved.change:+.3g} %"
+    """Relative to the baseline's value: in per cent, or as a factor from 2 on."""
+    if moved.old is None or moved.new is None or not moved.old or moved.change is None:
+        return ""
+    ratio = moved.new / moved.old
+    return f"x {ratio:.3g}" if ratio >= 2.0 else f"{100 * (ratio - 1.0) * (1.0 if moved.old > 0.0 else -1.0):+.3g} %"

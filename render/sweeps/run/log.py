@@ -70,7 +70,7 @@ class SweepLog:
         line = json.dumps({"time": now, "run": self.run, "event": event, **values}, ensure_ascii=False)
         if self._handle >= 0:
             with contextlib.suppress(OSError):
-                os.write(self._handle, f"{line}\n".encode())
+                os.write(self._handle, f"{line}\n".encode(errors="backslashreplace"))
 
     def close(self) -> None:
         """Close the file; closing twice does nothing."""

@@ -18,7 +18,7 @@ from zlib import crc32
 
 from ....datasets.errors import DatasetError
 from ...errors import RenderError
-from ..make.task import CHUNK_POSES, Chunk
+from ..make.task import CHUNK_POSES, Chunk, stored_text
 from ..plan.recipe import WHOLE_GROUPS, Recipe
 
 FAMILY = ("thing", "hand", "strategy")  # what decides the cost of a pose
@@ -329,8 +329,8 @@ class Missing:
 
     def _fail(self, recipe: PendingRecipe, message: str) -> None:
         if recipe.message is None:
-            recipe.message = message
-            self.failures.append(Failure(recipe.hash, recipe.name, message))
+            recipe.message = stored_text(message)
+            self.failures.append(Failure(recipe.hash, recipe.name, recipe.message))
 
     def _settle_recipe(self, recipe: PendingRecipe) -> None:
         if recipe.message is not None:

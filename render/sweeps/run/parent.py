@@ -310,6 +310,8 @@ class _Run:
         """Take over what other parents have published."""
         for shard in self._sharing.fetch():
             self._checked(Outcome(FOREIGN, "another parent", shard))
+        while self._sharing.problems:
+            self._note(self._sharing.problems.pop(0))
 
     def _note_devices(self, engine: Engine) -> None:
         self._devices = max(engine.devices, self._devices, key=len)

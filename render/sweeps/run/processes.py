@@ -161,6 +161,8 @@ class Processes:
                 worker.flush()
             if events & selectors.EVENT_READ:
                 self._receive(worker)
+        for worker in [own for own in self._workers if own.process.poll() is not None]:
+            self._bury(worker)
         if self._unfit:
             raise SweepError(self._unfit[0])
         if len(self._idle_deaths) >= DEATHS_MOST:
@@ -172,6 +174,12 @@ class Processes:
             for message in worker.messages():
                 self._take(worker, message)
         except EOFError:
+            self._replace(worker)
+
+    def _bury(self, worker: WorkerProcess) -> None:
+        """Replace a worker whose process has ended; a child that user code left may hold its socket open."""
+        self._receive(worker)  # what it had sent before
+        if worker in self._workers:
             self._replace(worker)
 
     def _take(self, worker: WorkerProcess, message: object) -> None:

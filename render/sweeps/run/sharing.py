@@ -9,17 +9,18 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import threading
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Self
 
 from ....datasets.errors import SweepStoreError
-from ....datasets.storage.durable import TEMPORARY_SUFFIX
+from ....datasets.storage.durable import TEMPORARY_SUFFIX, discard
 from ....datasets.sweeps.claims import LEASE, SHARDS, SIGNS, Claims, LocalPlace, SharedPlace
+from ....datasets.sweeps.record import SHARD_SUFFIX, kept_path
 from ....datasets.sweeps.shard import read_shard
+from ....datasets.sweeps.store import KEPT as KEPT_GROUPS
 from ...errors import SweepError
 
 LOOK_SECONDS = {"local": 0.5, "shared": 2.0}  # between looks at what other parents have made
@@ -35,6 +36,8 @@ class Sharing:
     def __init__(self, store: Path, url: str | None = None, *, lease: float = LEASE) -> None:
         """Nothing is created before `open`."""
         self._store, self._url, self._lease = store, url, lease
+        self.problems: list[str] = []
+        """A sentence for each file behind the URL that was left out, because it is damaged or foreign."""
         self._known: set[str] = set()
         """Names of shards behind the URL that were fetched, or are this parent's."""
         self._is_over = threading.Event()
@@ -109,37 +112,52 @@ class Sharing:
         path = self._store / shard
         with self._naming(self._shared.url):
             for name in _kept_files(path):
-                self._shared.put(self._store / name, f"{KEPT}/{name}")
+                for own in (name.with_suffix(".json"), name):  # beside contours: which code made them
+                    if (self._store / own).exists():
+                        self._shared.put(self._store / own, f"{KEPT}/{own}")
             self._known.add(path.name)
             self._shared.put(path, f"{SHARDS}/{path.name}")
 
     def fetch(self) -> list[str]:
-        """Copy shards of other parents, and the kept files that they name, into the store; paths within the store."""
+        """Copy shards of other parents, and the kept files that they name, into the store; paths within the store.
+
+        What is damaged is left out (`problems`).
+        """
         if self._shared is None:
             return []
         fetched = []
         with self._naming(self._shared.url):
             for name in sorted(set(self._shared.names(SHARDS)) - self._known):
-                if name.endswith(TEMPORARY_SUFFIX):
-                    continue
                 self._known.add(name)
-                shard = f"{SHARDS}/{name}"
-                self._get(shard, shard)
-                for kept in _kept_files(self._store / shard):
-                    if not (self._store / kept).exists():
-                        self._get(f"{KEPT}/{kept}", kept)
-                fetched.append(shard)
+                if name.endswith(SHARD_SUFFIX) and (shard := self._fetched(self._shared, name)):
+                    fetched.append(shard)
         return fetched
 
-    def _get(self, name: str, path: str) -> None:
-        """A file gets its own name once it is whole."""
-        require_inside(path)
+    def _fetched(self, shared: SharedPlace, name: str) -> str | None:
+        """A shard, with the kept files that it names, by its path within the store; None if it is damaged."""
+        shard = f"{SHARDS}/{name}"
+        try:
+            self._get(shared, shard, shard)
+            for kept in _kept_files(self._store / shard):
+                for own in (kept.with_suffix(".json"), kept):
+                    if not (self._store / own).exists():
+                        self._get(shared, f"{KEPT}/{own}", str(own))
+        except SweepStoreError as error:
+            discard(self._store / shard)
+            self.problems.append(f"{shared.url}/{shard} is left out: {error}")
+            return None
+        return shard
+
+    def _get(self, shared: SharedPlace, name: str, path: str) -> None:
+        """Copy a file; it gets its own name once it is whole. One that is not there is left out."""
         whole = self._store / path
         whole.parent.mkdir(parents=True, exist_ok=True)
         temporary = whole.with_name(f"{whole.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
-        if self._shared is not None:
-            self._shared.get(name, temporary)
-        os.replace(temporary, whole)
+        try:
+            shared.get(name, temporary)
+            os.replace(temporary, whole)
+        except FileNotFoundError:  # a row whose file is missing counts as not done
+            discard(temporary)
 
     def close(self) -> None:
         """Give up the claims: what this parent has not made, others may."""
@@ -151,18 +169,7 @@ class Sharing:
             self._claims = None
 
 
-def require_inside(path: str) -> None:
-    """Raise SweepError for a path that does not lie in the store."""
-    if Path(path).is_absolute() or ".." in Path(path).parts:
-        raise SweepError(f"a shard of another parent names the file {path!r}, which is not in the store")
-
-
-def _kept_files(shard: Path) -> list[str]:
+def _kept_files(shard: Path) -> list[PurePosixPath]:
     """Paths within the store of files that a shard's results are about."""
-    content = read_shard(shard, columns=False)
-    rows = zip(content.places, content.payloads, strict=True)
-    return [
-        path
-        for (group, _, _), payload in rows
-        if group.startswith("keep-") and isinstance(path := json.loads(payload).get("path"), str)
-    ]
+    rows = read_shard(shard, columns=False).rows
+    return [path for row in rows if row.group.startswith(KEPT_GROUPS) and (path := kept_path(row.payload)) is not None]

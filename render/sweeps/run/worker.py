@@ -26,7 +26,7 @@ from typing import Any, NoReturn, Protocol
 
 from ....datasets.errors import DatasetError
 from ...errors import RenderError
-from ..make.task import Outcome, Task
+from ..make.task import Outcome, Task, text_of
 from .messages import Assignment, Done, Frames, Progress, Ready, Unfit, Warned, frame
 
 PARENT_LOOK = 0.5  # [s]; how often a worker looks whether its parent lives, should a third process hold the socket open
@@ -138,20 +138,23 @@ def find_work(name: str) -> Work:
 
 
 def attempt(work: Work, task: Task, device: str, worker: str, progress: Any) -> Outcome:
-    """The outcome of a task; whatever it raises is one sentence, but KeyboardInterrupt."""
+    """The outcome of a task; whatever it raises is one sentence."""
     started = time.perf_counter()
     try:
         return work(task, device, worker=worker, progress=progress)
     except SystemExit as error:  # of a user's own function: no reason to end a sweep
-        message = f"something in it called exit({error.code!r})"
-    except Exception as error:
+        message = f"something in it called exit({error.code!r:.80})"
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+            raise  # of the terminal, in the command's own process; in a worker it is a user's function's own
         message = message_of(error)
     return Outcome(task.number, worker, seconds=time.perf_counter() - started, error=f"{worker}: {message}")
 
 
 def message_of(error: BaseException) -> str:
     """An exception in a sentence."""
-    return str(error) if isinstance(error, (RenderError, DatasetError)) else f"{type(error).__name__}: {error}"
+    words = text_of(error)
+    return words if isinstance(error, (RenderError, DatasetError)) else f"{type(error).__name__}: {words}"
 
 
 def is_usable(device: str) -> bool:

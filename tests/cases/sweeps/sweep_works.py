@@ -61,6 +61,23 @@ def leave(task, device, worker, code):
     os._exit(int(code))
 
 
+def leave_child(task, device, worker, seconds):
+    """End this process, but leave a child that has all of its files open."""
+    if os.fork() == 0:
+        time.sleep(float(seconds))
+        os._exit(0)
+    os._exit(3)
+
+
+class OwnError(BaseException):
+    def __str__(self):
+        raise ValueError("no words")
+
+
+def raise_strange(task, device, worker, kind):
+    raise {"own": OwnError, "interrupt": KeyboardInterrupt, "bytes": ValueError}[kind]("bad \udcff name" + "x" * 10**6)
+
+
 def call_exit(task, device, worker, code):
     sys.exit(int(code))
 
@@ -107,6 +124,8 @@ ACTS = {
     "die": die,
     "die-after": die_after,
     "leave": leave,
+    "leave-child": leave_child,
+    "raise-strange": raise_strange,
     "exit": call_exit,
     "refuse": refuse,
     "warn": warn,

@@ -1,5 +1,6 @@
 """Claims of work: one parent has a bucket, whoever else asks; a dead parent's are taken over; on S3 as on a disk."""
 
+import os
 import subprocess
 import sys
 
@@ -131,3 +132,36 @@ def test_a_place_that_cannot_be_is_refused(monkeypatch):
     monkeypatch.setitem(sys.modules, "fsspec", None)
     with pytest.raises(SweepStoreError, match=r"pip install 'palpate\[share\]'"):
         SharedPlace("s3://x/y")
+
+
+@pytest.mark.parametrize(
+    "url", ["nonsense", "shared/study", "http://host/x", "https://host/x", "zip://x", "nothing://x"]
+)
+def test_a_place_where_nothing_can_be_created_is_refused(url):
+    with pytest.raises(SweepStoreError, match=url):
+        SharedPlace(url)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda path: os.mkfifo(path),
+        lambda path: path.mkdir(),
+        lambda path: path.symlink_to("/dev/zero"),
+        lambda path: path.write_text("../pipe"),
+        lambda path: path.write_bytes(b"\377\376\0"),
+        lambda path: path.write_bytes(b"x" * 10**6),
+        lambda path: path.write_text(f"{os.uname().nodename}-99999999999999999999-ab"),
+    ],
+    ids=["pipe", "folder", "link", "path", "bytes", "large", "number"],
+)
+def test_a_claim_that_no_parent_wrote_keeps_nobody_from_the_work(tmp_path, damage):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "claims").mkdir()
+    damage(tmp_path / "claims/a.1")
+    clock = Clock()
+    claims = Claims(LocalPlace(tmp_path), lease=60.0, clock=clock)
+    is_taken = claims.take("a")
+    clock.now += 61.0
+    assert is_taken or claims.take("a")
+    assert is_dead_process(f"{os.uname().nodename}-99999999999999999999-ab")

@@ -9,6 +9,7 @@ from contextlib import closing, suppress
 
 import numpy as np
 import pytest
+from contour_cases import make_contours, write_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweep_store_rows import MAKER, payload, pose_columns, write_rows
@@ -32,15 +33,16 @@ def made(folder, places, maker=MAKER, name="s"):
     return folder
 
 
-def keep(store, key, content=b"contours of a hand"):
-    """A kept file and its row."""
+def keep(store, key, seed=0):
+    """A kept contour file and its row."""
     path = store.folder / "contours" / f"{key}.h5"
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes(content)
-    path.with_suffix(".json").write_text('{"maker": "m"}')
-    row = ShardRow("keep-contours", key, 0, {"path": f"contours/{key}.h5", "bytes": len(content)})
-    write_shard(store.folder / "shards/keep.h5", [row], maker=store.maker)
-    store.record("shards/keep.h5")
+    path.unlink(missing_ok=True)
+    write_file(path, make_contours(5, seed=seed))
+    path.with_suffix(".json").write_text(json.dumps({"maker": store.maker}))
+    row = ShardRow("keep-contours", key, 0, {"path": f"contours/{key}.h5", "bytes": path.stat().st_size})
+    write_shard(store.folder / f"shards/keep{seed}.h5", [row], maker=store.maker)
+    store.record(f"shards/keep{seed}.h5")
     return path
 
 
@@ -105,7 +107,19 @@ def lose_columns(folder):
 
 
 def cut_kept(folder):
-    (folder / "contours/k.h5").write_bytes(b"cont")
+    os.truncate(folder / "contours/k.h5", 500)
+
+
+def flip_kept(folder):
+    image = bytearray((folder / "contours/k.h5").read_bytes())
+    for place in range(len(image) // 3, len(image), 97):
+        image[place] ^= 1
+    (folder / "contours/k.h5").write_bytes(image)
+
+
+def pipe_beside_kept(folder):
+    (folder / "contours/k.json").unlink()
+    os.mkfifo(folder / "contours/k.json")
 
 
 def link_kept(folder):
@@ -119,8 +133,10 @@ def link_kept(folder):
         (damage_row, 1, "1 parts of contours do not have their digests"),
         (damage_columns, 3, "is damaged"),
         (lose_columns, 3, "does not exist|cannot be"),
-        (cut_kept, 1, "does not have 18 bytes"),
-        (link_kept, 1, "does not have 18 bytes|cannot be"),
+        (cut_kept, 1, "does not have"),
+        (flip_kept, 1, "k.h5"),
+        (link_kept, 1, "cannot be read"),
+        (pipe_beside_kept, 1, "cannot be read"),
     ],
     ids=lambda own: getattr(own, "__name__", ""),
 )
@@ -133,11 +149,15 @@ def test_what_is_damaged_is_left_out_and_named(tmp_path, damage, lost, sentence)
         assert merged.parts == len(ALL) + 1 - lost
         (problem,) = merged.problems
         assert any(own in problem for own in sentence.split("|")), problem
-    assert [own for own in check_store(tmp_path / "all").problems if "contours/k.h5" not in own] == []
-    assert not (tmp_path / "all/contours").exists() or damage not in (cut_kept, link_kept)
+    assert check_store(tmp_path / "all").problems == []
+    is_of_kept = damage.__name__.endswith("kept")
+    assert (tmp_path / "all/contours/k.h5").exists() is not is_of_kept
 
 
-@pytest.mark.parametrize("path", ["../../outside", "/etc/hostname", "columns/x", "contours/..", "contours/a/b"])
+@pytest.mark.parametrize(
+    "path",
+    ["../../outside", "/etc/hostname", "columns/x", "contours/..", "contours/a/b", "contours/k.hdf5", "contours/\0.h5"],
+)
 def test_a_row_cannot_name_a_file_outside_the_store(tmp_path, path):
     with SweepStore(made(tmp_path / "one", []), maker=MAKER) as store:
         row = ShardRow("keep-contours", "k", 0, {"path": path, "bytes": 3})
@@ -146,7 +166,7 @@ def test_a_row_cannot_name_a_file_outside_the_store(tmp_path, path):
     with SweepStore(tmp_path / "all", maker=MAKER) as store:
         merged = merge_store(store, tmp_path / "one")
     assert merged.parts == 0
-    assert "not in the store" in merged.problems[0]
+    assert "none of a kept file" in merged.problems[0]
 
 
 def test_other_code_versions_stay_behind(tmp_path):
@@ -224,18 +244,54 @@ def test_pruning_removes_kept_files_that_nothing_else_names(tmp_path):
     assert json.dumps(check_store(tmp_path / "s").unproven) == "[]"
 
 
+def test_a_kept_file_of_another_code_version_stays(tmp_path):
+    with SweepStore(made(tmp_path / "all", ALL), maker=MAKER) as store:
+        kept = keep(store, "k", seed=1)
+    with SweepStore(made(tmp_path / "one", ALL[:1], maker="old"), maker="old") as store:
+        keep(store, "k", seed=2)
+        keep(store, "other", seed=3)
+    before = kept.read_bytes(), kept.with_suffix(".json").read_text()
+    with SweepStore(tmp_path / "all", maker="old") as store:
+        merged = merge_store(store, tmp_path / "one")
+        assert (merged.parts, len(merged.problems)) == (2, 1)
+        assert "another code version made it" in merged.problems[0]
+        assert store.done([("keep-contours", "k"), ("keep-contours", "other")]) == {
+            ("keep-contours", "k"): set(),
+            ("keep-contours", "other"): {0},
+        }
+    assert (kept.read_bytes(), kept.with_suffix(".json").read_text()) == before
+
+
+def test_many_failures_merge_at_once(tmp_path):
+    with SweepStore(made(tmp_path / "one", []), maker=MAKER) as store:
+        store.record_failures({f"{number:032x}": f"reason {number}" for number in range(3000)})
+    with SweepStore(tmp_path / "all", maker=MAKER) as store:
+        assert merge_store(store, tmp_path / "one").failures == 3000
+        assert len(store.failed()) == 3000
+
+
+def test_pruning_leaves_linked_folders_alone(tmp_path):
+    with SweepStore(made(tmp_path / "s", ALL, maker="old"), maker="old") as store:
+        keep(store, "thesis")
+    shutil.move(tmp_path / "s/contours", tmp_path / "elsewhere")
+    (tmp_path / "s/contours").symlink_to(tmp_path / "elsewhere")
+    with SweepStore(made(tmp_path / "s", ALL), maker=MAKER) as store:
+        assert store.prune().part_count == len(ALL) + 1
+    assert sorted(path.name for path in (tmp_path / "elsewhere").iterdir()) == ["thesis.h5", "thesis.json"]
+
+
 def test_pruning_removes_no_file_outside_the_store(tmp_path):
     victim = tmp_path / "victim.h5"
     victim.write_bytes(b"abc")
     with SweepStore(made(tmp_path / "s", ALL, maker="old"), maker="old") as store:
         rows = [
             ShardRow("keep-contours", str(k), 0, {"path": path, "bytes": 3})
-            for k, path in enumerate([str(victim), "../victim.h5", "contours/../../victim.h5"])
+            for k, path in enumerate([str(victim), "../victim.h5", "contours/../../victim.h5", "a\0b"])
         ]
         write_shard(store.folder / "shards/keep.h5", rows, maker="old")
         store.record("shards/keep.h5")
     with closing(sqlite3.connect(tmp_path / "s/store.sqlite")) as connection, connection:
         connection.execute("INSERT INTO column_file (name) VALUES ('../../victim.h5')")
     with SweepStore(made(tmp_path / "s", ALL), maker=MAKER) as store:
-        assert store.prune().part_count == len(ALL) + 3
+        assert store.prune().part_count == len(ALL) + 4
     assert victim.exists()

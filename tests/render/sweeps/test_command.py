@@ -403,3 +403,26 @@ def test_a_finished_sweep_imports_no_more_than_it_needs(tmp_path):
     )
     out = subprocess.run([sys.executable, "-P", "-c", code, str(path)], capture_output=True, text=True, check=True)
     assert out.stdout.splitlines()[-1] == "0 set()"
+
+
+def test_json_is_one_object_whatever_device_the_plan_leaves_open(tmp_path):
+    """In a process of its own, where Warp has not been started: it would print a greeting to standard output."""
+    path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("oc",))
+    words = [*PALPATE, "sweep", path, "--no-figure", "--json"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["recipes"] == 1
+    assert "Warp" not in done.stderr
+
+
+@pytest.mark.parametrize("value", ["nan", "-1"])
+def test_a_time_limit_that_is_none_is_refused(tmp_path, value):
+    path = plan(tmp_path / "a.toml")
+    refused(MISUSED, "--task-timeout must be at least 0 s", "sweep", path, "--task-timeout", value)
+
+
+@pytest.mark.parametrize("url", ["nonsense", "http://host/x", "zip://x"])
+def test_a_place_that_cannot_be_shared_is_refused_before_anything_is_made(tmp_path, monkeypatch, url):
+    monkeypatch.chdir(tmp_path)
+    path = plan(tmp_path / "a.toml")
+    refused(MISUSED, f"--share {url}", "sweep", path, "--share", url)
+    assert sorted(own.name for own in tmp_path.iterdir()) == ["a.toml"]

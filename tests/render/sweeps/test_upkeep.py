@@ -197,6 +197,20 @@ def test_pruning_waits_for_no_sweep(path, tmp_path):
     refused(FAILED, "a sweep runs in it (another-host-7-00)", "sweep", "prune", told["store"])
 
 
+def test_after_merging_other_code_failures_are_still_those_of_this_code(path, tmp_path):
+    sweep(path, "--store", tmp_path / "mine", "--set", "motion.seed=1")
+    sweep(path, "--store", tmp_path / "theirs", "--set", "motion.seed=2")
+    rename_maker(tmp_path / "theirs")
+    answer("sweep", "merge", tmp_path / "mine", tmp_path / "theirs", "--other-code")
+    assert answer("sweep", "failures", tmp_path / "mine")["maker"] == code_version()
+    assert answer("sweep", "failures", tmp_path / "theirs")["maker"] == OLDER
+
+
+def test_a_target_that_is_a_file_is_refused(path, tmp_path):
+    sweep(path, "--store", tmp_path / "one", "--set", "motion.seed=1")
+    refused(MISUSED, "is not a sweep's store", "sweep", "merge", path, tmp_path / "one")
+
+
 def test_a_plan_may_have_a_commands_name_behind_a_dot(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(path, "status")

@@ -71,6 +71,20 @@ def rendered(poses, slices, device="cpu"):
     return found, [{group: own["stat"] for group, own in result.user_metrics.items()} for result in found]
 
 
+class Strange(BaseException):
+    def __str__(self):
+        raise ValueError("no words")
+
+
+@pytest.mark.parametrize("error", [SystemExit(3), KeyboardInterrupt(), Strange(), GeneratorExit()])
+def test_whatever_a_function_raises_names_the_metric(batch, error):
+    def fail(contours):
+        raise error
+
+    with pytest.raises(SweepError, match=rf"metric mine.py:f: raised {type(error).__name__}"):
+        metric_of(fail).numbers(batch)
+
+
 def test_statistics_are_numpys(renderings, device):
     poses = renderings[0]
     ((result,), (stats,)) = rendered(poses, [ChunkSlice(0, 0, 0, len(poses))], device)

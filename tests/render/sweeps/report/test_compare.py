@@ -16,7 +16,9 @@ from palpate.render.sweeps.report.compare import (
     DEFAULT,
     FLOORS,
     Baseline,
+    Moved,
     Tolerance,
+    _change,
     compare_tables,
     load_baseline,
     parse_tolerances,
@@ -221,7 +223,7 @@ def test_the_largest_change_comes_first_and_twenty_are_shown():
     assert len(found.moved) == 49
     shown = found.rows()
     assert len(shown) == 20
-    assert shown[0] == ("seed=49", "length_mean", "0.2", "0.2098", "+4.67 %")
+    assert shown[0] == ("seed=49", "length_mean", "0.2", "0.2098", "+4.9 %")
     assert len(json.loads(json.dumps(found.to_dict()))["moved"]) == 49
 
 
@@ -271,3 +273,21 @@ def test_a_baseline_that_is_none_is_refused_in_one_sentence(tmp_path):
     write_table(tmp_path / "twice.h5", twice, {})
     with pytest.raises(SweepError, match="more than once"):
         load_baseline(tmp_path / "twice.h5")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "shown"),
+    [
+        (112.75, 14859.9, "x 132"),
+        (1.0, 2.0, "x 2"),
+        (1.0, 1.5, "+50 %"),
+        (0.0258, 0.0005, "-98.1 %"),
+        (-1.0, -1.5, "-50 %"),
+        (-1.0, 1.0, "+200 %"),
+        (0.0, 1.0, ""),
+        (None, 1.0, ""),
+    ],
+)
+def test_a_change_is_shown_relative_to_the_baseline(old, new, shown):
+    change = None if old is None else (new - old) / max(abs(old), abs(new))
+    assert _change(Moved("", "", "", old, new, change, "")) == shown

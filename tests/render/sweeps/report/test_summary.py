@@ -76,7 +76,7 @@ def test_what_moved_and_what_is_new_or_missing_stands_in_tables():
     new = [{"seed": k, "recipe_hash": f"h{k}", "length_mean": 0.2 if k != 2 else 0.3} for k in range(1, 6)]
     page = Page(sweep_summary("study", SweepReport(5, 500, 500, 0, 75.0, engine="in process"), compared(old, new)))
     assert page.of("td")[:6] == ["5", "0", "500", "500", "1 min 15 s", "in process"]
-    assert page.of("td")[6:] == ["seed=2", "length_mean", "0.2", "0.3", "+33.3 %", "seed=0", "seed=4", "seed=5"]
+    assert page.of("td")[6:] == ["seed=2", "length_mean", "0.2", "0.3", "+50 %", "seed=0", "seed=4", "seed=5"]
     assert page.of("h4") == ["What moved", "Recipes of the baseline that are missing", "New recipes"]
     assert any(text.startswith("1 of 18 values moved in 3 recipes compared with old.csv") for text in page.of("p"))
 

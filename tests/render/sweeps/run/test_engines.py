@@ -258,6 +258,23 @@ def test_a_task_that_kills_every_worker_costs_no_other_task(engine, tmp_path):
     )
 
 
+def test_a_workers_child_does_not_hide_that_it_died(engine, tmp_path):
+    began = time.monotonic()
+    lost = make(engine, tasks_of(tmp_path, "leave-child 30"))[0]
+    assert lost.is_lost
+    assert "ended with exit code 3" in lost.error
+    assert time.monotonic() - began < 20
+
+
+def test_whatever_a_task_raises_is_a_sentence_that_can_be_stored(engine, tmp_path):
+    outcomes = make(engine, tasks_of(tmp_path, "raise-strange own", "raise-strange interrupt", "raise-strange bytes"))
+    assert not any(o.is_lost for o in outcomes.values())
+    assert "OwnError: its message cannot be shown (ValueError)" in outcomes[0].error
+    assert "KeyboardInterrupt: bad" in outcomes[1].error
+    assert "ValueError: bad \\udcff name" in outcomes[2].error
+    assert all(len(o.error.encode()) < 2100 for o in outcomes.values())
+
+
 @pytest.mark.exhaustive
 def test_a_worker_that_dies_while_it_waits_is_replaced_and_the_user_warned(engine, tmp_path):
     make(engine, tasks_of(tmp_path, "die-after 0.2"))

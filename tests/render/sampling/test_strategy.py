@@ -29,7 +29,7 @@ paces = st.builds(
     kind=st.sampled_from(["speed", "frequency", "capped"]),
     frequency=positive,
     lowest=st.floats(0.01, 10.0),
-    highest=st.floats(20.0, 999.0),  # twice `lowest`: a whole number of samples a cycle lies between, at any update rate
+    highest=st.floats(20.0, 999.0),  # twice `lowest`: a whole number of samples a cycle lies between
     points=st.none() | st.integers(1, 1000),
 )
 dwells = st.builds(Dwell, share=st.floats(0, 0.99), angle=st.floats(0, 3.1))

@@ -3,18 +3,48 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from .contour_file.check import check_file
-from .contour_file.reader import ContourFile
-from .contour_file.writer import ContourWriter
-from .focus_files.ptlist import read_ptlist, write_ptlist
-from .hand_model.shape import HandShape, hand_shape
-from .hand_model.skinning import posed_vertices
-from .motions.hand_motion import HandMotion, exploration, static_pose
-from .recordings.alignment import Y_UP
-from .recordings.files import load_recording
-from .recordings.recording import HandRecording
-from .recordings.sample import write_sample
-from .shapes.built_in import shape, shape_names
+if TYPE_CHECKING:
+    __version__: str
+
+    from .contour_file.check import check_file
+    from .contour_file.reader import ContourFile
+    from .contour_file.writer import ContourWriter
+    from .focus_files.ptlist import read_ptlist, write_ptlist
+    from .hand_model.shape import HandShape, hand_shape
+    from .hand_model.skinning import posed_vertices
+    from .motions.hand_motion import HandMotion, exploration, static_pose
+    from .recordings.alignment import Y_UP
+    from .recordings.files import load_recording
+    from .recordings.recording import HandRecording
+    from .recordings.sample import write_sample
+    from .shapes.built_in import shape, shape_names
+    from .sweeps.pose_files import load_pose_table
+    from .sweeps.shard import ShardRow, write_shard
+    from .sweeps.store import SweepStore
+    from .sweeps.table import load_table, table_attributes, write_parquet, write_table
+
+
+_ROOMS = {
+    "contour_file.check": "check_file",
+    "contour_file.reader": "ContourFile",
+    "contour_file.writer": "ContourWriter",
+    "focus_files.ptlist": "read_ptlist write_ptlist",
+    "hand_model.shape": "HandShape hand_shape",
+    "hand_model.skinning": "posed_vertices",
+    "motions.hand_motion": "HandMotion exploration static_pose",
+    "recordings.alignment": "Y_UP",
+    "recordings.files": "load_recording",
+    "recordings.recording": "HandRecording",
+    "recordings.sample": "write_sample",
+    "shapes.built_in": "shape shape_names",
+    "sweeps.pose_files": "load_pose_table",
+    "sweeps.shard": "ShardRow write_shard",
+    "sweeps.store": "SweepStore",
+    "sweeps.table": "load_table table_attributes write_parquet write_table",
+}
+"""What each module has that scripts use: it is imported when that is asked for, as most programs need few of them."""
+
+_HOMES = {name: room for room, names in _ROOMS.items() for name in names.split()}
 
 __all__ = [
     "Y_UP",
@@ -44,32 +74,14 @@ __all__ = [
     "write_table",
 ]
 
-_LATER = {
-    "ShardRow": "shard",
-    "SweepStore": "store",
-    "load_pose_table": "pose_files",
-    "load_table": "table",
-    "table_attributes": "table",
-    "write_parquet": "table",
-    "write_shard": "shard",
-    "write_table": "table",
-}
-"""Names of sweeps, each with its module in `sweeps`: imported when asked for, as most programs need none."""
 
-if TYPE_CHECKING:
-    from .sweeps.pose_files import load_pose_table
-    from .sweeps.shard import ShardRow, write_shard
-    from .sweeps.store import SweepStore
-    from .sweeps.table import load_table, table_attributes, write_parquet, write_table
-
-    __version__: str
-else:  # hidden from type checkers, which would take every name for one that it gives
+if not TYPE_CHECKING:  # hidden from type checkers, which would take every name for one that it gives
 
     def __getattr__(name: str) -> object:
-        """Names of `_LATER`, and `__version__`, which takes longer to find than some imports do (PEP 562)."""
+        """What `__all__` names, and `__version__` (PEP 562)."""
         if name == "__version__":
             return import_module("importlib.metadata").version("palpate")
-        if name not in _LATER:
+        if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        found = globals()[name] = getattr(import_module(f".sweeps.{_LATER[name]}", __name__), name)
+        found = globals()[name] = getattr(import_module(f".{_HOMES[name]}", __name__), name)
         return found

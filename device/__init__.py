@@ -10,46 +10,77 @@ with open_link(model) as link:
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from .array import ArrayModel, FocalZone, UsbIdentity
-from .array_kind import ArrayKind, EmulationRequest, LinkRequest
-from .boards.built_in import register_built_in
-from .boards.discovery import ArrayInfo, find_arrays, find_serial_arrays, open_link, udev_rule
-from .boards.emulator.link import UsbLink
-from .boards.emulator.usb_side import EmulatorBackend
-from .clock import Clock, MonotonicClock, VirtualClock
-from .codec import encode_frames, off_frame
-from .emulation.faults import Fault, FaultKind
-from .emulation.peripheral import Descriptors, Peripheral
-from .emulation.usb_bus import EmulatedBus
-from .errors import (
-    ArrayKindError,
-    CalibrationError,
-    DeviceBusyError,
-    DeviceError,
-    DeviceLostError,
-    DeviceNotFoundError,
-    DevicePermissionError,
-    DeviceStallError,
-    DeviceTimeoutError,
-    FrameError,
-    LimitsError,
-    LinkError,
-    NoBackendError,
-    PlayInterrupted,
-    SafetyLimitError,
-    UnknownArrayError,
-    UpdateRateError,
-    WatchdogError,
-)
-from .flat_array import flat_array, flat_grid
-from .link import BoardStatus, Link
-from .playing.limits import Limits
-from .playing.player import Player
-from .registry import array_model, array_names, register_array, remove_array
-from .report import Lateness, LiveStatistics, PlayReport, QueueDepth, Underrun
-from .transports.bulk import open_bulk
-from .transports.stream import StreamLink
-from .wire_layout import Layout
+if TYPE_CHECKING:
+    __version__: str
+
+    from .array import ArrayModel, FocalZone, UsbIdentity
+    from .array_kind import ArrayKind, EmulationRequest, LinkRequest
+    from .boards.discovery import ArrayInfo, find_arrays, find_serial_arrays, open_link, udev_rule
+    from .boards.emulator.link import UsbLink
+    from .boards.emulator.usb_side import EmulatorBackend
+    from .clock import Clock, MonotonicClock, VirtualClock
+    from .codec import encode_frames, off_frame
+    from .emulation.faults import Fault, FaultKind
+    from .emulation.peripheral import Descriptors, Peripheral
+    from .emulation.usb_bus import EmulatedBus
+    from .errors import (
+        ArrayKindError,
+        CalibrationError,
+        DeviceBusyError,
+        DeviceError,
+        DeviceLostError,
+        DeviceNotFoundError,
+        DevicePermissionError,
+        DeviceStallError,
+        DeviceTimeoutError,
+        FrameError,
+        LimitsError,
+        LinkError,
+        NoBackendError,
+        PlayInterrupted,
+        SafetyLimitError,
+        UnknownArrayError,
+        UpdateRateError,
+        WatchdogError,
+    )
+    from .flat_arrays import flat_array, flat_grid
+    from .link import BoardStatus, Link
+    from .playing.limits import Limits
+    from .playing.player import Player
+    from .registry import array_model, array_names, register_array, remove_array
+    from .report import Lateness, LiveStatistics, PlayReport, QueueDepth, Underrun
+    from .transports.bulk import open_bulk
+    from .transports.stream import StreamLink
+    from .wire_layout import Layout
+
+
+_ROOMS = {
+    "array": "ArrayModel FocalZone UsbIdentity",
+    "array_kind": "ArrayKind EmulationRequest LinkRequest",
+    "boards.discovery": "ArrayInfo find_arrays find_serial_arrays open_link udev_rule",
+    "boards.emulator.link": "UsbLink",
+    "boards.emulator.usb_side": "EmulatorBackend",
+    "clock": "Clock MonotonicClock VirtualClock",
+    "codec": "encode_frames off_frame",
+    "emulation.faults": "Fault FaultKind",
+    "emulation.peripheral": "Descriptors Peripheral",
+    "emulation.usb_bus": "EmulatedBus",
+    "errors": "ArrayKindError CalibrationError DeviceBusyError DeviceError DeviceLostError DeviceNotFoundError "
+    "DevicePermissionError DeviceStallError DeviceTimeoutError FrameError LimitsError LinkError "
+    "NoBackendError PlayInterrupted SafetyLimitError UnknownArrayError UpdateRateError WatchdogError",
+    "flat_arrays": "flat_array flat_grid",
+    "link": "BoardStatus Link",
+    "playing.limits": "Limits",
+    "playing.player": "Player",
+    "registry": "array_model array_names register_array remove_array",
+    "report": "Lateness LiveStatistics PlayReport QueueDepth Underrun",
+    "transports.bulk": "open_bulk",
+    "transports.stream": "StreamLink",
+    "wire_layout": "Layout",
+}
+"""What each module has that scripts use: it is imported when that is asked for, as most programs need few of them."""
+
+_HOMES = {name: room for room, names in _ROOMS.items() for name in names.split()}
 
 __all__ = [
     "ArrayInfo",
@@ -113,14 +144,14 @@ __all__ = [
     "udev_rule",
 ]
 
-register_built_in()  # here, so that they are known whatever is imported of this package
 
-if TYPE_CHECKING:
-    __version__: str
-else:  # hidden from type checkers, which would take every name for one that it gives
+if not TYPE_CHECKING:  # hidden from type checkers, which would take every name for one that it gives
 
-    def __getattr__(name: str) -> str:
-        """`__version__`, read when it is asked for: finding it takes longer than some imports do (PEP 562)."""
-        if name != "__version__":
+    def __getattr__(name: str) -> object:
+        """What `__all__` names, and `__version__` (PEP 562)."""
+        if name == "__version__":
+            return import_module("importlib.metadata").version("palpate")
+        if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        return import_module("importlib.metadata").version("palpate")
+        found = globals()[name] = getattr(import_module(f".{_HOMES[name]}", __name__), name)
+        return found

@@ -1,9 +1,11 @@
-"""The kinds of arrays that are known, by their names. `boards/built_in.py` registers those that palpate has."""
+"""The kinds of arrays that are known, by their names. `boards/built_in.py` lists those that palpate has."""
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Final, cast
 
@@ -14,7 +16,13 @@ from .errors import ArrayKindError, CalibrationError, UnknownArrayError, UpdateR
 from .wire_layout import Layout
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9-]*")
-_KINDS: Final[dict[str, ArrayKind]] = {}
+_BUILT_IN: Final = ".boards.built_in"  # by name, since it is imported only when an array is asked for
+
+
+@functools.cache
+def _kinds() -> dict[str, ArrayKind]:
+    """Kinds of arrays by their names: built-in ones, then others as they are registered."""
+    return {kind.name: kind for kind in import_module(_BUILT_IN, __package__).BUILT_IN}
 
 
 def register_array(kind: ArrayKind) -> None:
@@ -26,22 +34,22 @@ def register_array(kind: ArrayKind) -> None:
     for called in (kind.name, *kind.aliases):
         if (owner := _owner(called)) is not None:
             raise ArrayKindError(f"array {kind.name} cannot be registered: {called!r} is a name of array {owner}")
-    _KINDS[kind.name] = kind
+    _kinds()[kind.name] = kind
 
 
 def remove_array(name: str) -> None:
     """Forget a kind of array, by any of its names. Raises UnknownArrayError."""
-    del _KINDS[canonical_name(name)]
+    del _kinds()[canonical_name(name)]
 
 
 def array_kinds() -> tuple[ArrayKind, ...]:
     """Every kind of array: built-in ones, then others as they were registered."""
-    return tuple(_KINDS.values())
+    return tuple(_kinds().values())
 
 
 def array_names() -> tuple[str, ...]:
     """Names of all arrays: built-in ones, then others as they were registered."""
-    return tuple(_KINDS)
+    return tuple(_kinds())
 
 
 def canonical_name(name: str) -> str:
@@ -52,7 +60,7 @@ def canonical_name(name: str) -> str:
     if (owner := _owner(name)) is not None:
         return owner
     known = ", ".join(
-        f"{kind.name} ({', '.join(kind.aliases)})" if kind.aliases else kind.name for kind in _KINDS.values()
+        f"{kind.name} ({', '.join(kind.aliases)})" if kind.aliases else kind.name for kind in _kinds().values()
     )
     raise UnknownArrayError(f"unknown array {name!r}; known: {known}")
 
@@ -60,9 +68,9 @@ def canonical_name(name: str) -> str:
 def kind_of(model: ArrayModel) -> ArrayKind:
     """The kind of a model; raises UnknownArrayError for a model of a name that is not registered."""
     try:
-        return _KINDS[model.name]
+        return _kinds()[model.name]
     except KeyError:
-        raise UnknownArrayError(f"array {model.name!r} has no wire format; known: {', '.join(_KINDS)}") from None
+        raise UnknownArrayError(f"array {model.name!r} has no wire format; known: {', '.join(_kinds())}") from None
 
 
 def array_model(name: str, *, calibration: Path | None = None, baud: int | None = None) -> ArrayModel:
@@ -81,7 +89,7 @@ def array_model(name: str, *, calibration: Path | None = None, baud: int | None 
         UpdateRateError: no serial adapter has that baud rate.
         ArrayKindError: the kind builds something else than a model of its name.
     """
-    kind = _KINDS[canonical_name(name)]
+    kind = _kinds()[canonical_name(name)]
     if calibration is not None and kind.calibration_serial is None:
         owners = " or ".join(other.name for other in array_kinds() if other.calibration_serial)
         raise CalibrationError(f"array {kind.name} has no board file; {calibration} is one of a {owners}")
@@ -92,7 +100,7 @@ def array_model(name: str, *, calibration: Path | None = None, baud: int | None 
     model = cast("object", kind.build(**options))  # of others' code: no checker has seen it
     if not isinstance(model, ArrayModel):
         raise ArrayKindError(f"build of array {kind.name} gives {model!r}, but it must give an ArrayModel")
-    if _KINDS.get(model.name) is not kind:
+    if _kinds().get(model.name) is not kind:
         raise ArrayKindError(f"build of array {kind.name} gives a model named {model.name!r}")
     return model
 
@@ -119,7 +127,7 @@ def emulated_backend(
     Raises:
         UnknownArrayError: there is no model of that board.
     """
-    kind = _KINDS.get(name)
+    kind = _kinds().get(name)
     if kind is None or kind.emulate is None:
         known = ", ".join(other.name for other in array_kinds() if other.emulate)
         raise UnknownArrayError(f"no board of array {name!r} is emulated; known: {known}")
@@ -130,7 +138,7 @@ def emulated_backend(
 def _owner(called: str) -> str | None:
     """Name of the array that is called so; None if none is."""
     wanted = _letters(called)
-    return next((k.name for k in _KINDS.values() if wanted in map(_letters, (k.name, *k.aliases))), None)
+    return next((k.name for k in _kinds().values() if wanted in map(_letters, (k.name, *k.aliases))), None)
 
 
 def _letters(name: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ..registry import register_array
 from .autd3.kind import KIND as AUTD3
 from .emulator.kind import KIND as EMULATOR
 from .pat16.kind import KIND as PAT16
@@ -10,9 +9,3 @@ from .sonicsurface.kind import KIND as SONICSURFACE
 
 BUILT_IN = (EMULATOR, PAT16, SONICSURFACE, AUTD3)
 """All of them. A new one has a folder here, and its line above."""
-
-
-def register_built_in() -> None:
-    """Register all of them."""
-    for kind in BUILT_IN:
-        register_array(kind)

@@ -12,7 +12,7 @@ from rich.console import Console
 from ..errors import StrategyError
 from ..intersection.batch_rendering import warp_device
 from ..strategies.intersection_strategy import PRESETS
-from ..terminal import console
+from ..terminal import bars, console
 from ..terminal.foreign_text import plain
 from .cases import MOTIONS, bench_object
 from .curves import FREQUENCIES, POSE_COUNTS, Curve, pose_curve, triangle_curve
@@ -114,7 +114,7 @@ def measure(job: BenchJob, *, quiet: bool = True) -> BenchReport:
     things = {name: bench_object(name) for name in names}
     total = len(names) * len(strategies) + job.curve * (len(FREQUENCIES) + len(POSE_COUNTS)) + job.first_use
     done = 0
-    with console.progress_bar("bench", quiet=quiet) as bar:
+    with bars.progress_bar("bench", quiet=quiet) as bar:
 
         def row_done() -> None:
             nonlocal done

@@ -3,7 +3,6 @@
 import os
 import sys
 from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +11,7 @@ try:
 
     from ..terminal import console
     from .array_options import Array, Calibration, Emulate, Serial, Uncalibrated, Watchdog
+    from .command_group import MainGroup
     from .object_options import FillHoles, Inside, Kind, Label, Level, SolidRule, Spacing, Three, Unit, Weld
     from .selftest_options import selftest
     from .sweep_options import SWEEP_HELP, sweep
@@ -21,6 +21,8 @@ except KeyboardInterrupt:  # nothing has begun
 
 app = typer.Typer(
     name="palpate",
+    cls=MainGroup,
+    epilog="palpate --version prints the version.",
     help="Objects and hand poses in, contours out, focal points on skin (ultrasound mid-air haptics).",
     no_args_is_help=True,
     add_completion=False,
@@ -48,12 +50,6 @@ KEPT_HELP = "Contour file, or focal points or drives of a sweep."
 DURATION_HELP = "Stop after this time [s] if the motion has not ended; a static pose needs it."
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"palpate {version('palpate')}")
-        raise typer.Exit
-
-
 def _run(module: str, name: str, *arguments: object, as_json: bool) -> None:
     """Exit with the code of a command, whose module is imported only now: --help need not wait for it."""
 
@@ -62,16 +58,6 @@ def _run(module: str, name: str, *arguments: object, as_json: bool) -> None:
             lambda: getattr(import_module(module, __package__), name)(*arguments, as_json=as_json), as_json=as_json
         )
     )
-
-
-@app.callback()
-def _options(
-    show_version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    """Objects and hand poses in, contours out, focal points on skin (ultrasound mid-air haptics)."""
-    del show_version
 
 
 @app.command()

@@ -13,7 +13,7 @@ from ..playback.file_playback import Connection, play_file
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise
 from ..strategies.intersection_strategy import closed_contour, open_contour
-from ..terminal import console
+from ..terminal import bars, console
 
 FOLDER = Path("palpate-demo")
 """The demonstration's own folder, whose files it replaces."""
@@ -38,12 +38,12 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
     motion.save(folder / "motion.csv", overwrite=True)
     files = {"OC": folder / "tube-oc.h5", "CC": folder / "tube-cc.h5"}
     for label, strategy in (("OC", open_contour()), ("CC", closed_contour())):
-        with console.progress_bar(f"render {label}", quiet=as_json) as progress:
+        with bars.progress_bar(f"render {label}", quiet=as_json) as progress:
             record(files[label], mesh, hand, motion, strategy, mode="overwrite", progress=progress)
     rendered = perf_counter() - started
     picture = folder / "tube.png"
     draw_figure(files, picture, overwrite=True)
-    with console.playback_line("playing CC; Ctrl-C stops it", quiet=as_json) as line:
+    with bars.playback_line("playing CC; Ctrl-C stops it", quiet=as_json) as line:
         playback = play_file(files["CC"], connection=connection, watch=line).as_dict()
     summary = summarise(files["CC"])
     names = ("frames", "update_rate", "duration", "bytes", "underruns", "board_underruns", "jumps", "array", "clock")

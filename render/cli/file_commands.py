@@ -21,7 +21,7 @@ from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise, summarise_frames
 from ..runtime.worker_devices import worker_devices
 from ..strategies.intersection_strategy import load_strategy
-from ..terminal import console
+from ..terminal import bars, console
 from ..terminal.foreign_text import print_message
 
 SUFFIXES = (".h5", ".hdf5")
@@ -101,14 +101,14 @@ def run_render(options: dict, *, as_json: bool) -> int:
         strategy = replace(strategy, step=job.step)
     if job.flush is not None:
         strategy = replace(strategy, flush=job.flush)
-    with console.loading_bar(job.source, quiet=as_json) as watch:
+    with bars.loading_bar(job.source, quiet=as_json) as watch:
         options = {"volume": job.volume, "mesh": job.mesh, "bounds": job.bounds}
         placement = Placement(**job.placement)
         whole = load_solid(job.source, placement, **options, allow_code=job.allow_code, watch=watch)
     solid, detail = simplified(whole, job.simplify)
     if strategy.needs_closed:
         solid.require_closed()
-    with console.loading_bar(job.motion, quiet=as_json) as watch:
+    with bars.loading_bar(job.motion, quiet=as_json) as watch:
         hand, motion = load_hand_and_motion(
             job.hand,
             job.palm,
@@ -129,7 +129,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
         )
     done = len(motion)
     try:
-        with console.progress_bar("poses", quiet=as_json) as bar:
+        with bars.progress_bar("poses", quiet=as_json) as bar:
 
             def progress(count: int, total: int) -> None:
                 nonlocal done
@@ -173,7 +173,7 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
     """Summarise: contours, frames that a sweep keeps, or what loading finds in a mesh with the given options."""
     if is_mesh_name(str(file)):
         console.start_warp()
-        with console.loading_bar(str(file), quiet=as_json) as watch:
+        with bars.loading_bar(str(file), quiet=as_json) as watch:
             facts = mesh_facts(str(file), options, watch)
         names = [name for name, value in facts.items() if value not in (0, "")]
         console.show_values(facts, as_json=as_json, title=str(file), shown_names=names)

@@ -22,7 +22,7 @@ from ..playback.focus_source import ContourSource
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..sampling.contour_sampling import PRESETS, Sampler, SamplingStrategy, joined, load_sampling, sets_rate
 from ..sampling.strategy import JUMP_LENGTH
-from ..terminal import console
+from ..terminal import bars, console
 from ..terminal.foreign_text import print_message
 
 POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
@@ -43,7 +43,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     )
     require_device(options["device"])
     names = ", ".join(f"{placed.model.name} {placed.serial or ''}".strip() for placed in arrays)
-    line_of_progress = console.playback_line(f"playing {file} to {names}; Ctrl-C stops it", quiet=as_json)
+    line_of_progress = bars.playback_line(f"playing {file} to {names}; Ctrl-C stops it", quiet=as_json)
     with ending_on_signals(), line_of_progress as line:
         playback = play_file(
             file,

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from ..terminal import console
+from .command_group import CommandGroup
 from .trust_options import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
@@ -25,7 +25,7 @@ STORES = "Of a store that is there: palpate sweep status, failures, prune, merge
 RUN = "run"
 
 
-class SweepGroup(TyperGroup):
+class SweepGroup(CommandGroup):
     """Commands about stores; any other first word is a plan, or an option, of `run`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -9,7 +9,7 @@ from ..objects.mesh.solid_mesh import Placement
 from ..objects.voxels.files import WRITERS
 from ..objects.voxels.voxeliser import SIGNS, voxelise_file
 from ..runtime.worker_devices import worker_devices
-from ..terminal import console
+from ..terminal import bars, console
 from ..validation import require_choice
 
 VOXELISED_KINDS = ("distance", "occupancy")
@@ -39,7 +39,7 @@ def run_voxelise(
     console.start_warp()
     started = perf_counter()
     place, name = Placement(**placement), worker_devices(device, 1)[0]
-    with console.loading_bar(mesh, quiet=as_json) as watch:
+    with bars.loading_bar(mesh, quiet=as_json) as watch:
         facts = voxelise_file(
             mesh,
             out,

@@ -1,22 +1,19 @@
 """Output of the command line: progress and warnings on standard error, results on standard output, exit codes."""
 
-import contextlib
 import json
+import math
 import os
 import sys
 import tempfile
-import threading
 import traceback
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
+from numbers import Integral
 from typing import Any
-
-import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from ...datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ...device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
-from ...device.report import LiveStatistics, PlayReport
+from ...device.report import PlayReport
 from ..errors import (
     PalpateWarning,
     PlacementError,
@@ -27,16 +24,11 @@ from ..errors import (
     UntrustedCodeError,
 )
 from ..runtime.kernel_cache import require_private_cache, unusable_cache
-from ..runtime.loading_progress import Watch, unwatched
-from .foreign_text import errors, print_message, show_table, visible
+from .foreign_text import print_message, show_table, visible
 
 SHOWN_WARNINGS = (PalpateWarning, RecordingWarning)
 
 DONE, FAILED, MISUSED = 0, 1, 2
-
-DESCRIPTION = TextColumn("{task.description}", markup=False)
-
-LOADING_SILENT = 1.0  # [s] before a progress bar for loading appears
 
 MISUSES = (
     StrategyError,
@@ -152,10 +144,10 @@ def finite(value: object) -> object:
         return [finite(inner) for inner in value]
     if isinstance(value, (str, bool, int)) or value is None:
         return value
-    if isinstance(value, np.integer):
+    if isinstance(value, Integral):  # NumPy's
         return int(value)
     number = float(value)  # type: ignore[arg-type]  # only floats are left, NumPy's or Python's
-    return number if np.isfinite(number) else None
+    return number if math.isfinite(number) else None
 
 
 def shown(value: object) -> str:
@@ -170,75 +162,6 @@ def shown(value: object) -> str:
     if isinstance(value, (list, tuple)):
         return " ".join(shown(inner) for inner in value) or "none"
     return str(value)
-
-
-@contextlib.contextmanager
-def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], None]]:
-    """Progress bar on standard error; yields a function to call with the count done and the total."""
-    if quiet or not errors.is_terminal:
-        yield lambda done, total: None
-        return
-    columns = (DESCRIPTION, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=errors, transient=True) as progress:
-        task = progress.add_task(visible(title), total=None)
-        yield lambda done, total: progress.update(task, completed=done, total=total)
-
-
-@contextlib.contextmanager
-def loading_bar(title: str, *, quiet: bool) -> Iterator[Watch]:
-    """Progress bar with the stage's name on standard error, once loading has taken LOADING_SILENT.
-
-    A timer starts it, because a stage that is one call of NumPy reports nothing before its end.
-    """
-    if quiet or not errors.is_terminal:
-        yield unwatched
-        return
-    columns = (DESCRIPTION, BarColumn(), TimeElapsedColumn())
-    progress = Progress(*columns, console=errors, transient=True)
-    task = progress.add_task(visible(title), total=None)
-    timer = threading.Timer(LOADING_SILENT, progress.start)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield lambda stage, done, total: progress.update(
-            task, description=visible(f"{title}: {stage}"), completed=done, total=total if done else None
-        )
-    finally:
-        timer.cancel()
-        timer.join()
-        progress.stop()
-
-
-@contextlib.contextmanager
-def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatistics, int], None]]:
-    """A title when playing begins, then live statistics, on standard error.
-
-    Yields a function to call with the statistics and the number of all frames. quiet, or no terminal: title only.
-    """
-    begun = False
-
-    def begin() -> None:
-        nonlocal begun
-        if not begun:
-            print_message(title)
-            begun = True
-
-    if quiet or not errors.is_terminal:
-        yield lambda live, total: begin()
-        return
-    statistics = TextColumn("{task.fields[statistics]}", markup=False)
-    with Progress(BarColumn(), MofNCompleteColumn(), statistics, console=errors, transient=True) as progress:
-        task = progress.add_task("frames", total=None, statistics="")
-
-        def show(live: LiveStatistics, total: int) -> None:
-            begin()
-            text = (
-                f"{live.queue_bytes >> 10} KiB under way, {live.underruns} underruns, "
-                f"{live.lateness * 1e3:.1f} ms behind"
-            )
-            progress.update(task, completed=live.frames, total=total, statistics=text)
-
-        yield show
 
 
 def parsed(app: Callable[..., object]) -> int:

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from ...array import ArrayModel, UsbIdentity
-from ...flat_array import flat_array, flat_grid
+from ...flat_arrays import flat_array, flat_grid
 
 
 @cache

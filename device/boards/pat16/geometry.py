@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...array import ArrayModel, UsbIdentity, frozen
 from ...errors import CalibrationError
-from ...flat_array import flat_array, flat_grid
+from ...flat_arrays import flat_array, flat_grid
 
 _PITCH = 10.5e-3  # [m]
 

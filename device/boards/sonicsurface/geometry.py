@@ -8,7 +8,7 @@ import numpy as np
 
 from ...array import ArrayModel
 from ...errors import UpdateRateError
-from ...flat_array import flat_array, flat_grid
+from ...flat_arrays import flat_array, flat_grid
 
 BAUD_PUBLISHED = 230400
 """Baud rate of SonicSurface's firmware as published [Bd]."""

@@ -4,8 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ...terminal import console
-from ...terminal.foreign_text import print_message
+from ...terminal.foreign_text import errors, print_message
 from ..run.log import SweepProgress, clock_time
 
 LINE_SECONDS = 10.0
@@ -21,7 +20,7 @@ def sweep_bar(*, as_json: bool) -> Iterator[Watch]:
     as_json: whether a program reads the results; then a terminal has no bar. Lines are printed nevertheless, because
     standard output stays free of them and a log that is silent for long looks like a sweep that hangs.
     """
-    if not console.errors.is_terminal:
+    if not errors.is_terminal:
         yield _print_lines()
     elif as_json:
         yield lambda progress: None
@@ -36,7 +35,7 @@ def _bar() -> Iterator[Watch]:
 
     pace = TextColumn("{task.fields[pace]}", markup=False)
     columns = (TextColumn("recipes"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), pace)
-    with Progress(*columns, console=console.errors, transient=True) as bar:
+    with Progress(*columns, console=errors, transient=True) as bar:
         task = bar.add_task("recipes", total=None, pace="")
         yield lambda progress: bar.update(
             task, completed=progress.recipes, total=progress.recipe_count, pace=_pace(progress)

@@ -16,7 +16,7 @@ from palpate.datasets import HandMotion, static_pose
 from palpate.device.report import LiveStatistics
 from palpate.render.cli.app import app, main
 from palpate.render.errors import PalpateWarning, PlanError
-from palpate.render.terminal import console
+from palpate.render.terminal import bars, console
 from palpate.render.terminal import foreign_text as terminal
 from palpate.render.terminal.console import DONE, FAILED, MISUSED
 
@@ -136,14 +136,14 @@ def test_warnings_faults_and_tables_are_shown_and_not_obeyed(capsys):
 def test_bars_show_names_and_do_not_obey_them(name, monkeypatch):
     screen = io.StringIO()
     live = Console(file=screen, force_terminal=True, width=200, soft_wrap=True)
-    monkeypatch.setattr(console, "errors", live)
+    monkeypatch.setattr(bars, "errors", live)
     monkeypatch.setattr(terminal, "errors", live)
-    monkeypatch.setattr(console, "LOADING_SILENT", 0.0)
-    with console.loading_bar(name, quiet=False) as watch:
+    monkeypatch.setattr(bars, "LOADING_SILENT", 0.0)
+    with bars.loading_bar(name, quiet=False) as watch:
         watch(name, 1, 2)
-    with console.progress_bar(name, quiet=False) as bar:
+    with bars.progress_bar(name, quiet=False) as bar:
         bar(1, 2)
-    with console.playback_line(name, quiet=False) as line:
+    with bars.playback_line(name, quiet=False) as line:
         line(LiveStatistics(1, 0.0, 2, 0, 0.0, 0.0), 5)
     told = screen.getvalue()
     for piece in (TITLE, CLIPBOARD, "\x1b]8;", "\x9b", "\x7f", "\u202e", "\u2028", "\udcff", "\nOK"):

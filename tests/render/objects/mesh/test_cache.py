@@ -226,12 +226,12 @@ def test_ctrl_c_while_a_mesh_is_loading_leaves_nothing_behind(tmp_path):
 def test_ctrl_c_while_a_render_is_loading_writes_no_file(tmp_path):
     script = (
         "import contextlib, os, signal, sys\n"
-        "from palpate.render.terminal import console\n"
+        "from palpate.render.terminal import bars\n"
         "from palpate.render.cli.app import main\n"
         "def watch(stage, done, total):\n"
         "    if stage in ('bodies', 'exploration'):\n"
         "        os.kill(os.getpid(), signal.SIGINT)\n"
-        "console.loading_bar = lambda title, quiet: contextlib.nullcontext(watch)\n"
+        "bars.loading_bar = lambda title, quiet: contextlib.nullcontext(watch)\n"
         "main()\n"
     )
     arguments = ("render", "cube", "exploration", "--duration", "10000", "-o", "out.h5")

@@ -21,7 +21,7 @@ from palpate.render.intersection.named_inputs import load_motion, load_solid
 from palpate.render.objects.mesh import cache as mesh_cache
 from palpate.render.objects.mesh.solid_mesh import Placement, repeats_at_most
 from palpate.render.objects.mesh.welding import coordinate_order
-from palpate.render.terminal import console
+from palpate.render.terminal import bars
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
 
@@ -150,14 +150,14 @@ def test_a_large_mesh_is_announced_before_it_is_repaired_and_only_then(monkeypat
 @pytest.fixture
 def terminal(monkeypatch):
     screen = io.StringIO()
-    monkeypatch.setattr(console, "errors", Console(file=screen, force_terminal=True, width=100))
-    monkeypatch.setattr(console, "LOADING_SILENT", 0.05)
+    monkeypatch.setattr(bars, "errors", Console(file=screen, force_terminal=True, width=100))
+    monkeypatch.setattr(bars, "LOADING_SILENT", 0.05)
     return screen
 
 
 @pytest.mark.exhaustive
 def test_a_bar_appears_while_a_stage_takes_long_and_goes_again(terminal):
-    with console.loading_bar("a[m].stl", quiet=False) as watch:
+    with bars.loading_bar("a[m].stl", quiet=False) as watch:
         watch("welding", 0, 1)
         time.sleep(0.3)  # as one call of NumPy does
         watch("crossings", 1, 2)
@@ -170,7 +170,7 @@ def test_a_bar_appears_while_a_stage_takes_long_and_goes_again(terminal):
 
 @pytest.mark.parametrize(("quiet", "seconds"), [(True, 0.2), (False, 0.0)])
 def test_no_bar_for_machines_nor_for_what_loads_at_once(terminal, quiet, seconds):
-    with console.loading_bar("cube", quiet=quiet) as watch:
+    with bars.loading_bar("cube", quiet=quiet) as watch:
         watch("welding", 0, 1)
         time.sleep(seconds)
     assert terminal.getvalue() == ""
@@ -178,7 +178,7 @@ def test_no_bar_for_machines_nor_for_what_loads_at_once(terminal, quiet, seconds
 
 def test_the_bar_goes_when_loading_fails(terminal):
     def load():
-        with console.loading_bar("cube", quiet=False):
+        with bars.loading_bar("cube", quiet=False):
             time.sleep(0.2)
             raise KeyboardInterrupt
 

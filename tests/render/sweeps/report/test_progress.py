@@ -8,7 +8,6 @@ from rich.console import Console
 from palpate.render.sweeps.report import progress
 from palpate.render.sweeps.report.progress import LINE_SECONDS, sweep_bar
 from palpate.render.sweeps.run.log import SweepProgress
-from palpate.render.terminal import console
 
 
 class Terminal(Console):
@@ -48,8 +47,8 @@ def test_a_long_sweep_prints_a_line_at_most_every_ten_seconds(lines, as_json):
 
 
 def test_a_terminal_has_a_bar_instead_unless_a_program_reads_the_results(lines, monkeypatch):
-    monkeypatch.setattr(console, "errors", Terminal())
+    monkeypatch.setattr(progress, "errors", Terminal())
     assert lines(30, as_json=True) == []
-    assert console.errors.count == 0
+    assert progress.errors.count == 0
     assert lines(30) == []
-    assert console.errors.count > 0
+    assert progress.errors.count > 0

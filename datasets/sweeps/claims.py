@@ -162,7 +162,7 @@ class SharedPlace:
     def read(self, name: str) -> str | None:
         """Text of a file; None if it is missing."""
         try:
-            return str(self._system.cat_file(self._path(name), 0, TEXT_MOST).decode(errors="replace"))
+            return str(self._system.cat_file(self._path(name))[:TEXT_MOST].decode(errors="replace"))
         except FileNotFoundError:
             return None
 

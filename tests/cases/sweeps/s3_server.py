@@ -27,13 +27,15 @@ def s3_bucket(patch):
         patch.setenv(name, value)
     words = [sys.executable, "-c", SERVER, "-H", "127.0.0.1", "-p", str(port)]
     with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
-        until = time.monotonic() + 60
-        while True:
-            with contextlib.suppress(OSError):
-                urllib.request.urlopen(keys["AWS_ENDPOINT_URL"], timeout=1).close()
-                break
-            assert time.monotonic() < until
-            time.sleep(0.1)
-        fsspec.filesystem("s3", skip_instance_cache=True).mkdir("palpate")  # others were of earlier servers
-        yield "s3://palpate"
-        server.kill()
+        try:
+            until = time.monotonic() + 60
+            while True:
+                with contextlib.suppress(OSError):
+                    urllib.request.urlopen(keys["AWS_ENDPOINT_URL"], timeout=1).close()
+                    break
+                assert time.monotonic() < until
+                time.sleep(0.1)
+            fsspec.filesystem("s3", skip_instance_cache=True).mkdir("palpate")  # others were of earlier servers
+            yield "s3://palpate"
+        finally:
+            server.kill()  # also after a failure, as the end of `with` waits for it

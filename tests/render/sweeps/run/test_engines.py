@@ -289,7 +289,8 @@ def test_time_is_counted_by_the_processor_and_by_the_wall_for_a_worker_that_wait
     waiting, busy = tasks_of(tmp_path, "rest 1000", "count 1000")
     engine.submit(waiting)
     engine.submit(busy)
-    await_true(lambda: len(engine.running()) == 2)
+    await_true(lambda: {0, 1} <= dict(said(tmp_path)).keys())  # both have begun,
+    engine.wait(0.2)  # and their signs of progress have come
     time.sleep(3.0)
     running = engine.running()
     assert running[0].seconds > 3.0

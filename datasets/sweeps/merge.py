@@ -106,6 +106,8 @@ def _take_columns(target: SweepStore, folder: Path, name: str, merged: Merged) -
         require_named(folder / name)
         _copy(folder / name, shard)
         return target.record(shard)
+    except _UnwritableError:
+        raise
     except SweepStoreError as error:
         discard(shard)
         merged.problems.append(str(error))
@@ -132,7 +134,7 @@ def _take_file(target: SweepStore, source: Path, payload: Any, merged: Merged) -
         own = target.folder / name
         if own.exists():
             if not filecmp.cmp(source / name, own, shallow=False):
-                raise SweepStoreError(f"{source / name} differs from {own}, which stays: another code version made it")
+                raise SweepStoreError(f"{source / name} differs from {own}, which stays; remove that to take this")
             return True
         with contextlib.suppress(FileNotFoundError):  # a file beside contours names the code that made them
             _copy((source / name).with_suffix(".json"), own.with_suffix(".json"))

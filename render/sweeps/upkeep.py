@@ -150,7 +150,7 @@ def merge_stores(target: Path, sources: Sequence[Path], *, with_other_code: bool
     main = _main_maker(target, found, refuses_others=not with_other_code)
     others = dict.fromkeys(maker for own in found.values() for maker in own if maker != main)
     merged = {source: Merged() for source in sources}
-    for maker in (*(others if with_other_code else ()), main):  # the main one last: it stays the latest
+    for maker in (*(others if with_other_code else ()), main):  # the main one last, so that it recorded last
         with SweepStore(target, maker=maker) as store:
             for source, own in merged.items():
                 own.add(merge_store(store, source))

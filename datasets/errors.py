@@ -1,8 +1,22 @@
 """Errors of files, motions and shapes. Each message is one sentence that can be shown to the user unchanged."""
 
+from typing import TypeVar
+
 
 class DatasetError(Exception):
     """Base of every error that `palpate.datasets` raises for a user's mistake or a machine's failure."""
+
+    names_nothing: bool = False
+    """Whether a name or path that the user gave stands for nothing: commands report misuse, not a failure."""
+
+
+Marked = TypeVar("Marked", bound=Exception)
+
+
+def name_nothing(error: Marked) -> Marked:
+    """The same error, marked: a name or path that the user gave stands for nothing."""
+    vars(error)["names_nothing"] = True
+    return error
 
 
 class ContourFileError(DatasetError):

@@ -167,8 +167,11 @@ class ArrayModel:
         slowest, fastest = self.frame_clock / self.divider_max, self.frame_clock / self.divider_min
         if not slowest * (1 - 1e-6) <= update_rate <= fastest * (1 + 1e-6):
             span = f"{slowest:.6g}" if slowest == fastest else f"{slowest:.6g}..{fastest:.6g}"
+            is_kilohertz = slowest <= 1e3 * update_rate <= fastest
+            hint = f"; rates are in hertz, {update_rate:g} kHz are {1e3 * update_rate:g}" if is_kilohertz else ""
             raise UpdateRateError(
                 f"update rate {update_rate:g} Hz is outside {span} Hz of array {self.name}: {self.frame_clock_reason}"
+                + hint
             )
         divider = round(self.frame_clock / update_rate)
         if abs(self.frame_clock / divider - update_rate) > 1e-6 * update_rate:

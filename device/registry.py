@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -62,7 +63,10 @@ def canonical_name(name: str) -> str:
     known = ", ".join(
         f"{kind.name} ({', '.join(kind.aliases)})" if kind.aliases else kind.name for kind in _kinds().values()
     )
-    raise UnknownArrayError(f"unknown array {name!r}; known: {known}")
+    called = [other for kind in _kinds().values() for other in (kind.name, *kind.aliases)]
+    close = difflib.get_close_matches(str(name).casefold(), called, 1)
+    meant = f" (did you mean {close[0]!r}?)" if close else ""
+    raise UnknownArrayError(f"unknown array {name!r}{meant}; known: {known}")
 
 
 def kind_of(model: ArrayModel) -> ArrayKind:

@@ -19,6 +19,9 @@ RenderError
 class RenderError(Exception):
     """Base of all errors of the pipeline."""
 
+    names_nothing: bool = False
+    """Whether a name or path that the user gave stands for nothing: commands report misuse, not a failure."""
+
 
 class MeshError(RenderError, ValueError):
     """An object that cannot be used, or that lacks what an operation needs, such as a closed surface."""

@@ -7,9 +7,17 @@ from typing import Any, TypeGuard, TypeVar
 import numpy as np
 
 from ..datasets.bounded_file import FileBoundError, parse_json, read_text
+from ..datasets.known_names import find_name, likely_file, likely_name, unknown_name
 from .errors import StrategyError
 
 T = TypeVar("T")
+OTHER_UNITS = {
+    "m": ("mm", 1e-3, "lengths are in metres"),
+    "m/s": ("mm/s", 1e-3, "speeds are in metres a second"),
+    "Hz": ("kHz", 1e3, "rates are in hertz"),
+    "s": ("ms", 1e-3, "times are in seconds"),
+}
+"""By SI unit: the unit in which people give such a quantity by mistake, its factor, words."""
 
 
 def is_number(value: object) -> TypeGuard[int | float | np.integer | np.floating]:
@@ -21,7 +29,14 @@ def require_choice(name: str, value: object, known: tuple[str, ...]) -> None:
     """Raise StrategyError unless a value is one of the known names."""
     if not isinstance(value, str) or value not in known:
         given = number_text(value) if isinstance(value, int) else repr(value)
-        raise StrategyError(f"{name} must be one of {', '.join(known)}, not {given}")
+        raise StrategyError(f"{name} must be one of {', '.join(known)}, not {given}{likely_name(value, known)}")
+
+
+def choose(name: str, value: str, known: tuple[str, ...]) -> str:
+    """The known name that a user wrote in any case; raises StrategyError for what is none."""
+    found = find_name(value, known)
+    require_choice(name, value if found is None else found, known)
+    return found or value
 
 
 def require_number(name: str, value: object, low: float, high: float, *, unit: str = "", whole: bool = False) -> None:
@@ -30,7 +45,16 @@ def require_number(name: str, value: object, low: float, high: float, *, unit: s
     if not is_number(value) or (whole and not isinstance(value, int)):
         raise StrategyError(f"{name} must be {'a whole number' if whole else 'a number'} in {span}, not {value!r}")
     if not low <= value <= high:  # a NaN compares false; an int may be too large for a float
-        raise StrategyError(f"{name} must lie in {span}, not {number_text(value)}")
+        raise StrategyError(f"{name} must lie in {span}, not {number_text(value)}{unit_hint(value, low, high, unit)}")
+
+
+def unit_hint(value: float, low: float, high: float, unit: str) -> str:
+    """The number in the SI unit, as part of a sentence, if it is in bounds when taken as one in a usual other unit."""
+    other, factor, what = OTHER_UNITS.get(unit.split(" ")[0], ("", 0.0, ""))
+    is_wrong = abs(value) > max(high, 1.0) if factor < 1.0 else value < low
+    if not is_wrong or not low <= abs(value) * factor <= high:
+        return ""
+    return f"; {what}, {value:g} {other} are {value * factor:g}"
 
 
 def number_text(value: object) -> str:
@@ -67,7 +91,7 @@ def known_fields(values: object, known: Collection[str], name: str) -> dict[str,
         raise StrategyError(f"{name}: must be a JSON object, not {type(values).__name__}")
     for key in values:
         if key not in known:
-            raise StrategyError(f"{name}: unknown field {key!r}; known: {', '.join(known)}")
+            raise StrategyError(f"{name}: " + unknown_name("field", key, known))
     return dict(values)
 
 
@@ -76,11 +100,15 @@ def load_by_name(source: str, presets: Mapping[str, Callable[[], T]], read: Call
 
     Raises StrategyError for a source that is neither, and for a file that cannot be read.
     """
-    if source.lower() in presets:
-        return presets[source.lower()]()
+    found = find_name(source, presets)
+    if found is not None:
+        return presets[found]()
     path = Path(source)
     if not path.exists():
-        raise StrategyError(f"unknown {name} {source!r}: neither a preset ({', '.join(presets)}) nor a JSON file")
+        meant = likely_name(source, presets) or likely_file(path)
+        raise StrategyError(
+            f"unknown {name} {source!r}{meant}: neither a preset ({', '.join(presets)}) nor a JSON file"
+        )
     try:
         return read(read_text(path))
     except (StrategyError, UnicodeDecodeError, OSError) as error:

@@ -123,7 +123,7 @@ def _check_open(file: ContourFile) -> list[str]:
 def _unfinished_problem(file: ContourFile) -> str:
     done = sum(stop - first for first, stop in file.done)
     held = FolderLock.is_held(file.folder)
-    state = "is still being written" if held else "was not finished, --resume goes on with it"
+    state = "is still being written" if held else 'was not finished, mode="resume" goes on with it'
     return f"{file.path} {state}: {done} of {file.pose_count} poses are done"
 
 

@@ -151,7 +151,7 @@ def _reread(part: FilePart) -> Iterator[Digests]:
                     first = number * CHUNK_ROWS
                     raise ContourFileError(
                         f"{part.path}: rows {first} to {first + CHUNK_ROWS} of {spec.path} are not what was written; "
-                        "--resume renders them again"
+                        'mode="resume" renders them again'
                     )
                 digests[number] = rows_digest
             yield digests

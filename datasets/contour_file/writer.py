@@ -221,8 +221,8 @@ class ContourWriter:
     def _refuse_sealed(self) -> None:
         if self.path.exists():
             raise ContourFileError(
-                f"{self.path} exists already: --overwrite replaces it once the new one is whole, "
-                "--resume keeps it if it is of the same rendering"
+                f'{self.path} exists already: mode="overwrite" replaces it once the new one is whole, '
+                'mode="resume" keeps it if it is of the same rendering'
             )
 
     def _refuse_stranger(self) -> None:
@@ -230,7 +230,7 @@ class ContourWriter:
         if os.path.lexists(self.path) and not (self._folder / _OVERWRITE_NAME).exists():
             raise ContourFileError(
                 f"{self.path} is not of the unfinished rendering in {self._folder}, which may not replace it: move it "
-                "away and go on with --resume, or begin anew with --overwrite"
+                'away and go on with mode="resume", or begin anew with mode="overwrite"'
             )
 
     def _begin(self, mode: str) -> None:
@@ -257,7 +257,7 @@ class ContourWriter:
         if not fresh:
             raise ContourFileError(
                 f"{self._folder} holds an unfinished rendering of {self.path}: "
-                "--resume goes on with it, --overwrite begins anew"
+                'mode="resume" goes on with it, mode="overwrite" begins anew'
             )
 
     def _make_folder(self) -> bool:
@@ -283,7 +283,7 @@ class ContourWriter:
         """Take over what is there, by the table above; False if there is nothing."""
         if not (self._folder / HEADER_NAME).exists():
             if part_logs(self._folder):
-                raise ContourFileError(f"{self._folder} has lost its header and cannot be resumed, use --overwrite")
+                raise ContourFileError(f'{self._folder} has no header, so it cannot be resumed: use mode="overwrite"')
             if not self.path.exists():
                 self._clear_temporary()
                 return False
@@ -324,7 +324,7 @@ class ContourWriter:
         if differences := recipe_differences(old.recipe, self._recipe):
             raise ContourFileError(
                 f"{self.path} cannot be resumed, it is of another rendering: {'; '.join(differences)}; "
-                "--overwrite begins anew"
+                'mode="overwrite" begins anew'
             )
 
     def _refuse_unlike(self, temporary: Path) -> None:
@@ -367,7 +367,7 @@ class ContourWriter:
             yield
         except OSError as error:
             done = sum(part.stop - part.first for part in self._parts)
-            kept = f"; the {done} poses done are kept in {self._folder}, make room and go on with --resume"
+            kept = f'; the {done} poses done are kept in {self._folder}, make room and go on with mode="resume"'
             raise ContourFileError(
                 f"{self.path}: cannot {task}: {error.strerror or error}, {self._free()}{kept if done else ''}"
             ) from error
@@ -383,7 +383,7 @@ class ContourWriter:
             path.unlink()
 
     def _clear_folder(self) -> None:
-        """Remove what writers left, the header last: without it, parts would be of nothing."""
+        """Remove what writers left, the header last: parts without it would be of nothing."""
         self._clear_temporary()
         for path in part_files(self._folder):
             path.unlink()

@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bounded_file import read_text, require_bytes
-from ..errors import DatasetError
+from ..errors import DatasetError, name_nothing
+from ..known_names import likely_file
 from ..storage.durable import write_file
 
 HEADER = ("number of steps", "sample rate", "maximum intensity")
@@ -66,7 +67,7 @@ def read_ptlist(path: str | Path, *, unit: float = 1.0) -> PointList:
         require_bytes(_LINE_BYTES * (text.count("\n") + 1) + len(text), "what its lines hold")
         lines = text.splitlines()
     except FileNotFoundError:
-        raise PointListError(f"{path}: no such point list") from None
+        raise name_nothing(PointListError(f"{path}: no such point list{likely_file(path)}")) from None
     except (OSError, UnicodeDecodeError) as error:
         raise PointListError(f"{path}: cannot be read ({error})") from error
     try:

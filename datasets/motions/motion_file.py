@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bounded_file import open_regular, read_content, require_bytes, text_lines
-from ..errors import Hdf5Error, MotionError
+from ..errors import Hdf5Error, MotionError, name_nothing
+from ..known_names import likely_file
 from ..storage.durable import write_file
 from ..storage.hdf5 import FAILURES
 from ..storage.hdf5_opening import StrictFile, open_hdf5
@@ -59,7 +60,7 @@ def read_rows(path: Path) -> MotionRows:
     try:
         return _rows_from_csv(path) if form == "csv" else _rows_from_hdf5(path)
     except FileNotFoundError:
-        raise MotionError(f"{path}: no such motion file") from None
+        raise name_nothing(MotionError(f"{path}: no such motion file{likely_file(path)}")) from None
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from None
     except OSError as error:
@@ -87,7 +88,7 @@ def _form(path: Path) -> str:
     if suffix in _SUFFIX_HDF5:
         return "hdf5"
     known = ", ".join(_SUFFIX_CSV + _SUFFIX_HDF5)
-    raise MotionError(f"{path}: unknown suffix {path.suffix!r} for a motion file; known: {known}")
+    raise name_nothing(MotionError(f"{path}: unknown suffix {path.suffix!r} for a motion file; known: {known}"))
 
 
 def _rows_from_csv(path: Path) -> MotionRows:

@@ -13,7 +13,8 @@ from os import PathLike
 from pathlib import Path
 from typing import cast
 
-from ..errors import RecordingError
+from ..errors import RecordingError, name_nothing
+from ..known_names import likely_file
 from .alignment import Alignment
 from .clip import Clip, recording_of
 from .json_fields import Json, Table, read_json, read_table
@@ -50,6 +51,8 @@ def load_recording(
         recording = recording_of(clip, hand)
     except RecordingError as error:
         raise RecordingError(f"{source}: {error}") from None
+    except FileNotFoundError:
+        raise name_nothing(RecordingError(f"{source}: no such recording{likely_file(source)}")) from None
     except OSError as error:
         raise RecordingError(f"{source}: cannot be read: {error.strerror or error}") from None
     except MemoryError:

@@ -18,7 +18,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ShapeError
+from ..errors import ShapeError, name_nothing
+from ..known_names import find_name, unknown_name
 from .dog import dog_cage, dog_tips
 from .subdivision import bisect, quadrisect, smooth_surface
 
@@ -40,14 +41,20 @@ def shape_names() -> tuple[str, ...]:
     return tuple(_SHAPES)
 
 
+def shape_name(name: object) -> str | None:
+    """The built-in shape that is written so, in any case; None if there is none."""
+    return find_name(name, _SHAPES)
+
+
 def shape(name: str) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Make a built-in shape: vertices [m], shape [vertex, 3], array frame, and triangles, shape [face, 3].
 
-    The same arrays every time. Raises ShapeError for an unknown name, listing the known ones.
+    The same arrays every time; name: in any case. Raises ShapeError for an unknown name, listing the known ones.
     """
-    if name not in _SHAPES:
-        raise ShapeError(f"unknown shape {name!r}; known: {', '.join(_SHAPES)}")
-    points, triangles = _SHAPES[name]()
+    found = shape_name(name)
+    if found is None:
+        raise name_nothing(ShapeError(unknown_name("shape", name, _SHAPES)))
+    points, triangles = _SHAPES[found]()
     low, high = points.min(axis=0), points.max(axis=0)
     placed = (points - (low + high) / 2.0) * (SIZE / (high - low).max()) + CENTRE
     return placed.astype(np.float32), triangles

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ..bounded_file import ANY_SIZE, open_regular
-from ..errors import SweepStoreError
+from ..errors import SweepStoreError, name_nothing
 from .durable import Buffer
 
 TRAILER = struct.Struct("<16sQ32s")
@@ -120,5 +120,5 @@ def _damage_error(path: Path) -> SweepStoreError:
 
 def _unreadable(path: Path, error: OSError) -> SweepStoreError:
     if isinstance(error, FileNotFoundError):
-        return SweepStoreError(f"{path} does not exist")
+        return name_nothing(SweepStoreError(f"{path} does not exist"))
     return SweepStoreError(f"{path} cannot be read: {error.strerror or error}")

@@ -16,7 +16,8 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ContourFileError, Hdf5Error
+from ..errors import ContourFileError, Hdf5Error, name_nothing
+from ..known_names import likely_file
 from .digests import DigestTable
 from .hdf5_chunks import chunk_addresses
 from .hdf5_opening import Attribute, open_hdf5
@@ -43,7 +44,7 @@ class Hdf5Reader:
             try:
                 self._opened = open_hdf5(self.path)
             except FileNotFoundError:
-                raise ContourFileError(f"{self.path} does not exist") from None
+                raise name_nothing(ContourFileError(f"{self.path} does not exist{likely_file(self.path)}")) from None
             except IsADirectoryError:
                 raise ContourFileError(f"{self.path} is a folder, not a contour file") from None
             self._state = self._opened.state()

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Hdf5Error, SweepStoreError
+from ..errors import Hdf5Error, SweepStoreError, name_nothing
 from .chunk_index import with_checksum
 from .durable import Buffer, append_at, discard, publish, temporary_name
 from .hdf5 import FAILURES, reason_of
@@ -208,7 +208,7 @@ def naming_failures(path: Path) -> Generator[None, None, None]:
     except SweepStoreError:
         raise
     except FileNotFoundError:
-        raise SweepStoreError(f"{path} does not exist") from None
+        raise name_nothing(SweepStoreError(f"{path} does not exist")) from None
     except Hdf5Error as error:
         raise SweepStoreError(f"{path}: {error}") from None
     except FAILURES as error:

@@ -44,11 +44,11 @@ def choose_port(model: ArrayModel, wanted: str | None, ports: SerialPorts) -> Po
     if chosen:
         raise DeviceNotFoundError(
             f"array {model.name} may be at any of {len(chosen)} serial adapters: {', '.join(map(_named, chosen))}. Say "
-            "which by its serial number or its port (--serial)"
+            "which by its serial number or its port (serial=NAME)"
         )
     who = model.name if wanted is None else f"{model.name} {wanted}"
     otherwise = (
-        f"found instead: {there}" if found else "no serial adapter is plugged in; a port can be named (--serial)"
+        f"found instead: {there}" if found else "no serial adapter is plugged in; a port can be named (serial=PORT)"
     )
     raise DeviceNotFoundError(f"array {who} was not found: {otherwise}")
 

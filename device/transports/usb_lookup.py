@@ -130,7 +130,7 @@ def _which_of_them(model: ArrayModel, count: int, hidden: int, serials: str, wan
     unread = f", and {hidden} that this user may not ask" if hidden else ""
     return (
         f"array {model.name} is one of {count} adapters with its chip: {serials}{unread}. Say which by its serial "
-        "number (--serial): other things have that chip, too"
+        "number (serial=NUMBER): other things have that chip, too"
     )
 
 

@@ -4,8 +4,9 @@ import re
 
 import numpy as np
 
+from ...datasets.known_names import likely_name, unknown_name
 from ...datasets.motions.hand_motion import exploration
-from ...datasets.shapes.built_in import CENTRE, SIZE, shape_names
+from ...datasets.shapes.built_in import CENTRE, SIZE, shape_name, shape_names
 from ..errors import StrategyError
 from ..objects.mesh.solid_mesh import MeshObject
 
@@ -27,7 +28,7 @@ def bench_object(name: str) -> MeshObject:
 
     Raises StrategyError for another name.
     """
-    if name in shape_names():
+    if shape_name(name) is not None:
         return MeshObject.load(name)
     match = _BLOB_NAME.fullmatch(name)
     frequency = 0
@@ -36,7 +37,7 @@ def bench_object(name: str) -> MeshObject:
         frequency = round(np.sqrt(wanted / 20.0))
     if not 1 <= frequency <= BLOB_FREQUENCY_MOST:
         raise StrategyError(
-            f"unknown benchmark object {name!r}; known: {', '.join(shape_names())}, "
+            f"unknown benchmark object {name!r}{likely_name(name, shape_names())}; known: {', '.join(shape_names())}, "
             f"and blob-N for N from 20 to {20 * BLOB_FREQUENCY_MOST**2} triangles (blob-5000, blob-100k, blob-1m)"
         )
     return blob_object(frequency)
@@ -163,4 +164,4 @@ def bench_poses(motion: str, mesh: MeshObject, count: int) -> np.ndarray:
         return random_poses(count)
     if motion == "exploration":
         return exploration(mesh.bounds, duration=count / EXPLORATION_RATE, rate=EXPLORATION_RATE, seed=1).pose[:count]
-    raise StrategyError(f"unknown motion {motion!r}; known: {', '.join(MOTIONS)}")
+    raise StrategyError(unknown_name("motion", motion, MOTIONS))

@@ -14,6 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 import warp as wp
 
+from ...datasets.known_names import unknown_name
 from ..errors import StrategyError
 from ..hands.hand import Palm
 from ..intersection.mesh_section import intersect
@@ -101,7 +102,7 @@ def peer_names(wanted: str) -> list[str]:
     names = {"all": list(known), "none": []}.get(wanted, [name.strip() for name in wanted.split(",")])
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise StrategyError(f"unknown peer {unknown[0]!r}; known: {', '.join(known)}, all, none")
+        raise StrategyError(unknown_name("peer", unknown[0], [*known, "all", "none"]))
     return list(dict.fromkeys(names))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import warp as wp
 from rich.console import Console
 
+from ...datasets.known_names import unknown_name
 from ..errors import StrategyError
 from ..intersection.batch_rendering import warp_device
 from ..strategies.intersection_strategy import PRESETS
@@ -49,11 +50,11 @@ class BenchJob:
         if self.repeats < 1:
             raise StrategyError(f"repeats must be at least 1, not {self.repeats}")
         if self.motion not in MOTIONS:
-            raise StrategyError(f"unknown motion {self.motion!r}; known: {', '.join(MOTIONS)}")
+            raise StrategyError(unknown_name("motion", self.motion, MOTIONS))
         peer_names(self.peers)
         for name in names_in(self.strategies):
             if name not in PRESETS:
-                raise StrategyError(f"unknown strategy {name!r}; known: {', '.join(PRESETS)}")
+                raise StrategyError(unknown_name("strategy", name, PRESETS))
 
     def options(self) -> BenchOptions:
         """How rows are measured."""

@@ -12,6 +12,7 @@ try:
     from ..terminal import console
     from .array_options import Array, Calibration, Emulate, Serial, Uncalibrated, Watchdog
     from .command_group import MainGroup
+    from .completion import complete_hand, complete_motion, complete_object, complete_sampling, complete_strategy
     from .object_options import FillHoles, Inside, Kind, Label, Level, SolidRule, Spacing, Three, Unit, Weld
     from .selftest_options import selftest
     from .sweep_options import SWEEP_HELP, sweep
@@ -22,10 +23,9 @@ except KeyboardInterrupt:  # nothing has begun
 app = typer.Typer(
     name="palpate",
     cls=MainGroup,
-    epilog="palpate --version prints the version.",
+    epilog="palpate --version prints the version; palpate --install-completion has your shell complete names.",
     help="Objects and hand poses in, contours out, focal points on skin (ultrasound mid-air haptics).",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # it would take [m] for markup and leave it out
 )
@@ -60,7 +60,7 @@ def _run(module: str, name: str, *arguments: object, as_json: bool) -> None:
     )
 
 
-@app.command()
+@app.command(short_help="Run the main job in one go, into palpate-demo/.")
 def demo(
     folder: Annotated[Path, typer.Option(help="Where the results go; made if missing, used again.")] = Path(
         "palpate-demo"
@@ -75,18 +75,25 @@ def demo(
     _run(".demo_command", "run_demo", folder, clock, overwrite, as_json=json)
 
 
-@app.command()
+@app.command(short_help="Render contours of an object on a moving hand.")
 def render(
-    source: Annotated[str, typer.Argument(metavar="OBJECT", help=OBJECT_HELP)],
-    motion: Annotated[str, typer.Argument(metavar="MOTION", help=MOTION_HELP)],
+    source: Annotated[str, typer.Argument(metavar="OBJECT", help=OBJECT_HELP, autocompletion=complete_object)],
+    motion: Annotated[str, typer.Argument(metavar="MOTION", help=MOTION_HELP, autocompletion=complete_motion)],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.h5", help="Contour file to write.")],
-    strategy: Annotated[str, typer.Option(help="By name (palpate strategies lists them), or a JSON file.")] = "cc",
+    strategy: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="By name (palpate strategies lists them), or a JSON file.",
+            autocompletion=complete_strategy,
+        ),
+    ] = "cc",
     step: Annotated[
         float | None,
         typer.Option(metavar="METRES", help="Of the grid on the skin, if one is needed; by default a quarter focus."),
     ] = None,
     flush: Annotated[float | None, typer.Option(metavar="METRES", help=FLUSH_HELP)] = None,
-    hand: Annotated[str, typer.Option(metavar="KIND|FILE", help=HAND_HELP)] = "palm",
+    hand: Annotated[str, typer.Option(metavar="KIND|FILE", help=HAND_HELP, autocompletion=complete_hand)] = "palm",
     palm: Annotated[
         tuple[float, float] | None,
         typer.Option(metavar="WIDTH LENGTH", help="Size of the palm [m], by default 0.085 0.085."),
@@ -132,6 +139,7 @@ def render(
     allow_code: AllowCode = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted rendering.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file once the new one is whole.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if no pose has a contour.")] = False,
     json: Json = False,
 ) -> None:
     """Render the contours of an object on a moving hand into a contour file."""
@@ -161,13 +169,17 @@ def render(
         "allow_code": allow_code,
         "resume": resume,
         "overwrite": overwrite,
+        "strict": strict,
     }
     _run(".file_commands", "run_render", options, as_json=json)
 
 
-@app.command()
+@app.command(short_help="Turn a mesh, also an open one, into voxels.")
 def voxelise(
-    mesh: Annotated[str, typer.Argument(metavar="MESH", help="Mesh file, or built in; open ones too.")],
+    mesh: Annotated[
+        str,
+        typer.Argument(metavar="MESH", help="Mesh file, or built in; open ones too.", autocompletion=complete_object),
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.npz", help="Or .npy, .nrrd, .nii, .nvdb.")],
     spacing: Annotated[float, typer.Option(metavar="METRES", help="Between voxels.")],
     kind: Annotated[str, typer.Option(help="distance (signed), or occupancy.")] = "distance",
@@ -190,11 +202,11 @@ def voxelise(
     )
 
 
-app.add_typer(sweep, name="sweep", help=SWEEP_HELP)
-app.command()(trust)
+app.add_typer(sweep, name="sweep", help=SWEEP_HELP, short_help="Make every combination that a plan names, as a table.")
+app.command(short_help="Permit code that files name, as it is now.")(trust)
 
 
-@app.command()
+@app.command(short_help="List or draw intersection strategies and stages.")
 def strategies(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="PICTURE", help="Draw them: PNG, SVG, PDF.")
@@ -206,7 +218,7 @@ def strategies(
     _run(".strategies_command", "run_strategies", out, overwrite, as_json=json)
 
 
-@app.command()
+@app.command(short_help="Show what a file holds, or what is wrong with a mesh.")
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE|MESH", help=KEPT_HELP + " Or a mesh, or a built-in object.")],
     scale: Annotated[float | None, typer.Option(help="Of a mesh: factor on its coordinates (0.001: mm).")] = None,
@@ -215,12 +227,12 @@ def info(
     fill_holes: FillHoles = None,
     json: Json = False,
 ) -> None:
-    """Tell what is in a contour file, in focal points or drives that a sweep keeps, or what is wrong with a mesh."""
+    """Show what is in a contour file, in focal points or drives that a sweep keeps, or what is wrong with a mesh."""
     options = {"scale": scale, "solid": solid, "weld": weld, "fill_holes": fill_holes}
     _run(".file_commands", "run_info", file, options, as_json=json)
 
 
-@app.command()
+@app.command(short_help="Check that a file or store is whole (exit 1 if not).")
 def check(
     file: Annotated[Path, typer.Argument(metavar="FILE|STORE", help=KEPT_HELP + " Or a sweep's store, or a table.")],
     json: Json = False,
@@ -229,7 +241,7 @@ def check(
     _run(".file_commands", "run_check", file, as_json=json)
 
 
-@app.command()
+@app.command(short_help="Draw contours, their length and draw frequency.")
 def figure(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Contour files of one object and motion.")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="PICTURE", help="PNG, SVG or PDF to write.")],
@@ -240,7 +252,7 @@ def figure(
     _run(".file_commands", "run_figure", files, out, overwrite, as_json=json)
 
 
-@app.command()
+@app.command(short_help="Sample a contour file and stream it to an array.")
 def play(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file, or focal points: .PTLIST, or a sweep's.")],
     array: Array = "emulator",
@@ -249,7 +261,12 @@ def play(
     baud: Annotated[int | None, typer.Option(help="Of a sonicsurface with unusual firmware [Bd].")] = None,
     emulate: Emulate = False,
     sampling: Annotated[
-        str | None, typer.Option(metavar="NAME|FILE", help="Sampling: a preset (docs/guide/sampling.md) or JSON.")
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="Sampling: a preset (palpate sampling lists them) or a JSON file.",
+            autocompletion=complete_sampling,
+        ),
     ] = None,
     speed: Annotated[float | None, typer.Option(help="Of the focal point [m/s], by default 7.")] = None,
     update_rate: Annotated[
@@ -291,11 +308,14 @@ def play(
     _run(".play_commands", "run_play", file, options, as_json=json)
 
 
-@app.command()
+@app.command(short_help="Write focal points for other programs.")
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.ptlist", help="Point list to write (DOLPHIN).")],
-    sampling: Annotated[str, typer.Option(metavar="NAME|FILE", help="Sampling strategy: a preset or JSON.")] = "stm",
+    sampling: Annotated[
+        str,
+        typer.Option(metavar="NAME|FILE", help="Sampling: a preset or a JSON file.", autocompletion=complete_sampling),
+    ] = "stm",
     speed: Annotated[float | None, typer.Option(help="Of the focal point [m/s], by default 7.")] = None,
     update_rate: Annotated[float | None, typer.Option(help="Focal points a second [Hz], by default 10000.")] = None,
     duration: Annotated[float | None, typer.Option(help=DURATION_HELP)] = None,
@@ -307,16 +327,19 @@ def export(
     _run(".play_commands", "run_export", file, out, options, overwrite, as_json=json)
 
 
-@app.command()
+@app.command(short_help="List sampling presets, or print one as JSON.")
 def sampling(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset, or a JSON file.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME|FILE]", help="A preset, or a JSON file.", autocompletion=complete_sampling),
+    ] = None,
     json: Json = False,
 ) -> None:
     """List sampling presets, or print one as the JSON that --sampling takes: a start for one of your own."""
     _run(".play_commands", "run_sampling", name, as_json=json)
 
 
-@app.command()
+@app.command(short_help="List arrays, and why one cannot be opened.")
 def devices(
     calibration: Annotated[
         list[Path] | None, typer.Option(metavar="BOARD.pat", help="Board files: they tell a pat16 by its serial.")
@@ -327,10 +350,10 @@ def devices(
     _run(".play_commands", "run_devices", calibration or [], as_json=json)
 
 
-app.command()(selftest)
+app.command(short_help="Play stimuli that a hand should feel.")(selftest)
 
 
-@app.command()
+@app.command(short_help="Time contours beside other libraries.")
 def bench(
     objects: Annotated[
         str, typer.Option(metavar="NAME,...", help="Built in, or blob-N of about N triangles (blob-5000); or none.")

@@ -5,8 +5,15 @@ from typing import Annotated
 
 import typer
 
+from .completion import complete_array
+
 Array = Annotated[
-    str, typer.Option(help="emulator, pat16 (openmpd), sonicsurface, autd3, or a JSON file of several and their poses.")
+    str,
+    typer.Option(
+        metavar="NAME|RIG",
+        help="emulator, pat16 (openmpd), sonicsurface, autd3, or a JSON file of several and their poses.",
+        autocompletion=complete_array,
+    ),
 ]
 Serial = Annotated[
     str | None, typer.Option(help="Which one: its serial number, a sonicsurface's port, an autd3's network interface.")

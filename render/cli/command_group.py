@@ -1,14 +1,31 @@
 """Groups of commands whose help imports nothing that a command needs."""
 
+from collections.abc import Collection
 from importlib import import_module
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
+from ..terminal import console
+from ..terminal.wording import Wording
+
+COMPLETION = ("--install-completion", "--show-completion")
+
 
 class CommandGroup(TyperGroup):
     """A group that names a command without looking at its own options."""
+
+    plan_keys: Collection[str] = ()
+    """Arguments that a plan's keys give, not options of its commands."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command, and have messages write arguments as its options."""
+        found = super().resolve_command(ctx, args)
+        if (command := found[1]) is not None:
+            others = [option.name for other in self.commands.values() for option in other.params]
+            console.set_wording(Wording([option.name for option in command.params], others, self.plan_keys))
+        return found
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Leave out the group's --help where a command follows: typer imports pydantic for an option without value."""
@@ -17,10 +34,12 @@ class CommandGroup(TyperGroup):
 
 
 class MainGroup(CommandGroup):
-    """All commands, and --version; as an option of typer's, too, it would have every help import pydantic."""
+    """All commands, --version, and completion by shells, whose options of typer's would have help import pydantic."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Print the version if that is asked for."""
+        """Print the version if that is asked for; leave out typer's options for completion if they are not."""
+        if not args or not args[0].startswith(COMPLETION):
+            self.params = [option for option in self.params if not set(option.opts) & set(COMPLETION)]
         if args[:1] == ["--version"]:
             typer.echo(f"palpate {import_module('importlib.metadata').version('palpate')}")
             raise typer.Exit

@@ -9,11 +9,12 @@ from ..errors import StrategyError
 from ..hands.hand import Palm
 from ..intersection.file_recording import record
 from ..objects.mesh.solid_mesh import MeshObject
-from ..playback.file_playback import Connection, play_file
+from ..playback.file_playback import CLOCKS, Connection, play_file
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise
 from ..strategies.intersection_strategy import closed_contour, open_contour
 from ..terminal import bars, console
+from ..validation import choose
 
 FOLDER = Path("palpate-demo")
 """The demonstration's own folder, whose files it replaces."""
@@ -26,7 +27,7 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
     there = [folder / name for name in NAMES if (folder / name).exists()]
     if there and folder != FOLDER and not overwrite:
         raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
-    connection = Connection(clock=clock)
+    connection = Connection(clock=choose("clock", clock, tuple(CLOCKS)))
     console.start_warp()
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -4,6 +4,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
+
 from ...datasets.contour_file.check import check_file, unproven_content
 from ...datasets.contour_file.unknown_content import unknown_content
 from ...datasets.focus_files.frame_reader import check_frames, frame_format
@@ -13,7 +15,7 @@ from ..errors import StrategyError
 from ..intersection.file_recording import record
 from ..intersection.named_inputs import is_recording, load_hand_and_motion, load_solid, refuse_options, simplified
 from ..intersection.scene import is_exact
-from ..objects.mesh.solid_mesh import Placement
+from ..objects.mesh.solid_mesh import SIZE_LARGEST, Placement
 from ..objects.mesh.summary import is_mesh_name, mesh_facts
 from ..objects.solid import Solid
 from ..playback.pose_insertion import insert_poses
@@ -57,6 +59,7 @@ class RenderJob:
     allow_code: bool
     resume: bool
     overwrite: bool
+    strict: bool
 
 
 def worker_count(text: str) -> int | None:
@@ -68,23 +71,26 @@ def worker_count(text: str) -> int | None:
     return int(text)
 
 
-def warn_if_apart(solid: Solid, motion: HandMotion, drawn: int, *, way: str) -> None:
+def warn_apart(solid: Solid, motion: HandMotion, *, way: str) -> None:
     """Warn that no pose met the object, with what is needed to see why."""
-    if drawn:
-        return
     low, high = motion.pose[:, :3].min(axis=0), motion.pose[:, :3].max(axis=0)
+    far = float(max(-low.min(), high.max()))
+    hint = (
+        f"a motion is in metres, {far:g} mm are {far / 1000:g}; "
+        if far > SIZE_LARGEST > np.abs(solid.bounds).max()
+        else ""
+    )
     console.warn(
         f"no pose meets the object: it reaches from {console.shown(solid.bounds[0].tolist())} to "
         f"{console.shown(solid.bounds[1].tolist())} m, the palms' centres from {console.shown(low.tolist())} to "
-        f"{console.shown(high.tolist())} m; see {way}"
+        f"{console.shown(high.tolist())} m; {hint}see {way}"
     )
 
 
-def warn_if_removed(summary: dict) -> None:
+def warn_removed(removed_mean: dict[str, float]) -> None:
     """Warn that nothing is left to draw, with the stages that removed it."""
-    if not summary["poses_drawn"]:
-        removed = ", ".join(f"{stage} {length:.3g} m" for stage, length in summary["removed_mean"].items() if length)
-        console.warn(f"the prune stages removed every contour (mean a pose: {removed})")
+    removed = ", ".join(f"{stage} {length:.3g} m" for stage, length in removed_mean.items() if length)
+    console.warn(f"the prune stages removed every contour (mean a pose: {removed})")
 
 
 def run_render(options: dict, *, as_json: bool) -> int:
@@ -158,15 +164,18 @@ def run_render(options: dict, *, as_json: bool) -> int:
     summary = {**summarise(job.out), "poses_rendered": recording.rendered, "seconds": seconds}
     if detail is not None:
         summary |= {"detail": asdict(detail)}
-    if object_pose is None:
+    is_empty = not summary["poses_drawn"]
+    if is_empty:
         tracked = is_recording(job.motion) and job.alignment is None
         way = "--alignment: it is a recording in its tracker's frame" if tracked else "--at and --scale"
         if any(summary.get("removed_mean", {}).values()):  # they met
-            warn_if_removed(summary)
+            warn_removed(summary["removed_mean"])
+        elif object_pose is None:
+            warn_apart(solid, motion, way=way)
         else:
-            warn_if_apart(solid, motion, summary["poses_drawn"], way=way)
+            console.warn(f"no pose meets the object, which {job.object_motion} moves; see --object-motion")
     console.show_values(summary, as_json=as_json, title=str(job.out), shown_names=SHOWN_OF_RENDERING)
-    return console.DONE
+    return console.FAILED if is_empty and job.strict else console.DONE
 
 
 def run_info(file: Path, options: dict, *, as_json: bool) -> None:
@@ -175,6 +184,7 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
         console.start_warp()
         with bars.loading_bar(str(file), quiet=as_json) as watch:
             facts = mesh_facts(str(file), options, watch)
+        facts = {name: console.worded(value) if isinstance(value, str) else value for name, value in facts.items()}
         names = [name for name, value in facts.items() if value not in (0, "")]
         console.show_values(facts, as_json=as_json, title=str(file), shown_names=names)
         return

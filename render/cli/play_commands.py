@@ -4,6 +4,7 @@ import json
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import cast, get_args
 
 import warp as wp
 
@@ -12,18 +13,21 @@ from ...datasets.focus_files.frame_reader import FOCAL_POINTS, frame_format
 from ...datasets.focus_files.ptlist import write_ptlist
 from ...device.boards.discovery import find_arrays, find_serial_arrays, udev_rule
 from ...device.errors import NoBackendError
+from ...device.link import TransportKind
 from ...device.playing.limits import Limits
 from ...device.playing.signals import ending_on_signals
 from ...device.registry import array_kinds, array_model, array_names
 from ..errors import StrategyError
-from ..playback.drive import DriveStrategy
-from ..playback.file_playback import Connection, Playback, play_file
+from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
+from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
 from ..playback.focus_source import ContourSource
 from ..playback.placed_arrays import PlacedArray, load_rig
-from ..sampling.contour_sampling import PRESETS, Sampler, SamplingStrategy, joined, load_sampling, sets_rate
+from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined, load_sampling, sets_rate
+from ..sampling.presets import LINES, PRESETS
 from ..sampling.strategy import JUMP_LENGTH
 from ..terminal import bars, console
 from ..terminal.foreign_text import print_message
+from ..validation import choose
 
 POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
 SHOWN_OF_PLAYING = (
@@ -152,8 +156,8 @@ def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> S
 def drive_of(options: dict) -> DriveStrategy:
     """How focal points become drives, as options say."""
     return DriveStrategy(
-        amplitude=options["amplitude"],
-        solver=options["solver"],
+        amplitude=choose("amplitude", options["amplitude"], AMPLITUDES),
+        solver=choose("solver", options["solver"], tuple(SOLVERS)),
         slew=options["slew"],
         sound_speed=options["sound_speed"],
         level_max=options["level_max"],
@@ -172,8 +176,8 @@ def connection_of(options: dict) -> Connection:
     """How the arrays are reached, as options say."""
     return Connection(
         emulate=options["emulate"],
-        clock=options["clock"],
-        transport=options["transport"],
+        clock=choose("clock", options["clock"], tuple(CLOCKS)),
+        transport=cast("TransportKind", choose("transport", options["transport"], get_args(TransportKind))),
         uncalibrated=options["uncalibrated"],
         watchdog=options["watchdog"],
     )
@@ -209,13 +213,13 @@ def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
     if not notes and len(found) == emulated_count:
         notes.append("nothing on USB has the ids of an array's chip, and there is no serial adapter")
     notes += [kind.not_listed for kind in array_kinds() if kind.not_listed]
-    print_message("; ".join(notes), "note")
+    print_message(console.worded("; ".join(notes)), "note")
 
 
 def run_sampling(name: str | None, *, as_json: bool) -> None:
     """Show presets, or one strategy as the JSON that --sampling takes."""
     if name is None:
-        rows = {name: strategy().to_json() for name, strategy in PRESETS.items()}
-        console.show_values({"presets": list(PRESETS)} if as_json else rows, as_json=as_json, title="sampling presets")
+        values = {"presets": list(PRESETS), "lines": LINES} if as_json else LINES
+        console.show_values(values, as_json=as_json, title="sampling presets")
         return
     sys.stdout.write(json.dumps(load_sampling(name).described(), indent=None if as_json else 1) + "\n")

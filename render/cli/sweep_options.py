@@ -23,13 +23,23 @@ TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. 
 
 STORES = "Of a store that is there: palpate sweep status, failures, prune, merge; each has --help."
 RUN = "run"
+PLAN_KEYS = (
+    "scale", "up", "fit", "rotate", "at", "kind", "level", "label", "inside", "spacing", "unit", "bounds", "solid",
+    "weld", "fill_holes", "simplify", "palm", "duration", "rate", "seed", "side", "alignment", "interpolate", "step",
+    "flush", "speed", "update_rate", "solver", "amplitude", "slew", "sound_speed", "level_max",
+)  # fmt: skip
+"""Keys of a plan that are arguments in Python (those of the plan itself take long to import; a test compares them)."""
 
 
 class SweepGroup(CommandGroup):
     """Commands about stores; any other first word is a plan, or an option, of `run`."""
 
+    plan_keys = PLAN_KEYS
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put in `run`, which nobody writes."""
+        """Put in `run`, which nobody writes, unless a shell completes the first word."""
+        if ctx.resilient_parsing and not args:
+            return super().parse_args(ctx, args)
         return super().parse_args(ctx, args if args and args[0] in self.commands else [RUN, *args])
 
 

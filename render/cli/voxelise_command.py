@@ -10,7 +10,7 @@ from ..objects.voxels.files import WRITERS
 from ..objects.voxels.voxeliser import SIGNS, voxelise_file
 from ..runtime.worker_devices import worker_devices
 from ..terminal import bars, console
-from ..validation import require_choice
+from ..validation import choose
 
 VOXELISED_KINDS = ("distance", "occupancy")
 
@@ -28,8 +28,7 @@ def run_voxelise(
     as_json: bool,
 ) -> None:
     """Voxelise, write, say what came of it."""
-    require_choice("--kind", kind, VOXELISED_KINDS)
-    require_choice("--sign", sign, SIGNS)
+    kind, sign = choose("--kind", kind, VOXELISED_KINDS), choose("--sign", sign, SIGNS)
     if not 0 < spacing < math.inf:  # a NaN compares false
         raise StrategyError(f"--spacing must be a positive length in metres, not {spacing}")
     if not out.name.lower().endswith(tuple(WRITERS)):

@@ -11,7 +11,7 @@ import warp as wp
 from ...datasets.rigid import rotate
 from ...kernels.patch import ON, Patch
 from ..errors import PoseError, RenderError, StrategyError
-from ..validation import is_number
+from ..validation import is_number, unit_hint
 
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 SMALLEST, LARGEST = 1e-4, 1.0  # side of a palm [m]
@@ -144,7 +144,8 @@ def require_sides(name: str, width: float, length: float) -> tuple[float, float]
     """Both sides of a patch as Python floats; raises StrategyError unless they lie in SMALLEST..LARGEST [m]."""
     for field, value in (("width", width), ("length", length)):
         if not (is_number(value) and SMALLEST <= value <= LARGEST):  # a NaN compares false
-            raise StrategyError(f"{name} {field} must lie between {SMALLEST:g} and {LARGEST:g} m, not {value!r}")
+            hint = unit_hint(value, SMALLEST, LARGEST, "m") if is_number(value) else ""
+            raise StrategyError(f"{name} {field} must lie between {SMALLEST:g} and {LARGEST:g} m, not {value!r}{hint}")
     return float(width), float(length)
 
 

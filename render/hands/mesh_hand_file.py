@@ -8,6 +8,8 @@ import numpy as np
 
 from ...datasets.array_file import ONLY, read_arrays
 from ...datasets.bounded_file import read_text
+from ...datasets.errors import name_nothing
+from ...datasets.known_names import likely_file
 from ..errors import MeshError, PlacementError
 from ..objects.mesh.files import load_scene, mesh_arrays
 
@@ -38,7 +40,7 @@ def read_hand(path: Path) -> ReadHand:
     import trimesh  # half a second that other hands need not wait for
 
     if not path.exists():
-        raise MeshError(f"{path}: no such file")
+        raise name_nothing(MeshError(f"{path}: no such file{likely_file(path)}"))
     scene = load_scene(path)
     try:
         mesh = scene.to_mesh() if scene.geometry else trimesh.Trimesh()

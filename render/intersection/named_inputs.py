@@ -25,6 +25,7 @@ from ...datasets.bounded_file import open_regular
 from ...datasets.errors import MotionError
 from ...datasets.hand_model.shape import hand_shape
 from ...datasets.hand_model.skinning import posed_vertices
+from ...datasets.known_names import find_name, likely_file, likely_name
 from ...datasets.motions.hand_motion import EXPLORATION_DEFAULTS, HandMotion, exploration
 from ...datasets.recordings.files import load_recording
 from ...datasets.recordings.recording import HandRecording
@@ -42,9 +43,10 @@ from ..objects.voxels.values import KINDS
 from ..objects.voxels.voxel_object import VoxelObject
 from ..runtime.loading_progress import Watch, unwatched
 from ..trust.permission import AllowCode
-from ..validation import require_choice
+from ..validation import choose
 
 EXPLORATION = "exploration"
+HANDS = ("palm", "planes", "skin")
 HEADER_BYTES = 65536  # first bytes of a CSV, in which its header is searched
 SOLID_HAND_STEP = 0.002  # [m]; grid step of the mesh of a hand given as a solid; smaller than any focus
 POSE_HEADERS = ("time,x,y,z", "x,y,z")  # first columns of a CSV of poses; a CSV recording has others
@@ -88,7 +90,7 @@ def require_volume_options(given: dict[str, Any]) -> None:
     """Raise StrategyError for options that are wrong for every volume; others are checked with its values."""
     for name, known in (("kind", KINDS), ("unit", tuple(UNITS)), ("inside", ("below", "above"))):
         if name in given:
-            require_choice(f"--{name}", given[name], known)
+            given[name] = choose(name, given[name], known)
     spacing = np.asarray(given.get("spacing", 1.0), np.float64)
     if not ((spacing > 0) & (spacing < np.inf)).all():  # a NaN compares false
         raise StrategyError(f"--spacing must be positive lengths in metres, not {given['spacing']}")
@@ -116,6 +118,11 @@ def simplified(solid: Solid, tolerance: float | None) -> tuple[Solid, Detail | N
     return simple, detail
 
 
+def is_exploration(source: str) -> bool:
+    """Whether a motion is the word for a synthetic one, in any case."""
+    return find_name(source, (EXPLORATION,)) is not None
+
+
 def is_recording(source: str) -> bool:
     """Whether a file holds recorded joints of a hand rather than poses of a palm."""
     path = Path(source)
@@ -135,7 +142,7 @@ def load_motion(source: str, solid: Solid, options: dict[str, Any], watch: Watch
     options: of the exploration; None: the default. watch: called with the progress of the exploration.
     """
     given = {name: value for name, value in options.items() if value is not None}
-    if source == EXPLORATION:
+    if is_exploration(source):
         try:
             progress = partial(watch, "exploration")
             return exploration(solid.bounds, **{**EXPLORATION_DEFAULTS, **given}, progress=progress)
@@ -143,15 +150,18 @@ def load_motion(source: str, solid: Solid, options: dict[str, Any], watch: Watch
             raise StrategyError(f"{EXPLORATION}: {error}") from error
     if given:
         raise StrategyError(f"--{next(iter(given))} is for a synthetic exploration, but the motion is {source}")
-    if Path(source).is_file() and Path(source).suffix.lower() not in (".csv", ".h5", ".hdf5"):
+    if Path(source).suffix.lower() not in (".csv", ".h5", ".hdf5"):
+        meant = likely_name(source, (EXPLORATION,)) or ("" if Path(source).exists() else likely_file(source))
         raise StrategyError(
-            f"{source}: a motion is .csv, .h5 or .hdf5, a recording of a hand .json, .csv or .npz, or {EXPLORATION}"
+            f"{source}: is no motion{meant}: give the word {EXPLORATION} for a synthetic one, a file of poses (.csv, "
+            ".h5, .hdf5), or a recording of a hand (.json, .csv, .npz)"
         )
     return HandMotion.load(source)
 
 
 def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecording | None = None) -> Hand:
     """Load a hand by the table above; a recording, which must be `held`, poses the hands that have joints."""
+    kind = find_name(kind, HANDS) or kind
     if kind == "palm":
         return Palm() if palm is None else Palm(*palm)
     if palm is not None:
@@ -165,7 +175,8 @@ def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecord
     if is_volume(kind) or Path(kind).suffix == ".json":
         return MeshHand.from_solid(load_hand_solid(kind), SOLID_HAND_STEP)
     if not Path(kind).is_file():
-        raise StrategyError(f"hand must be palm, planes, skin, or a file, and there is no file {kind!r}")
+        meant = likely_name(kind, HANDS) or likely_file(kind)
+        raise StrategyError(f"hand must be {', '.join(HANDS)}, or a file, and there is no file {kind!r}{meant}")
     return MeshHand.load(kind)
 
 
@@ -203,7 +214,7 @@ def load_hand_and_motion(
     if not is_recording(source):
         refuse_options({"side": side, "alignment": alignment}, "of a recording of a hand", source)
         return load_hand(kind, palm), load_motion(source, solid, exploration_options, watch)
-    rate = exploration_options["rate"]
+    kind, rate = find_name(kind, HANDS) or kind, exploration_options["rate"]
     refuse_options({k: v for k, v in exploration_options.items() if k != "rate"}, "of a synthetic exploration", source)
     recording = load_recording(source, hand=side, alignment=alignment)
     if kind in ("planes", "skin"):

@@ -8,6 +8,7 @@ import numpy as np
 from ..deprecated_names import accept_old_keywords
 from ..errors import MeshError, StrategyError
 from ..focal_spot import focal_width
+from ..validation import unit_hint
 from .hausdorff import hausdorff_distance
 from .mesh.solid_mesh import MeshObject
 
@@ -52,6 +53,10 @@ def simplify(mesh: MeshObject, tolerance: float | None = None, *, device: str = 
             raise StrategyError(f"{mesh.name}: {error}; give a tolerance, or move the object") from error
     if not (np.isfinite(tolerance) and tolerance > 0):
         raise MeshError(f"{mesh.name}: tolerance must be a positive length in metres, not {tolerance}")
+    size = float(np.ptp(mesh.bounds, axis=0).max())
+    if tolerance > size:
+        hint = unit_hint(tolerance, 0.0, size, "m")
+        raise MeshError(f"{mesh.name}: tolerance must be less than the mesh, {size:.3g} m, not {tolerance}{hint}")
     if not mesh.report.closed:
         raise MeshError(
             f"{mesh.name}: only a closed surface can be simplified, but it has {mesh.report.open_edges} open edges "

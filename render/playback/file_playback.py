@@ -133,7 +133,7 @@ class Connection:
                 emulated=emulated,
             )
         except CalibrationError as error:
-            ways = "" if model.calibrated else " (--calibration BOARD.pat, --emulate or --uncalibrated)"
+            ways = "" if model.calibrated else " (calibration=BOARD.pat, emulate=True or uncalibrated=True)"
             raise StrategyError(f"{error}{ways}") from error
 
     @contextmanager
@@ -255,7 +255,7 @@ def opened(
     sampler = Sampler(sampling)
     with ContourFile(path) as file:
         if not file.sealed:
-            raise StrategyError(f"{path}: is not finished and cannot be played; palpate render --resume finishes it")
+            raise StrategyError(f'{path}: is not finished and cannot be played; mode="resume" finishes it')
         yield ContourSource(file, sampler, duration), sampler, sampling.update_rate, file
 
 

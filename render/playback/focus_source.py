@@ -161,7 +161,7 @@ class ContourSource:
             if count > 1:
                 raise PoseError(f"{path}: has {count} poses without times, which cannot be played")
             if asked is None:
-                raise StrategyError(f"{path}: holds one static pose: say how long to play it with --duration")
+                raise StrategyError(f"{path}: holds one static pose: say how long to play it with duration=SECONDS")
             return asked
         _require_increasing(head["time"], path)
         self._interval = float(np.median(np.diff(head["time"])))

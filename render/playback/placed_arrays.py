@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...datasets.bounded_file import read_json
+from ...datasets.known_names import unknown_name
 from ...device.array import ArrayModel
 from ...device.registry import array_model
 from ..errors import StrategyError
@@ -54,7 +55,7 @@ def _placed(entry: object, path: Path, index: int) -> PlacedArray:
         raise StrategyError(f"{where} must be a JSON object, not {type(entry).__name__}")
     unknown = sorted(set(entry) - set(FIELDS))
     if unknown:
-        raise StrategyError(f"{where} has an unknown field {unknown[0]!r}; known: {', '.join(FIELDS)}")
+        raise StrategyError(f"{where}: " + unknown_name("field", unknown[0], FIELDS))
     for name, kind in (("array", str), ("serial", str), ("calibration", str), ("baud", int), ("pose", list)):
         if not isinstance(entry.get(name), kind) and not (name != "array" and entry.get(name) is None):
             raise StrategyError(f"{where}: {name} must be a {kind.__name__}, not {entry.get(name)!r}")

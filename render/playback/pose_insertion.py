@@ -58,7 +58,7 @@ def insert_poses(
     Raises StrategyError for a hand with poses of its own and a distance below 10 um or above 0.1 m, PoseError for poses
     without times, and what `render` raises.
     """
-    require_number("distance", distance, 1e-5, 0.1, unit="m")
+    require_number("interpolate", distance, 1e-5, 0.1, unit="m")
     if hand.pose_count is not None:
         raise StrategyError(
             f"the hand has {hand.pose_count} poses of its own, between which it is not known: poses are inserted for a "

@@ -42,7 +42,7 @@ def require_picture(picture: Path, *, overwrite: bool) -> None:
     if picture.suffix not in SUFFIXES:
         raise StrategyError(f"{picture}: a picture must end in one of {', '.join(SUFFIXES)}")
     if picture.exists() and not overwrite:
-        raise StrategyError(f"{picture}: exists; --overwrite (overwrite=True) replaces it")
+        raise StrategyError(f"{picture}: exists; overwrite=True replaces it")
 
 
 def save_picture(figure: Any, picture: Path, *, dpi: int) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...datasets.errors import ContourFileError
+from ...datasets.known_names import unknown_name
 from ..contour_batch import HAND, MADE, ContourBatch
 from ..errors import StrategyError
 from ..hands.hand import Palm, PatchFrames
@@ -91,7 +92,7 @@ def draw_gallery(
     lines = dict(strategy_rows())
     for name in names or ():
         if name not in lines:
-            raise StrategyError(f"unknown strategy {name!r}; known: {', '.join(lines)}")
+            raise StrategyError(unknown_name("strategy", name, lines))
     shown = list(names or lines)
     solid, hand = shown_object(), Palm()
     frames = hand.frames(POSE)

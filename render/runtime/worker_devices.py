@@ -26,7 +26,7 @@ def worker_devices(device: str, workers: int | None = None) -> list[str]:
         raise StrategyError(f"workers must be at most {WORKERS_MOST} on each device, not {workers}")
     devices = ["cpu"] if device == "cpu" or (device == "auto" and not has_cuda_driver()) else _warp_devices(device)
     if len(set(devices)) < len(devices):
-        raise StrategyError(f"device {device!r} names one device twice; --workers says how many work on each")
+        raise StrategyError(f"device {device!r} names one device twice; workers=N puts N on each")
     cores = len(os.sched_getaffinity(0))
     count = {name: workers or (cores if name == "cpu" else GPU_WORKERS) for name in devices}
     return [name for name in devices for _ in range(count[name])]

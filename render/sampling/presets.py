@@ -1,26 +1,25 @@
 """Sampling strategies by name, with the literature's numbers.
 
-| preset | what is drawn | numbers from |
-|---|---|---|
-| stm | one focal point at 7 m/s, round and round | Frier et al. 2018, 2019; Mulot et al. 2024 |
-| constant-frequency | the same at 70 Hz whatever the length | what 7 m/s gives on a contour of 0.1 m |
-| capped | 14 m/s within 60..200 Hz | MAMMOTH (Maunsbach et al. 2024): 0.35 mm every 25 us |
-| pendulum | open contours there and back: no jump | quieter than a jump by 10 dB in simulation |
-| fast-return | back to the start of an open contour at 14 m/s | quieter than a jump by 9 dB in simulation |
-| dtp | a point modulated at 200 Hz going around at 0.5 Hz, pausing at corners | Hajas et al. 2020; pauses as STP's |
-| stp | 24 sections one after the other at 2 m/s, 0.5 Hz, 80 % of the time at corners | Mulot et al. 2023; 24 is ours |
-| am | one still point modulated at 200 Hz | |
-| lm | one still point that circles at 200 Hz, radius 3 mm | lateral modulation, Takahashi et al.; radius ours |
-| pressure | one still point that circles at 5 Hz, radius 3 mm: felt as pressure | arXiv 2301.11572, with 4 foci |
-| multi-focus | two focal points on the same loop, each at 7 m/s | Shen et al. 2023: weaker than one |
-| am-multi-focus | eight still points along the contours modulated at 200 Hz | Long et al. 2014; the number is ours |
-| step, random | 40 points, every third next, or in a random order | DOLPHIN (Mulot et al. 2021); the numbers are ours |
+| preset | numbers from |
+|---|---|
+| stm | Frier et al. 2018, 2019; Mulot et al. 2024 |
+| constant-frequency | what 7 m/s gives on a contour of 0.1 m |
+| capped | MAMMOTH (Maunsbach et al. 2024): 0.35 mm every 25 us |
+| pendulum, fast-return | quieter than a jump by 10 and 9 dB in simulation |
+| dtp | Hajas et al. 2020; pauses as STP's |
+| stp | Mulot et al. 2023; 24 sections are ours |
+| lm | lateral modulation, Takahashi et al.; radius ours |
+| pressure | arXiv 2301.11572, with 4 foci |
+| multi-focus | Shen et al. 2023: weaker than one focus |
+| am-multi-focus | Long et al. 2014; the number is ours |
+| step, random | DOLPHIN (Mulot et al. 2021); the numbers are ours |
 """
 
 import json
 from collections.abc import Callable
 from dataclasses import replace
 
+from ...datasets.known_names import find_name, likely_name, unknown_name
 from ..errors import StrategyError
 from ..validation import load_by_name
 from .strategy import (
@@ -54,19 +53,40 @@ PRESETS: dict[str, Callable[[], SamplingStrategy]] = {
     "random": lambda: SamplingStrategy(pace=Pace(points=40), order=Order(kind="random")),
 }
 
+LINES = {
+    "stm": "one focal point at 7 m/s, round and round",
+    "constant-frequency": "one focal point at 70 Hz, whatever the length",
+    "capped": "one focal point at 14 m/s within 60..200 Hz",
+    "pendulum": "open contours there and back: no jump",
+    "fast-return": "back to the start of an open contour at 14 m/s",
+    "dtp": "a slow point, modulated at 200 Hz, that pauses at corners",
+    "stp": "24 sections one after the other at 2 m/s, 80 % of the time at corners",
+    "am": "one still point modulated at 200 Hz",
+    "lm": "one still point that circles at 200 Hz, radius 3 mm",
+    "pressure": "one still point that circles at 5 Hz, radius 3 mm: felt as pressure",
+    "multi-focus": "two focal points on the same loop, each at 7 m/s",
+    "am-multi-focus": "eight still points along the contours, modulated at 200 Hz",
+    "step": "40 points a cycle, every third next",
+    "random": "40 points a cycle in random order",
+}
+"""What each preset draws."""
+
 
 def preset(name: str, **changes: object) -> SamplingStrategy:
     """A sampling strategy by name, with other fields changed, such as `update_rate`.
 
     Raises StrategyError for an unknown name and for changes that are no strategy.
     """
-    if name not in PRESETS:
-        raise StrategyError(f"unknown sampling preset {name!r}; known: {', '.join(PRESETS)}")
+    found = find_name(name, PRESETS)
+    if found is None:
+        raise StrategyError(unknown_name("sampling preset", name, PRESETS))
     try:
-        return replace(PRESETS[name](), **changes)
+        return replace(PRESETS[found](), **changes)
     except TypeError as error:
-        known = ", ".join(SamplingStrategy.__dataclass_fields__)
-        raise StrategyError(f"sampling has no field {sorted(changes)[0]!r}; known: {known}") from error
+        known = SamplingStrategy.__dataclass_fields__
+        unknown = next(name for name in changes if name not in known)
+        meant = likely_name(unknown, known)
+        raise StrategyError(f"sampling has no field {unknown!r}{meant}; known: {', '.join(known)}") from error
 
 
 def load_sampling(source: str) -> SamplingStrategy:
@@ -76,6 +96,6 @@ def load_sampling(source: str) -> SamplingStrategy:
 
 def sets_rate(source: str) -> bool:
     """Whether a strategy that `load_sampling` takes has an update rate of its own: a file that names one."""
-    if source.lower() in PRESETS:
+    if find_name(source, PRESETS) is not None:
         return False
     return load_by_name(source, {}, lambda text: "update_rate" in json.loads(text), "sampling")

@@ -62,7 +62,7 @@ class Pace:
         """Check every field."""
         require_choice("pace.kind", self.kind, ("speed", "frequency", "capped", "still"))
         for name in ("frequency", "lowest", "highest"):
-            require_number(f"pace.{name}", getattr(self, name), 1e-3, 10_000.0)
+            require_number(f"pace.{name}", getattr(self, name), 1e-3, 10_000.0, unit="Hz")
         if self.lowest > self.highest:
             raise StrategyError(f"pace.lowest must be at most pace.highest, {self.highest:g} Hz, not {self.lowest:g}")
         if self.points is not None:
@@ -128,7 +128,7 @@ class Gap:
     def __post_init__(self) -> None:
         """Check every field."""
         require_choice("gap.kind", self.kind, ("jump", "return", "pendulum", "close"))
-        require_number("gap.speed", self.speed, 1e-3, 200.0)
+        require_number("gap.speed", self.speed, 1e-3, 200.0, unit="m/s")
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Dwell:
 
     def __post_init__(self) -> None:
         """Check every field."""
-        require_number("dwell.time", self.time, 0, 10)
+        require_number("dwell.time", self.time, 0, 10, unit="s")
         require_number("dwell.share", self.share, 0, 0.99)
         require_number("dwell.angle", self.angle, 0, math.pi)
         if self.time > 0 and self.share > 0:
@@ -166,7 +166,7 @@ class AmplitudeModulation:
 
     def __post_init__(self) -> None:
         """Check every field."""
-        require_number("am.frequency", self.frequency, 1e-3, 20_000.0)
+        require_number("am.frequency", self.frequency, 1e-3, 20_000.0, unit="Hz")
         require_number("am.depth", self.depth, 0, 1)
         require_choice("am.wave", self.wave, ("sine", "square"))
 
@@ -182,8 +182,8 @@ class LateralModulation:
 
     def __post_init__(self) -> None:
         """Check every field."""
-        require_number("lm.radius", self.radius, 0, 0.05)
-        require_number("lm.frequency", self.frequency, 1e-3, 20_000.0)
+        require_number("lm.radius", self.radius, 0, 0.05, unit="m")
+        require_number("lm.frequency", self.frequency, 1e-3, 20_000.0, unit="Hz")
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class Sections:
     def __post_init__(self) -> None:
         """Check every field."""
         require_number("sections.count", self.count, 2, 1000, whole=True)
-        require_number("sections.speed", self.speed, 1e-3, 100.0)
+        require_number("sections.speed", self.speed, 1e-3, 100.0, unit="m/s")
 
 
 @dataclass(frozen=True)
@@ -235,13 +235,13 @@ class SamplingStrategy:
 
     def __post_init__(self) -> None:
         """Check every field and their combination."""
-        for name, low, high in (
-            ("speed", 1e-3, 100.0),
-            ("update_rate", 1.0, 40_000.0),
-            ("hold", 0, 60),
-            ("fade", 0, 60),
+        for name, low, high, unit in (
+            ("speed", 1e-3, 100.0, "m/s"),
+            ("update_rate", 1.0, 40_000.0, "Hz"),
+            ("hold", 0, 60, "s"),
+            ("fade", 0, 60, "s"),
         ):
-            require_number(name, getattr(self, name), low, high)
+            require_number(name, getattr(self, name), low, high, unit=unit)
         for name, kind in GROUPS.items():
             value = getattr(self, name)
             if not (isinstance(value, kind) or (value is None and name in OPTIONAL)):

@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from ...device.errors import PlayInterrupted
 from ...device.playing.signals import ending_on_signals
 from ..errors import StrategyError
-from ..playback.file_playback import Connection
+from ..playback.file_playback import CLOCKS, Connection
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..terminal import console
+from ..validation import choose
 from .answers import AT_ALL_TIMES, InputEnded, Questioner, Reply
 from .board import BoardSession
 from .question import Answer, Step
@@ -59,7 +60,7 @@ def _asked_for(options: dict) -> tuple[PlacedArray, Connection]:
         raise StrategyError(f"{options['array']}: --acceptance is of one array in its own frame: name it")
     connection = Connection(
         emulate=options["emulate"],
-        clock=options["clock"],
+        clock=choose("clock", options["clock"], tuple(CLOCKS)),
         watchdog=options["watchdog"],
         uncalibrated=options["uncalibrated"],
     )

@@ -6,13 +6,14 @@ from ...device.playing.ensemble import play_together
 from ...device.playing.signals import ending_on_signals
 from ..errors import StrategyError
 from ..playback.drive import Driver
-from ..playback.file_playback import Connection
+from ..playback.file_playback import CLOCKS, Connection
 from ..playback.focus_source import PointSource
 from ..playback.frame_source import FrameSource
 from ..playback.placed_arrays import load_rig
 from ..sampling.contour_sampling import FocalPoints, SamplingStrategy
 from ..terminal import console
 from ..terminal.foreign_text import print_message
+from ..validation import choose, unit_hint
 
 MODULATION = 200.0  # [Hz], where Pacinian corpuscles are most sensitive
 RADIUS = 0.02  # [m]; 7 m/s around it is 56 turns a second
@@ -59,12 +60,14 @@ def run_selftest(options: dict, *, as_json: bool) -> None:
     seconds = SECONDS if options["seconds"] is None else options["seconds"]
     zone = models[0].focal_zone
     if not zone.z_min <= height <= zone.z_max:
-        raise StrategyError(f"height must lie in {zone.z_min}..{zone.z_max} m for array {models[0].name}, not {height}")
+        hint = unit_hint(height, zone.z_min, zone.z_max, "m")
+        span = f"{zone.z_min}..{zone.z_max} m for array {models[0].name}"
+        raise StrategyError(f"height must lie in {span}, not {height}{hint}")
     if not 0 < seconds <= SECONDS_MOST:
         raise StrategyError(f"seconds must lie between 0 and {SECONDS_MOST:g}, not {seconds}")
     connection = Connection(
         emulate=options["emulate"],
-        clock=options["clock"],
+        clock=choose("clock", options["clock"], tuple(CLOCKS)),
         watchdog=options["watchdog"],
         uncalibrated=options["uncalibrated"],
     )

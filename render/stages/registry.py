@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from ...datasets.known_names import unknown_name
 from ...kernels.stages.point_function import map_intensity, map_points
 from ..contour_batch import ContourBatch
 from ..deprecated_names import OldAttribute
@@ -190,7 +191,7 @@ def find_stage(role: str, name: str) -> StageEntry:
     """A registered stage; raises StrategyError, listing the known names, for an unknown one."""
     known = known_stages(role)
     if name not in known:
-        raise StrategyError(f"{role}: unknown stage {name!r}; known: {', '.join(known)}")
+        raise StrategyError(f"{role}: " + unknown_name("stage", name, known))
     return known[name]
 
 

@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ...datasets.known_names import find_name
 from ...kernels.patch import FLUSH_MOST
 from ..errors import StrategyError, UntrustedCodeError
 from ..stages.option import Value
@@ -204,6 +205,13 @@ def _load_built_in() -> None:
 
 PRESETS = Presets(oc=open_contour, cc=closed_contour)
 """By name; modules of stages may add theirs."""
+WORDS = {"open": "oc", "closed": "cc"}
+"""Other words for presets."""
+
+
+def strategy_name(text: str) -> str | None:
+    """The preset that is called so, in any case, or by one of WORDS; None if there is none."""
+    return find_name(WORDS.get(text.casefold(), text), PRESETS)
 
 
 def require_list(name: str, value: object) -> None:
@@ -285,7 +293,7 @@ def load_strategy(source: str, *, allow_code: AllowCode = False) -> Intersection
     def read(text: str) -> IntersectionStrategy:
         return read_strategy(text, path.parent, allow_code=allow_code, path=str(path))
 
-    return load_by_name(source, PRESETS, read, "strategy")
+    return load_by_name(strategy_name(source) or source, PRESETS, read, "strategy")
 
 
 def draft_strategy(path: str) -> tuple[dict[str, Any], list[Code]]:

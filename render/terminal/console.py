@@ -25,10 +25,25 @@ from ..errors import (
 )
 from ..runtime.kernel_cache import require_private_cache, unusable_cache
 from .foreign_text import print_message, show_table, visible
+from .wording import Wording
 
 SHOWN_WARNINGS = (PalpateWarning, RecordingWarning)
 
 DONE, FAILED, MISUSED = 0, 1, 2
+
+_wording = Wording()
+
+
+def set_wording(wording: Wording) -> None:
+    """Have messages write arguments as the command does that runs now."""
+    global _wording  # one command runs in a process at a time
+    _wording = wording
+
+
+def worded(message: object) -> str:
+    """A message, with arguments written as the running command writes them."""
+    return _wording(str(message))
+
 
 MISUSES = (
     StrategyError,
@@ -177,6 +192,8 @@ def parsed(app: Callable[..., object]) -> int:
         shown: Any = error
         if sys.argv[1:]:  # without arguments the message is the help, whose line breaks must stay
             shown.message = visible(message)
+            if "--json" in sys.argv:
+                sys.stdout.write(json_line({"error": shown.format_message()}))
         shown.show()
         return int(shown.exit_code)
     return code if isinstance(code, int) else DONE
@@ -203,7 +220,7 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
             code = command()
         except (RenderError, DatasetError, DeviceError) as error:
             faults = error.args if isinstance(error, PlanError) else ()
-            code = MISUSED if isinstance(error, MISUSES) else FAILED
+            code = MISUSED if isinstance(error, MISUSES) or getattr(error, "names_nothing", False) else FAILED
             return fail(str(error), code, as_json, _report_of(error), lines=faults)
         except PlayInterrupted as error:
             return fail(str(error), FAILED, as_json, _report_of(error))
@@ -223,7 +240,8 @@ def fail(
     message: str, code: int, as_json: bool, report: PlayReport | None = None, *, lines: Sequence[object] = ()
 ) -> int:
     """Report an error and return its exit code. lines: of a message that has several lines."""
-    first, *rest = lines or (message,)
+    message = worded(message)
+    first, *rest = [worded(line) for line in lines] or (message,)
     print_message(first, "error")
     for line in rest:
         print_message(line)
@@ -261,7 +279,7 @@ def late_warning(report: PlayReport) -> str:
 
 def warn(sentence: str) -> None:
     """Warn on standard error."""
-    print_message(sentence, "warning")
+    print_message(worded(sentence), "warning")
 
 
 def _report_of(error: BaseException) -> PlayReport | None:
@@ -270,4 +288,4 @@ def _report_of(error: BaseException) -> PlayReport | None:
 
 def _show_warning(message: Warning | str, category: type[Warning], *rest: object) -> None:
     del category, rest
-    print_message(message, "warning")
+    warn(str(message))

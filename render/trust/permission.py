@@ -101,6 +101,6 @@ def _refusal(codes: Sequence[Code]) -> str:
     words = dict.fromkeys(code.acceptable for code in codes)
     accepts = f", `palpate trust {shlex.join(words)}` accepts it as it is now" if all(words) else ""
     return (
-        f"this would run code: {titles}. Read it first: it can do all that you can. --allow-code (allow_code=True in "
-        f"Python) runs it this once{accepts}"
+        f"this would run code: {titles}. Read it first: it can do all that you can. allow_code=True "
+        f"runs it this once{accepts}"
     )

@@ -124,7 +124,9 @@ def test_no_two_arrays_have_a_name_in_common() -> None:
 @pytest.mark.parametrize("name", ["pat17", "", "sonic", "openmpd.json", "pat16,autd3"])
 def test_an_unknown_array_is_refused_with_names_and_aliases(name: str) -> None:
     known = "emulator, pat16 (openmpd, asierinho, pat), sonicsurface (sonic-surface), autd3 (autd)"
-    with pytest.raises(UnknownArrayError, match=re.escape(f"unknown array {name!r}; known: {known}")):
+    with pytest.raises(
+        UnknownArrayError, match=re.escape(f"unknown array {name!r}") + ".*" + re.escape(f"; known: {known}")
+    ):
         array_model(name)
 
 

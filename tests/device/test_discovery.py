@@ -149,7 +149,7 @@ def test_each_array_is_opened_by_its_own_link(name: str, kind: type) -> None:
 def test_one_of_several_ftdi_chips_must_be_named() -> None:
     name = "pat16"
     bus = emulated_backend(name, clock=VirtualClock(), serials=["one", "two"])
-    with pytest.raises(DeviceNotFoundError, match=f"array {name} is one of 2 .*: one, two. Say which .*--serial"):
+    with pytest.raises(DeviceNotFoundError, match=f"array {name} is one of 2 .*: one, two. Say which .*serial=NUMBER"):
         open_link(array_model(name), backend=bus)
     bus.unplug()
     with open_link(array_model(name), backend=bus) as link:
@@ -206,7 +206,7 @@ def test_emulated_adapters_are_listed_and_one_of_several_must_be_named() -> None
         ("sonicsurface", "one", True, False),
         ("sonicsurface", "two", True, False),
     ]
-    with pytest.raises(DeviceNotFoundError, match=r"any of 2 serial adapters: one at .*, two at .*--serial"):
+    with pytest.raises(DeviceNotFoundError, match=r"any of 2 serial adapters: one at .*, two at .*serial=NAME"):
         open_link(array_model("sonicsurface"), backend=ports)
     with open_link(array_model("sonicsurface"), serial=ports.path(1), backend=ports) as link:
         assert link.serial == "two"

@@ -26,5 +26,5 @@ KIND = ArrayKind(
     layout=LAYOUT,
     open_link=_open_link,
     emulates_itself=True,
-    not_listed="an autd3 cannot be listed: --serial names the network interface that it hangs on",
+    not_listed="an autd3 cannot be listed: serial=INTERFACE names the network interface that it hangs on",
 )

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ....datasets.bounded_file import FileBoundError, parse_json, read_text
+from ....datasets.known_names import unknown_name
 from ...errors import ImplicitError
 from ...validation import value_text
 from .expression import (
@@ -45,9 +46,11 @@ def expression_from(described: Any, depth: int = 0) -> Expression:
     if not isinstance(described, Mapping):
         raise ImplicitError(f'expression: a node must be a JSON object with an "op", not {value_text(described)}')
     op = described.get("op")
-    kind = KINDS.get(op) if isinstance(op, str) else None
+    if not isinstance(op, str):
+        raise ImplicitError(f"expression: op must be one of {', '.join(KINDS)}, not {value_text(op)}")
+    kind = KINDS.get(op)
     if kind is None:
-        raise ImplicitError(f"expression: unknown op {value_text(op)}; known: {', '.join(KINDS)}")
+        raise ImplicitError("expression: " + unknown_name("op", op, KINDS))
     known = {field.name: field for field in fields(kind)}
     unknown = sorted(str(name) for name in set(described) - set(known) - {"op"})
     if unknown:

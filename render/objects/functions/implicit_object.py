@@ -99,7 +99,7 @@ class ImplicitObject:
         return cls(source, bounds=bounds, placement=placement, name=name, hand=hand, allow_code=allow_code)
 
     def _check_place(self) -> None:
-        warn_of_place(self.name, self.bounds, "for millimetres use --scale 0.001 (scale = 0.001)")
+        warn_of_place(self.name, self.bounds, "for millimetres use scale=0.001, or fit=0.13")
 
     @cached_property
     def identity(self) -> str:

@@ -128,7 +128,7 @@ def welded_surface(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> S
 def require_surface(faces: np.ndarray, all_are: str, given_count: int, tolerance: float, repair: Repair) -> None:
     """Raise MeshError where no triangle is left."""
     if len(faces) == 0:
-        why = f"--weld merges what is {repair.weld:.3g} of the file's units apart"
+        why = f"weld merges what is {repair.weld:.3g} of the file's units apart"
         if repair.weld <= tolerance:
             why = f"float32 cannot tell what is {tolerance:.3g} of the file's units apart, for this size and place"
         raise MeshError(f"all {given_count} triangles {all_are}, and so no surface is left: {why}")

@@ -88,7 +88,7 @@ class MeshReport:
             longest = f"the longest {scale * self.rim_longest:.3g} m long"
             out.append(f"{self.open_edges} open edges around {self.holes} holes, {longest}")
         if self.weld_closes:
-            out.append(f"--weld {scale * self.weld_closes:.2g} would close them all")
+            out.append(f"weld={scale * self.weld_closes:.2g} would close them all")
         if self.open_edges and self.crossings_found:
             out.append(f"{self.crossings_found} pairs of triangles cross or overlap, open surfaces among them")
         if self.sheet_faces:

@@ -13,13 +13,16 @@ from weakref import WeakValueDictionary
 import numpy as np
 import warp as wp
 
-from ....datasets.shapes.built_in import shape, shape_names
+from ....datasets.errors import name_nothing
+from ....datasets.known_names import likely_file, likely_name
+from ....datasets.shapes.built_in import shape, shape_name, shape_names
 from ....kernels.fields.field import Field
 from ....kernels.fields.mesh_inside import mesh_field
 from ....kernels.section.half_edges import HalfEdges, upload_surface
 from ...errors import MeshError, PalpateWarning, PlacementError, RepairError
 from ...runtime.interrupt import interrupt_between
 from ...runtime.loading_progress import Watch, unwatched
+from ...validation import unit_hint
 from .cache import cache_folder, repaired_mesh
 from .repair import Repair
 from .report import MeshReport
@@ -91,11 +94,11 @@ def warn_of_place(name: str, bounds: np.ndarray, way: str) -> None:
     """
     size, low, high = np.ptp(bounds, axis=0), bounds[0, 2], bounds[1, 2]
     if size.max() > SIZE_LARGEST:
-        fault = f"is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; {way}, or --fit 0.13 (in a plan fit = 0.13)"
+        fault = f"is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; {way}"
     elif low < 0:
         fault = (
             f"reaches behind the array (z from {low:.4g} to {high:.4g} m): coordinates are taken as they are, "
-            "--at 0 0 0.2 (in a plan at = [0, 0, 0.2]) places it in front"
+            "at=(0, 0, 0.2) places it in front"
         )
     else:
         return
@@ -150,7 +153,8 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
         interrupted()
     if not path.exists():
-        raise MeshError(f"{path}: no such file; built-in objects are {', '.join(shape_names())}")
+        meant = likely_name(path, shape_names()) or likely_file(path)
+        raise name_nothing(MeshError(f"{path}: no such file{meant}; built-in objects are {', '.join(shape_names())}"))
     scene = load_scene(path)
     try:
         nodes = scene.graph.nodes_geometry
@@ -230,8 +234,8 @@ class MeshObject:
         Other arguments and errors as for the class.
         """
         options = {"placement": placement, "solid": solid, "weld": weld, "fill_holes": fill_holes, "watch": watch}
-        if str(source) in shape_names():
-            return cls(*shape(str(source)), name=str(source), **options)
+        if (name := shape_name(source)) is not None:
+            return cls(*shape(name), name=name, **options)
         path = Path(source)
         watch("reading", 0, 1)
         vertices, faces = read_mesh(path)
@@ -244,6 +248,9 @@ class MeshObject:
         for field, value in (("weld", weld), ("fill_holes", fill_holes)):
             if not 0 <= value < np.inf:  # a NaN compares false
                 raise RepairError(f"{field} must be a length in metres of 0 or more, not {value}")
+            if value > SIZE_LARGEST:
+                hint = unit_hint(value, 0.0, SIZE_LARGEST, "m")
+                raise RepairError(f"{field} must be {SIZE_LARGEST:g} m at most, not {value}{hint}")
         return Repair(self.solid, weld / self._scale, fill_holes / self._scale)
 
     def _announce(self, triangle_count: int) -> None:
@@ -265,7 +272,15 @@ class MeshObject:
     def _check_size(self) -> None:
         if not np.isfinite(self.vertices).all():
             raise MeshError(f"{self.name}: coordinates overflow after placement (scale {self.placement.scale})")
-        warn_of_place(self.name, self.bounds, "like a file in millimetres: use --scale 0.001 (scale = 0.001)")
+        fit = self.placement.fit
+        way = "like a file in millimetres: use scale=0.001, or fit=0.13"
+        if fit is not None:
+            way = f"lengths are in metres, {fit:g} mm are fit={fit / 1000:g}"
+        warn_of_place(self.name, self.bounds, way)
+        if self.placement.at is not None and np.abs(self.placement.at).max() > SIZE_LARGEST:
+            metres = ", ".join(f"{value / 1000:g}" for value in self.placement.at)
+            fault = f"lies at {self.placement.at} m; lengths are in metres, in millimetres that were at=({metres})"
+            warnings.warn(f"{self.name}: {fault}", PalpateWarning, stacklevel=3)
 
     def _check_rounding(self, vertices: np.ndarray) -> None:
         allowed = len(vertices) // 100
@@ -276,7 +291,7 @@ class MeshObject:
         if lost > allowed:
             warnings.warn(
                 f"{self.name}: {lost} of {len(vertices)} vertices fall on others in float32, which steps by "
-                f"{np.spacing(np.abs(self.vertices).max()):.2g} m this far from the array: place it with --at (at)",
+                f"{np.spacing(np.abs(self.vertices).max()):.2g} m this far from the array: at=(0, 0, 0.2) is nearer",
                 PalpateWarning,
                 stacklevel=3,
             )
@@ -311,7 +326,7 @@ class MeshObject:
             fault = f"it has {report.open_edges} open edges ({report.bodies} bodies)"
         raise MeshError(
             f"{self.name}: closed contours (CC), hand meshes and contact need a closed surface, but {fault}. "
-            f"Ways out: palpate voxelise {self.name} makes a closed solid of it, --strategy oc accepts any mesh on "
+            f'Ways out: palpate voxelise {self.name} makes a closed solid of it, strategy="oc" accepts any mesh on '
             "palms, or close the mesh in a mesh editor"
         )
 

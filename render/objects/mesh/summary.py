@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ....datasets.shapes.built_in import shape_names
+from ....datasets.shapes.built_in import shape_name
 from ...errors import PalpateWarning
 from ...runtime.loading_progress import Watch, unwatched
 from .files import SUFFIXES
@@ -18,7 +18,7 @@ ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth
 
 def is_mesh_name(source: str) -> bool:
     """Whether a file's name, or a built-in one, is that of a mesh."""
-    return source in shape_names() or Path(source).suffix.lower() in SUFFIXES
+    return shape_name(source) is not None or Path(source).suffix.lower() in SUFFIXES
 
 
 def mesh_facts(source: str, options: dict[str, Any], watch: Watch = unwatched) -> dict[str, Any]:
@@ -62,11 +62,11 @@ def ways_out(mesh: MeshObject, scale: float) -> list[str]:
     """What a user could do about what is left, one phrase each; scale: metres of the object as placed a unit."""
     report, out = mesh.report, []
     if scale == 1.0 and np.ptp(mesh.bounds, axis=0).max() > SIZE_LARGEST:
-        out.append("--scale 0.001 takes the file as one in millimetres")
+        out.append("scale=0.001 takes the file as one in millimetres")
     if report.weld_closes:
-        out.append(f"--weld {ROOM * scale * report.weld_closes:.2g} merges vertices until no edge is open")
+        out.append(f"weld={ROOM * scale * report.weld_closes:.2g} merges vertices until no edge is open")
     if report.fill_closes:
-        out.append(f"--fill-holes {ROOM * scale * report.fill_closes:.2g} closes every hole")
+        out.append(f"fill_holes={ROOM * scale * report.fill_closes:.2g} closes every hole")
     if not report.closed:
         out.append(f"palpate voxelise {mesh.name} makes a closed solid of it")
     return out

@@ -26,6 +26,8 @@ from ....datasets.bounded_file import (
     read_limited,
     require_bytes,
 )
+from ....datasets.errors import name_nothing
+from ....datasets.known_names import likely_file
 from ....datasets.storage.durable import write_temporary
 from ....kernels.solids.voxelise import gather_volume
 from ...errors import PalpateWarning, VoxelError
@@ -125,9 +127,8 @@ def nrrd_units(header: Any, field: str, unit: str | None) -> np.ndarray:
     said = [str(x).strip('" ').lower() for x in header.get(field) or []][:3]
     said = [x for x in said if x not in ("", "none", "nan", "???")] and said
     if unit is None and not set(said) <= UNIT_NAMES.keys():
-        raise VoxelError(
-            f"{field} {', '.join(dict.fromkeys(said))} are not known: give unit, one of {', '.join(UNITS)}"
-        )
+        names = ", ".join(dict.fromkeys(said))
+        raise VoxelError(f"{field} {names} are not known: give unit, one of {', '.join(UNITS)}")
     names = [unit] * 3 if unit else [UNIT_NAMES[x] for x in said] or ["mm"] * 3
     if len(names) != 3:
         raise VoxelError(f"{field} {', '.join(said)} must be three: give unit, one of {', '.join(UNITS)}")
@@ -291,8 +292,7 @@ READERS: dict[str, Callable[[Path, str | None], VolumeFile]] = {
 def read_volume(path: str | Path, unit: str | None = None) -> VolumeFile:
     """A volume as a file has it; raises VoxelError, naming the path, for one that cannot be read.
 
-    unit: of the file's lengths, "m", "cm", "mm" or "um"; None: as the file says, else mm for NRRD and NIfTI, m for the
-    others.
+    unit: of the file's lengths, "m", "cm", "mm" or "um"; None: as the file says, else mm for NRRD and NIfTI, else m.
     """
     path = Path(path)
     if unit is not None and not (isinstance(unit, str) and unit in UNITS):
@@ -302,7 +302,7 @@ def read_volume(path: str | Path, unit: str | None = None) -> VolumeFile:
         way = " (OpenVDB's nanovdb_convert makes .nvdb of .vdb)" if path.suffix == ".vdb" else ""
         raise VoxelError(f"{path}: is no volume by its name, which should end in {', '.join(SUFFIXES)}{way}")
     if not path.exists():
-        raise VoxelError(f"{path}: no such file")
+        raise name_nothing(VoxelError(f"{path}: no such file{likely_file(path)}"))
     try:
         return reader(path, unit)
     except (VoxelError, FileBoundError) as error:
@@ -388,7 +388,7 @@ def save_voxels(voxels: "VoxelObject", path: str | Path, *, overwrite: bool = Fa
     if end is None:
         raise VoxelError(f"{path}: voxels are written to {', '.join(WRITERS)}")
     if path.exists() and not overwrite:
-        raise VoxelError(f"{path}: exists; --overwrite (overwrite=True) replaces it")
+        raise VoxelError(f"{path}: exists; overwrite=True replaces it")
     new = path.with_name(f".{path.name[: -len(end)]}.{secrets.token_hex(6)}{end}")
     try:
         write_temporary(new, memoryview(b""))

@@ -14,7 +14,7 @@ from ....kernels.solids.voxelise import GridNodes, cross_columns, measure_distan
 from ...deprecated_names import accept_old_keywords
 from ...errors import MeshError, PalpateWarning, VoxelError
 from ...runtime.loading_progress import Watch, unwatched
-from ...validation import value_text
+from ...validation import unit_hint, value_text
 from ..mesh.bodies import body_labels, resolve_signs, signed_volumes
 from ..mesh.repair import winding_number
 from ..mesh.solid_mesh import MeshObject, Placement
@@ -23,6 +23,7 @@ from .values import PADDED_MOST, is_bounded_number
 from .voxel_object import VoxelObject
 
 SIGNS = ("auto", "crossings", "parity", "winding")
+SPACING_LARGEST = 0.05  # [m]; a larger spacing is probably meant in millimetres
 MARGIN = 2.0  # [voxel] around the mesh, unless told
 THRESHOLD = 0.5  # winding number above which a point is inside
 DEEP = 0.9  # and above which it is even if it lies on the mesh: on a single surface it is 0.5
@@ -235,7 +236,9 @@ def voxelise(
         )
     if not inside.any():
         why = "it is too open to hold anything" if sign == "winding" else "it is thinner than the spacing"
-        raise VoxelError(f"{mesh.name}: no voxel of {spacing} m lies inside: {why}")
+        step = float(nodes.spacing.max())
+        hint = unit_hint(step, 0.0, SPACING_LARGEST, "m") if step > SPACING_LARGEST else ""
+        raise VoxelError(f"{mesh.name}: no voxel of {spacing} m lies inside: {why}{hint}")
     return VoxelObject(
         np.where(inside, -distance, distance) if kind == "distance" else inside,
         spacing=nodes.spacing,

@@ -19,10 +19,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from ....datasets.known_names import likely_name
 from ...validation import value_text
 from .axes import KEYS, value_of
 from .line_search import Place
-from .values import Check, NumberCheck, near, refuse, swept, within
+from .values import Check, NumberCheck, refuse, swept, within
 
 BOUNDS = ("at_least", "at_most")
 
@@ -81,7 +82,7 @@ def constraint_of(table: object, folder: Path) -> Constraint:
         axis, _, key = ".".join(path).partition(".")
         if axis not in KEYS or key not in ("source", *KEYS[axis]):
             known = [f"{name}.{one}" for name, keys in KEYS.items() for one in ("source", *keys)]
-            meant = near(f"{axis}.{key}", known)
+            meant = likely_name(f"{axis}.{key}", known)
             refuse(f"unknown key {'.'.join(path)!r}{meant}; it must be axis.key, such as strategy.source", place)
         check = None if key == "source" else KEYS[axis][key].check
         entries[axis] = (*entries.get(axis, ()), _entry(key, check, value, folder, place))

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from ....datasets.bounded_file import parse_toml
+from ....datasets.known_names import likely_name
 from .axes import KEYS
 from .line_search import Place
-from .values import near, refuse
+from .values import refuse
 
 TABLES = (*KEYS, "sample", "exclude", "only")
 """Keys of a plan that have tables."""
@@ -16,7 +17,7 @@ TABLES = (*KEYS, "sample", "exclude", "only")
 def unknown_key(key: str, known: Sequence[str]) -> str:
     """The message of an unknown key: the known key that is meant, or the axis that has it."""
     owners = [axis for axis, keys in KEYS.items() if key in keys]
-    meant = f" (it is a key of {' and '.join(owners)})" if owners else near(key, known)
+    meant = f" (it is a key of {' and '.join(owners)})" if owners else likely_name(key, known)
     return f"unknown key{meant}; known: {', '.join(known)}"
 
 

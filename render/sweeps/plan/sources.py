@@ -21,6 +21,7 @@ from typing import Any, cast
 from pydantic import ValidationInfo
 
 from ....datasets.errors import DatasetError
+from ....datasets.known_names import find_name, likely_file, likely_name
 from ....datasets.recordings.alignment import alignment_pose
 from ....datasets.shapes.built_in import shape_names
 from ....device.errors import DeviceError, UnknownArrayError
@@ -32,12 +33,18 @@ from ...sampling.presets import PRESETS as SAMPLING_PRESETS
 from ...sampling.presets import load_sampling
 from ...sampling.strategy import GROUPS, SamplingStrategy
 from ...stages.registry import Stage, find_stage
-from ...strategies.intersection_strategy import PRESETS, IntersectionStrategy, draft_strategy, load_strategy
+from ...strategies.intersection_strategy import (
+    PRESETS,
+    IntersectionStrategy,
+    draft_strategy,
+    load_strategy,
+    strategy_name,
+)
 from ...strategies.user_stage_sources import require_unedited, stage_sources
 from ...trust.permission import UNNAMED, AllowCode, Code, Namer
 from ...validation import value_text
 from .recipe import digest_source
-from .values import Values, checked_items, near, refuse, unique
+from .values import Values, checked_items, refuse, unique
 
 HANDS = ("palm", "planes", "skin")
 MOTIONS = ("exploration", "random")
@@ -162,14 +169,15 @@ def _file(text: str, index: SourceIndex, known: Sequence[str], what: str, kind: 
     """A file; refused if there is none, since nothing built in has this name either."""
     path = index.file(text)
     if not path.is_file():
-        refuse(f"{text!r} is no {what} ({', '.join(known)}) and no file in {index.folder}{near(text, known)}")
+        meant = likely_name(text, known) or likely_file(path)
+        refuse(f"{text!r} is no {what} ({', '.join(known)}) and no file in {index.folder}{meant}")
     return PlanSource(kind, str(path), path.name, text, index.digest(str(path)))
 
 
 def _object(text: str, index: SourceIndex) -> PlanSource:
     names = shape_names()
-    if text in names:
-        return PlanSource("built-in", text, text)
+    if found := find_name(text, names):
+        return PlanSource("built-in", found, found)
     if ":" in text and not index.file(text).is_file():
         from ...objects.functions.user_function import find_function_code, load_function
 
@@ -189,14 +197,14 @@ def _object(text: str, index: SourceIndex) -> PlanSource:
 
 
 def _hand(text: str, index: SourceIndex) -> PlanSource:
-    if text in HANDS:
-        return PlanSource(text, text, text)
+    if found := find_name(text, HANDS):
+        return PlanSource(found, found, found)
     return _file(text, index, HANDS, "hand", "file")
 
 
 def _motion(text: str, index: SourceIndex) -> PlanSource:
-    if text in MOTIONS:
-        return PlanSource(text, text, text)
+    if found := find_name(text, MOTIONS):
+        return PlanSource(found, found, found)
     source = _file(text, index, MOTIONS, "motion", "poses")
     if Path(text).suffix.lower() not in MOTION_SUFFIXES:
         refuse(f"{text!r}: a motion is one of {', '.join(MOTION_SUFFIXES)}, or of {', '.join(MOTIONS)}")
@@ -206,8 +214,8 @@ def _motion(text: str, index: SourceIndex) -> PlanSource:
 
 
 def _strategy(text: str, index: SourceIndex) -> PlanSource:
-    if text.lower() in PRESETS:
-        source = PlanSource("preset", text.lower(), text.lower())
+    if found := strategy_name(text):
+        source = PlanSource("preset", found, found)
     else:
         source = _file(text, index, tuple(PRESETS), "strategy", "file")
         draft, code = draft_strategy(source.source)
@@ -220,8 +228,8 @@ def _strategy(text: str, index: SourceIndex) -> PlanSource:
 
 
 def _sampling(text: str, index: SourceIndex) -> PlanSource:
-    if text.lower() in SAMPLING_PRESETS:
-        source = PlanSource("preset", text.lower(), text.lower())
+    if found := find_name(text, SAMPLING_PRESETS):
+        source = PlanSource("preset", found, found)
     else:
         source = _file(text, index, tuple(SAMPLING_PRESETS), "sampling", "file")
     return replace(source, loaded=described_sampling(load_sampling(source.source)))

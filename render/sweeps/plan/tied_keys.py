@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
+from ....datasets.known_names import likely_name
 from ....datasets.motions.hand_motion import SEED_MOST
 from ...validation import value_text
 from .axes import KEYS, AxisTable, Tie
@@ -20,7 +21,6 @@ from .values import (
     NumberCheck,
     checked_items,
     logarithmic,
-    near,
     range_ends,
     refuse,
     rounded,
@@ -60,7 +60,7 @@ def _read_key(value: object) -> AxisKeyName:
     axis, _, key = value.partition(".") if isinstance(value, str) else ("", "", "")
     if key not in ("source", *KEYS.get(axis, ())):
         known = [f"{name}.{one}" for name, keys in KEYS.items() for one in ("source", *keys)]
-        refuse(f"must be a key of an axis, such as motion.seed, not {value_text(value)}{near(value, known)}")
+        refuse(f"must be a key of an axis, such as motion.seed, not {value_text(value)}{likely_name(value, known)}")
     return axis, key
 
 

@@ -12,16 +12,16 @@ Ranges are computed in fractions of the decimals as written, so that 0.1 in a ra
 are rounded to 12 digits.
 """
 
-import difflib
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NoReturn
 
-from ...validation import value_text
+from ....datasets.known_names import find_name, likely_name
+from ...validation import unit_hint, value_text
 from .line_search import Place
 
 QUANTITY = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s\d].*?)\s*")
@@ -63,12 +63,6 @@ def within(*place: str | int) -> Iterator[None]:
         refuse(fault.sentence, (*place, *fault.place))
 
 
-def near(name: object, known: Collection[str]) -> str:
-    """The known name that is meant, as part of a sentence; empty if none is alike."""
-    close = difflib.get_close_matches(str(name).lower(), known, 1, 0.6)
-    return f" (did you mean {close[0]!r}?)" if close else ""
-
-
 @dataclass(frozen=True)
 class Values:
     """The values that a key stands for."""
@@ -108,7 +102,8 @@ class NumberCheck:
         if isinstance(value, bool) or not isinstance(value, int | float):
             refuse(f"must be a number in {self.span}, not {value_text(value)}")
         if not self.low <= value <= self.high:  # a NaN compares false
-            refuse(f"must lie in {self.span}, not {value_text(value)}{self._smaller_unit(value)}")
+            hint = unit_hint(value, self.low, self.high, self.unit)
+            refuse(f"must lie in {self.span}, not {value_text(value)}{hint}")
         if not self.whole:
             return float(value) + 0.0  # no -0.0
         if isinstance(value, float) and not value.is_integer():
@@ -127,12 +122,6 @@ class NumberCheck:
             return sentence if factor is None else f"{sentence}: write {round(float(found[1]) * factor, 15):g}"
         except ValueError:  # "1.2.3 m"
             return sentence
-
-    def _smaller_unit(self, value: float) -> str:
-        """The number in metres, if it is one in millimetres."""
-        if self.unit == "m" and 1000 * self.low <= abs(value) <= 1000 * self.high:
-            return f": lengths are in metres, {value:g} mm are {value / 1000:g}"
-        return ""
 
 
 @dataclass(frozen=True)
@@ -171,9 +160,10 @@ class ChoiceCheck:
 
     def __call__(self, value: object) -> str:
         """The name."""
-        if not isinstance(value, str) or value not in self.known:
-            refuse(f"must be one of {', '.join(self.known)}, not {value_text(value)}{near(value, self.known)}")
-        return value
+        found = find_name(value, self.known) if isinstance(value, str) else None
+        if found is None:
+            refuse(f"must be one of {', '.join(self.known)}, not {value_text(value)}{likely_name(value, self.known)}")
+        return found
 
 
 @dataclass(frozen=True)

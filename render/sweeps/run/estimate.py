@@ -40,7 +40,7 @@ START_MOST = (
     3.0  # [s] of processor time for starting the command: in a program that has long been at work it is unknown
 )
 STARTS_TABLE, SECONDS_ROW = 2.0, 1.7e-4  # of table and figure: in starts of the command, and for each recipe
-ALL_THE_SAME = "; --yes makes it all the same"
+ALL_THE_SAME = "; yes=True makes it all the same"
 ROW_BYTES = 1700  # of a part in the manifest
 TABLE_BYTES = 9000  # of memory, of a recipe while the table is written
 TABLE_BYTES_SHOWN = 10**8  # from this on it is reported
@@ -106,7 +106,7 @@ class Estimate:
         if self.code:
             out.append(f"code that a sweep would run, and this did not: {'; '.join(self.code)}")
         if self.refusal is not None:
-            out.append(f"refused without --yes: {self.refusal}")
+            out.append(f"refused without yes=True: {self.refusal}")
         return out
 
 

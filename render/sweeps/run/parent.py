@@ -196,7 +196,7 @@ class _Run:
             lacking = missing.counts.recipes - missing.counts.done
             raise SweepError(
                 f"{self._store.folder} cannot be written, and lacks results of at least {lacking:,} recipes of the "
-                "plan: name another --store, or make them where it can be written"
+                "plan: name another store, or make them where it can be written"
             )
 
     def _finished(self, report: SweepReport, missing: Missing) -> SweepReport:

@@ -365,12 +365,12 @@ class Schedule:
             if self._memory and own.memory > self._memory:
                 given.reason = (
                     f"its worker used {own.memory / 1e9:.3g} GB of memory, more than the limit of "
-                    f"{self._memory / 1e9:.3g} GB (--worker-memory)"
+                    f"{self._memory / 1e9:.3g} GB for a worker"
                 )
             elif self._timeout and own.idle_seconds > self._timeout:
                 given.reason = (
                     f"its worker showed no progress in {own.idle_seconds:.0f} s of processor time, more than the limit "
-                    f"of {self._timeout:.0f} s (--task-timeout)"
+                    f"of {self._timeout:.0f} s for a task"
                 )
             if given.reason is not None:
                 out[number] = given.reason

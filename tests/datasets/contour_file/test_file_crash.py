@@ -189,7 +189,7 @@ def test_poses_over_the_file_size_limit_fail_alone(tmp_path, limit, rows):
         with (
             file_size_limit(limit),
             pytest.raises(
-                ContourFileError, match=r"cannot write poses 10 to 800: File too large.* 10 poses .*--resume"
+                ContourFileError, match=r"cannot write poses 10 to 800: File too large.* 10 poses .*mode=.resume"
             ),
         ):
             write_ranges(writer, contours, [(10, 800)])
@@ -239,7 +239,7 @@ def test_a_full_disk_loses_nothing_reported_done(tmp_path):
     told = dict(line.split(" ", 1) for line in result.stdout.splitlines())
     assert "No space left on device" in told["log:"]
     assert "kept in" in told["log:"]
-    assert "--resume" in told["log:"]
+    assert 'mode="resume"' in told["log:"]
     assert 0 < int(told["done"]) < 400
     assert told["resumed"] == f"{told['done']} 0"
     assert "cannot seal: No space left on device" in told["seal:"]

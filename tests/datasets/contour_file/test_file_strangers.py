@@ -132,7 +132,7 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, mode):
         write_ranges(writer, contours, [(0, 10)])
         path.write_text("somebody's")
         with pytest.raises(
-            ContourFileError, match=r"out.h5 is not of the unfinished rendering .*move it away.*--resume"
+            ContourFileError, match=r"out.h5 is not of the unfinished rendering .*move it away.*mode=.resume"
         ):
             writer.seal()
         assert path.read_text() == "somebody's"

@@ -436,7 +436,7 @@ def test_csv_mistakes_are_named_with_their_line(tmp_path):
 
 
 def test_no_file_and_no_sample_are_named(tmp_path):
-    with pytest.raises(RecordingError, match=r"gone\.json: cannot be read: No such file"):
+    with pytest.raises(RecordingError, match=r"gone\.json: no such recording"):
         load_recording(tmp_path / "gone.json")
     with pytest.raises(RecordingError, match=r"no sample of 'mano' as '\.json'; there are leap \.json"):
         write_sample("mano", tmp_path / "a.json")

@@ -229,7 +229,7 @@ def test_every_adapter_may_be_one_but_a_pat16_s_chip_and_a_built_in_port(plugged
 
 def test_one_of_several_adapters_must_be_named(plugged: list[SimpleNamespace]) -> None:
     plugged += [CH340, FT232R]
-    both = r"may be at any of 2 serial adapters: /dev/ttyUSB0, A50285BI at /dev/ttyUSB2\. Say which .* \(--serial\)"
+    both = r"may be at any of 2 serial adapters: /dev/ttyUSB0, A50285BI at /dev/ttyUSB2\. Say which .* \(serial=NAME\)"
     with pytest.raises(DeviceNotFoundError, match=both):
         open_link(MODEL)
     for name, path in (("A50285BI", "/dev/ttyUSB2"), ("/dev/ttyUSB0", "/dev/ttyUSB0")):

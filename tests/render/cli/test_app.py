@@ -196,7 +196,7 @@ def test_existing_file_is_refused_overwritten_or_resumed(rendered, motion, tmp_p
 @pytest.mark.exhaustive
 def test_bad_objects_motions_and_options_are_refused(motion, tmp_path):
     out = tmp_path / "out.h5"
-    refused(FAILED, "no such file; built-in objects are", "render", "nothing.stl", motion, "-o", out)
+    refused(MISUSED, "no such file; built-in objects are", "render", "nothing.stl", motion, "-o", out)
     refused(MISUSED, "unknown strategy 'xx'", "render", "cube", motion, "-o", out, "--strategy", "xx")
     refused(MISUSED, "no device 'cuda:7'", "render", "cube", motion, "-o", out, "--device", "cuda:7")
     refused(MISUSED, "palm width", "render", "cube", motion, "-o", out, "--palm", "0", "0.1")
@@ -293,7 +293,7 @@ def test_files_that_are_not_contours_are_refused(rendered, tmp_path):
     text.write_text("hello")
     for path in (foreign, cut, text, tmp_path / "missing.h5"):
         for command in ("info", "play"):
-            refused(FAILED, path.name, command, path)
+            refused(MISUSED if "missing" in path.name else FAILED, path.name, command, path)
         assert run("check", path).exit_code == FAILED
 
 

@@ -142,7 +142,7 @@ def test_options_of_another_kind_of_thing_are_refused(folder, tmp_path, monkeypa
     refused(
         "--palm is the size of --hand palm", "render", "tube", "sink.csv", *out, "--hand", "skin", "--palm", 0.1, 0.1
     )
-    refused("a motion is .csv, .h5", "render", "tube", "cube.npz.glb", *out)
+    refused("is no motion: give the word exploration", "render", "tube", "cube.npz.glb", *out)
     refused("hand must be palm, planes, skin, or a file", "render", "tube", "sink.csv", *out, "--hand", "paw")
     refused("step", "render", "cube.npz", "sink.csv", *out, "--step", -1)
     refused("a mesh, cut exactly by palm", "render", "tube", "sink.csv", *out, "--step", 0.001)

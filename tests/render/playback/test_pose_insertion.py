@@ -189,7 +189,7 @@ def test_what_has_no_poses_in_between_is_refused():
     motion = sideways([5e-3])
     rest = {"distance": 1e-3}
     for bad in (0.0, float("nan"), 1.0):
-        with pytest.raises(StrategyError, match="distance must lie in"):
+        with pytest.raises(StrategyError, match="interpolate must lie in"):
             insert_poses(CUBE, Palm(), motion, closed_contour(), distance=bad)
     with pytest.raises(PoseError, match="this motion has none"):
         insert_poses(CUBE, Palm(), HandMotion(None, motion.pose), closed_contour(), **rest)

@@ -72,14 +72,14 @@ def test_missing_fields_take_their_defaults():
     [
         ("[1]", "sampling: must be a JSON object, not list"),
         ("{", "sampling: not JSON"),
-        ('{"speeed": 7}', "sampling: unknown field 'speeed'; known: speed, update_rate"),
+        ('{"speeed": 7}', "sampling: unknown field 'speeed' (did you mean 'speed'?); known: speed, update_rate"),
         ('{"pace": {"kind": "speed", "hz": 3}}', "pace: unknown field 'hz'; known: kind, frequency"),
         ('{"pace": 70}', "pace: must be a JSON object, not int"),
         ('{"pace": null}', "pace must be a Pace, not None"),
-        ('{"speed": "7"}', "speed must be a number in 0.001..100, not '7'"),
-        ('{"speed": true}', "speed must be a number in 0.001..100, not True"),
+        ('{"speed": "7"}', "speed must be a number in 0.001..100 m/s, not '7'"),
+        ('{"speed": true}', "speed must be a number in 0.001..100 m/s, not True"),
         ('{"foci": 1.5}', "foci must be a whole number in 1..64, not 1.5"),
-        ('{"speed": NaN}', "speed must lie in 0.001..100, not nan"),
+        ('{"speed": NaN}', "speed must lie in 0.001..100 m/s, not nan"),
     ],
 )
 def test_json_that_is_no_strategy_is_refused_in_words(text, told):
@@ -92,20 +92,20 @@ def test_json_that_is_no_strategy_is_refused_in_words(text, told):
     ("make", "told"),
     [
         (lambda: Pace(kind="fast"), "pace.kind must be one of speed, frequency, capped, still, not 'fast'"),
-        (lambda: Pace(frequency=0), "pace.frequency must lie in 0.001..10000, not 0"),
+        (lambda: Pace(frequency=0), "pace.frequency must lie in 0.001..10000 Hz, not 0"),
         (lambda: Pace(lowest=300.0), "pace.lowest must be at most pace.highest, 200 Hz, not 300"),
         (lambda: Pace(points=0), "pace.points must lie in 1..1e"),
         (lambda: Order(kind="spiral"), "order.kind must be one of"),
         (lambda: Order(step=0), "order.step must lie in 1"),
         (lambda: Order(seed=-1), "order.seed must lie in 0"),
         (lambda: Order(route="long"), "order.route must be one of shortest, given, not 'long'"),
-        (lambda: Gap(speed=float("inf")), "gap.speed must lie in 0.001..200, not inf"),
-        (lambda: Dwell(time=-1e-3), "dwell.time must lie in 0..10, not -0.001"),
+        (lambda: Gap(speed=float("inf")), "gap.speed must lie in 0.001..200 m/s, not inf"),
+        (lambda: Dwell(time=-1e-3), "dwell.time must lie in 0..10 s, not -0.001"),
         (lambda: Dwell(share=1.0), "dwell.share must lie in 0..0.99, not 1.0"),
         (lambda: Dwell(time=0.1, share=0.5), "dwell.time must be 0 where dwell.share is 0.5, not 0.1 s"),
         (lambda: AmplitudeModulation(depth=1.1), "am.depth must lie in 0..1, not 1.1"),
         (lambda: AmplitudeModulation(wave="saw"), "am.wave must be one of sine, square, not 'saw'"),
-        (lambda: LateralModulation(radius=0.06), "lm.radius must lie in 0..0.05, not 0.06"),
+        (lambda: LateralModulation(radius=0.06), "lm.radius must lie in 0..0.05 m, not 0.06"),
         (lambda: Sections(count=1), "sections.count must lie in 2..1000, not 1"),
         (lambda: SamplingStrategy(foci=65), "foci must lie in 1..64, not 65"),
         (lambda: SamplingStrategy(continuity="far"), "continuity must be one of nearest, finish, jump, not 'far'"),
@@ -119,7 +119,7 @@ def test_json_that_is_no_strategy_is_refused_in_words(text, told):
             lambda: SamplingStrategy(pace=Pace(kind="frequency"), dwell=Dwell(time=0.1)),
             "dwell.time must be 0 for pace.kind 'frequency' (use share), not 0.1 s",
         ),
-        (lambda: preset("sam"), "unknown sampling preset 'sam'; known: stm"),
+        (lambda: preset("sam"), "unknown sampling preset 'sam' (did you mean 'am'?); known: stm"),
         (lambda: preset("stm", rate=3), "sampling has no field 'rate'; known: speed"),
     ],
 )
@@ -171,7 +171,7 @@ def test_strategy_is_loaded_by_preset_name_or_from_a_file(tmp_path):
     assert load_sampling(str(path)).speed == 5.0
     assert load_sampling("STP").sections == Sections()
     path.write_text(json.dumps({"speed": 0}))
-    with pytest.raises(StrategyError, match=r"mine.json: speed must lie in 0.001..100, not 0"):
+    with pytest.raises(StrategyError, match=r"mine.json: speed must lie in 0.001..100 m/s, not 0"):
         load_sampling(str(path))
     with pytest.raises(StrategyError, match="unknown sampling 'nothing': neither a preset"):
         load_sampling("nothing")

@@ -137,4 +137,4 @@ def test_warnings_of_places_say_it_in_a_plan_s_words(tmp_path):
     path = tmp_path / "a.toml"
     path.write_text('[object]\nsource = "cube"\nat = [0.0, 0.0, -0.2]\n[motion]\nduration = 0.1\n')
     told = run("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure").stderr
-    assert "in a plan at = [0, 0, 0.2]" in " ".join(told.split())
+    assert "at = [0, 0, 0.2]" in " ".join(told.split())

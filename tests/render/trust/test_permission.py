@@ -84,7 +84,12 @@ def test_a_strategys_modules_are_listed_and_not_run(folder, ran):
     with pytest.raises(UntrustedCodeError) as caught:
         load_strategy("own.json")
     module = folder / "notes.py"
-    for words in (str(module), hashlib.sha256(module.read_bytes()).hexdigest()[:16], "--allow-code", "palpate trust"):
+    for words in (
+        str(module),
+        hashlib.sha256(module.read_bytes()).hexdigest()[:16],
+        "allow_code=True",
+        "palpate trust",
+    ):
         assert words in str(caught.value)
     assert not ran()
     told = render("--strategy", "own.json")

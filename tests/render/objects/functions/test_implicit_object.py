@@ -254,7 +254,7 @@ def test_described_is_json_that_an_expression_comes_back_from():
 
 
 def test_size_and_place_are_warned_of():
-    with pytest.warns(PalpateWarning, match=r"sphere: is 80 x 80 x 80 m; for millimetres use --scale 0.001"):
+    with pytest.warns(PalpateWarning, match=r"sphere: is 80 x 80 x 80 m; for millimetres use scale=0.001"):
         ImplicitObject(sphere(40.0).moved(0, 0, 100))
     with pytest.warns(PalpateWarning, match="reaches behind the array"):
         ImplicitObject(sphere(0.04))

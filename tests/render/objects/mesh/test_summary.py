@@ -150,8 +150,8 @@ def test_rule_of_inside_is_stored_and_tells_objects_apart(tmp_path):
     ("options", "message"),
     [
         (("--solid", "odd"), "solid must be one of winding, even-odd, not 'odd'"),
-        (("--weld", "-1"), "weld must be a length in metres of 0 or more, not -1.0"),
-        (("--fill-holes", "nan"), "fill_holes must be a length in metres of 0 or more, not nan"),
+        (("--weld", "-1"), "--weld must be a length in metres of 0 or more, not -1.0"),
+        (("--fill-holes", "nan"), "--fill-holes must be a length in metres of 0 or more, not nan"),
     ],
 )
 def test_bad_options_are_refused_with_value_and_bound(options, message):
@@ -191,7 +191,7 @@ def test_a_file_in_millimetres_is_told_the_scale(tmp_path):
 def test_a_distance_of_welding_that_leaves_no_surface_is_named(tmp_path):
     path = tmp_path / "ball.ply"
     SPHERE.export(path)
-    refused(1, "--weld merges what is 1 of the file's units apart", "info", path, "--weld", 1)
+    refused(1, "weld merges what is 1 of the file's units apart", "info", path, "--weld", 1)
 
 
 def test_lids_are_not_suggested_where_they_enclose_nothing(tmp_path, rng):

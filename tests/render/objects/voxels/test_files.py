@@ -30,7 +30,7 @@ def test_what_is_saved_is_loaded_again(end, kind, tmp_path, rng, device):
     thing = balled(ball() if kind == "distance" else ball() < 0, kind=kind, placement=placement)
     path = tmp_path / f"ball{end}"
     path.write_bytes(b"what was there before")
-    with pytest.raises(VoxelError, match="exists; --overwrite"):
+    with pytest.raises(VoxelError, match="exists; overwrite=True"):
         save_voxels(thing, path)
     assert path.read_bytes() == b"what was there before"
     save_voxels(thing, path, overwrite=True)

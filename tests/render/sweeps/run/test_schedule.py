@@ -332,14 +332,14 @@ def test_a_worker_is_ended_by_its_own_time_and_memory_and_by_name():
     assert schedule.overdue({task.number: Running(1e6, 99.0, 10**9)}) == {}
     (reason,) = schedule.overdue({task.number: Running(5.0, 101.0, 0)}).values()
     assert "101 s of processor time" in reason
-    assert "limit of 100 s (--task-timeout)" in reason
+    assert "limit of 100 s for a task" in reason
     assert schedule.overdue({task.number: Running(1e6, 1e6, 0)}) == {}  # it is ended once
     schedule.settle(Outcome(task.number, "w", error="ended", is_lost=True, suspects=(0,)), 0.0)
     assert [failure.sentence for failure in schedule.missing.failures] == [reason]  # what takes for ever is tried once
     assert schedule.is_done
     other = schedule_of([StandIn()], Memory(), timeout=100.0, memory=10**9)
     (reason,) = other.overdue({other.next_task(0.0).number: Running(1.0, 1.0, 2 * 10**9)}).values()
-    assert "2 GB of memory, more than the limit of 1 GB (--worker-memory)" in reason
+    assert "2 GB of memory, more than the limit of 1 GB for a worker" in reason
 
 
 def test_without_limits_no_worker_is_ended():

@@ -1,0 +1,53 @@
+"""Names that people type: found in any case, and the likely one suggested where none is meant."""
+
+import difflib
+import os
+from collections.abc import Collection
+from itertools import islice
+from os import PathLike
+from pathlib import Path
+
+_FILES_MOST = 10_000  # of a folder, which are compared with a name
+
+
+def find_name(name: object, known: Collection[str]) -> str | None:
+    """The known name that is written so, in any case and with `_` or blanks for `-`; None if there is none.
+
+    >>> find_name("Inset_Hatch", ["hatch", "inset-hatch"])
+    'inset-hatch'
+    """
+    if isinstance(name, str) and name in known:
+        return name
+    wanted = _spelling(name) if isinstance(name, str) else None
+    return next((other for other in known if _spelling(other) == wanted), None)
+
+
+def likely_name(name: object, known: Collection[str]) -> str:
+    """The known name that is probably meant, as part of a sentence; empty if none is alike.
+
+    >>> likely_name("tubs", ["cube", "tube"])
+    " (did you mean 'tube'?)"
+    """
+    spellings = {_spelling(other): other for other in known}
+    close = difflib.get_close_matches(_spelling(name), spellings, 1, 0.6) if isinstance(name, str) else []
+    return f" (did you mean {spellings[close[0]]!r}?)" if close else ""
+
+
+def _spelling(name: str) -> str:
+    return name.strip().casefold().replace("_", "-").replace(" ", "-")
+
+
+def likely_file(path: str | PathLike[str]) -> str:
+    """The file of the same folder that is probably meant by a path where none is, as part of a sentence, or nothing."""
+    missing = Path(path)
+    try:
+        with os.scandir(missing.parent) as entries:
+            names = [entry.name for entry in islice(entries, _FILES_MOST)]
+    except (OSError, ValueError):
+        return ""
+    return likely_name(missing.name, [name for name in names if not name.startswith(".")])
+
+
+def unknown_name(what: str, name: object, known: Collection[str]) -> str:
+    """The sentence that refuses a name: what kind it is of, the one that is probably meant, all known ones."""
+    return f"unknown {what} {name!r:.60}{likely_name(name, known)}; known: {', '.join(known)}"

@@ -89,25 +89,25 @@ def begin_tour(surface: Surface, k: int, what: int, old: EventTour):
 
 
 @wp.func
-def advance(tour: EventTour, what: int, steps: int, e: Segment, clear: int, pieces: ContourPieces, row: int):
+def advance(tour: EventTour, what: int, steps: int, segment: Segment, clear: int, pieces: ContourPieces, row: int):
     """Read one event; clear: 1 if the segment meets no side near a corner or a crossing."""
     t = tour
     at = what >> HALF
     t.steps += steps
     if t.again == 0:
-        t.winding += e.winding
-        if e.enter != NONE:
+        t.winding += segment.winding
+        if segment.enter != NONE:
             t.half = at
-            t.enter = e.enter
+            t.enter = segment.enter
             t.clear = clear
             t.steps = 0
             t.inside = 1
             t.partial = 0
     if (what & TO) != 0:
         t.whole = 0
-    if t.inside == 1 and (e.leave != NONE or (what & STOP) != 0):
+    if t.inside == 1 and (segment.leave != NONE or (what & STOP) != 0):
         if t.partial == 0:
-            store_piece(pieces, row, t.pieces, t.half, at, t.enter, e.leave, t.steps, t.half, t.clear & clear)
+            store_piece(pieces, row, t.pieces, t.half, at, t.enter, segment.leave, t.steps, t.half, t.clear & clear)
             t.pieces += 1
         t.inside = 0
     if (what & (END | STOP)) != 0:

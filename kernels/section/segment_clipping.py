@@ -113,18 +113,18 @@ def needs_left(code_p: int, code_q: int):
 @wp.func
 def segment_of(code_p: int, code_q: int, left: int):
     """Clip p -> q by its ends' outcodes and, if `needs_left`, by the corners to its left."""
-    e = Segment()
-    e.enter = NONE
-    e.leave = NONE
+    segment = Segment()
+    segment.enter = NONE
+    segment.leave = NONE
     if (code_p & code_q) == 0:
         for k in range(4):
             c = crosses(k, code_p, code_q, left)
             if c == 1:
-                e.leave = k
+                segment.leave = k
             if c == -1:
-                e.enter = k
-    e.winding = winding_step(code_p, code_q, left)
-    return e
+                segment.enter = k
+    segment.winding = winding_step(code_p, code_q, left)
+    return segment
 
 
 @wp.func

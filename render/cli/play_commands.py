@@ -33,10 +33,14 @@ POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
 SHOWN_OF_PLAYING = (
     "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "silenced", "board_underruns",
     "lateness", "queue_depth", "jumps", "jumps_by_cause", "jump_length", "hops", "hops_by_cause", "hop_speed_max",
-    "step_longest", "draw_frequency_nominal", "revisit_rate", "absence_max", "samples", "silent", "held", "refused",
+    "step_longest", "draw_frequency", "revisit_rate", "absence_max", "samples", "silent", "held", "refused",
     "switched", "duty", "on_time", "array", "serial", "clock", "transport", "short_writes", "stopped_by", "off_sent",
     "off_after", "off_confirmed", "may_emit", "off_doubt", "arrays",
 )  # fmt: skip
+MODEL_LATE = (
+    ". This is a model in real time without the queue that libusb keeps for a board, so a busy machine starves it: "
+    "clock=virtual plays to it as fast as it goes"
+)
 ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 
 
@@ -61,7 +65,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
             device=options["device"],
             watch=line,
         )
-    warnings = warnings_of(playback, arrays)
+    warnings = warnings_of(playback, arrays, is_model=options["emulate"])
     values = playback.as_dict() | {"warnings": warnings}
     if len(arrays) > 1 and not as_json:
         values["arrays"] = [
@@ -77,9 +81,11 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     return console.FAILED if warnings and options["strict"] else console.DONE
 
 
-def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...]) -> list[str]:
-    """What a hand would miss, a sentence each."""
-    sentences = [console.late_warning(report) for report in playback.reports if report.is_late]
+def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...], *, is_model: bool = False) -> list[str]:
+    """What a hand would miss, a sentence each. is_model: whether `--emulate` was given."""
+    sentences = [
+        console.late_warning(report) + (MODEL_LATE if is_model else "") for report in playback.reports if report.is_late
+    ]
     zone = arrays[0].model.focal_zone
     if playback.refused:
         sentences.append(

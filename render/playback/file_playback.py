@@ -84,7 +84,8 @@ class Playback:
                 "samples": count.samples,
                 "silent": count.silent,
                 "held": count.held,
-                "draw_frequency_nominal": count.draw_frequency(strategy.update_rate),
+                "draw_frequency": count.draw_frequency(strategy.update_rate),
+                "draw_frequency_nominal": count.draw_frequency(strategy.update_rate),  # deprecated: its name of old
                 "revisit_rate": count.revisit_rate,
                 "sampling": strategy.described(),
             }

@@ -8,16 +8,37 @@ from ...datasets.contour_file.reader import ContourFile
 from ...datasets.focus_files.frame_reader import DRIVES, FrameReader
 from ...datasets.storage.schema import PRUNED_NAMES
 from ..sampling.contour_sampling import SamplingStrategy
+from ..sampling.strategy import SEAM
 
 PARTS = {"thing": "object", "hand": "hand", "motion": "motion", "strategy": "strategy", "sampling": "sampling"}
 """What of a sweep's recipe a file of frames is of."""
 
 POSES_AT_ONCE = 1 << 20
+DRAW_FREQUENCIES = (
+    "draw_frequency", "draw_frequency_p05", "draw_frequency_median", "draw_frequency_p95",
+    "draw_frequency_of_mean_length",
+)  # fmt: skip
+"""The headline is the first: the mean over poses with contours. The last is that of their mean length."""
 
 
 def length_ratio(length: float, length_object: float) -> float | None:
     """r = mean |CC| / mean |OC| from means (or sums) over the same poses, empty ones included; None without OC."""
     return length / length_object if length_object > 0 else None
+
+
+def draw_frequencies(length: np.ndarray) -> dict[str, float | None]:
+    """Draw frequencies [Hz] of the default sampling strategy over poses with contours of these lengths [m].
+
+    docs/guide/sampling.md has the definitions; None where there is no pose.
+    """
+    if len(length) == 0:
+        return dict.fromkeys(DRAW_FREQUENCIES)
+    strategy = SamplingStrategy()
+    samples = np.ceil(length.astype(np.float64) * (strategy.update_rate / strategy.speed) - SEAM)  # of a cycle
+    frequency = strategy.update_rate / np.maximum(samples, 1.0)
+    low, median, high = np.quantile(frequency, [0.05, 0.5, 0.95]).tolist()
+    of_mean = strategy.speed / float(length.mean(dtype=np.float64))
+    return dict(zip(DRAW_FREQUENCIES, [float(frequency.mean()), low, median, high, of_mean], strict=True))
 
 
 def summarise(path: str | Path) -> dict:
@@ -28,8 +49,7 @@ def summarise(path: str | Path) -> dict:
     with ContourFile(path) as file:
         done = sum(stop - first for first, stop in file.done)
         totals, removed = np.zeros(4), dict.fromkeys(PRUNED_NAMES, 0.0)
-        drawn = 0
-        longest = 0.0
+        lengths: list[np.ndarray] = []  # of poses with contours
         for first, stop in file.done:
             for a in range(first, stop, POSES_AT_ONCE):
                 metrics = file.metrics(a, min(stop, a + POSES_AT_ONCE))
@@ -38,12 +58,11 @@ def summarise(path: str | Path) -> dict:
                 for stage in PRUNED_NAMES:
                     if f"removed_{stage}" in metrics:
                         removed[stage] += metrics[f"removed_{stage}"].sum(dtype=np.float64)
-                drawn += int(np.count_nonzero(metrics["length"]))
-                longest = max(longest, float(metrics["length"].max(initial=0.0)))
+                lengths.append(metrics["length"][metrics["length"] > 0])
+        drawn = sum(map(len, lengths))
         mean = totals / max(done, 1)
         time = _times(file)
         solid = file.object()
-        speed = SamplingStrategy().speed
         out = {
             "path": str(path),
             "sealed": file.sealed,
@@ -57,10 +76,10 @@ def summarise(path: str | Path) -> dict:
             else float(time[-1] + np.median(np.diff(time), overwrite_input=True)),
             "length_mean": mean[0],
             "length_mean_drawn": totals[0] / drawn if drawn else None,
-            "length_longest": longest,
+            "length_longest": max((float(part.max(initial=0.0)) for part in lengths), default=0.0),
             "length_object_mean": mean[1],
             "length_hand_mean": mean[2],
-            "draw_frequency": speed * drawn / totals[0] if totals[0] > 0 else None,
+            **draw_frequencies(np.concatenate([*lengths, np.zeros(0, np.float32)])),
             "strategy": file.strategy,
             "hand": file.hand,
             "object": {

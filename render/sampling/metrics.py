@@ -71,7 +71,7 @@ class SamplingCount:
         return self.revisits / self.revisit_time if self.revisits else None
 
     def draw_frequency(self, update_rate: float) -> float | None:
-        """Mean nominal draw frequency while something was drawn [Hz]; None if nothing was."""
+        """Mean draw frequency while something was drawn [Hz] (docs/guide/sampling.md); None if nothing was."""
         return self.cycles * update_rate / self.drawn if self.drawn else None
 
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from ...datasets.known_names import unknown_name
 from ..errors import StrategyError
 from ..intersection.batch_rendering import warp_device
+from ..runtime.warp_start import start_warp
 from ..strategies.intersection_strategy import PRESETS
 from ..terminal import bars, console
 from ..terminal.foreign_text import plain
@@ -90,7 +91,7 @@ def names_in(text: str) -> list[str]:
 def run_bench(options: dict, *, as_json: bool) -> int:
     """Measure and report; the options are those of `BenchJob`."""
     job = BenchJob(**options)
-    console.start_warp()
+    start_warp()
     report = measure(job, quiet=as_json)
     if as_json:
         console.show_values(asdict(report), as_json=True, title="")

@@ -12,6 +12,7 @@ from ..objects.mesh.solid_mesh import MeshObject
 from ..playback.file_playback import CLOCKS, Connection, play_file
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise
+from ..runtime.warp_start import start_warp
 from ..strategies.intersection_strategy import closed_contour, open_contour
 from ..terminal import bars, console
 from ..validation import choose
@@ -28,7 +29,7 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
     if there and folder != FOLDER and not overwrite:
         raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
     connection = Connection(clock=choose("clock", clock, tuple(CLOCKS)))
-    console.start_warp()
+    start_warp()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -21,6 +21,7 @@ from ..objects.solid import Solid
 from ..playback.pose_insertion import insert_poses
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise, summarise_frames
+from ..runtime.warp_start import start_warp
 from ..runtime.worker_devices import worker_devices
 from ..strategies.intersection_strategy import load_strategy
 from ..terminal import bars, console
@@ -100,7 +101,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
         raise StrategyError("--resume and --overwrite exclude each other")
     if job.out.suffix not in SUFFIXES:
         raise StrategyError(f"{job.out}: a contour file must end in {' or '.join(SUFFIXES)}")
-    console.start_warp()
+    start_warp()
     devices = worker_devices(job.device, worker_count(job.workers))
     strategy = load_strategy(job.strategy, allow_code=job.allow_code)
     if job.step is not None:
@@ -127,7 +128,10 @@ def run_render(options: dict, *, as_json: bool) -> int:
         )
     if job.step is not None and is_exact(solid, hand, strategy):
         raise StrategyError(f"--step is of a grid on the skin, but {solid.name} is a mesh, cut exactly by {job.hand}")
-    object_pose = None if job.object_motion is None else HandMotion.load(job.object_motion)
+    object_pose = None
+    if job.object_motion is not None:
+        with bars.loading_bar(job.object_motion, quiet=as_json):
+            object_pose = HandMotion.load(job.object_motion)
     started = perf_counter()
     if job.interpolate is not None:
         motion = insert_poses(
@@ -161,7 +165,9 @@ def run_render(options: dict, *, as_json: bool) -> int:
     seconds = perf_counter() - started
     for repair in recording.repairs:
         console.warn(repair)
-    summary = {**summarise(job.out), "poses_rendered": recording.rendered, "seconds": seconds}
+    with bars.loading_bar(f"reading {job.out}", quiet=as_json):
+        summary = summarise(job.out)
+    summary |= {"poses_rendered": recording.rendered, "seconds": seconds}
     if detail is not None:
         summary |= {"detail": asdict(detail)}
     is_empty = not summary["poses_drawn"]
@@ -181,7 +187,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
 def run_info(file: Path, options: dict, *, as_json: bool) -> None:
     """Summarise: contours, frames that a sweep keeps, or what loading finds in a mesh with the given options."""
     if is_mesh_name(str(file)):
-        console.start_warp()
+        start_warp()
         with bars.loading_bar(str(file), quiet=as_json) as watch:
             facts = mesh_facts(str(file), options, watch)
         facts = {name: console.worded(value) if isinstance(value, str) else value for name, value in facts.items()}
@@ -192,7 +198,8 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
     if frame_format(file) is not None:
         console.show_values(summarise_frames(file), as_json=as_json, title=str(file))
         return
-    summary = summarise(file)
+    with bars.loading_bar(f"reading {file}", quiet=as_json):
+        summary = summarise(file)
     if not summary["sealed"]:
         console.warn(
             f"{file} is still being written, or was interrupted: "
@@ -204,12 +211,13 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
 def run_check(file: Path, *, as_json: bool) -> int:
     """Check; 0 whole, 1 not."""
     unknown: list[str] = []  # no problem: a newer minor version may add to the format
-    if is_sweep_data(file):
-        found = check_store(file)
-        problems, unproven = found.problems, found.unproven
-    else:
-        problems = check_file(file) if frame_format(file) is None else check_frames(file)
-        unproven, unknown = unproven_content(file), unknown_content(file)
+    with bars.loading_bar(f"checking {file}", quiet=as_json):
+        if is_sweep_data(file):
+            found = check_store(file)
+            problems, unproven = found.problems, found.unproven
+        else:
+            problems = check_file(file) if frame_format(file) is None else check_frames(file)
+            unproven, unknown = unproven_content(file), unknown_content(file)
     if as_json:
         result = {"path": str(file), "whole": not problems, "problems": problems, "unknown": unknown}
         console.show_values(result | ({"unproven": unproven} if unproven else {}), as_json=True, title="")
@@ -227,5 +235,6 @@ def run_check(file: Path, *, as_json: bool) -> int:
 
 def run_figure(files: list[Path], out: Path, overwrite: bool, *, as_json: bool) -> None:
     """Draw."""
-    draw_figure({path.stem: path for path in files}, out, overwrite=overwrite)
+    with bars.loading_bar(f"drawing {out}", quiet=as_json):
+        draw_figure({path.stem: path for path in files}, out, overwrite=overwrite)
     console.show_values({"picture": str(out)}, as_json=as_json, title="figure")

@@ -1,7 +1,6 @@
 """What `play`, `export`, `sampling` and `devices` do."""
 
 import json
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import cast, get_args
@@ -22,11 +21,12 @@ from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
 from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
 from ..playback.focus_source import ContourSource
 from ..playback.placed_arrays import PlacedArray, load_rig
+from ..runtime.warp_start import start_warp
 from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined, load_sampling, sets_rate
 from ..sampling.presets import LINES, PRESETS
 from ..sampling.strategy import JUMP_LENGTH
 from ..terminal import bars, console
-from ..terminal.foreign_text import print_message
+from ..terminal.foreign_text import print_message, write_output
 from ..validation import choose
 
 POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
@@ -122,9 +122,11 @@ def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json
         source = ContourSource(contours, sampler, options["duration"])
         if source.frame_count > POINTS_MOST:
             raise StrategyError(f"{file}: {source.frame_count} focal points, but a point list holds {POINTS_MOST}")
-        focus = joined(list(source))
+        with bars.loading_bar(f"sampling {file}", quiet=as_json):
+            focus = joined(list(source))
     rate = sampler.strategy.update_rate
-    write_ptlist(out, focus.position, focus.intensity, rate, overwrite=overwrite)
+    with bars.loading_bar(f"writing {out}", quiet=as_json):
+        write_ptlist(out, focus.position, focus.intensity, rate, overwrite=overwrite)
     jumps = sum(sampler.count.jumps.values())
     values = {"points": len(focus.intensity), "update_rate": rate, "jumps": jumps, "path": str(out)}
     console.show_values(values, as_json=as_json, title=str(out))
@@ -132,7 +134,7 @@ def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json
 
 def require_device(device: str) -> None:
     """Start Warp, and refuse a device that it does not have."""
-    console.start_warp()
+    start_warp()
     try:
         wp.get_device(device)
     except (ValueError, RuntimeError) as error:
@@ -228,4 +230,4 @@ def run_sampling(name: str | None, *, as_json: bool) -> None:
         values = {"presets": list(PRESETS), "lines": LINES} if as_json else LINES
         console.show_values(values, as_json=as_json, title="sampling presets")
         return
-    sys.stdout.write(json.dumps(load_sampling(name).described(), indent=None if as_json else 1) + "\n")
+    write_output(json.dumps(load_sampling(name).described(), indent=None if as_json else 1) + "\n")

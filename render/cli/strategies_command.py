@@ -4,6 +4,7 @@ from pathlib import Path
 
 from ..reports.contour_figure import require_picture
 from ..reports.strategy_gallery import draw_gallery, strategy_rows
+from ..runtime.warp_start import start_warp
 from ..stages.registry import ROLES, known_stages
 from ..terminal import console
 
@@ -14,7 +15,7 @@ def run_strategies(out: Path | None, overwrite: bool, *, as_json: bool) -> None:
     lists: dict = {"strategies": dict(strategy_rows()), "stages": stages}
     if out is not None:
         require_picture(out, overwrite=overwrite)
-        console.start_warp()
+        start_warp()
         draw_gallery(out, overwrite=overwrite)
         lists["picture"] = str(out)
     if as_json:

@@ -8,6 +8,7 @@ from ..errors import StrategyError
 from ..objects.mesh.solid_mesh import Placement
 from ..objects.voxels.files import WRITERS
 from ..objects.voxels.voxeliser import SIGNS, voxelise_file
+from ..runtime.warp_start import start_warp
 from ..runtime.worker_devices import worker_devices
 from ..terminal import bars, console
 from ..validation import choose
@@ -35,7 +36,7 @@ def run_voxelise(
         raise StrategyError(f"{out}: voxels are written to {', '.join(WRITERS)}")
     if out.exists() and not overwrite:
         raise StrategyError(f"{out}: exists; --overwrite replaces it")
-    console.start_warp()
+    start_warp()
     started = perf_counter()
     place, name = Placement(**placement), worker_devices(device, 1)[0]
     with bars.loading_bar(mesh, quiet=as_json) as watch:

@@ -16,6 +16,7 @@ from ..errors import StrategyError
 from ..hands.hand import Hand, hand_from
 from ..hands.mesh_hand import MeshHand
 from ..sampling.contour_sampling import SamplingStrategy
+from ..terminal.foreign_text import visible
 
 COLOURS = {"object": "#c1121f", "hand": "#1d6fa5", "made": "#2a9d8f", "mesh": "#8d99ae", "palm": "#f4a261"}
 LINES = ("#2b2d42", "#2a9d8f", "#9b5de5", "#bc6c25")  # of lengths and frequencies: not those of the contours
@@ -82,7 +83,7 @@ def draw_figure(
                     _draw_scenes(top, file, length, across, "pose {:.0f}" if time is None else "{:.2f} s")
             style = {
                 "lw": 0.9,
-                "label": label,
+                "label": visible(label),
                 "color": LINES[k % len(LINES)],
                 "marker": "." if len(length) < 3 else "",
             }

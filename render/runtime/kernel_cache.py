@@ -1,13 +1,18 @@
 """The folder of compiled kernels: it holds machine code that is run, so nobody else may write it."""
 
+import atexit
 import grp
 import os
 import pwd
+import shutil
 import stat
+import sys
+import tempfile
 from pathlib import Path
 
 from ..errors import KernelCacheError
 
+ROOM_LEAST = 64 * 2**20  # [byte] on the cache's disk: all of palpate's kernels take 40 MB
 _REMEDY = "set WARP_CACHE_PATH to a folder that only you can write, such as one in your home folder"
 
 
@@ -28,8 +33,64 @@ def require_private_cache() -> None:
             raise KernelCacheError(f"{path} {fault}, so the compiled kernels in {folder} may be anybody's: {_REMEDY}")
 
 
+def why_unwritable() -> str | None:
+    """Why nothing can be added to Warp's cache, which Warp must have set by now; None if it can."""
+    import warp as wp
+
+    folder = Path(wp.config.kernel_cache_dir or "")
+    if not os.access(folder, os.W_OK):
+        return f"{folder} cannot be written"
+    found = os.statvfs(folder)
+    return f"{folder} is on a full disk" if found.f_bavail * found.f_frsize < ROOM_LEAST else None
+
+
+def use_temporary_cache(cause: KernelCacheError | None = None) -> None:
+    """Have Warp keep kernels in a temporary folder until this process ends; those of its cache are linked there.
+
+    Children get it, too. cause: why Warp could not start, raised if there is no room for a temporary folder either.
+    """
+    import warp as wp
+
+    known = wp.config.kernel_cache_dir
+    try:
+        base = Path(tempfile.mkdtemp(prefix="palpate-kernels-"))
+        folder = base / wp.config.version
+        folder.mkdir()
+        for module in Path(known).iterdir() if known and Path(known).is_dir() else ():
+            (folder / module.name).symlink_to(module)
+    except OSError as error:
+        raise cause or unusable_cache(error) from error
+    _TEMPORARY.append(folder)
+    atexit.register(_remove, base, os.getpid())
+    os.environ["WARP_CACHE_PATH"] = str(base)
+    wp.config.kernel_cache_dir = None if cause else str(folder)  # a Warp that is to start anew asks the environment
+
+
+def kernels_lost() -> str | None:
+    """The sentence on kernels that were compiled into a temporary folder; None if there are none."""
+    count = sum(not module.is_symlink() for folder in _TEMPORARY for module in folder.iterdir())
+    if not count:
+        return None
+    return f"kernels were compiled for this run only ({count} files), since their cache cannot be written: {_REMEDY}"
+
+
+def is_in_cache(path: object) -> bool:
+    """Whether a path lies in Warp's cache."""
+    warp = sys.modules.get("warp")
+    folder = warp.config.kernel_cache_dir if warp else None
+    return bool(folder) and isinstance(path, str) and Path(path).is_relative_to(folder)
+
+
+_TEMPORARY: list[Path] = []
+
+
+def _remove(folder: Path, owner: int) -> None:
+    if os.getpid() == owner:  # a forked child ends, too
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 def unusable_cache(error: OSError) -> KernelCacheError:
-    """What to raise where Warp could not make the folder."""
+    """What to raise where compiled kernels cannot be written."""
     return KernelCacheError(f"{error.filename}: compiled kernels cannot be kept there ({error.strerror}): {_REMEDY}")
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...datasets.sweeps.store import SweepStore
 from ..errors import PlanError, SweepError
+from ..runtime.warp_start import start_warp
 from ..runtime.worker_devices import WORKERS_MOST, has_cuda_driver, worker_devices
 from ..terminal import console
 from ..terminal.foreign_text import print_message, show_table, write
@@ -159,7 +160,7 @@ class SweepJob:
 def _worker_devices(device: str, workers: int | None = None) -> list[str]:
     """`worker_devices`; where Warp has to be asked, its greeting stays away from standard output."""
     if device != "cpu" and (device != "auto" or has_cuda_driver()):
-        console.start_warp()
+        start_warp()
     return worker_devices(device, workers)
 
 
@@ -350,7 +351,7 @@ def _show(title: str, names: Sequence[str], rows: Sequence[Sequence[str]], count
 
 def _estimated(job: SweepJob, plan: Plan, other: str | None) -> Estimate:
     """Look what is missing, and make samples of it. other: a code version whose results would count."""
-    console.start_warp()
+    start_warp()
     devices = worker_devices(job.device_of(plan), job.workers_of(plan))
     with contextlib.ExitStack() as stack:
         done = _nothing

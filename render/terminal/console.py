@@ -4,7 +4,6 @@ import json
 import math
 import os
 import sys
-import tempfile
 import traceback
 import warnings
 from collections.abc import Callable, Collection, Sequence
@@ -23,8 +22,8 @@ from ..errors import (
     StrategyError,
     UntrustedCodeError,
 )
-from ..runtime.kernel_cache import require_private_cache, unusable_cache
-from .foreign_text import print_message, show_table, visible
+from ..runtime.kernel_cache import is_in_cache, kernels_lost, unusable_cache
+from .foreign_text import OutputError, discard_output, print_message, show_table, visible, write_output
 from .wording import Wording
 
 SHOWN_WARNINGS = (PalpateWarning, RecordingWarning)
@@ -56,38 +55,6 @@ MISUSES = (
     UpdateRateError,
 )
 """Errors caused by the request (exit code MISUSED); others are failures of a valid request (FAILED)."""
-
-
-def start_warp() -> None:
-    """Start Warp without its greeting, and without the line it writes where there is no CUDA driver.
-
-    Native code writes that line and no setting prevents it, so standard error is caught meanwhile and the rest is
-    written again. The kernel cache is created for this user alone; raises KernelCacheError for one that other users
-    can write, or that cannot be created.
-    """
-    import warp as wp  # a second, which commands that render nothing do without
-
-    wp.config.log_level = wp.LOG_WARNING
-    sys.stderr.flush()
-    kept = os.dup(2)
-    before = os.umask(0o077)
-    with tempfile.TemporaryFile() as caught:
-        os.dup2(caught.fileno(), 2)
-        try:
-            wp.init()
-        except OSError as error:
-            if error.filename is None:  # an error of Warp's own libraries, not of the cache
-                raise
-            raise unusable_cache(error) from error
-        finally:
-            os.umask(before)
-            os.dup2(kept, 2)
-            os.close(kept)
-        caught.seek(0)
-        for line in caught.read().decode(errors="replace").splitlines(keepends=True):
-            if "find or load the NVIDIA CUDA driver" not in line:
-                sys.stderr.write(line)
-    require_private_cache()
 
 
 UNITS = {
@@ -135,7 +102,7 @@ def show_values(
     A value that is None has no row in the table, or "not known" if its name is in `unknown`.
     """
     if as_json:
-        sys.stdout.write(json_line(values))
+        write_output(json_line(values))
         return
     rows: list[tuple[str, str]] = []
     for name, value in values.items():
@@ -184,8 +151,15 @@ def shown(value: object) -> str:
 
 def parsed(app: Callable[..., object]) -> int:
     """Run a typer app and return its exit code; control characters in its messages and tracebacks are escaped."""
+    open_streams()
     try:
         code = app(standalone_mode=False)
+        write_output("")
+    except OutputError as error:
+        return _unwritten(error)
+    except OSError as error:  # of help, or of the version
+        discard_output()
+        return fail(f"{error.strerror or error} (standard output)", FAILED, False)
     except Exception as error:
         message = getattr(error, "message", None)
         if not hasattr(error, "format_message") or not isinstance(message, str):  # not an error of typer
@@ -196,7 +170,7 @@ def parsed(app: Callable[..., object]) -> int:
         if sys.argv[1:]:  # without arguments the message is the help, whose line breaks must stay
             shown.message = visible(message)
             if "--json" in sys.argv:
-                sys.stdout.write(json_line({"error": shown.format_message()}))
+                write_output(json_line({"error": shown.format_message()}))
         shown.show()
         return int(shown.exit_code)
     return code if isinstance(code, int) else DONE
@@ -206,12 +180,29 @@ def run(command: Callable[[], object], *, as_json: bool) -> int:
     """Run a command; errors become one sentence and an exit code, without a traceback."""
     try:
         code = _run(command, as_json=as_json)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the last flush fails again
-        print_message("standard output was closed before the results were written", "error")
-        return FAILED
+        if (lost := kernels_lost()) is not None:
+            warn(lost)
+    except OutputError as error:
+        return _unwritten(error)
     return code
+
+
+def _unwritten(error: OutputError) -> int:
+    if error.args:
+        print_message(error, "error")
+    return FAILED
+
+
+def open_streams() -> None:
+    """Open standard streams that the caller has closed: else a file that a command opens takes their number."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDONLY if name == "stdout" else os.O_RDWR)  # results must not vanish unnoticed
+        if getattr(sys, name) is None:
+            stream = open(number, mode, encoding="utf-8", errors="backslashreplace", closefd=False)  # noqa: SIM115  # to the end
+            setattr(sys, name, stream)
 
 
 def _run(command: Callable[[], object], *, as_json: bool) -> int:
@@ -221,6 +212,8 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
         warnings.showwarning = _show_warning
         try:
             code = command()
+        except OutputError:
+            raise
         except (RenderError, DatasetError, DeviceError) as error:
             faults = error.args if isinstance(error, PlanError) else ()
             code = MISUSED if isinstance(error, MISUSES) or getattr(error, "names_nothing", False) else FAILED
@@ -229,11 +222,11 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
             return fail(str(error), FAILED, as_json, _report_of(error))
         except KeyboardInterrupt:
             return fail("interrupted", FAILED, as_json)
-        except BrokenPipeError:
-            raise
         except Exception as error:  # a bug in palpate: one sentence too, with the way to a traceback
             if os.environ.get("PALPATE_TRACEBACK"):
                 raise
+            if isinstance(error, OSError) and is_in_cache(error.filename):
+                return fail(str(unusable_cache(error)), FAILED, as_json)
             name = f"{type(error).__name__}: {error}"
             return fail(f"{name} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
     return code if isinstance(code, int) else DONE
@@ -251,7 +244,7 @@ def fail(
     if as_json:
         late = [late_warning(report)] if report and report.is_late else []
         played = {"report": report.as_dict(), "warnings": late} if report else {}
-        sys.stdout.write(json_line({"error": message, **played}))
+        write_output(json_line({"error": message, **played}))
     elif report:
         after = "" if report.off_after is None else f"off frames taken {report.off_after:.3g} s after the end; "
         print_message(f"played until then: {report.frames} frames; {after}{off_state(report)}")

@@ -4,15 +4,41 @@ A terminal obeys some characters instead of showing them: they set its title or 
 that looks like one of ours. Rich takes brackets for markup, and `:name:` for an emoji. So text reaches it as `plain`.
 """
 
+import contextlib
+import os
+import sys
 from collections.abc import Iterable, Sequence
-from typing import Literal
+from typing import IO, Any, Literal, cast
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-errors = Console(stderr=True, highlight=False, soft_wrap=True)
+from ..errors import RenderError
+
+
+class _Errors:
+    """Standard error as it is when a line is written; one that is closed or full stops no work."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys.stderr, name)
+
+    def write(self, text: str) -> None:
+        with contextlib.suppress(OSError, AttributeError):
+            sys.stderr.write(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError, AttributeError):
+            sys.stderr.flush()
+
+
+errors = Console(file=cast("IO[str]", _Errors()), highlight=False, soft_wrap=True)
 """Standard error."""
+
+
+class OutputError(RenderError):
+    """Results cannot be written to standard output; without words if who read them has gone, as `head` does."""
+
 
 STYLES = {"error": "bold red", "warning": "yellow", "note": "yellow"}
 
@@ -41,21 +67,54 @@ def print_message(text: object, kind: Literal["", "error", "warning", "note"] = 
 
 def write(text: object) -> None:
     """A line on standard output."""
-    Console(highlight=False, soft_wrap=True).print(plain(text))
+    write_output(visible(text) + "\n")
+
+
+def write_output(text: str) -> None:
+    """Text on standard output as it is; raises OutputError if that is closed or full."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except OSError as error:
+        discard_output()
+        if isinstance(error, BrokenPipeError):
+            raise OutputError from error
+        raise OutputError(f"results cannot be written to standard output ({error.strerror or error})") from error
+
+
+def discard_output() -> None:
+    """Have standard output lead nowhere: else its last flush, when Python ends, fails again, with a traceback."""
+    with contextlib.suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def show_table(
     title: str, rows: Iterable[Sequence[object]], columns: Sequence[str] = (), *, to_errors: bool = False
 ) -> None:
-    """A table on standard output, or standard error; without `columns` it has no head."""
+    """A table on standard output, or standard error; without `columns` it has no head.
+
+    A terminal's table is folded to its width; elsewhere each row is one line, however long.
+    """
+    console = errors if to_errors else Console(highlight=False)
+    cells = [[visible(cell) for cell in row] for row in rows]
+    if not console.is_terminal:
+        text = plain_table(visible(title), cells, [visible(name) for name in columns])
+        errors.file.write(text) if to_errors else write_output(text)
+        return
     table = Table(title=plain(title), title_justify="left", show_header=bool(columns), box=None, padding=(0, 2, 0, 0))
     for name in columns:
         table.add_column(plain(name), overflow="fold")
-    for row in rows:
+    for row in cells:
         table.add_row(*map(plain, row))
     for column in table.columns:
         column.overflow = "fold"  # what is cut off may be what tells one file from another
-    if to_errors:
-        Console(highlight=False, stderr=True).print(table)
-    else:
-        Console(highlight=False, soft_wrap=True).print(table)
+    console.print(table)
+
+
+def plain_table(title: str, rows: Sequence[Sequence[str]], columns: Sequence[str]) -> str:
+    """A table as lines of text, the cells of all columns but the last padded to one width."""
+    lines = [*([columns] if columns else []), *rows]
+    count = max(map(len, lines), default=0)
+    widths = [max((len(line[k]) for line in lines if k < len(line)), default=0) for k in range(count)]
+    texts = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=False)).rstrip() for line in lines]
+    return "".join(f"{text}\n" for text in ([title] if title else []) + texts)

@@ -139,7 +139,7 @@ def test_a_new_cache_is_its_users_alone_and_a_shared_one_ends_the_command(tmp_pa
     made, shared = tmp_path / "made", tmp_path / "shared"
     shared.mkdir()
     shared.chmod(0o777)
-    start = "import os; os.umask(0); from palpate.render.terminal.console import start_warp; start_warp()"
+    start = "import os; os.umask(0); from palpate.render.runtime.warp_start import start_warp; start_warp()"
     subprocess.run([sys.executable, "-c", start], env=os.environ | {"WARP_CACHE_PATH": str(made)}, check=True)
     for folder in (made, made / wp.config.version):
         assert folder.stat().st_mode & 0o777 == 0o700

@@ -156,8 +156,8 @@ def _devices_here(devices: str) -> list[str]:
     """Devices of this host by the command line's words, all of one kind."""
     if devices == "cpu":  # Warp is not needed here then
         return ["cpu"]
+    from ...runtime.warp_start import start_warp
     from ...runtime.worker_devices import worker_devices
-    from ...terminal.console import start_warp
 
     start_warp()
     try:

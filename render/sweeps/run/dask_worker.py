@@ -189,7 +189,7 @@ def _find_device(word: str) -> tuple[str, str]:
     """Warp's name of the device for the word, and which GPU that is."""
     import warp as wp
 
-    from ...terminal.console import start_warp
+    from ...runtime.warp_start import start_warp
 
     start_warp()
     gpus = [str(gpu) for gpu in wp.get_cuda_devices()]

@@ -129,7 +129,7 @@ class LocalEngine:
 
     def start(self, store: Path) -> None:
         """Start Warp in this process, quietly."""
-        from ...terminal.console import start_warp
+        from ...runtime.warp_start import start_warp
 
         self._store = store
         start_warp()

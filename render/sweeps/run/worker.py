@@ -108,7 +108,8 @@ def prepare(assignment: Assignment, port: WorkerPort) -> tuple[Work, str]:
     import warp as wp
 
     from ...runtime.span_workers import warp_device
-    from ...terminal.console import SHOWN_WARNINGS, start_warp
+    from ...runtime.warp_start import start_warp
+    from ...terminal.console import SHOWN_WARNINGS
 
     for kind in SHOWN_WARNINGS:
         warnings.simplefilter("always", kind)

@@ -1,0 +1,133 @@
+"""Odd places: standard streams closed or full, a narrow screen, names that are no text, a cache that cannot be written.
+
+The truth is the system's: the shell closes descriptors, /dev/full is full, a mount is read-only.
+"""
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+
+import pytest
+from command_line import PALPATE, run
+
+COMMANDS = {
+    "info": ("info", "tube.h5"),
+    "json": ("info", "tube.h5", "--json"),
+    "sampling": ("sampling", "stm"),
+    "version": ("--version",),
+    "misuse": ("info", "nosuch.h5", "--json"),
+    "render": ("render", "tube", "exploration", "-o", "out.h5", "--duration", "2", "--overwrite"),
+    "play": ("play", "tube.h5", "--clock", "virtual", "--duration", "0.2"),
+}
+PLACES = {  # redirections: whether results are lost, whether messages are
+    ">&-": (True, False),
+    "2>&-": (False, True),
+    ">/dev/full": (True, False),
+    "2>/dev/full": (False, True),
+    "<&- >&- 2>&-": (True, True),
+}
+QUICK = {("json", ">&-"), ("misuse", "2>&-"), ("version", ">/dev/full"), ("render", "<&- >&- 2>&-")}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("places")
+    assert run("render", "tube", "exploration", "-o", path / "tube.h5", "--duration", "2").exit_code == 0
+    return path
+
+
+def shell(folder, words, redirection="", **environment):
+    line = f"{shlex.join([*PALPATE, *words])} {redirection}"
+    return subprocess.run(
+        ["sh", "-c", line], cwd=folder, env=os.environ | environment, capture_output=True, check=False, timeout=120
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "place"),
+    [
+        pytest.param(command, place, marks=() if (command, place) in QUICK else pytest.mark.exhaustive)
+        for command in COMMANDS
+        for place in PLACES
+    ],
+)
+def test_a_stream_that_is_closed_or_full_gives_a_code_and_a_sentence(command, place, folder):
+    loses_results, loses_messages = PLACES[place]
+    done = shell(folder, COMMANDS[command], place)
+    expected = 2 if command == "misuse" else 0
+    assert done.returncode == (1 if loses_results else expected), done.stderr
+    for trouble in (b"Traceback", b"unexpected", b"Exception ignored"):
+        assert trouble not in done.stderr
+    if loses_results and not loses_messages:
+        assert b"standard output" in done.stderr
+    if not loses_results:
+        assert done.stdout
+
+
+def test_a_reader_that_has_enough_is_no_error(folder):
+    done = shell(folder, ("strategies",), "| head -n 1")
+    assert (done.stdout.count(b"\n"), done.stderr) == (1, b"")
+
+
+def test_into_a_file_no_value_is_cut_or_folded_however_narrow_the_screen(folder):
+    told = json.loads(shell(folder, COMMANDS["json"]).stdout)
+    lines = shell(folder, COMMANDS["info"], COLUMNS="20").stdout.decode().splitlines()
+    assert any(told["object"]["hash"] in line for line in lines)
+    assert len(lines) < len(told) + 2
+
+
+def test_names_that_are_no_text_are_shown_escaped_and_drawn(folder):
+    name = b"su\xffr\x1b]0;x.h5"
+    shutil.copy(folder / "tube.h5", os.fsencode(folder) + b"/" + name)
+    word = os.fsdecode(name)
+    for words in (("info", word), ("check", word), ("figure", word, "-o", "surrogates.png", "--overwrite")):
+        done = shell(folder, words)
+        assert done.returncode == 0, done.stderr
+        assert b"\x1b" not in done.stdout + done.stderr
+    assert b"su\\udcffr\\x1b]0;x.h5" in shell(folder, ("info", word)).stdout
+
+
+CACHE = """
+mkdir -m 700 cache && mount -t tmpfs -o size=100m,mode=700 tmp cache && export WARP_CACHE_PATH=$PWD/cache
+{before}
+{command}
+"""
+
+
+def in_mount(folder, before):
+    if shutil.which("unshare") is None or subprocess.run(["unshare", "-rm", "true"], check=False).returncode:
+        pytest.skip("this user may not make a mount namespace, which a read-only cache needs")
+    command = shlex.join([*PALPATE, *COMMANDS["render"]])
+    script = CACHE.format(before=before.format(command=command), command=command)
+    return subprocess.run(
+        ["unshare", "-rm", "sh", "-ec", script], cwd=folder, capture_output=True, text=True, check=False, timeout=300
+    )
+
+
+@pytest.mark.parametrize("cause", ["mount -o remount,ro cache", "head -c 200000000 /dev/zero > cache/x || true"])
+def test_where_the_cache_cannot_be_written_kernels_are_compiled_for_this_run(cause, tmp_path):
+    done = in_mount(tmp_path, cause)
+    assert done.returncode == 0, done.stderr
+    assert "kernels were compiled for this run only" in done.stderr
+    assert "WARP_CACHE_PATH" in done.stderr
+    assert "poses rendered" in done.stdout
+
+
+@pytest.mark.exhaustive
+def test_a_cache_that_was_warmed_and_then_mounted_read_only_suffices(tmp_path):
+    done = in_mount(tmp_path, "{command} > first && mount -o remount,ro cache")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_temporary_cache_goes_with_its_process(tmp_path):
+    script = (
+        "from palpate.render.runtime import kernel_cache as k, warp_start\n"
+        "warp_start.start_warp(); k.use_temporary_cache(); import os; print(os.environ['WARP_CACHE_PATH'])"
+    )
+    done = subprocess.run([sys.executable, "-P", "-c", script], capture_output=True, text=True, check=True)
+    folder = done.stdout.strip()
+    assert "palpate-kernels-" in folder
+    assert not os.path.exists(folder)

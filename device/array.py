@@ -107,6 +107,10 @@ class ArrayModel:
     unplaced: ArrayModel | None = None
     """The array in its own frame, where this one was placed."""
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"ArrayModel({self.name!r}, {len(self.position)} transducers)"
+
     @property
     def transducer_count(self) -> int:
         """Number of transducers."""

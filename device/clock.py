@@ -29,6 +29,10 @@ class MonotonicClock:
 
     name = "monotonic"
 
+    def __repr__(self) -> str:
+        """One line."""
+        return "MonotonicClock()"
+
     def now_ns(self) -> int:
         """Time since an arbitrary start [ns]."""
         return time.monotonic_ns()
@@ -47,6 +51,10 @@ class VirtualClock:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._now_ns = 0
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"VirtualClock({self.now_ns() / 1e9:g} s)"
 
     def now_ns(self) -> int:
         """Time since the clock was made [ns]."""

@@ -123,6 +123,14 @@ class PlayReport:
     off_confirmed: bool | None
     """The board said that it is silent; None from a board that never answers. If False, it may still be emitting."""
 
+    def __repr__(self) -> str:
+        """One line: what was played, and what disturbed it."""
+        off = {True: "off", False: "not off", None: "off unknown"}[self.off_confirmed]
+        return (
+            f"PlayReport({self.array} {self.serial}: {self.frames} frames at {self.update_rate:g} Hz, "
+            f"{self.underruns} underruns, {off})"
+        )
+
     @property
     def may_emit(self) -> bool | None:
         """Whether the array may still be emitting, as far as that is known.

@@ -1,11 +1,17 @@
 """The pipeline: objects and hands in, contours, focal points and drives out."""
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     __version__: str
 
+    from ..datasets.contour_file.check import check_file
+    from ..datasets.contour_file.reader import ContourFile
+    from ..datasets.motions.hand_motion import HandMotion, exploration, static_pose
+    from ..datasets.recordings.files import load_recording
+    from ..datasets.shapes.built_in import shape_names
     from .contour_batch import ContourBatch
     from .focal_spot import focal_width
     from .hands.combined_hands import together
@@ -13,7 +19,6 @@ if TYPE_CHECKING:
     from .hands.hand import Hand, Palm
     from .hands.mesh_hand import MeshHand
     from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand
-    from .intersection.batch_rendering import render
     from .intersection.file_recording import record
     from .intersection.overlap_tour import overlap_points
     from .intersection.patch_points import array_points
@@ -23,7 +28,8 @@ if TYPE_CHECKING:
     from .objects.functions.implicit_object import ImplicitObject
     from .objects.isosurface import isosurface
     from .objects.level_of_detail import simplify
-    from .objects.mesh.solid_mesh import MeshObject, Placement
+    from .objects.mesh.placement import Placement
+    from .objects.mesh.solid_mesh import MeshObject
     from .objects.voxels.files import save_voxels
     from .objects.voxels.voxel_object import VoxelObject
     from .objects.voxels.voxeliser import voxelise
@@ -31,6 +37,7 @@ if TYPE_CHECKING:
     from .playback.file_playback import Connection, play_file
     from .playback.live import Instant
     from .playback.placed_arrays import PlacedArray, load_rig
+    from .reports.contour_figure import draw_figure
     from .reports.file_summary import summarise
     from .runtime.worker_devices import worker_devices
     from .sampling.contour_sampling import (
@@ -45,6 +52,9 @@ if TYPE_CHECKING:
         sample_contours,
     )
     from .sampling.revisits import revisit_rate
+    from .scripting.rendered_batch import RenderedBatch
+    from .scripting.rendering import render
+    from .scripting.sampled_contours import SampledContours
     from .stages.prune import cut_batch
     from .stages.registry import Stage, register_point_function, register_prune, register_transform
     from .strategies.intersection_strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
@@ -57,6 +67,11 @@ if TYPE_CHECKING:
 
 
 _ROOMS = {
+    ".datasets.contour_file.check": "check_file",
+    ".datasets.contour_file.reader": "ContourFile",
+    ".datasets.motions.hand_motion": "HandMotion exploration static_pose",
+    ".datasets.recordings.files": "load_recording",
+    ".datasets.shapes.built_in": "shape_names",
     "contour_batch": "ContourBatch",
     "focal_spot": "focal_width",
     "hands.combined_hands": "together",
@@ -64,7 +79,6 @@ _ROOMS = {
     "hands.hand": "Hand Palm",
     "hands.mesh_hand": "MeshHand",
     "hands.plane_hand": "HandPatch PatchJoint PlaneHand",
-    "intersection.batch_rendering": "render",
     "intersection.file_recording": "record",
     "intersection.overlap_tour": "overlap_points",
     "intersection.patch_points": "array_points",
@@ -74,7 +88,8 @@ _ROOMS = {
     "objects.functions.implicit_object": "ImplicitObject",
     "objects.isosurface": "isosurface",
     "objects.level_of_detail": "simplify",
-    "objects.mesh.solid_mesh": "MeshObject Placement",
+    "objects.mesh.placement": "Placement",
+    "objects.mesh.solid_mesh": "MeshObject",
     "objects.voxels.files": "save_voxels",
     "objects.voxels.voxel_object": "VoxelObject",
     "objects.voxels.voxeliser": "voxelise",
@@ -82,11 +97,15 @@ _ROOMS = {
     "playback.file_playback": "Connection play_file",
     "playback.live": "Instant",
     "playback.placed_arrays": "PlacedArray load_rig",
+    "reports.contour_figure": "draw_figure",
     "reports.file_summary": "summarise",
     "runtime.worker_devices": "worker_devices",
     "sampling.contour_sampling": "Dwell FocalPoints Gap Sampler SamplingStrategy dwell_map load_sampling preset "
     "sample_contours",
     "sampling.revisits": "revisit_rate",
+    "scripting.rendered_batch": "RenderedBatch",
+    "scripting.rendering": "render",
+    "scripting.sampled_contours": "SampledContours",
     "stages.registry": "Stage register_point_function register_prune register_transform",
     "stages.prune": "cut_batch",
     "strategies.intersection_strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
@@ -104,6 +123,7 @@ _HOMES = {name: room for room, names in _ROOMS.items() for name in names.split()
 __all__ = [
     "Connection",
     "ContourBatch",
+    "ContourFile",
     "DaskEngine",
     "DriveStrategy",
     "Driver",
@@ -111,6 +131,7 @@ __all__ = [
     "FocalPoints",
     "Gap",
     "Hand",
+    "HandMotion",
     "HandPatch",
     "ImplicitObject",
     "InProcess",
@@ -123,6 +144,8 @@ __all__ = [
     "PlacedArray",
     "Placement",
     "PlaneHand",
+    "RenderedBatch",
+    "SampledContours",
     "Sampler",
     "SamplingStrategy",
     "Scene",
@@ -132,11 +155,14 @@ __all__ = [
     "array_points",
     "box",
     "capsule",
+    "check_file",
     "closed_contour",
     "cut_batch",
     "cylinder",
+    "draw_figure",
     "drive_focus",
     "dwell_map",
+    "exploration",
     "expression_from_json",
     "expression_to_json",
     "flat_hand",
@@ -145,6 +171,7 @@ __all__ = [
     "isosurface",
     "load_expression",
     "load_plans",
+    "load_recording",
     "load_rig",
     "load_sampling",
     "load_strategy",
@@ -161,8 +188,10 @@ __all__ = [
     "run_sweep",
     "sample_contours",
     "save_voxels",
+    "shape_names",
     "simplify",
     "sphere",
+    "static_pose",
     "summarise",
     "sweep",
     "tidy_columns",
@@ -179,10 +208,13 @@ def __getattr__(name: str) -> object:
         return import_module("importlib.metadata").version("palpate")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = globals()[name] = getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    module = import_module(f".{_HOMES[name]}", __name__)
+    if "warp" in sys.modules:
+        import_module(".runtime.warp_start", __name__).start_quietly()
+    found = globals()[name] = getattr(module, name)
     return found
 
 
 def __dir__() -> list[str]:
     """What can be asked for."""
-    return sorted({*globals(), *__all__})
+    return [*__all__, "__version__"]

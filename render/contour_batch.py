@@ -1,8 +1,8 @@
 """ContourBatch: the contours of many poses, ragged, on the host or on one Warp device."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import warp as wp
@@ -21,7 +21,14 @@ Array = Any  # np.ndarray or wp.array; all arrays of a batch are of one type (`C
 class ContourBatch:
     """Contours of many poses in CSR form, all arrays on the host (NumPy) or all on one Warp device.
 
-    Polylines of a pose are ordered by (patch, key); a pose without contours has an empty range.
+    Polylines of a pose are ordered by (patch, key); a pose without contours has an empty range. `len` is the number of
+    poses; `batch[i]`, and iteration, give the polylines of a pose as arrays of points [m].
+
+    >>> from palpate.datasets import static_pose
+    >>> from palpate.render import MeshObject, Palm, render
+    >>> batch = render(MeshObject.load("cube"), Palm(), static_pose([0, 0, 0.2]), "cc")
+    >>> len(batch), batch[0][0].shape
+    (1, (5, 3))
     """
 
     points: Array
@@ -44,6 +51,45 @@ class ContourBatch:
     """How far the raw intersection can be from the exact one [m], except for what is thinner than a step
     (docs/develop/geometry.md, "Grids"); see `Scene.raw_error`; None where that is not known.
     It is no array, so `by_name` and `arrays` leave it out."""
+
+    def __repr__(self) -> str:
+        """One line: counts, and where the arrays are."""
+        start = self.pose_start.numpy() if self.on_device else self.pose_start
+        drawn = int(np.count_nonzero(np.diff(start)))
+        place = str(self.points.device) if self.on_device else "the host"
+        counts = f"{self.pose_count} poses, {drawn} with contours, {self.polyline_count} polylines"
+        return f"{type(self).__name__}({counts}, {self.point_count} points, on {place})"
+
+    def __len__(self) -> int:
+        """Number of poses."""
+        return self.pose_count
+
+    def __bool__(self) -> bool:
+        """True, also without poses: a batch is no test for contours, `len` and `point_count` are."""
+        return True
+
+    @overload
+    def __getitem__(self, index: int) -> list[np.ndarray]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "ContourBatch": ...
+
+    def __getitem__(self, index: int | slice) -> "list[np.ndarray] | ContourBatch":
+        """Polylines of one pose [m], each of shape [point, 3]; or the batch of consecutive poses first:stop."""
+        if isinstance(index, slice):
+            first, stop, step = index.indices(self.pose_count)
+            if step != 1:
+                raise IndexError(f"poses must follow each other: the step must be 1, not {step}")
+            return self.numpy().select(first, max(first, stop))
+        pose = int(index)
+        if not -self.pose_count <= pose < self.pose_count:
+            raise IndexError(f"pose {pose} is outside the batch's {self.pose_count} poses")
+        return self.numpy().polylines_of(pose % self.pose_count)
+
+    def __iter__(self) -> Iterator[list[np.ndarray]]:
+        """Polylines of each pose."""
+        host = self.numpy()
+        return (host.polylines_of(pose) for pose in range(host.pose_count))
 
     @property
     def pose_count(self) -> int:

@@ -1,10 +1,8 @@
 """What float32 can tell apart far from the array: poses, vertices and points are stored in it."""
 
-import warnings
-
 import numpy as np
 
-from .errors import PalpateWarning
+from .user_warnings import warn_user
 
 SPACING_MOST = 1e-5  # [m]; what contours are promised to be right to
 
@@ -21,10 +19,8 @@ def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None) ->
             largest = max(largest, float(pose[:, :3].max()), -float(pose[:, :3].min()))
     spacing = float(np.spacing(np.float32(largest)))
     if spacing > SPACING_MOST:
-        warnings.warn(
+        warn_user(
             f"{name}: coordinates reach {largest:.4g} m, where float32 steps by {spacing:.2g} m: poses and points are "
             f"no more exact than that, not {SPACING_MOST:g} m. Move the object and the hand near the array's origin; "
-            'points="patch" keeps the points themselves exact, but not the poses',
-            PalpateWarning,
-            stacklevel=4,  # through `accept_old_keywords`
+            'points="patch" keeps the points themselves exact, but not the poses'
         )

@@ -1,9 +1,10 @@
 """Old names of public attributes and keywords: they still work, with a DeprecationWarning."""
 
-import warnings
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
+
+from .user_warnings import warn_user
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -50,5 +51,5 @@ def accept_old_keywords(**new_names: str) -> Callable[[Callable[P, R]], Callable
 
 
 def _warn(old: str, new: str) -> None:
-    """Warn (DeprecationWarning) of an old name, two calls up: where the user reads or passes it."""
-    warnings.warn(f"{old!r} is now called {new!r}", DeprecationWarning, stacklevel=3)
+    """Warn (DeprecationWarning) of an old name where the user reads or passes it."""
+    warn_user(f"{old!r} is now called {new!r}", DeprecationWarning)

@@ -70,6 +70,10 @@ class ContourFile:
             self.close()
             raise
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"ContourFile({str(self.path)!r}, {self.pose_count} poses, {'sealed' if self.sealed else 'unfinished'})"
+
     def __enter__(self) -> Self:
         return self
 

@@ -51,6 +51,10 @@ class HandShape:
     """How far they do, largest first, summing to 1; shape [vertex, 4]."""
     is_left: bool
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"HandShape({len(self.vertices)} vertices, {len(self.faces)} triangles)"
+
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, OpenXR's."""

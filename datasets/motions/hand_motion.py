@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +30,8 @@ POSES_MOST = 1e9
 """Most poses of one exploration, whatever the memory budget."""
 POSE_BYTES, SECOND_BYTES = 100, 1600
 """Peak memory of making an exploration [byte], per pose and per second of its path; measured."""
-EXPLORATION_DEFAULTS = {"duration": 30.0, "rate": 90.0, "seed": 1}
+DURATION, RATE, SEED = 30.0, 90.0, 1
+EXPLORATION_DEFAULTS = {"duration": DURATION, "rate": RATE, "seed": SEED}
 """Duration [s], rate [Hz] and seed of an exploration for which none are given."""
 RANDOM_SIZE, RANDOM_AT = 0.13, (0.0, 0.0, 0.2)
 """Side of the cube in which random poses lie, and its centre [m]: around the built-in objects."""
@@ -38,6 +40,16 @@ SEED_MOST = 2**63 - 1
 
 _ROWS_AT_ONCE = 65536  # rows are checked in float64 block by block; all at once would take twice the memory
 _NORM_ROUNDING = 1e-7  # float32 rounding of a norm; within it quaternions stay, so that rereading a file changes no bit
+
+
+@runtime_checkable
+class HasBounds(Protocol):
+    """An object of `palpate.render`."""
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lowest and highest coordinates [m], shape [2, 3]."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +76,13 @@ class HandMotion:
         time, pose, offset = _validate(self.time, self.pose, self.offset, row_place)
         for name, value in (("time", time), ("pose", pose), ("offset", offset)):
             object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        """One line: how many poses, for how long."""
+        duration, interval = self.duration, self._interval()
+        if duration is None or interval is None:
+            return f"HandMotion({len(self)} {'pose' if len(self) == 1 else 'poses without times'})"
+        return f"HandMotion({len(self)} poses, {duration:.6g} s at {1 / interval:.4g} Hz)"
 
     def __len__(self) -> int:
         return self.pose.shape[0]
@@ -122,17 +141,25 @@ def static_pose(position: ArrayLike, quaternion: ArrayLike = PALM_DOWN) -> HandM
 
 
 def exploration(
-    bounds: ArrayLike, *, duration: float, rate: float = 90.0, seed: int, progress: Progress = unheard
+    bounds: ArrayLike | HasBounds,
+    *,
+    duration: float = DURATION,
+    rate: float = RATE,
+    seed: int = SEED,
+    progress: Progress = unheard,
 ) -> HandMotion:
     """Make a synthetic exploration of an object that imitates a person's; it uses only the object's bounds.
 
-    bounds: the object's smallest and largest x y z [m], shape [2, 3]. duration [s]; rate: poses per second [Hz].
+    bounds: the object, or its smallest and largest x y z [m], shape [2, 3]. duration [s]; rate: poses per second [Hz].
     progress: called at intervals with (done, total).
     `exploration_path` describes the model. The path depends only on bounds and seed; duration and rate sample it at
     k / rate < duration. Raises MotionError for a bad argument, if the object leaves no room 60 mm above the array, and
     for a motion that takes more memory than the budget of one file (`PALPATE_READ_MB`).
+
+    >>> exploration([[-0.06, -0.06, 0.14], [0.06, 0.06, 0.26]], duration=2.0)
+    HandMotion(180 poses, 2 s at 90 Hz)
     """
-    box = _numbers(bounds, "bounds", (2, 3))
+    box = _numbers(bounds.bounds if isinstance(bounds, HasBounds) else bounds, "bounds", (2, 3))
     if not (np.abs(box) <= BOUNDS_FARTHEST).all() or (box[0] > box[1]).any():
         raise MotionError(
             f"bounds must be finite, minimum before maximum and within {BOUNDS_FARTHEST:g} m, got {box.tolist()}"

@@ -75,6 +75,10 @@ class HandRecording:
         _check_size(pose)
         _check_side(pose, self.is_left)
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"HandRecording({len(self)} frames of a {'left' if self.is_left else 'right'} hand)"
+
     def __len__(self) -> int:
         return len(self.joint_pose)
 

@@ -90,6 +90,10 @@ class SweepStore:
             self.close()
             raise
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"SweepStore({str(self.folder)!r})"
+
     @property
     def is_proven(self) -> bool:
         """Whether the manifest carries digests; one of version 1, opened for reading, is believed as it is."""

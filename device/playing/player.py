@@ -69,6 +69,10 @@ class Player:
         self._writer: Writer | None = None
         self._stop_reason: str | None = None
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Player({self._link!r})"
+
     def play(
         self,
         blocks: Iterable[Block],

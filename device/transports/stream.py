@@ -57,6 +57,10 @@ class StreamLink:
         self._boundary: int | None = None  # bytes taken at some boundary of frames; None: only the board knows
         self._piece_bytes = PIECE_BYTES // model.frame_bytes * model.frame_bytes
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"{type(self).__name__}({self.array.name!r}, serial={self.serial!r})"
+
     def __enter__(self) -> Self:
         return self
 

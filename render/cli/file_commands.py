@@ -15,7 +15,7 @@ from ..errors import StrategyError
 from ..intersection.file_recording import record
 from ..intersection.named_inputs import is_recording, load_hand_and_motion, load_solid, refuse_options, simplified
 from ..intersection.scene import is_exact
-from ..objects.mesh.solid_mesh import SIZE_LARGEST, Placement
+from ..objects.mesh.placement import SIZE_LARGEST, Placement
 from ..objects.mesh.summary import is_mesh_name, mesh_facts
 from ..objects.solid import Solid
 from ..playback.pose_insertion import insert_poses

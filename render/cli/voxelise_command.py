@@ -5,7 +5,7 @@ from pathlib import Path
 from time import perf_counter
 
 from ..errors import StrategyError
-from ..objects.mesh.solid_mesh import Placement
+from ..objects.mesh.placement import Placement
 from ..objects.voxels.files import WRITERS
 from ..objects.voxels.voxeliser import SIGNS, voxelise_file
 from ..runtime.warp_start import start_warp

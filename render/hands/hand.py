@@ -149,6 +149,11 @@ def require_sides(name: str, width: float, length: float) -> tuple[float, float]
     return float(width), float(length)
 
 
+def poses_text(pose_count: int | None) -> str:
+    """Whether a hand is rigid or articulated, in words."""
+    return "rigid" if pose_count is None else f"articulated for {pose_count} poses"
+
+
 def require_rows(hand: Hand, pose_count: int) -> None:
     """Raise PoseError unless an articulated hand has a row for each pose of the motion."""
     if hand.pose_count is not None and hand.pose_count != pose_count:

@@ -17,7 +17,7 @@ from ..errors import PoseError, StrategyError
 from ..objects.isosurface import isosurface
 from ..objects.solid import Solid
 from ..validation import is_number
-from .hand import PatchFrames, rigid_poses
+from .hand import PatchFrames, poses_text, rigid_poses
 from .mesh_hand_check import checked_hand
 from .mesh_hand_file import Glabrous, face_normals, facing_palm, placed_hand, read_hand, region_of
 
@@ -66,6 +66,10 @@ class MeshHand:
         self._edges: dict[float | None, SkinEdges] = {}
         self._on: dict[tuple[str, float | None], Any] = {}
         self._rest_on: dict[str, wp.array] = {}
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"MeshHand({self.name!r}, {len(self.faces)} triangles, {poses_text(self.pose_count)})"
 
     @classmethod
     def load(

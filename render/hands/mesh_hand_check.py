@@ -1,12 +1,12 @@
 """What a hand mesh must be before curves are drawn on it: one skin, facing outwards, with a region that has a rim."""
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
 
 from ...kernels.section.edge_pairing import OPEN, twins_of
-from ..errors import MeshError, PalpateWarning
+from ..errors import MeshError
+from ..user_warnings import warn_user
 
 SIZE_LARGEST = 1.0  # [m]; a hand is 0.2 m long
 
@@ -43,7 +43,7 @@ def checked_hand(name: str, vertices: np.ndarray, faces: np.ndarray, glabrous: n
     twin = twins_of(faces)
     if not (twin == OPEN).any() and volume_of(vertices[0], faces) < 0:
         text = f"{name}: faces inwards; all {len(faces)} triangles were turned over"
-        warnings.warn(text, PalpateWarning, stacklevel=4)
+        warn_user(text)
         faces = faces[:, ::-1]
     require_rim(name, faces[glabrous], len(faces))
     warn_of_size(name, vertices)
@@ -132,10 +132,8 @@ def living_faces(name: str, vertices: np.ndarray, faces: np.ndarray) -> np.ndarr
         alive[index[falls]] = False
     if not alive.all():
         count = len(faces) - int(alive.sum())
-        warnings.warn(
-            f"{name}: {count} of {len(faces)} triangles were dropped: a corner twice, no area, or a repeat of another",
-            PalpateWarning,
-            stacklevel=5,
+        warn_user(
+            f"{name}: {count} of {len(faces)} triangles were dropped: a corner twice, no area, or a repeat of another"
         )
     return alive
 
@@ -182,9 +180,7 @@ def warn_of_size(name: str, vertices: np.ndarray) -> None:
     """Warn of a hand that is in millimetres by its looks."""
     size = np.ptp(vertices.reshape(-1, 3), axis=0)
     if size.max() > SIZE_LARGEST:
-        warnings.warn(
+        warn_user(
             f"{name}: is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; a size like this suggests millimetres: "
-            "use scale=0.001",
-            PalpateWarning,
-            stacklevel=5,
+            "use scale=0.001"
         )

@@ -12,7 +12,7 @@ import warp as wp
 
 from ...datasets.rigid import NORM_TOLERANCE, compose, rotate
 from ..errors import PoseError, StrategyError
-from .hand import IDENTITY, PatchFrames, frames_at, patches_on, require_sides, rigid_poses
+from .hand import IDENTITY, PatchFrames, frames_at, patches_on, poses_text, require_sides, rigid_poses
 from .joint_planes import FINGERS, planes_of_joints
 
 ABSENT = np.array([0.0, 1000.0, 0.0, 0.0, 0.0, 0.0, 1.0], np.float32)
@@ -102,6 +102,10 @@ class PlaneHand:
             checked = checked_poses(self.patch_pose, "patch_pose", shape).astype(np.float32)
             checked.setflags(write=False)
             object.__setattr__(self, "patch_pose", checked)
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"PlaneHand({len(self.patches)} patches, {len(self.joints)} joints, {poses_text(self.pose_count)})"
 
     @property
     def patch_count(self) -> int:

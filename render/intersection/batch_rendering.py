@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import warp as wp
@@ -202,7 +202,7 @@ def render(
     solid: Solid,
     hand: Hand,
     motion: HandMotion | np.ndarray,
-    strategy: IntersectionStrategy,
+    strategy: IntersectionStrategy | str,
     *,
     object_pose: HandMotion | np.ndarray | None = None,
     points: str = "array",
@@ -224,16 +224,54 @@ def render(
     mesh cut by planes, or has stages that need points in the array's frame. Warns of coordinates that float32 does not
     hold to 1e-5 m.
     """
-    batches = []
+    return collect(
+        solid,
+        hand,
+        motion,
+        strategy,
+        object_pose=object_pose,
+        points=points,
+        device=device,
+        devices=devices,
+        memory=memory,
+        progress=progress,
+    ).contours
+
+
+class Collected(NamedTuple):
+    """All contours of a motion, and what a file says of them beside."""
+
+    scene: Scene
+    contours: ContourBatch
+    removed: dict[str, np.ndarray]
+    """Length that each prune stage removed [m], float32, shape [pose], by name."""
+
+
+def collect(
+    solid: Solid,
+    hand: Hand,
+    motion: HandMotion | np.ndarray,
+    strategy: IntersectionStrategy | str,
+    *,
+    object_pose: HandMotion | np.ndarray | None = None,
+    points: str = "array",
+    device: str = "cpu",
+    devices: Sequence[str] | None = None,
+    memory: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Collected:
+    """Contours of all poses; arguments and errors as for `render`."""
+    chunks: list[Chunk] = []
     pose = check_poses(motion)
     poses = None if object_pose is None else object_poses(object_pose, motion)
     scene = Scene.of(solid, hand, strategy, object_pose=poses, points=points)
     warn_of_spacing(solid.name, solid.bounds, pose, scene.object_pose)
-    chunks = rendered_chunks(scene, pose, device=device, devices=devices, memory=memory)
     with interrupt_between() as raise_if_interrupted:
-        for chunk in chunks:
-            batches.append(chunk.contours)
+        for chunk in rendered_chunks(scene, pose, device=device, devices=devices, memory=memory):
+            chunks.append(chunk)
             if progress is not None:
                 progress(chunk.stop)
             raise_if_interrupted()
-    return join_batches(batches)
+    names = dict.fromkeys(name for chunk in chunks for name in chunk.removed)
+    removed = {name: np.concatenate([chunk.removed[name] for chunk in chunks]) for name in names}
+    return Collected(scene, join_batches([chunk.contours for chunk in chunks]), removed)

@@ -4,7 +4,6 @@ After Maunsbach et al. 2024 (MAMMOTH): points of the hand's skin inside an objec
 the path's true length counts, it closes, and a small contact is drawn as well as a large one.
 """
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,10 @@ from ...kernels.section.contour_writing import Contours
 from ...kernels.skin.sign import Posed
 from ...kernels.tours.contact import inside_nodes, inside_vertices
 from ...kernels.tours.tour import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points, tour_points
-from ..errors import MeshError, PalpateWarning, StrategyError
+from ..errors import MeshError, StrategyError
 from ..hands.hand import Hand, PatchHand
 from ..objects.solid import Solid
+from ..user_warnings import warn_user
 from ..validation import is_number, number_text
 
 LARGEST = float(np.finfo(np.float64).max)
@@ -144,7 +144,7 @@ def toured(
         message = (
             f"{name}: at {tours.single_count} of {start.shape[0] - 1} poses a single point touches, which has no length"
         )
-        warnings.warn(message, PalpateWarning, stacklevel=3)
+        warn_user(message)
     if patch_count == 1:
         return tours.contours
     pose_start = tours.contours.section_start.numpy()

@@ -24,9 +24,10 @@ from ..runtime.interrupt import interrupt_between
 from ..runtime.span_workers import warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..strategies.user_stage_sources import stage_sources
-from .batch_rendering import MEMORY_SMALLEST, Chunk, checked_memory, rendered_chunks
+from .batch_rendering import MEMORY_SMALLEST, Chunk, Collected, checked_memory, rendered_chunks
 from .scene import Scene
 
+POSES_AT_ONCE = 1 << 16  # of a batch in memory, written together
 PACKAGES = ("palpate", "warp-lang", "numpy", "trimesh", "h5py")
 
 
@@ -92,7 +93,7 @@ def record(
     solid: Solid,
     hand: Hand,
     motion: HandMotion,
-    strategy: IntersectionStrategy,
+    strategy: IntersectionStrategy | str,
     *,
     object_pose: HandMotion | np.ndarray | None = None,
     mode: Literal["create", "resume", "overwrite"] = "create",
@@ -135,3 +136,20 @@ def record(
                 raise_if_interrupted()
         writer.seal(gzip=gzip)
         return Recording(Path(path), len(motion), rendered, writer.repairs)
+
+
+def save_contours(path: str | Path, found: Collected, motion: HandMotion, *, overwrite: bool = False) -> None:
+    """Write contours that are in memory into a contour file, whole or not at all.
+
+    Raises ContourFileError for a file that is there, unless `overwrite`, and for one that cannot be written.
+    """
+    batch = found.contours.numpy()
+    header = file_header(found.scene, motion, "cpu")
+    with ContourWriter(path, header, mode="overwrite" if overwrite else "create") as writer:
+        for first in range(0, len(batch), POSES_AT_ONCE):
+            stop = min(first + POSES_AT_ONCE, len(batch))
+            part = batch.select(first, stop)
+            removed = {name: length[first:stop] for name, length in found.removed.items()}
+            chunk = Chunk(first, stop, part, part.lengths(), removed)
+            writer.write(first, stop, part.arrays(), metrics_of(chunk), {"total": 0.0})
+        writer.seal()

@@ -36,7 +36,8 @@ from ..hands.mesh_hand import MeshHand
 from ..hands.plane_hand import PlaneHand
 from ..objects.functions.implicit_object import ImplicitObject, is_function_name
 from ..objects.level_of_detail import Detail, simplify
-from ..objects.mesh.solid_mesh import MeshObject, Placement
+from ..objects.mesh.placement import Placement
+from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.solid import Solid
 from ..objects.voxels.files import UNITS, is_volume
 from ..objects.voxels.values import KINDS

@@ -33,7 +33,7 @@ from ..objects.moving_object import seen_from
 from ..objects.solid import Solid
 from ..runtime.stage_timing import StageClock
 from ..stages.registry import BY_RAW_KERNELS, Setting, find_stage
-from ..strategies.intersection_strategy import IntersectionStrategy
+from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..strategies.stage_order import FILLS, SHAPES, TOURS
 from ..strategies.stage_runner import run_stages
 from ..validation import require_choice
@@ -133,13 +133,17 @@ class Scene:
     moved = OldAttribute("object_pose")
     pivot = OldAttribute("object_centre")
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Scene({self.solid!r}, {self.hand!r}, {self.strategy!r})"
+
     @classmethod
     @accept_old_keywords(thing="solid", moved="object_pose")
     def of(
         cls,
         solid: Solid,
         hand: Hand,
-        strategy: IntersectionStrategy,
+        strategy: IntersectionStrategy | str,
         *,
         object_pose: np.ndarray | None = None,
         points: str = "array",
@@ -149,6 +153,7 @@ class Scene:
         Raises MeshError where inside and outside of the object must be defined and are not; StrategyError for a
         strategy that this hand cannot have, and if the focal width is needed and no focus can be made at the object.
         """
+        strategy = strategy_of(strategy)
         require_parts(solid, hand, strategy)
         strategy = with_joined_sides(strategy, hand)
         marches = not is_exact(solid, hand, strategy)

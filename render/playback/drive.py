@@ -142,6 +142,10 @@ class Driver:
         self._transducers: Any = None
         self.reset()
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Driver({', '.join(array.name for array in self.arrays)}, {self.strategy!r})"
+
     def reset(self) -> None:
         """Forget the frames so far: the next one starts from rest."""
         self._held: np.ndarray | None = None  # [m], shape [focus, 3]

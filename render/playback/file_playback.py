@@ -5,9 +5,9 @@ from __future__ import annotations  # array("B") takes no index at run time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -29,9 +29,18 @@ from ...device.transports.serial_line import SerialPorts
 from ...kernels.driving.solve import POINTS_MOST
 from ..errors import StrategyError
 from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy
+from ..sampling.presets import sampling_of, sets_rate
 from ..validation import require_choice
 from .drive import Driver, DriveStrategy
-from .focus_source import ContourSource, FocusSource, KeptSource, PointSource, frame_count, require_duration
+from .focus_source import (
+    ContourRows,
+    ContourSource,
+    FocusSource,
+    KeptSource,
+    PointSource,
+    frame_count,
+    require_duration,
+)
 from .frame_source import FrameSource
 from .placed_arrays import PlacedArray
 
@@ -55,6 +64,11 @@ class Playback:
     drive: DriveStrategy
     repeats: int = 1
     """Requested number of repetitions."""
+
+    def __repr__(self) -> str:
+        """One line: the report of each array, jumps and silenced focal points."""
+        jumps = "" if self.count is None else f", {sum(self.count.jumps.values())} jumps"
+        return f"Playback({', '.join(map(repr, self.reports))}{jumps}, {self.refused} silenced)"
 
     @property
     def played(self) -> PlayReport:
@@ -168,7 +182,7 @@ def play_file(
     path: str | Path,
     *,
     array: str | Sequence[PlacedArray] = "emulator",
-    sampling: SamplingStrategy | None = None,
+    sampling: SamplingStrategy | str | None = None,
     drive: DriveStrategy | None = None,
     duration: float | None = None,
     repeats: int = 1,
@@ -197,16 +211,65 @@ def play_file(
         ContourFileError: the file was truncated or changed while it played; the array is off.
         DeviceError (with `report`), PlayInterrupted: while playing.
     """
-    arrays = (PlacedArray(array_model(array)),) if isinstance(array, str) else tuple(array)
+    arrays = _arrays_of(array)
+    with opened(Path(path), sampling, duration, arrays) as source:
+        return _play(source, arrays, drive, repeats, limits, connection or Connection(), device, watch)
+
+
+def play_contours(
+    contours: ContourRows,
+    *,
+    array: str | Sequence[PlacedArray] = "emulator",
+    sampling: SamplingStrategy | str | None = None,
+    drive: DriveStrategy | None = None,
+    duration: float | None = None,
+    repeats: int = 1,
+    limits: Limits | None = None,
+    connection: Connection | None = None,
+    device: str = "cpu",
+    watch: Callable[[LiveStatistics, int], object] | None = None,
+) -> Playback:
+    """Play contours that are in memory; arguments and errors as for `play_file`."""
+    arrays = _arrays_of(array)
+    source = _sampled(contours, sampling, duration, arrays)
+    return _play(source, arrays, drive, repeats, limits, connection or Connection(), device, watch)
+
+
+def _arrays_of(array: str | Sequence[PlacedArray]) -> tuple[PlacedArray, ...]:
+    return (PlacedArray(array_model(array)),) if isinstance(array, str) else tuple(array)
+
+
+class Opened(NamedTuple):
+    """What is played."""
+
+    source: FocusSource
+    sampler: Sampler | None
+    """Makes the focal points; None if they were there."""
+    update_rate: float
+    """[Hz]"""
+    file: ContourFile | FrameReader | None = None
+    """Read while it is played; None if all was read before."""
+
+
+def _play(
+    opened: Opened,
+    arrays: Sequence[PlacedArray],
+    drive: DriveStrategy | None,
+    repeats: int,
+    limits: Limits | None,
+    connection: Connection,
+    device: str,
+    watch: Callable[[LiveStatistics, int], object] | None,
+) -> Playback:
     if repeats < 1:
         raise StrategyError(f"repeats must be at least 1, not {repeats}")
+    source, sampler, update_rate, file = opened
     with ExitStack() as stack:
-        source, sampler, update_rate, file = stack.enter_context(opened(Path(path), sampling, duration, arrays))
         for placed in arrays:
             placed.model.divider(update_rate)
         driver = Driver([placed.model for placed in arrays], drive, update_rate=update_rate, device=device)
         frames = FrameSource(source, driver, repeats=repeats, sampler=sampler)
-        links = stack.enter_context((connection or Connection()).all_of(arrays))
+        links = stack.enter_context(connection.all_of(arrays))
         reports = play_together(
             links,
             frames if file is None else unchanged(frames, file),
@@ -227,12 +290,9 @@ def play_file(
 
 @contextmanager
 def opened(
-    path: Path, sampling: SamplingStrategy | None, duration: float | None, arrays: Sequence[PlacedArray]
-) -> Iterator[tuple[FocusSource, Sampler | None, float, ContourFile | FrameReader | None]]:
-    """Open a file: its focal points, their sampler or None, their update rate [Hz], and the file.
-
-    By default the update rate is the first array's. The file is None if it was read completely beforehand.
-    """
+    path: Path, sampling: SamplingStrategy | str | None, duration: float | None, arrays: Sequence[PlacedArray]
+) -> Iterator[Opened]:
+    """Open a file; by default the update rate is the first array's."""
     if path.suffix.lower() == ".ptlist":
         if sampling is not None:
             raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
@@ -240,24 +300,37 @@ def opened(
         focus = FocalPoints(points.position, points.intensity * np.float32(points.intensity_peak))
         require_duration(duration)
         stop = None if duration is None else frame_count(duration, points.update_rate, path)
-        yield PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop])), None, points.update_rate, None
+        source = PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop]))
+        yield Opened(source, None, points.update_rate)
         return
     if frame_format(path) == FOCAL_POINTS:
         if sampling is not None:
             raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
         with FrameReader(path) as kept:
             _require_solvable(kept.foci)
-            yield KeptSource(kept, duration), None, kept.update_rate, kept
+            yield Opened(KeptSource(kept, duration), None, kept.update_rate, kept)
         return
-    model = arrays[0].model
-    if sampling is None:
-        sampling = SamplingStrategy(update_rate=model.update_rate(model.divider_default))
-    _require_solvable(sampling.foci)
-    sampler = Sampler(sampling)
     with ContourFile(path) as file:
         if not file.sealed:
             raise StrategyError(f'{path}: is not finished and cannot be played; mode="resume" finishes it')
-        yield ContourSource(file, sampler, duration), sampler, sampling.update_rate, file
+        yield _sampled(file, sampling, duration, arrays)._replace(file=file)
+
+
+def _sampled(
+    contours: ContourRows,
+    sampling: SamplingStrategy | str | None,
+    duration: float | None,
+    arrays: Sequence[PlacedArray],
+) -> Opened:
+    """Focal points of contours; sampling: None and names take the first array's rate."""
+    if sampling is None or (isinstance(sampling, str) and not sets_rate(sampling)):
+        model = arrays[0].model
+        rate = model.update_rate(model.divider_default)
+        sampling = replace(sampling_of(sampling or "stm"), update_rate=rate)
+    strategy = sampling_of(sampling)
+    _require_solvable(strategy.foci)
+    sampler = Sampler(strategy)
+    return Opened(ContourSource(contours, sampler, duration), sampler, strategy.update_rate)
 
 
 def unchanged(frames: FrameSource, file: ContourFile | FrameReader) -> Iterator[tuple[array[int], ...]]:

@@ -24,7 +24,8 @@ from ..intersection.scene import Scene
 from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.solid import Solid
 from ..sampling.contour_sampling import FocalPoints, Path, Sampler, SamplingStrategy, joined, paths_of
-from ..strategies.intersection_strategy import IntersectionStrategy
+from ..sampling.presets import sampling_of
+from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 
 POSE_INTERVAL = 1 / 90  # [s]; a headset's hand tracking
 INTERVAL_RANGE = (1e-4, 5.0)  # [s]
@@ -49,7 +50,7 @@ class PoseContours:
         self,
         solid: Solid,
         hand: Hand,
-        strategy: IntersectionStrategy,
+        strategy: IntersectionStrategy | str,
         *,
         method: str | None = None,
         size: RoomSize | None = None,
@@ -58,6 +59,7 @@ class PoseContours:
             raise StrategyError(
                 f"the hand has {hand.pose_count} poses of its own: one pose at a time takes a rigid one"
             )
+        strategy = strategy_of(strategy)
         scene = Scene.of(solid, hand, strategy)
         warn_of_spacing(solid.name, solid.bounds)
         middle = np.array([*solid.bounds.mean(axis=0), *PALM_DOWN], np.float32)
@@ -114,15 +116,15 @@ class Instant:
         self,
         solid: Solid,
         hand: Hand,
-        strategy: IntersectionStrategy,
-        sampling: SamplingStrategy | None = None,
+        strategy: IntersectionStrategy | str,
+        sampling: SamplingStrategy | str | None = None,
         *,
         interval: float = POSE_INTERVAL,
     ) -> None:
         low, high = INTERVAL_RANGE
         if not low <= interval <= high:  # a NaN compares false
             raise StrategyError(f"interval must lie in {low:g}..{high:g} s, not {interval}")
-        sampling = sampling or SamplingStrategy()
+        sampling = sampling_of(sampling or SamplingStrategy())
         self.interval = interval
         self.sampler = Sampler(sampling)
         """Its `count` has the number of samples drawn."""
@@ -136,6 +138,10 @@ class Instant:
         self._pose = np.zeros(7)
         self._path: Path | None = None
         self._drawn = 0  # samples so far
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Instant({self.sampler!r})"
 
     @property
     def grown(self) -> int:

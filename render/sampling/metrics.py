@@ -22,6 +22,11 @@ class FocalPoints(NamedTuple):
     position: np.ndarray  # [m], array frame, float32, shape [sample, 3]; with several foci [sample, focus, 3]
     intensity: np.ndarray  # relative pressure amplitude 0..1, float32, shape [sample] or [sample, focus]
 
+    def __repr__(self) -> str:
+        """One line."""
+        foci = 1 if self.intensity.ndim == 1 else self.intensity.shape[1]
+        return f"FocalPoints({len(self.intensity)} samples of {foci} foci)"
+
 
 @dataclass
 class SamplingCount:

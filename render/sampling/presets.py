@@ -94,6 +94,11 @@ def load_sampling(source: str) -> SamplingStrategy:
     return load_by_name(source, PRESETS, SamplingStrategy.from_json, "sampling")
 
 
+def sampling_of(sampling: SamplingStrategy | str) -> SamplingStrategy:
+    """The strategy itself, or the one that `load_sampling` gives for a name or file."""
+    return load_sampling(sampling) if isinstance(sampling, str) else sampling
+
+
 def sets_rate(source: str) -> bool:
     """Whether a strategy that `load_sampling` takes has an update rate of its own: a file that names one."""
     if find_name(source, PRESETS) is not None:

@@ -16,6 +16,7 @@ from .continuity import Place, entered, place_on
 from .contour_absence import AbsenceWatch
 from .metrics import FocalPoints, SamplingCount
 from .path import Path
+from .presets import sampling_of
 from .revisits import RevisitWatch
 from .route import Route
 from .strategy import Order, SamplingStrategy
@@ -86,8 +87,8 @@ class Cursor:
 class Sampler:
     """Draws one pose after another; keeps where the focal points are and counts what happens."""
 
-    def __init__(self, strategy: SamplingStrategy) -> None:
-        self.strategy = strategy
+    def __init__(self, strategy: SamplingStrategy | str) -> None:
+        self.strategy = strategy = sampling_of(strategy)
         self.count = SamplingCount()
         self._path: Path | None = None  # of the last sample
         self._before: Path | None = None  # whose contours were entered last
@@ -104,6 +105,10 @@ class Sampler:
         self._entry: tuple[Track, float, np.ndarray] | None = None  # the knot, and where the focal points were [m]
         self._ordinary = strategy.step_ordinary  # longest step along them [m]
         self._ordinary_before = self._ordinary  # along the contours before
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Sampler({self.strategy!r}, {self.count.samples} samples drawn)"
 
     def draw(
         self, path: Path | None, pose: np.ndarray, sample_count: int, *, age: float = 0.0, hold: float = np.inf

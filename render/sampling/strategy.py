@@ -250,6 +250,12 @@ class SamplingStrategy:
         require_choice("continuity", self.continuity, ("nearest", "finish", "jump"))
         self._require_agreement()
 
+    def __repr__(self) -> str:
+        """One line: fields that have not their default."""
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        changed = ", ".join(f"{name}={value!r}" for name, value in own.items() if value != getattr(DEFAULT, name))
+        return f"SamplingStrategy({changed})"
+
     def _require_agreement(self) -> None:
         """Raise StrategyError for groups that exclude each other."""
         pace, order = self.pace, self.order
@@ -387,3 +393,6 @@ GROUPS: dict[str, Any] = {
     "sections": Sections,
 }
 OPTIONAL = ("am", "lm", "sections")
+
+
+DEFAULT = SamplingStrategy()

@@ -1,13 +1,12 @@
 """Sections: contours in the plane of their patch, grouped by region, and their area, middle and second moments."""
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..contour_batch import ContourBatch
-from ..errors import PalpateWarning
+from ..user_warnings import warn_user
 from .registry import Setting
 
 
@@ -127,11 +126,9 @@ class Sections:
         groups = self.groups("region")
         left_out = int(sum(np.count_nonzero(~self.closed[group]) for group in groups))
         if left_out:
-            warnings.warn(
+            warn_user(
                 f"{stage}: {left_out} of {self.batch.polyline_count} contours are open, enclose nothing and are left "
-                'out: put "close" before it',
-                PalpateWarning,
-                stacklevel=2,
+                'out: put "close" before it'
             )
         return [group for group in groups if self.closed[group].all() and self.areas[group, 0].sum() > 0]
 

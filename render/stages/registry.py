@@ -58,6 +58,10 @@ class Stage:
         """Copy the options, so that later changes do not matter."""
         object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Stage({self.name!r}{f', {dict(self.options)}' if self.options else ''})"
+
     def __eq__(self, other: object) -> bool:
         """Compare by name and options; a text equals the stage of that name without options."""
         if isinstance(other, str):

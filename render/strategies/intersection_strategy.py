@@ -296,6 +296,11 @@ def load_strategy(source: str, *, allow_code: AllowCode = False) -> Intersection
     return load_by_name(strategy_name(source) or source, PRESETS, read, "strategy")
 
 
+def strategy_of(strategy: IntersectionStrategy | str) -> IntersectionStrategy:
+    """The strategy itself, or the one that `load_strategy` gives for a name or file."""
+    return load_strategy(strategy) if isinstance(strategy, str) else strategy
+
+
 def draft_strategy(path: str) -> tuple[dict[str, Any], list[Code]]:
     """Strategy of a file without running its modules, in the form of `described`, and the code of the modules.
 

@@ -41,6 +41,10 @@ class SweepResult:
     """Folder of the results."""
     report: SweepReport
 
+    def __repr__(self) -> str:
+        """One line: how many recipes, where they are kept."""
+        return f"SweepResult({len(self.columns['recipe'])} recipes, {len(self.failures)} failed, {str(self.store)!r})"
+
     @property
     def failures(self) -> tuple[Failure, ...]:
         """Recipes that could not be made, and why; their metrics are missing in the table."""

@@ -235,6 +235,6 @@ def test_what_scripts_import_is_found_under_its_name_whatever_was_imported_befor
     rooms = {path.stem for path in (ROOT / "render").iterdir()}
     assert not rooms & set(pipeline.__all__)  # importing a room of that name would hide it
     for name in pipeline.__all__:
-        assert getattr(pipeline, name) is getattr(import_module(f"palpate.render.{pipeline._HOMES[name]}"), name)
+        assert getattr(pipeline, name) is getattr(import_module(f".{pipeline._HOMES[name]}", "palpate.render"), name)
     with pytest.raises(AttributeError, match="nothing"):
         _ = pipeline.nothing

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -17,7 +17,15 @@ from ....kernels.fields.user_function import function_field
 from ...errors import ImplicitError
 from ...trust.permission import AllowCode
 from ..isosurface import isosurface
-from ..mesh.solid_mesh import Placement, axis_rotation, up_rotation, warn_of_place
+from ..mesh.placement import (
+    Placement,
+    PlacementFields,
+    axis_rotation,
+    place_text,
+    placement_of,
+    up_rotation,
+    warn_of_place,
+)
 from .expression import Box, Expression, Transform
 from .expression_compiler import WHOLE, Frame, compile_expression, expression_bounds
 from .expression_json import load_expression
@@ -37,7 +45,8 @@ class ImplicitObject:
     gives a float or float64; or the name of one, "package.module:function" or "file.py:function".
     bounds: lowest and highest coordinates [m], own coordinates, shape [2, 3]; what leaves them is cut off there. A
     function needs them, an expression where it has none of its own (a half-space).
-    placement: as for meshes, about the bounds' box. hand: it is one, in the hand frame, so it may lie about the origin.
+    placement, or its fields: as for meshes, about the bounds' box. hand: it is one, in the hand frame, so it may lie
+    about the origin.
     allow_code: whether the module that a function's name is of may be run; a function itself needs no permission.
 
     Warns (PalpateWarning) of a size that suggests millimetres, an object behind the array, and a function cut off.
@@ -54,12 +63,13 @@ class ImplicitObject:
         name: str | None = None,
         hand: bool = False,
         allow_code: AllowCode = False,
+        **place: Unpack[PlacementFields],
     ) -> None:
         self.name = name or name_of(source)
         if isinstance(source, str) and is_function_name(source) and bounds is None:  # before its module is run
             raise ImplicitError(f"{self.name}: {NEEDS_BOUNDS}")
         source = resolved(source, allow_code)
-        self.placement = placement or Placement()
+        self.placement = placement_of(placement, **place)
         given = None if bounds is None else checked_bounds(bounds, self.name)
         self.expression = source if isinstance(source, Expression) else None
         """The tree, in its own coordinates; None for a function."""
@@ -84,6 +94,10 @@ class ImplicitObject:
         if not hand:
             self._check_place()
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"ImplicitObject({self.name!r}, {place_text(self.bounds)})"
+
     @classmethod
     def load(
         cls,
@@ -94,9 +108,10 @@ class ImplicitObject:
         name: str | None = None,
         hand: bool = False,
         allow_code: AllowCode = False,
+        **place: Unpack[PlacementFields],
     ) -> "ImplicitObject":
         """Load a JSON file's expression, or a function by name: see the class."""
-        return cls(source, bounds=bounds, placement=placement, name=name, hand=hand, allow_code=allow_code)
+        return cls(source, bounds=bounds, placement=placement, name=name, hand=hand, allow_code=allow_code, **place)
 
     def _check_place(self) -> None:
         warn_of_place(self.name, self.bounds, "for millimetres use scale=0.001, or fit=0.13")

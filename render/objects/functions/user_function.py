@@ -10,7 +10,6 @@
 
 import hashlib
 import inspect
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,9 +20,10 @@ import warp as wp
 from ....kernels.fields.field import Field
 from ....kernels.fields.probe import lattice_of, probe_nodes, probe_points
 from ....kernels.fields.user_function import Placed, raw_value
-from ...errors import ImplicitError, PalpateWarning, UntrustedCodeError
+from ...errors import ImplicitError, UntrustedCodeError
 from ...trust.permission import UNNAMED, AllowCode, Namer
 from ...trust.user_code import CodeSource, find_file, find_installed, run_all
+from ...user_warnings import warn_user
 
 TRIED = 64  # cells along the longest side of the bounds where a function is tried
 TRIED_LEAST = 8  # along the others
@@ -128,11 +128,9 @@ def try_function(function: Any, bounds: np.ndarray, name: str) -> np.ndarray:
     border[1:-1, 1:-1, 1:-1] = False
     if border.any():
         at = bounds[0] + np.argwhere(border)[0] * size / cells
-        warnings.warn(
+        warn_user(
             f"{name}: reaches its bounds' border, at {point_text(at)} for one, and is closed there: widen them to "
-            "hold all",
-            PalpateWarning,
-            stacklevel=4,
+            "hold all"
         )
     return inside
 

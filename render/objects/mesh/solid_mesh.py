@@ -1,13 +1,12 @@
 """MeshObject: a mesh from a file, from arrays or built in, placed in the array's frame and repaired."""
 
 import hashlib
-import warnings
 from copy import copy
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
 from threading import RLock
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -19,106 +18,26 @@ from ....datasets.shapes.built_in import shape, shape_name, shape_names
 from ....kernels.fields.field import Field
 from ....kernels.fields.mesh_inside import mesh_field
 from ....kernels.section.half_edges import HalfEdges, upload_surface
-from ...errors import MeshError, PalpateWarning, PlacementError, RepairError
+from ...errors import MeshError, RepairError
 from ...runtime.interrupt import interrupt_between
 from ...runtime.loading_progress import Watch, unwatched
+from ...user_warnings import warn_user
 from ...validation import unit_hint
 from .cache import cache_folder, repaired_mesh
+from .foreign_meshes import foreign_arrays, pyvista_mesh, trimesh_mesh
+from .placement import SIZE_LARGEST, Placement, PlacementFields, place_text, placement_of, warn_of_place
 from .repair import Repair
 from .report import MeshReport
 
-SIZE_LARGEST = 5.0  # [m]; a larger object does not fit any workspace: its file is probably in millimetres
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
+
 _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by `MeshObject.identity`
 POOL_KEPT = 0.5  # share of a GPU's memory kept for the next batch, because freeing it at every wait takes milliseconds
 TRIANGLES_ANNOUNCED = 2_000_000  # a warning gives the expected time before repairing at least as many
 REPAIR_SECONDS, REPAIR_GIGABYTES = 8.0, 0.6  # for a million triangles; measured, docs/measured/performance.md
 SOLID_RULES = ("winding", "even-odd")
-UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Transform from a file's coordinates to the array's: scale, `up`, fit, rotate and move, in this order."""
-
-    scale: float = 1.0
-    """Factor on all coordinates (0.001 for a file in millimetres)."""
-    up: str = "z"
-    """Axis of the file that points up, away from the array: one of x, y, z, -x, -y, -z."""
-    fit: float | None = None
-    """Longest side of the bounding box [m]; None leaves the size alone."""
-    rotate: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Angles about the array's x, then y, then z axis, through the middle of the bounding box [degree]."""
-    at: tuple[float, float, float] | None = None
-    """Where the middle of the bounding box goes [m], array frame; None leaves it where it is."""
-
-    def __post_init__(self) -> None:
-        """Raise PlacementError for a value that is not allowed."""
-        if not (np.isfinite(self.scale) and self.scale > 0):
-            raise PlacementError(f"scale must be positive, not {self.scale}")
-        if self.up not in UP_AXES:
-            raise PlacementError(f"up must be one of {', '.join(UP_AXES)}, not {self.up!r}")
-        if self.fit is not None and not (np.isfinite(self.fit) and self.fit > 0):
-            raise PlacementError(f"fit must be a positive length in metres, not {self.fit}")
-        for field, value in (("rotate", self.rotate), ("at", self.at)):
-            if value is not None and (len(value) != 3 or not np.isfinite(value).all()):
-                raise PlacementError(f"{field} must be three finite numbers, not {value}")
-
-    def applied_to(self, vertices: np.ndarray) -> np.ndarray:
-        """Placed vertices [m], shape [vertex, 3]."""
-        if self == Placement():
-            return vertices
-        out = vertices * self.scale @ up_rotation(self.up).T
-        middle = (out.min(axis=0) + out.max(axis=0)) / 2
-        out = out - middle
-        if self.fit is not None:
-            out *= self.fit / np.ptp(out, axis=0).max()
-        for axis, angle in enumerate(self.rotate):
-            out = out @ axis_rotation(axis, np.radians(angle)).T
-        return out + (middle if self.at is None else np.asarray(self.at))
-
-    def factor_of(self, vertices: np.ndarray) -> float:
-        """Factor by which lengths grow."""
-        if self.fit is None:
-            return self.scale
-        finite = vertices[np.isfinite(vertices).all(axis=-1)] if vertices.ndim == 2 else vertices[:0]
-        if len(finite) == 0:
-            return self.scale
-        return self.fit / (float(np.ptp(finite, axis=0).max()) or 1.0)
-
-
-def warn_of_place(name: str, bounds: np.ndarray, way: str) -> None:
-    """Warn (PalpateWarning) of an object that is too large or reaches behind the array.
-
-    bounds: [m], array frame, shape [2, 3]; way: advice against the size. Call it from a method that a constructor
-    calls: the warning is attributed to the constructor's caller.
-    """
-    size, low, high = np.ptp(bounds, axis=0), bounds[0, 2], bounds[1, 2]
-    if size.max() > SIZE_LARGEST:
-        fault = f"is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; {way}"
-    elif low < 0:
-        fault = (
-            f"reaches behind the array (z from {low:.4g} to {high:.4g} m): coordinates are taken as they are, "
-            "at=(0, 0, 0.2) places it in front"
-        )
-    else:
-        return
-    warnings.warn(f"{name}: {fault}", PalpateWarning, stacklevel=4)
-
-
-def axis_rotation(axis: int, angle: float) -> np.ndarray:
-    """Rotation matrix about a coordinate axis [rad]; quarter turns are exact."""
-    c, s = np.cos(angle), np.sin(angle)
-    c, s = (np.round(c), np.round(s)) if abs(np.sin(2 * angle)) < 1e-15 else (c, s)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    out = np.eye(3)
-    out[i, i], out[i, j], out[j, i], out[j, j] = c, -s, s, c
-    return out
-
-
-def up_rotation(up: str) -> np.ndarray:
-    """Rotation that brings an axis of the file to +z: a turn about the file's x (for x itself, about its y)."""
-    axis, angle = {"z": (0, 0), "y": (0, 1), "-z": (0, 2), "-y": (0, -1), "x": (1, -1), "-x": (1, 1)}[up]
-    return axis_rotation(axis, angle * np.pi / 2)
 
 
 def require_solid_rule(solid: str) -> str:
@@ -173,19 +92,25 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 class MeshObject:
     """A triangle mesh in the array's frame, checked and repaired.
 
-    vertices: [m], shape [vertex, 3]; faces: int, shape [face, 3], counter-clockwise from outside.
+    vertices: [m], shape [vertex, 3]; faces: int, shape [face, 3], counter-clockwise from outside. Or a mesh of trimesh
+    or PyVista instead of both.
+    placement, or its fields `scale`, `up`, `fit`, `rotate`, `at`: where the mesh goes.
     solid: what is inside: "winding", where the winding number of all bodies is above 0, or "even-odd", where it is odd.
     weld: vertices at most this far apart are merged [m]; fill_holes: holes whose rim is at most this long are closed
     [m]; both lengths in the placed object. watch: called with each stage of loading.
     Warns (PalpateWarning) of faults found or repaired, of a size that suggests millimetres, and of an object behind
     the array.
     Raises MeshError for arrays that are no mesh, RepairError for an option with a value that is not allowed.
+
+    >>> import trimesh
+    >>> MeshObject(trimesh.creation.box((0.1, 0.1, 0.05)), name="box", at=(0, 0, 0.2))
+    MeshObject('box', 12 triangles, closed, 100 x 100 x 50 mm at (0, 0, 0.2) m)
     """
 
     def __init__(
         self,
-        vertices: np.ndarray,
-        faces: np.ndarray,
+        vertices: Any,
+        faces: np.ndarray | None = None,
         *,
         name: str = "mesh",
         placement: Placement | None = None,
@@ -193,11 +118,14 @@ class MeshObject:
         weld: float = 0.0,
         fill_holes: float = 0.0,
         watch: Watch = unwatched,
+        **place: Unpack[PlacementFields],
     ) -> None:
         self.name = name
         self.solid = require_solid_rule(solid)
         """What counts as inside: "winding" (winding number > 0) or "even-odd" (an odd winding number)."""
-        self.placement = placement or Placement()
+        self.placement = placement_of(placement, **place)
+        if faces is None:
+            vertices, faces = foreign_arrays(vertices)
         vertices, faces = np.asarray(vertices), np.asarray(faces)
         self._scale = self.placement.factor_of(vertices)
         repaired = repaired_mesh(vertices, faces, self._repair(weld, fill_holes), watch, announce=self._announce)
@@ -221,19 +149,31 @@ class MeshObject:
     @classmethod
     def load(
         cls,
-        source: str | Path,
+        source: Any,
         *,
         placement: Placement | None = None,
         solid: str = "winding",
         weld: float = 0.0,
         fill_holes: float = 0.0,
         watch: Watch = unwatched,
+        **place: Unpack[PlacementFields],
     ) -> "MeshObject":
-        """Load a built-in object by name, or any mesh file that trimesh reads (STL, OBJ, PLY, GLB, ...).
+        """Load a built-in object by name, any mesh file that trimesh reads (STL, OBJ, PLY, GLB, ...), or such a mesh.
 
         Other arguments and errors as for the class.
+
+        >>> MeshObject.load("tube", fit=0.1)
+        MeshObject('tube', 256 triangles, closed, 100 x 100 x 100 mm at (0, 0, 0.2) m)
         """
-        options = {"placement": placement, "solid": solid, "weld": weld, "fill_holes": fill_holes, "watch": watch}
+        options: Any = {
+            "placement": placement_of(placement, **place),
+            "solid": solid,
+            "weld": weld,
+            "fill_holes": fill_holes,
+            "watch": watch,
+        }
+        if not isinstance(source, str | Path):
+            return cls(source, **options)
         if (name := shape_name(source)) is not None:
             return cls(*shape(name), name=name, **options)
         path = Path(source)
@@ -257,17 +197,15 @@ class MeshObject:
         if triangle_count >= TRIANGLES_ANNOUNCED:
             millions = triangle_count / 1e6
             once = "" if cache_folder() is None else "; the result is kept on disk"
-            warnings.warn(
+            warn_user(
                 f"{self.name}: {millions:.3g} million triangles take about {millions * REPAIR_SECONDS:.0f} s and "
-                f"{millions * REPAIR_GIGABYTES:.1f} GB of memory to check and repair{once}",
-                PalpateWarning,
-                stacklevel=4,
+                f"{millions * REPAIR_GIGABYTES:.1f} GB of memory to check and repair{once}"
             )
 
     def _warn_of_report(self) -> None:
         phrases = self.report.changes() + self.report.faults(self._scale)
         if phrases:
-            warnings.warn(f"{self.name}: " + "; ".join(phrases), PalpateWarning, stacklevel=3)
+            warn_user(f"{self.name}: " + "; ".join(phrases))
 
     def _check_size(self) -> None:
         if not np.isfinite(self.vertices).all():
@@ -280,7 +218,7 @@ class MeshObject:
         if self.placement.at is not None and np.abs(self.placement.at).max() > SIZE_LARGEST:
             metres = ", ".join(f"{value / 1000:g}" for value in self.placement.at)
             fault = f"lies at {self.placement.at} m; lengths are in metres, in millimetres that were at=({metres})"
-            warnings.warn(f"{self.name}: {fault}", PalpateWarning, stacklevel=3)
+            warn_user(f"{self.name}: {fault}")
 
     def _check_rounding(self, vertices: np.ndarray) -> None:
         allowed = len(vertices) // 100
@@ -289,11 +227,9 @@ class MeshObject:
             return
         lost = len(vertices) - len(np.unique(placed, axis=0))
         if lost > allowed:
-            warnings.warn(
+            warn_user(
                 f"{self.name}: {lost} of {len(vertices)} vertices fall on others in float32, which steps by "
-                f"{np.spacing(np.abs(self.vertices).max()):.2g} m this far from the array: at=(0, 0, 0.2) is nearer",
-                PalpateWarning,
-                stacklevel=3,
+                f"{np.spacing(np.abs(self.vertices).max()):.2g} m this far from the array: at=(0, 0, 0.2) is nearer"
             )
 
     @property
@@ -369,6 +305,23 @@ class MeshObject:
             if device not in self._fields:
                 self._fields[device] = mesh_field(self.on(device), self.bounds, solid=self.solid)
             return self._fields[device]
+
+    def __repr__(self) -> str:
+        """One line: name, triangles, whether it is closed, size and place."""
+        kind = "closed" if self.report.closed else f"{self.report.open_edges} open edges"
+        return f"MeshObject({self.name!r}, {len(self.faces)} triangles, {kind}, {place_text(self.bounds)})"
+
+    def to_trimesh(self) -> "trimesh.Trimesh":
+        """The mesh for trimesh, in metres, as it was placed and repaired.
+
+        >>> MeshObject.load("cube").to_trimesh().volume.round(6)
+        np.float64(0.002197)
+        """
+        return trimesh_mesh(self.vertices, self.faces)
+
+    def to_pyvista(self) -> "pyvista.PolyData":
+        """The mesh for PyVista, in metres, as it was placed and repaired; raises MeshError without PyVista."""
+        return pyvista_mesh(self.vertices, self.faces)
 
     def outline_mesh(self) -> tuple[np.ndarray, np.ndarray]:
         """The mesh itself."""

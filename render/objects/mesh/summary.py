@@ -11,7 +11,8 @@ from ....datasets.shapes.built_in import shape_name
 from ...errors import PalpateWarning
 from ...runtime.loading_progress import Watch, unwatched
 from .files import SUFFIXES
-from .solid_mesh import SIZE_LARGEST, MeshObject, Placement
+from .placement import SIZE_LARGEST, Placement
+from .solid_mesh import MeshObject
 
 ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth away
 

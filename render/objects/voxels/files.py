@@ -5,7 +5,6 @@ import logging
 import math
 import secrets
 import struct
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,7 +29,8 @@ from ....datasets.errors import name_nothing
 from ....datasets.known_names import likely_file
 from ....datasets.storage.durable import write_temporary
 from ....kernels.solids.voxelise import gather_volume
-from ...errors import PalpateWarning, VoxelError
+from ...errors import VoxelError
+from ...user_warnings import warn_user
 from ...validation import value_text
 from .grid import affine_of
 from .values import require_room
@@ -327,7 +327,7 @@ def write_npz(voxels: "VoxelObject", path: Path) -> None:
 def write_npy(voxels: "VoxelObject", path: Path) -> None:
     """Values alone."""
     np.save(path, signed_or_occupied(voxels)[0])
-    warnings.warn(f"{path}: an .npy file holds no spacing, origin or kind; .npz does", PalpateWarning, stacklevel=4)
+    warn_user(f"{path}: an .npy file holds no spacing, origin or kind; .npz does")
 
 
 def write_nrrd(voxels: "VoxelObject", path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...errors import VoxelError
 from ...validation import value_text
-from ..mesh.solid_mesh import Placement
+from ..mesh.placement import Placement
 
 LENGTHS = "one or three positive lengths in metres"
 COORDINATES = "three finite coordinates in metres"

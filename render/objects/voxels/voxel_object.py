@@ -1,13 +1,12 @@
 """Objects given as voxels: occupancy, signed distance, intensity or labels on a grid of any spacing and orientation."""
 
 import hashlib
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import warp as wp
@@ -15,9 +14,11 @@ import warp as wp
 from ....kernels.fields.bricked_grid import bricked_field
 from ....kernels.fields.dense_grid import pad_outside
 from ....kernels.fields.field import Field
-from ...errors import PalpateWarning, VoxelError
+from ...errors import VoxelError
+from ...user_warnings import warn_user
 from ...validation import value_text
-from ..mesh.solid_mesh import POOL_KEPT, Placement, warn_of_place
+from ..mesh.placement import Placement, PlacementFields, place_text, placement_of, warn_of_place
+from ..mesh.solid_mesh import POOL_KEPT
 from .grid import affine_of, applied, box_around, crossing_points, placed_affine
 from .values import check_inside, rule_of, signed_values, values_of
 
@@ -30,7 +31,7 @@ class VoxelObject:
     spacing: between voxel centres [m], one or three; origin: centre of voxel [0, 0, 0] [m]; direction: its columns are
     where i, j and k point; or affine: from indices to coordinates [m], shape [4, 4], mirrored and sheared ones too.
     label: one or several labels of a segmented volume. smooth: blur of occupancy and labels [m].
-    placement: as for meshes, about the surface's box; it moves the grid, nothing is resampled.
+    placement, or its fields: as for meshes, about the surface's box; it moves the grid, nothing is resampled.
     hand: it is one, in the hand frame, so it may lie about the origin.
 
     A solid that reaches the volume's border is closed half a voxel beyond it, with a PalpateWarning.
@@ -54,11 +55,12 @@ class VoxelObject:
         name: str = "voxels",
         source: Mapping[str, Any] | None = None,
         hand: bool = False,
+        **place: Unpack[PlacementFields],
     ) -> None:
         self.name = name
         self.source = dict(source or {})
         """What the voxels were made from, for JSON; empty if they were given."""
-        self.placement = placement or Placement()
+        self.placement = placement_of(placement, **place)
         values = values_of(values)
         if spacing is None and affine is None and self.placement.fit is None:
             raise VoxelError("spacing must be given [m], or affine, or a placement with fit")
@@ -80,6 +82,10 @@ class VoxelObject:
         self._check_border()
         self._check_place(hand)
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"VoxelObject({self.name!r}, {self.inside_count} voxels inside, {place_text(self.bounds)})"
+
     @classmethod
     def load(
         cls,
@@ -95,6 +101,7 @@ class VoxelObject:
         placement: Placement | None = None,
         name: str | None = None,
         hand: bool = False,
+        **place: Unpack[PlacementFields],
     ) -> "VoxelObject":
         """Load .npy, .npz, .nrrd, .nhdr, .nii, .nii.gz or .nvdb; docs/guide/voxels.md says what each holds.
 
@@ -127,7 +134,7 @@ class VoxelObject:
                 label=label,
                 inside=inside,
                 smooth=smooth,
-                placement=placement,
+                placement=placement_of(placement, **place),
                 name=name or path.name,
                 hand=hand,
             )
@@ -141,11 +148,7 @@ class VoxelObject:
                 count = int(np.count_nonzero(np.moveaxis(self.values, axis, 0)[end] < 0))
                 sides += [f"{where} {'ijk'[axis]} ({count} voxels)"] if count else []
         if sides:
-            warnings.warn(
-                f"{self.name}: the solid reaches the volume's border at {', '.join(sides)}; it is closed there",
-                PalpateWarning,
-                stacklevel=3,
-            )
+            warn_user(f"{self.name}: the solid reaches the volume's border at {', '.join(sides)}; it is closed there")
 
     def _check_place(self, hand: bool) -> None:
         size = np.ptp(self.bounds, axis=0)

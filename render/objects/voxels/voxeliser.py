@@ -1,6 +1,5 @@
 """Meshes to voxels: the way to closed contours for a surface that has holes."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,12 +11,14 @@ import warp as wp
 from ....kernels.section.edge_pairing import twins_of
 from ....kernels.solids.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
 from ...deprecated_names import accept_old_keywords
-from ...errors import MeshError, PalpateWarning, VoxelError
+from ...errors import MeshError, VoxelError
 from ...runtime.loading_progress import Watch, unwatched
+from ...user_warnings import warn_user
 from ...validation import unit_hint, value_text
 from ..mesh.bodies import body_labels, resolve_signs, signed_volumes
+from ..mesh.placement import Placement
 from ..mesh.repair import winding_number
-from ..mesh.solid_mesh import MeshObject, Placement
+from ..mesh.solid_mesh import MeshObject
 from .grid import LENGTHS, numbers_of
 from .values import PADDED_MOST, is_bounded_number
 from .voxel_object import VoxelObject
@@ -231,9 +232,7 @@ def voxelise(
     inside &= (distance > 0) | deep  # what lies on the surface is outside, but not within another body
     distance[deep] = ROUNDING * nodes.spacing.min()
     if turned:
-        warnings.warn(
-            f"{mesh.name}: {turned} of its bodies faced inwards and were turned over", PalpateWarning, stacklevel=3
-        )
+        warn_user(f"{mesh.name}: {turned} of its bodies faced inwards and were turned over")
     if not inside.any():
         why = "it is too open to hold anything" if sign == "winding" else "it is thinner than the spacing"
         step = float(nodes.spacing.max())

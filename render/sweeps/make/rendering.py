@@ -25,7 +25,7 @@ from ...intersection.named_inputs import (
     simplified,
 )
 from ...intersection.scene import Scene
-from ...objects.mesh.solid_mesh import Placement
+from ...objects.mesh.placement import Placement
 from ...objects.solid import Solid
 from ...playback.drive import DriveStrategy
 from ...playback.placed_arrays import load_rig

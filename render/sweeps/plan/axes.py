@@ -14,7 +14,8 @@ from ....datasets.motions.hand_motion import EXPLORATION_DEFAULTS, POSES_MOST, R
 from ....kernels.driving.solve import POINTS_MOST
 from ...errors import RenderError, StrategyError
 from ...hands.hand import LARGEST, SMALLEST, Palm
-from ...objects.mesh.solid_mesh import SIZE_LARGEST, SOLID_RULES, UP_AXES
+from ...objects.mesh.placement import SIZE_LARGEST, UP_AXES
+from ...objects.mesh.solid_mesh import SOLID_RULES
 from ...objects.voxels.files import UNITS
 from ...objects.voxels.values import KINDS
 from ...playback.drive import AMPLITUDES, SOLVERS, Driver, DriveStrategy

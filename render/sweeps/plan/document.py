@@ -4,7 +4,6 @@ A fault is reported as `plan.toml:12: object.fit: must lie in ..., not ...`, or 
 """
 
 import re
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,8 +13,9 @@ from typing import Annotated, Any, cast
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo
 
 from ....datasets.bounded_file import parse_toml, read_text, require_parsable
-from ...errors import PalpateWarning, PlanError
+from ...errors import PlanError
 from ...runtime.worker_devices import WORKERS_MOST
+from ...user_warnings import warn_user
 from ...validation import value_text
 from .line_search import Place, line_of
 from .overrides import TABLES, put_override, unknown_key
@@ -126,7 +126,7 @@ class PlanDocument:
     def warn(self, place: Place, sentence: str) -> None:
         """Warn (PalpateWarning) of something that does not stop the sweep."""
         if self.warns:
-            warnings.warn(f"{self.where(place)}: {sentence}", PalpateWarning, stacklevel=4)
+            warn_user(f"{self.where(place)}: {sentence}")
 
     def validated(self, model: type[BaseModel], table: object, place: Place, index: SourceIndex | None = None) -> Any:
         """A table as an instance of its model; None, with its faults noted, if it is invalid."""

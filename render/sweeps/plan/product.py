@@ -7,14 +7,13 @@ the constraints that all of its parts match so far, and its rows in the groups o
 import hashlib
 import json
 import math
-import warnings
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from ...errors import PalpateWarning
+from ...user_warnings import warn_user
 from .axes import AxisTable, Tie, parts_of
 from .constraint import Constraint
 from .recipe import Recipe, RecipePart
@@ -103,11 +102,9 @@ class PlanAxis:
         if repeated:
             same = [choice.part for choice in listed if choice.part.digest == repeated[0].digest]
             names = sorted({part.content["name"] for part in (*same, *repeated) if part.digest == same[0].digest})
-            warnings.warn(
+            warn_user(
                 f"{self.name}: {len(repeated)} of {self.listed_count} values are the same as others and left out, "
-                f"such as {' and '.join(names)}",
-                PalpateWarning,
-                stacklevel=2,
+                f"such as {' and '.join(names)}"
             )
         return listed
 

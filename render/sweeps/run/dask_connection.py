@@ -24,7 +24,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import PalpateWarning, PlanError, StrategyError, SweepError
+from ...errors import PlanError, StrategyError, SweepError
+from ...user_warnings import warn_user
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -248,7 +249,7 @@ def _compare_versions(client: Any) -> None:
     )
     if differing:
         more = f" and {len(differing) - 1} more" if len(differing) > 1 else ""
-        warnings.warn(f"the cluster has other versions: {differing[0]}{more}", PalpateWarning, stacklevel=2)
+        warn_user(f"the cluster has other versions: {differing[0]}{more}")
 
 
 def _minor(packages: dict[str, str]) -> str:

@@ -18,14 +18,14 @@ import queue
 import threading
 import time
 import uuid
-import warnings
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import PalpateWarning, PlanError, SweepError
+from ...errors import PlanError, SweepError
+from ...user_warnings import warn_user
 from ..make.task import Outcome, Running, Task
 from ..plan.code_version import code_version
 from .dask_connection import (
@@ -339,7 +339,7 @@ class DaskEngine:
         fitness = Fitness(**values)
         self._fitness[fitness.address] = fitness
         if fitness.fault is not None and self._there_at:
-            warnings.warn(f"{fitness.complaint}; it is not used", PalpateWarning, stacklevel=2)
+            warn_user(f"{fitness.complaint}; it is not used")
 
     def _take_future(self, sent: SentTask, future: Future) -> None:
         """The end of a task, however it came."""
@@ -387,7 +387,7 @@ class DaskEngine:
         if shared:
             names = " and ".join(sorted(own.name for own in shared if own.card == shared[0].card)[:2])
             text = f"{names} share one GPU; start each with a CUDA_VISIBLE_DEVICES of its own"
-            warnings.warn(text, PalpateWarning, stacklevel=2)
+            warn_user(text)
 
 
 def _own_work() -> DaskWork:

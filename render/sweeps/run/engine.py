@@ -31,6 +31,10 @@ class InProcess:
         self._work: Work | None = None
         self._queue: deque[Task] = deque()
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"InProcess({self._device!r})"
+
     @property
     def name(self) -> str:
         """In the log."""

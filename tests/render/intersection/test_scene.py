@@ -116,9 +116,10 @@ def test_the_focal_width_is_asked_for_only_where_something_is_scaled_by_it():
 @pytest.mark.parametrize(
     ("parts", "error", "said"),
     [
-        (("tube", Palm(), CC), MeshError, "the object must be a MeshObject, .* not 'tube'"),
+        ((Palm(), Palm(), CC), MeshError, "is no mesh: give vertices and faces"),
         ((TUBE, None, CC), StrategyError, "the hand must be a Palm, .* not None"),
-        ((TUBE, Palm(), "cc"), StrategyError, "the strategy must be an IntersectionStrategy .* not 'cc'"),
+        ((TUBE, Palm(), 5), StrategyError, "the strategy must be an IntersectionStrategy .* not 5"),
+        ((TUBE, Palm(), "hacth"), StrategyError, "did you mean 'hatch'"),
     ],
 )
 def test_what_is_no_part_of_a_scene_is_refused_with_what_is(parts, error, said):

@@ -29,7 +29,7 @@ from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contou
 from palpate.render.contour_batch import HAND, OBJECT
 from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
 from palpate.render.objects.mesh.coincident_faces import gap_of
-from palpate.render.objects.mesh.solid_mesh import Placement
+from palpate.render.objects.mesh.placement import Placement
 
 OC, CC, WHOLE = open_contour(), closed_contour(), IntersectionStrategy()
 STRATEGIES = {"whole plane": WHOLE, "oc": OC, "cc": CC}

@@ -9,7 +9,8 @@ from palpate.render.errors import MeshError
 from palpate.render.focal_spot import focal_width
 from palpate.render.objects.hausdorff import farthest_distance, hausdorff_distance
 from palpate.render.objects.level_of_detail import Detail, simplify
-from palpate.render.objects.mesh.solid_mesh import MeshObject, Placement
+from palpate.render.objects.mesh.placement import Placement
+from palpate.render.objects.mesh.solid_mesh import MeshObject
 
 UP = np.array([0.0, 0.0, 0.2])
 

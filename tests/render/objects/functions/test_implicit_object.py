@@ -17,7 +17,8 @@ from palpate.render.intersection.batch_rendering import render
 from palpate.render.objects.functions.expression import box, half_space, sphere, torus
 from palpate.render.objects.functions.expression_json import expression_to_json
 from palpate.render.objects.functions.implicit_object import ImplicitObject
-from palpate.render.objects.mesh.solid_mesh import MeshObject, Placement
+from palpate.render.objects.mesh.placement import Placement
+from palpate.render.objects.mesh.solid_mesh import MeshObject
 from palpate.render.objects.solid import Solid
 from palpate.render.strategies.intersection_strategy import closed_contour
 

@@ -19,7 +19,8 @@ from palpate.render import MeshObject
 from palpate.render.errors import PalpateWarning
 from palpate.render.intersection.named_inputs import load_motion, load_solid
 from palpate.render.objects.mesh import cache as mesh_cache
-from palpate.render.objects.mesh.solid_mesh import Placement, repeats_at_most
+from palpate.render.objects.mesh.placement import Placement
+from palpate.render.objects.mesh.solid_mesh import repeats_at_most
 from palpate.render.objects.mesh.welding import coordinate_order
 from palpate.render.terminal import bars
 

@@ -24,7 +24,7 @@ from palpate.render.intersection import batch_rendering as render_batch
 from palpate.render.intersection.named_inputs import load_hand, load_hand_and_motion, load_solid
 from palpate.render.objects.functions.expression import sphere
 from palpate.render.objects.functions.expression_json import expression_to_json
-from palpate.render.objects.mesh.solid_mesh import Placement
+from palpate.render.objects.mesh.placement import Placement
 from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make import batch as batch_module
 from palpate.render.sweeps.make import work as work_module

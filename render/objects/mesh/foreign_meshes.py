@@ -1,0 +1,49 @@
+"""Meshes of other libraries, taken and given back: trimesh's and PyVista's."""
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import MeshError
+
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
+
+
+def foreign_arrays(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices, shape [vertex, 3], and triangles, shape [face, 3], of a mesh or scene of trimesh, or of PyVista.
+
+    Faces with more corners are divided into triangles. Raises MeshError for what is no such mesh.
+    """
+    if hasattr(mesh, "to_mesh") and hasattr(mesh, "geometry"):  # a scene of trimesh, whose transforms are applied
+        mesh = mesh.to_mesh()
+    if hasattr(mesh, "extract_surface"):  # PyVista's: PolyData, or a volume with a surface
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of PyVista, on an option that older versions do not have
+            surface = mesh if hasattr(mesh, "is_all_triangles") else mesh.extract_surface()
+        surface = surface if surface.is_all_triangles else surface.triangulate()
+        return np.asarray(surface.points), np.asarray(surface.regular_faces)
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    raise MeshError(
+        f"{mesh!r:.60} is no mesh: give vertices and faces, a mesh of trimesh or PyVista, or load a file by "
+        "MeshObject.load(path)"
+    )
+
+
+def trimesh_mesh(vertices: np.ndarray, faces: np.ndarray) -> "trimesh.Trimesh":
+    """A mesh of trimesh with exactly these arrays."""
+    import trimesh
+
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def pyvista_mesh(vertices: np.ndarray, faces: np.ndarray) -> "pyvista.PolyData":
+    """A mesh of PyVista with exactly these arrays; raises MeshError if it is not installed."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MeshError("a mesh of PyVista needs PyVista: pip install pyvista") from error
+    return pyvista.PolyData.from_regular_faces(vertices, faces)

@@ -1,0 +1,224 @@
+"""A batch of contours that knows its object, hand, motion and strategy: it samples, plays, shows and saves itself."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...datasets.motions.hand_motion import HandMotion
+from ..contour_batch import ContourBatch
+from ..errors import StrategyError
+from ..intersection.batch_rendering import Collected
+from ..intersection.file_recording import save_contours
+from ..intersection.scene import Scene
+from ..playback.drive import DriveStrategy
+from ..playback.file_playback import Connection, Playback, play_contours
+from ..playback.focus_source import ContourSource
+from ..playback.placed_arrays import load_rig
+from ..reports.contour_figure import draw_figure
+from ..reports.file_summary import draw_frequencies
+from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined
+from .batch_tables import point_frame, pose_dataset, pose_frame
+from .sampled_contours import SampledContours
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SHOWN_MOST = 200_000  # poses of a batch that a notebook draws by itself: more take seconds
+
+
+@dataclass(frozen=True, repr=False)
+class RenderedBatch(ContourBatch):
+    """Contours of a motion, as `render` gives them: a ContourBatch that knows what it is of.
+
+    >>> from palpate.datasets import static_pose
+    >>> from palpate.render import Palm, render
+    >>> batch = render("cube", Palm(), static_pose([0, 0, 0.2]), "cc")
+    >>> batch.sample("stm", duration=0.1)
+    SampledContours(1000 focal points at 10000 Hz, 0.1 s, 0 silent, 0 jumps, draw frequency 20.6 Hz)
+    """
+
+    motion: HandMotion | None = None
+    """Poses of the hand, one of each pose of the batch."""
+    scene: Scene | None = None
+    """Object, hand and strategy."""
+    removed: dict[str, np.ndarray] = field(default_factory=dict)
+    """Length that each prune stage removed [m], float32, shape [pose], by name."""
+
+    def select(self, first: int, stop: int) -> ContourBatch:
+        """Poses first..stop of a batch on the host; it knows its motion if there is one pose at least.
+
+        Of an articulated hand it does not: the hand has poses of its own.
+        """
+        part = super().select(first, stop)
+        motion, scene = self.motion, self.scene
+        if motion is None or scene is None or stop <= first or scene.hand.pose_count is not None:
+            return part
+        time = None if motion.time is None else motion.time[first:stop] - motion.time[first]
+        poses = HandMotion(time, motion.pose[first:stop])
+        moved = None if scene.object_pose is None else scene.object_pose[first:stop]
+        removed = {name: length[first:stop] for name, length in self.removed.items()}
+        return RenderedBatch(**vars(part), motion=poses, scene=replace(scene, object_pose=moved), removed=removed)
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write a contour file, which `palpate info`, `play_file` and `ContourFile` read; returns its path.
+
+        Raises ContourFileError for a file that is there, unless `overwrite`, and for one that cannot be written.
+        """
+        motion, scene = self._known()
+        save_contours(path, Collected(scene, self, self.removed), motion, overwrite=overwrite)
+        return Path(path)
+
+    def figure(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Draw contours on object and hand, their length and draw frequency, into a PNG, SVG or PDF; returns its path.
+
+        A notebook shows the same picture of a batch that is a cell's result.
+        Raises StrategyError for another kind of picture, and for one that is there unless `overwrite`.
+        """
+        _, scene = self._known()
+        with TemporaryDirectory(prefix="palpate-") as folder:
+            file = self.save(Path(folder) / "contours.h5")
+            draw_figure({scene.solid.name: file}, Path(path), overwrite=overwrite)
+        return Path(path)
+
+    def sample(self, sampling: SamplingStrategy | str = "stm", *, duration: float | None = None) -> SampledContours:
+        """Focal points of the contours at the sampling strategy's update rate.
+
+        sampling: a strategy, a preset's name or a JSON file. duration: when to stop [s]; a static pose needs it.
+        Raises StrategyError for an unknown strategy or a missing duration, PoseError for poses without times.
+        """
+        sampler = Sampler(sampling)
+        blocks = list(ContourSource(self._rows(), sampler, duration))
+        return SampledContours(joined(blocks), sampler.strategy, sampler.count)
+
+    def play(
+        self,
+        array: str = "emulator",
+        *,
+        sampling: SamplingStrategy | str | None = None,
+        duration: float | None = None,
+        repeats: int = 1,
+        serial: str | None = None,
+        calibration: str | Path | None = None,
+        emulate: bool = False,
+        clock: str = "monotonic",
+        uncalibrated: bool = False,
+        watchdog: bool = False,
+        drive: DriveStrategy | None = None,
+    ) -> Playback:
+        """Sample and stream the contours to an array, in real time; the array is off afterwards, however it ends.
+
+        array: its name, or a JSON file of several. sampling: by default `stm` at the array's own rate. duration: when
+        to stop [s]; a static pose needs it. emulate: a model of the board instead of the board. clock: of a model,
+        "monotonic" (real time) or "virtual" (as fast as possible). Others, and errors, as for `play_file` and
+        `Connection`.
+        """
+        board = None if calibration is None else Path(calibration)
+        return play_contours(
+            self._rows(),
+            array=load_rig(array, serial=serial, calibration=board),
+            sampling=sampling,
+            drive=drive,
+            duration=duration,
+            repeats=repeats,
+            connection=Connection(emulate=emulate, clock=clock, uncalibrated=uncalibrated, watchdog=watchdog),
+        )
+
+    def to_pandas(self, of: str = "poses") -> "pd.DataFrame":
+        """A table with one row for each pose, or each point if `of` is "points"; lengths in metres, times in seconds.
+
+        Raises StrategyError for another word, and if pandas is not installed.
+        """
+        motion, _ = self._known()
+        if of not in ("poses", "points"):
+            raise StrategyError(f"of must be poses or points, not {of!r}")
+        return pose_frame(self, motion) if of == "poses" else point_frame(self)
+
+    def to_xarray(self) -> "xr.Dataset":
+        """What `to_pandas` has of poses, with the dimension `pose` and units as attributes.
+
+        Raises StrategyError if xarray is not installed.
+        """
+        return pose_dataset(self, self._known()[0])
+
+    def facts(self) -> dict[str, object]:
+        """What the batch is of, and its numbers: lengths [m], draw frequency [Hz] at 7 m/s."""
+        motion, scene = self._known()
+        length = self.length()
+        drawn = length[length > 0]
+        frequency = draw_frequencies(drawn)
+        return {
+            "object": scene.solid.name,
+            "hand": type(scene.hand).__name__,
+            "poses": len(self),
+            "poses_with_contours": len(drawn),
+            "duration": motion.duration,
+            "length_mean": float(length.mean()) if len(length) else None,
+            "length_longest": float(drawn.max(initial=0.0)),
+            "draw_frequency": frequency["draw_frequency"],
+            "draw_frequency_median": frequency["draw_frequency_median"],
+        }
+
+    def _repr_html_(self) -> str:
+        """The facts as a table, for notebooks."""
+        from .batch_pages import facts_page
+
+        return facts_page(self)
+
+    def _repr_png_(self) -> bytes | None:
+        """The picture, for notebooks; None for batches whose picture takes seconds."""
+        if len(self) > SHOWN_MOST or not self.point_count:
+            return None
+        with TemporaryDirectory(prefix="palpate-") as folder:
+            return self.figure(Path(folder) / "batch.png").read_bytes()
+
+    def _known(self) -> tuple[HandMotion, Scene]:
+        """Motion and scene; raises StrategyError for a batch that lost them, or whose points lie in patches."""
+        if self.motion is None or self.scene is None:
+            raise StrategyError("this batch does not know its object, hand and motion: `render` gives one that does")
+        return self.motion, self.scene
+
+    def _rows(self) -> "BatchRows":
+        motion, scene = self._known()
+        if scene.points != "array":
+            raise StrategyError('focal points need points="array", the array\'s frame')
+        return BatchRows(self.numpy(), motion, Path(scene.solid.name))
+
+
+@dataclass(frozen=True, eq=False)
+class BatchRows:
+    """A batch read as a contour file is, pose range by pose range."""
+
+    batch: ContourBatch
+    motion_of_batch: HandMotion
+    path: Path
+    """The object's name, for messages."""
+
+    @property
+    def pose_count(self) -> int:
+        """Number of poses."""
+        return len(self.batch)
+
+    def motion(self, first: int = 0, stop: int | None = None) -> dict[str, np.ndarray]:
+        """Poses first..stop, and their times if there are any."""
+        motion = self.motion_of_batch
+        poses = {"pose": motion.pose[first:stop]}
+        return poses if motion.time is None else poses | {"time": motion.time[first:stop]}
+
+    def blocks(self, *, point_limit: int) -> Iterator[tuple[int, int]]:
+        """Pose ranges in order, of up to about so many points."""
+        point = self.batch.polyline_start[self.batch.pose_start]
+        first = 0
+        while first < self.pose_count:
+            stop = int(np.searchsorted(point, point[first] + point_limit, side="right")) - 1
+            stop = min(max(stop, first + 1), first + point_limit, self.pose_count)
+            yield first, stop
+            first = stop
+
+    def contours(self, first: int, stop: int) -> dict[str, np.ndarray]:
+        """Contours of a range."""
+        return ContourBatch.select(self.batch, first, stop).arrays()

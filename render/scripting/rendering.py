@@ -1,0 +1,83 @@
+"""`palpate.render.render`: contours in memory that know what they are of."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...datasets.motions.hand_motion import HandMotion
+from ..deprecated_names import accept_old_keywords
+from ..hands.hand import Hand
+from ..intersection.batch_rendering import check_poses, collect
+from ..intersection.named_inputs import load_hand, load_solid
+from ..objects.mesh.placement import Placement
+from ..objects.mesh.solid_mesh import MeshObject
+from ..objects.solid import Solid
+from ..strategies.intersection_strategy import IntersectionStrategy
+from .rendered_batch import RenderedBatch
+
+
+@accept_old_keywords(thing="solid", moved="object_pose")
+def render(
+    solid: Solid | str | Path,
+    hand: Hand | str,
+    motion: HandMotion | np.ndarray | str | Path,
+    strategy: IntersectionStrategy | str = "cc",
+    *,
+    object_pose: HandMotion | np.ndarray | None = None,
+    points: str = "array",
+    device: str = "cpu",
+    devices: Sequence[str] | None = None,
+    memory: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> RenderedBatch:
+    """Contours of an object on a moving hand, in memory on the host.
+
+    solid: an object, a mesh of trimesh or PyVista, or a name or file that the command line takes. hand: a hand, or
+    "palm", "planes", "skin" or a file. motion: a HandMotion, poses alone, shape [pose, 7], or a file of poses.
+    strategy: an intersection strategy, its name or its JSON file. object_pose: motion or poses of an object that moves,
+    [pose, 7]: where the middle of its bounds is, and its rotation.
+    points: "array", or "patch" for points relative to the middle of their patch, along its u, v and n, which float32
+    holds to 4e-9 m anywhere (`array_points` gives them in the array's frame in float64). devices: one worker on each
+    of these Warp devices, by default one on `device`; the contours are the same. memory: budget of what is being
+    computed [byte], results apart, by default 512 MB or more. progress: called with the number of poses done.
+    Raises MeshError where the strategy needs a closed surface and the object has none; MotionError with the row of a
+    bad pose; StrategyError for an unknown device, too small a budget, or points relative to patches of what is not a
+    mesh cut by planes, or has stages that need points in the array's frame. Warns of coordinates that float32 does not
+    hold to 1e-5 m.
+
+    >>> from palpate.render import MeshObject, Palm, exploration, render
+    >>> tube = MeshObject.load("tube")
+    >>> render(tube, Palm(), exploration(tube, duration=2.0), "cc")
+    RenderedBatch(180 poses, 69 with contours, 69 polylines, 1493 points, on the host)
+    """
+    solid, hand = solid_of(solid), load_hand(hand, None) if isinstance(hand, str) else hand
+    motion = motion_of(motion)
+    found = collect(
+        solid,
+        hand,
+        motion,
+        strategy,
+        object_pose=object_pose,
+        points=points,
+        device=device,
+        devices=devices,
+        memory=memory,
+        progress=progress,
+    )
+    return RenderedBatch(**vars(found.contours), motion=motion, scene=found.scene, removed=found.removed)
+
+
+def solid_of(solid: Any) -> Solid:
+    """An object itself, loaded by its name or file, or made of a mesh of another library."""
+    if isinstance(solid, Solid):
+        return solid
+    return load_solid(str(solid), Placement()) if isinstance(solid, str | Path) else MeshObject(solid)
+
+
+def motion_of(motion: Any) -> HandMotion:
+    """A motion itself, of a file, or of poses alone."""
+    if isinstance(motion, HandMotion):
+        return motion
+    return HandMotion.load(motion) if isinstance(motion, str | Path) else HandMotion(None, check_poses(motion))

@@ -1,0 +1,83 @@
+"""Focal points of a whole motion, with what happened on the way."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...datasets.focus_files.ptlist import write_ptlist
+from ..sampling.contour_sampling import FocalPoints, SamplingCount, SamplingStrategy
+from .batch_tables import frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class SampledContours:
+    """Focal points at the update rate, as `RenderedBatch.sample` gives them."""
+
+    focus: FocalPoints
+    sampling: SamplingStrategy
+    count: SamplingCount
+    """Jumps, hops and silence."""
+
+    def __repr__(self) -> str:
+        """One line: how many, how fast, and what disturbs."""
+        jumps, frequency = sum(self.count.jumps.values()), self.draw_frequency
+        drawn = "nothing drawn" if frequency is None else f"draw frequency {frequency:.1f} Hz"
+        return (
+            f"SampledContours({len(self)} focal points at {self.update_rate:g} Hz, {len(self) / self.update_rate:g} s, "
+            f"{self.count.silent} silent, {jumps} jumps, {drawn})"
+        )
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self.focus.intensity)
+
+    @property
+    def position(self) -> np.ndarray:
+        """[m], array frame, float32, shape [sample, 3]; with several foci [sample, focus, 3]."""
+        return self.focus.position
+
+    @property
+    def intensity(self) -> np.ndarray:
+        """Relative pressure amplitude 0..1, float32, shape [sample] or [sample, focus]."""
+        return self.focus.intensity
+
+    @property
+    def time(self) -> np.ndarray:
+        """Of each sample [s], shape [sample]."""
+        return np.arange(len(self)) / self.update_rate
+
+    @property
+    def update_rate(self) -> float:
+        """Samples a second [Hz]."""
+        return self.sampling.update_rate
+
+    @property
+    def draw_frequency(self) -> float | None:
+        """Mean draw frequency while something is drawn [Hz]; None if nothing is (docs/guide/sampling.md)."""
+        return self.count.draw_frequency(self.update_rate)
+
+    @property
+    def revisit_rate(self) -> float | None:
+        """How often a place on the skin is drawn in fact [Hz]; None if none was drawn again."""
+        return self.count.revisit_rate
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write a point list (.ptlist), which `play_file` and DOLPHIN read; returns its path.
+
+        Raises PointListError for several focal points at once, and for a file that is there, unless `overwrite`.
+        """
+        write_ptlist(path, self.position, self.intensity, self.update_rate, overwrite=overwrite)
+        return Path(path)
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """A table with one row for each sample and focal point: time [s], x, y, z [m], intensity."""
+        position = self.position.reshape(len(self), -1, 3)
+        foci = position.shape[1]
+        columns = {"time": np.repeat(self.time, foci)}
+        columns |= {name: position[:, :, k].ravel() for k, name in enumerate("xyz")}
+        return frame_of(columns | {"intensity": self.intensity.ravel()})

@@ -1,0 +1,167 @@
+"""Batches that know what they are of: the same numbers as by files, and the other libraries' own readings."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+import xarray as xr
+
+from palpate.datasets import ContourFile, check_file, read_ptlist, static_pose
+from palpate.render import (
+    ContourBatch,
+    HandMotion,
+    MeshObject,
+    Palm,
+    exploration,
+    flat_hand,
+    load_strategy,
+    play_file,
+    record,
+    render,
+    summarise,
+)
+from palpate.render.errors import MeshError, StrategyError
+from palpate.render.intersection.batch_rendering import render as render_plainly
+
+
+@pytest.fixture(scope="module")
+def tube():
+    return MeshObject.load("tube")
+
+
+@pytest.fixture(scope="module")
+def motion(tube):
+    return exploration(tube, duration=4.0, seed=1)
+
+
+@pytest.fixture(scope="module")
+def batch(tube, motion):
+    return render(tube, Palm(), motion, "cc")
+
+
+def same(one, other):
+    names = set(one.by_name()) | set(other.by_name())
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
+
+
+def test_names_give_what_objects_give(tube, motion, batch):
+    assert same(batch, render_plainly(tube, Palm(), motion, load_strategy("cc")))
+    assert same(batch, render("Tube", "palm", motion.pose, "Closed"))
+    assert same(batch, render(tube.to_trimesh(), "palm", motion, "cc"))
+
+
+def test_a_batch_is_a_sequence_of_poses(batch):
+    assert len(batch) == len(list(batch)) == batch.pose_count
+    last = max(i for i, polylines in enumerate(batch) if polylines)
+    assert all(np.array_equal(a, b) for a, b in zip(batch[last], batch[last - len(batch)], strict=True))
+    assert sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in batch[last]) == pytest.approx(
+        batch.length()[last], rel=1e-5
+    )
+    for outside in (len(batch), -len(batch) - 1):
+        with pytest.raises(IndexError, match=f"pose {outside} is outside the batch's {len(batch)} poses"):
+            batch[outside]
+    with pytest.raises(IndexError, match="the step must be 1, not 2"):
+        batch[::2]
+    assert batch[5:2].pose_count == 0
+    assert batch[5:2]  # a batch is no test for contours
+
+
+def test_a_part_of_a_batch_is_what_the_part_of_the_motion_gives(tube, motion, batch):
+    part = batch[100:180]
+    assert same(part, render(tube, Palm(), HandMotion(motion.time[100:180], motion.pose[100:180]), "cc"))
+    assert len(part.sample().time) == pytest.approx(80 / 90 * 10_000, abs=2)
+
+
+def test_saved_is_what_recording_writes_but_for_its_own_times(tube, motion, batch, tmp_path):
+    for strategy in ("cc", "inset"):
+        found = render(tube, Palm(), motion, strategy)
+        saved = found.save(tmp_path / f"{strategy}-saved.h5")
+        record(tmp_path / f"{strategy}.h5", tube, Palm(), motion, strategy)
+        assert check_file(saved) == []
+        with ContourFile(saved) as one, ContourFile(tmp_path / f"{strategy}.h5") as other:
+            assert one.recipe == other.recipe
+            for read in ("contours", "metrics"):
+                mine, theirs = getattr(one, read)(0, len(motion)), getattr(other, read)(0, len(motion))
+                assert mine.keys() == theirs.keys()
+                exact = (
+                    0 if read == "contours" else 1e-7
+                )  # lengths are summed in float32 by kernels, float64 on the host
+                assert all(np.allclose(mine[name], theirs[name], rtol=0, atol=exact) for name in mine)
+
+
+def test_played_and_sampled_from_memory_is_what_the_file_gives(batch, tmp_path):
+    path = batch.save(tmp_path / "batch.h5")
+    in_memory, from_file = batch.play(clock="virtual"), play_file(path, sampling="stm", connection=virtual())
+    assert in_memory.as_dict() == from_file.as_dict()
+    focus = batch.sample("stm")
+    assert focus.count == from_file.count
+    assert focus.draw_frequency == in_memory.as_dict()["draw_frequency"]
+    points = read_ptlist(focus.save(tmp_path / "batch.ptlist"))
+    assert np.allclose(points.position, focus.position, atol=1e-6)
+    assert len(focus.to_pandas()) == len(focus) == len(focus.time)
+
+
+def virtual():
+    from palpate.render import Connection
+
+    return Connection(clock="virtual")
+
+
+def test_one_draw_frequency(batch, tmp_path):
+    told = summarise(batch.save(tmp_path / "batch.h5"))
+    played = batch.play(clock="virtual").as_dict()
+    assert told["draw_frequency"] == pytest.approx(played["draw_frequency"], rel=5e-3)
+    assert played["draw_frequency"] == played["draw_frequency_nominal"]
+    assert batch.facts()["draw_frequency"] == pytest.approx(told["draw_frequency"], rel=1e-6)
+    length = batch.length()
+    samples = np.ceil(length[length > 0].astype(float) / 7.0 * 10_000 - 1e-3)
+    assert told["draw_frequency"] == pytest.approx(np.mean(10_000 / samples))
+    assert told["draw_frequency_median"] == pytest.approx(np.median(10_000 / samples))
+    assert told["draw_frequency_of_mean_length"] == pytest.approx(7.0 / length[length > 0].mean(), rel=1e-6)
+
+
+def test_tables_of_pandas_and_xarray(batch, motion):
+    poses, points, dataset = batch.to_pandas(), batch.to_pandas("points"), batch.to_xarray()
+    assert isinstance(poses, pd.DataFrame)
+    assert isinstance(dataset, xr.Dataset)
+    assert np.array_equal(poses["length"], batch.length())
+    assert np.array_equal(dataset["time"], motion.time)
+    assert dataset["length"].attrs == {"units": "m"}
+    assert points.groupby("pose").size().reindex(range(len(batch)), fill_value=0).tolist() == poses["points"].tolist()
+    assert set(points["kind"]) == {"object", "hand"}
+    with pytest.raises(StrategyError, match="of must be poses or points, not 'lines'"):
+        batch.to_pandas("lines")
+
+
+def test_a_notebook_shows_picture_and_facts(batch):
+    picture = batch._repr_png_()
+    assert picture.startswith(b"\x89PNG")
+    page = batch._repr_html_()
+    assert "<td>tube" in page
+    assert repr(batch) in page
+    assert render("cube", Palm(), static_pose([0, 0, 0.9]), "cc")._repr_png_() is None
+
+
+def test_moved_and_articulated_parts(tube):
+    poses = np.repeat(static_pose([0, 0, 0.2]).pose, 3, axis=0)
+    moved = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (3, 1))
+    moved[:, 0] = (0.0, 0.02, 0.5)
+    batch = render(tube, Palm(), poses, "cc", object_pose=moved)
+    assert batch.length()[2] == 0
+    assert same(batch[1:2], render(tube, Palm(), poses[1:2], "cc", object_pose=moved[1:2]))
+    assert render("tube", flat_hand(), poses, "oc")[0]
+
+
+def test_a_batch_that_does_not_know_its_motion_says_so(batch):
+    plain = ContourBatch.from_arrays(batch.arrays())
+    assert not hasattr(plain, "sample")
+    with pytest.raises(StrategyError, match=r"a static pose|one static pose"):
+        render("cube", Palm(), static_pose([0, 0, 0.2])).sample()
+    with pytest.raises(StrategyError, match="does not know its object, hand and motion"):
+        type(batch)(**{name: getattr(batch, name) for name in batch.by_name()}).sample()
+
+
+@pytest.mark.parametrize("given", [5, None, "nosuch.stl", object(), trimesh.Trimesh()])
+def test_what_is_no_object_is_refused(given):
+    with pytest.raises(MeshError):
+        render(given, Palm(), static_pose([0, 0, 0.2]), "cc")

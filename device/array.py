@@ -16,7 +16,16 @@ _Number = TypeVar("_Number", bound=np.generic)
 
 @dataclass(frozen=True)
 class FocalZone:
-    """Where an array can focus, in its own frame."""
+    """Where an array can focus, in its own frame.
+
+    >>> import numpy as np
+    >>> from palpate.device import array_model
+    >>> zone = array_model("emulator").focal_zone
+    >>> zone
+    FocalZone(lateral=0.15, z_min=0.05, z_max=0.5)
+    >>> zone.contains(np.array([[0, 0, 0.2], [0, 0, 0.02]])).tolist()  # 20 cm above the array, and 2 cm
+    [True, False]
+    """
 
     lateral: float
     """Bound of |x| and |y| [m]."""
@@ -38,6 +47,11 @@ class UsbIdentity:
 
     Ids meant for tests are shared, so there the strings decide. The ids of an FTDI chip tell the chip only, and many
     things have one: then the strings are None, and what has the ids may be the array.
+
+    >>> from palpate.device import array_model
+    >>> usb = array_model("pat16").usb
+    >>> f"{usb.vendor:04x}:{usb.product:04x}", usb.generic  # an FT232H, which other things have, too
+    ('0403:6014', True)
     """
 
     vendor: int
@@ -53,9 +67,16 @@ class UsbIdentity:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArrayModel:
-    """An array. Its own frame has its origin in the middle of the face and +z out of it.
+    """An array of transducers. Its own frame has its origin in the middle of the face and +z out of it.
 
     `position` and `normal` are in the common frame: the array's own, unless it was `placed`.
+
+    >>> from palpate.device import array_model
+    >>> model = array_model("emulator")
+    >>> model.transducer_count, model.update_rate(4), model.divider(20e3)
+    (256, 10000.0, 2)
+    >>> model.placed([0, 0, 0.4, 1, 0, 0, 0]).normal[0].tolist()  # 40 cm up, turned about x to face down
+    [0.0, 0.0, -1.0]
     """
 
     name: str

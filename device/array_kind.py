@@ -15,7 +15,13 @@ from .wire_layout import Layout
 
 @dataclass(frozen=True, kw_only=True)
 class LinkRequest:
-    """How a link is asked for: the arguments of `open_link`."""
+    """How a link is asked for: the arguments of `open_link`, as `ArrayKind.open_link` gets them.
+
+    >>> from palpate.device import LinkRequest, VirtualClock, array_model
+    >>> from palpate.device.boards.emulator.kind import KIND
+    >>> KIND.open_link(array_model("emulator"), LinkRequest(clock=VirtualClock()))
+    UsbLink('emulator', serial='EMU0001')
+    """
 
     serial: str | None = None
     """Which array; None: that of the calibration, or the first, or the only one."""
@@ -33,7 +39,14 @@ class LinkRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class EmulationRequest:
-    """How an emulated bus is asked for: the arguments of `emulated_backend`."""
+    """How an emulated bus is asked for: the arguments of `emulated_backend`, as `ArrayKind.emulate` gets them.
+
+    >>> from palpate.device import EmulationRequest, VirtualClock, find_arrays
+    >>> from palpate.device.boards.emulator.kind import KIND
+    >>> bus = KIND.emulate(EmulationRequest(serials=("left", "right"), clock=VirtualClock()))
+    >>> [info.serial for info in find_arrays(bus)]
+    ['left', 'right']
+    """
 
     serials: tuple[str, ...] | None = None
     """Serial number of each board; None: one board."""
@@ -64,7 +77,16 @@ class Emulation(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class ArrayKind:
-    """One kind of array. `register_array` makes it known; everything that depends on an array's name asks it."""
+    """One kind of array. `register_array` makes it known; everything that depends on an array's name asks it.
+
+    >>> import numpy as np
+    >>> from palpate.device import ArrayKind, flat_array, flat_grid
+    >>> from palpate.device.boards.emulator.kind import KIND  # a board that takes the same frames and requests
+    >>> model = flat_array("tiny", flat_grid(4, 4, 10e-3), np.arange(16), frame_bytes=32, fifo_frames=64)
+    >>> tiny = ArrayKind(name="tiny", build=lambda: model, layout=KIND.layout, open_link=KIND.open_link)
+    >>> tiny.build(), tiny.is_emulated  # as no `emulate` was given
+    (ArrayModel('tiny', 16 transducers), False)
+    """
 
     name: str
     """Name in files, in results and on the command line: small letters, digits and `-`."""

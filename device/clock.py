@@ -8,7 +8,14 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What a board model and its player read the time from."""
+    """What a board model and its player read the time from.
+
+    >>> from palpate.device import Clock, VirtualClock
+    >>> clock: Clock = VirtualClock()
+    >>> clock.sleep_until_ns(25_000)  # [ns], a period of 40 kHz
+    >>> clock.name, clock.now_ns()
+    ('virtual', 25000)
+    """
 
     @property
     def name(self) -> str:
@@ -25,7 +32,13 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """Real time."""
+    """Real time: a board runs by it unless another clock is given.
+
+    >>> from palpate.device import array_model, open_link
+    >>> with open_link(array_model("emulator")) as link:
+    ...     link.clock
+    MonotonicClock()
+    """
 
     name = "monotonic"
 
@@ -44,7 +57,14 @@ class MonotonicClock:
 
 
 class VirtualClock:
-    """Time that passes only where somebody waits for it: nothing sleeps, and no result depends on the machine."""
+    """Time that passes only where somebody waits for it: nothing sleeps, and no result depends on the machine.
+
+    >>> from palpate.device import VirtualClock
+    >>> clock = VirtualClock()
+    >>> clock.advance(3600)  # an hour, at once
+    >>> clock
+    VirtualClock(3600 s)
+    """
 
     name = "virtual"
 

@@ -30,6 +30,14 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel |
     Raises:
         FrameError: another shape, or a value that is NaN or out of range, with its index.
         UnknownArrayError: no codec for that array.
+
+    >>> import numpy as np
+    >>> from palpate.device import array_model, encode_frames
+    >>> model = array_model("emulator")
+    >>> distance = np.linalg.norm(model.position - [0, 0, 0.2], axis=1)  # [m], from a focus 20 cm above the array
+    >>> frames = encode_frames([-distance * model.carrier / 343 % 1], [1.0], array=model)
+    >>> frames.shape, frames[0, :2].tolist()  # delay [turns / 256] and level of the transducer that comes first
+    ((1, 512), [78, 255])
     """
     model, layout = _resolve(array)
     turns = np.asarray(delay, np.float32)
@@ -56,7 +64,14 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel |
 
 
 def off_frame(*, array: ArrayModel | str = "emulator") -> NDArray[np.uint8]:
-    """The frame that silences every transducer, shape [frame_bytes]; any part of it silences what it covers."""
+    """The frame that silences every transducer, shape [frame_bytes]; any part of it silences what it covers.
+
+    >>> from palpate.device import off_frame
+    >>> off_frame(array="emulator")[:4].tolist()  # delay 0, level 0, and so on
+    [0, 0, 0, 0]
+    >>> off_frame(array="sonicsurface")[:4].tolist()  # a start byte, then 32 for each transducer that is off
+    [254, 32, 32, 32]
+    """
     model, layout = _resolve(array)
     frame = np.zeros((1, model.frame_bytes), np.uint8)
     silent = np.zeros((1, model.transducer_count), np.float32)

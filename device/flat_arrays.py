@@ -9,7 +9,14 @@ from .array import ArrayModel, FocalZone, UsbIdentity, frozen
 
 
 def flat_grid(column_count: int, row_count: int, pitch: float) -> NDArray[np.float32]:
-    """Positions [m] in the plane z = 0 about its middle, shape [transducer, 3], x fastest; `pitch` in metres."""
+    """Positions [m] in the plane z = 0 about its middle, shape [transducer, 3], x fastest; `pitch` in metres.
+
+    >>> from palpate.device import flat_grid
+    >>> flat_grid(3, 1, 10e-3)  # three columns, one row
+    array([[-0.01,  0.  ,  0.  ],
+           [ 0.  ,  0.  ,  0.  ],
+           [ 0.01,  0.  ,  0.  ]], dtype=float32)
+    """
     x = (np.arange(column_count) - (column_count - 1) / 2) * pitch
     y = (np.arange(row_count) - (row_count - 1) / 2) * pitch
     row, column = np.meshgrid(y, x, indexing="ij")
@@ -44,6 +51,14 @@ def flat_array(
         frame_bytes, fifo_frames, usb, baud, embedded, calibrated: as in `ArrayModel`.
         frame_clock, frame_clock_reason, divider_max, divider_default, divider_sustained, burst_frames: the same.
         focal_zone: None is |x| and |y| up to 0.15 m, z 0.05 to 0.5 m.
+
+    >>> import numpy as np
+    >>> from palpate.device import flat_array, flat_grid
+    >>> tiny = flat_array("tiny", flat_grid(4, 4, 10e-3), np.arange(16), frame_bytes=32, fifo_frames=64)
+    >>> tiny
+    ArrayModel('tiny', 16 transducers)
+    >>> tiny.update_rate(tiny.divider_default)  # 40 kHz / 4
+    10000.0
     """
     count = len(position)
     return ArrayModel(

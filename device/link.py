@@ -22,7 +22,16 @@ def never() -> bool:
 
 @dataclass(frozen=True)
 class BoardStatus:
-    """What a board says of itself; the counts run from its power-up."""
+    """What a board says of itself; the counts run from its power-up.
+
+    >>> from array import array
+    >>> from palpate.device import VirtualClock, array_model, open_link
+    >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:
+    ...     link.start(4)  # 10 kHz
+    ...     link.write(array("B", bytes([255] * 512) * 30))  # 30 frames, every transducer on
+    ...     link.status()  # they wait in its FIFO, as no time has passed
+    BoardStatus(frames_played=0, underruns=0, starved_periods=0, fifo_frames=30, torn_bytes=0, level=0, divider=4)
+    """
 
     frames_played: int
     underruns: int
@@ -42,6 +51,14 @@ class Link(Protocol):
 
     Not for several threads at once; a player uses it from one. `abandon` is asked at least every 50 ms while a call
     waits; once it holds, the call returns without having done all.
+
+    >>> from palpate.device import Link, VirtualClock, array_model, open_link
+    >>> link: Link = open_link(array_model("emulator"), clock=VirtualClock())
+    >>> with link:
+    ...     link.start(4)  # 40 kHz / 4: 10 kHz
+    ...     link.send_off()
+    ...     link.transport, link.bytes_sent  # blocking writes; one off frame
+    ('sync', 512)
     """
 
     @property

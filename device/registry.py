@@ -30,6 +30,13 @@ def register_array(kind: ArrayKind) -> None:
     """Make a kind of array known: its names then work wherever a built-in array's do, in this process.
 
     Raises ArrayKindError, with the value: it is no `ArrayKind`, a field has a wrong type, or a name is taken.
+
+    >>> from palpate.device import array_names, register_array, remove_array
+    >>> from palpate.device.boards.autd3.kind import KIND  # or one of your own
+    >>> remove_array("autd3")
+    >>> register_array(KIND)
+    >>> array_names()
+    ('emulator', 'pat16', 'sonicsurface', 'autd3')
     """
     _require_types(kind)
     for called in (kind.name, *kind.aliases):
@@ -39,7 +46,17 @@ def register_array(kind: ArrayKind) -> None:
 
 
 def remove_array(name: str) -> None:
-    """Forget a kind of array, by any of its names. Raises UnknownArrayError."""
+    """Forget a kind of array, by any of its names. Raises UnknownArrayError.
+
+    >>> from palpate.device import array_model, array_names, register_array, remove_array
+    >>> from palpate.device.boards.autd3.kind import KIND
+    >>> remove_array("autd")  # what it is also called
+    >>> array_names()
+    ('emulator', 'pat16', 'sonicsurface')
+    >>> register_array(KIND)  # known again
+    >>> array_model("autd")
+    ArrayModel('autd3', 249 transducers)
+    """
     del _kinds()[canonical_name(name)]
 
 
@@ -49,7 +66,12 @@ def array_kinds() -> tuple[ArrayKind, ...]:
 
 
 def array_names() -> tuple[str, ...]:
-    """Names of all arrays: built-in ones, then others as they were registered."""
+    """Names of all arrays: built-in ones, then others as they were registered.
+
+    >>> from palpate.device import array_names
+    >>> array_names()
+    ('emulator', 'pat16', 'sonicsurface', 'autd3')
+    """
     return tuple(_kinds())
 
 
@@ -92,6 +114,10 @@ def array_model(name: str, *, calibration: Path | None = None, baud: int | None 
         CalibrationError: the board file is wrong, or none of this array's.
         UpdateRateError: no serial adapter has that baud rate.
         ArrayKindError: the kind builds something else than a model of its name.
+
+    >>> from palpate.device import array_model
+    >>> array_model("OpenMPD")
+    ArrayModel('pat16', 256 transducers)
     """
     kind = _kinds()[canonical_name(name)]
     if calibration is not None and kind.calibration_serial is None:

@@ -10,7 +10,16 @@ UNDERRUN_EVENTS_MAX = 1000
 
 @dataclass(frozen=True)
 class Underrun:
-    """A moment at which the player was late, by its own estimate."""
+    """A moment at which the player was late, by its own estimate.
+
+    >>> from palpate.device import EmulatorBackend, Fault, FaultKind, Player, VirtualClock, array_model, open_link
+    >>> bus = EmulatorBackend(clock=VirtualClock())
+    >>> bus.inject(Fault(FaultKind.TIMEOUT, byte=128 * 512))  # after 128 frames it takes nothing for 50 ms
+    >>> with open_link(array_model("emulator"), backend=bus) as link:  # frames go in pieces of 128, 12.8 ms each
+    ...     report = Player(link).play([bytes([255] * 512) * 1000], update_rate=10e3)  # every transducer on
+    >>> [(event.frame, event.time, round(event.duration, 3)) for event in report.underrun_events]  # due at 25.6 ms
+    [(256, 0.05, 0.024)]
+    """
 
     time: float
     """When the late frame was submitted [s], counted from the first submit."""
@@ -29,6 +38,14 @@ class Lateness:
     """How far behind its timetable the array played, by the player's estimate: frame k is due k periods after frame 0.
 
     Percentiles over all frames submitted [s]. Each time without a new frame puts off all frames after it.
+
+    >>> from palpate.device import EmulatorBackend, Fault, FaultKind, Player, VirtualClock, array_model, open_link
+    >>> bus = EmulatorBackend(clock=VirtualClock())
+    >>> bus.inject(Fault(FaultKind.TIMEOUT, byte=1024 * 512, count=4))  # after 1024 frames nothing for 200 ms
+    >>> with open_link(array_model("emulator"), backend=bus) as link:  # frames go in pieces of 128, 12.8 ms each
+    ...     late = Player(link).play([bytes([255] * 512) * 1600], update_rate=10e3).lateness
+    >>> late.p50, round(late.max, 3)  # frames from 1152 on are due at 115.2 ms
+    (0.0, 0.085)
     """
 
     p50: float
@@ -39,7 +56,14 @@ class Lateness:
 
 @dataclass(frozen=True)
 class QueueDepth:
-    """Bytes under way on the host's side at submits, once the array made the host wait; 0 if "sync"."""
+    """Bytes under way on the host's side at submits, once the array made the host wait; 0 if "sync".
+
+    >>> from palpate.device import Player, VirtualClock, array_model, open_link
+    >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:  # 2048 frames fill it
+    ...     report = Player(link).play([bytes([255] * 512) * 3000], update_rate=10e3)
+    >>> report.transport, report.queue_depth
+    ('sync', QueueDepth(min=0, mean=0.0))
+    """
 
     min: int
     mean: float
@@ -47,7 +71,15 @@ class QueueDepth:
 
 @dataclass(frozen=True)
 class LiveStatistics:
-    """A playback under way, for a line in a terminal."""
+    """A playback under way, for a line in a terminal.
+
+    >>> from palpate.device import Player, VirtualClock, array_model, open_link
+    >>> seen = []
+    >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:
+    ...     report = Player(link).play([bytes([255] * 512) * 100], update_rate=10e3, watch=seen.append)
+    >>> seen[-1].frames, seen[-1].underruns
+    (100, 0)
+    """
 
     frames: int
     """Whole frames of content that the array is known to have taken."""
@@ -65,7 +97,16 @@ class LiveStatistics:
 
 @dataclass(frozen=True)
 class PlayReport:
-    """Statistics of one playback. Fields that only the board knows are None where it could not be asked."""
+    """Statistics of one playback. Fields that only the board knows are None where it could not be asked.
+
+    >>> from palpate.device import Player, VirtualClock, array_model, open_link
+    >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:
+    ...     report = Player(link).play([bytes([255] * 512) * 100], update_rate=10e3)  # every transducer at full drive
+    >>> report
+    PlayReport(emulator EMU0001: 100 frames at 10000 Hz, 0 underruns, off)
+    >>> report.duration, report.duty, report.stopped_by, report.may_emit
+    (0.01, 1.0, 'end', False)
+    """
 
     array: str
     """Name of the array."""

@@ -17,7 +17,14 @@ Frames = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Layout:
-    """One board's frames. Everything is vectorised over frames."""
+    """One board's frames: drives to bytes, and what bytes do. Everything is vectorised over frames.
+
+    >>> from palpate.device import encode_frames
+    >>> from palpate.device.boards.emulator.layout import LAYOUT
+    >>> frames = encode_frames([[0.0] * 256] * 2, [1.0, 0.0], array="emulator")  # at full drive, and off
+    >>> LAYOUT.emitting(frames).tolist(), LAYOUT.width(frames).tolist(), LAYOUT.amplitude_steps
+    ([True, False], [1.0, 0.0], 255)
+    """
 
     pack: Callable[[Turns, Turns, NDArray[np.intp], Frames], None]
     """Delay [turns], shape [frame, transducer], 0..1; amplitude, shape [frame, transducer] or [frame, 1]; wire order;

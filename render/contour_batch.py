@@ -24,10 +24,9 @@ class ContourBatch:
     Polylines of a pose are ordered by (patch, key); a pose without contours has an empty range. `len` is the number of
     poses; `batch[i]`, and iteration, give the polylines of a pose as arrays of points [m].
 
-    >>> from palpate.datasets import static_pose
-    >>> from palpate.render import MeshObject, Palm, render
+    >>> from palpate.render import MeshObject, Palm, render, static_pose
     >>> batch = render(MeshObject.load("cube"), Palm(), static_pose([0, 0, 0.2]), "cc")
-    >>> len(batch), batch[0][0].shape
+    >>> len(batch), batch[0][0].shape  # one pose; its first polyline is a square, whose last point is the first again
     (1, (5, 3))
     """
 

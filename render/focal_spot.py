@@ -64,6 +64,10 @@ def focal_width(
     Reckoned once for a point and array. Neither the skin's echo nor absorption is in it; sizes are those of a weak
     wave. Raises StrategyError for a point that is not finite, lies within 10 mm of a transducer, farther than 10 m
     from all of them, or behind the array.
+
+    >>> from palpate.render import focal_width
+    >>> [round(1000 * focal_width(height).width, 1) for height in (0.1, 0.2, 0.3)]  # [mm]: wider farther away
+    [6.3, 10.1, 14.3]
     """
     array = array or array_model(ARRAY_DEFAULT)
     try:

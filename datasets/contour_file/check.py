@@ -71,6 +71,15 @@ def check_file(path: str | PathLike[str]) -> list[str]:
     Everything is read, in blocks. A file that is still being written, or whose writing was interrupted, is a problem
     by itself; what is done of it is checked all the same. Nothing is raised for a bad file. Motion and mesh are held
     whole, all else in blocks of about a million points.
+
+    >>> import os
+    >>> from palpate.render import check_file, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> check_file(path)
+    []
+    >>> os.truncate(path, 1000)
+    >>> check_file(path)
+    ['cube.h5 is truncated']
     """
     try:
         with ContourFile(path) as file:

@@ -45,6 +45,12 @@ class ContourFile:
     Raises:
         ContourFileError: From every method: missing, empty, truncated, foreign or damaged files, a newer major
             version, poses out of range or not done yet. The message names the file and why.
+
+    >>> from palpate.render import ContourFile, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> with ContourFile(path) as file:
+    ...     file.contours()["points"].shape, file.metrics()["length"]
+    ((5, 3), array([0.34], dtype=float32))
     """
 
     def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
@@ -72,7 +78,8 @@ class ContourFile:
 
     def __repr__(self) -> str:
         """One line."""
-        return f"ContourFile({str(self.path)!r}, {self.pose_count} poses, {'sealed' if self.sealed else 'unfinished'})"
+        poses = "1 pose" if self.pose_count == 1 else f"{self.pose_count} poses"
+        return f"ContourFile({str(self.path)!r}, {poses}, {'sealed' if self.sealed else 'unfinished'})"
 
     def __enter__(self) -> Self:
         return self

@@ -48,15 +48,19 @@ class ContourWriter:
     What is done lies in the work folder `OUT.h5.partial` until `seal()` makes OUT.h5 of it. Leaving the `with`, also
     by an exception, only lets the next writer in: nothing done is removed.
 
-    Args:
-        path: The file to make, OUT.h5.
-        header: Motion, object, hand, strategy and who renders.
-        mode: "create" refuses an existing OUT.h5 or work folder; "resume" goes on where a writer with the same recipe
-            stopped, or begins; "overwrite" begins anew, keeping an old OUT.h5 until the new one is sealed.
+    path: the file to make, OUT.h5. header: motion, object, hand, strategy and who renders. mode: "create" refuses an
+    existing OUT.h5 or work folder; "resume" goes on where a writer with the same recipe stopped, or begins; "overwrite"
+    begins anew, keeping an old OUT.h5 until the new one is sealed.
+    Raises ContourFileError where the header is not valid; the path exists ("create"); the recipe differs ("resume",
+    each differing field is named); another writer is at work; the disk is full or fails.
 
-    Raises:
-        ContourFileError: The header is not valid; the path exists ("create"); the recipe differs ("resume", each
-            differing field is named); another writer is at work; the disk is full or fails.
+    >>> from palpate.datasets import ContourWriter
+    >>> from palpate.render import ContourFile, render, static_pose
+    >>> cube = ContourFile(render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5"))
+    >>> with ContourWriter("copy.h5", cube.header()) as writer:
+    ...     writer.write(0, 1, cube.contours(), cube.metrics())
+    ...     writer
+    ContourWriter('copy.h5', 1 of 1 poses done, not sealed)
     """
 
     def __init__(
@@ -82,6 +86,12 @@ class ContourWriter:
         self._refuse_existing(mode)
         with self._machine_failures("prepare"):
             self._begin(mode)
+
+    def __repr__(self) -> str:
+        """One line."""
+        done = self._header.pose_count - sum(stop - first for first, stop in self.missing())
+        state = "sealed" if self._complete else "not sealed"
+        return f"ContourWriter({str(self.path)!r}, {done} of {self._header.pose_count} poses done, {state})"
 
     def __enter__(self) -> Self:
         return self
@@ -119,19 +129,12 @@ class ContourWriter:
     ) -> None:
         """Write the contours of poses `first` to `stop`; when this returns, they are done: on the disk, whole.
 
-        Ranges may come in any order and of any size; in pose order nothing is ever copied. Takes a few megabytes
-        beside the arrays.
-
-        Args:
-            first: First pose of the range.
-            stop: The pose after the last.
-            contours: Arrays of /contours by name, offsets from 0, points [m]; what is optional may be left out.
-            metrics: Arrays of /metrics by name, shape [pose], lengths [m].
-            timing: Time spent by stage [s].
-
-        Raises:
-            ContourFileError: The range or an array is not valid, or overlaps what is done (nothing is written); the
-                disk is full or fails (what was done before stays done).
+        Ranges may come in any order and of any size; in pose order nothing is copied. Takes a few MB beside the arrays.
+        first, stop: first pose of the range, and the pose after the last. contours: arrays of /contours by name,
+        offsets from 0, points [m]; what is optional may be left out. metrics: arrays of /metrics by name, shape [pose],
+        lengths [m]. timing: time spent by stage [s].
+        Raises ContourFileError where the range or an array is not valid, or overlaps what is done (nothing is written);
+        the disk is full or fails (what was done before stays done).
         """
         self._refuse_closed()
         self._validate(first, stop, contours, metrics)
@@ -161,12 +164,9 @@ class ContourWriter:
         Poses written in order lie in their final place: metadata are added. Otherwise, and with gzip, libhdf5 copies
         them, in blocks. Either way all is read once more and compared with what was written. Takes a few megabytes.
 
-        Args:
-            gzip: 0 stores points as they are; 1 to 9 compress (25 % smaller, some 50 times slower).
-
-        Raises:
-            ContourFileError: Poses are missing; the disk has no room, or fails; what lies there is not what was
-                written. What is done stays done.
+        gzip: 0 stores points as they are; 1 to 9 compress (25 % smaller, some 50 times slower).
+        Raises ContourFileError where poses are missing; the disk has no room, or fails; what lies there is not what was
+        written. What is done stays done.
         """
         if self._complete:
             return

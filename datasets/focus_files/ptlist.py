@@ -54,11 +54,17 @@ class PointList(NamedTuple):
 
 
 def read_ptlist(path: str | Path, *, unit: float = 1.0) -> PointList:
-    """Read a .PTLIST file.
+    """Read a .PTLIST file: the focal points of a stimulus, one after the other.
 
     unit: of the file's positions [m].
     Raises PointListError naming file and line: for a malformed header, rows that are not four finite numbers,
     intensities outside 0..1, positions farther than 10 m away, and another number of rows than the header declares.
+
+    >>> from palpate.datasets import read_ptlist, write_ptlist
+    >>> write_ptlist("two.PTLIST", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 0.5], update_rate=40000)
+    >>> points = read_ptlist("two.PTLIST")
+    >>> points.position.shape, points.intensity, points.update_rate
+    ((2, 3), array([1. , 0.5], dtype=float32), 40000.0)
     """
     path = Path(path)
     _require_unit(unit)
@@ -96,6 +102,12 @@ def write_ptlist(
     position: [m], shape [sample, 3]. intensity: 0..1, shape [sample]. unit: of the file's positions [m].
     The file is whole or not there. Raises PointListError for what `read_ptlist` would refuse, naming the row, for
     several focal points at once, which the format cannot hold, and for a file that is there, unless `overwrite`.
+
+    >>> from pathlib import Path
+    >>> from palpate.datasets import write_ptlist
+    >>> write_ptlist("two.PTLIST", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 0.5], update_rate=40000)
+    >>> Path("two.PTLIST").read_text().split()  # number of steps, rate, peak intensity; then x, y, z, intensity
+    ['2,40000,1', '0,0,0.2,1', '0.01,0,0.2,0.5']
     """
     path = Path(path)
     if os.path.lexists(path) and not overwrite:

@@ -1,7 +1,7 @@
 """The project's own hand: a triangulated skin around 26 joints, of any breadth and length, left or right.
 
 It is built, not scanned: a cage of quads around the joints (`hand_cage`), smoothed by subdivision (`quads`). Positions
-and skinning weights are smoothed alike, so each vertex follows the joints around it (`hand_skinning`).
+and skinning weights are smoothed alike, so each vertex follows the joints around it (`posed_vertices`).
 """
 
 import math
@@ -33,6 +33,11 @@ class HandShape:
     """A hand's skin in its rest pose (flat, open, fingers a little spread), hand frame; arrays are read-only.
 
     One oriented surface without holes but for the wrist, where it is open.
+
+    >>> from palpate.datasets import hand_shape
+    >>> skin = hand_shape(detail=1)
+    >>> skin.faces.shape, skin.joint_pose.shape, skin.joint_names[:2]
+    ((1312, 3), (26, 7), ('palm', 'wrist'))
     """
 
     vertices: NDArray[np.float32]
@@ -64,11 +69,15 @@ class HandShape:
 def hand_shape(
     *, breadth: float = BREADTH, length: float = LENGTH, is_left: bool = False, detail: int = 2
 ) -> HandShape:
-    """A hand of a given size.
+    """Make the skin of a hand of a given size.
 
     breadth [m]: of the palm at the knuckles without the thumb, 0.05 to 0.12. length [m]: from the wrist's joint to the
     skin of the middle finger's tip, 0.1 to 0.26. detail: 1 (1,312 triangles), 2 (5,248) or 3 (20,992). Raises
     ShapeError for sizes that are no hand's.
+
+    >>> from palpate.datasets import hand_shape
+    >>> hand_shape(breadth=0.08, length=0.18, detail=1)
+    HandShape(667 vertices, 1312 triangles)
     """
     for name, value, (least, most) in (("breadth", breadth, BREADTHS), ("length", length, LENGTHS)):
         if not (math.isfinite(value) and least <= value <= most):

@@ -27,6 +27,11 @@ def posed_vertices(shape: HandShape, joints_in_hand: ArrayLike, radius: ArrayLik
     joints_in_hand: x y z [m] and quaternions xyzw, shape [frame, 26, 7] (`HandRecording.joints_in_hand`). radius: from
     joints to the skin [m], shape [26] or [frame, 26]; None: fingers are as thick as the hand is broad. Raises
     RecordingError for another shape, a joint that is not known, and a hand of the other side.
+
+    >>> from palpate.datasets import hand_shape, load_recording, posed_vertices, write_sample
+    >>> recording = load_recording(write_sample("openxr", "hand.json"))
+    >>> posed_vertices(hand_shape(detail=1), recording.joints_in_hand(), recording.radii()).shape
+    (30, 667, 3)
     """
     pose = _validate_joints(joints_in_hand)
     rest = shape.joint_pose[None]

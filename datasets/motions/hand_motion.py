@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..bounded_file import FileBoundError, require_bytes
 from ..errors import MotionError
 from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
+from ..shapes.built_in import shape
 from .exploration import FLOOR, MARGIN, Progress, exploration_path, unheard
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 
@@ -59,6 +60,13 @@ class HandMotion:
     The arrays are checked and copied, and are read-only. Raises MotionError for other shapes, no poses, values that are
     not finite, quaternions whose norm differs from 1 by more than 1e-3, and times that do not increase strictly; the
     message names the row, counted from 0, and its values.
+
+    >>> import numpy as np
+    >>> from palpate.render import HandMotion, static_pose
+    >>> still = HandMotion(np.arange(90) / 30, static_pose([0, 0, 0.2]).pose.repeat(90, axis=0))
+    >>> still.save("still.csv")
+    >>> HandMotion.load("still.csv")
+    HandMotion(90 poses, 3 s at 30 Hz)
     """
 
     time: NDArray[np.float64] | None
@@ -134,14 +142,20 @@ class HandMotion:
 def static_pose(position: ArrayLike, quaternion: ArrayLike = PALM_DOWN) -> HandMotion:
     """Make a motion of one pose without time: position [m], shape [3], and quaternion xyzw, shape [4].
 
-    Raises MotionError for other shapes, values that are not finite and a norm that differs from 1 by more than 1e-3.
+    Without a quaternion the hand is above the array, palm down. Raises MotionError for other shapes, values that are
+    not finite and a norm that differs from 1 by more than 1e-3.
+
+    >>> from palpate.render import static_pose
+    >>> motion = static_pose([0, 0, 0.2])
+    >>> motion, motion.pose[0, :3]
+    (HandMotion(1 pose), array([0. , 0. , 0.2], dtype=float32))
     """
     row = [_numbers(position, "position", (3,)), _numbers(quaternion, "quaternion", (4,))]
     return _motion(None, np.concatenate(row)[None, :])
 
 
 def exploration(
-    bounds: ArrayLike | HasBounds,
+    bounds: ArrayLike | HasBounds | str,
     *,
     duration: float = DURATION,
     rate: float = RATE,
@@ -150,16 +164,18 @@ def exploration(
 ) -> HandMotion:
     """Make a synthetic exploration of an object that imitates a person's; it uses only the object's bounds.
 
-    bounds: the object, or its smallest and largest x y z [m], shape [2, 3]. duration [s]; rate: poses per second [Hz].
+    bounds: the object (also a mesh of trimesh or PyVista, or the name of a built-in one), or its smallest and largest
+    x y z [m], shape [2, 3]. duration [s]; rate: poses per second [Hz].
     progress: called at intervals with (done, total).
     `exploration_path` describes the model. The path depends only on bounds and seed; duration and rate sample it at
     k / rate < duration. Raises MotionError for a bad argument, if the object leaves no room 60 mm above the array, and
     for a motion that takes more memory than the budget of one file (`PALPATE_READ_MB`).
 
+    >>> from palpate.render import exploration
     >>> exploration([[-0.06, -0.06, 0.14], [0.06, 0.06, 0.26]], duration=2.0)
     HandMotion(180 poses, 2 s at 90 Hz)
     """
-    box = _numbers(bounds.bounds if isinstance(bounds, HasBounds) else bounds, "bounds", (2, 3))
+    box = _numbers(_bounds_of(bounds), "bounds", (2, 3))
     if not (np.abs(box) <= BOUNDS_FARTHEST).all() or (box[0] > box[1]).any():
         raise MotionError(
             f"bounds must be finite, minimum before maximum and within {BOUNDS_FARTHEST:g} m, got {box.tolist()}"
@@ -181,6 +197,17 @@ def exploration(
         raise MotionError(str(error)) from error
     time = np.arange(count) / rate
     return _motion(time, exploration_path(box, time, seed, progress), seed=seed)
+
+
+def _bounds_of(thing: ArrayLike | HasBounds | str) -> Any:
+    """Smallest and largest x y z of an object, a built-in object's name, or these themselves."""
+    if isinstance(thing, str):
+        vertices, _ = shape(thing)
+        return vertices.min(axis=0), vertices.max(axis=0)
+    if not isinstance(thing, HasBounds):
+        return thing
+    box: Any = thing.bounds
+    return np.reshape(box, (3, 2)).T if hasattr(box, "x_min") else box  # PyVista's are x, x, y, y, z, z
 
 
 def _numbers(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -39,11 +39,18 @@ def load_recording(
 ) -> HandRecording:
     """Read one hand of a recording; docs/formats/recordings.md describes the formats.
 
-    format: one of `FORMATS`; None: as the file states or looks like. hand: `left`, `right` or an id; needed only where
-    the file has several. alignment: tracker frame -> array frame (see `HandRecording.transformed`); None leaves the
-    tracker's. image_mirrored: MediaPipe only; whether it was shown a mirrored image, None: as the file states.
+    format: leap, openxr, webxr, mediapipe or webxr-static; None: as the file states or looks like. hand: `left`,
+    `right` or an id; needed only where the file has several. alignment: tracker frame -> array frame (see
+    `HandRecording.transformed`); None leaves the tracker's. image_mirrored: MediaPipe only; whether it was shown a
+    mirrored image, None: as the file states.
 
     Raises RecordingError naming the file and, where it can, the frame, line and joint.
+
+    >>> from palpate.datasets import Y_UP, write_sample
+    >>> from palpate.render import load_recording
+    >>> path = write_sample("webxr", "hand.csv", is_left=True)
+    >>> load_recording(path, alignment=Y_UP)
+    HandRecording(30 frames of a left hand)
     """
     source = Path(path)
     try:

@@ -37,6 +37,11 @@ class HandRecording:
     Checked and copied when made; the arrays are read-only. Frames count from 0. Raises RecordingError for arrays of
     another shape, times that do not increase, quaternions whose norm is not 1 within 1e-3, a hand whose breadth is not
     4 to 14 cm (other units), a left hand with the joints of a right one or the reverse, and a palm that is never seen.
+
+    >>> from palpate.datasets import Y_UP, load_recording, write_sample
+    >>> recording = load_recording(write_sample("leap", "hand.json")).transformed(Y_UP)
+    >>> recording, recording.joint_pose.shape, recording.motion()
+    (HandRecording(30 frames of a right hand), (30, 26, 7), HandMotion(30 poses, 1 s at 30 Hz))
     """
 
     time: NDArray[np.float64] | None
@@ -54,7 +59,7 @@ class HandRecording:
     offset: float = 0.0
     """What the recording's clock read at time 0 [s]."""
     derived: tuple[str, ...] = ()
-    """Joints that the tracker does not give; `hand_frames` describes how they are derived."""
+    """Joints that the tracker does not give; `hand_model/frames.py` describes how they are derived."""
     counts: Mapping[str, int] = field(default_factory=dict[str, int])
     """What was found and done: absent_frames, missing_joints, held_joints, dropped_frames."""
     kept: NDArray[np.bool_] | None = None
@@ -147,7 +152,7 @@ class HandRecording:
     def transformed(self, alignment: Alignment) -> "HandRecording":
         """The recording in another frame: array frame <- tracker frame.
 
-        alignment: x y z [m] qx qy qz qw, a 4 x 4 matrix, or the path of a JSON file (`hand_alignment`); no scale.
+        alignment: x y z [m] qx qy qz qw, a 4 x 4 matrix, or the path of a JSON file (`write_alignment`); no scale.
         """
         return self._replace(joint_pose=pose_product(alignment_pose(alignment), self.joint_pose))
 

@@ -54,9 +54,15 @@ def sample_recording(*, frame_count: int = 30, rate: float = 30.0, is_left: bool
 
 
 def write_sample(format: str, path: str | PathLike[str], *, frame_count: int = 30, is_left: bool = False) -> Path:
-    """Write a made recording of a format (`recording_file.FORMATS`) as .json or .csv, leap as .npz too; gives the path.
+    """Write a made recording in a format of `load_recording`, as .json or .csv, leap as .npz too; gives the path.
 
     Raises RecordingError for a format or suffix that there is not, and where the file cannot be written.
+
+    >>> from palpate.datasets import write_sample
+    >>> path = write_sample("openxr", "hand.csv", frame_count=2)
+    >>> lines = path.read_text().splitlines()
+    >>> lines[0], len(lines)  # a header, and 26 joints in each of 2 frames
+    ('time_ns,hand,joint,x,y,z,qx,qy,qz,qw,radius', 53)
     """
     target = Path(path)
     writers = {

@@ -37,7 +37,12 @@ ROCK_CUTS = 14
 
 
 def shape_names() -> tuple[str, ...]:
-    """Names of the built-in shapes."""
+    """Names of the built-in shapes, as `shape`, `MeshObject.load` and the command line take them.
+
+    >>> from palpate.render import shape_names
+    >>> shape_names()
+    ('cube', 'sphere', 'tube', 'dog', 'dog-detailed', 'rock')
+    """
     return tuple(_SHAPES)
 
 
@@ -50,6 +55,11 @@ def shape(name: str) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Make a built-in shape: vertices [m], shape [vertex, 3], array frame, and triangles, shape [face, 3].
 
     The same arrays every time; name: in any case. Raises ShapeError for an unknown name, listing the known ones.
+
+    >>> from palpate.datasets import shape
+    >>> vertices, triangles = shape("cube")
+    >>> vertices.max(axis=0), triangles.shape
+    (array([0.065, 0.065, 0.265], dtype=float32), (12, 3))
     """
     found = shape_name(name)
     if found is None:

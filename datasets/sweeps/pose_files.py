@@ -71,6 +71,13 @@ def load_pose_table(folder: str | Path, *, verify: bool = True) -> Columns:
 
     Raises:
         SweepStoreError: The folder or a file is missing or damaged, or PyArrow is missing.
+
+    >>> from pathlib import Path
+    >>> from palpate.datasets import load_pose_table, write_parquet
+    >>> Path("study.sweep/poses").mkdir(parents=True)  # `palpate sweep` makes it, and files such as this one
+    >>> write_parquet("study.sweep/poses/000000-of-000001.parquet", {"length": [0.26, 0.34]}, {"file": 0})
+    >>> load_pose_table("study.sweep/poses")
+    {'length': array([0.26, 0.34])}
     """
     folder = Path(folder)
     if not folder.is_dir():

@@ -45,7 +45,12 @@ _ROWS_MOST = 1 << 28  # [byte] of /rows: millions of parts
 
 @dataclass(frozen=True)
 class ShardRow:
-    """A finished part of a recipe."""
+    """A row of a shard: a finished part of a recipe, and what came of it.
+
+    >>> from palpate.datasets import ShardRow
+    >>> ShardRow("contours", "a1b2", 0, {"length": 0.34})
+    ShardRow(group='contours', key='a1b2', part=0, payload={'length': 0.34})
+    """
 
     group: str
     """Which metrics, or what was kept."""
@@ -98,6 +103,13 @@ def write_shard(
     Raises:
         SweepStoreError: Columns are impossible, or do not go with the rows.
         OSError: As the system says (ENOSPC, EFBIG, ...); nothing is left behind.
+
+    >>> from palpate.datasets import ShardRow, SweepStore, write_shard
+    >>> with SweepStore("study.sweep", maker="own code 1.0") as store:
+    ...     write_shard("study.sweep/shards/0.h5", [ShardRow("poses", "a1b2", 0, {})], [{"length": [0.34, 0.26]}])
+    ...     recorded = store.record("shards/0.h5")
+    ...     store.columns("a1b2")
+    {'length': array([0.34, 0.26])}
     """
     path = Path(path)
     if columns is not None and len(columns) != len(rows):

@@ -47,15 +47,20 @@ class _Place:
 
 
 class SweepStore:
-    """A store, open. Several processes may have it open, and write, at once; threads may share one.
+    """A sweep's store, open. Several processes may have it open, and write, at once; threads may share one.
 
     maker: which code's results count as done, and under which new ones are recorded. None, only for reading: the one
     that recorded last.
     mode: "create" makes the folder, or takes it up again; "read" changes nothing.
+    Raises NotStoreError where the folder holds other things, SweepStoreError where the store is damaged, of a newer
+    version, or cannot be written.
 
-    Raises:
-        NotStoreError: The folder holds other things.
-        SweepStoreError: It is damaged, of a newer version, or cannot be written.
+    >>> from palpate.datasets import ShardRow, SweepStore, write_shard
+    >>> with SweepStore("study.sweep", maker="own code 1.0") as store:
+    ...     write_shard("study.sweep/shards/0.h5", [ShardRow("contours", "a1b2", 0, {"length": 0.34})])
+    ...     recorded = store.record("shards/0.h5")
+    ...     store.done([("contours", "a1b2"), ("contours", "c3d4")])
+    {('contours', 'a1b2'): {0}, ('contours', 'c3d4'): set()}
     """
 
     def __init__(self, folder: str | Path, *, maker: str | None = None, mode: Mode = "create") -> None:
@@ -64,7 +69,9 @@ class SweepStore:
         self.damaged: list[str] = []
         """One sentence for each damage that was met: a shard set aside, parts that count as not done."""
         if mode == "create" and maker is None:
-            raise SweepStoreError(f"{self.folder}: what is recorded needs a maker")
+            raise SweepStoreError(
+                f'{self.folder}: recording needs maker=, the version of what computes results; mode="read" only reads'
+            )
         _refuse_other_folder(self.folder, mode)
         if mode == "create":
             _make_folder(self.folder)
@@ -296,8 +303,7 @@ class SweepStore:
     def check(self, shard: str | Path) -> Read | None:
         """A shard that is whole and may be recorded, for `record_all`; None for one that was recorded.
 
-        Raises:
-            SweepStoreError: It is missing, damaged, or made by other code than `maker`.
+        Raises SweepStoreError where it is missing, damaged, or made by other code than `maker`.
         """
         return self._recorder.check(self.folder / shard)
 

@@ -59,7 +59,11 @@ Attributes = Mapping[str, Any]
 
 
 def write_table(
-    path: str | Path, columns: Mapping[str, Values], attributes: Attributes, *, units: Mapping[str, str] | None = None
+    path: str | Path,
+    columns: Mapping[str, Values],
+    attributes: Attributes | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
 ) -> None:
     """Write a table as HDF5, whole or not at all, replacing an earlier one.
 
@@ -68,11 +72,18 @@ def write_table(
 
     Raises:
         SweepStoreError: Columns are impossible, or the file cannot be written; nothing is left behind.
+
+    >>> from palpate.datasets import load_table, write_table
+    >>> write_table("own.h5", {"object": ["cube", "rock"], "length": [0.34, 0.26]}, units={"length": "m"})
+    >>> load_table("own.h5")
+    {'object': array(['cube', 'rock'], dtype=object), 'length': array([0.34, 0.26])}
     """
     path = Path(path)
+    if path.suffix in (PARQUET, CSV):
+        raise SweepStoreError(f"{path}: this writes HDF5, so that the name must not end in {path.suffix}; .h5 would do")
     arrays = _table_arrays(columns)
     with new_image() as file:
-        for key, value in {**_described(attributes), DIGEST: TRAILER}.items():
+        for key, value in {**_described(attributes or {}), DIGEST: TRAILER}.items():
             file.attrs[key] = value
         count = len(next(iter(arrays.values()), ()))
         scale = put_column(file, ROW, np.arange(count, dtype=np.int64))
@@ -84,7 +95,11 @@ def write_table(
 
 
 def write_parquet(
-    path: str | Path, columns: Mapping[str, Values], attributes: Attributes, *, units: Mapping[str, str] | None = None
+    path: str | Path,
+    columns: Mapping[str, Values],
+    attributes: Attributes | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
 ) -> None:
     """Write a table as Parquet, whole or not at all, replacing an earlier one; arguments as `write_table`.
 
@@ -92,8 +107,16 @@ def write_parquet(
 
     Raises:
         SweepStoreError: As `write_table`; or PyArrow is missing, which the extra `palpate[parquet]` installs.
+
+    >>> from palpate.datasets import load_table, write_parquet
+    >>> write_parquet("own.parquet", {"length": [0.34, None], "polylines": [1, 0]}, {"hand": "palm"})
+    >>> load_table("own.parquet")  # None among numbers is NaN
+    {'length': array([0.34,  nan]), 'polylines': array([1, 0])}
     """
-    _write(Path(path), parquet_content(columns, attributes, units or {}))
+    path = Path(path)
+    if path.suffix != PARQUET:
+        raise SweepStoreError(f"{path}: this writes Parquet, so that the name must end in {PARQUET}")
+    _write(path, parquet_content(columns, attributes or {}, units or {}))
 
 
 def parquet_content(
@@ -125,6 +148,11 @@ def load_table(path: str | Path, *, constants: bool = False, verify: bool = True
 
     Raises:
         SweepStoreError: It is missing, damaged, or no table.
+
+    >>> from palpate.datasets import load_table, write_table
+    >>> write_table("own.h5", {"length": [0.34, 0.26]}, {"constants": {"hand": "palm"}})
+    >>> load_table("own.h5", constants=True)
+    {'length': array([0.34, 0.26]), 'hand': array(['palm', 'palm'], dtype=object)}
     """
     path = Path(path)
     if path.suffix == CSV:
@@ -160,7 +188,17 @@ def _load_columns(path: Path, verify: bool) -> Columns:
 
 
 def table_attributes(path: str | Path, *, verify: bool = True) -> dict[str, Any]:
-    """What a table says of itself, as it was given to the writer; arguments and errors as `load_table`."""
+    """What a table says of itself: what was given to the writer, its format, and how its content is proven.
+
+    Text and numbers are as they were given, anything else is JSON; of a table as text only `constants`. Arguments and
+    errors as `load_table`.
+
+    >>> from palpate.datasets import table_attributes, write_table
+    >>> write_table("own.h5", {"length": [0.34, 0.26]}, {"hand": "palm", "seeds": [1, 2]})
+    >>> found = table_attributes("own.h5")
+    >>> found["format"], found["hand"], found["seeds"]
+    ('palpate table', 'palm', '[1, 2]')
+    """
     path = Path(path)
     if path.suffix == CSV:
         return {CONSTANTS: json.dumps(read_csv(path)[1])}

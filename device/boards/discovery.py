@@ -26,7 +26,13 @@ UDEV_FILE = "/etc/udev/rules.d/70-palpate.rules"
 
 @dataclass(frozen=True)
 class ArrayInfo:
-    """An array that is plugged in, or may be."""
+    """An array that is plugged in, or may be.
+
+    >>> from palpate.device import EmulatorBackend, VirtualClock, find_arrays
+    >>> (info,) = find_arrays(EmulatorBackend(["left"], clock=VirtualClock()))
+    >>> info.array, info.serial, info.where, info.accessible
+    ('emulator', 'left', 'bus 1, address 1', True)
+    """
 
     array: str
     """Name of its model."""
@@ -55,6 +61,11 @@ def find_arrays(backend: Backend | None = None, *, calibrations: Iterable[Path] 
     Raises:
         NoBackendError: libusb is missing.
         CalibrationError: a board file is wrong.
+
+    >>> from palpate.device import EmulatorBackend, VirtualClock, find_arrays
+    >>> bus = EmulatorBackend(["left", "right"], clock=VirtualClock())
+    >>> [(info.array, info.serial) for info in find_arrays(bus)]
+    [('emulator', 'left'), ('emulator', 'right')]
     """
     known = [board for path in calibrations for board in _boards_of(path)]
     found: list[ArrayInfo] = []
@@ -79,6 +90,12 @@ def find_serial_arrays(ports: SerialPorts | None = None) -> tuple[ArrayInfo, ...
 
     Raises:
         NoBackendError: pyserial is missing.
+
+    >>> from palpate.device import VirtualClock, find_serial_arrays
+    >>> from palpate.device.registry import emulated_backend
+    >>> (info,) = find_serial_arrays(emulated_backend("sonicsurface", clock=VirtualClock()))
+    >>> info.serial, info.reason
+    ('SONEMU01', 'may be a sonicsurface: it is a serial adapter (emulated serial adapter)')
     """
     ports = ports or SystemPorts()
     names = [name for name in array_names() if array_model(name).baud is not None]
@@ -115,6 +132,11 @@ def open_link(
         CalibrationError: a real pat16 needs its board file.
         DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError: as their names say.
         LinkError: whatever else happened.
+
+    >>> from palpate.device import VirtualClock, array_model, open_link
+    >>> with open_link(array_model("pat16"), emulated=True, clock=VirtualClock()) as link:
+    ...     link, link.clock
+    (PatLink('pat16', serial='PATEMU01'), VirtualClock(0 s))
     """
     kind = kind_of(model)
     is_new = emulated and backend is None
@@ -133,6 +155,10 @@ def udev_rule(model: ArrayModel) -> str:
     """Rule for `UDEV_FILE` that lets whoever sits at the machine open an array; "" if it is not opened by libusb.
 
     Afterwards the array has to be unplugged and plugged in.
+
+    >>> from palpate.device import array_model, udev_rule
+    >>> print(udev_rule(array_model("pat16")))
+    SUBSYSTEM=="usb", ATTR{idVendor}=="0403", ATTR{idProduct}=="6014", TAG+="uaccess"
     """
     if model.usb is None:
         return ""

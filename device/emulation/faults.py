@@ -7,7 +7,16 @@ from enum import Enum
 
 
 class FaultKind(Enum):
-    """What can be made to go wrong."""
+    """What can be made to go wrong.
+
+    >>> from palpate.device import EmulatorBackend, Fault, FaultKind, VirtualClock, array_model, open_link
+    >>> bus = EmulatorBackend(clock=VirtualClock())
+    >>> bus.inject(Fault(FaultKind.BUSY))
+    >>> open_link(array_model("emulator"), backend=bus)
+    Traceback (most recent call last):
+        ...
+    palpate.device.errors.DeviceBusyError: array emulator EMU0001 is in use: stop the other player, or ...
+    """
 
     UNPLUG = "unplug"
     """ENODEV from then on; the board loses its power, and with it everything queued."""
@@ -32,6 +41,14 @@ class Fault:
         byte: offset in the stream of bulk bytes since power-up, before which everything is taken.
         request: vendor request that it strikes instead.
         count: how many times, from then on if None.
+
+    >>> from palpate.device import EmulatorBackend, Fault, FaultKind, Player, VirtualClock, array_model, open_link
+    >>> bus = EmulatorBackend(clock=VirtualClock())
+    >>> bus.inject(Fault(FaultKind.SHORT, byte=700))  # a write ends amid the second frame, and is continued
+    >>> with open_link(array_model("emulator"), backend=bus) as link:
+    ...     report = Player(link).play([bytes([255] * 512) * 100], update_rate=10e3)
+    >>> report.short_writes, report.frames
+    (1, 100)
     """
 
     kind: FaultKind

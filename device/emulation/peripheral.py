@@ -66,7 +66,16 @@ BoardT = TypeVar("BoardT", bound=EmulatedBoard, covariant=True)
 
 @dataclass(frozen=True)
 class Descriptors:
-    """What a device says of itself: one configuration (value 1), one interface (0), bulk endpoints."""
+    """What a device says of itself: one configuration (value 1), one interface (0), bulk endpoints.
+
+    >>> import usb.core
+    >>> from palpate.device import Descriptors, EmulatedBus, Peripheral, VirtualClock
+    >>> from palpate.device.boards.emulator.model import Board
+    >>> own = Descriptors(0x1209, 0x0002, "tiny makers", "tiny array", "T1", endpoints=(0x01,), packet_bytes=512)
+    >>> bus = EmulatedBus(lambda clock, *_: Peripheral(own, Board(clock)), ["T1"], clock=VirtualClock())
+    >>> usb.core.find(idVendor=0x1209, backend=bus).product  # as pyusb reads it
+    'tiny array'
+    """
 
     vendor: int
     product: int
@@ -92,11 +101,24 @@ class Descriptors:
 
 
 class Peripheral(Generic[BoardT]):
-    """A device on the bus, and the board behind it. Imports nothing of USB libraries."""
+    """A device on the bus, and the board behind it. Imports nothing of USB libraries.
+
+    >>> from palpate.device import Descriptors, Peripheral, VirtualClock
+    >>> from palpate.device.boards.emulator.model import Board
+    >>> own = Descriptors(0x1209, 0x0002, "tiny makers", "tiny array", "T1", endpoints=(0x01,), packet_bytes=512)
+    >>> device = Peripheral(own, Board(VirtualClock()))
+    >>> device, device.accept(memoryview(bytes(700))), device.board.bytes_received
+    (Peripheral(1209:0002, serial='T1'), 700, 700)
+    """
 
     def __init__(self, descriptors: Descriptors, board: BoardT) -> None:
         self.descriptors = descriptors
         self.board = board
+
+    def __repr__(self) -> str:
+        """One line."""
+        own = self.descriptors
+        return f"{type(self).__name__}({own.vendor:04x}:{own.product:04x}, serial={own.serial!r})"
 
     def accept(self, data: memoryview, *, since_ns: int | None = None) -> int:
         """Bulk OUT: take as many bytes as there is room for, as `EmulatedBoard.accept`."""

@@ -69,6 +69,14 @@ class EmulatedBus(Backend, Generic[BoardT]):
         plug: makes a device with a serial number, whose board has been switched on for a time [ns].
         serials: serial number of each device on the bus.
         clock: clock of all boards; None takes the monotonic one.
+
+    >>> from palpate.device import EmulatedBus, VirtualClock, find_arrays
+    >>> from palpate.device.boards.emulator.model import Board
+    >>> from palpate.device.boards.emulator.usb_side import EmulatorUsb
+    >>> plug = lambda clock, serial, on_for_ns: EmulatorUsb(serial, Board(clock))
+    >>> bus = EmulatedBus(plug, ["left", "right"], clock=VirtualClock())
+    >>> bus, [info.serial for info in find_arrays(bus)]
+    (EmulatedBus(2 devices, virtual clock), ['left', 'right'])
     """
 
     def __init__(
@@ -83,6 +91,10 @@ class EmulatedBus(Backend, Generic[BoardT]):
         self._plug = plug
         self._devices = [plug(self.clock, serial, ON_FOR_NS) for serial in serials]
         self._ports = [_port(number + 1, device) for number, device in enumerate(self._devices)]
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"{type(self).__name__}({len(self._devices)} devices, {self.clock.name} clock)"
 
     def board(self, index: int = 0) -> BoardT:
         """The board in a place on the bus."""

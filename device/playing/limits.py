@@ -28,6 +28,14 @@ class Limits:
     measures its temperature. They hold across the playbacks of one `Player`, not across processes.
 
     Raises `LimitsError`, naming the field.
+
+    >>> from palpate.device import Limits, Player, VirtualClock, array_model, open_link
+    >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:
+    ...     Player(link, limits=Limits(on_time_max=0.05)).play([bytes([255] * 512) * 1000], update_rate=10e3)  # 100 ms
+    Traceback (most recent call last):
+        ...
+    palpate.device.errors.SafetyLimitError: array emulator was stopped at a limit: it was about to emit for more than
+    0.05 s without a pause of 1 s (on_time_max)
     """
 
     on_time_max: float | None = 120.0

@@ -47,6 +47,12 @@ class Player:
             blocks as that.
         handle_signals: switch the array off and raise `PlayInterrupted` on SIGINT, SIGTERM and SIGHUP, while playing.
             Python lets only the main thread do so; elsewhere it is the application's to call `stop`.
+
+    >>> from palpate.device import Player, VirtualClock, array_model, encode_frames, open_link
+    >>> frames = encode_frames([[0.0] * 256] * 100, [0.5] * 100)  # 100 frames, all in phase at half the pressure
+    >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:
+    ...     Player(link).play([frames], update_rate=10e3)
+    PlayReport(emulator EMU0001: 100 frames at 10000 Hz, 0 underruns, off)
     """
 
     def __init__(

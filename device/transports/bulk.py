@@ -41,6 +41,12 @@ def open_bulk(model: ArrayModel, request: LinkRequest, *, endpoint: int) -> Bulk
     Raises:
         DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError: as their names say.
         LinkError: queued was asked for, and cannot be had.
+
+    >>> from palpate.device import EmulatorBackend, LinkRequest, VirtualClock, array_model, open_bulk
+    >>> request = LinkRequest(serial="right", backend=EmulatorBackend(["left", "right"], clock=VirtualClock()))
+    >>> usb = open_bulk(array_model("emulator"), request, endpoint=0x01)
+    >>> usb.who, usb.clock
+    ('emulator right', VirtualClock(0 s))
     """
     backend = usb_backend(request.backend)
     emulate = kind_of(model).emulate

@@ -31,6 +31,14 @@ class StreamLink:
         serial: its serial number.
         clock: the clock that it runs by; None is real time.
         device: pyusb's device, which `close` disposes of.
+
+    >>> from array import array
+    >>> from palpate.device import VirtualClock, array_model, off_frame, open_link
+    >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:  # a `UsbLink`, which derives from it
+    ...     link.start(4)
+    ...     link.write(array("B", off_frame().tobytes() * 3))
+    ...     link.bytes_sent, link.torn_bytes  # whole frames of 512 bytes
+    (1536, 0)
     """
 
     off_frames: int = 1

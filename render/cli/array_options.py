@@ -16,7 +16,10 @@ Array = Annotated[
     ),
 ]
 Serial = Annotated[
-    str | None, typer.Option(help="Which one: its serial number, a sonicsurface's port, an autd3's network interface.")
+    str | None,
+    typer.Option(
+        metavar="SERIAL", help="Which one: its serial number, a sonicsurface's port, an autd3's network interface."
+    ),
 ]
 Calibration = Annotated[
     Path | None, typer.Option(metavar="BOARD.pat", help="Board file of a pat16: wiring, phase offsets, serial number.")
@@ -27,4 +30,9 @@ Watchdog = Annotated[
 ]
 Uncalibrated = Annotated[
     bool, typer.Option("--uncalibrated", help="Play on a real pat16 without its board file: wired as published ones.")
+]
+Baud = Annotated[int | None, typer.Option(metavar="BAUD", help="Of a sonicsurface with unusual firmware [Bd].")]
+Clock = Annotated[
+    str,
+    typer.Option(metavar="CLOCK", help="Of an emulated array: monotonic (real time) or virtual (as fast as it goes)."),
 ]

@@ -1,6 +1,6 @@
 """Groups of commands whose help imports nothing that a command needs."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from importlib import import_module
 from typing import Any
 
@@ -11,6 +11,12 @@ from ..terminal import console
 from ..terminal.wording import Wording
 
 COMPLETION = ("--install-completion", "--show-completion")
+OLD_NAMES = {
+    "demo": {"--folder": "--out"},
+    "selftest": {"--seconds": "--duration"},
+    "bench": {"--strategies": "--strategy"},
+}
+"""Options that had another name; both are understood."""
 
 
 class CommandGroup(TyperGroup):
@@ -21,16 +27,23 @@ class CommandGroup(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command, and have messages write arguments as its options."""
-        found = super().resolve_command(ctx, args)
-        if (command := found[1]) is not None:
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
             others = [option.name for other in self.commands.values() for option in other.params]
             console.set_wording(Wording([option.name for option in command.params], others, self.plan_keys))
-        return found
+        return name, command, renamed(rest, OLD_NAMES.get(name or "", {}))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Leave out the group's --help where a command follows: typer imports pydantic for an option without value."""
         self.add_help_option = not (args and args[0] in self.commands)
         return super().parse_args(ctx, args)
+
+
+def renamed(args: list[str], new_names: Mapping[str, str]) -> list[str]:
+    """Arguments with options of old names under their new ones, up to the `--` that ends options."""
+    end = args.index("--") if "--" in args else len(args)
+    split = [arg.partition("=") for arg in args[:end]]
+    return ["".join((new_names.get(name, name), *rest)) for name, *rest in split] + args[end:]
 
 
 class MainGroup(CommandGroup):

@@ -1,18 +1,29 @@
-"""Options that say how an object's file is read."""
+"""Options that say how an object's file is read, and where the object goes."""
 
 from typing import Annotated
 
 import typer
 
 Three = tuple[float, float, float]
-Kind = Annotated[str | None, typer.Option(help="Of a volume: occupancy, distance, intensity, label.")]
-Level = Annotated[float | None, typer.Option(help="Of an intensity volume: its value on the surface.")]
-Label = Annotated[list[int] | None, typer.Option(help="Of a segmented volume: labels that are solid; may be repeated.")]
-Inside = Annotated[str | None, typer.Option(help="Of a volume: above or below, where values are solid.")]
+Kind = Annotated[str | None, typer.Option(metavar="KIND", help="Of a volume: occupancy, distance, intensity, label.")]
+Level = Annotated[float | None, typer.Option(metavar="VALUE", help="Of an intensity volume: its value on the surface.")]
+Label = Annotated[
+    list[int] | None,
+    typer.Option(metavar="LABEL", help="Of a segmented volume: labels that are solid; may be repeated."),
+]
+Inside = Annotated[
+    str | None, typer.Option(metavar="SIDE", help="Of a volume: above or below, where values are solid.")
+]
 Spacing = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Of a volume, instead of the file's [m].")]
-Unit = Annotated[str | None, typer.Option(help="Of a volume file's lengths: m, cm, mm, um.")]
+Unit = Annotated[str | None, typer.Option(metavar="UNIT", help="Of a volume file's lengths: m, cm, mm, um.")]
 SolidRule = Annotated[
-    str | None, typer.Option(help="Of a mesh: inside by winding number: winding (above 0), even-odd.")
+    str | None, typer.Option(metavar="RULE", help="Of a mesh: inside by winding number: winding (above 0), even-odd.")
 ]
 Weld = Annotated[float | None, typer.Option(metavar="METRES", help="Of a mesh: merge vertices this close.")]
 FillHoles = Annotated[float | None, typer.Option(metavar="METRES", help="Of a mesh: close holes of at most this rim.")]
+SCALE_HELP = "Factor on the object's coordinates (0.001 for millimetres)."
+Scale = Annotated[float, typer.Option(metavar="FACTOR", help=SCALE_HELP)]
+Up = Annotated[str, typer.Option(metavar="AXIS", help="Axis of the file that points up: x, y, z, -x, -y, -z.")]
+Fit = Annotated[float | None, typer.Option(metavar="SIZE", help="Longest side [m], whatever the scale.")]
+Rotate = Annotated[Three, typer.Option(metavar="X Y Z", help="Turn about the array's axes x, y, z in turn [degree].")]
+At = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")]

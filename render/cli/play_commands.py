@@ -113,7 +113,7 @@ def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json
         raise StrategyError(f"{out}: must end in .ptlist, the one format that there is")
     if out.exists() and not overwrite:
         raise StrategyError(f"{out}: exists; --overwrite replaces it")
-    sampler = Sampler(replace(load_sampling(options["sampling"]), **changes))
+    sampler = Sampler(replace(load_sampling(options["sampling"] or "stm"), **changes))
     if sampler.strategy.foci > 1:
         raise StrategyError(f"a point list holds one focal point at a time, not foci {sampler.strategy.foci}")
     with ContourFile(file) as contours:

@@ -1,13 +1,13 @@
 """The command line of sweeps: `palpate sweep PLAN.toml`, and `palpate sweep status STORE` and its like."""
 
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
-from ..terminal import console
 from .command_group import CommandGroup
+from .output_options import Json, Overwrite, Quiet, run_job
 from .trust_options import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
@@ -23,6 +23,7 @@ TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. 
 
 STORES = "Of a store that is there: palpate sweep status, failures, prune, merge; each has --help."
 RUN = "run"
+UPKEEP = "..sweeps.upkeep"
 PLAN_KEYS = (
     "scale", "up", "fit", "rotate", "at", "kind", "level", "label", "inside", "spacing", "unit", "bounds", "solid",
     "weld", "fill_holes", "simplify", "palm", "duration", "rate", "seed", "side", "alignment", "interpolate", "step",
@@ -43,23 +44,23 @@ class SweepGroup(CommandGroup):
         return super().parse_args(ctx, args if args and args[0] in self.commands else [RUN, *args])
 
 
+class RunCommand(TyperCommand):
+    """`run`, whose usage leaves its name out."""
+
+    def format_usage(self, ctx: Any, formatter: Any) -> None:
+        """Write the line that begins the help."""
+        formatter.write_usage(ctx.parent.command_path, " ".join(self.collect_usage_pieces(ctx)))
+
+
 sweep = typer.Typer(cls=SweepGroup, add_completion=False, rich_markup_mode=None)
 
 Store = Annotated[Path, typer.Argument(metavar="STORE", help="Folder of results that `palpate sweep` made.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 
 
-def _look_after(name: str, *arguments: object, as_json: bool, **options: object) -> None:
-    def command() -> object:
-        return getattr(import_module("..sweeps.upkeep", __package__), name)(*arguments, **options, as_json=as_json)
-
-    raise typer.Exit(console.run(command, as_json=as_json))
-
-
-@sweep.command(RUN, hidden=True, epilog=STORES)
+@sweep.command(RUN, cls=RunCommand, hidden=True, epilog=STORES)
 def run(
     plans: Annotated[
-        list[Path], typer.Argument(metavar="PLAN.toml...", help="Plans; of several, the union of their recipes.")
+        list[Path], typer.Argument(metavar="PLAN.toml", help="Plans; of several, the union of their recipes.")
     ],
     store: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Of the results, by default beside the plan: PLAN.sweep.")
@@ -74,7 +75,7 @@ def run(
         bool, typer.Option("--yes", help="Also more than a million recipes, or more bytes than the disk has.")
     ] = False,
     same_results: Annotated[bool, typer.Option("--same-results", help=SAME_HELP)] = False,
-    device: Annotated[str | None, typer.Option(help=DEVICE_HELP)] = None,
+    device: Annotated[str | None, typer.Option(metavar="DEVICE", help=DEVICE_HELP)] = None,
     workers: Annotated[
         str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, two on a GPU.")
     ] = "auto",
@@ -91,10 +92,11 @@ def run(
     table: Annotated[
         list[Path] | None, typer.Option(metavar="OUT", help="The table once more: .h5 or .parquet. May be repeated.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that --table names.")] = False,
+    overwrite: Overwrite = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the store's summary.png.")] = True,
     summary: Annotated[Path | None, typer.Option(metavar="FILE.md", help=SUMMARY_HELP)] = None,
     allow_code: AllowCode = False,
+    quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Make every combination that a plan names, what is there already left out, and a table of what came of it."""
@@ -122,45 +124,44 @@ def run(
         "allow_code": allow_code,
     }
 
-    def command() -> object:
-        return import_module("..sweeps.command", __package__).run_sweep_command(options, as_json=json)
-
-    raise typer.Exit(console.run(command, as_json=json))
+    run_job("..sweeps.command", "run_sweep_command", options, json=json, quiet=quiet)
 
 
 SWEEP_HELP = run.__doc__
 
 
 @sweep.command()
-def status(store: Store, json: Json = False) -> None:
+def status(store: Store, quiet: Quiet = False, json: Json = False) -> None:
     """Show what a store holds: results by code version and group, bytes, the last run, who works in it now."""
-    _look_after("show_status", store, as_json=json)
+    run_job(UPKEEP, "show_status", store, json=json, quiet=quiet)
 
 
 @sweep.command()
-def failures(store: Store, json: Json = False) -> None:
+def failures(store: Store, quiet: Quiet = False, json: Json = False) -> None:
     """Show which recipes could not be made, and why."""
-    _look_after("show_failures", store, as_json=json)
+    run_job(UPKEEP, "show_failures", store, json=json, quiet=quiet)
 
 
 @sweep.command()
 def prune(
     store: Store,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only tell what would be removed.")] = False,
+    quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Remove results of other code versions, and files that only these name."""
-    _look_after("prune_store", store, is_dry=dry_run, as_json=json)
+    run_job(UPKEEP, "prune_store", store, is_dry=dry_run, json=json, quiet=quiet)
 
 
 @sweep.command()
 def merge(
     store: Annotated[Path, typer.Argument(metavar="STORE", help="Takes the results; made if it is not there.")],
-    others: Annotated[list[Path], typer.Argument(metavar="OTHER...", help="Stores to read; they stay as they are.")],
+    others: Annotated[list[Path], typer.Argument(metavar="OTHER", help="Stores to read; they stay as they are.")],
     other_code: Annotated[
         bool, typer.Option("--other-code", help="Also results of other code versions; each keeps its own.")
     ] = False,
+    quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Take over what other stores hold, such as those of the machines that each made a shard."""
-    _look_after("merge_stores", store, others, with_other_code=other_code, as_json=json)
+    run_job(UPKEEP, "merge_stores", store, others, with_other_code=other_code, json=json, quiet=quiet)

@@ -1,11 +1,10 @@
 """The command line of trust: `palpate trust`, and the option that permits code this once."""
 
-from importlib import import_module
 from typing import Annotated
 
 import typer
 
-from ..terminal import console
+from .output_options import Json, Quiet, run_job
 
 AllowCode = Annotated[
     bool, typer.Option("--allow-code", help="Run code that strategy, object or plan names: docs/guide/trust.md.")
@@ -14,16 +13,12 @@ FILE_HELP = "Strategy (.json), plan (.toml), Python file, or package.module:func
 
 
 def trust(
-    files: Annotated[list[str] | None, typer.Argument(metavar="FILE...", help=FILE_HELP)] = None,
+    files: Annotated[list[str] | None, typer.Argument(metavar="FILE", help=FILE_HELP)] = None,
     remove: Annotated[
         list[str] | None, typer.Option("--remove", metavar="FILE|SHA256", help="Accept it no longer. May be repeated.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Accept the code that files name, or are, as it is now, and list all that is accepted; nothing is run."""
-
-    def command() -> object:
-        job = import_module(".trust_commands", __package__)
-        return job.run_trust(files or [], remove or [], as_json=json)
-
-    raise typer.Exit(console.run(command, as_json=json))
+    run_job(".trust_commands", "run_trust", files or [], remove or [], json=json, quiet=quiet)

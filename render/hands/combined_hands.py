@@ -36,6 +36,12 @@ def together(
 
     Raises StrategyError for no hand, hands that do not go together and names that are not as many; PoseError for
     motions that do not fit or never meet in time, and for a hand mesh that is not there all the time.
+
+    >>> from palpate.render import Palm, static_pose, together
+    >>> left, right = (Palm(), static_pose([-0.1, 0, 0.2])), (Palm(), static_pose([0.1, 0, 0.2]))
+    >>> hand, motion = together([left, right], names=("left", "right"))
+    >>> [patch.name for patch in hand.patches]
+    ['left-palm', 'right-palm']
     """
     if not hands:
         raise StrategyError("together needs one hand at least")

@@ -19,6 +19,13 @@ def flat_hand(width: float = BREADTH, length: float = HAND_LENGTH, *, is_left: b
 
     width: across the palm [m]; length: from the wrist to the tip of the middle finger [m]. The proportions are
     plausible ones for adults, no measurement of anybody. Raises StrategyError for sides that are no size for skin.
+
+    >>> from palpate.render import flat_hand
+    >>> hand = flat_hand(length=0.18)
+    >>> hand
+    PlaneHand(15 patches, 13 joints, rigid)
+    >>> [patch.name for patch in hand.patches if patch.name.startswith("index")]
+    ['index-proximal', 'index-intermediate', 'index-distal']
     """
     require_sides("hand", width, length)
     palm = PALM_SHARE * length

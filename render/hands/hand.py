@@ -42,7 +42,13 @@ class PatchFrames(NamedTuple):
 
 @runtime_checkable
 class Hand(Protocol):
-    """Interface of all hands: Palm, PlaneHand, MeshHand. Poses are hand frame -> array frame."""
+    """Interface of all hands: Palm, PlaneHand, MeshHand. Poses are hand frame -> array frame.
+
+    >>> from palpate.render import Hand, Palm, flat_hand
+    >>> hands: list[Hand] = [Palm(), flat_hand()]
+    >>> [hand.patch_count for hand in hands]
+    [1, 15]
+    """
 
     @property
     def patch_count(self) -> int:
@@ -89,7 +95,13 @@ class PatchHand(Hand, Protocol):
 
 @dataclass(frozen=True)
 class Palm:
-    """One rectangle over the palm: u = X, v = -Z (towards the finger tips), n = Y (into the hand) of the hand frame."""
+    """One rectangle over the palm: u = X, v = -Z (towards the finger tips), n = Y (into the hand) of the hand frame.
+
+    >>> from palpate.render import Palm, render, static_pose
+    >>> palm = Palm(width=0.08, length=0.1)
+    >>> render("cube", palm, static_pose([0, 0, 0.2])).length().round(3)  # wholly in the cube: the palm's outline [m]
+    array([0.36], dtype=float32)
+    """
 
     width: float = 0.085
     """Along u [m]."""

@@ -38,6 +38,15 @@ class MeshHand:
     Vertices in the same place become one; triangles that are none are dropped, with a warning (PalpateWarning), and a
     closed mesh that faces inwards is turned over. Raises MeshError for values that are not finite, an edge of more than
     two triangles, neighbours wound against each other, and a region without triangle or without boundary.
+
+    >>> import trimesh
+    >>> from palpate.render import MeshHand, render, static_pose
+    >>> box = trimesh.creation.box((0.08, 0.03, 0.1))  # [m]; in place of a hand's skin
+    >>> hand = MeshHand(box.vertices, box.faces, glabrous=box.face_normals[:, 1] < -0.9, name="box")
+    >>> hand
+    MeshHand('box', 12 triangles, rigid)
+    >>> render("cube", hand, static_pose([0, 0, 0.2])).length().round(3)  # the outline of the side that feels [m]
+    array([0.36], dtype=float32)
     """
 
     def __init__(

@@ -21,7 +21,12 @@ ABSENT = np.array([0.0, 1000.0, 0.0, 0.0, 0.0, 0.0, 1.0], np.float32)
 
 @dataclass(frozen=True)
 class HandPatch:
-    """A rectangle of skin: u = X (width), v = -Z (length, to the tip) and n = Y (into the hand) of its own frame."""
+    """A rectangle of skin: u = X (width), v = -Z (length, to the tip) and n = Y (into the hand) of its own frame.
+
+    >>> from palpate.render import HandPatch
+    >>> HandPatch("palm", width=0.085, length=0.1)
+    HandPatch(name='palm', width=0.085, length=0.1, pose=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    """
 
     name: str
     """As "palm" or "index-proximal"."""
@@ -47,7 +52,14 @@ class HandPatch:
 
 @dataclass(frozen=True)
 class PatchJoint:
-    """Two patches that touch along a side of each: 0 towards the wrist (-v), 1 at +u, 2 to the tip (+v), 3 at -u."""
+    """Two patches that touch along a side of each: 0 towards the wrist (-v), 1 at +u, 2 to the tip (+v), 3 at -u.
+
+    >>> from palpate.render import PatchJoint, flat_hand
+    >>> PatchJoint("palm", 2, "index-proximal", 0)  # the palm's side to the tips, the finger's to the wrist
+    PatchJoint(patch='palm', side=2, other='index-proximal', other_side=0)
+    >>> [joint.other for joint in flat_hand().joints if joint.patch == "palm"]
+    ['index-proximal', 'middle-proximal', 'ring-proximal', 'little-proximal']
+    """
 
     patch: str
     side: int
@@ -69,6 +81,14 @@ class PlaneHand:
 
     Raises StrategyError for no patch, a name twice, or a joint with something that is not there; PoseError for patch
     poses of another shape, values that are not finite, or quaternions whose norm is not 1 within 1e-3.
+
+    >>> from palpate.render import HandPatch, PatchJoint, PlaneHand, render, static_pose
+    >>> palm, finger = HandPatch("palm", 0.06, 0.06), HandPatch("index", 0.02, 0.03, pose=(0, 0, -0.045, 0, 0, 0, 1))
+    >>> hand = PlaneHand((palm, finger), (PatchJoint("palm", 2, "index", 0),))
+    >>> hand
+    PlaneHand(2 patches, 1 joints, rigid)
+    >>> render("cube", hand, static_pose([0, 0, 0.2])).length().round(3)  # both outlines, without where they touch [m]
+    array([0.3], dtype=float32)
     """
 
     patches: tuple[HandPatch, ...]

@@ -25,6 +25,7 @@ from ..runtime.span_workers import warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..strategies.user_stage_sources import stage_sources
 from .batch_rendering import MEMORY_SMALLEST, Chunk, Collected, checked_memory, rendered_chunks
+from .named_inputs import hand_of, motion_of, solid_of
 from .scene import Scene
 
 POSES_AT_ONCE = 1 << 16  # of a batch in memory, written together
@@ -90,10 +91,10 @@ def metrics_of(chunk: Chunk) -> dict[str, np.ndarray]:
 @accept_old_keywords(thing="solid", moved="object_pose")
 def record(
     path: str | Path,
-    solid: Solid,
-    hand: Hand,
-    motion: HandMotion,
-    strategy: IntersectionStrategy | str,
+    solid: Solid | str | Path,
+    hand: Hand | str,
+    motion: HandMotion | str | Path,
+    strategy: IntersectionStrategy | str = "cc",
     *,
     object_pose: HandMotion | np.ndarray | None = None,
     mode: Literal["create", "resume", "overwrite"] = "create",
@@ -105,6 +106,7 @@ def record(
 ) -> Recording:
     """Render a motion into a contour file; what was reported done survives a kill and a full disk.
 
+    solid, hand, motion, strategy: objects, or names and files, as for `render`.
     mode: "create" refuses an existing file; "resume" goes on with an unfinished one of the same object, hand, motion,
     strategy and version; "overwrite" replaces it when the new one is complete. object_pose: motion or poses of an
     object that moves, see `object_poses`. devices: one worker on each of these Warp devices, by default one on
@@ -112,7 +114,15 @@ def record(
     the workers; the motion itself (36 bytes a pose) and the object come on top.
     progress: called with the poses that are done, safe on the disk, and with all.
     Raises MeshError, StrategyError, MotionError and warns as `render` does; ContourFileError for what the file refuses.
+
+    >>> from palpate.render import ContourFile, MeshObject, Palm, record, static_pose
+    >>> record("cube.h5", MeshObject.load("cube"), Palm(), static_pose([0, 0, 0.2]), "cc").rendered
+    1
+    >>> with ContourFile("cube.h5") as file:
+    ...     file.metrics()["length"]  # [m]
+    array([0.34], dtype=float32)
     """
+    solid, hand, motion = solid_of(solid), hand_of(hand), motion_of(motion)
     poses = None if object_pose is None else object_poses(object_pose, motion)
     scene = Scene.of(solid, hand, strategy, object_pose=poses)
     warn_of_spacing(solid.name, solid.bounds, motion.pose, scene.object_pose)

@@ -45,12 +45,32 @@ from ..objects.voxels.voxel_object import VoxelObject
 from ..runtime.loading_progress import Watch, unwatched
 from ..trust.permission import AllowCode
 from ..validation import choose
+from .batch_rendering import check_poses
 
 EXPLORATION = "exploration"
 HANDS = ("palm", "planes", "skin")
 HEADER_BYTES = 65536  # first bytes of a CSV, in which its header is searched
 SOLID_HAND_STEP = 0.002  # [m]; grid step of the mesh of a hand given as a solid; smaller than any focus
 POSE_HEADERS = ("time,x,y,z", "x,y,z")  # first columns of a CSV of poses; a CSV recording has others
+
+
+def solid_of(given: Any) -> Solid:
+    """An object itself, loaded by its name or file, or made of a mesh of another library."""
+    if isinstance(given, Solid):
+        return given
+    return load_solid(str(given), Placement()) if isinstance(given, str | Path) else MeshObject(given)
+
+
+def hand_of(given: Hand | str) -> Hand:
+    """A hand itself, or by its kind or file."""
+    return load_hand(given, None) if isinstance(given, str) else given
+
+
+def motion_of(given: Any) -> HandMotion:
+    """A motion itself, of a file, or of poses alone."""
+    if isinstance(given, HandMotion):
+        return given
+    return HandMotion.load(given) if isinstance(given, str | Path) else HandMotion(None, check_poses(given))
 
 
 def load_solid(

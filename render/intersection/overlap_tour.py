@@ -69,6 +69,13 @@ def overlap_points(
     Returns points [m], array frame, float32, shape [point, 3], and where each pose's start, int64, shape [pose + 1].
     Raises StrategyError for a step that is none, or so small that one pose has more nodes than the limit, and MeshError
     for an object or a hand without an inside.
+
+    >>> import numpy as np
+    >>> from palpate.render import ImplicitObject, MeshObject, overlap_points, sphere, static_pose
+    >>> ball = ImplicitObject(sphere(0.05), hand=True)  # in place of a hand
+    >>> points, start = overlap_points(MeshObject.load("cube"), ball, static_pose([0, 0, 0.2]).pose, step=0.01)
+    >>> np.unique(np.linalg.norm(points - [0, 0, 0.2], axis=1).round(4))  # the ball is wholly in the cube: its surface
+    array([0.05])
     """
     hand.require_closed()
     points, start = [np.zeros((0, 3), np.float32)], [np.zeros(1, np.int64)]

@@ -15,6 +15,12 @@ def array_points(batch: ContourBatch, hand: Hand, motion: HandMotion | np.ndarra
     batch: on the host, of all poses of the motion; hand, motion: those it was rendered with. float32 holds a point of a
     patch to 4e-9 m, so the result is as exact as the poses are, however far from the array.
     Raises StrategyError for contours that are not in their patches' planes, PoseError for another number of poses.
+
+    >>> from palpate.render import Palm, array_points, render, static_pose
+    >>> palm, motion = Palm(), static_pose([0, 0, 0.2])
+    >>> batch = render("cube", palm, motion, points="patch")
+    >>> batch.points[0], array_points(batch, palm, motion)[0].round(4)
+    (array([-0.0425, -0.0425,  0.    ], dtype=float32), array([-0.0425, -0.0425,  0.2   ]))
     """
     pose = check_poses(motion)
     if batch.pose_count != len(pose):

@@ -116,6 +116,14 @@ class Scene:
     """An object, a hand and a strategy in which every option has a value; it renders poses.
 
     Make it with `Scene.of`. Several threads may use it at once.
+
+    >>> from palpate.render import ImplicitObject, Palm, Scene, sphere, static_pose
+    >>> scene = Scene.of(ImplicitObject(sphere(0.03), at=(0, 0, 0.2)), Palm(), "cc")
+    >>> round(1000 * scene.strategy.step, 1)  # [mm], a quarter of the focal width
+    2.5
+    >>> batch, removed = scene.contours(static_pose([0, 0, 0.2]).pose, first=0, device="cpu")
+    >>> batch.length().round(2)  # [m], a circle of radius 0.03
+    array([0.19], dtype=float32)
     """
 
     solid: Solid

@@ -25,6 +25,15 @@ def isosurface(
 
     The mesh is closed, has no coinciding vertices, and its triangles are counter-clockwise from outside.
     Raises MeshError for bounds or a step that are none, more cells than the limit, and where no node is inside.
+
+    >>> from palpate.render import ImplicitObject, MeshObject, isosurface, sphere
+    >>> ball = ImplicitObject(sphere(0.03), at=(0, 0, 0.2))
+    >>> vertices, faces = isosurface(ball, ball.bounds, step=0.005)
+    >>> len(vertices) - len(faces) // 2  # Euler's number of a closed surface without a handle
+    2
+    >>> MeshObject(vertices, faces).bounds.round(3)  # [m]
+    array([[-0.03, -0.03,  0.17],
+           [ 0.03,  0.03,  0.23]])
     """
     name = "field" if isinstance(solid, Field) else solid.name
     bounds = np.asarray(bounds, np.float64)

@@ -54,6 +54,11 @@ class DriveStrategy:
     frame share the emitted power, so each gets less pressure than alone (with 4 points about half).
 
     Raises StrategyError for a value out of its range, with field, value and bound.
+
+    >>> import numpy as np
+    >>> from palpate.render import DriveStrategy
+    >>> DriveStrategy(amplitude="force").pressure(np.array([0.25, 1.0]))  # half the pressure has a quarter of the force
+    array([0.5, 1. ])
     """
 
     amplitude: str = "pressure"
@@ -119,6 +124,13 @@ class Driver:
     A frame depends on the frames before it (held positions, common phase, slew limit), not on their division into
     blocks. Raises StrategyError for no array, arrays of different carriers, a slew limit without update rate, and an
     update rate so low that the slew limit has no effect.
+
+    >>> from palpate.device import array_model
+    >>> from palpate.render import Driver, render, static_pose
+    >>> square = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").sample("stm", duration=0.01)
+    >>> drives = Driver(array_model("emulator")).drive(square.focus)
+    >>> drives.delay.shape  # 100 frames of 16 x 16 transducers
+    (100, 256)
     """
 
     def __init__(
@@ -307,5 +319,13 @@ def drive_focus(focus: FocalPoints, array: ArrayModel, *, sound_speed: float = S
     Time factor exp(+j w t): a wave lags by k r after the distance r, so the drive must lead by k r, and a farther
     transducer has a smaller delay. Every transducer gets the same amplitude. Focal points outside the focal zone,
     and any that are not finite, get amplitude 0 and are counted.
+
+    >>> import numpy as np
+    >>> from palpate.device import array_model
+    >>> from palpate.render import FocalPoints, drive_focus
+    >>> focus = FocalPoints(np.float32([[0, 0, 0.2], [0, 0, 9.0]]), np.ones(2, np.float32))  # the second is too far
+    >>> drives = drive_focus(focus, array_model("emulator"))
+    >>> drives.delay.shape, drives.amplitude, drives.refused
+    ((2, 256), array([1., 0.], dtype=float32), 1)
     """
     return Driver(array, DriveStrategy(sound_speed=sound_speed)).drive(focus)

@@ -112,6 +112,13 @@ class Connection:
 
     The array "emulator" is always emulated, others only with `emulate`. backend: of pyusb, for tests. clock: of
     emulated arrays, "monotonic" (real time) or "virtual" (as fast as possible).
+
+    >>> from palpate.render import Connection, play_file, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> model = Connection(emulate=True, clock="virtual")  # of the board, where none is at hand
+    >>> report = play_file(path, array="pat16", duration=0.01, connection=model).played
+    >>> report.array, report.clock, report.frames
+    ('pat16', 'virtual', 100)
     """
 
     emulate: bool = False
@@ -210,6 +217,11 @@ def play_file(
         ContourFileError, PoseError, StrategyError, DeviceError: before anything is sent.
         ContourFileError: the file was truncated or changed while it played; the array is off.
         DeviceError (with `report`), PlayInterrupted: while playing.
+
+    >>> from palpate.render import Connection, play_file, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> play_file(path, duration=0.01, connection=Connection(clock="virtual"))
+    Playback(PlayReport(emulator EMU0001: 100 frames at 10000 Hz, 0 underruns, off), 0 jumps, 0 silenced)
     """
     arrays = _arrays_of(array)
     with opened(Path(path), sampling, duration, arrays) as source:

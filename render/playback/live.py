@@ -109,6 +109,14 @@ class Instant:
     interval: expected between poses [s]; a pose is held for twice that if `sampling.hold` is shorter.
     Not for two threads at once. Raises MeshError where the strategy needs a closed surface and the object has none,
     StrategyError for an interval out of its range.
+
+    >>> from palpate.render import Instant, MeshObject, Palm, static_pose
+    >>> instant = Instant(MeshObject.load("cube"), Palm(), "cc")
+    >>> pose = static_pose([0, 0, 0.2]).pose[0]
+    >>> len(instant.draw(pose, time=0.0, until=0.01).position)  # 10 ms at 10 kHz
+    100
+    >>> len(instant.draw(pose, time=0.01, until=0.03).position)  # the next 20 ms
+    200
     """
 
     @accept_old_keywords(thing="solid")

@@ -14,7 +14,14 @@ FIELDS = ("array", "serial", "calibration", "baud", "pose")
 
 @dataclass(frozen=True)
 class PlacedArray:
-    """One array of a playback."""
+    """One array of a playback.
+
+    >>> from palpate.device import array_model
+    >>> from palpate.render import PlacedArray
+    >>> above = PlacedArray(array_model("emulator").placed([0, 0, 0.4, 1, 0, 0, 0]))  # half a turn about x: face down
+    >>> above.model.normal[0]
+    array([ 0.,  0., -1.], dtype=float32)
+    """
 
     model: ArrayModel
     """The array with its calibration and its pose in the common frame."""
@@ -30,6 +37,12 @@ def load_rig(
     The file's objects have `array` and, where needed, `serial`, `calibration` (a board file, beside the JSON file if
     its path is relative), `baud`, and `pose`: x y z [m] and quaternion xyzw of the array's frame in the common one.
     Raises StrategyError for an invalid file, naming field and value; DeviceError for unknown arrays.
+
+    >>> from pathlib import Path
+    >>> from palpate.render import load_rig
+    >>> _ = Path("rig.json").write_text('[{"array": "pat16"}, {"array": "pat16", "pose": [0, 0, 0.4, 1, 0, 0, 0]}]')
+    >>> [placed.model.normal[0, 2].item() for placed in load_rig("rig.json")]  # one faces up, one down
+    [1.0, -1.0]
     """
     if not source.endswith(".json"):
         return (PlacedArray(array_model(source, calibration=calibration, baud=baud), serial),)

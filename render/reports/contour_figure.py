@@ -61,6 +61,13 @@ def draw_figure(
     The contours shown are those of the last file. Raises StrategyError for another kind of picture, for one that is
     there unless `overwrite`, and for files of different objects or motions; ContourFileError where a file cannot be
     read, or the picture not be written.
+
+    >>> from pathlib import Path
+    >>> from palpate.render import draw_figure, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> draw_figure({"closed": path}, Path("cube.png"))
+    >>> [picture.name for picture in Path().glob("*.png")]
+    ['cube.png']
     """
     import matplotlib as mpl  # 0.7 s that only pictures cost
     from matplotlib.figure import Figure

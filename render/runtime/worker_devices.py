@@ -19,6 +19,10 @@ def worker_devices(device: str, workers: int | None = None) -> list[str]:
     device: "cpu", "cuda:0", several with commas between them, "cuda" (all GPUs), "auto" (the first GPU, else the CPU).
     workers: number on each device; None: one for each core of the CPU, two for a GPU.
     Raises StrategyError for a device that this machine lacks, one named twice, no workers, or more than WORKERS_MOST.
+
+    >>> from palpate.render import worker_devices
+    >>> worker_devices("cpu", workers=2)
+    ['cpu', 'cpu']
     """
     if workers is not None and workers < 1:
         raise StrategyError(f"workers must be at least 1, not {workers}")

@@ -76,6 +76,13 @@ def sample_contours(
     batches: contours of consecutive poses on the host. pose: shape [pose, 7]. time: of the poses, from 0 [s], shape
     [pose]. duration: when the last pose ends [s]. hold: age at which a pose starts to fade [s]; None: the
     strategy's value, or twice the median interval of these poses if that is longer.
+
+    >>> import numpy as np
+    >>> from palpate.render import Sampler, render, sample_contours, static_pose
+    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
+    >>> blocks = sample_contours([batch], batch.motion.pose, np.zeros(1), 0.2, Sampler("stm"))
+    >>> [len(focus.position) for focus in blocks]  # 0.2 s at 10 kHz
+    [1024, 976]
     """
     rate = sampler.strategy.update_rate
     bounds = sample_bounds(time, duration, rate).tolist()

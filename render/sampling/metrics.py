@@ -17,7 +17,15 @@ it; because a new pose has its contours elsewhere; because contours come back el
 
 
 class FocalPoints(NamedTuple):
-    """Consecutive focal points at the update rate."""
+    """Consecutive focal points at the update rate.
+
+    >>> from palpate.render import render, static_pose
+    >>> focus = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").sample("stm", duration=0.01).focus
+    >>> focus.position.shape, focus.intensity.shape
+    ((100, 3), (100,))
+    >>> focus.position[0]  # a corner of the palm of 85 mm
+    array([-0.0425, -0.0425,  0.2   ], dtype=float32)
+    """
 
     position: np.ndarray  # [m], array frame, float32, shape [sample, 3]; with several foci [sample, focus, 3]
     intensity: np.ndarray  # relative pressure amplitude 0..1, float32, shape [sample] or [sample, focus]
@@ -131,6 +139,14 @@ def dwell_map(
     width, length: of the grid around the palm's middle, its border included [m]. cell: longest side of a cell [m]; they
     are equal and fill the grid. With several foci each has its share of the time.
     Raises StrategyError for a grid of no size and for more samples than `bounds` has.
+
+    >>> import numpy as np
+    >>> from palpate.render import dwell_map, render, static_pose
+    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
+    >>> sampled = batch.sample("stm", duration=0.1)
+    >>> skin = dwell_map([sampled.focus], batch.motion.pose, np.array([0, 1000]), 10_000.0)
+    >>> skin.time.shape, int(np.count_nonzero(skin.time))  # cells of 1 mm: the palm's, those of its border
+    ((85, 85), 336)
     """
     if not (0 < cell <= min(width, length) and np.isfinite(width) and np.isfinite(length)):
         raise StrategyError(f"cell must lie between 0 and the grid's {width:g} x {length:g} m, not {cell}")

@@ -76,6 +76,10 @@ def preset(name: str, **changes: object) -> SamplingStrategy:
     """A sampling strategy by name, with other fields changed, such as `update_rate`.
 
     Raises StrategyError for an unknown name and for changes that are no strategy.
+
+    >>> from palpate.render import preset
+    >>> preset("multi-focus", update_rate=20_000.0)  # shows what differs from "stm"
+    SamplingStrategy(update_rate=20000.0, foci=2)
     """
     found = find_name(name, PRESETS)
     if found is None:
@@ -90,7 +94,14 @@ def preset(name: str, **changes: object) -> SamplingStrategy:
 
 
 def load_sampling(source: str) -> SamplingStrategy:
-    """A sampling strategy by preset name or from a JSON file."""
+    """A sampling strategy by preset name or from a JSON file.
+
+    >>> from pathlib import Path
+    >>> from palpate.render import load_sampling
+    >>> _ = Path("slow.json").write_text('{"speed": 5.0}')
+    >>> load_sampling("slow.json"), load_sampling("multi-focus")
+    (SamplingStrategy(speed=5.0), SamplingStrategy(foci=2))
+    """
     return load_by_name(source, PRESETS, SamplingStrategy.from_json, "sampling")
 
 

@@ -212,6 +212,13 @@ def revisit_rate(
 
     blocks, pose, bounds: as for `dwell_map`. update_rate: of the focal points [Hz].
     Raises StrategyError for more samples than `bounds` has.
+
+    >>> import numpy as np
+    >>> from palpate.render import render, revisit_rate, static_pose
+    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")  # 0.34 m, drawn at 7 m/s: 20.6 times a second
+    >>> sampled = batch.sample("stm", duration=1.0)
+    >>> round(revisit_rate([sampled.focus], batch.motion.pose, np.array([0, 10_000]), 10_000.0), 1)
+    20.6
     """
     count = SamplingCount()
     watch = RevisitWatch(count, update_rate)

@@ -85,7 +85,15 @@ class Cursor:
 
 
 class Sampler:
-    """Draws one pose after another; keeps where the focal points are and counts what happens."""
+    """Draws one pose after another; keeps where the focal points are and counts what happens.
+
+    >>> import numpy as np
+    >>> from palpate.render import Sampler, render, sample_contours, static_pose
+    >>> batch, sampler = render("cube", "palm", static_pose([0, 0, 0.2]), "cc"), Sampler("multi-focus")
+    >>> blocks = list(sample_contours([batch], batch.motion.pose, np.zeros(1), 0.2, sampler))
+    >>> sampler
+    Sampler(SamplingStrategy(foci=2), 2000 samples drawn)
+    """
 
     def __init__(self, strategy: SamplingStrategy | str) -> None:
         self.strategy = strategy = sampling_of(strategy)

@@ -41,22 +41,18 @@ class Pace:
     | capped | speed v where it can be | v / L, but at least `lowest` and at most `highest` | rounded, within the band |
     | still | the position on the contour | 0 | 1 |
 
-    A frequency scales the whole cycle: pauses and fast returns too. The default band is that of MAMMOTH (Maunsbach et
-    al. 2024).
+    A frequency scales the whole cycle: pauses and fast returns too. The default band: MAMMOTH (Maunsbach et al. 2024).
     """
 
     kind: str = "speed"
-    frequency: float = 70.0
-    """Draw frequency of kind "frequency" [Hz]."""
+    frequency: float = 70.0  # draw frequency of kind "frequency" [Hz]
     lowest: float = 60.0
     """Lowest draw frequency of kind "capped" [Hz]."""
     highest: float = 200.0
     """Highest draw frequency of kind "capped" [Hz]."""
     points: int | None = None
-    """Points a cycle, equally spaced in time, each shown for several updates; None: one an update.
-
-    Frier et al. 2019 found that it should be tuned separately from the update rate.
-    """
+    """Points a cycle, equally spaced in time, each shown for several updates; None: one an update. Frier et al.
+    2019 found that it should be tuned separately from the update rate."""
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -88,10 +84,8 @@ class Order:
     """
 
     kind: str = "loop"
-    step: int = 1
-    """k of kind "step"."""
-    seed: int = 0
-    """Of kind "random"."""
+    step: int = 1  # k of kind "step"
+    seed: int = 0  # of kind "random"
     route: str = "shortest"
     """Order of several polylines: "shortest" minimises the jumps between them (loops may start anywhere, open pieces
     run in either direction), "given" keeps the batch's order, starts and directions."""
@@ -119,6 +113,12 @@ class Gap:
     | return | runs straight at `speed` with unchanged intensity |
     | pendulum | draws open pieces there and back, then jumps |
     | close | closes open pieces by their chord, drawn like the rest, then jumps |
+
+    >>> from palpate.render import Gap, SamplingStrategy, render, static_pose
+    >>> line = render("cube", "palm", static_pose([0.05, 0, 0.2]), "oc")  # across the palm: 85 mm, drawn in 12 ms
+    >>> ways = [SamplingStrategy(gap=Gap(kind)) for kind in ("jump", "pendulum")]
+    >>> [sum(line.sample(way, duration=0.1).count.jumps.values()) for way in ways]
+    [8, 0]
     """
 
     kind: str = "jump"
@@ -136,6 +136,12 @@ class Dwell:
     """Pauses at corners and at the ends of open polylines, not along smooth arcs.
 
     Only one of `time` and `share` may be above 0.
+
+    >>> from palpate.render import Dwell, SamplingStrategy, render, static_pose
+    >>> square = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")  # drawn in 49 ms, with four pauses in 89 ms
+    >>> ways = [SamplingStrategy(dwell=Dwell(time)) for time in (0.0, 0.01)]
+    >>> [round(square.sample(way, duration=0.1).draw_frequency, 1) for way in ways]
+    [20.6, 11.3]
     """
 
     time: float = 0.0
@@ -158,11 +164,9 @@ class Dwell:
 class AmplitudeModulation:
     """Multiplies the intensity by a wave between 1 - depth and 1, lowest at time 0."""
 
-    frequency: float = 200.0
-    """[Hz]; Pacinian corpuscles are most sensitive at 200..250."""
+    frequency: float = 200.0  # [Hz]; Pacinian corpuscles are most sensitive at 200..250
     depth: float = 1.0
-    wave: str = "sine"
-    """Or "square"."""
+    wave: str = "sine"  # or "square"
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -175,10 +179,8 @@ class AmplitudeModulation:
 class LateralModulation:
     """A small circle around each focal point, in the plane of the palm (hand frame: from +X towards -Z)."""
 
-    radius: float = 0.003
-    """[m]"""
-    frequency: float = 200.0
-    """Turns a second [Hz]."""
+    radius: float = 0.003  # [m]
+    frequency: float = 200.0  # turns a second [Hz]
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -195,8 +197,7 @@ class Sections:
     """
 
     count: int = 24
-    speed: float = 2.0
-    """Speed within a section [m/s], rounded so that passes are whole."""
+    speed: float = 2.0  # within a section [m/s], rounded so that passes are whole
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -208,8 +209,11 @@ class Sections:
 class SamplingStrategy:
     """Conversion of contours to focal points; by default spatio-temporal modulation at constant speed.
 
-    Raises StrategyError for a value out of its range, naming field, value and bound, and for groups that exclude
-    each other.
+    Raises StrategyError for groups that exclude each other, and for a value out of range, with field, value and bound.
+
+    >>> from palpate.render import SamplingStrategy
+    >>> SamplingStrategy(speed=7.0, update_rate=20_000.0).samples_a_cycle(0.35)  # a contour of 0.35 m takes 50 ms
+    1000
     """
 
     speed: float = 7.0
@@ -372,10 +376,8 @@ class SamplingStrategy:
 
     @classmethod
     def from_json(cls, text: str) -> "SamplingStrategy":
-        """Read back what `to_json` wrote; missing fields take their defaults.
-
-        Raises StrategyError for a text that is not JSON, for unknown fields and for values out of range.
-        """
+        """Read back what `to_json` wrote; missing fields take their defaults. Raises StrategyError for a text that is
+        not JSON, for unknown fields and for values out of range."""
         values = read_fields(text, [f.name for f in fields(cls)], "sampling")
         for name, kind in GROUPS.items():
             if values.get(name) is not None:
@@ -393,6 +395,4 @@ GROUPS: dict[str, Any] = {
     "sections": Sections,
 }
 OPTIONAL = ("am", "lm", "sections")
-
-
 DEFAULT = SamplingStrategy()

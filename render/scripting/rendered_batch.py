@@ -35,8 +35,7 @@ SHOWN_MOST = 200_000  # poses of a batch that a notebook draws by itself: more t
 class RenderedBatch(ContourBatch):
     """Contours of a motion, as `render` gives them: a ContourBatch that knows what it is of.
 
-    >>> from palpate.datasets import static_pose
-    >>> from palpate.render import Palm, render
+    >>> from palpate.render import Palm, render, static_pose
     >>> batch = render("cube", Palm(), static_pose([0, 0, 0.2]), "cc")
     >>> batch.sample("stm", duration=0.1)
     SampledContours(1000 focal points at 10000 Hz, 0.1 s, 0 silent, 0 jumps, draw frequency 20.6 Hz)

@@ -2,17 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
 from ..deprecated_names import accept_old_keywords
 from ..hands.hand import Hand
-from ..intersection.batch_rendering import check_poses, collect
-from ..intersection.named_inputs import load_hand, load_solid
-from ..objects.mesh.placement import Placement
-from ..objects.mesh.solid_mesh import MeshObject
+from ..intersection.batch_rendering import collect
+from ..intersection.named_inputs import hand_of, motion_of, solid_of
 from ..objects.solid import Solid
 from ..strategies.intersection_strategy import IntersectionStrategy
 from .rendered_batch import RenderedBatch
@@ -47,13 +44,14 @@ def render(
     mesh cut by planes, or has stages that need points in the array's frame. Warns of coordinates that float32 does not
     hold to 1e-5 m.
 
-    >>> from palpate.render import MeshObject, Palm, exploration, render
-    >>> tube = MeshObject.load("tube")
-    >>> render(tube, Palm(), exploration(tube, duration=2.0), "cc")
-    RenderedBatch(180 poses, 69 with contours, 69 polylines, 1493 points, on the host)
+    >>> from palpate.render import Palm, render, static_pose
+    >>> batch = render("cube", Palm(0.08, 0.1), static_pose([0, 0, 0.2]), "cc")  # the palm is whole inside the cube
+    >>> batch
+    RenderedBatch(1 poses, 1 with contours, 1 polylines, 5 points, on the host)
+    >>> batch.length().round(3)  # round the palm [m]
+    array([0.36], dtype=float32)
     """
-    solid, hand = solid_of(solid), load_hand(hand, None) if isinstance(hand, str) else hand
-    motion = motion_of(motion)
+    solid, hand, motion = solid_of(solid), hand_of(hand), motion_of(motion)
     found = collect(
         solid,
         hand,
@@ -67,17 +65,3 @@ def render(
         progress=progress,
     )
     return RenderedBatch(**vars(found.contours), motion=motion, scene=found.scene, removed=found.removed)
-
-
-def solid_of(solid: Any) -> Solid:
-    """An object itself, loaded by its name or file, or made of a mesh of another library."""
-    if isinstance(solid, Solid):
-        return solid
-    return load_solid(str(solid), Placement()) if isinstance(solid, str | Path) else MeshObject(solid)
-
-
-def motion_of(motion: Any) -> HandMotion:
-    """A motion itself, of a file, or of poses alone."""
-    if isinstance(motion, HandMotion):
-        return motion
-    return HandMotion.load(motion) if isinstance(motion, str | Path) else HandMotion(None, check_poses(motion))

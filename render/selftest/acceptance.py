@@ -50,7 +50,7 @@ def run_acceptance(options: dict, *, as_json: bool) -> int:
 
 def _asked_for(options: dict) -> tuple[PlacedArray, Connection]:
     """The one array, and the way to it."""
-    for name in ("height", "seconds"):
+    for name in ("height", "duration"):
         if options[name] is not None:
             raise StrategyError(f"--{name} means nothing with --acceptance, whose steps have their own")
     arrays = load_rig(

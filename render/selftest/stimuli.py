@@ -57,14 +57,14 @@ def run_selftest(options: dict, *, as_json: bool) -> None:
     )
     models = [placed.model for placed in arrays]
     height = HEIGHT if options["height"] is None else options["height"]
-    seconds = SECONDS if options["seconds"] is None else options["seconds"]
+    seconds = SECONDS if options["duration"] is None else options["duration"]
     zone = models[0].focal_zone
     if not zone.z_min <= height <= zone.z_max:
         hint = unit_hint(height, zone.z_min, zone.z_max, "m")
         span = f"{zone.z_min}..{zone.z_max} m for array {models[0].name}"
         raise StrategyError(f"height must lie in {span}, not {height}{hint}")
     if not 0 < seconds <= SECONDS_MOST:
-        raise StrategyError(f"seconds must lie between 0 and {SECONDS_MOST:g}, not {seconds}")
+        raise StrategyError(f"duration must lie between 0 and {SECONDS_MOST:g}, not {seconds}")
     connection = Connection(
         emulate=options["emulate"],
         clock=choose("clock", options["clock"], tuple(CLOCKS)),

@@ -45,6 +45,12 @@ def cut_batch(batch: ContourBatch, keep: Any, *, parts: Any = None) -> tuple[Con
     the batch; the value at a polyline's last point is ignored. parts: for a batch on a device, `Parts` into which
     segments are divided; `keep` then has one value for each part. Rules of cutting: see `kernels.stages.cut`.
     Raises StrategyError for a `keep` of another length.
+
+    >>> from palpate.render import cut_batch, render, static_pose
+    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]))  # a square of 0.085 m, its middle at x = 0
+    >>> left, removed = cut_batch(batch, batch.points[:, 0] < 0)  # segments that start at x < 0
+    >>> left.length().round(3), removed.round(3)  # [m]
+    (array([0.17], dtype=float32), array([0.17], dtype=float32))
     """
     on_host = not batch.on_device
     if on_host:

@@ -49,6 +49,13 @@ class Stage:
     """A stage as data: its name and the options that are given; others take their defaults.
 
     A stage without options equals its name: `"close" in strategy.transform`.
+
+    >>> from palpate.render import IntersectionStrategy, Stage, render, static_pose
+    >>> strategy = IntersectionStrategy(prune=("outside",), transform=("close", Stage("inset", {"distance": 0.005})))
+    >>> render("cube", "palm", static_pose([0, 0, 0.2]), strategy).length().round(3)  # [m]; without the inset 0.34
+    array([0.3], dtype=float32)
+    >>> "close" in strategy.transform, "inset" in strategy.transform
+    (True, False)
     """
 
     name: str
@@ -237,6 +244,15 @@ def register_prune(name: str, function: Callable[..., Any], *, on: str = "host",
 
     on: "host" for NumPy arrays, "device" for Warp arrays. defaults: its options with their defaults; None means one
     focal width, and an `Option` also has range and unit. Raises StrategyError for a name that another stage has.
+
+    >>> from palpate.render import IntersectionStrategy, cut_batch, register_prune, render, static_pose
+    >>> def left_of(batch, setting, x):
+    ...     "Remove the segments that start at the right of x."
+    ...     return cut_batch(batch, batch.points[:, 0] < x)
+    >>> register_prune("example-left-of", left_of, x=0.0)
+    >>> strategy = IntersectionStrategy(prune=("outside", "example-left-of"), transform=("close",))
+    >>> render("cube", "palm", static_pose([0, 0, 0.2]), strategy).removed["example-left-of"].round(3)  # [m]
+    array([0.17], dtype=float32)
     """
     register_stage(StageEntry(name, "prune", first_line(function), options_of(name, defaults), function, on))
 
@@ -252,6 +268,16 @@ def register_transform(
     """Register a user-defined transform stage: f(batch, setting, **options) -> batch; see `register_prune`.
 
     needs_closed: whether inside and outside of the object must be defined, so that open meshes are refused.
+
+    >>> from dataclasses import replace
+    >>> from palpate.render import IntersectionStrategy, register_transform, render, static_pose
+    >>> def raised(batch, setting, by):
+    ...     "Every contour higher."
+    ...     return replace(batch, points=batch.points + [0, 0, by])
+    >>> register_transform("example-raised", raised, by=0.05)
+    >>> strategy = IntersectionStrategy(prune=("outside",), transform=("close", "example-raised"))
+    >>> render("cube", "palm", static_pose([0, 0, 0.2]), strategy).points[0]
+    array([-0.0425, -0.0425,  0.25  ], dtype=float32)
     """
     options = options_of(name, defaults)
     register_stage(StageEntry(name, "transform", first_line(function), options, function, on, needs_closed))
@@ -262,6 +288,17 @@ def register_point_function(name: str, func: Any, *, gives: str) -> None:
 
     func: a wp.func defined in a file. gives: "point" for x -> wp.vec3, the new point [m, array frame], or "intensity"
     for x -> float in 0..1; x: wp.vec3 [m, array frame].
+
+    >>> import warp as wp
+    >>> from palpate.render import IntersectionStrategy, register_point_function, render, static_pose
+    >>> @wp.func
+    ... def twice_as_high(x: wp.vec3):
+    ...     "Every point twice as high."
+    ...     return wp.vec3(x[0], x[1], 2.0 * x[2])
+    >>> register_point_function("example-twice-as-high", twice_as_high, gives="point")
+    >>> strategy = IntersectionStrategy(prune=("outside",), transform=("close", "example-twice-as-high"))
+    >>> render("cube", "palm", static_pose([0, 0, 0.2]), strategy).points[0]
+    array([-0.0425, -0.0425,  0.4   ], dtype=float32)
     """
     require_choice(f"stage {name!r}: gives", gives, ("point", "intensity"))
     stage = move_points if gives == "point" else set_intensity

@@ -40,6 +40,13 @@ class IntersectionStrategy:
     "close" needs raw "section" and "outside" before it. A stage may be listed again with other options.
     Raises StrategyError for an unknown stage, an option that is unknown or out of range, and an order of stages that
     makes no sense.
+
+    >>> from palpate.render import IntersectionStrategy, render, static_pose
+    >>> strategy = IntersectionStrategy(prune=("outside",), transform=("close", "circle"))
+    >>> strategy.to_json()
+    '{"raw": "section", "prune": ["outside"], "transform": ["close", "circle"]}'
+    >>> render("cube", "palm", static_pose([0, 0, 0.2]), strategy).length().round(2)  # [m], of the square's area
+    array([0.3], dtype=float32)
     """
 
     raw: "Stage | str" = Stage("section")  # noqa: RUF009  # a shared default is safe, because stages are frozen
@@ -158,12 +165,24 @@ class IntersectionStrategy:
 
 
 def open_contour() -> IntersectionStrategy:
-    """OC: the part of the section that lies inside the patch (strategy A of Martinez et al. 2019)."""
+    """OC: the part of the section that lies inside the patch (strategy A of Martinez et al. 2019).
+
+    >>> from palpate.render import open_contour, render, static_pose
+    >>> over_the_side = static_pose([0.065, 0, 0.2])  # half of the palm is in the cube
+    >>> render("cube", "palm", over_the_side, open_contour()).length().round(3)  # [m], the cube's side only
+    array([0.085], dtype=float32)
+    """
     return IntersectionStrategy(prune=("outside",))
 
 
 def closed_contour() -> IntersectionStrategy:
-    """CC: the boundary of section ∩ patch; its segments of kind object are OC."""
+    """CC: the boundary of section ∩ patch; its segments of kind object are OC.
+
+    >>> from palpate.render import closed_contour, render, static_pose
+    >>> over_the_side = static_pose([0.065, 0, 0.2])  # half of the palm is in the cube
+    >>> render("cube", "palm", over_the_side, closed_contour()).length().round(3)  # [m], around that half
+    array([0.255], dtype=float32)
+    """
     return IntersectionStrategy(prune=("outside",), transform=("close",))
 
 
@@ -287,6 +306,10 @@ def load_strategy(source: str, *, allow_code: AllowCode = False) -> Intersection
     allow_code: which of them may run, see `trust.permission`; False: those that `palpate trust` has accepted.
     Raises UntrustedCodeError for modules without permission, StrategyError for a source that is neither a preset nor
     a file with a strategy.
+
+    >>> from palpate.render import load_strategy
+    >>> load_strategy("hatch").transform
+    (Stage('close'), Stage('hatch'))
     """
     path = Path(source).resolve()
 

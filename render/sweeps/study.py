@@ -34,7 +34,16 @@ STORE_SUFFIX = ".sweep"
 
 @dataclass(frozen=True)
 class SweepResult:
-    """The table of a sweep, with one row per recipe, and what its run did."""
+    """The table of a sweep, with one row per recipe, and what its run did.
+
+    >>> from pathlib import Path
+    >>> from palpate.render import static_pose, sweep
+    >>> static_pose([0, 0, 0.2]).save("still.csv")
+    >>> _ = Path("study.toml").write_text('object.source = "cube"')
+    >>> palms = {"motion.source": "still.csv", "hand.palm": [[0.05, 0.05], [0.1, 0.1]]}  # both fit inside the cube
+    >>> sweep("study.toml", palms, device="cpu", workers=1).columns["length_mean"].round(3)  # round each palm [m]
+    array([0.2, 0.4])
+    """
 
     plan: Plan
     store: Path
@@ -112,6 +121,12 @@ def sweep(
     would refuse without --yes, because they are very large. Writes no table and no picture into the store.
     Recipes that fail are in `failures`. Raises PlanError, UntrustedCodeError as `load_plans`, and SweepError and
     SweepStoreError as `run_sweep`.
+
+    >>> from pathlib import Path
+    >>> from palpate.render import sweep
+    >>> _ = Path("study.toml").write_text('object.source = ["cube", "tube"]')
+    >>> sweep("study.toml", {"motion.duration": 0.1, "strategy.source": ["oc", "cc"]}, device="cpu", workers=1)
+    SweepResult(4 recipes, 0 failed, 'study.sweep')
     """
     paths = [Path(plan)] if isinstance(plan, str | Path) else [Path(own) for own in plan]
     loaded = load_plans(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from ..runtime.loading_progress import Watch, unwatched
-from .foreign_text import errors, print_message, visible
+from .foreign_text import errors, print_message, shows_progress, visible
 
 if TYPE_CHECKING:
     from ...device.report import LiveStatistics
@@ -23,7 +23,7 @@ LOADING_SILENT = 1.0  # [s] before a progress bar for loading appears
 @contextlib.contextmanager
 def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], None]]:
     """Progress bar on standard error; yields a function to call with the count done and the total."""
-    if quiet or not errors.is_terminal:
+    if quiet or not shows_progress():
         yield lambda done, total: None
         return
     columns = (DESCRIPTION, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -38,7 +38,7 @@ def loading_bar(title: str, *, quiet: bool) -> Iterator[Watch]:
 
     A timer starts it, because a stage that is one call of NumPy reports nothing before its end.
     """
-    if quiet or not errors.is_terminal:
+    if quiet or not shows_progress():
         yield unwatched
         return
     columns = (DESCRIPTION, BarColumn(), TimeElapsedColumn())
@@ -68,10 +68,10 @@ def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatisti
     def begin() -> None:
         nonlocal begun
         if not begun:
-            print_message(title)
+            print_message(title, "progress")
             begun = True
 
-    if quiet or not errors.is_terminal:
+    if quiet or not shows_progress():
         yield lambda live, total: begin()
         return
     statistics = TextColumn("{task.fields[statistics]}", markup=False)

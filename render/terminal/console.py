@@ -23,7 +23,7 @@ from ..errors import (
     UntrustedCodeError,
 )
 from ..runtime.kernel_cache import is_in_cache, kernels_lost, unusable_cache
-from .foreign_text import OutputError, discard_output, print_message, show_table, visible, write_output
+from .foreign_text import OutputError, discard_output, print_message, set_quiet, show_table, visible, write_output
 from .wording import Wording
 
 SHOWN_WARNINGS = (PalpateWarning, RecordingWarning)
@@ -176,8 +176,9 @@ def parsed(app: Callable[..., object]) -> int:
     return code if isinstance(code, int) else DONE
 
 
-def run(command: Callable[[], object], *, as_json: bool) -> int:
-    """Run a command; errors become one sentence and an exit code, without a traceback."""
+def run(command: Callable[[], object], *, as_json: bool, quiet: bool = False) -> int:
+    """Run a command; errors become one sentence and an exit code, without a traceback. quiet: see `set_quiet`."""
+    set_quiet(quiet)
     try:
         code = _run(command, as_json=as_json)
         if (lost := kernels_lost()) is not None:

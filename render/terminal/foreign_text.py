@@ -40,6 +40,20 @@ class OutputError(RenderError):
     """Results cannot be written to standard output; without words if who read them has gone, as `head` does."""
 
 
+_is_quiet = False
+
+
+def set_quiet(is_quiet: bool) -> None:
+    """Leave out warnings, notes and progress from now on, or show them."""
+    global _is_quiet  # one command runs in a process at a time
+    _is_quiet = is_quiet
+
+
+def shows_progress() -> bool:
+    """Whether progress is shown: where people look, and want it."""
+    return errors.is_terminal and not _is_quiet
+
+
 STYLES = {"error": "bold red", "warning": "yellow", "note": "yellow"}
 
 
@@ -60,9 +74,14 @@ def plain(text: object) -> Text:
     return Text(visible(text))
 
 
-def print_message(text: object, kind: Literal["", "error", "warning", "note"] = "") -> None:
-    """A line on standard error, begun with what kind of news it is."""
-    errors.print(Text.assemble((f"{kind}: ", STYLES[kind]), visible(text)) if kind else plain(text))
+def print_message(text: object, kind: Literal["", "error", "warning", "note", "progress"] = "") -> None:
+    """A line on standard error, begun with what kind of news it is; a quiet command leaves out all but errors.
+
+    Lines without a kind go on with an error, or are what a person is to do.
+    """
+    if _is_quiet and kind in ("warning", "note", "progress"):
+        return
+    errors.print(Text.assemble((f"{kind}: ", STYLES[kind]), visible(text)) if kind in STYLES else plain(text))
 
 
 def write(text: object) -> None:

@@ -26,7 +26,14 @@ _CONTROL_TIMEOUT_MS = 500
 
 
 class UsbLink(StreamLink):
-    """An opened array; a context manager that closes it. Made by `UsbLink.open`."""
+    """An opened `emulator`; a context manager that closes it. Made by `UsbLink.open`, and by `open_link`.
+
+    >>> from palpate.device import UsbLink, VirtualClock, array_model
+    >>> with UsbLink.open(array_model("emulator"), clock=VirtualClock()) as link:
+    ...     link.start(8)  # 40 kHz / 8: 5 kHz
+    ...     link, link.status().divider, link.status().level  # silent
+    (UsbLink('emulator', serial='EMU0001'), 8, 0)
+    """
 
     @classmethod
     def open(

@@ -46,6 +46,13 @@ class EmulatorBackend(EmulatedBus[Board]):
         serials: serial number of each array on the bus.
         clock: clock of all boards; None takes the monotonic one.
         record: how many of its last played frames each board keeps, for tests.
+
+    >>> from palpate.device import EmulatorBackend, Player, VirtualClock, array_model, open_link
+    >>> bus = EmulatorBackend(["left", "right"], clock=VirtualClock(), record=10)
+    >>> with open_link(array_model("emulator"), serial="right", backend=bus) as link:
+    ...     report = Player(link).play([bytes([255] * 512) * 100], update_rate=10e3)
+    >>> bus.board(1).frames_played, bus.board(1).emitting, bus.board(1).played.shape  # 100 and the off frame
+    (101, False, (10, 512))
     """
 
     def __init__(self, serials: Sequence[str] = ("EMU0001",), *, clock: Clock | None = None, record: int = 0) -> None:

@@ -60,21 +60,15 @@ class Expression:
     """A solid; combine with |, & and -, place with moved, turned, scaled, change with grown and blended."""
 
     op: ClassVar[str] = ""
+    depth = 0  # no annotation: not a field, but an operator sets its own
+    """Operators above one another."""
+    leaf_count = 1
+    """Primitives; one that is used twice counts twice."""
 
     @property
     def parts(self) -> "tuple[Expression, ...]":
         """What an operator works on; none for a primitive."""
         return ()
-
-    @property
-    def depth(self) -> int:
-        """Operators above one another."""
-        return 0
-
-    @property
-    def leaf_count(self) -> int:
-        """Primitives."""
-        return 1
 
     def __or__(self, other: "Expression") -> "Expression":
         return union(self, other)
@@ -136,7 +130,6 @@ class Sphere(Expression):
     """[m]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no size."""
         self._set_size("radius")
 
 
@@ -149,7 +142,6 @@ class Box(Expression):
     """Lengths of its sides along x, y and z [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no size."""
         self._set(size=vector("box: size", self.size, *SIZE_RANGE))
 
 
@@ -164,7 +156,6 @@ class Cylinder(Expression):
     """Whole height along z [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no size."""
         self._set_size("radius", "height")
 
 
@@ -179,7 +170,6 @@ class Torus(Expression):
     """Radius of the tube [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no size."""
         self._set_size("radius", "tube")
 
 
@@ -196,7 +186,6 @@ class Capsule(Expression):
     """[m]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no size."""
         self._set_size("radius")
         self._set(start=vector("capsule: start", self.start), stop=vector("capsule: stop", self.stop))
         if math.dist(self.start, self.stop) < SIZE_RANGE[0]:
@@ -223,24 +212,12 @@ class Operator(Expression):
     """An expression of others; `of` comes first."""
 
     of: "tuple[Expression, ...]"
-    _depth: int
-    _leaf_count: int
     counts: ClassVar[tuple[int, int | None]] = (1, None)
 
     @property
     def parts(self) -> "tuple[Expression, ...]":
         """What it works on."""
         return self.of
-
-    @property
-    def depth(self) -> int:
-        """Operators above one another."""
-        return self._depth
-
-    @property
-    def leaf_count(self) -> int:
-        """Primitives; one that is used twice counts twice."""
-        return self._leaf_count
 
     def __post_init__(self) -> None:
         """Refuse what are no operands, too few, too many, or too deep."""
@@ -250,12 +227,12 @@ class Operator(Expression):
         if len(self.of) < low or (high is not None and len(self.of) > high):
             wanted = f"{low}" if low == high else f"at least {low}" if high is None else f"{low} to {high}"
             raise ImplicitError(f"{self.op}: works on {wanted} expression{'s' * (wanted != '1')}, not {len(self.of)}")
-        self._set(of=tuple(self.of), _depth=1 + max(part.depth for part in self.of))
-        self._set(_leaf_count=sum(part.leaf_count for part in self.of))
-        if self._depth > DEEPEST:
+        self._set(of=tuple(self.of), depth=1 + max(part.depth for part in self.of))
+        self._set(leaf_count=sum(part.leaf_count for part in self.of))
+        if self.depth > DEEPEST:
             raise ImplicitError(f"{self.op}: more than {DEEPEST} operators above one another; put unions side by side")
-        if self._leaf_count > LARGEST:
-            raise ImplicitError(f"{self.op}: {self._leaf_count} primitives, of which a solid may have {LARGEST}")
+        if self.leaf_count > LARGEST:
+            raise ImplicitError(f"{self.op}: {self.leaf_count} primitives, of which a solid may have {LARGEST}")
 
 
 @dataclass(frozen=True)
@@ -351,32 +328,62 @@ def _side_by_side(kind: type[Operator], parts: tuple[Expression, ...]) -> tuple[
 
 
 def sphere(radius: float) -> Expression:
-    """A sphere about the origin [m]."""
+    """A sphere about the origin [m].
+
+    >>> from palpate.render import ImplicitObject, sphere
+    >>> ImplicitObject(sphere(0.04), at=(0, 0, 0.2))
+    ImplicitObject('sphere', 80 x 80 x 80 mm at (0, 0, 0.2) m)
+    """
     return Sphere(radius)
 
 
 def box(x: float, y: float, z: float) -> Expression:
-    """A box about the origin, by the lengths of its sides [m]."""
+    """A box about the origin, by the lengths of its sides [m].
+
+    >>> from palpate.render import ImplicitObject, box
+    >>> ImplicitObject(box(0.1, 0.06, 0.02), at=(0, 0, 0.2))
+    ImplicitObject('box', 100 x 60 x 20 mm at (0, 0, 0.2) m)
+    """
     return Box((x, y, z))
 
 
 def cylinder(radius: float, height: float) -> Expression:
-    """A solid cylinder about the z axis, its middle at the origin [m]."""
+    """A solid cylinder about the z axis, its middle at the origin [m].
+
+    >>> from palpate.render import ImplicitObject, cylinder
+    >>> ImplicitObject(cylinder(0.03, 0.1), at=(0, 0, 0.2))
+    ImplicitObject('cylinder', 60 x 60 x 100 mm at (0, 0, 0.2) m)
+    """
     return Cylinder(radius, height)
 
 
 def torus(radius: float, tube: float) -> Expression:
-    """A ring about the z axis: radius to the middle of its tube, and the tube's own [m]."""
+    """A ring about the z axis: radius to the middle of its tube, and the tube's own [m].
+
+    >>> from palpate.render import ImplicitObject, torus
+    >>> ImplicitObject(torus(0.05, 0.01), at=(0, 0, 0.2))
+    ImplicitObject('torus', 120 x 120 x 20 mm at (0, 0, 0.2) m)
+    """
     return Torus(radius, tube)
 
 
 def capsule(start: Vector, stop: Vector, radius: float) -> Expression:
-    """Everything within a radius of the line between two points [m]."""
+    """Everything within a radius of the line between two points [m].
+
+    >>> from palpate.render import ImplicitObject, capsule
+    >>> ImplicitObject(capsule((0, 0, -0.05), (0, 0, 0.05), 0.02), at=(0, 0, 0.2))
+    ImplicitObject('capsule', 40 x 40 x 140 mm at (0, 0, 0.2) m)
+    """
     return Capsule(start, stop, radius)
 
 
 def half_space(normal: Vector, distance: float = 0.0) -> Expression:
-    """Everything behind the plane at a distance from the origin along its normal [m]."""
+    """Everything behind the plane at a distance from the origin along its normal [m].
+
+    >>> from palpate.render import ImplicitObject, half_space, sphere
+    >>> ImplicitObject(sphere(0.04) & half_space((0, 0, 1)), name="lower half", at=(0, 0, 0.2))
+    ImplicitObject('lower half', 80 x 80 x 40 mm at (0, 0, 0.2) m)
+    """
     return HalfSpace(normal, distance)
 
 

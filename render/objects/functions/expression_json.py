@@ -70,6 +70,10 @@ def expression_from_json(text: str) -> Expression:
     """Read an expression's JSON.
 
     Raises ImplicitError for what is no JSON or no expression.
+
+    >>> from palpate.render import expression_from_json
+    >>> expression_from_json('{"op": "sphere", "radius": 0.04}')
+    Sphere(radius=0.04)
     """
     try:
         described = parse_json(text)
@@ -79,7 +83,12 @@ def expression_from_json(text: str) -> Expression:
 
 
 def expression_to_json(expression: Expression) -> str:
-    """An expression as one line of JSON, which `expression_from_json` reads back to the same tree."""
+    """An expression as one line of JSON, which `expression_from_json` reads back to the same tree.
+
+    >>> from palpate.render import box, expression_to_json, sphere
+    >>> print(expression_to_json(box(0.1, 0.1, 0.02) - sphere(0.03)))
+    {"op": "difference", "of": [{"op": "box", "size": [0.1, 0.1, 0.02]}, {"op": "sphere", "radius": 0.03}]}
+    """
     return json.dumps(expression.described())
 
 
@@ -87,6 +96,12 @@ def load_expression(path: str | Path) -> Expression:
     """Read a file's expression.
 
     Raises ImplicitError, which names the file, for one that is missing or no expression.
+
+    >>> from pathlib import Path
+    >>> from palpate.render import load_expression
+    >>> _ = Path("ball.json").write_text('{"op": "sphere", "radius": 0.04}')
+    >>> load_expression("ball.json")
+    Sphere(radius=0.04)
     """
     path = Path(path)
     try:

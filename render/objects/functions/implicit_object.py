@@ -52,6 +52,13 @@ class ImplicitObject:
     Warns (PalpateWarning) of a size that suggests millimetres, an object behind the array, and a function cut off.
     Raises UntrustedCodeError for a name whose module nobody has permitted to run (`trust`), ImplicitError for what has
     no inside, no bounds, or, of functions, see `function`.
+
+    >>> from palpate.render import ImplicitObject, render, sphere, static_pose
+    >>> ball = ImplicitObject(sphere(0.03), name="ball", at=(0, 0, 0.2))
+    >>> ball
+    ImplicitObject('ball', 60 x 60 x 60 mm at (0, 0, 0.2) m)
+    >>> render(ball, "palm", static_pose([0, 0, 0.2])).length().round(2)  # [m], a circle of radius 0.03
+    array([0.19], dtype=float32)
     """
 
     def __init__(

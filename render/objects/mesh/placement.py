@@ -15,7 +15,12 @@ UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
 @dataclass(frozen=True)
 class Placement:
-    """Transform from a file's coordinates to the array's: scale, `up`, fit, rotate and move, in this order."""
+    """Transform from a file's coordinates to the array's: scale, `up`, fit, rotate and move, in this order.
+
+    >>> from palpate.render import MeshObject, Placement
+    >>> MeshObject.load("cube", placement=Placement(fit=0.1, at=(0, 0, 0.25)))
+    MeshObject('cube', 12 triangles, closed, 100 x 100 x 100 mm at (0, 0, 0.25) m)
+    """
 
     scale: float = 1.0
     """Factor on all coordinates (0.001 for a file in millimetres)."""

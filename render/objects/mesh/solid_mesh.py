@@ -103,6 +103,7 @@ class MeshObject:
     Raises MeshError for arrays that are no mesh, RepairError for an option with a value that is not allowed.
 
     >>> import trimesh
+    >>> from palpate.render import MeshObject
     >>> MeshObject(trimesh.creation.box((0.1, 0.1, 0.05)), name="box", at=(0, 0, 0.2))
     MeshObject('box', 12 triangles, closed, 100 x 100 x 50 mm at (0, 0, 0.2) m)
     """

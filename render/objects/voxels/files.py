@@ -7,6 +7,7 @@ import secrets
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
@@ -139,8 +140,7 @@ def nrrd_affine(header: Any, unit: str | None) -> np.ndarray | None:
     """The affine map of a NRRD header; the axes of an anatomical space turned to right, front, head, as NIfTI's."""
     axes = header.get("space directions")
     if axes is None:
-        spacings = header.get("spacings")
-        if spacings is None:
+        if (spacings := header.get("spacings")) is None:
             return None
         return affine_of(np.asarray(spacings, np.float64)[:3] * nrrd_units(header, "units", unit), None, None, None)
     rows = [np.asarray(row, np.float64) for row in axes if row is not None and np.isfinite(row).all()]
@@ -224,10 +224,8 @@ def silenced(logger: logging.Logger) -> Iterator[None]:
 
 
 def nanovdb_content(content: bytes) -> bytes:
-    """A NanoVDB file of one grid with nothing packed, within the budget; others as they are.
-
-    Warp unpacks at one go whatever there is: https://www.openvdb.org/documentation/doxygen/NanoVDB_MainPage.html
-    """
+    """A NanoVDB file of one grid with nothing packed, within the budget; others as they are."""
+    # Warp unpacks at one go whatever there is: https://www.openvdb.org/documentation/doxygen/NanoVDB_MainPage.html
     if len(content) < 192 or content[14:16] == b"\0\0":
         return content
     if content[14:16] != ZIPPED:
@@ -263,15 +261,12 @@ def read_nanovdb(path: Path, unit: str | None) -> VolumeFile:
     affine = np.eye(4)
     affine[:3, :3] = np.array(info.transform_matrix, np.float64).reshape(3, 3)
     affine[:3, 3] = np.array(info.translation, np.float64) + affine[:3, :3] @ low
-    grid_class = struct.unpack_from("<I", stored, GRID_CLASS)[0]
-    kind, level = CLASS_KINDS.get(grid_class, (None, None))
+    kind, level = CLASS_KINDS.get(struct.unpack_from("<I", stored, GRID_CLASS)[0], (None, None))
     return VolumeFile(gather_volume(volume, low, shape), scaled(affine, unit or "m"), kind, level)
 
 
 def imported(module: str, package: str) -> Any:
     """A reader that palpate does not bring along."""
-    from importlib import import_module
-
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
@@ -382,6 +377,11 @@ def save_voxels(voxels: "VoxelObject", path: str | Path, *, overwrite: bool = Fa
     Values that are signed are written as they are, occupancy and labels as 0 and 1. Raises VoxelError for another name,
     for what the format cannot hold, and for a file that is there unless `overwrite`, which replaces it once the new one
     is whole.
+
+    >>> from palpate.render import MeshObject, VoxelObject, save_voxels, voxelise
+    >>> save_voxels(voxelise(MeshObject.load("cube"), spacing=0.02), "cube.npz")
+    >>> VoxelObject.load("cube.npz")
+    VoxelObject('cube.npz', 216 voxels inside, 130 x 130 x 130 mm at (0, 0, 0.2) m)
     """
     path = Path(path)
     end = next((end for end in WRITERS if path.name.lower().endswith(end)), None)

@@ -36,6 +36,13 @@ class VoxelObject:
 
     A solid that reaches the volume's border is closed half a voxel beyond it, with a PalpateWarning.
     Raises VoxelError for what is no volume, and for one with nothing or everything inside.
+
+    >>> import numpy as np
+    >>> from palpate.render import VoxelObject
+    >>> values = np.zeros((30, 30, 30), bool)
+    >>> values[5:25, 5:25, 5:25] = True  # 20 voxels along each side
+    >>> VoxelObject(values, spacing=0.005, name="block", at=(0, 0, 0.2))
+    VoxelObject('block', 8000 voxels inside, 100 x 100 x 100 mm at (0, 0, 0.2) m)
     """
 
     def __init__(

@@ -204,6 +204,10 @@ def voxelise(
 
     Raises VoxelError for a spacing, margin or band that cannot be used, and where nothing is inside: a surface too open
     to hold anything, or thinner than the spacing; MeshError for a sign that needs a closed surface.
+
+    >>> from palpate.render import MeshObject, voxelise
+    >>> voxelise(MeshObject.load("cube"), spacing=0.02)  # 6 of its voxels fit along each side
+    VoxelObject('cube', 216 voxels inside, 130 x 130 x 130 mm at (0, 0, 0.2) m)
     """
     if kind not in ("distance", "occupancy"):
         raise VoxelError(f"kind must be 'distance' or 'occupancy', not {value_text(kind)}")

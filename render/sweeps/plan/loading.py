@@ -124,6 +124,12 @@ def load_plans(paths: Sequence[str | Path], overrides: Sequence[str] = (), *, al
     Warns (PalpateWarning) of values listed twice and of constraints that match nothing.
     Raises PlanError, one line for each fault with file, line and key, for invalid plans and plans without a recipe;
     UntrustedCodeError, which lists all such code, for code that may not be run.
+
+    >>> from pathlib import Path
+    >>> from palpate.render import load_plans
+    >>> _ = Path("study.toml").write_text('object.source = ["cube", "tube"]')
+    >>> load_plans(["study.toml"], ['strategy.source=["oc", "cc", "hatch"]']).recipe_count  # two objects, three ways
+    6
     """
     return draft_plans(paths, overrides).with_code(allow_code)
 

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ...terminal.foreign_text import errors, print_message
+from ...terminal.foreign_text import errors, print_message, shows_progress
 from ..run.log import SweepProgress, clock_time
 
 LINE_SECONDS = 10.0
@@ -22,7 +22,7 @@ def sweep_bar(*, as_json: bool) -> Iterator[Watch]:
     """
     if not errors.is_terminal:
         yield _print_lines()
-    elif as_json:
+    elif as_json or not shows_progress():
         yield lambda progress: None
     else:
         with _bar() as watch:
@@ -49,7 +49,7 @@ def _print_lines() -> Watch:
         nonlocal last
         if (now := time.monotonic()) >= last + LINE_SECONDS:
             last = now
-            print_message(f"{progress.recipes:,} of {progress.recipe_count:,} recipes, {_pace(progress)}")
+            print_message(f"{progress.recipes:,} of {progress.recipe_count:,} recipes, {_pace(progress)}", "progress")
 
     return show
 

@@ -144,6 +144,14 @@ def tidy_columns(recipes: Iterable[Recipe], store: ResultStore, groups: Sequence
     apply, and in all metrics of a group that is not there whole; then "complete" is False.
 
     groups: to look up, and to be complete.
+
+    >>> from pathlib import Path
+    >>> from palpate.datasets import SweepStore
+    >>> from palpate.render import sweep, tidy_columns
+    >>> _ = Path("study.toml").write_text('object.source = "cube"')
+    >>> plan = sweep("study.toml", {"motion.duration": [0.1, 0.2]}, device="cpu", workers=1).plan  # at 90 poses/s
+    >>> with SweepStore("study.sweep", mode="read") as store: tidy_columns(plan.recipes(), store, plan.groups)["poses"]
+    [9, 18]
     """
     table: Columns = {}
     seconds: list[dict[str, float]] = []

@@ -53,17 +53,12 @@ class SentTask:
 
     task: Task
     address: str
-    sent: float
-    """[s, `time.monotonic`], as are the others."""
+    sent: float  # [s, `time.monotonic`], as are the others
     future: Future | None = None
-    progressed: float | None = None
-    """When it last showed progress; None: it has not begun."""
-    used: float = 0.0
-    """Processor time that its thread has used since then [s]."""
-    places: tuple[int, ...] = ()
-    """Chunks that it is making."""
-    ending: str | None = None
-    """Why its worker ends."""
+    progressed: float | None = None  # when it last showed progress; None: it has not begun
+    used: float = 0.0  # processor time that its thread has used since then [s]
+    places: tuple[int, ...] = ()  # chunks that it is making
+    ending: str | None = None  # why its worker ends
 
 
 class DaskEngine:
@@ -76,6 +71,10 @@ class DaskEngine:
     be there; a client's own, else 30 s.
 
     Raises SweepError at `start`: what `connect_cluster` raises, workers that do not come, or are not fit.
+
+    >>> from palpate.render import DaskEngine
+    >>> DaskEngine("tcp://10.0.0.1:8786", workers=4)  # connects when `run_sweep` starts it
+    DaskEngine('tcp://10.0.0.1:8786', devices='auto', workers=4)
     """
 
     def __init__(
@@ -91,14 +90,18 @@ class DaskEngine:
         self._asked: dict[str, Any] = {"devices": devices, "workers": workers, "patience": patience}
         self._run = f"palpate-{uuid.uuid4().hex}"
         self._events: queue.Queue[tuple[str, Any]] = queue.Queue()
-        self._fitness: dict[str, Fitness] = {}
-        """Of each worker that is there and has shown it, by address."""
+        self._fitness: dict[str, Fitness] = {}  # of each worker that is there and has shown it, by address
         self._sent: dict[int, SentTask] = {}
         self._sent_count = 0
         self._outcomes: list[Outcome] = []
         self._there_at = self._fit_at = 0.0
         self._stack = contextlib.ExitStack()
         self._connection: DaskConnection | None = None
+
+    def __repr__(self) -> str:
+        """One line."""
+        asked = ", ".join(f"{name}={value!r}" for name, value in self._asked.items() if value is not None)
+        return f"DaskEngine({self._scheduler or 'local'!r}, {asked})"
 
     @property
     def name(self) -> str:
@@ -386,8 +389,7 @@ class DaskEngine:
         shared = [own for own in self._fit() if cards.get(own.card, 0) > 1]
         if shared:
             names = " and ".join(sorted(own.name for own in shared if own.card == shared[0].card)[:2])
-            text = f"{names} share one GPU; start each with a CUDA_VISIBLE_DEVICES of its own"
-            warn_user(text)
+            warn_user(f"{names} share one GPU; start each with a CUDA_VISIBLE_DEVICES of its own")
 
 
 def _own_work() -> DaskWork:

@@ -23,6 +23,13 @@ class InProcess:
 
     work: what makes a task, by default the sweep's own. A stage that crashes ends this process, and one that never
     ends is never ended: for plans with code of that kind there is `Processes`.
+
+    >>> from pathlib import Path
+    >>> from palpate.render import InProcess, load_plans, run_sweep
+    >>> _ = Path("study.toml").write_text('object.source = "cube"')
+    >>> plan = load_plans(["study.toml"], ["motion.duration=0.1"])
+    >>> run_sweep(plan, "study.sweep", InProcess("cpu")).engine
+    'in this process, on cpu'
     """
 
     def __init__(self, device: str = "cpu", *, work: Work | None = None) -> None:

@@ -100,10 +100,16 @@ def run_sweep(
     sweep. log: file of JSON lines, by default log.jsonl in the store. made_by: the code version that results count for,
     by default this code's. limits: what ends a worker. shard: (k, n) makes part k of n, from 0.
     share: URL of a folder where parents of several machines share the work; parents of one store share it anyway.
-    clock: seconds.
-    A store on a read-only disk suffices if it lacks nothing. Recipes that cannot be made are in the report.
-    Raises SweepError if no worker can go on, or the store's disk is full; SweepStoreError for a folder that is no
-    store; KeyboardInterrupt between two tasks.
+    clock: seconds. A store on a read-only disk suffices if it lacks nothing. Recipes that cannot be made are in the
+    report. Raises SweepError if no worker can go on, or the store's disk is full; SweepStoreError for a folder that is
+    no store; KeyboardInterrupt between two tasks.
+
+    >>> from pathlib import Path
+    >>> from palpate.render import InProcess, load_plans, run_sweep
+    >>> _ = Path("study.toml").write_text('object.source = "cube"')
+    >>> plan = load_plans(["study.toml"], ["motion.duration=0.1"])
+    >>> [run_sweep(plan, "study.sweep", InProcess()).poses_rendered for _ in range(2)]  # the second finds all made
+    [9, 0]
     """
     code = made_by or code_version()
     with contextlib.ExitStack() as stack:
@@ -135,14 +141,12 @@ class _Run:
         self._plan, self._store, self._log, self._sharing = plan, store, log, sharing
         self._progress, self._limits, self._clock = progress, limits, clock
         self._begun = clock()
-        self._ready: float | None = None
-        """When the first worker was ready."""
+        self._ready: float | None = None  # when the first worker was ready
         self._tally = _Tally()
         self._recording = ShardRecording(store, log.run)
         self._is_read_only = store.mode == "read"
         self._devices: tuple[str, ...] = ()
-        self._looked_at = 0.0
-        """When other parents' results were last looked for."""
+        self._looked_at = 0.0  # when other parents' results were last looked for
 
     def run(
         self,
@@ -155,13 +159,8 @@ class _Run:
         if self._sharing.is_remote:
             self._sharing.open()
             self._fetch()
-        missing = Missing(
-            self._plan.recipes(),
-            self._plan.groups,
-            done=self._done,
-            pose_count=count_poses,
-            failed=self._store.failed(),
-        )
+        plan, failed = self._plan, self._store.failed()
+        missing = Missing(plan.recipes(), plan.groups, done=self._done, pose_count=count_poses, failed=failed)
         schedule = Schedule(
             missing,
             store=str(self._store.folder),

@@ -245,7 +245,7 @@ def test_a_folder_of_other_things_is_refused_and_left_alone(tmp_path):
         SweepStore(tmp_path / "thesis.tex", maker=MAKER)
     with pytest.raises(SweepStoreError, match="no/such is not a sweep's store"):
         SweepStore(tmp_path / "no/such", mode="read")
-    with pytest.raises(SweepStoreError, match="needs a maker"):
+    with pytest.raises(SweepStoreError, match="recording needs maker="):
         SweepStore(tmp_path / "new")
 
 

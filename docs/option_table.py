@@ -1,0 +1,92 @@
+"""Writes docs/guide/options.md: which command has which option, read from the commands themselves.
+
+Run it after a change of an option: `python docs/option_table.py`. A test compares the page with what this makes.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import typer.main
+
+from palpate.render.cli.app import app
+
+PAGE = Path(__file__).parent / "guide" / "options.md"
+TITLE = """# Options of all commands
+
+Made from the code by `python docs/option_table.py`. The same option has the same name, unit and meaning in every
+command; where its last column differs between commands, each meaning has a row. Arguments stand in the order in which a
+command takes them. [command-line.md](command-line.md) explains what needs more than a line.
+"""
+
+
+class Option(NamedTuple):
+    """One option of one command."""
+
+    command: str
+    names: str
+    takes: str
+    help: str
+
+
+def commands() -> Iterator[tuple[str, Any]]:
+    """Every command by its name as one types it; `sweep PLAN` is its group's hidden command."""
+    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]  # a group's
+        if not hasattr(command, "commands"):
+            yield name, command
+            continue
+        for part, inner in command.commands.items():
+            yield (name if inner.hidden else f"{name} {part}"), inner
+
+
+def options() -> list[Option]:
+    """Options of all commands."""
+    return [
+        Option(name, ", ".join(sorted(p.opts, key=len)) + "".join(f"/{s}" for s in p.secondary_opts), _takes(p), p.help)
+        for name, command in commands()
+        for p in command.params
+        if not _is_argument(p)
+    ]
+
+
+def _takes(option: Any) -> str:
+    """The word for an option's value; none for a switch."""
+    return "" if option.is_flag else option.metavar + (" (repeatable)" if option.multiple else "")
+
+
+def page() -> str:
+    """The page as text."""
+    found = options()
+    arguments = [
+        f"| `palpate {name}` | {' '.join(_cell(f'`{p.metavar}`') for p in inner.params if _is_argument(p)) or 'none'} |"
+        for name, inner in commands()
+    ]
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for option in found:
+        rows.setdefault((option.names, option.takes, option.help), []).append(option.command)
+    everywhere = len(list(commands()))
+    table = [
+        f"| `{names}`{f' {_cell(takes)}' if takes else ''} | "
+        f"{'all' if len(having) == everywhere else ', '.join(having)} | {_cell(text)} |"
+        for (names, takes, text), having in sorted(rows.items(), key=lambda row: row[0][0].rpartition("--")[2])
+    ]
+    parts = [
+        TITLE,
+        "| command | arguments |\n|---|---|",
+        *arguments,
+        "\n| option | commands | does |\n|---|---|---|",
+        *table,
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _is_argument(parameter: Any) -> bool:
+    return parameter.param_type_name == "argument"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())

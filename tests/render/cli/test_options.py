@@ -1,0 +1,83 @@
+"""Options of all commands: the same word means the same, and the page that lists them is what the code has."""
+
+import subprocess
+import sys
+from collections import defaultdict
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+spec = spec_from_file_location("option_table", ROOT / "docs" / "option_table.py")
+assert spec is not None
+assert spec.loader is not None
+option_table = module_from_spec(spec)
+spec.loader.exec_module(option_table)
+COMMANDS = dict(option_table.commands())
+SEVERAL_MEANINGS = {
+    "--calibration": "devices takes several board files",
+    "--device": "one, several, or only of solvers",
+    "--dry-run": "of a sweep, of pruning",
+    "--duration": "of an exploration, of a playback, of a stimulus",
+    "--kind": "of a volume that is read, of one that is made",
+    "--out": "what is written",
+    "--repeats": "of a playback, of a measurement",
+    "--spacing": "of a volume by axis, of voxels that are made",
+    "--strategy": "bench takes several",
+    "--strict": "what is warned of",
+    "--workers": "a file, or a sweep",
+}
+"""Options whose values are of one kind, and whose help says more than one sentence could for all commands."""
+
+
+def test_the_page_of_options_is_what_the_commands_have():
+    made, stands = option_table.page(), (ROOT / "docs" / "guide" / "options.md").read_text()
+    assert made == stands, "run: python docs/option_table.py"
+
+
+def test_an_option_has_one_meaning_or_a_reason_for_several():
+    helps = defaultdict(set)
+    for option in option_table.options():
+        helps[option.names.split(", ")[-1]].add((option.takes, option.help))
+    assert {name for name, texts in helps.items() if len(texts) > 1} == set(SEVERAL_MEANINGS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_the_same_options_for_output(command):
+    options = {name: option for option in COMMANDS[command].params for name in option.opts}
+    assert {"--json", "--quiet", "-q"} <= set(options)
+    assert "--overwrite" in options or "--out" not in options
+    assert ("-o" in options) == ("--out" in options)
+    unnamed = [name for name, option in options.items() if name.startswith("--") and not option.is_flag]
+    assert [name for name in unnamed if not options[name].metavar] == []  # else the help shows <str>
+    assert all(option.help and option.help.endswith(".") for option in options.values())
+
+
+@pytest.mark.parametrize(
+    ("command", "old"),
+    [
+        (["demo", "--clock", "virtual", "--folder"], "{}/demo"),
+        (["selftest", "--clock", "virtual", "--seconds=0.1"], ""),
+        (["bench", "--strategies", "oc", "--objects", "cube", "--peers", "none", "--poses", "100"], ""),
+    ],
+)
+def test_options_of_old_names_work(command, old, tmp_path):
+    call = [sys.executable, "-m", "palpate.render.cli", *command, *([old.format(tmp_path)] if old else [])]
+    done = subprocess.run([*call, "--json"], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert not old or (tmp_path / "demo" / "tube.png").exists()
+
+
+def test_quiet_leaves_out_warnings_and_keeps_results_and_errors(tmp_path):
+    far = tmp_path / "far.csv"
+    far.write_text("time,x,y,z,qx,qy,qz,qw\n0,0,0,0.9,0.7071068,0,0,0.7071068\n0.1,0,0,0.9,0.7071068,0,0,0.7071068\n")
+    call = [sys.executable, "-m", "palpate.render.cli", "render", "cube", str(far)]
+    told = subprocess.run([*call, "-o", str(tmp_path / "a.h5")], capture_output=True, text=True, timeout=120)
+    quiet = subprocess.run([*call, "-o", str(tmp_path / "b.h5"), "-q"], capture_output=True, text=True, timeout=120)
+    assert "warning: no pose meets the object" in told.stderr
+    assert quiet.stderr == ""
+    assert quiet.stdout.count("\n") == told.stdout.count("\n")
+    failed = subprocess.run([*call, "-o", str(tmp_path / "b.h5"), "-q"], capture_output=True, text=True, timeout=120)
+    assert failed.returncode != 0
+    assert "exists" in failed.stderr

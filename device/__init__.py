@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from .link import BoardStatus, Link
     from .playing.limits import Limits
     from .playing.player import Player
-    from .registry import array_model, array_names, register_array, remove_array
+    from .registry import array_model, array_names, emulated_backend, register_array, remove_array
     from .report import Lateness, LiveStatistics, PlayReport, QueueDepth, Underrun
     from .transports.bulk import open_bulk
     from .transports.stream import StreamLink
@@ -72,7 +72,7 @@ _ROOMS = {
     "link": "BoardStatus Link",
     "playing.limits": "Limits",
     "playing.player": "Player",
-    "registry": "array_model array_names register_array remove_array",
+    "registry": "array_model array_names emulated_backend register_array remove_array",
     "report": "Lateness LiveStatistics PlayReport QueueDepth Underrun",
     "transports.bulk": "open_bulk",
     "transports.stream": "StreamLink",
@@ -131,6 +131,7 @@ __all__ = [
     "WatchdogError",
     "array_model",
     "array_names",
+    "emulated_backend",
     "encode_frames",
     "find_arrays",
     "find_serial_arrays",

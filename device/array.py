@@ -59,6 +59,12 @@ class UsbIdentity:
     manufacturer_string: str | None
     product_string: str | None
 
+    def __repr__(self) -> str:
+        """One line, with the ids as other tools write them."""
+        return (
+            f"UsbIdentity({self.vendor:04x}:{self.product:04x}, {self.manufacturer_string!r}, {self.product_string!r})"
+        )
+
     @property
     def generic(self) -> bool:
         """True where the ids are those of a chip that many things have."""

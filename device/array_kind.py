@@ -112,6 +112,11 @@ class ArrayKind:
     not_listed: str | None = None
     """Sentence without its end on why `palpate devices` cannot list it, and how it is named instead; None: it can."""
 
+    def __repr__(self) -> str:
+        """One line."""
+        called = f", also called {', '.join(self.aliases)}" if self.aliases else ""
+        return f"ArrayKind({self.name!r}{called}, {'emulated' if self.is_emulated else 'not emulated'})"
+
     @property
     def is_emulated(self) -> bool:
         """Whether one can be played to without any hardware."""

@@ -156,6 +156,12 @@ def emulated_backend(
 
     Raises:
         UnknownArrayError: there is no model of that board.
+
+    >>> import usb.core
+    >>> from palpate.device import VirtualClock, emulated_backend
+    >>> bus = emulated_backend("emulator", clock=VirtualClock(), serials=["LEFT", "RIGHT"])
+    >>> [board.serial_number for board in usb.core.find(find_all=True, backend=bus)]  # as pyusb sees them
+    ['LEFT', 'RIGHT']
     """
     kind = _kinds().get(name)
     if kind is None or kind.emulate is None:

@@ -169,7 +169,7 @@ class PlayReport:
         off = {True: "off", False: "not off", None: "off unknown"}[self.off_confirmed]
         return (
             f"PlayReport({self.array} {self.serial}: {self.frames} frames at {self.update_rate:g} Hz, "
-            f"{self.underruns} underruns, {off})"
+            f"{self.underruns} underrun{'s' * (self.underruns != 1)}, {off})"
         )
 
     @property

@@ -38,6 +38,10 @@ class Layout:
     off_bits: int = 0xFF
     """Bits of each byte that an off frame needs; the others are 0 in it, so that it is off byte for byte."""
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Layout({self.pack.__module__}, {self.amplitude_steps} steps of amplitude)"
+
 
 def phase_byte(delay: Turns, steps: int) -> Frames:
     """The nearest step; a full turn (255.6 of 256 is nearest to it) wraps to 0 where steps is 256."""

@@ -9,10 +9,37 @@ if TYPE_CHECKING:
 
     from ..datasets.contour_file.check import check_file
     from ..datasets.contour_file.reader import ContourFile
+    from ..datasets.errors import (
+        ContourFileError,
+        DatasetError,
+        Hdf5Error,
+        MotionError,
+        NotStoreError,
+        RecordingError,
+        RecordingWarning,
+        ShapeError,
+        SweepStoreError,
+    )
     from ..datasets.motions.hand_motion import HandMotion, exploration, static_pose
     from ..datasets.recordings.files import load_recording
     from ..datasets.shapes.built_in import shape_names
     from .contour_batch import ContourBatch
+    from .errors import (
+        ImplicitError,
+        KernelCacheError,
+        MeshError,
+        PalpateWarning,
+        PlacementError,
+        PlanError,
+        PoseError,
+        RenderError,
+        RepairError,
+        StrategyError,
+        SweepError,
+        TrustStoreError,
+        UntrustedCodeError,
+        VoxelError,
+    )
     from .focal_spot import focal_width
     from .hands.combined_hands import together
     from .hands.flat_hand import flat_hand
@@ -49,6 +76,7 @@ if TYPE_CHECKING:
         dwell_map,
         load_sampling,
         preset,
+        sample_bounds,
         sample_contours,
     )
     from .sampling.revisits import revisit_rate
@@ -69,10 +97,15 @@ if TYPE_CHECKING:
 _ROOMS = {
     ".datasets.contour_file.check": "check_file",
     ".datasets.contour_file.reader": "ContourFile",
+    ".datasets.errors": "DatasetError ContourFileError Hdf5Error MotionError ShapeError RecordingError "
+    "SweepStoreError NotStoreError RecordingWarning",
     ".datasets.motions.hand_motion": "HandMotion exploration static_pose",
     ".datasets.recordings.files": "load_recording",
     ".datasets.shapes.built_in": "shape_names",
     "contour_batch": "ContourBatch",
+    "errors": "RenderError MeshError VoxelError ImplicitError StrategyError PlacementError RepairError "
+    "PoseError SweepError PlanError UntrustedCodeError TrustStoreError KernelCacheError "
+    "PalpateWarning",
     "focal_spot": "focal_width",
     "hands.combined_hands": "together",
     "hands.flat_hand": "flat_hand",
@@ -101,7 +134,7 @@ _ROOMS = {
     "reports.file_summary": "summarise",
     "runtime.worker_devices": "worker_devices",
     "sampling.contour_sampling": "Dwell FocalPoints Gap Sampler SamplingStrategy dwell_map load_sampling preset "
-    "sample_contours",
+    "sample_bounds sample_contours",
     "sampling.revisits": "revisit_rate",
     "scripting.rendered_batch": "RenderedBatch",
     "scripting.rendering": "render",
@@ -124,7 +157,9 @@ __all__ = [
     "Connection",
     "ContourBatch",
     "ContourFile",
+    "ContourFileError",
     "DaskEngine",
+    "DatasetError",
     "DriveStrategy",
     "Driver",
     "Dwell",
@@ -133,24 +168,45 @@ __all__ = [
     "Hand",
     "HandMotion",
     "HandPatch",
+    "Hdf5Error",
+    "ImplicitError",
     "ImplicitObject",
     "InProcess",
     "Instant",
     "IntersectionStrategy",
+    "KernelCacheError",
+    "MeshError",
     "MeshHand",
     "MeshObject",
+    "MotionError",
+    "NotStoreError",
     "Palm",
+    "PalpateWarning",
     "PatchJoint",
     "PlacedArray",
     "Placement",
+    "PlacementError",
+    "PlanError",
     "PlaneHand",
+    "PoseError",
+    "RecordingError",
+    "RecordingWarning",
+    "RenderError",
     "RenderedBatch",
+    "RepairError",
     "SampledContours",
     "Sampler",
     "SamplingStrategy",
     "Scene",
+    "ShapeError",
     "Stage",
+    "StrategyError",
+    "SweepError",
     "SweepResult",
+    "SweepStoreError",
+    "TrustStoreError",
+    "UntrustedCodeError",
+    "VoxelError",
     "VoxelObject",
     "array_points",
     "box",
@@ -186,6 +242,7 @@ __all__ = [
     "render",
     "revisit_rate",
     "run_sweep",
+    "sample_bounds",
     "sample_contours",
     "save_voxels",
     "shape_names",
@@ -202,17 +259,19 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
-    """What `__all__` names, and `__version__` (PEP 562)."""
-    if name == "__version__":
-        return import_module("importlib.metadata").version("palpate")
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = import_module(f".{_HOMES[name]}", __name__)
-    if "warp" in sys.modules:
-        import_module(".runtime.warp_start", __name__).start_quietly()
-    found = globals()[name] = getattr(module, name)
-    return found
+if not TYPE_CHECKING:  # hidden from type checkers, which would take every name for one that it gives
+
+    def __getattr__(name: str) -> object:
+        """What `__all__` names, and `__version__` (PEP 562)."""
+        if name == "__version__":
+            return import_module("importlib.metadata").version("palpate")
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        module = import_module(f".{_HOMES[name]}", __name__)
+        if "warp" in sys.modules:
+            import_module(".runtime.warp_start", __name__).start_quietly()
+        found = globals()[name] = getattr(module, name)
+        return found
 
 
 def __dir__() -> list[str]:

@@ -7,6 +7,7 @@ from typing import Any, overload
 import numpy as np
 import warp as wp
 
+from ..datasets.counted import counted
 from ..kernels.metrics.measure import measure_contours
 from ..kernels.section.contour_writing import Contours
 from ..kernels.section.row_walker import HAND, MADE, OBJECT
@@ -56,8 +57,10 @@ class ContourBatch:
         start = self.pose_start.numpy() if self.on_device else self.pose_start
         drawn = int(np.count_nonzero(np.diff(start)))
         place = str(self.points.device) if self.on_device else "the host"
-        counts = f"{self.pose_count} poses, {drawn} with contours, {self.polyline_count} polylines"
-        return f"{type(self).__name__}({counts}, {self.point_count} points, on {place})"
+        counts = (
+            f"{counted(self.pose_count, 'pose')}, {drawn} with contours, {counted(self.polyline_count, 'polyline')}"
+        )
+        return f"{type(self).__name__}({counts}, {counted(self.point_count, 'point')}, on {place})"
 
     def __len__(self) -> int:
         """Number of poses."""

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..counted import counted
 from ..errors import ContourFileError
 from ..storage.hdf5 import Hdf5Reader, require_fitting
 from ..storage.schema import CONTOURS, FIELDS, HAND, METRICS, MOTION, Arrays, Field
@@ -78,8 +79,8 @@ class ContourFile:
 
     def __repr__(self) -> str:
         """One line."""
-        poses = "1 pose" if self.pose_count == 1 else f"{self.pose_count} poses"
-        return f"ContourFile({str(self.path)!r}, {poses}, {'sealed' if self.sealed else 'unfinished'})"
+        state = "sealed" if self.sealed else "unfinished"
+        return f"ContourFile({str(self.path)!r}, {counted(self.pose_count, 'pose')}, {state})"
 
     def __enter__(self) -> Self:
         return self

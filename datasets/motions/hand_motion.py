@@ -64,7 +64,7 @@ class HandMotion:
     >>> import numpy as np
     >>> from palpate.render import HandMotion, static_pose
     >>> still = HandMotion(np.arange(90) / 30, static_pose([0, 0, 0.2]).pose.repeat(90, axis=0))
-    >>> still.save("still.csv")
+    >>> path = still.save("still.csv")
     >>> HandMotion.load("still.csv")
     HandMotion(90 poses, 3 s at 30 Hz)
     """
@@ -130,13 +130,14 @@ class HandMotion:
             object.__setattr__(motion, name, value)
         return motion
 
-    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the motion as CSV or HDF5 by the suffix (.csv, .h5, .hdf5), completely or not at all.
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write the motion as CSV or HDF5 by the suffix (.csv, .h5, .hdf5), completely or not at all; returns its path.
 
         A CSV has the clock's times (time + offset) and no seed; HDF5 has time, offset and seed. A loaded motion is
         bit-identical when read back. Raises MotionError if the file exists, unless `overwrite`, or writing fails.
         """
         write_rows(Path(path), MotionRows(self.time, self.pose, self.offset, self.seed, row_place), overwrite=overwrite)
+        return Path(path)
 
 
 def static_pose(position: ArrayLike, quaternion: ArrayLike = PALM_DOWN) -> HandMotion:

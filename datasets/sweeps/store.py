@@ -69,9 +69,7 @@ class SweepStore:
         self.damaged: list[str] = []
         """One sentence for each damage that was met: a shard set aside, parts that count as not done."""
         if mode == "create" and maker is None:
-            raise SweepStoreError(
-                f'{self.folder}: recording needs maker=, the version of what computes results; mode="read" only reads'
-            )
+            raise SweepStoreError(f'{self.folder}: recording needs maker=, who computes; mode="read" only reads')
         _refuse_other_folder(self.folder, mode)
         if mode == "create":
             _make_folder(self.folder)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import warp as wp
 
+from ...datasets.counted import counted
 from ...datasets.rigid import rotate
 from ...kernels.patch import ON, Patch
 from ..errors import PoseError, RenderError, StrategyError
@@ -163,7 +164,7 @@ def require_sides(name: str, width: float, length: float) -> tuple[float, float]
 
 def poses_text(pose_count: int | None) -> str:
     """Whether a hand is rigid or articulated, in words."""
-    return "rigid" if pose_count is None else f"articulated for {pose_count} poses"
+    return "rigid" if pose_count is None else f"articulated for {counted(pose_count, 'pose')}"
 
 
 def require_rows(hand: Hand, pose_count: int) -> None:

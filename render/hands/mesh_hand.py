@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ...datasets.counted import counted
 from ...datasets.rigid import rotate
 from ...kernels.skin.edges import SkinEdges, upload_skin
 from ..deprecated_names import accept_old_keywords
@@ -78,7 +79,7 @@ class MeshHand:
 
     def __repr__(self) -> str:
         """One line."""
-        return f"MeshHand({self.name!r}, {len(self.faces)} triangles, {poses_text(self.pose_count)})"
+        return f"MeshHand({self.name!r}, {counted(len(self.faces), 'triangle')}, {poses_text(self.pose_count)})"
 
     @classmethod
     def load(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ...datasets.counted import counted
 from ...datasets.rigid import NORM_TOLERANCE, compose, rotate
 from ..errors import PoseError, StrategyError
 from .hand import IDENTITY, PatchFrames, frames_at, patches_on, poses_text, require_sides, rigid_poses
@@ -86,7 +87,7 @@ class PlaneHand:
     >>> palm, finger = HandPatch("palm", 0.06, 0.06), HandPatch("index", 0.02, 0.03, pose=(0, 0, -0.045, 0, 0, 0, 1))
     >>> hand = PlaneHand((palm, finger), (PatchJoint("palm", 2, "index", 0),))
     >>> hand
-    PlaneHand(2 patches, 1 joints, rigid)
+    PlaneHand(2 patches, 1 joint, rigid)
     >>> render("cube", hand, static_pose([0, 0, 0.2])).length().round(3)  # both outlines, without where they touch [m]
     array([0.3], dtype=float32)
     """
@@ -125,7 +126,8 @@ class PlaneHand:
 
     def __repr__(self) -> str:
         """One line."""
-        return f"PlaneHand({len(self.patches)} patches, {len(self.joints)} joints, {poses_text(self.pose_count)})"
+        patches = f"{len(self.patches)} patch{'es' * (len(self.patches) != 1)}"
+        return f"PlaneHand({patches}, {counted(len(self.joints), 'joint')}, {poses_text(self.pose_count)})"
 
     @property
     def patch_count(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from ...device.array import ArrayModel
+from ...device.registry import array_model
 from ...kernels.driving.slew import limit_slew, lock_gauge
 from ...kernels.driving.solve import POINTS_MOST, SIZES, solve_points
 from ...kernels.driving.wave import transducers_on
@@ -125,24 +126,24 @@ class Driver:
     blocks. Raises StrategyError for no array, arrays of different carriers, a slew limit without update rate, and an
     update rate so low that the slew limit has no effect.
 
-    >>> from palpate.device import array_model
     >>> from palpate.render import Driver, render, static_pose
     >>> square = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").sample("stm", duration=0.01)
-    >>> drives = Driver(array_model("emulator")).drive(square.focus)
+    >>> drives = Driver("emulator").drive(square.focus)
     >>> drives.delay.shape  # 100 frames of 16 x 16 transducers
     (100, 256)
     """
 
     def __init__(
         self,
-        arrays: ArrayModel | Sequence[ArrayModel],
+        arrays: ArrayModel | str | Sequence[ArrayModel | str],
         strategy: DriveStrategy | None = None,
         *,
         update_rate: float | None = None,
         device: str = "cpu",
     ) -> None:
-        """Arrays in the common frame; update_rate [Hz] is needed for a slew limit; device: Warp's, for solvers."""
-        self.arrays = (arrays,) if isinstance(arrays, ArrayModel) else tuple(arrays)
+        """Arrays in the common frame, or names; update_rate [Hz]: for a slew limit; device: Warp's, for solvers."""
+        given = (arrays,) if isinstance(arrays, ArrayModel | str) else tuple(arrays)
+        self.arrays = tuple(array_model(array) if isinstance(array, str) else array for array in given)
         self.strategy = strategy or DriveStrategy()
         carriers = sorted({array.carrier for array in self.arrays})
         if len(carriers) != 1:
@@ -313,7 +314,7 @@ def focus_delays(position: np.ndarray, transducer: np.ndarray, wavelength: float
     return turns
 
 
-def drive_focus(focus: FocalPoints, array: ArrayModel, *, sound_speed: float = SOUND_SPEED) -> Drives:
+def drive_focus(focus: FocalPoints, array: ArrayModel | str, *, sound_speed: float = SOUND_SPEED) -> Drives:
     """Delays that make every transducer's wave arrive in phase: frac(-r / lambda) turns.
 
     Time factor exp(+j w t): a wave lags by k r after the distance r, so the drive must lead by k r, and a farther
@@ -321,10 +322,9 @@ def drive_focus(focus: FocalPoints, array: ArrayModel, *, sound_speed: float = S
     and any that are not finite, get amplitude 0 and are counted.
 
     >>> import numpy as np
-    >>> from palpate.device import array_model
     >>> from palpate.render import FocalPoints, drive_focus
     >>> focus = FocalPoints(np.float32([[0, 0, 0.2], [0, 0, 9.0]]), np.ones(2, np.float32))  # the second is too far
-    >>> drives = drive_focus(focus, array_model("emulator"))
+    >>> drives = drive_focus(focus, "emulator")
     >>> drives.delay.shape, drives.amplitude, drives.refused
     ((2, 256), array([1., 0.], dtype=float32), 1)
     """

@@ -22,7 +22,7 @@ from ...device.link import Link, TransportKind
 from ...device.playing.ensemble import play_together
 from ...device.playing.limits import Limits
 from ...device.playing.watchdog import Watchdog, is_watchable
-from ...device.registry import array_model, emulated_backend, kind_of
+from ...device.registry import emulated_backend, kind_of
 from ...device.report import LiveStatistics, PlayReport
 from ...device.transports.pyusb import Backend
 from ...device.transports.serial_line import SerialPorts
@@ -42,7 +42,7 @@ from .focus_source import (
     require_duration,
 )
 from .frame_source import FrameSource
-from .placed_arrays import PlacedArray
+from .placed_arrays import PlacedArray, load_rig
 
 CLOCKS: dict[str, Callable[[], Clock]] = {"monotonic": MonotonicClock, "virtual": VirtualClock}
 
@@ -248,7 +248,7 @@ def play_contours(
 
 
 def _arrays_of(array: str | Sequence[PlacedArray]) -> tuple[PlacedArray, ...]:
-    return (PlacedArray(array_model(array)),) if isinstance(array, str) else tuple(array)
+    return load_rig(array) if isinstance(array, str) else tuple(array)
 
 
 class Opened(NamedTuple):

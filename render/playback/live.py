@@ -19,6 +19,7 @@ from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand, PatchHand
 from ..intersection.batch_rendering import check_poses
 from ..intersection.mesh_section import intersect, needs_regularising
+from ..intersection.named_inputs import hand_of, solid_of
 from ..intersection.resting import patches_for
 from ..intersection.scene import Scene
 from ..objects.mesh.solid_mesh import MeshObject
@@ -48,13 +49,14 @@ class PoseContours:
 
     def __init__(
         self,
-        solid: Solid,
-        hand: Hand,
+        solid: Solid | str,
+        hand: Hand | str,
         strategy: IntersectionStrategy | str,
         *,
         method: str | None = None,
         size: RoomSize | None = None,
     ) -> None:
+        solid, hand = solid_of(solid), hand_of(hand)
         if hand.pose_count is not None:
             raise StrategyError(
                 f"the hand has {hand.pose_count} poses of its own: one pose at a time takes a rigid one"
@@ -110,8 +112,8 @@ class Instant:
     Not for two threads at once. Raises MeshError where the strategy needs a closed surface and the object has none,
     StrategyError for an interval out of its range.
 
-    >>> from palpate.render import Instant, MeshObject, Palm, static_pose
-    >>> instant = Instant(MeshObject.load("cube"), Palm(), "cc")
+    >>> from palpate.render import Instant, static_pose
+    >>> instant = Instant("cube", "palm", "cc")
     >>> pose = static_pose([0, 0, 0.2]).pose[0]
     >>> len(instant.draw(pose, time=0.0, until=0.01).position)  # 10 ms at 10 kHz
     100
@@ -122,8 +124,8 @@ class Instant:
     @accept_old_keywords(thing="solid")
     def __init__(
         self,
-        solid: Solid,
-        hand: Hand,
+        solid: Solid | str,
+        hand: Hand | str,
         strategy: IntersectionStrategy | str,
         sampling: SamplingStrategy | str | None = None,
         *,

@@ -54,7 +54,11 @@ def save_picture(figure: Any, picture: Path, *, dpi: int) -> None:
 
 
 def draw_figure(
-    paths: dict[str, Path], picture: Path, *, sampling: SamplingStrategy | None = None, overwrite: bool = False
+    paths: dict[str, str | Path],
+    picture: str | Path,
+    *,
+    sampling: SamplingStrategy | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Draw one picture of renderings of the same object and motion, by label, into a PNG, SVG or PDF.
 
@@ -65,15 +69,16 @@ def draw_figure(
     >>> from pathlib import Path
     >>> from palpate.render import draw_figure, render, static_pose
     >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
-    >>> draw_figure({"closed": path}, Path("cube.png"))
+    >>> draw_figure({"closed": path}, "cube.png")
     >>> [picture.name for picture in Path().glob("*.png")]
     ['cube.png']
     """
     import matplotlib as mpl  # 0.7 s that only pictures cost
     from matplotlib.figure import Figure
 
+    picture, files = Path(picture), {label: Path(path) for label, path in paths.items()}
     require_picture(picture, overwrite=overwrite)
-    _refuse_unlike(list(paths.values()))
+    _refuse_unlike(list(files.values()))
     sampling = sampling or SamplingStrategy()
     with mpl.rc_context({"font.size": 8, "axes.spines.top": False, "axes.spines.right": False}):
         figure = Figure(figsize=(9.6, 5.2), layout="constrained")
@@ -81,7 +86,7 @@ def draw_figure(
         top, bottom = figure.add_subfigure(parts[0]), figure.add_subfigure(parts[1])
         length_axes, frequency_axes = bottom.subplots(1, 2, sharex=True)
         time = None
-        for k, (label, path) in enumerate(paths.items()):
+        for k, (label, path) in enumerate(files.items()):
             with ContourFile(path) as file:
                 length = _lengths(file)
                 time = file.motion().get("time")

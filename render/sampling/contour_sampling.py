@@ -56,7 +56,13 @@ __all__ = [
 def sample_bounds(time: np.ndarray, duration: float, update_rate: float) -> np.ndarray:
     """First sample of each pose, and the end of the last pose's samples, int64, shape [pose + 1].
 
+    time: of each pose [s]; duration: how long the samples go on [s]; update_rate [Hz].
     Sample k lies on the contours of the latest pose at time k / update rate.
+
+    >>> from palpate.render import exploration, sample_bounds
+    >>> motion = exploration("tube", duration=1.0, rate=90.0)
+    >>> sample_bounds(motion.time[:3], motion.duration, 10_000.0)  # 111 or 112 samples a pose
+    array([    0,   112,   223, 10000])
     """
     return np.ceil(np.append(time, duration) * update_rate - 1e-6).astype(np.int64)
 

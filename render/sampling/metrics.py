@@ -104,6 +104,10 @@ class DwellMap:
     silent: float
     """Time without a focal point, or at intensity 0 [s]."""
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"DwellMap({self.area * 1e6:.4g} mm^2 drawn, {self.time.sum():.4g} s there, {self.silent:.4g} s silent)"
+
     @property
     def area(self) -> float:
         """Of the cells that were drawn on [m^2]."""
@@ -165,7 +169,7 @@ def dwell_map(
         time += np.bincount(flat, minlength=time.size).reshape(shape) / (foci * update_rate)
         drawn_count += len(u) / foci
         silent += (count - len(u) / foci) / update_rate
-    return DwellMap(time, across, along, drawn_count / update_rate - float(time.sum()), silent)
+    return DwellMap(time, across, along, max(drawn_count / update_rate - float(time.sum()), 0.0), silent)
 
 
 def poses_of_samples(blocks: Iterable[FocalPoints], bounds: np.ndarray) -> Iterator[tuple[FocalPoints, np.ndarray]]:

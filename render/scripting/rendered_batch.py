@@ -1,14 +1,15 @@
 """A batch of contours that knows its object, hand, motion and strategy: it samples, plays, shows and saves itself."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast, overload
 
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
+from ...device.report import LiveStatistics
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..intersection.batch_rendering import Collected
@@ -48,7 +49,17 @@ class RenderedBatch(ContourBatch):
     removed: dict[str, np.ndarray] = field(default_factory=dict)
     """Length that each prune stage removed [m], float32, shape [pose], by name."""
 
-    def select(self, first: int, stop: int) -> ContourBatch:
+    @overload
+    def __getitem__(self, index: int) -> list[np.ndarray]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "RenderedBatch": ...
+
+    def __getitem__(self, index: int | slice) -> "list[np.ndarray] | RenderedBatch":
+        """Polylines of one pose [m], each of shape [point, 3]; or the batch of consecutive poses first:stop."""
+        return cast("list[np.ndarray] | RenderedBatch", super().__getitem__(index))
+
+    def select(self, first: int, stop: int) -> "RenderedBatch":
         """Poses first..stop of a batch on the host; it knows its motion if there is one pose at least.
 
         Of an articulated hand it does not: the hand has poses of its own.
@@ -56,7 +67,7 @@ class RenderedBatch(ContourBatch):
         part = super().select(first, stop)
         motion, scene = self.motion, self.scene
         if motion is None or scene is None or stop <= first or scene.hand.pose_count is not None:
-            return part
+            return RenderedBatch(**vars(part))
         time = None if motion.time is None else motion.time[first:stop] - motion.time[first]
         poses = HandMotion(time, motion.pose[first:stop])
         moved = None if scene.object_pose is None else scene.object_pose[first:stop]
@@ -108,13 +119,15 @@ class RenderedBatch(ContourBatch):
         uncalibrated: bool = False,
         watchdog: bool = False,
         drive: DriveStrategy | None = None,
+        watch: Callable[[LiveStatistics, int], object] | None = None,
     ) -> Playback:
         """Sample and stream the contours to an array, in real time; the array is off afterwards, however it ends.
 
         array: its name, or a JSON file of several. sampling: by default `stm` at the array's own rate. duration: when
         to stop [s]; a static pose needs it. emulate: a model of the board instead of the board. clock: of a model,
-        "monotonic" (real time) or "virtual" (as fast as possible). Others, and errors, as for `play_file` and
-        `Connection`.
+        "monotonic" (real time) or "virtual" (as fast as possible). watch: called at most 10 times a second with the
+        statistics and the number of frames in all; what it raises ends the playback. Others, and errors, as for
+        `play_file` and `Connection`.
         """
         board = None if calibration is None else Path(calibration)
         return play_contours(
@@ -125,6 +138,7 @@ class RenderedBatch(ContourBatch):
             duration=duration,
             repeats=repeats,
             connection=Connection(emulate=emulate, clock=clock, uncalibrated=uncalibrated, watchdog=watchdog),
+            watch=watch,
         )
 
     def to_pandas(self, of: str = "poses") -> "pd.DataFrame":

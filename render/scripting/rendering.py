@@ -47,7 +47,7 @@ def render(
     >>> from palpate.render import Palm, render, static_pose
     >>> batch = render("cube", Palm(0.08, 0.1), static_pose([0, 0, 0.2]), "cc")  # the palm is whole inside the cube
     >>> batch
-    RenderedBatch(1 poses, 1 with contours, 1 polylines, 5 points, on the host)
+    RenderedBatch(1 pose, 1 with contours, 1 polyline, 5 points, on the host)
     >>> batch.length().round(3)  # round the palm [m]
     array([0.36], dtype=float32)
     """

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,18 @@ class IntersectionStrategy:
     step: float | None = None
     flush: float | None = None
     modules: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """One line: the fields that are not the default, stages without options as their names."""
+
+        def brief(value: object) -> object:
+            if isinstance(value, Stage):
+                return value if value.options else value.name
+            return tuple(map(brief, value)) if isinstance(value, tuple) else value
+
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        shown = [f"{f.name}={brief(given[f.name])!r}" for f in fields(self) if given[f.name] != f.default]
+        return f"IntersectionStrategy({', '.join(shown)})"
 
     def __post_init__(self) -> None:
         """Turn names into stages, and check every stage."""

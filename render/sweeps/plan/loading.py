@@ -116,8 +116,10 @@ class Plan:
         }
 
 
-def load_plans(paths: Sequence[str | Path], overrides: Sequence[str] = (), *, allow_code: AllowCode = False) -> Plan:
-    """Read plans, validate them whole, and join them; the code that they name is run last, if all else is valid.
+def load_plans(
+    paths: str | Path | Sequence[str | Path], overrides: Sequence[str] = (), *, allow_code: AllowCode = False
+) -> Plan:
+    """Read one plan or several, validate them whole, and join them; code that they name is run last, if all is valid.
 
     overrides: "key=value" as `--set` takes them, for every plan: `motion.seed={first=1,count=5}`; values are TOML, a
     bare word is a text. allow_code: whether that code may be run, see `trust`.
@@ -128,10 +130,10 @@ def load_plans(paths: Sequence[str | Path], overrides: Sequence[str] = (), *, al
     >>> from pathlib import Path
     >>> from palpate.render import load_plans
     >>> _ = Path("study.toml").write_text('object.source = ["cube", "tube"]')
-    >>> load_plans(["study.toml"], ['strategy.source=["oc", "cc", "hatch"]']).recipe_count  # two objects, three ways
+    >>> load_plans("study.toml", ['strategy.source=["oc", "cc", "hatch"]']).recipe_count  # two objects, three ways
     6
     """
-    return draft_plans(paths, overrides).with_code(allow_code)
+    return draft_plans([paths] if isinstance(paths, str | Path) else paths, overrides).with_code(allow_code)
 
 
 def draft_plans(paths: Sequence[str | Path], overrides: Sequence[str] = ()) -> Plan:

@@ -111,7 +111,7 @@ def spend_hour(capsys, monkeypatch, path, lines, *, array="pat16", record=0, loo
     monkeypatch.setattr("sys.stdin", script)
     given = {
         "acceptance": path, "overwrite": False, "array": array, "serial": None, "calibration": None, "baud": None,
-        "emulate": True, "clock": "virtual", "watchdog": False, "uncalibrated": False, "height": None, "seconds": None,
+        "emulate": True, "clock": "virtual", "watchdog": False, "uncalibrated": False, "height": None, "duration": None,
     }  # fmt: skip
     as_json = options.pop("as_json", True)
     code = console.run(lambda: run_acceptance(given | options, as_json=as_json), as_json=as_json)

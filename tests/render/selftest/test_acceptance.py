@@ -216,7 +216,7 @@ def run(path, *arguments, array="pat16", lines=()):
     ("arguments", "said"),
     [
         (["--emulate", "--height", "0.3"], "--height means nothing with --acceptance"),
-        (["--emulate", "--seconds", "3"], "--seconds means nothing with --acceptance"),
+        (["--emulate", "--seconds", "3"], "--duration means nothing with --acceptance"),
         (["--emulate", "--watchdog"], "a watchdog is for real arrays on USB"),
         (["--emulate", "--clock", "sundial"], "clock must be one of"),
         (["--calibration", "none.pat"], "none.pat"),

@@ -22,7 +22,7 @@ from palpate.render.objects.mesh import cache as mesh_cache
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.objects.mesh.solid_mesh import repeats_at_most
 from palpate.render.objects.mesh.welding import coordinate_order
-from palpate.render.terminal import bars
+from palpate.render.terminal import bars, foreign_text
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
 
@@ -151,7 +151,8 @@ def test_a_large_mesh_is_announced_before_it_is_repaired_and_only_then(monkeypat
 @pytest.fixture
 def terminal(monkeypatch):
     screen = io.StringIO()
-    monkeypatch.setattr(bars, "errors", Console(file=screen, force_terminal=True, width=100))
+    for module in (bars, foreign_text):
+        monkeypatch.setattr(module, "errors", Console(file=screen, force_terminal=True, width=100))
     monkeypatch.setattr(bars, "LOADING_SILENT", 0.05)
     return screen
 

@@ -8,6 +8,7 @@ from rich.console import Console
 from palpate.render.sweeps.report import progress
 from palpate.render.sweeps.report.progress import LINE_SECONDS, sweep_bar
 from palpate.render.sweeps.run.log import SweepProgress
+from palpate.render.terminal import foreign_text
 
 
 class Terminal(Console):
@@ -27,7 +28,7 @@ def lines(monkeypatch):
     """Seconds -> lines printed by then, by a sweep that reports its progress each second."""
     printed, now = [], [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(progress, "print_message", printed.append)
+    monkeypatch.setattr(progress, "print_message", lambda text, kind: printed.append(text))
 
     def run(seconds, *, as_json=False):
         with sweep_bar(as_json=as_json) as watch:
@@ -48,6 +49,7 @@ def test_a_long_sweep_prints_a_line_at_most_every_ten_seconds(lines, as_json):
 
 def test_a_terminal_has_a_bar_instead_unless_a_program_reads_the_results(lines, monkeypatch):
     monkeypatch.setattr(progress, "errors", Terminal())
+    monkeypatch.setattr(foreign_text, "errors", progress.errors)
     assert lines(30, as_json=True) == []
     assert progress.errors.count == 0
     assert lines(30) == []

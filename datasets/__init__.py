@@ -1,5 +1,6 @@
 """Files on disk and things to render: contour files, hand motions, built-in objects."""
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -82,6 +83,6 @@ if not TYPE_CHECKING:  # hidden from type checkers, which would take every name 
         if name == "__version__":
             return import_module("importlib.metadata").version("palpate")
         if name not in _HOMES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
         found = globals()[name] = getattr(import_module(f".{_HOMES[name]}", __name__), name)
         return found

@@ -7,6 +7,8 @@ from itertools import islice
 from os import PathLike
 from pathlib import Path
 
+LIKENESS = 0.6
+"""Ratio of difflib from which on a name is alike."""
 _FILES_MOST = 10_000  # of a folder, which are compared with a name
 
 
@@ -29,7 +31,9 @@ def likely_name(name: object, known: Collection[str]) -> str:
     " (did you mean 'tube'?)"
     """
     spellings = {_spelling(other): other for other in known}
-    close = difflib.get_close_matches(_spelling(name), spellings, 1, 0.6) if isinstance(name, str) else []
+    wanted = _spelling(name) if isinstance(name, str) else ""
+    close = difflib.get_close_matches(wanted, spellings, 5, LIKENESS)
+    close.sort(key=lambda other: sorted(other) != sorted(wanted))  # two letters in the wrong order come first
     return f" (did you mean {spellings[close[0]]!r}?)" if close else ""
 
 
@@ -45,7 +49,11 @@ def likely_file(path: str | PathLike[str]) -> str:
             names = [entry.name for entry in islice(entries, _FILES_MOST)]
     except (OSError, ValueError):
         return ""
-    return likely_name(missing.name, [name for name in names if not name.startswith(".")])
+    stem = _spelling(missing.stem)
+    alike = (
+        name for name in names if difflib.SequenceMatcher(None, stem, _spelling(Path(name).stem)).ratio() > LIKENESS
+    )
+    return likely_name(missing.name, [name for name in alike if not name.startswith(".")])
 
 
 def unknown_name(what: str, name: object, known: Collection[str]) -> str:

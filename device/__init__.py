@@ -7,6 +7,7 @@ with open_link(model) as link:
 ```
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -153,6 +154,6 @@ if not TYPE_CHECKING:  # hidden from type checkers, which would take every name 
         if name == "__version__":
             return import_module("importlib.metadata").version("palpate")
         if name not in _HOMES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
         found = globals()[name] = getattr(import_module(f".{_HOMES[name]}", __name__), name)
         return found

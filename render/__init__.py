@@ -266,7 +266,7 @@ if not TYPE_CHECKING:  # hidden from type checkers, which would take every name 
         if name == "__version__":
             return import_module("importlib.metadata").version("palpate")
         if name not in _HOMES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
         module = import_module(f".{_HOMES[name]}", __name__)
         if "warp" in sys.modules:
             import_module(".runtime.warp_start", __name__).start_quietly()

@@ -1,5 +1,6 @@
 """ContourBatch: the contours of many poses, ragged, on the host or on one Warp device."""
 
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, overload
@@ -8,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from ..datasets.counted import counted
+from ..datasets.known_names import unknown_name
 from ..kernels.metrics.measure import measure_contours
 from ..kernels.section.contour_writing import Contours
 from ..kernels.section.row_walker import HAND, MADE, OBJECT
@@ -83,7 +85,10 @@ class ContourBatch:
             if step != 1:
                 raise IndexError(f"poses must follow each other: the step must be 1, not {step}")
             return self.numpy().select(first, max(first, stop))
-        pose = int(index)
+        try:
+            pose = operator.index(index)
+        except TypeError:
+            raise TypeError(f"an index must be a pose's number or first:stop, not {index!r}") from None
         if not -self.pose_count <= pose < self.pose_count:
             raise IndexError(f"pose {pose} is outside the batch's {self.pose_count} poses")
         return self.numpy().polylines_of(pose % self.pose_count)
@@ -168,6 +173,8 @@ class ContourBatch:
 
     def length(self, kind: str | None = None) -> np.ndarray:
         """Length of all contours of a pose, or of those of one kind ("object", "hand", "made") [m], shape [pose]."""
+        if kind is not None and kind not in KINDS:
+            raise StrategyError(unknown_name("kind", kind, KINDS))
         lengths = self.lengths()
         return lengths.sum(axis=1) if kind is None else lengths[:, KINDS[kind]]
 

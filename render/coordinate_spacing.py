@@ -3,6 +3,7 @@
 import numpy as np
 
 from .user_warnings import warn_user
+from .validation import unit_hint
 
 SPACING_MOST = 1e-5  # [m]; what contours are promised to be right to
 
@@ -17,10 +18,11 @@ def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None) ->
     for pose in poses:
         if pose is not None and len(pose):  # finite, and without copies: there may be 1e8 of them
             largest = max(largest, float(pose[:, :3].max()), -float(pose[:, :3].min()))
+    millimetres = unit_hint(largest, 0.0, 1.0, "m")
     spacing = float(np.spacing(np.float32(largest)))
     if spacing > SPACING_MOST:
         warn_user(
             f"{name}: coordinates reach {largest:.4g} m, where float32 steps by {spacing:.2g} m: poses and points are "
             f"no more exact than that, not {SPACING_MOST:g} m. Move the object and the hand near the array's origin; "
-            'points="patch" keeps the points themselves exact, but not the poses'
+            f'points="patch" keeps the points themselves exact, but not the poses{millimetres}'
         )

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..datasets.bounded_file import FileBoundError, parse_json, read_text
 from ..datasets.known_names import find_name, likely_file, likely_name, unknown_name
+from ..datasets.shapes.built_in import shape_name
 from .errors import StrategyError
 
 T = TypeVar("T")
@@ -51,7 +52,7 @@ def require_number(name: str, value: object, low: float, high: float, *, unit: s
 def unit_hint(value: float, low: float, high: float, unit: str) -> str:
     """The number in the SI unit, as part of a sentence, if it is in bounds when taken as one in a usual other unit."""
     other, factor, what = OTHER_UNITS.get(unit.split(" ")[0], ("", 0.0, ""))
-    is_wrong = abs(value) > max(high, 1.0) if factor < 1.0 else value < low
+    is_wrong = abs(value) >= max(high, 1.0) if factor < 1.0 else value < low
     if not is_wrong or not low <= abs(value) * factor <= high:
         return ""
     return f"; {what}, {value:g} {other} are {value * factor:g}"
@@ -111,5 +112,15 @@ def load_by_name(source: str, presets: Mapping[str, Callable[[], T]], read: Call
         )
     try:
         return read(read_text(path))
-    except (StrategyError, UnicodeDecodeError, OSError) as error:
+    except UnicodeDecodeError as error:
+        raise StrategyError(f"{path}: not JSON, which is text in UTF-8") from error
+    except (StrategyError, OSError) as error:
         raise StrategyError(f"{path}: {error}") from error
+
+
+def refuse_object(path: Path) -> None:
+    """Raise StrategyError for a built-in object's name where a file of contours is wanted."""
+    if not path.exists() and shape_name(str(path)) is not None:
+        raise StrategyError(
+            f"{path} is an object, not a file: palpate render {path} exploration -o {path}.h5 makes one"
+        )

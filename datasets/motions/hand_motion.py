@@ -184,7 +184,7 @@ def exploration(
     if box[1, 2] + MARGIN <= FLOOR:
         raise MotionError(f"the object's top at z = {box[1, 2]:g} m leaves a hand no room {FLOOR:g} m above the array")
     for name, value in (("duration", duration), ("rate", rate)):
-        if not (math.isfinite(value) and value > 0.0):
+        if isinstance(value, str) or not (math.isfinite(value) and value > 0.0):
             raise MotionError(f"{name} must be finite and greater than 0, got {value!r}")
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= SEED_MOST:  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts pass floats
         raise MotionError(f"seed must be an integer of 0 to {SEED_MOST}, got {seed!r}")

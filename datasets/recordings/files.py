@@ -101,7 +101,9 @@ def _table_format(table: Table) -> str:
     for column, form in (("palm_normal_x", "leap"), ("landmark", "mediapipe"), ("joint", "openxr")):
         if table.has(column):
             return form
-    raise RecordingError(f"the header is of no known recording: {', '.join(table.columns[:12])}")
+    raise RecordingError(
+        f"the header is of no known recording: {', '.join(table.columns[:12])}; poses need time,x,y,z,qx,qy,qz,qw"
+    )
 
 
 def _json_format(content: Json) -> str:

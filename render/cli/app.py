@@ -16,6 +16,7 @@ try:
     from .object_options import (
         SCALE_HELP,
         At,
+        Bounds,
         FillHoles,
         Fit,
         Inside,
@@ -45,10 +46,10 @@ app = typer.Typer(
     help="Objects and hand poses in, contours out, focal points on skin (ultrasound mid-air haptics).",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
     rich_markup_mode=None,  # it would take [m] for markup and leave it out
 )
 
-Six = tuple[float, float, float, float, float, float]
 OBJECT_HELP = (
     "Mesh (STL, OBJ, PLY, GLB), volume (.npy .npz .nrrd .nii .nvdb), expression (.json), function (module:name), "
     "or built in: cube, sphere, tube, dog, dog-detailed, rock."
@@ -114,9 +115,7 @@ def render(
     inside: Inside = None,
     spacing: Spacing = None,
     unit: Unit = None,
-    bounds: Annotated[
-        Six | None, typer.Option(metavar="X Y Z X Y Z", help="Of a function: lowest and highest coordinates [m].")
-    ] = None,
+    bounds: Bounds = None,
     solid: SolidRule = None,
     weld: Weld = None,
     fill_holes: FillHoles = None,
@@ -230,8 +229,12 @@ app.add_typer(sweep, name="sweep", help=SWEEP_HELP, short_help="Make every combi
 app.command(short_help="Permit code that files name, as it is now.")(trust)
 
 
-@app.command(short_help="List or draw intersection strategies and stages.")
+@app.command(short_help="List or draw intersection strategies, or print one as JSON.")
 def strategies(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME|FILE]", help="A strategy, or a JSON file.", autocompletion=complete_strategy),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="PICTURE", help="Draw them: PNG, SVG, PDF.")
     ] = None,
@@ -239,13 +242,15 @@ def strategies(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """List intersection strategies and the stages that they are made of."""
-    run_job(".strategies_command", "run_strategies", out, overwrite, json=json, quiet=quiet)
+    """List intersection strategies and their stages, or print one as the JSON that --strategy takes."""
+    run_job(".strategies_command", "run_strategies", name, out, overwrite, json=json, quiet=quiet)
 
 
 @app.command(short_help="Show what a file holds, or what is wrong with a mesh.")
 def info(
-    file: Annotated[Path, typer.Argument(metavar="FILE|MESH", help=KEPT_HELP + " Or a mesh, or a built-in object.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE|MESH", help=KEPT_HELP + " Or a mesh, or a built-in object.")
+    ],
     scale: Annotated[float | None, typer.Option(metavar="FACTOR", help=SCALE_HELP)] = None,
     solid: SolidRule = None,
     weld: Weld = None,
@@ -255,17 +260,19 @@ def info(
 ) -> None:
     """Show what is in a contour file, in focal points or drives that a sweep keeps, or what is wrong with a mesh."""
     options = {"scale": scale, "solid": solid, "weld": weld, "fill_holes": fill_holes}
-    run_job(".file_commands", "run_info", file, options, json=json, quiet=quiet)
+    run_job(".file_commands", "run_info", files, options, json=json, quiet=quiet)
 
 
 @app.command(short_help="Check that a file or store is whole (exit 1 if not).")
 def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE|STORE", help=KEPT_HELP + " Or a sweep's store, or a table.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE|STORE", help=KEPT_HELP + " Or a sweep's store, or a table.")
+    ],
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Check that a contour file, a sweep's store or what it keeps is whole: exit 0 if it is, 1 if not."""
-    run_job(".file_commands", "run_check", file, json=json, quiet=quiet)
+    run_job(".file_commands", "run_check", files, json=json, quiet=quiet)
 
 
 @app.command(short_help="Draw contours, their length and draw frequency.")

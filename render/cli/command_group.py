@@ -29,9 +29,20 @@ class CommandGroup(TyperGroup):
         """Find the command, and have messages write arguments as its options."""
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
+            self.found = command
             others = [option.name for other in self.commands.values() for option in other.params]
             console.set_wording(Wording([option.name for option in command.params], others, self.plan_keys))
         return name, command, renamed(rest, OLD_NAMES.get(name or "", {}))
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; what its parser refuses is explained."""
+        self.found: Any = None
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            if hasattr(error, "format_message") and not isinstance(self.found, CommandGroup | None):
+                import_module(".parser_errors", __package__).explain(error, self.found)
+            raise
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Leave out the group's --help where a command follows: typer imports pydantic for an option without value."""
@@ -50,10 +61,12 @@ class MainGroup(CommandGroup):
     """All commands, --version, and completion by shells, whose options of typer's would have help import pydantic."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Print the version if that is asked for; leave out typer's options for completion if they are not."""
+        """Print version or help if that is asked for; leave out typer's options for completion if they are not."""
         if not args or not args[0].startswith(COMPLETION):
             self.params = [option for option in self.params if not set(option.opts) & set(COMPLETION)]
-        if args[:1] == ["--version"]:
+        if args[:1] == ["help"]:
+            args = [*args[1:], "--help"]
+        if args[:1] in (["--version"], ["version"]):
             typer.echo(f"palpate {import_module('importlib.metadata').version('palpate')}")
             raise typer.Exit
         return super().parse_args(ctx, args)

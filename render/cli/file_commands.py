@@ -26,6 +26,7 @@ from ..runtime.worker_devices import worker_devices
 from ..strategies.intersection_strategy import load_strategy
 from ..terminal import bars, console
 from ..terminal.foreign_text import print_message
+from ..validation import refuse_object
 
 SUFFIXES = (".h5", ".hdf5")
 SHOWN_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
@@ -184,7 +185,13 @@ def run_render(options: dict, *, as_json: bool) -> int:
     return console.FAILED if is_empty and job.strict else console.DONE
 
 
-def run_info(file: Path, options: dict, *, as_json: bool) -> None:
+def run_info(files: list[Path], options: dict, *, as_json: bool) -> None:
+    """Summarise files, one after the other."""
+    for file in files:
+        show_info(file, options, as_json=as_json)
+
+
+def show_info(file: Path, options: dict, *, as_json: bool) -> None:
     """Summarise: contours, frames that a sweep keeps, or what loading finds in a mesh with the given options."""
     if is_mesh_name(str(file)):
         start_warp()
@@ -208,8 +215,14 @@ def run_info(file: Path, options: dict, *, as_json: bool) -> None:
     console.show_values(summary, as_json=as_json, title=str(file))
 
 
-def run_check(file: Path, *, as_json: bool) -> int:
+def run_check(files: list[Path], *, as_json: bool) -> int:
+    """Check files, one after the other; 0 all are whole, 1 not."""
+    return max(check_one(file, as_json=as_json) for file in files)
+
+
+def check_one(file: Path, *, as_json: bool) -> int:
     """Check; 0 whole, 1 not."""
+    refuse_object(file)
     unknown: list[str] = []  # no problem: a newer minor version may add to the format
     with bars.loading_bar(f"checking {file}", quiet=as_json):
         if is_sweep_data(file):
@@ -235,6 +248,8 @@ def run_check(file: Path, *, as_json: bool) -> int:
 
 def run_figure(files: list[Path], out: Path, overwrite: bool, *, as_json: bool) -> None:
     """Draw."""
+    for file in files:
+        refuse_object(file)
     with bars.loading_bar(f"drawing {out}", quiet=as_json):
         draw_figure({path.stem: path for path in files}, out, overwrite=overwrite)
     console.show_values({"picture": str(out)}, as_json=as_json, title="figure")

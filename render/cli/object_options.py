@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 Three = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
 Kind = Annotated[str | None, typer.Option(metavar="KIND", help="Of a volume: occupancy, distance, intensity, label.")]
 Level = Annotated[float | None, typer.Option(metavar="VALUE", help="Of an intensity volume: its value on the surface.")]
 Label = Annotated[
@@ -27,3 +28,6 @@ Up = Annotated[str, typer.Option(metavar="AXIS", help="Axis of the file that poi
 Fit = Annotated[float | None, typer.Option(metavar="SIZE", help="Longest side [m], whatever the scale.")]
 Rotate = Annotated[Three, typer.Option(metavar="X Y Z", help="Turn about the array's axes x, y, z in turn [degree].")]
 At = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")]
+Bounds = Annotated[
+    Six | None, typer.Option(metavar="X Y Z X Y Z", help="Of a function: lowest and highest coordinates [m].")
+]

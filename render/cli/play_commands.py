@@ -27,7 +27,7 @@ from ..sampling.presets import LINES, PRESETS
 from ..sampling.strategy import JUMP_LENGTH
 from ..terminal import bars, console
 from ..terminal.foreign_text import print_message, write_output
-from ..validation import choose
+from ..validation import choose, refuse_object
 
 POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
 SHOWN_OF_PLAYING = (
@@ -46,6 +46,7 @@ ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 
 def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     """Play and report; the exit code is 1 if anything was warned of, and `strict` asked for."""
+    refuse_object(file)
     arrays = load_rig(
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
@@ -108,6 +109,7 @@ def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...], *, is_model
 
 def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json: bool) -> None:
     """Sample into a point list and report."""
+    refuse_object(file)
     changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
     if out.suffix.lower() != ".ptlist":
         raise StrategyError(f"{out}: must end in .ptlist, the one format that there is")

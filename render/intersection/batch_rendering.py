@@ -62,7 +62,10 @@ def check_poses(motion: HandMotion | np.ndarray) -> np.ndarray:
         return motion.pose
     array = np.asarray(motion)
     if array.ndim != 2 or array.shape[1] != 7:
-        raise PoseError(f"poses must be an array [pose, 7] (x y z, qx qy qz qw), not of shape {array.shape}")
+        raise PoseError(
+            f"poses must be an array [pose, 7] (x y z, qx qy qz qw), not of shape {array.shape}; "
+            "static_pose([x, y, z]) makes one of a position"
+        )
     return HandMotion(None, array).pose
 
 

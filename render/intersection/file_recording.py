@@ -11,6 +11,7 @@ import numpy as np
 
 from ...datasets.contour_file.header import FileHeader
 from ...datasets.contour_file.writer import ContourWriter
+from ...datasets.errors import ContourFileError
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.storage.schema import removed_name
 from ..contour_batch import KINDS
@@ -122,7 +123,8 @@ def record(
     ...     file.metrics()["length"]  # [m]
     array([0.34], dtype=float32)
     """
-    solid, hand, motion = solid_of(solid), hand_of(hand), motion_of(motion)
+    solid, hand = solid_of(solid), hand_of(hand)
+    motion = motion_of(motion, solid)
     poses = None if object_pose is None else object_poses(object_pose, motion)
     scene = Scene.of(solid, hand, strategy, object_pose=poses)
     warn_of_spacing(solid.name, solid.bounds, motion.pose, scene.object_pose)
@@ -151,8 +153,13 @@ def record(
 def save_contours(path: str | Path, found: Collected, motion: HandMotion, *, overwrite: bool = False) -> None:
     """Write contours that are in memory into a contour file, whole or not at all.
 
-    Raises ContourFileError for a file that is there, unless `overwrite`, and for one that cannot be written.
+    Raises ContourFileError for a file that is there, unless `overwrite`, one that cannot be written, another suffix.
     """
+    path = Path(path)
+    if path.suffix.lower() not in (".h5", ".hdf5"):
+        raise ContourFileError(f"{path}: a contour file must end in .h5 or .hdf5")
+    if path.exists() and not overwrite:
+        raise ContourFileError(f"{path} exists already: overwrite=True replaces it once the new one is whole")
     batch = found.contours.numpy()
     header = file_header(found.scene, motion, "cpu")
     with ContourWriter(path, header, mode="overwrite" if overwrite else "create") as writer:

@@ -66,11 +66,16 @@ def hand_of(given: Hand | str) -> Hand:
     return load_hand(given, None) if isinstance(given, str) else given
 
 
-def motion_of(given: Any) -> HandMotion:
-    """A motion itself, of a file, or of poses alone."""
+def motion_of(given: Any, solid: Solid) -> HandMotion:
+    """A motion itself, of a file, of poses alone, or the word for an exploration of the object."""
     if isinstance(given, HandMotion):
         return given
+    if isinstance(given, str) and is_exploration(given):
+        return exploration(solid)
     return HandMotion.load(given) if isinstance(given, str | Path) else HandMotion(None, check_poses(given))
+
+
+SIDES = ("left", "right")
 
 
 def load_solid(
@@ -104,6 +109,8 @@ def load_solid(
         box = None if bounds is None else np.array(bounds).reshape(2, 3)
         return ImplicitObject.load(source, bounds=box, placement=placement, allow_code=allow_code)
     refuse_options({"bounds": bounds}, "of a function", source)
+    if Path(source).suffix.lower() in (".csv", ".h5", ".hdf5"):
+        raise StrategyError(f"{source}: is no object; it may be a motion, which comes after the object")
     return MeshObject.load(source, placement=placement, watch=watch, **repair)
 
 
@@ -196,7 +203,11 @@ def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecord
     if is_volume(kind) or Path(kind).suffix == ".json":
         return MeshHand.from_solid(load_hand_solid(kind), SOLID_HAND_STEP)
     if not Path(kind).is_file():
-        meant = likely_name(kind, HANDS) or likely_file(kind)
+        meant = (
+            f"; side={kind} chooses among a recording's hands"
+            if kind in SIDES
+            else likely_name(kind, HANDS) or likely_file(kind)
+        )
         raise StrategyError(f"hand must be {', '.join(HANDS)}, or a file, and there is no file {kind!r}{meant}")
     return MeshHand.load(kind)
 

@@ -78,7 +78,9 @@ def require_parts(solid: object, hand: object, strategy: object) -> None:
         kinds = "a MeshObject, a VoxelObject or an ImplicitObject"
         raise MeshError(f"the object must be {kinds}, not {solid!r:.60}; MeshObject.load takes names and files")
     if not isinstance(hand, Hand):
-        raise StrategyError(f"the hand must be a Palm, a PlaneHand or a MeshHand, not {hand!r:.60}")
+        raise StrategyError(
+            f"the hand must be a Palm, a PlaneHand or a MeshHand, or palm, planes or skin, not {hand!r:.60}"
+        )
     if not isinstance(strategy, IntersectionStrategy):
         raise StrategyError(
             f"the strategy must be an IntersectionStrategy (load_strategy gives one), not {strategy!r:.60}"

@@ -52,7 +52,9 @@ def warp_device(name: str) -> str:
     """
     known = [str(device) for device in wp.get_devices()]
     if name not in known and not (name == "cuda" and "cuda:0" in known):
-        raise StrategyError(f"no device {name!r} on this machine; there is: {', '.join(known)}")
+        raise StrategyError(
+            f"no device {name!r} on this machine; there is: {', '.join(known)} (GPUs are cuda:0, cuda:1, ...)"
+        )
     return str(wp.get_device(name))
 
 

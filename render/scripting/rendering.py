@@ -32,7 +32,7 @@ def render(
     """Contours of an object on a moving hand, in memory on the host.
 
     solid: an object, a mesh of trimesh or PyVista, or a name or file that the command line takes. hand: a hand, or
-    "palm", "planes", "skin" or a file. motion: a HandMotion, poses alone, shape [pose, 7], or a file of poses.
+    "palm", "planes", "skin" or a file. motion: a HandMotion, poses alone, shape [pose, 7], a file, or "exploration".
     strategy: an intersection strategy, its name or its JSON file. object_pose: motion or poses of an object that moves,
     [pose, 7]: where the middle of its bounds is, and its rotation.
     points: "array", or "patch" for points relative to the middle of their patch, along its u, v and n, which float32
@@ -51,7 +51,8 @@ def render(
     >>> batch.length().round(3)  # round the palm [m]
     array([0.36], dtype=float32)
     """
-    solid, hand, motion = solid_of(solid), hand_of(hand), motion_of(motion)
+    solid, hand = solid_of(solid), hand_of(hand)
+    motion = motion_of(motion, solid)
     found = collect(
         solid,
         hand,

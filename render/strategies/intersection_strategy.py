@@ -236,13 +236,14 @@ def _load_built_in() -> None:
 
 PRESETS = Presets(oc=open_contour, cc=closed_contour)
 """By name; modules of stages may add theirs."""
-WORDS = {"open": "oc", "closed": "cc"}
+CONTOURS = ("-contour", "-contours")
+WORDS = {f"{word}{more}": name for word, name in (("open", "oc"), ("closed", "cc")) for more in ("", *CONTOURS)}
 """Other words for presets."""
 
 
 def strategy_name(text: str) -> str | None:
     """The preset that is called so, in any case, or by one of WORDS; None if there is none."""
-    return find_name(WORDS.get(text.casefold(), text), PRESETS)
+    return find_name(WORDS.get((find_name(text, WORDS) or ""), text), PRESETS)
 
 
 def require_list(name: str, value: object) -> None:

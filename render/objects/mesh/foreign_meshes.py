@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import MeshError
+from ...validation import value_text
 
 if TYPE_CHECKING:
     import pyvista
@@ -28,7 +29,7 @@ def foreign_arrays(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         return np.asarray(mesh.vertices), np.asarray(mesh.faces)
     raise MeshError(
-        f"{mesh!r:.60} is no mesh: give vertices and faces, a mesh of trimesh or PyVista, or load a file by "
+        f"{value_text(mesh)} is no mesh: give vertices and faces, a mesh of trimesh or PyVista, or load a file by "
         "MeshObject.load(path)"
     )
 

@@ -72,7 +72,7 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
         interrupted()
     if not path.exists():
-        meant = likely_name(path, shape_names()) or likely_file(path)
+        meant = likely_name(str(path), shape_names()) or likely_file(path)
         raise name_nothing(MeshError(f"{path}: no such file{meant}; built-in objects are {', '.join(shape_names())}"))
     scene = load_scene(path)
     try:

@@ -183,7 +183,7 @@ def known_device(device: str | None) -> str:
 
 @accept_old_keywords(thing="mesh")
 def voxelise(
-    mesh: MeshObject,
+    mesh: MeshObject | str | Path,
     *,
     spacing: float | Sequence[float],
     kind: str = "distance",
@@ -211,6 +211,7 @@ def voxelise(
     """
     if kind not in ("distance", "occupancy"):
         raise VoxelError(f"kind must be 'distance' or 'occupancy', not {value_text(kind)}")
+    mesh = MeshObject.load(mesh) if isinstance(mesh, str | Path) else mesh
     if not isinstance(mesh, MeshObject):
         raise VoxelError(f"a MeshObject is voxelised, not {value_text(mesh)}")
     nodes = grid_around(mesh.bounds, spacing, margin, mesh.name)

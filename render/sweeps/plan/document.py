@@ -13,6 +13,7 @@ from typing import Annotated, Any, cast
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo
 
 from ....datasets.bounded_file import parse_toml, read_text, require_parsable
+from ....datasets.known_names import likely_file
 from ...errors import PlanError
 from ...runtime.worker_devices import WORKERS_MOST
 from ...user_warnings import warn_user
@@ -159,7 +160,10 @@ def read_plan(path: Path) -> str:
         return text
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
-        raise PlanError(f"{path}: cannot be read ({why}){_hint_of_quotes(path)}") from error
+        meant = "" if path.exists() else likely_file(path)
+        raise PlanError(
+            f"{path}: cannot be read ({why}){meant or _hint_of_quotes(path)}; a plan is a TOML file"
+        ) from error
 
 
 def parse_plan(path: Path, text: str, overrides: Sequence[str], *, warns: bool = True) -> PlanDocument:

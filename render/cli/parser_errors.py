@@ -1,0 +1,42 @@
+"""What the option parser refuses, in words that name the value and the way out.
+
+| refused | said besides |
+|---|---|
+| an argument or option is missing | what it is |
+| a value is no number, or outside its bounds | the value, what is wanted, the bound |
+| an option takes several values | which, and that blanks are between them |
+| there are more arguments than the command takes | which it takes |
+"""
+
+import re
+from typing import Any
+
+WANTED = {"float": "no number", "int": "no whole number", "bool": "neither true nor false"}
+BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
+_SEVERAL = re.compile(r"Option '(-\S+)' requires (\d+) arguments")
+
+
+def explain(error: Any, command: Any) -> None:
+    """Complete the message of a parser's error on a command's arguments."""
+    parameter = getattr(error, "param", None)
+    if hasattr(error, "param_type") and parameter is not None:  # one is missing
+        error.message = f"It is: {parameter.help}" if parameter.help else ""
+    elif parameter is not None and (faults := getattr(error.__cause__, "errors", None)) is not None:
+        error.message = _fault(faults()[0], error.message, parameter)
+    elif several := _SEVERAL.match(error.message):
+        option = next(option for option in command.params if several[1] in option.opts)
+        error.message = f"{several[1]} takes {several[2]} values, {option.metavar}, with blanks between: {option.help}"
+    elif error.message.startswith("Got unexpected extra argument"):
+        taken = [one.metavar for one in command.params if one.param_type_name == "argument"]
+        error.message = f"{error.message}: this command takes {' '.join(taken) or 'options only'}"
+
+
+def _fault(fault: dict[str, Any], message: str, parameter: Any) -> str:
+    """What is wrong with a value, which pydantic leaves out of its message."""
+    value, bound = fault.get("input"), fault.get("ctx", {})
+    kind = str(fault.get("type", "")).partition("_")[0]
+    what = WANTED.get(kind)
+    limits = [f"{word} {bound[name]}" for name, word in BOUNDS.items() if name in bound]
+    if what is None and not limits:
+        return message
+    return f"{value!r} is {what}. {parameter.help}" if what else f"it must be {limits[0]}, not {value}"

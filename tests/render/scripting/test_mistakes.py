@@ -1,0 +1,147 @@
+"""What people write wrong at first in Python, and the way out that the error names, in one line."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import palpate.device
+import palpate.render
+from palpate.render import (
+    ContourFile,
+    HandMotion,
+    ImplicitObject,
+    Instant,
+    IntersectionStrategy,
+    MeshObject,
+    Palm,
+    SamplingStrategy,
+    closed_contour,
+    exploration,
+    load_recording,
+    load_strategy,
+    play_file,
+    preset,
+    record,
+    render,
+    sphere,
+    static_pose,
+    sweep,
+    voxelise,
+)
+
+TUBE = MeshObject.load("tube")
+STILL = static_pose([0, 0, 0.2])
+OPEN = trimesh.Trimesh([[0, 0, 0.2], [0.1, 0, 0.2], [0, 0.1, 0.2]], [[0, 1, 2]])
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return render(TUBE, "palm", exploration(TUBE, duration=0.2), "cc")
+
+
+ALONE = {
+    "an unknown name": (lambda: palpate.render.rendr, "has no attribute 'rendr'"),
+    "an object's name": (lambda: render("tubee", "palm", STILL), "did you mean 'tube'?"),
+    "a missing file": (lambda: render("mug.stl", "palm", STILL), "built-in objects are cube, sphere"),
+    "object and hand exchanged": (lambda: render("palm", "tube", STILL), "built-in objects are"),
+    "a hand's name": (lambda: render("tube", "plam", STILL), "did you mean 'palm'?"),
+    "a palm in millimetres": (lambda: Palm(85, 85), "85 mm are 0.085"),
+    "a hand as numbers": (lambda: render("tube", (0.085, 0.085), STILL), "a Palm, a PlaneHand or a MeshHand, or palm"),
+    "a position for a motion": (lambda: render("tube", "palm", [0, 0, 0.2]), "static_pose([x, y, z]) makes one"),
+    "positions for a motion": (lambda: render("tube", "palm", np.zeros((9, 3))), "poses must be an array [pose, 7]"),
+    "rotations of zeros": (lambda: render("tube", "palm", np.zeros((9, 7))), "zero quaternion, which is no rotation"),
+    "NaN": (lambda: render("tube", "palm", np.full((9, 7), np.nan)), "row 0: pose [nan"),
+    "a motion's name": (lambda: render("tube", "palm", "explore.csv"), "no such motion file"),
+    "a strategy's name": (lambda: render("tube", "palm", STILL, "hacth"), "did you mean 'hatch'?"),
+    "a function for a strategy": (lambda: render("tube", "palm", STILL, closed_contour), "load_strategy gives one"),
+    "a stage's name": (lambda: IntersectionStrategy(transform=("hacth",)), "did you mean 'hatch'?"),
+    "a text for a list": (lambda: IntersectionStrategy(transform="hatch"), "must be a list, not 'hatch'"),
+    "a device": (lambda: render("tube", "palm", STILL, device="gpu"), "GPUs are cuda:0"),
+    "an argument's name": (lambda: MeshObject.load("tube", fitt=0.1), "did you mean 'fit'?"),
+    "an axis": (lambda: MeshObject.load("tube", up="w"), "one of x, y, z, -x"),
+    "two coordinates": (lambda: MeshObject.load("tube", at=(0, 0)), "at must be three finite numbers"),
+    "vertices alone": (lambda: MeshObject(np.zeros((3, 3))), "give vertices and faces"),
+    "a path for a mesh": (lambda: MeshObject("tube.stl"), "load a file by MeshObject.load(path)"),
+    "an empty mesh": (lambda: MeshObject(trimesh.Trimesh()), "no triangles"),
+    "a text for seconds": (lambda: exploration(TUBE, duration="30"), "duration must be finite and greater than 0"),
+    "a broken seed": (lambda: exploration(TUBE, seed=1.5), "seed must be an integer"),
+    "half a position": (lambda: static_pose([0, 0]), "position must have shape [3]"),
+    "times without poses": (lambda: HandMotion([0, 1], [[0, 0, 0, 0, 0, 0, 1]]), "one value a pose"),
+    "a missing motion": (lambda: HandMotion.load("nosuch.csv"), "no such motion file"),
+    "a missing recording": (lambda: load_recording("nosuch.json"), "no such recording"),
+    "a missing contour file": (lambda: play_file("nosuch.h5"), "does not exist"),
+    "no contour file": (lambda: ContourFile("nosuch"), "does not exist"),
+    "a mode": (lambda: record("new.h5", TUBE, "palm", STILL, mode="append"), "create, resume or overwrite"),
+    "a preset's name": (lambda: preset("smt"), "did you mean 'stm'?"),
+    "a strategy's file": (lambda: load_strategy("mine.json"), "nor a JSON file"),
+    "a speed in mm/s": (lambda: SamplingStrategy(speed=7000), "7000 mm/s are 7"),
+    "voxels in millimetres": (lambda: voxelise(TUBE, spacing=1), "1 mm are 0.001"),
+    "a negative radius": (lambda: sphere(-1), "radius must be a number from"),
+    "an array's name": (lambda: palpate.device.array_model("pat61"), "did you mean 'pat16'?"),
+    "a missing plan": (lambda: sweep("nosuch.toml"), "a plan is a TOML file"),
+    "an interval in Hz": (lambda: Instant("tube", "palm", "cc", interval=90), "interval must lie in 0.0001..5 s"),
+}
+OF_A_BATCH = {
+    "a pose too far": (lambda b: b[99], "pose 99 is outside the batch's 18 poses"),
+    "a word for a pose": (lambda b: b["a"], "a pose's number or first:stop"),
+    "a kind": (lambda b: b.length("objct"), "did you mean 'object'?"),
+    "a sampling": (lambda b: b.sample("smt"), "did you mean 'stm'?"),
+    "a board without its file": (lambda b: b.play("pat16"), "calibration=BOARD.pat, emulate=True or uncalibrated=True"),
+    "another maker's array": (lambda b: b.play("ultraleap"), "known: emulator, pat16"),
+    "a clock": (lambda b: b.play(clock="fast"), "one of monotonic, virtual"),
+    "no time": (lambda b: b.play(clock="virtual", duration=0), "duration must be positive"),
+    "no repeats": (lambda b: b.play(clock="virtual", repeats=0), "repeats must be at least 1"),
+    "a suffix": (lambda b: b.save("tube.txt"), "must end in .h5 or .hdf5"),
+    "a missing folder": (lambda b: b.save("no/tube.h5"), "there is no folder"),
+    "a picture": (lambda b: b.figure("a.gif"), "one of .png, .svg, .pdf"),
+    "a table": (lambda b: b.to_pandas("lines"), "of must be poses or points"),
+    "a file that is there": (lambda b: b.save(b.save("a.h5")), "overwrite=True replaces it"),
+}
+
+
+def answer(mistake):
+    with pytest.raises(Exception) as refusal:  # noqa: PT011  # which error is beside the point: what it says counts
+        mistake()
+    text = str(refusal.value)
+    assert "\n" not in text
+    assert "--" not in text  # an option of the command line
+    return text
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_a_mistake_is_answered_by_the_way_out(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mistake, way_out = ALONE[name]
+    assert way_out in answer(mistake)
+
+
+@pytest.mark.parametrize("name", OF_A_BATCH)
+def test_a_mistake_with_a_batch_is_answered_by_the_way_out(name, batch, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mistake, way_out = OF_A_BATCH[name]
+    assert way_out in answer(lambda: mistake(batch))
+
+
+def test_what_is_doubtful_is_warned_of_at_the_line_that_led_to_it():
+    doubtful = {
+        lambda: MeshObject.load("tube", fit=130): "130 mm are fit=0.13",
+        lambda: ImplicitObject(sphere(40)): "for millimetres use scale=0.001",
+        lambda: render("tube", "palm", static_pose([0, 0, 200])): "200 mm are 0.2",
+    }
+    for make, way_out in doubtful.items():
+        with pytest.warns(palpate.render.PalpateWarning, match=way_out) as told:
+            make()
+        assert {warning.filename for warning in told} == {__file__}
+
+
+@pytest.mark.filterwarnings("ignore:mesh. 3 open edges")
+def test_an_open_mesh_is_answered_by_the_ways_out():
+    said = answer(lambda: render(OPEN, "palm", STILL))
+    assert 'strategy="oc" accepts any mesh on palms' in said
+    assert "voxelise" in said
+
+
+def test_a_misspelt_name_is_marked_so_that_python_suggests_the_right_one():
+    with pytest.raises(AttributeError) as refusal:
+        _ = palpate.render.rendr
+    assert (refusal.value.name, refusal.value.obj) == ("rendr", palpate.render)

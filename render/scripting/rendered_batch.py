@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, cast, overload
@@ -79,7 +80,7 @@ class RenderedBatch(ContourBatch):
 
         Raises ContourFileError for a file that is there, unless `overwrite`, and for one that cannot be written.
         """
-        motion, scene = self._known()
+        motion, scene = self._known(points="array")
         save_contours(path, Collected(scene, self, self.removed), motion, overwrite=overwrite)
         return Path(path)
 
@@ -89,7 +90,7 @@ class RenderedBatch(ContourBatch):
         A notebook shows the same picture of a batch that is a cell's result.
         Raises StrategyError for another kind of picture, and for one that is there unless `overwrite`.
         """
-        _, scene = self._known()
+        _, scene = self._known(points="array")
         with TemporaryDirectory(prefix="palpate-") as folder:
             file = self.save(Path(folder) / "contours.h5")
             draw_figure({scene.solid.name: file}, Path(path), overwrite=overwrite)
@@ -176,29 +177,34 @@ class RenderedBatch(ContourBatch):
             "draw_frequency_median": frequency["draw_frequency_median"],
         }
 
-    def _repr_html_(self) -> str:
-        """The facts as a table, for notebooks."""
-        from .batch_pages import facts_page
+    def _repr_html_(self) -> str | None:
+        """Facts and picture, for notebooks, which show this rather than a PNG."""
+        from .batch_pages import batch_page
 
-        return facts_page(self)
+        return None if self.scene is None else batch_page(self, self._picture)
 
     def _repr_png_(self) -> bytes | None:
-        """The picture, for notebooks; None for batches whose picture takes seconds."""
-        if len(self) > SHOWN_MOST or not self.point_count:
+        """The picture, for consoles that show no HTML."""
+        return self._picture
+
+    @cached_property
+    def _picture(self) -> bytes | None:
+        """The figure as PNG; None for batches whose picture takes seconds, or has nothing in it."""
+        if len(self) > SHOWN_MOST or not self.point_count or self.scene is None or self.scene.points != "array":
             return None
         with TemporaryDirectory(prefix="palpate-") as folder:
             return self.figure(Path(folder) / "batch.png").read_bytes()
 
-    def _known(self) -> tuple[HandMotion, Scene]:
-        """Motion and scene; raises StrategyError for a batch that lost them, or whose points lie in patches."""
+    def _known(self, points: str | None = None) -> tuple[HandMotion, Scene]:
+        """Motion and scene; raises StrategyError for a batch that lost them, or whose points are in another frame."""
         if self.motion is None or self.scene is None:
             raise StrategyError("this batch does not know its object, hand and motion: `render` gives one that does")
+        if points is not None and self.scene.points != points:
+            raise StrategyError(f'this needs points="{points}", but the batch has points="{self.scene.points}"')
         return self.motion, self.scene
 
     def _rows(self) -> "BatchRows":
-        motion, scene = self._known()
-        if scene.points != "array":
-            raise StrategyError('focal points need points="array", the array\'s frame')
+        motion, scene = self._known(points="array")
         return BatchRows(self.numpy(), motion, Path(scene.solid.name))
 
 

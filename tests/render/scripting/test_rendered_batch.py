@@ -1,5 +1,7 @@
 """Batches that know what they are of: the same numbers as by files, and the other libraries' own readings."""
 
+from base64 import b64encode
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -137,9 +139,24 @@ def test_a_notebook_shows_picture_and_facts(batch):
     picture = batch._repr_png_()
     assert picture.startswith(b"\x89PNG")
     page = batch._repr_html_()
+    assert b64encode(picture).decode() in page  # notebooks show HTML rather than PNG
     assert "<td>tube" in page
     assert repr(batch) in page
     assert render("cube", Palm(), static_pose([0, 0, 0.9]), "cc")._repr_png_() is None
+
+
+def test_points_in_patches_are_not_taken_for_those_of_the_array(tube, motion, tmp_path):
+    found = render(tube, Palm(), motion, "cc", points="patch")
+    for wrong in (
+        found.sample,
+        lambda: found.save(tmp_path / "patch.h5"),
+        lambda: found.figure(tmp_path / "patch.png"),
+    ):
+        with pytest.raises(StrategyError, match='this needs points="array", but the batch has points="patch"'):
+            wrong()
+    assert list(tmp_path.iterdir()) == []
+    assert "<td>tube" in found._repr_html_()
+    assert found[0:0]._repr_html_() is found[0:0]._repr_png_() is None
 
 
 def test_moved_and_articulated_parts(tube):

@@ -1,4 +1,4 @@
-"""What float32 can tell apart far from the array: poses, vertices and points are stored in it."""
+"""Where object and hand are: far from the array, where float32 tells little apart, or apart from each other."""
 
 import numpy as np
 
@@ -26,3 +26,14 @@ def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None) ->
             f"no more exact than that, not {SPACING_MOST:g} m. Move the object and the hand near the array's origin; "
             f'points="patch" keeps the points themselves exact, but not the poses{millimetres}'
         )
+
+
+def apart_text(bounds: np.ndarray, pose: np.ndarray) -> str:
+    """Sentence on poses none of which has a contour, with what is needed to see why; arguments as `warn_of_spacing`."""
+    low, high = pose[:, :3].min(axis=0), pose[:, :3].max(axis=0)
+    hint = unit_hint(float(max(-low.min(), high.max())), 0.0, 1.0, "m") if np.abs(bounds).max() < 1.0 else ""
+    places = [" ".join(f"{value:.6g}" for value in place) for place in (*bounds, low, high)]
+    return (
+        f"no pose has a contour: the object reaches from {places[0]} to {places[1]} m, the palms' centres from "
+        f"{places[2]} to {places[3]} m (a palm whole inside has contours by cc, none by oc){hint}"
+    )

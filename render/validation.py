@@ -96,8 +96,15 @@ def known_fields(values: object, known: Collection[str], name: str) -> dict[str,
     return dict(values)
 
 
-def load_by_name(source: str, presets: Mapping[str, Callable[[], T]], read: Callable[[str], T], name: str) -> T:
-    """The preset called `source`, or the JSON file at that path, parsed by `read`; name: its kind, for errors.
+def load_by_name(
+    source: str,
+    presets: Mapping[str, Callable[[], T]],
+    read: Callable[[str], T],
+    name: str,
+    words: Collection[str] = (),
+) -> T:
+    """The preset called `source`, or the JSON file at that path, parsed by `read`; name: its kind, for errors;
+    words: others that stand for presets.
 
     Raises StrategyError for a source that is neither, and for a file that cannot be read.
     """
@@ -106,7 +113,7 @@ def load_by_name(source: str, presets: Mapping[str, Callable[[], T]], read: Call
         return presets[found]()
     path = Path(source)
     if not path.exists():
-        meant = likely_name(source, presets) or likely_file(path)
+        meant = likely_name(source, [*presets, *words]) or likely_file(path)
         raise StrategyError(
             f"unknown {name} {source!r}{meant}: neither a preset ({', '.join(presets)}) nor a JSON file"
         )

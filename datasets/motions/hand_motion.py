@@ -95,6 +95,14 @@ class HandMotion:
     def __len__(self) -> int:
         return self.pose.shape[0]
 
+    def __getitem__(self, poses: slice) -> "HandMotion":
+        """The motion of consecutive poses first:stop, of one at least; its times begin at 0."""
+        first, stop, step = poses.indices(len(self))
+        if step != 1 or stop <= first:
+            raise MotionError(f"poses must follow each other, one at least, as in motion[0:90], not {poses}")
+        time = None if self.time is None else self.time[first:stop] - self.time[first]
+        return HandMotion(time, self.pose[first:stop])
+
     @property
     def duration(self) -> float | None:
         """Duration of the motion [s]; the last pose lasts one median interval. None without times or with one pose."""
@@ -157,8 +165,8 @@ def static_pose(position: ArrayLike, quaternion: ArrayLike = PALM_DOWN) -> HandM
 
 def exploration(
     bounds: ArrayLike | HasBounds | str,
-    *,
     duration: float = DURATION,
+    *,
     rate: float = RATE,
     seed: int = SEED,
     progress: Progress = unheard,

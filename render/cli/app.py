@@ -301,7 +301,7 @@ def play(
     duration: Duration = None,
     repeats: Annotated[int, typer.Option(metavar="N", min=1, help="How often to play it.")] = 1,
     amplitude: Annotated[
-        str, typer.Option(metavar="KIND", help="What an intensity is: pressure, or force.")
+        str, typer.Option(metavar="KIND", help="What an intensity is: pressure, or force (--level-max: how strong).")
     ] = "pressure",
     solver: Annotated[
         str, typer.Option(metavar="SOLVER", help="For several focal points at once: naive, gs-pat, wgs, gs-pat+wgs.")

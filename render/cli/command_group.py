@@ -17,6 +17,21 @@ OLD_NAMES = {
     "bench": {"--strategies": "--strategy"},
 }
 """Options that had another name; both are understood."""
+LIKELY_COMMANDS = {
+    **dict.fromkeys(("plot", "draw", "picture", "view"), "figure"),
+    **dict.fromkeys(("show", "inspect", "describe", "cat"), "info"),
+    **dict.fromkeys(("validate", "verify"), "check"),
+    **dict.fromkeys(("stream", "run", "start"), "play"),
+    **dict.fromkeys(("record", "intersect", "make"), "render"),
+    **dict.fromkeys(("sample", "convert", "write"), "export"),
+    **dict.fromkeys(("arrays", "boards", "scan"), "devices"),
+    **dict.fromkeys(("list", "ls", "presets"), "strategies"),
+    **dict.fromkeys(("benchmark", "time"), "bench"),
+    **dict.fromkeys(("objects", "shapes"), "render --help"),
+    "voxelize": "voxelise",
+    "test": "selftest",
+}
+"""Commands of ours by words of other programs."""
 
 
 class CommandGroup(TyperGroup):
@@ -27,6 +42,8 @@ class CommandGroup(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command, and have messages write arguments as its options."""
+        if args[0] in LIKELY_COMMANDS and args[0] not in self.commands and not ctx.resilient_parsing:
+            ctx.fail(f"No such command '{args[0]}'. Did you mean '{LIKELY_COMMANDS[args[0]]}'?")
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
             self.found = command

@@ -4,20 +4,18 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-
 from ...datasets.contour_file.check import check_file, unproven_content
 from ...datasets.contour_file.unknown_content import unknown_content
 from ...datasets.focus_files.frame_reader import check_frames, frame_format
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.sweeps.check import check_store, is_sweep_data
+from ..coordinate_spacing import apart_text
 from ..errors import StrategyError
 from ..intersection.file_recording import record
 from ..intersection.named_inputs import is_recording, load_hand_and_motion, load_solid, refuse_options, simplified
 from ..intersection.scene import is_exact
-from ..objects.mesh.placement import SIZE_LARGEST, Placement
+from ..objects.mesh.placement import Placement
 from ..objects.mesh.summary import is_mesh_name, mesh_facts
-from ..objects.solid import Solid
 from ..playback.pose_insertion import insert_poses
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise, summarise_frames
@@ -71,22 +69,6 @@ def worker_count(text: str) -> int | None:
     if not text.isdecimal():
         raise StrategyError(f"--workers must be a number or auto, not {text!r}")
     return int(text)
-
-
-def warn_apart(solid: Solid, motion: HandMotion, *, way: str) -> None:
-    """Warn that no pose met the object, with what is needed to see why."""
-    low, high = motion.pose[:, :3].min(axis=0), motion.pose[:, :3].max(axis=0)
-    far = float(max(-low.min(), high.max()))
-    hint = (
-        f"a motion is in metres, {far:g} mm are {far / 1000:g}; "
-        if far > SIZE_LARGEST > np.abs(solid.bounds).max()
-        else ""
-    )
-    console.warn(
-        f"no pose meets the object: it reaches from {console.shown(solid.bounds[0].tolist())} to "
-        f"{console.shown(solid.bounds[1].tolist())} m, the palms' centres from {console.shown(low.tolist())} to "
-        f"{console.shown(high.tolist())} m; {hint}see {way}"
-    )
 
 
 def warn_removed(removed_mean: dict[str, float]) -> None:
@@ -178,9 +160,9 @@ def run_render(options: dict, *, as_json: bool) -> int:
         if any(summary.get("removed_mean", {}).values()):  # they met
             warn_removed(summary["removed_mean"])
         elif object_pose is None:
-            warn_apart(solid, motion, way=way)
+            console.warn(f"{apart_text(solid.bounds, motion.pose)}; see {way}")
         else:
-            console.warn(f"no pose meets the object, which {job.object_motion} moves; see --object-motion")
+            console.warn(f"no pose has a contour of the object, which {job.object_motion} moves; see --object-motion")
     console.show_values(summary, as_json=as_json, title=str(job.out), shown_names=SHOWN_OF_RENDERING)
     return console.FAILED if is_empty and job.strict else console.DONE
 

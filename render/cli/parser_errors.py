@@ -5,6 +5,7 @@
 | an argument or option is missing | what it is |
 | a value is no number, or outside its bounds | the value, what is wanted, the bound |
 | an option takes several values | which, and that blanks are between them |
+| an option is unknown, and has another name here | that name |
 | there are more arguments than the command takes | which it takes |
 """
 
@@ -13,6 +14,25 @@ from typing import Any
 
 WANTED = {"float": "no number", "int": "no whole number", "bool": "neither true nor false"}
 BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
+LIKELY_OPTIONS = {
+    **dict.fromkeys(("--output", "--output-file", "--to"), "--out"),
+    **dict.fromkeys(("--force", "--replace", "-f", "-y"), "--overwrite"),
+    **dict.fromkeys(("--size", "--length"), "--fit"),
+    **dict.fromkeys(("--position", "--pos", "--translate", "--center", "--centre"), "--at"),
+    **dict.fromkeys(("--rotation", "--turn"), "--rotate"),
+    **dict.fromkeys(("--fps", "--pose-rate"), "--rate"),
+    **dict.fromkeys(("--loop", "--repeat", "--loops"), "--repeats"),
+    **dict.fromkeys(("--simulate", "--simulated", "--virtual", "--dry-run"), "--emulate"),
+    **dict.fromkeys(("--gpu", "--cuda"), "--device"),
+    **dict.fromkeys(("--jobs", "-j", "--threads", "--cores", "--processes"), "--workers"),
+    **dict.fromkeys(("--silent", "--no-progress"), "--quiet"),
+    **dict.fromkeys(("--seconds", "--time", "--length-seconds"), "--duration"),
+    **dict.fromkeys(("--intensity", "--strength", "--volume", "--level"), "--level-max"),
+    **dict.fromkeys(("--frequency", "--freq", "--hz"), "--update-rate"),
+    **dict.fromkeys(("--board", "--device-name"), "--array"),
+    "--resolution": "--spacing",
+}
+"""Options of ours by words of other programs."""
 _SEVERAL = re.compile(r"Option '(-\S+)' requires (\d+) arguments")
 
 
@@ -26,6 +46,8 @@ def explain(error: Any, command: Any) -> None:
     elif several := _SEVERAL.match(error.message):
         option = next(option for option in command.params if several[1] in option.opts)
         error.message = f"{several[1]} takes {several[2]} values, {option.metavar}, with blanks between: {option.help}"
+    elif LIKELY_OPTIONS.get(name := getattr(error, "option_name", "")) in {n for o in command.params for n in o.opts}:
+        error.possibilities = [LIKELY_OPTIONS[name]]
     elif error.message.startswith("Got unexpected extra argument"):
         taken = [one.metavar for one in command.params if one.param_type_name == "argument"]
         error.message = f"{error.message}: this command takes {' '.join(taken) or 'options only'}"

@@ -44,12 +44,19 @@ class SweepGroup(CommandGroup):
         return super().parse_args(ctx, args if args and args[0] in self.commands else [RUN, *args])
 
 
-class RunCommand(TyperCommand):
-    """`run`, whose usage leaves its name out."""
+class RunContext(TyperCommand.context_class):
+    """Of `run`, whose name no help and no error shows."""
 
-    def format_usage(self, ctx: Any, formatter: Any) -> None:
-        """Write the line that begins the help."""
-        formatter.write_usage(ctx.parent.command_path, " ".join(self.collect_usage_pieces(ctx)))
+    @property
+    def command_path(self) -> str:
+        """What comes before the arguments."""
+        return self.parent.command_path if self.parent else ""
+
+
+class RunCommand(TyperCommand):
+    """`run`."""
+
+    context_class = RunContext
 
 
 sweep = typer.Typer(cls=SweepGroup, add_completion=False, rich_markup_mode=None)

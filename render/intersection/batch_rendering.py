@@ -249,6 +249,11 @@ class Collected(NamedTuple):
     removed: dict[str, np.ndarray]
     """Length that each prune stage removed [m], float32, shape [pose], by name."""
 
+    @property
+    def removed_any(self) -> bool:
+        """Whether prune stages removed anything: then there were contours."""
+        return any(length.any() for length in self.removed.values())
+
 
 def collect(
     solid: Solid,

@@ -26,7 +26,7 @@ from ..runtime.span_workers import warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..strategies.user_stage_sources import stage_sources
 from .batch_rendering import MEMORY_SMALLEST, Chunk, Collected, checked_memory, rendered_chunks
-from .named_inputs import hand_of, motion_of, solid_of
+from .named_inputs import hand_and_motion_of, solid_of
 from .scene import Scene
 
 POSES_AT_ONCE = 1 << 16  # of a batch in memory, written together
@@ -123,8 +123,8 @@ def record(
     ...     file.metrics()["length"]  # [m]
     array([0.34], dtype=float32)
     """
-    solid, hand = solid_of(solid), hand_of(hand)
-    motion = motion_of(motion, solid)
+    solid = solid_of(solid)
+    hand, motion = hand_and_motion_of(hand, motion, solid)
     poses = None if object_pose is None else object_poses(object_pose, motion)
     scene = Scene.of(solid, hand, strategy, object_pose=poses)
     warn_of_spacing(solid.name, solid.bounds, motion.pose, scene.object_pose)

@@ -66,13 +66,17 @@ def hand_of(given: Hand | str) -> Hand:
     return load_hand(given, None) if isinstance(given, str) else given
 
 
-def motion_of(given: Any, solid: Solid) -> HandMotion:
-    """A motion itself, of a file, of poses alone, or the word for an exploration of the object."""
-    if isinstance(given, HandMotion):
-        return given
-    if isinstance(given, str) and is_exploration(given):
-        return exploration(solid)
-    return HandMotion.load(given) if isinstance(given, str | Path) else HandMotion(None, check_poses(given))
+def hand_and_motion_of(hand: Hand | str, motion: Any, solid: Solid) -> tuple[Hand, HandMotion]:
+    """A hand itself, or by its kind or file; a motion itself, poses alone, a file, or the word for an exploration.
+
+    A recording poses hands that have joints, and moves other hands as its palm.
+    """
+    if not isinstance(motion, str | Path):
+        return hand_of(hand), motion if isinstance(motion, HandMotion) else HandMotion(None, check_poses(motion))
+    kind = hand if isinstance(hand, str) else "palm"
+    options = dict.fromkeys(EXPLORATION_DEFAULTS)
+    found, moved = load_hand_and_motion(kind, None, str(motion), solid, exploration_options=options)
+    return found if isinstance(hand, str) else hand, moved
 
 
 SIDES = ("left", "right")

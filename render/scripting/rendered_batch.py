@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, cast, overload
+from typing import TYPE_CHECKING, ClassVar, cast, overload
 
 import numpy as np
 
@@ -23,7 +23,9 @@ from ..playback.placed_arrays import load_rig
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import draw_frequencies
 from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined
+from ..sampling.presets import sampling_of
 from .batch_tables import point_frame, pose_dataset, pose_frame
+from .likely_members import OF_BATCHES, LikelyMembers
 from .sampled_contours import SampledContours
 
 if TYPE_CHECKING:
@@ -34,7 +36,7 @@ SHOWN_MOST = 200_000  # poses of a batch that a notebook draws by itself: more t
 
 
 @dataclass(frozen=True, repr=False)
-class RenderedBatch(ContourBatch):
+class RenderedBatch(LikelyMembers, ContourBatch):
     """Contours of a motion, as `render` gives them: a ContourBatch that knows what it is of.
 
     >>> from palpate.render import Palm, render, static_pose
@@ -42,6 +44,8 @@ class RenderedBatch(ContourBatch):
     >>> batch.sample("stm", duration=0.1)
     SampledContours(1000 focal points at 10000 Hz, 0.1 s, 0 silent, 0 jumps, draw frequency 20.6 Hz)
     """
+
+    likely: ClassVar[dict[str, str]] = OF_BATCHES
 
     motion: HandMotion | None = None
     """Poses of the hand, one of each pose of the batch."""
@@ -69,11 +73,11 @@ class RenderedBatch(ContourBatch):
         motion, scene = self.motion, self.scene
         if motion is None or scene is None or stop <= first or scene.hand.pose_count is not None:
             return RenderedBatch(**vars(part))
-        time = None if motion.time is None else motion.time[first:stop] - motion.time[first]
-        poses = HandMotion(time, motion.pose[first:stop])
         moved = None if scene.object_pose is None else scene.object_pose[first:stop]
         removed = {name: length[first:stop] for name, length in self.removed.items()}
-        return RenderedBatch(**vars(part), motion=poses, scene=replace(scene, object_pose=moved), removed=removed)
+        return RenderedBatch(
+            **vars(part), motion=motion[first:stop], scene=replace(scene, object_pose=moved), removed=removed
+        )
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a contour file, which `palpate info`, `play_file` and `ContourFile` read; returns its path.
@@ -96,13 +100,23 @@ class RenderedBatch(ContourBatch):
             draw_figure({scene.solid.name: file}, Path(path), overwrite=overwrite)
         return Path(path)
 
-    def sample(self, sampling: SamplingStrategy | str = "stm", *, duration: float | None = None) -> SampledContours:
+    def sample(
+        self,
+        sampling: SamplingStrategy | str = "stm",
+        *,
+        duration: float | None = None,
+        speed: float | None = None,
+        update_rate: float | None = None,
+    ) -> SampledContours:
         """Focal points of the contours at the sampling strategy's update rate.
 
         sampling: a strategy, a preset's name or a JSON file. duration: when to stop [s]; a static pose needs it.
+        speed [m/s], update_rate [Hz]: instead of the strategy's.
         Raises StrategyError for an unknown strategy or a missing duration, PoseError for poses without times.
         """
-        sampler = Sampler(sampling)
+        changes = {"speed": speed, "update_rate": update_rate}
+        given = {name: value for name, value in changes.items() if value is not None}
+        sampler = Sampler(replace(sampling_of(sampling), **given))
         blocks = list(ContourSource(self._rows(), sampler, duration))
         return SampledContours(joined(blocks), sampler.strategy, sampler.count)
 

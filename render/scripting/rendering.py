@@ -6,13 +6,17 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
+from ..coordinate_spacing import apart_text
 from ..deprecated_names import accept_old_keywords
 from ..hands.hand import Hand
 from ..intersection.batch_rendering import collect
-from ..intersection.named_inputs import hand_of, motion_of, solid_of
+from ..intersection.named_inputs import hand_and_motion_of, solid_of
 from ..objects.solid import Solid
 from ..strategies.intersection_strategy import IntersectionStrategy
+from ..user_warnings import warn_user
 from .rendered_batch import RenderedBatch
+
+LONG = 1.0  # [s]; a motion that goes on so long without a contour is probably elsewhere
 
 
 @accept_old_keywords(thing="solid", moved="object_pose")
@@ -42,7 +46,7 @@ def render(
     Raises MeshError where the strategy needs a closed surface and the object has none; MotionError with the row of a
     bad pose; StrategyError for an unknown device, too small a budget, or points relative to patches of what is not a
     mesh cut by planes, or has stages that need points in the array's frame. Warns of coordinates that float32 does not
-    hold to 1e-5 m.
+    hold to 1e-5 m, and of a second or more without any contour.
 
     >>> from palpate.render import Palm, render, static_pose
     >>> batch = render("cube", Palm(0.08, 0.1), static_pose([0, 0, 0.2]), "cc")  # the palm is whole inside the cube
@@ -51,8 +55,8 @@ def render(
     >>> batch.length().round(3)  # round the palm [m]
     array([0.36], dtype=float32)
     """
-    solid, hand = solid_of(solid), hand_of(hand)
-    motion = motion_of(motion, solid)
+    solid = solid_of(solid)
+    hand, motion = hand_and_motion_of(hand, motion, solid)
     found = collect(
         solid,
         hand,
@@ -65,4 +69,7 @@ def render(
         memory=memory,
         progress=progress,
     )
+    is_long = (motion.duration or 0.0) >= LONG
+    if is_long and object_pose is None and not found.contours.point_count and not found.removed_any:
+        warn_user(apart_text(solid.bounds, motion.pose))
     return RenderedBatch(**vars(found.contours), motion=motion, scene=found.scene, removed=found.removed)

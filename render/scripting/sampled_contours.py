@@ -2,20 +2,21 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ...datasets.focus_files.ptlist import write_ptlist
+from ...datasets.focus_files.ptlist import PointListError, write_ptlist
 from ..sampling.contour_sampling import FocalPoints, SamplingCount, SamplingStrategy
 from .batch_tables import frame_of
+from .likely_members import OF_FOCAL_POINTS, LikelyMembers
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class SampledContours:
+class SampledContours(LikelyMembers):
     """Focal points at the update rate, as `RenderedBatch.sample` gives them.
 
     >>> from palpate.render import render, static_pose
@@ -23,6 +24,8 @@ class SampledContours:
     >>> sampled.position.shape, round(sampled.draw_frequency, 1)  # 0.34 m at 7 m/s [Hz]
     ((1000, 3), 20.6)
     """
+
+    likely: ClassVar[dict[str, str]] = OF_FOCAL_POINTS
 
     focus: FocalPoints
     sampling: SamplingStrategy
@@ -75,8 +78,11 @@ class SampledContours:
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a point list (.ptlist), which `play_file` and DOLPHIN read; returns its path.
 
-        Raises PointListError for several focal points at once, and for a file that is there, unless `overwrite`.
+        Raises PointListError for several focal points at once, another suffix, and a file that is there, unless
+        `overwrite`.
         """
+        if Path(path).suffix.lower() != ".ptlist":
+            raise PointListError(f"{path}: a point list must end in .ptlist; to_pandas().to_csv(path) writes a table")
         write_ptlist(path, self.position, self.intensity, self.update_rate, overwrite=overwrite)
         return Path(path)
 

@@ -329,7 +329,7 @@ def load_strategy(source: str, *, allow_code: AllowCode = False) -> Intersection
     def read(text: str) -> IntersectionStrategy:
         return read_strategy(text, path.parent, allow_code=allow_code, path=str(path))
 
-    return load_by_name(strategy_name(source) or source, PRESETS, read, "strategy")
+    return load_by_name(strategy_name(source) or source, PRESETS, read, "strategy", WORDS)
 
 
 def strategy_of(strategy: IntersectionStrategy | str) -> IntersectionStrategy:

@@ -138,7 +138,7 @@ def test_figure_is_drawn_of_few_poses_and_of_none_that_meet_the_object(heights, 
     (tmp_path / "few.csv").write_text("x,y,z,qx,qy,qz,qw\n" + rows)
     result = run("render", "tube", tmp_path / "few.csv", "-o", tmp_path / "few.h5")
     assert result.exit_code == 0
-    assert ("no pose meets the object" in " ".join(result.stderr.split())) == (min(heights) > 1)
+    assert ("no pose has a contour" in " ".join(result.stderr.split())) == (min(heights) > 1)
     assert run("figure", tmp_path / "few.h5", "-o", tmp_path / "few.svg").exit_code == 0
     assert "<svg" in (tmp_path / "few.svg").read_text()
 

@@ -75,7 +75,7 @@ def test_quiet_leaves_out_warnings_and_keeps_results_and_errors(tmp_path):
     call = [sys.executable, "-m", "palpate.render.cli", "render", "cube", str(far)]
     told = subprocess.run([*call, "-o", str(tmp_path / "a.h5")], capture_output=True, text=True, timeout=120)
     quiet = subprocess.run([*call, "-o", str(tmp_path / "b.h5"), "-q"], capture_output=True, text=True, timeout=120)
-    assert "warning: no pose meets the object" in told.stderr
+    assert "warning: no pose has a contour" in told.stderr
     assert quiet.stderr == ""
     assert quiet.stdout.count("\n") == told.stdout.count("\n")
     failed = subprocess.run([*call, "-o", str(tmp_path / "b.h5"), "-q"], capture_output=True, text=True, timeout=120)

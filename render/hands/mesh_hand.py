@@ -1,11 +1,10 @@
 """A hand as a triangulated skin of which a region, the glabrous skin, feels; rigid, or with vertices for each pose."""
 
 import hashlib
-import threading
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -14,6 +13,7 @@ from ...datasets.counted import counted
 from ...datasets.rigid import rotate
 from ...kernels.skin.edges import SkinEdges, upload_skin
 from ..deprecated_names import accept_old_keywords
+from ..device_copies import KeepsDeviceCopies
 from ..errors import PoseError, StrategyError
 from ..objects.isosurface import isosurface
 from ..objects.solid import Solid
@@ -28,7 +28,7 @@ STEP_SMALLEST = 1e-4  # [m]; below, float32 hardly tells a triangle's corners ap
 ROWS = 256  # poses whose frames are worked out at a time
 
 
-class MeshHand:
+class MeshHand(KeepsDeviceCopies):
     """A triangulated skin in the hand's frame: +Y out of its back, -Z to the finger tips, origin on the palm's skin.
 
     vertices: [m], shape [vertex, 3] (rigid) or [pose, vertex, 3] (a row for each pose of the motion); faces: int, shape
@@ -49,6 +49,11 @@ class MeshHand:
     >>> render("cube", hand, static_pose([0, 0, 0.2])).length().round(3)  # the outline of the side that feels [m]
     array([0.36], dtype=float32)
     """
+
+    made_anew: ClassVar = {**KeepsDeviceCopies.made_anew, "_edges": dict, "_rest_on": dict}
+    _edges: dict[float | None, SkinEdges]
+    _on: dict[tuple[str, float | None], Any]
+    _rest_on: dict[str, wp.array]
 
     def __init__(
         self,
@@ -72,10 +77,7 @@ class MeshHand:
         """Which faces feel, bool, shape [face]."""
         for array in surface:
             array.setflags(write=False)
-        self._lock = threading.RLock()
-        self._edges: dict[float | None, SkinEdges] = {}
-        self._on: dict[tuple[str, float | None], Any] = {}
-        self._rest_on: dict[str, wp.array] = {}
+        self.begin_copies()
 
     def __repr__(self) -> str:
         """One line."""

@@ -5,7 +5,6 @@ import json
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
-from threading import Lock
 from typing import Any, Unpack
 
 import numpy as np
@@ -14,6 +13,7 @@ from ....kernels.fields.expression_tree import tree_field
 from ....kernels.fields.field import Field
 from ....kernels.fields.probe import probe_points
 from ....kernels.fields.user_function import function_field
+from ...device_copies import KeepsDeviceCopies
 from ...errors import ImplicitError
 from ...trust.permission import AllowCode
 from ..isosurface import isosurface
@@ -38,7 +38,7 @@ NEEDS_BOUNDS = "a function needs bounds, [lowest, highest] in metres"
 CELLS_KEPT = 50_000  # of one pass, the most promising ones
 
 
-class ImplicitObject:
+class ImplicitObject(KeepsDeviceCopies):
     """A solid given by a function that is below 0 inside: an expression, or a Warp function of position.
 
     source: an `Expression`; a JSON file of one; a function decorated with @wp.func, of a wp.vec3 or wp.vec3d [m], that
@@ -61,6 +61,8 @@ class ImplicitObject:
     array([0.19], dtype=float32)
     """
 
+    _fields: dict[str, Field]
+
     def __init__(
         self,
         source: Any,
@@ -82,8 +84,7 @@ class ImplicitObject:
         """The tree, in its own coordinates; None for a function."""
         self.function = None if isinstance(source, Expression) else source
         """The Warp function; None for an expression."""
-        self._fields: dict[str, Field] = {}
-        self._lock = Lock()
+        self.begin_copies()
         if self.expression is not None:
             self._cut, self._own_bounds = limited(self.expression, given, self.name)
             self._frame = placed_frame(self.placement, self._own_bounds)

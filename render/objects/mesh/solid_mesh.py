@@ -5,7 +5,6 @@ from copy import copy
 from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
-from threading import RLock
 from typing import TYPE_CHECKING, Any, Unpack
 from weakref import WeakValueDictionary
 
@@ -18,6 +17,7 @@ from ....datasets.shapes.built_in import shape, shape_name, shape_names
 from ....kernels.fields.field import Field
 from ....kernels.fields.mesh_inside import mesh_field
 from ....kernels.section.half_edges import HalfEdges, upload_surface
+from ...device_copies import KeepsDeviceCopies
 from ...errors import MeshError, RepairError
 from ...runtime.interrupt import interrupt_between
 from ...runtime.loading_progress import Watch, unwatched
@@ -89,7 +89,7 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces
 
 
-class MeshObject:
+class MeshObject(KeepsDeviceCopies):
     """A triangle mesh in the array's frame, checked and repaired.
 
     vertices: [m], shape [vertex, 3]; faces: int, shape [face, 3], counter-clockwise from outside. Or a mesh of trimesh
@@ -107,6 +107,9 @@ class MeshObject:
     >>> MeshObject(trimesh.creation.box((0.1, 0.1, 0.05)), name="box", at=(0, 0, 0.2))
     MeshObject('box', 12 triangles, closed, 100 x 100 x 50 mm at (0, 0, 0.2) m)
     """
+
+    _on: dict[str, Any]  # by device: a Surface, a Warp struct that type checkers do not know
+    _fields: dict[str, Field]
 
     def __init__(
         self,
@@ -138,11 +141,9 @@ class MeshObject:
         """[m], float32, shape [vertex, 3]."""
         self.faces = repaired.faces.astype(np.int32)
         """int32, shape [face, 3]; first the faces that bound the solid, then those of open surfaces."""
-        self._on: dict[str, Any] = {}  # by device: a Surface, a Warp struct that type checkers do not know
-        self._fields: dict[str, Field] = {}
+        self.begin_copies()
         self.detail: dict[str, Any] | None = None
         """Result of `simplify`; None if the mesh was not simplified."""
-        self._lock = RLock()
         self._warn_of_report()
         self._check_size()
         self._check_rounding(repaired.vertices)
@@ -284,7 +285,7 @@ class MeshObject:
         out = copy(self)
         for name in ("edges", "identity", "solid_part", "sheet_part"):
             out.__dict__.pop(name, None)
-        out.faces, out.report, out._on, out._fields, out._lock = faces, report, {}, {}, RLock()
+        out.faces, out.report = faces, report
         return out
 
     @property

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
-from threading import Lock
 from typing import Any, Unpack
 
 import numpy as np
@@ -14,6 +13,7 @@ import warp as wp
 from ....kernels.fields.bricked_grid import bricked_field
 from ....kernels.fields.dense_grid import pad_outside
 from ....kernels.fields.field import Field
+from ...device_copies import KeepsDeviceCopies
 from ...errors import VoxelError
 from ...user_warnings import warn_user
 from ...validation import value_text
@@ -23,7 +23,7 @@ from .grid import affine_of, applied, box_around, crossing_points, placed_affine
 from .values import check_inside, rule_of, signed_values, values_of
 
 
-class VoxelObject:
+class VoxelObject(KeepsDeviceCopies):
     """A solid given by values on a grid, trilinear between voxel centres.
 
     values: bool, integer or float, shape [i, j, k]; what they mean say `kind`, `level`, `label` and `inside`
@@ -44,6 +44,8 @@ class VoxelObject:
     >>> VoxelObject(values, spacing=0.005, name="block", at=(0, 0, 0.2))
     VoxelObject('block', 8000 voxels inside, 100 x 100 x 100 mm at (0, 0, 0.2) m)
     """
+
+    _fields: dict[str, Field]
 
     def __init__(
         self,
@@ -84,8 +86,7 @@ class VoxelObject:
         """Indices to the array's frame [m], as placed, float64, shape [4, 4]."""
         self.bounds = box_around(self.affine, points)
         """Lowest and highest coordinates of the surface [m], array frame, float64, shape [2, 3]."""
-        self._fields: dict[str, Field] = {}
-        self._lock = Lock()
+        self.begin_copies()
         self._check_border()
         self._check_place(hand)
 

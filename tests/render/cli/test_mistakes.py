@@ -9,6 +9,11 @@ POSES = "time,x,y,z,qx,qy,qz,qw\n0,0,0,0.2,0.7071068,0,0,0.7071068\n0.1,0,0,0.21
 RENDER = "render cube m.csv -o new.h5 "
 MISTAKES = {
     "rendr cube m.csv -o new.h5": "Did you mean 'render'?",
+    "plot cube.h5": "Did you mean 'figure'?",
+    "ls": "Did you mean 'strategies'?",
+    "render cube m.csv --output new.h5": "Possible options: --out",
+    "render cube m.csv -o cube.h5 --force": "Possible options: --overwrite",
+    "play cube.h5 --loop": "Possible options: --repeats",
     "render": "'OBJECT'. It is: Mesh (STL, OBJ",
     "render cube": "'MOTION'. It is: CSV or HDF5 of poses",
     "render cube m.csv": "'-o' / '--out'. It is: Contour file to write",
@@ -53,6 +58,7 @@ MISTAKES = {
     "voxelise dog -o new.stl --spacing 0.001": "written to .npz",
     "sampling smt": "did you mean 'stm'?",
     "strategies hacth": "did you mean 'hatch'?",
+    "sweep": "Try 'palpate sweep --help' for help.",
     "sweep plam.toml": "did you mean 'plan.toml'?",
     "sweep cube": "a plan is a TOML file",
     "sweep status nosuch.sweep": "is not a sweep's store",

@@ -52,6 +52,9 @@ ALONE = {
     "rotations of zeros": (lambda: render("tube", "palm", np.zeros((9, 7))), "zero quaternion, which is no rotation"),
     "NaN": (lambda: render("tube", "palm", np.full((9, 7), np.nan)), "row 0: pose [nan"),
     "a motion's name": (lambda: render("tube", "palm", "explore.csv"), "no such motion file"),
+    "a preset's other name": (lambda: render("tube", "palm", STILL, "closd"), "did you mean 'closed'?"),
+    "a word for a motion": (lambda: render("tube", "palm", "wave"), "give the word exploration"),
+    "one pose of a motion": (lambda: exploration("tube", 1.0)[5:5], "as in motion[0:90]"),
     "a strategy's name": (lambda: render("tube", "palm", STILL, "hacth"), "did you mean 'hatch'?"),
     "a function for a strategy": (lambda: render("tube", "palm", STILL, closed_contour), "load_strategy gives one"),
     "a stage's name": (lambda: IntersectionStrategy(transform=("hacth",)), "did you mean 'hatch'?"),
@@ -83,6 +86,11 @@ ALONE = {
 }
 OF_A_BATCH = {
     "a pose too far": (lambda b: b[99], "pose 99 is outside the batch's 18 poses"),
+    "another library's picture": (lambda b: b.plot(), "figure(path) draws it"),
+    "another library's table": (lambda b: b.to_dataframe(), "to_pandas() gives a table"),
+    "another library's points": (lambda b: b.vertices, "points holds them"),
+    "a picture of focal points": (lambda b: b.sample().plot(), "figure(path) draws contours"),
+    "focal points as a table": (lambda b: b.sample().save("points.csv"), "to_pandas().to_csv(path) writes a table"),
     "a word for a pose": (lambda b: b["a"], "a pose's number or first:stop"),
     "a kind": (lambda b: b.length("objct"), "did you mean 'object'?"),
     "a sampling": (lambda b: b.sample("smt"), "did you mean 'stm'?"),

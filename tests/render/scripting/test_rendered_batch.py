@@ -1,6 +1,8 @@
 """Batches that know what they are of: the same numbers as by files, and the other libraries' own readings."""
 
+import pickle
 from base64 import b64encode
+from copy import copy
 
 import numpy as np
 import pandas as pd
@@ -8,19 +10,23 @@ import pytest
 import trimesh
 import xarray as xr
 
-from palpate.datasets import ContourFile, check_file, read_ptlist, static_pose
+from palpate.datasets import ContourFile, check_file, load_recording, read_ptlist, static_pose, write_sample
 from palpate.render import (
     ContourBatch,
     HandMotion,
+    ImplicitObject,
     MeshObject,
     Palm,
+    PlaneHand,
     exploration,
     flat_hand,
     load_strategy,
     play_file,
     record,
     render,
+    sphere,
     summarise,
+    voxelise,
 )
 from palpate.render.errors import MeshError, StrategyError
 from palpate.render.intersection.batch_rendering import render as render_plainly
@@ -50,6 +56,36 @@ def test_names_give_what_objects_give(tube, motion, batch):
     assert same(batch, render_plainly(tube, Palm(), motion, load_strategy("cc")))
     assert same(batch, render("Tube", "palm", motion.pose, "Closed"))
     assert same(batch, render(tube.to_trimesh(), "palm", motion, "cc"))
+
+
+@pytest.mark.filterwarnings("ignore:the hand is nowhere in front of the array", "ignore:tube. reaches behind the array")
+def test_a_recording_is_taken_as_the_command_line_takes_it(tmp_path):
+    path = tmp_path / "hand.json"
+    write_sample("openxr", path)
+    recording = load_recording(path)
+    near = MeshObject.load("tube", at=(0, 0.2, 0))  # in the tracker's frame
+    by_name = render(near, "planes", path)
+    held = recording.held()
+    assert by_name.point_count
+    assert same(by_name, render(near, PlaneHand.from_joints(held.joints_in_hand(), held.radii()), held.motion()))
+    assert same(render(near, Palm(0.05, 0.06), path), render(near, Palm(0.05, 0.06), recording.motion()))
+
+
+def test_speed_and_rate_are_changed_by_the_way(batch):
+    faster = batch.sample("stm", speed=3.5, update_rate=20_000.0)
+    assert (faster.sampling.speed, faster.update_rate) == (3.5, 20_000.0)
+    assert len(faster) == pytest.approx(2 * len(batch.sample("stm")), abs=2)
+
+
+def test_what_copies_and_pickles_look_for_is_no_guess(batch):
+    assert same(copy(batch), batch)
+    assert same(pickle.loads(pickle.dumps(batch)), batch)
+    ball = ImplicitObject(sphere(0.06), at=(0, 0, 0.2))
+    for solid, hand in (("dog", "skin"), (voxelise("tube", spacing=0.01), "planes"), (ball, "palm")):
+        found = render(solid, hand, batch.motion[20:22])
+        again = pickle.loads(pickle.dumps(found))
+        assert same(render(again.scene.solid, again.scene.hand, again.motion), found)
+    assert not hasattr(batch, "plot")
 
 
 def test_a_batch_is_a_sequence_of_poses(batch):

@@ -81,7 +81,7 @@ if TYPE_CHECKING:
     )
     from .sampling.revisits import revisit_rate
     from .scripting.rendered_batch import RenderedBatch
-    from .scripting.rendering import render
+    from .scripting.rendering import load_contours, render
     from .scripting.sampled_contours import SampledContours
     from .stages.prune import cut_batch
     from .stages.registry import Stage, register_point_function, register_prune, register_transform
@@ -137,7 +137,7 @@ _ROOMS = {
     "sample_bounds sample_contours",
     "sampling.revisits": "revisit_rate",
     "scripting.rendered_batch": "RenderedBatch",
-    "scripting.rendering": "render",
+    "scripting.rendering": "load_contours render",
     "scripting.sampled_contours": "SampledContours",
     "stages.registry": "Stage register_point_function register_prune register_transform",
     "stages.prune": "cut_batch",
@@ -225,6 +225,7 @@ __all__ = [
     "focal_width",
     "half_space",
     "isosurface",
+    "load_contours",
     "load_expression",
     "load_plans",
     "load_recording",

@@ -20,7 +20,7 @@ KINDS = {"object": OBJECT, "hand": HAND, "made": MADE}
 Array = Any  # np.ndarray or wp.array; all arrays of a batch are of one type (`ContourBatch.on_device`)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContourBatch:
     """Contours of many poses in CSR form, all arrays on the host (NumPy) or all on one Warp device.
 
@@ -185,6 +185,7 @@ class ContourBatch:
 
     def select(self, first: int, stop: int) -> "ContourBatch":
         """Poses first..stop of a batch on the host, offsets starting at 0."""
+        stop = max(first, stop)
         line, end = self.pose_start[first], self.pose_start[stop]
         point, last = self.polyline_start[line], self.polyline_start[end]
         return ContourBatch(

@@ -112,10 +112,14 @@ def load_by_name(
     if found is not None:
         return presets[found]()
     path = Path(source)
-    if not path.exists():
+    try:
+        is_there = bool(source.strip()) and path.is_file()
+    except (OSError, ValueError):  # no name that a file could have
+        is_there = False
+    if not is_there:
         meant = likely_name(source, [*presets, *words]) or likely_file(path)
         raise StrategyError(
-            f"unknown {name} {source!r}{meant}: neither a preset ({', '.join(presets)}) nor a JSON file"
+            f"unknown {name} {value_text(source)}{meant}: neither a preset ({', '.join(presets)}) nor a JSON file"
         )
     try:
         return read(read_text(path))

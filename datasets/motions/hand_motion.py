@@ -210,8 +210,10 @@ def exploration(
 
 def _bounds_of(thing: ArrayLike | HasBounds | str) -> Any:
     """Smallest and largest x y z of an object, a built-in object's name, or these themselves."""
-    if isinstance(thing, str):
-        vertices, _ = shape(thing)
+    if isinstance(thing, str | PathLike):
+        if Path(thing).suffix:
+            raise MotionError(f"{thing}: of a file, give the object: exploration(MeshObject.load({str(thing)!r}))")
+        vertices, _ = shape(str(thing))
         return vertices.min(axis=0), vertices.max(axis=0)
     if not isinstance(thing, HasBounds):
         return thing

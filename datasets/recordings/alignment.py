@@ -19,12 +19,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import RecordingError
+from ..known_names import find_name
 from ..rigid import POSITION_FARTHEST, Numbers, quaternion_of
 from ..storage.durable import write_file
 from .json_fields import Json, items, number, read_json
 
 Y_UP = (0.0, 0.0, 0.0, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """A tracker at the array's centre whose y is up, x to the right and z towards the user (a Leap lying flat, OpenXR)."""
+
+NAMES = ("y-up", "yup")
+"""Words for it."""
 
 TOLERANCE = 1e-3  # of a quaternion's norm, and of a matrix's columns
 
@@ -34,11 +38,13 @@ Alignment = str | PathLike[str] | ArrayLike
 def alignment_pose(alignment: Alignment) -> Numbers:
     """An alignment as a pose, tracker frame -> array frame, shape [7].
 
-    alignment: x y z [m] qx qy qz qw; a 4 x 4 matrix (by rows); or the path of a JSON file as above. Raises
+    alignment: x y z [m] qx qy qz qw; a 4 x 4 matrix (by rows); "y-up" for Y_UP; or the path of a JSON file. Raises
     RecordingError for anything that is not a rigid transform, naming the file.
     """
     if not isinstance(alignment, (str, PathLike)):
         return _pose(alignment, "alignment")
+    if find_name(str(alignment), NAMES) is not None:
+        return np.array(Y_UP)
     path = Path(alignment)
     content = _content(path)
     name = f"{path}: alignment"
@@ -72,7 +78,9 @@ def _content(path: Path) -> dict[str, Json]:
     try:
         content = read_json(path)
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read as an alignment: {error.strerror or error}") from None
+        raise RecordingError(
+            f"{path}: cannot be read as an alignment: {error.strerror or error}; y-up is that of one lying flat"
+        ) from None
     except RecordingError as error:
         raise RecordingError(f"{path}: not an alignment: {error}") from None
     if not isinstance(content, dict):

@@ -9,28 +9,11 @@ try:
     import typer
 
     from ..terminal import console
+    from . import object_options as objects
     from .array_options import Array, Baud, Calibration, Clock, Emulate, Serial, Uncalibrated, Watchdog
     from .bench_options import bench
     from .command_group import MainGroup
     from .completion import complete_hand, complete_motion, complete_object, complete_sampling, complete_strategy
-    from .object_options import (
-        SCALE_HELP,
-        At,
-        Bounds,
-        FillHoles,
-        Fit,
-        Inside,
-        Kind,
-        Label,
-        Level,
-        Rotate,
-        Scale,
-        SolidRule,
-        Spacing,
-        Unit,
-        Up,
-        Weld,
-    )
     from .output_options import Json, Overwrite, Quiet, run_job
     from .sampling_options import Duration, Sampling, Speed, UpdateRate
     from .selftest_options import selftest
@@ -59,8 +42,10 @@ MOTION_HELP = (
     "synthetic one."
 )
 HAND_HELP = "palm: one rectangle; planes: palm and phalanges; skin: palpate's own hand; or a file of a hand's mesh."
-INTERPOLATE_HELP = "Insert poses until contours move by no more than this from pose to pose; v / f_s leaves no hops."
-FLUSH_HELP = "How near to a patch's plane or side counts as on it; by default three float32 spacings at the pose."
+INTERPOLATE_HELP = "Insert poses until contours move by no more than this; speed / update rate (0.0007) leaves no hops."
+FLUSH_HELP = (
+    "What is so near to a patch's plane or side lies on it; the default (float32's rounding) fits nearly always."
+)
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
 MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
@@ -104,21 +89,21 @@ def render(
         tuple[float, float] | None,
         typer.Option(metavar="WIDTH LENGTH", help="Size of the palm [m], by default 0.085 0.085."),
     ] = None,
-    scale: Scale = 1.0,
-    up: Up = "z",
-    fit: Fit = None,
-    rotate: Rotate = (0.0, 0.0, 0.0),
-    at: At = None,
-    kind: Kind = None,
-    level: Level = None,
-    label: Label = None,
-    inside: Inside = None,
-    spacing: Spacing = None,
-    unit: Unit = None,
-    bounds: Bounds = None,
-    solid: SolidRule = None,
-    weld: Weld = None,
-    fill_holes: FillHoles = None,
+    scale: objects.Scale = 1.0,
+    up: objects.Up = "z",
+    fit: objects.Fit = None,
+    rotate: objects.Rotate = (0.0, 0.0, 0.0),
+    at: objects.At = None,
+    kind: objects.Kind = None,
+    level: objects.Level = None,
+    label: objects.Label = None,
+    inside: objects.Inside = None,
+    spacing: objects.Spacing = None,
+    unit: objects.Unit = None,
+    bounds: objects.Bounds = None,
+    solid: objects.SolidRule = None,
+    weld: objects.Weld = None,
+    fill_holes: objects.FillHoles = None,
     simplify: Annotated[
         float | None,
         typer.Option(metavar="METRES", help="Simplify a mesh within this distance; 0: a quarter of the focal width."),
@@ -129,9 +114,7 @@ def render(
     side: Annotated[
         str | None, typer.Option(metavar="SIDE", help="Which hand of a recording: left, right, or its id.")
     ] = None,
-    alignment: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="Of a recording: from the tracker's frame to the array's.")
-    ] = None,
+    alignment: objects.Alignment = None,
     duration: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Of a synthetic exploration [s], by default 30.")
     ] = None,
@@ -193,13 +176,14 @@ def voxelise(
     spacing: Annotated[float, typer.Option(metavar="METRES", help="Between voxels.")],
     kind: Annotated[str, typer.Option(metavar="KIND", help="distance (signed), or occupancy.")] = "distance",
     sign: Annotated[
-        str, typer.Option(metavar="RULE", help="Inside by crossings, parity, winding; auto: winding if open.")
+        str,
+        typer.Option(metavar="RULE", help="Inside by crossings, parity, winding; auto: winding if open."),
     ] = "auto",
-    scale: Scale = 1.0,
-    up: Up = "z",
-    fit: Fit = None,
-    rotate: Rotate = (0.0, 0.0, 0.0),
-    at: At = None,
+    scale: objects.Scale = 1.0,
+    up: objects.Up = "z",
+    fit: objects.Fit = None,
+    rotate: objects.Rotate = (0.0, 0.0, 0.0),
+    at: objects.At = None,
     device: Annotated[
         str, typer.Option(metavar="DEVICE", help="cpu, cuda:0, or auto: the first GPU if there is one.")
     ] = "auto",
@@ -251,10 +235,10 @@ def info(
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE|MESH", help=KEPT_HELP + " Or a mesh, or a built-in object.")
     ],
-    scale: Annotated[float | None, typer.Option(metavar="FACTOR", help=SCALE_HELP)] = None,
-    solid: SolidRule = None,
-    weld: Weld = None,
-    fill_holes: FillHoles = None,
+    scale: Annotated[float | None, typer.Option(metavar="FACTOR", help=objects.SCALE_HELP)] = None,
+    solid: objects.SolidRule = None,
+    weld: objects.Weld = None,
+    fill_holes: objects.FillHoles = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -301,7 +285,7 @@ def play(
     duration: Duration = None,
     repeats: Annotated[int, typer.Option(metavar="N", min=1, help="How often to play it.")] = 1,
     amplitude: Annotated[
-        str, typer.Option(metavar="KIND", help="What an intensity is: pressure, or force (--level-max: how strong).")
+        str, typer.Option(metavar="KIND", help="Whether intensity is pressure or force; for strength see --level-max.")
     ] = "pressure",
     solver: Annotated[
         str, typer.Option(metavar="SOLVER", help="For several focal points at once: naive, gs-pat, wgs, gs-pat+wgs.")
@@ -311,7 +295,7 @@ def play(
         typer.Option(metavar="TURNS", help="Most that a phase changes in 25 us [turns]; 0.015625 quietens jumps."),
     ] = None,
     level_max: Annotated[
-        float, typer.Option(metavar="SHARE", help="Amplitude of intensity 1, of what the array can.")
+        float, typer.Option(metavar="SHARE", help="Strength of intensity 1, as a share (0..1) of what the array can.")
     ] = 1.0,
     on_time_max: Annotated[
         float, typer.Option(metavar="SECONDS", help="Longest emission without a pause of 1 s [s]; 0 lifts the limit.")

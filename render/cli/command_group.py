@@ -49,7 +49,13 @@ class CommandGroup(TyperGroup):
             self.found = command
             others = [option.name for other in self.commands.values() for option in other.params]
             console.set_wording(Wording([option.name for option in command.params], others, self.plan_keys))
-        return name, command, renamed(rest, OLD_NAMES.get(name or "", {}))
+        taking = {
+            word
+            for option in getattr(command, "params", ())
+            if not getattr(option, "is_flag", True)
+            for word in option.opts
+        }
+        return name, command, renamed(rest, OLD_NAMES.get(name or "", {}), taking)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; what its parser refuses is explained."""
@@ -67,11 +73,14 @@ class CommandGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-def renamed(args: list[str], new_names: Mapping[str, str]) -> list[str]:
-    """Arguments with options of old names under their new ones, up to the `--` that ends options."""
-    end = args.index("--") if "--" in args else len(args)
-    split = [arg.partition("=") for arg in args[:end]]
-    return ["".join((new_names.get(name, name), *rest)) for name, *rest in split] + args[end:]
+def renamed(args: list[str], new_names: Mapping[str, str], taking: Collection[str]) -> list[str]:
+    """Arguments with options of old names under their new ones; taking: options whose next argument is their value."""
+    out: list[str] = []
+    for arg in args:
+        name, *rest = arg.partition("=")
+        is_value = "--" in out or (out and out[-1] in taking)
+        out.append(arg if is_value else "".join((new_names.get(name, name), *rest)))
+    return out
 
 
 class MainGroup(CommandGroup):

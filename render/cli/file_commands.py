@@ -6,7 +6,9 @@ from time import perf_counter
 
 from ...datasets.contour_file.check import check_file, unproven_content
 from ...datasets.contour_file.unknown_content import unknown_content
+from ...datasets.errors import ContourFileError, name_nothing
 from ...datasets.focus_files.frame_reader import check_frames, frame_format
+from ...datasets.known_names import likely_file
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.sweeps.check import check_store, is_sweep_data
 from ..coordinate_spacing import apart_text
@@ -168,7 +170,12 @@ def run_render(options: dict, *, as_json: bool) -> int:
 
 
 def run_info(files: list[Path], options: dict, *, as_json: bool) -> None:
-    """Summarise files, one after the other."""
+    """Summarise files, one after the other; none if one is missing."""
+    for file in files:
+        if not file.exists() and not is_mesh_name(str(file)):
+            raise name_nothing(ContourFileError(f"{file} does not exist{likely_file(file)}"))
+        if is_sweep_data(file) and file.is_dir():
+            raise StrategyError(f"{file} is a sweep's store: palpate sweep status {file} shows it")
     for file in files:
         show_info(file, options, as_json=as_json)
 
@@ -199,12 +206,15 @@ def show_info(file: Path, options: dict, *, as_json: bool) -> None:
 
 def run_check(files: list[Path], *, as_json: bool) -> int:
     """Check files, one after the other; 0 all are whole, 1 not."""
+    for file in files:
+        if not file.exists():
+            refuse_object(file)
+            raise name_nothing(ContourFileError(f"{file} does not exist{likely_file(file)}"))
     return max(check_one(file, as_json=as_json) for file in files)
 
 
 def check_one(file: Path, *, as_json: bool) -> int:
     """Check; 0 whole, 1 not."""
-    refuse_object(file)
     unknown: list[str] = []  # no problem: a newer minor version may add to the format
     with bars.loading_bar(f"checking {file}", quiet=as_json):
         if is_sweep_data(file):

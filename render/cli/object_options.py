@@ -1,5 +1,6 @@
 """Options that say how an object's file is read, and where the object goes."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -30,4 +31,7 @@ Rotate = Annotated[Three, typer.Option(metavar="X Y Z", help="Turn about the arr
 At = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")]
 Bounds = Annotated[
     Six | None, typer.Option(metavar="X Y Z X Y Z", help="Of a function: lowest and highest coordinates [m].")
+]
+Alignment = Annotated[
+    Path | None, typer.Option(metavar="FILE|y-up", help="Of a recording: from the tracker's frame to the array's.")
 ]

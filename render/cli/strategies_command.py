@@ -9,7 +9,7 @@ from ..reports.strategy_gallery import draw_gallery, strategy_rows
 from ..runtime.warp_start import start_warp
 from ..stages.registry import ROLES, known_stages
 from ..strategies.intersection_strategy import load_strategy
-from ..terminal import console
+from ..terminal import bars, console
 from ..terminal.foreign_text import write_output
 
 
@@ -25,7 +25,8 @@ def run_strategies(name: str | None, out: Path | None, overwrite: bool, *, as_js
     if out is not None:
         require_picture(out, overwrite=overwrite)
         start_warp()
-        draw_gallery(out, overwrite=overwrite)
+        with bars.loading_bar(f"drawing {out}", quiet=as_json):
+            draw_gallery(out, overwrite=overwrite)
         lists["picture"] = str(out)
     if as_json:
         console.show_values(lists, as_json=True, title="strategies")

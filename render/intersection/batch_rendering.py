@@ -85,6 +85,14 @@ def checked_memory(memory: float | None, devices: Sequence[str], *, smallest: in
     return int(memory)
 
 
+def named_devices(device: str, devices: Sequence[str] | str | None) -> list[str]:
+    """Full names of Warp's devices: of `devices`, or of `device` if that is None."""
+    return [
+        warp_device(name)
+        for name in ([device] if devices is None else [devices] if isinstance(devices, str) else devices)
+    ]
+
+
 def rendered_chunks(
     scene: Scene,
     pose: np.ndarray,
@@ -103,7 +111,7 @@ def rendered_chunks(
     The contours of a pose do not depend on the chunk that it is in, nor on who made it. The workers end with the
     generator: when it is exhausted, closed, or raises what one of them raised.
     """
-    names = [warp_device(name) for name in ([device] if devices is None else devices)]
+    names = named_devices(device, devices)
     if not names:
         raise StrategyError("devices must name one device at least")
     memory = checked_memory(memory, names)

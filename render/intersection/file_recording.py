@@ -22,10 +22,9 @@ from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.moving_object import about_outline, object_poses
 from ..objects.solid import Solid
 from ..runtime.interrupt import interrupt_between
-from ..runtime.span_workers import warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..strategies.user_stage_sources import stage_sources
-from .batch_rendering import MEMORY_SMALLEST, Chunk, Collected, checked_memory, rendered_chunks
+from .batch_rendering import MEMORY_SMALLEST, Chunk, Collected, checked_memory, named_devices, rendered_chunks
 from .named_inputs import hand_and_motion_of, solid_of
 from .scene import Scene
 
@@ -128,7 +127,7 @@ def record(
     poses = None if object_pose is None else object_poses(object_pose, motion)
     scene = Scene.of(solid, hand, strategy, object_pose=poses)
     warn_of_spacing(solid.name, solid.bounds, motion.pose, scene.object_pose)
-    names = [warp_device(name) for name in ([device] if devices is None else devices)]
+    names = named_devices(device, devices)
     memory = checked_memory(memory, names, smallest=4 * MEMORY_SMALLEST)
     header = file_header(scene, motion, ",".join(dict.fromkeys(names)))
     with ContourWriter(path, header, mode=mode) as writer:
@@ -158,7 +157,7 @@ def save_contours(path: str | Path, found: Collected, motion: HandMotion, *, ove
     path = Path(path)
     if path.suffix.lower() not in (".h5", ".hdf5"):
         raise ContourFileError(f"{path}: a contour file must end in .h5 or .hdf5")
-    if path.exists() and not overwrite:
+    if (path.exists() or path.is_symlink()) and not overwrite:
         raise ContourFileError(f"{path} exists already: overwrite=True replaces it once the new one is whole")
     batch = found.contours.numpy()
     header = file_header(found.scene, motion, "cpu")

@@ -61,16 +61,20 @@ def solid_of(given: Any) -> Solid:
     return load_solid(str(given), Placement()) if isinstance(given, str | Path) else MeshObject(given)
 
 
-def hand_of(given: Hand | str) -> Hand:
+def hand_of(given: Hand | str | Path) -> Hand:
     """A hand itself, or by its kind or file."""
-    return load_hand(given, None) if isinstance(given, str) else given
+    return load_hand(str(given), None) if isinstance(given, str | Path) else given
 
 
-def hand_and_motion_of(hand: Hand | str, motion: Any, solid: Solid) -> tuple[Hand, HandMotion]:
+def hand_and_motion_of(hand: Hand | str | Path, motion: Any, solid: Solid) -> tuple[Hand, HandMotion]:
     """A hand itself, or by its kind or file; a motion itself, poses alone, a file, or the word for an exploration.
 
     A recording poses hands that have joints, and moves other hands as its palm.
     """
+    hand = str(hand) if isinstance(hand, Path) else hand
+    if isinstance(motion, HandRecording):
+        own, moved = recorded_hand_and_motion(hand if isinstance(hand, str) else "palm", None, motion)
+        return own if isinstance(hand, str) else hand, moved
     if not isinstance(motion, str | Path):
         return hand_of(hand), motion if isinstance(motion, HandMotion) else HandMotion(None, check_poses(motion))
     kind = hand if isinstance(hand, str) else "palm"
@@ -113,6 +117,8 @@ def load_solid(
         box = None if bounds is None else np.array(bounds).reshape(2, 3)
         return ImplicitObject.load(source, bounds=box, placement=placement, allow_code=allow_code)
     refuse_options({"bounds": bounds}, "of a function", source)
+    if Path(source).is_dir():
+        raise StrategyError(f"{source or 'an empty name'} is no object: give a file or a built-in object's name")
     if Path(source).suffix.lower() in (".csv", ".h5", ".hdf5"):
         raise StrategyError(f"{source}: is no object; it may be a motion, which comes after the object")
     return MeshObject.load(source, placement=placement, watch=watch, **repair)
@@ -250,9 +256,16 @@ def load_hand_and_motion(
     if not is_recording(source):
         refuse_options({"side": side, "alignment": alignment}, "of a recording of a hand", source)
         return load_hand(kind, palm), load_motion(source, solid, exploration_options, watch)
-    kind, rate = find_name(kind, HANDS) or kind, exploration_options["rate"]
+    rate = exploration_options["rate"]
     refuse_options({k: v for k, v in exploration_options.items() if k != "rate"}, "of a synthetic exploration", source)
-    recording = load_recording(source, hand=side, alignment=alignment)
+    return recorded_hand_and_motion(kind, palm, load_recording(source, hand=side, alignment=alignment), rate)
+
+
+def recorded_hand_and_motion(
+    kind: str, palm: tuple[float, float] | None, recording: HandRecording, rate: float | None = None
+) -> tuple[Hand, HandMotion]:
+    """A hand of a kind as it was recorded, and its motion; rate: at which the recording is resampled [Hz]."""
+    kind = find_name(kind, HANDS) or kind
     if kind in ("planes", "skin"):
         recording = recording.held(whole=kind == "skin")
     if rate is not None:

@@ -77,7 +77,7 @@ def require_parts(solid: object, hand: object, strategy: object) -> None:
     if not isinstance(solid, Solid):
         kinds = "a MeshObject, a VoxelObject or an ImplicitObject"
         raise MeshError(f"the object must be {kinds}, not {solid!r:.60}; MeshObject.load takes names and files")
-    if not isinstance(hand, Hand):
+    if isinstance(hand, type) or not isinstance(hand, Hand):
         raise StrategyError(
             f"the hand must be a Palm, a PlaneHand or a MeshHand, or palm, planes or skin, not {hand!r:.60}"
         )

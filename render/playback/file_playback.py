@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, get_args
+from typing import NamedTuple, TypedDict, Unpack, get_args
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class Playback:
         return values | {"drive": asdict(self.drive)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Connection:
     """Options of the connection to the arrays of a playback.
 
@@ -185,6 +185,16 @@ def emulated_bus(placed: PlacedArray, clock: Clock) -> Emulation | None:
     return emulated_backend(model.name, clock=clock, serials=serials, baud=model.baud)
 
 
+class ConnectionFields(TypedDict, total=False):
+    """Fields of a `Connection`, as arguments of what plays."""
+
+    emulate: bool
+    clock: str
+    transport: TransportKind
+    uncalibrated: bool
+    watchdog: bool
+
+
 def play_file(
     path: str | Path,
     *,
@@ -197,6 +207,7 @@ def play_file(
     connection: Connection | None = None,
     device: str = "cpu",
     watch: Callable[[LiveStatistics, int], object] | None = None,
+    **fields: Unpack[ConnectionFields],
 ) -> Playback:
     """Play a contour file, or focal points from a .PTLIST or a sweep; afterwards the arrays are off.
 
@@ -209,7 +220,7 @@ def play_file(
         duration: of the playback [s]; needed for a static pose, which has no end.
         repeats: number of repetitions; up to 64 MB of frames are kept for them, a longer file is read again.
         limits: of on-time and duty cycle; None: the defaults.
-        connection: options of the connection to the arrays.
+        connection: options of the connection to the arrays; or its fields, such as clock="virtual".
         device: Warp device for solvers of several focal points.
         watch: called regularly with live statistics of the first array and the number of all frames.
 
@@ -218,14 +229,17 @@ def play_file(
         ContourFileError: the file was truncated or changed while it played; the array is off.
         DeviceError (with `report`), PlayInterrupted: while playing.
 
-    >>> from palpate.render import Connection, play_file, render, static_pose
+    >>> from palpate.render import play_file, render, static_pose
     >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
-    >>> play_file(path, duration=0.01, connection=Connection(clock="virtual"))
+    >>> play_file(path, duration=0.01, clock="virtual")
     Playback(PlayReport(emulator EMU0001: 100 frames at 10000 Hz, 0 underruns, off), 0 jumps, 0 silenced)
     """
     arrays = _arrays_of(array)
+    if connection is not None and fields:
+        raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
+    way = connection or Connection(**fields)
     with opened(Path(path), sampling, duration, arrays) as source:
-        return _play(source, arrays, drive, repeats, limits, connection or Connection(), device, watch)
+        return _play(source, arrays, drive, repeats, limits, way, device, watch)
 
 
 def play_contours(

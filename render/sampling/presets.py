@@ -18,10 +18,11 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 from ...datasets.known_names import find_name, likely_name, unknown_name
 from ..errors import StrategyError
-from ..validation import load_by_name
+from ..validation import load_by_name, value_text
 from .strategy import (
     AmplitudeModulation,
     Dwell,
@@ -105,9 +106,12 @@ def load_sampling(source: str) -> SamplingStrategy:
     return load_by_name(source, PRESETS, SamplingStrategy.from_json, "sampling")
 
 
-def sampling_of(sampling: SamplingStrategy | str) -> SamplingStrategy:
+def sampling_of(sampling: SamplingStrategy | str | Path) -> SamplingStrategy:
     """The strategy itself, or the one that `load_sampling` gives for a name or file."""
-    return load_sampling(sampling) if isinstance(sampling, str) else sampling
+    found = load_sampling(str(sampling)) if isinstance(sampling, str | Path) else sampling
+    if not isinstance(found, SamplingStrategy):
+        raise StrategyError(f"sampling must be a SamplingStrategy, or the name or file of one, not {value_text(found)}")
+    return found
 
 
 def sets_rate(source: str) -> bool:

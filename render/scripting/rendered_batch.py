@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 SHOWN_MOST = 200_000  # poses of a batch that a notebook draws by itself: more take seconds
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class RenderedBatch(LikelyMembers, ContourBatch):
     """Contours of a motion, as `render` gives them: a ContourBatch that knows what it is of.
 
@@ -53,6 +53,15 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     """Object, hand and strategy."""
     removed: dict[str, np.ndarray] = field(default_factory=dict)
     """Length that each prune stage removed [m], float32, shape [pose], by name."""
+    source: Path | None = None
+    """Contour file that the batch was read from."""
+
+    @property
+    def name(self) -> str:
+        """Of the object, or of the file."""
+        if self.scene is not None:
+            return self.scene.solid.name
+        return "contours" if self.source is None else self.source.stem
 
     @overload
     def __getitem__(self, index: int) -> list[np.ndarray]: ...
@@ -65,14 +74,16 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         return cast("list[np.ndarray] | RenderedBatch", super().__getitem__(index))
 
     def select(self, first: int, stop: int) -> "RenderedBatch":
-        """Poses first..stop of a batch on the host; it knows its motion if there is one pose at least.
+        """Poses first..stop of a batch on the host, which know their motion, if there is one pose at least.
 
-        Of an articulated hand it does not: the hand has poses of its own.
+        Of an articulated hand, which has poses of its own, they do not know the scene: they cannot be saved or drawn.
         """
         part = super().select(first, stop)
         motion, scene = self.motion, self.scene
-        if motion is None or scene is None or stop <= first or scene.hand.pose_count is not None:
+        if motion is None or stop <= first:
             return RenderedBatch(**vars(part))
+        if scene is None or scene.hand.pose_count is not None:
+            return RenderedBatch(**vars(part), motion=motion[first:stop])
         moved = None if scene.object_pose is None else scene.object_pose[first:stop]
         removed = {name: length[first:stop] for name, length in self.removed.items()}
         return RenderedBatch(
@@ -84,7 +95,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
 
         Raises ContourFileError for a file that is there, unless `overwrite`, and for one that cannot be written.
         """
-        motion, scene = self._known(points="array")
+        motion, scene = self._known()
         save_contours(path, Collected(scene, self, self.removed), motion, overwrite=overwrite)
         return Path(path)
 
@@ -94,15 +105,17 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         A notebook shows the same picture of a batch that is a cell's result.
         Raises StrategyError for another kind of picture, and for one that is there unless `overwrite`.
         """
-        _, scene = self._known(points="array")
+        if self.source is not None:
+            draw_figure({self.name: self.source}, path, overwrite=overwrite)
+            return Path(path)
         with TemporaryDirectory(prefix="palpate-") as folder:
             file = self.save(Path(folder) / "contours.h5")
-            draw_figure({scene.solid.name: file}, Path(path), overwrite=overwrite)
+            draw_figure({self.name: file}, path, overwrite=overwrite)
         return Path(path)
 
     def sample(
         self,
-        sampling: SamplingStrategy | str = "stm",
+        sampling: SamplingStrategy | str | Path = "stm",
         *,
         duration: float | None = None,
         speed: float | None = None,
@@ -122,7 +135,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
 
     def play(
         self,
-        array: str = "emulator",
+        array: str | Path = "emulator",
         *,
         sampling: SamplingStrategy | str | None = None,
         duration: float | None = None,
@@ -147,7 +160,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         board = None if calibration is None else Path(calibration)
         return play_contours(
             self._rows(),
-            array=load_rig(array, serial=serial, calibration=board),
+            array=load_rig(str(array), serial=serial, calibration=board),
             sampling=sampling,
             drive=drive,
             duration=duration,
@@ -161,7 +174,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
 
         Raises StrategyError for another word, and if pandas is not installed.
         """
-        motion, _ = self._known()
+        motion = self._moved()
         if of not in ("poses", "points"):
             raise StrategyError(f"of must be poses or points, not {of!r}")
         return pose_frame(self, motion) if of == "poses" else point_frame(self)
@@ -171,17 +184,17 @@ class RenderedBatch(LikelyMembers, ContourBatch):
 
         Raises StrategyError if xarray is not installed.
         """
-        return pose_dataset(self, self._known()[0])
+        return pose_dataset(self, self._moved())
 
     def facts(self) -> dict[str, object]:
         """What the batch is of, and its numbers: lengths [m], draw frequency [Hz] at 7 m/s."""
-        motion, scene = self._known()
+        motion, scene = self._moved(), self.scene
         length = self.length()
         drawn = length[length > 0]
         frequency = draw_frequencies(drawn)
         return {
-            "object": scene.solid.name,
-            "hand": type(scene.hand).__name__,
+            "object": self.name,
+            "hand": None if scene is None else type(scene.hand).__name__,
             "poses": len(self),
             "poses_with_contours": len(drawn),
             "duration": motion.duration,
@@ -195,7 +208,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         """Facts and picture, for notebooks, which show this rather than a PNG."""
         from .batch_pages import batch_page
 
-        return None if self.scene is None else batch_page(self, self._picture)
+        return None if self.motion is None else batch_page(self, self._picture)
 
     def _repr_png_(self) -> bytes | None:
         """The picture, for consoles that show no HTML."""
@@ -204,22 +217,34 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     @cached_property
     def _picture(self) -> bytes | None:
         """The figure as PNG; None for batches whose picture takes seconds, or has nothing in it."""
-        if len(self) > SHOWN_MOST or not self.point_count or self.scene is None or self.scene.points != "array":
+        is_drawable = self.source is not None or (self.scene is not None and self.scene.points == "array")
+        if len(self) > SHOWN_MOST or not self.point_count or not is_drawable:
             return None
         with TemporaryDirectory(prefix="palpate-") as folder:
             return self.figure(Path(folder) / "batch.png").read_bytes()
 
-    def _known(self, points: str | None = None) -> tuple[HandMotion, Scene]:
+    def _moved(self) -> HandMotion:
+        """Poses; raises StrategyError for a batch that lost them."""
+        if not len(self):
+            raise StrategyError("this batch has no poses")
+        if self.motion is None:
+            raise StrategyError("this batch does not know its hand's motion: `render` gives one that does")
+        return self.motion
+
+    def _known(self) -> tuple[HandMotion, Scene]:
         """Motion and scene; raises StrategyError for a batch that lost them, or whose points are in another frame."""
+        self._require_array_frame()
         if self.motion is None or self.scene is None:
-            raise StrategyError("this batch does not know its object, hand and motion: `render` gives one that does")
-        if points is not None and self.scene.points != points:
-            raise StrategyError(f'this needs points="{points}", but the batch has points="{self.scene.points}"')
+            raise StrategyError("this batch does not know its object and hand, as one does that `render` gives")
         return self.motion, self.scene
 
+    def _require_array_frame(self) -> None:
+        if self.scene is not None and self.scene.points != "array":
+            raise StrategyError(f'this needs points="array", but the batch has points="{self.scene.points}"')
+
     def _rows(self) -> "BatchRows":
-        motion, scene = self._known(points="array")
-        return BatchRows(self.numpy(), motion, Path(scene.solid.name))
+        self._require_array_frame()
+        return BatchRows(self.numpy(), self._moved(), Path(self.name))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ...datasets.contour_file.reader import ContourFile
+from ...datasets.errors import ContourFileError
 from ...datasets.motions.hand_motion import HandMotion
+from ..contour_batch import array_names
 from ..coordinate_spacing import apart_text
 from ..deprecated_names import accept_old_keywords
 from ..hands.hand import Hand
@@ -73,3 +76,22 @@ def render(
     if is_long and object_pose is None and not found.contours.point_count and not found.removed_any:
         warn_user(apart_text(solid.bounds, motion.pose))
     return RenderedBatch(**vars(found.contours), motion=motion, scene=found.scene, removed=found.removed)
+
+
+def load_contours(path: str | Path) -> RenderedBatch:
+    """The contours of a file, all in memory, as a batch that samples, plays, draws and becomes tables.
+
+    `ContourFile` reads parts of a file that is too large. Raises ContourFileError for a file that cannot be read, or is
+    not finished.
+
+    >>> from palpate.render import load_contours, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> load_contours(path).sample("stm", duration=0.1)
+    SampledContours(1000 focal points at 10000 Hz, 0.1 s, 0 silent, 0 jumps, draw frequency 20.6 Hz)
+    """
+    with ContourFile(path) as file:
+        if not file.sealed:
+            raise ContourFileError(f'{path}: is not finished; record(..., mode="resume") finishes it')
+        arrays = file.contours(0, file.pose_count)
+    given = {name: arrays[name] for name in array_names() if name in arrays}
+    return RenderedBatch(**given, motion=HandMotion.load(path), source=Path(path))

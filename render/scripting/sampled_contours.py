@@ -35,7 +35,7 @@ class SampledContours(LikelyMembers):
     def __repr__(self) -> str:
         """One line: how many, how fast, and what disturbs."""
         jumps, frequency = sum(self.count.jumps.values()), self.draw_frequency
-        drawn = "nothing drawn" if frequency is None else f"draw frequency {frequency:.1f} Hz"
+        drawn = f"draw frequency {frequency:.1f} Hz" if frequency else "no contour drawn around"
         return (
             f"SampledContours({len(self)} focal points at {self.update_rate:g} Hz, {len(self) / self.update_rate:g} s, "
             f"{self.count.silent} silent, {jumps} jumps, {drawn})"

@@ -332,9 +332,9 @@ def load_strategy(source: str, *, allow_code: AllowCode = False) -> Intersection
     return load_by_name(strategy_name(source) or source, PRESETS, read, "strategy", WORDS)
 
 
-def strategy_of(strategy: IntersectionStrategy | str) -> IntersectionStrategy:
+def strategy_of(strategy: IntersectionStrategy | str | Path) -> IntersectionStrategy:
     """The strategy itself, or the one that `load_strategy` gives for a name or file."""
-    return load_strategy(strategy) if isinstance(strategy, str) else strategy
+    return load_strategy(str(strategy)) if isinstance(strategy, str | Path) else strategy
 
 
 def draft_strategy(path: str) -> tuple[dict[str, Any], list[Code]]:

@@ -85,6 +85,8 @@ UNITS = {
     "hop_speed_max": "m/s",
     "absence_max": "s",
     "height": "m",
+    "size": "m",
+    "spacing": "m",
 }
 """Units shown after values in tables; for --json, docs/guide/command-line.md gives them."""
 

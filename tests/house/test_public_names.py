@@ -26,7 +26,7 @@ def public_names():
 
 
 CLASSES = {name: value for name, value in public_names() if isinstance(value, type)}
-SHORT = 260
+SHORT = 280
 EXPRESSIONS = {
     "palpate.render.ContourFile": 'ContourFile(render("cube", "palm", static_pose([0, 0, 0.2])).save("own.h5"))',
     "palpate.render.DriveStrategy": "DriveStrategy(solver='wgs')",

@@ -24,7 +24,10 @@ def foreign_arrays(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of PyVista, on an option that older versions do not have
             surface = mesh if hasattr(mesh, "is_all_triangles") else mesh.extract_surface()
-        surface = surface if surface.is_all_triangles else surface.triangulate()
+        if not surface.n_cells or not surface.is_all_triangles:
+            surface = surface.triangulate()
+        if not len(surface.faces):
+            raise MeshError("the mesh has no triangles")
         return np.asarray(surface.points), np.asarray(surface.regular_faces)
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         return np.asarray(mesh.vertices), np.asarray(mesh.faces)
@@ -47,4 +50,4 @@ def pyvista_mesh(vertices: np.ndarray, faces: np.ndarray) -> "pyvista.PolyData":
         import pyvista
     except ImportError as error:
         raise MeshError("a mesh of PyVista needs PyVista: pip install pyvista") from error
-    return pyvista.PolyData.from_regular_faces(vertices, faces)
+    return pyvista.PolyData.from_regular_faces(vertices.copy(), faces.copy())

@@ -1,5 +1,6 @@
 """Where an object goes: from a file's coordinates to the array's frame."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypedDict, Unpack
 
@@ -8,6 +9,7 @@ import numpy as np
 from ....datasets.known_names import likely_name
 from ...errors import PlacementError
 from ...user_warnings import warn_user
+from ...validation import is_number, value_text
 
 SIZE_LARGEST = 5.0  # [m]; a larger object does not fit any workspace: its file is probably in millimetres
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -34,16 +36,18 @@ class Placement:
     """Where the middle of the bounding box goes [m], array frame; None leaves it where it is."""
 
     def __post_init__(self) -> None:
-        """Raise PlacementError for a value that is not allowed."""
-        if not (np.isfinite(self.scale) and self.scale > 0):
-            raise PlacementError(f"scale must be positive, not {self.scale}")
+        """Take numbers of any type as Python's; raise PlacementError for a value that is not allowed."""
+        if not (is_number(self.scale) and np.isfinite(self.scale) and self.scale > 0):
+            raise PlacementError(f"scale must be positive, not {value_text(self.scale)}")
+        object.__setattr__(self, "scale", float(self.scale))
         if self.up not in UP_AXES:
             raise PlacementError(f"up must be one of {', '.join(UP_AXES)}, not {self.up!r}")
-        if self.fit is not None and not (np.isfinite(self.fit) and self.fit > 0):
-            raise PlacementError(f"fit must be a positive length in metres, not {self.fit}")
+        if self.fit is not None and not (is_number(self.fit) and np.isfinite(self.fit) and self.fit > 0):
+            raise PlacementError(f"fit must be a positive length in metres, not {value_text(self.fit)}")
+        object.__setattr__(self, "fit", None if self.fit is None else float(self.fit))
         for field, value in (("rotate", self.rotate), ("at", self.at)):
-            if value is not None and (len(value) != 3 or not np.isfinite(value).all()):
-                raise PlacementError(f"{field} must be three finite numbers, not {value}")
+            if value is not None:
+                object.__setattr__(self, field, _three_numbers(field, value))
 
     def applied_to(self, vertices: np.ndarray) -> np.ndarray:
         """Placed vertices [m], shape [vertex, 3]."""
@@ -66,6 +70,14 @@ class Placement:
         if len(finite) == 0:
             return self.scale
         return self.fit / (float(np.ptp(finite, axis=0).max()) or 1.0)
+
+
+def _three_numbers(field: str, value: object) -> tuple[float, float, float]:
+    numbers = list(value) if isinstance(value, Iterable) and not isinstance(value, str) else []
+    if len(numbers) != 3 or not all(is_number(one) and np.isfinite(one) for one in numbers):
+        raise PlacementError(f"{field} must be three finite numbers, not {value_text(value)}")
+    x, y, z = (float(one) for one in numbers)
+    return x, y, z
 
 
 class PlacementFields(TypedDict, total=False):

@@ -128,6 +128,8 @@ class MeshObject(KeepsDeviceCopies):
         self.solid = require_solid_rule(solid)
         """What counts as inside: "winding" (winding number > 0) or "even-odd" (an odd winding number)."""
         self.placement = placement_of(placement, **place)
+        if faces is not None and (hasattr(vertices, "faces") or hasattr(vertices, "extract_surface")):
+            raise MeshError(f"{name}: the mesh given has faces of its own: leave out the others")
         if faces is None:
             vertices, faces = foreign_arrays(vertices)
         vertices, faces = np.asarray(vertices), np.asarray(faces)
@@ -176,7 +178,7 @@ class MeshObject(KeepsDeviceCopies):
         }
         if not isinstance(source, str | Path):
             return cls(source, **options)
-        if (name := shape_name(source)) is not None:
+        if (name := shape_name(str(source))) is not None:
             return cls(*shape(name), name=name, **options)
         path = Path(source)
         watch("reading", 0, 1)

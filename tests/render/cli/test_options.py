@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections import defaultdict
+from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -67,6 +68,13 @@ def test_options_of_old_names_work(command, old, tmp_path):
     done = subprocess.run([*call, "--json"], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert not old or (tmp_path / "demo" / "tube.png").exists()
+
+
+def test_a_value_that_looks_like_an_old_name_is_left_alone():
+    renamed, taking = import_module("palpate.render.cli.command_group").renamed, {"-o", "--out"}
+    assert renamed(["-o", "--folder", "--folder=x", "--", "--folder"], {"--folder": "--out"}, taking) == [
+        "-o", "--folder", "--out=x", "--", "--folder"
+    ]  # fmt: skip
 
 
 def test_quiet_leaves_out_warnings_and_keeps_results_and_errors(tmp_path):

@@ -6,14 +6,17 @@ import trimesh
 
 import palpate.device
 import palpate.render
+from palpate.device import DeviceError
 from palpate.render import (
     ContourFile,
+    DatasetError,
     HandMotion,
     ImplicitObject,
     Instant,
     IntersectionStrategy,
     MeshObject,
     Palm,
+    RenderError,
     SamplingStrategy,
     closed_contour,
     exploration,
@@ -66,6 +69,13 @@ ALONE = {
     "vertices alone": (lambda: MeshObject(np.zeros((3, 3))), "give vertices and faces"),
     "a path for a mesh": (lambda: MeshObject("tube.stl"), "load a file by MeshObject.load(path)"),
     "an empty mesh": (lambda: MeshObject(trimesh.Trimesh()), "no triangles"),
+    "a class for a hand": (lambda: render("tube", Palm, STILL), "a Palm, a PlaneHand or a MeshHand, or palm"),
+    "an empty name": (lambda: render("", "palm", STILL), "give a file or a built-in object's name"),
+    "a name without end": (lambda: load_strategy("x" * 5000), "neither a preset"),
+    "a text for a size": (lambda: MeshObject.load("tube", fit="0.1"), "a positive length in metres, not '0.1'"),
+    "a number for a place": (lambda: MeshObject.load("tube", at=0.2), "at must be three finite numbers, not 0.2"),
+    "a mesh and faces": (lambda: MeshObject(OPEN, [[0, 1, 2]]), "has faces of its own"),
+    "a file to explore": (lambda: exploration("dog.stl"), "exploration(MeshObject.load('dog.stl'))"),
     "a text for seconds": (lambda: exploration(TUBE, duration="30"), "duration must be finite and greater than 0"),
     "a broken seed": (lambda: exploration(TUBE, seed=1.5), "seed must be an integer"),
     "half a position": (lambda: static_pose([0, 0]), "position must have shape [3]"),
@@ -98,6 +108,8 @@ OF_A_BATCH = {
     "another maker's array": (lambda b: b.play("ultraleap"), "known: emulator, pat16"),
     "a clock": (lambda b: b.play(clock="fast"), "one of monotonic, virtual"),
     "no time": (lambda b: b.play(clock="virtual", duration=0), "duration must be positive"),
+    "no sampling": (lambda b: b.sample(None), "sampling must be a SamplingStrategy, or the name or file of one"),
+    "an empty part": (lambda b: b[5:5].to_pandas(), "this batch has no poses"),
     "no repeats": (lambda b: b.play(clock="virtual", repeats=0), "repeats must be at least 1"),
     "a suffix": (lambda b: b.save("tube.txt"), "must end in .h5 or .hdf5"),
     "a missing folder": (lambda b: b.save("no/tube.h5"), "there is no folder"),
@@ -108,7 +120,7 @@ OF_A_BATCH = {
 
 
 def answer(mistake):
-    with pytest.raises(Exception) as refusal:  # noqa: PT011  # which error is beside the point: what it says counts
+    with pytest.raises((RenderError, DatasetError, DeviceError, TypeError, IndexError, AttributeError)) as refusal:
         mistake()
     text = str(refusal.value)
     assert "\n" not in text

@@ -1,6 +1,7 @@
 """Batches that know what they are of: the same numbers as by files, and the other libraries' own readings."""
 
 import pickle
+import warnings
 from base64 import b64encode
 from copy import copy
 
@@ -20,6 +21,7 @@ from palpate.render import (
     PlaneHand,
     exploration,
     flat_hand,
+    load_contours,
     load_strategy,
     play_file,
     record,
@@ -67,14 +69,42 @@ def test_a_recording_is_taken_as_the_command_line_takes_it(tmp_path):
     by_name = render(near, "planes", path)
     held = recording.held()
     assert by_name.point_count
-    assert same(by_name, render(near, PlaneHand.from_joints(held.joints_in_hand(), held.radii()), held.motion()))
+    assert same(
+        by_name, render(near, PlaneHand.from_joints(held.joints_in_hand(), held.radii(), is_left=False), held.motion())
+    )
+    assert same(by_name, render(near, "planes", recording))
     assert same(render(near, Palm(0.05, 0.06), path), render(near, Palm(0.05, 0.06), recording.motion()))
+
+
+def test_a_file_is_read_as_a_batch(batch, tmp_path):
+    found = load_contours(batch.save(tmp_path / "tube.h5"))
+    assert same(found, batch)
+    assert found.play(clock="virtual").as_dict() == batch.play(clock="virtual").as_dict()
+    assert found.to_pandas().equals(batch.to_pandas())
+    assert found._repr_png_().startswith(b"\x89PNG")
+    assert "<td>tube" in found._repr_html_()
+    with pytest.raises(StrategyError, match="does not know its object"):
+        found.save(tmp_path / "again.h5")
 
 
 def test_speed_and_rate_are_changed_by_the_way(batch):
     faster = batch.sample("stm", speed=3.5, update_rate=20_000.0)
     assert (faster.sampling.speed, faster.update_rate) == (3.5, 20_000.0)
     assert len(faster) == pytest.approx(2 * len(batch.sample("stm")), abs=2)
+
+
+def test_parts_of_an_articulated_hand_are_sampled_and_become_tables(tmp_path):
+    path = write_sample("openxr", tmp_path / "hand.json")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = render(MeshObject.load("tube", at=(0, 0.2, 0)), "planes", path)
+    part = found[5:15]
+    assert same(part, ContourBatch.select(found, 5, 15))
+    assert len(part.to_pandas()) == len(part.motion) == 10
+    assert len(part.sample()) == pytest.approx(10 / 30 * 10_000, abs=2)
+    assert "<td>10" in part._repr_html_()
+    with pytest.raises(StrategyError, match="does not know its object and hand"):
+        part.save(tmp_path / "part.h5")
 
 
 def test_what_copies_and_pickles_look_for_is_no_guess(batch):
@@ -129,7 +159,7 @@ def test_saved_is_what_recording_writes_but_for_its_own_times(tube, motion, batc
 
 def test_played_and_sampled_from_memory_is_what_the_file_gives(batch, tmp_path):
     path = batch.save(tmp_path / "batch.h5")
-    in_memory, from_file = batch.play(clock="virtual"), play_file(path, sampling="stm", connection=virtual())
+    in_memory, from_file = batch.play(clock="virtual"), play_file(path, sampling="stm", clock="virtual")
     assert in_memory.as_dict() == from_file.as_dict()
     focus = batch.sample("stm")
     assert focus.count == from_file.count
@@ -137,12 +167,6 @@ def test_played_and_sampled_from_memory_is_what_the_file_gives(batch, tmp_path):
     points = read_ptlist(focus.save(tmp_path / "batch.ptlist"))
     assert np.allclose(points.position, focus.position, atol=1e-6)
     assert len(focus.to_pandas()) == len(focus) == len(focus.time)
-
-
-def virtual():
-    from palpate.render import Connection
-
-    return Connection(clock="virtual")
 
 
 def test_one_draw_frequency(batch, tmp_path):
@@ -210,7 +234,7 @@ def test_a_batch_that_does_not_know_its_motion_says_so(batch):
     assert not hasattr(plain, "sample")
     with pytest.raises(StrategyError, match=r"a static pose|one static pose"):
         render("cube", Palm(), static_pose([0, 0, 0.2])).sample()
-    with pytest.raises(StrategyError, match="does not know its object, hand and motion"):
+    with pytest.raises(StrategyError, match="does not know its hand's motion"):
         type(batch)(**{name: getattr(batch, name) for name in batch.by_name()}).sample()
 
 

@@ -1,5 +1,7 @@
 """Meshes of trimesh and PyVista, taken and given back; their own volumes are the truth."""
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
@@ -32,11 +34,18 @@ def test_pyvista_there_and_back():
     mesh = MeshObject(box, name="box")
     assert mesh.report.closed
     assert mesh.to_pyvista().volume == pytest.approx(0.1 * 0.06 * 0.1, rel=1e-5)
+    mesh.to_pyvista().points[:] = 0.0
+    assert np.ptp(mesh.vertices, axis=0) == pytest.approx([0.1, 0.06, 0.1])  # a copy was given
+    with pytest.raises(MeshError, match="no triangles"):
+        MeshObject(pyvista.PolyData(box.points))
     grid = pyvista.ImageData(dimensions=(5, 5, 5), spacing=(0.02, 0.02, 0.02), origin=(0, 0, 0.1))
     assert MeshObject.load(grid).to_pyvista().volume == pytest.approx(0.08**3, rel=1e-5)
 
 
 def test_placement_by_its_fields(ball):
+    placed = MeshObject.load("tube", at=np.array([0, 0, 0.3]), rotate=np.zeros(3), scale=np.float32(0.5))
+    assert placed.bounds.mean(axis=0) == pytest.approx([0, 0, 0.3], abs=1e-6)
+    assert json.loads(json.dumps(placed.described()))["placement"]["at"] == [0.0, 0.0, 0.3]
     assert np.ptp(MeshObject.load("tube", fit=0.1).bounds, axis=0).max() == pytest.approx(0.1)
     with pytest.raises(PlacementError, match="fit is a field of placement, which is given, too"):
         MeshObject.load("tube", fit=0.1, placement=MeshObject.load("tube").placement)

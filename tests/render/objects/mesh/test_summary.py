@@ -159,8 +159,8 @@ def test_bad_options_are_refused_with_value_and_bound(options, message):
 
 
 def test_options_of_a_mesh_are_refused_for_other_files(tmp_path):
-    refused(2, "--weld is of a mesh, which nothing.h5 is not", "info", "nothing.h5", "--weld", "1e-6")
     (tmp_path / "ball.json").write_text(json.dumps({"op": "sphere", "radius": 0.05}))
+    refused(2, "ball.json is not", "info", tmp_path / "ball.json", "--weld", "1e-6")
     refused(2, "--solid is of a mesh", "render", tmp_path / "ball.json", "exploration", "-o", tmp_path / "o.h5",
             "--solid", "winding")  # fmt: skip
 

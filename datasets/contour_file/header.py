@@ -78,6 +78,8 @@ class FileHeader:
     """Seed of whatever was random."""
     inserted: int = 0
     """How many of the poses were put between two of the motion that was recorded or made."""
+    provenance: Mapping[str, Any] | None = None
+    """JSON, what made a synthetic motion; not in the recipe, which has the poses."""
     raw_error: float | None = None
     """How far the raw intersection can be from the exact one [m]; None where that is not known; not in the recipe."""
     created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="microseconds"))
@@ -217,7 +219,10 @@ def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
     if header.representation:
         placed["representation"] = json_text(header.representation, "representation")
     hand = json_text(header.hand, "hand")
-    return {"/": root, "/motion": {"offset": header.time_offset}, "/hand": {"description": hand}, "/object": placed}
+    motion: dict[str, Attribute] = {"offset": header.time_offset}
+    if header.provenance is not None:
+        motion["provenance"] = json_text(header.provenance, "provenance")
+    return {"/": root, "/motion": motion, "/hand": {"description": hand}, "/object": placed}
 
 
 def get_header(file: Hdf5Reader) -> FileHeader:
@@ -240,6 +245,7 @@ def get_header(file: Hdf5Reader) -> FileHeader:
         time_offset=file.number("/motion", "offset") or 0.0,
         seed=file.whole("/", "seed"),
         inserted=file.whole("/", "poses_inserted") or 0,
+        provenance=get_provenance(file),
         raw_error=file.number("/", "raw_error"),
         created=file.text("/", "created"),
     )
@@ -254,6 +260,12 @@ def get_json(file: TextSource, name: str, key: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ContourFileError(f"{file.path}: attribute {key} of {name} is not a JSON object")
     return cast(dict[str, Any], value)
+
+
+def get_provenance(file: Hdf5Reader) -> dict[str, Any] | None:
+    """What made a synthetic motion; None for another, and for a file older than 1.3."""
+    is_there = file.attribute("/motion", "provenance") is not None
+    return get_json(file, "/motion", "provenance") if is_there else None
 
 
 def get_texts(file: TextSource, name: str, key: str) -> dict[str, str]:

@@ -174,7 +174,7 @@ class ContourFile:
 
     @cached_property
     def attributes(self) -> dict[str, Any]:
-        """Format name and version, software versions, device, time of creation; seed and inserted poses, if any."""
+        """Format name and version, software versions, device, time of creation; if any seed, inserted poses, and what made the motion."""
         file = self._header_file
         attributes: dict[str, Any] = {
             "format": file.text("/", "format"),
@@ -184,7 +184,7 @@ class ContourFile:
             "created": file.text("/", "created"),
         }
         notes = {name: file.whole("/", name) for name in ("seed", "poses_inserted")}
-        notes |= {"raw_error": file.number("/", "raw_error")}
+        notes |= {"raw_error": file.number("/", "raw_error"), "motion": get_provenance(file)}
         return attributes | {name: value for name, value in notes.items() if value is not None}
 
     def header(self) -> FileHeader:

@@ -21,7 +21,7 @@ _CONTOURS: Mapping[str, Set[str]] = {
     "/digests": set[str](),
     "/contours": set[str](),
     "/metrics": set[str](),
-    "/motion": {"offset"},
+    "/motion": {"offset", "provenance"},
     "/object": {"name", "hash", "placement", "attributes", "representation"},
     "/hand": {"description"},
     "/timing": {"stages"},

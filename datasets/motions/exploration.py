@@ -1,4 +1,4 @@
-"""The synthetic exploration: where a palm goes that feels an object of which only the bounds are known."""
+"""The exploration around an object: where a palm goes that feels, from every side, what it knows the bounds of."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+VERSION = 1
+"""Of the model: another version makes other poses of the same numbers."""
 INTERVAL = 0.15  # between control points [s]: a hand changes its mind no faster
 MARGIN = 0.06  # the palm's centre stays within the bounds grown by this [m] ...
 FLOOR = 0.06  # ... and this high above the array [m]

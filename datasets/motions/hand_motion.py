@@ -6,7 +6,7 @@ transforms the hand frame to the array frame: x y z [m], qx qy qz qw.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -19,7 +19,8 @@ from ..bounded_file import FileBoundError, require_bytes
 from ..errors import MotionError
 from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
 from ..shapes.built_in import shape
-from .exploration import FLOOR, MARGIN, Progress, exploration_path, unheard
+from .exploration import Progress, unheard
+from .exploration_options import MODELS, POSE_BYTES, SECOND_BYTES, check_options
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
@@ -29,11 +30,11 @@ BOUNDS_FARTHEST = 100.0
 """Largest coordinate of the bounds of an exploration [m]; larger ones are probably in wrong units."""
 POSES_MOST = 1e9
 """Most poses of one exploration, whatever the memory budget."""
-POSE_BYTES, SECOND_BYTES = 100, 1600
-"""Peak memory of making an exploration [byte], per pose and per second of its path; measured."""
 DURATION, RATE, SEED = 30.0, 90.0, 1
 EXPLORATION_DEFAULTS = {"duration": DURATION, "rate": RATE, "seed": SEED}
 """Duration [s], rate [Hz] and seed of an exploration for which none are given."""
+EXPLORATION_OPTIONS = (*EXPLORATION_DEFAULTS, "model", "explorer", "facing", "workspace")
+"""Everything that can be chosen of an exploration."""
 RANDOM_SIZE, RANDOM_AT = 0.13, (0.0, 0.0, 0.2)
 """Side of the cube in which random poses lie, and its centre [m]: around the built-in objects."""
 SEED_MOST = 2**63 - 1
@@ -79,6 +80,8 @@ class HandMotion:
     """Seed of a synthetic motion, otherwise None."""
     inserted: int = 0
     """Number of poses that were interpolated between two poses of the tracker."""
+    provenance: Mapping[str, Any] | None = None
+    """What made a synthetic motion, as JSON: model, its version, and its options; otherwise None."""
 
     def __post_init__(self) -> None:
         time, pose, offset = _validate(self.time, self.pose, self.offset, row_place)
@@ -134,6 +137,7 @@ class HandMotion:
         except MotionError as error:
             raise MotionError(f"{path}: {error}") from None
         values = {"time": time, "pose": pose, "offset": offset, "seed": rows.seed, "inserted": 0}
+        values |= {"provenance": rows.provenance}
         for name, value in values.items():
             object.__setattr__(motion, name, value)
         return motion
@@ -141,10 +145,11 @@ class HandMotion:
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write the motion as CSV or HDF5 by the suffix (.csv, .h5, .hdf5), completely or not at all; returns its path.
 
-        A CSV has the clock's times (time + offset) and no seed; HDF5 has time, offset and seed. A loaded motion is
+        A CSV has the clock's times (time + offset) only; HDF5 has time, offset, seed and provenance. A loaded motion is
         bit-identical when read back. Raises MotionError if the file exists, unless `overwrite`, or writing fails.
         """
-        write_rows(Path(path), MotionRows(self.time, self.pose, self.offset, self.seed, row_place), overwrite=overwrite)
+        rows = MotionRows(self.time, self.pose, self.offset, self.seed, row_place, self.provenance)
+        write_rows(Path(path), rows, overwrite=overwrite)
         return Path(path)
 
 
@@ -169,16 +174,26 @@ def exploration(
     *,
     rate: float = RATE,
     seed: int = SEED,
+    model: str = MODELS[0],
+    explorer: int | None = None,
+    facing: float | None = None,
+    workspace: ArrayLike | None = None,
     progress: Progress = unheard,
 ) -> HandMotion:
-    """Make a synthetic exploration of an object that imitates a person's; it uses only the object's bounds.
+    """Make a synthetic exploration that imitates a person's: a palm that wanders over an array.
 
     bounds: the object (also a mesh of trimesh or PyVista, or the name of a built-in one), or its smallest and largest
-    x y z [m], shape [2, 3]. duration [s]; rate: poses per second [Hz].
+    x y z [m], shape [2, 3]. duration [s]; rate: poses per second [Hz]. seed: which trial of the person.
+    model: "over-array", a palm in one workspace, whatever the object is, which faces the array (`over_array` describes
+    it; bounds only decide whether the object can be reached); or "around", a hand that comes to the object from every
+    side, also with its back to the array (`exploration_path`), the only model of before version 0.2.
+    Of "over-array" alone: explorer, which person, by number (`explorer_habits`), by default 1; facing: largest angle
+    between the skin's normal and the direction to the array's centre [rad], by default pi / 3; workspace: lowest and
+    highest x y z of the palm's centre [m], shape [2, 3], by default 60 mm around and above the paper's 130 mm cube.
     progress: called at intervals with (done, total).
-    `exploration_path` describes the model. The path depends only on bounds and seed; duration and rate sample it at
-    k / rate < duration. Raises MotionError for a bad argument, if the object leaves no room 60 mm above the array, and
-    for a motion that takes more memory than the budget of one file (`PALPATE_READ_MB`).
+    Duration and rate only sample the path, at k / rate < duration. Raises MotionError for a bad argument, for an
+    object that no hand reaches, and for a motion that takes more memory than the budget of one file
+    (`PALPATE_READ_MB`).
 
     >>> from palpate.render import exploration
     >>> exploration([[-0.06, -0.06, 0.14], [0.06, 0.06, 0.26]], duration=2.0)
@@ -189,23 +204,30 @@ def exploration(
         raise MotionError(
             f"bounds must be finite, minimum before maximum and within {BOUNDS_FARTHEST:g} m, got {box.tolist()}"
         )
-    if box[1, 2] + MARGIN <= FLOOR:
-        raise MotionError(f"the object's top at z = {box[1, 2]:g} m leaves a hand no room {FLOOR:g} m above the array")
+    options = check_options(model, explorer, facing, workspace)
+    options.require_reachable(box)
     for name, value in (("duration", duration), ("rate", rate)):
         if isinstance(value, str) or not (math.isfinite(value) and value > 0.0):
             raise MotionError(f"{name} must be finite and greater than 0, got {value!r}")
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= SEED_MOST:  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts pass floats
         raise MotionError(f"seed must be an integer of 0 to {SEED_MOST}, got {seed!r}")
+    count = _pose_count(duration, rate, options.model)
+    time = np.arange(count) / rate
+    made = options.provenance(float(duration), float(rate), seed)
+    return _motion(time, options.path(box, time, seed, progress), seed=seed, provenance=made)
+
+
+def _pose_count(duration: float, rate: float, model: str) -> int:
+    """Number of poses of an exploration; raises MotionError for more than palpate makes or memory holds."""
     if duration * rate > POSES_MOST:
         raise MotionError(f"{duration:g} s at {rate:g} Hz are more than {POSES_MOST:g} poses")
     count = max(1, math.ceil(duration * rate - 1e-9))  # 1e-9: 0.1 s x 30 Hz is three poses
     try:
-        size = POSE_BYTES * count + SECOND_BYTES * math.ceil(duration)
+        size = POSE_BYTES[model] * count + SECOND_BYTES[model] * math.ceil(duration)
         require_bytes(size, f"a motion of {count} poses (duration {duration:g} s at rate {rate:g} Hz)")
     except FileBoundError as error:
         raise MotionError(str(error)) from error
-    time = np.arange(count) / rate
-    return _motion(time, exploration_path(box, time, seed, progress), seed=seed)
+    return count
 
 
 def _bounds_of(thing: ArrayLike | HasBounds | str) -> Any:
@@ -310,5 +332,11 @@ def _first(flag: ArrayLike) -> int | None:
     return int(hits[0]) if hits.size else None
 
 
-def _motion(time: NDArray[np.float64] | None, pose: NDArray[np.float64], *, seed: int | None = None) -> HandMotion:
-    return HandMotion(time, pose, seed=seed)  # pyright: ignore[reportArgumentType]  # checked in float64, then cast
+def _motion(
+    time: NDArray[np.float64] | None,
+    pose: NDArray[np.float64],
+    *,
+    seed: int | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> HandMotion:
+    return HandMotion(time, pose, seed=seed, provenance=provenance)  # pyright: ignore[reportArgumentType]  # checked in float64, then cast

@@ -11,16 +11,18 @@
 """
 
 import io
+import json
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..bounded_file import open_regular, read_content, require_bytes, text_lines
 from ..errors import Hdf5Error, MotionError, name_nothing
+from ..json_text import parse_json
 from ..known_names import likely_file
 from ..storage.durable import write_file
 from ..storage.hdf5 import FAILURES
@@ -47,6 +49,8 @@ class MotionRows(NamedTuple):
     """The seed of a synthetic motion."""
     place: Callable[[int], str]
     """Names a row as its file counts it, for messages."""
+    provenance: Mapping[str, Any] | None = None
+    """What made a synthetic motion, as JSON."""
 
 
 def row_place(row: int) -> str:
@@ -185,13 +189,27 @@ def _rows_from_hdf5(path: Path) -> MotionRows:
             pose = _numbers(file, "/motion/pose", 2)
             time = _numbers(file, "/motion/time", 1) if "/motion/time" in file.datasets else None
             seed = file.whole("/motion" if "seed" in file.structure.attributes["/motion"] else "/", "seed")
-            return MotionRows(time, pose, file.number("/motion", "offset") or 0.0, seed, row_place)
+            offset = file.number("/motion", "offset") or 0.0
+            return MotionRows(time, pose, offset, seed, row_place, _provenance(file.attribute("/motion", "provenance")))
     except Hdf5Error as error:
         raise MotionError(str(error)) from None
     except (MotionError, FileNotFoundError, IsADirectoryError, PermissionError):
         raise
     except FAILURES as error:
         raise MotionError(f"not a readable HDF5 file ({error})") from error
+
+
+def _provenance(value: object) -> dict[str, Any] | None:
+    """A JSON object kept in an attribute, if there is one."""
+    if value is None:
+        return None
+    try:
+        made: Any = parse_json(value) if isinstance(value, str) else None
+    except ValueError as error:
+        raise MotionError(f"attribute provenance of /motion is not JSON: {error}") from None
+    if not isinstance(made, dict):
+        raise MotionError("attribute provenance of /motion is not a JSON object")
+    return cast(dict[str, Any], made)
 
 
 def _numbers(file: StrictFile, name: str, rank: int) -> NDArray[Any]:
@@ -211,6 +229,8 @@ def _hdf5_bytes(rows: MotionRows) -> bytes:
         group.attrs["offset"] = rows.offset
         if rows.seed is not None:
             group.attrs["seed"] = rows.seed
+        if rows.provenance is not None:
+            group.attrs["provenance"] = json.dumps(dict(rows.provenance), sort_keys=True)
         pose: Any = group.create_dataset("pose", data=rows.pose.astype(np.float32), fletcher32=True)
         pose.attrs.update({"units": "m (x y z), 1 (qx qy qz qw)", "frame": "array"})
         if rows.time is not None:

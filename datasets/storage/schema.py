@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..errors import ContourFileError
 
 FORMAT_NAME = "palpate contours"
-FORMAT_VERSION = (1, 2)
+FORMAT_VERSION = (1, 3)
 """(major, minor). Readers of an older major version refuse the file; a minor version adds what they may ignore."""
 
 DIGESTS_SINCE = (1, 2)

@@ -59,6 +59,7 @@ def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
         time_offset=motion.offset,
         seed=motion.seed,
         inserted=motion.inserted,
+        provenance=motion.provenance,
         object_name=solid.name,
         vertices=vertices,
         faces=faces,

@@ -82,7 +82,7 @@ def _with(motion: HandMotion, inserted: list[Poses]) -> HandMotion:
     pose = np.concatenate([motion.pose, *(part[1] for part in inserted)])
     order = np.argsort(time, kind="stable")
     count = motion.inserted + len(time) - len(motion)
-    return HandMotion(time[order], pose[order], motion.offset, motion.seed, count)
+    return HandMotion(time[order], pose[order], motion.offset, motion.seed, count, motion.provenance)
 
 
 def _inserted(motion: HandMotion, gap: float, shift_test: "_ShiftTest") -> list[Poses]:

@@ -1,0 +1,94 @@
+"""Persons who explore objects over an array: the size of the hand and the habits of each, by number."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import MotionError
+from .counter_random import bell, uniform
+
+EXPLORER_MOST = 2**63 - 1
+"""Largest number of an explorer: HDF5 stores it as a signed 64-bit integer."""
+SIDES = ("above", "front", "left", "right")
+"""Where a visit enters the workspace from: not from behind, where the user cannot reach, and not through the array."""
+
+PERSON_KEY = 2**64 - 1  # second word of the key of a person's numbers; trials have their seed there, which is less
+BREADTHS = ((0.0904, 0.0042), (0.0794, 0.0038))  # mean and standard deviation of men and women [m]
+LENGTH_SHARE = 100.0 / 85.0  # length of a palm in breadths
+PITCH_SD, ROLL_SD = np.radians(6.0), np.radians(4.5)  # between persons, and again between waypoints [rad]
+YAW_HABIT_SD, YAW_SD = np.radians(20.0), np.radians(6.0)  # between persons; between waypoints [rad]
+SPEED_LOW, SPEED_HIGH = 0.07, 0.30  # of persons' mean stroke [m/s]
+PAUSE_LOW, PAUSE_HIGH = 0.2, 0.6  # share of strokes that end with a pause, of persons
+PREFERENCE = 0.5  # share of the visits that enter at the preferred side
+
+
+@dataclass(frozen=True)
+class ExplorerHabits:
+    """The hand and the habits of one person; `explorer_habits` makes them of a number.
+
+    >>> from palpate.datasets import explorer_habits
+    >>> [explorer_habits(number).side for number in range(1, 6)]
+    ['right', 'right', 'left', 'above', 'above']
+    """
+
+    palm_width: float
+    """A palm size that fits the person's hand, a suggestion for `Palm(width, length)`: its width [m] ..."""
+    palm_length: float
+    """... and length [m]. Explorations do not depend on it."""
+    pitch: float
+    """Mean pitch [rad], fingers up positive."""
+    roll: float
+    """Mean roll [rad], the side of +X (a right hand's little finger) up positive."""
+    yaw: float
+    """Mean direction of the fingers [rad]: 0 away from the user (+y), positive to the left."""
+    speed: float
+    """Mean speed of a stroke of average speed [m/s]."""
+    pause_share: float
+    """Share of the strokes that end with a pause."""
+    side: str
+    """Preferred side of approach, one of `SIDES`."""
+
+
+def explorer_habits(explorer: int) -> ExplorerHabits:
+    """Make the hand and the habits of a person from a number; the same number is always the same person.
+
+    | habit | distribution | source |
+    |---|---|---|
+    | palm width | half men, half women: 90.4 (4.2) and 79.4 (3.8) mm | hand breadth, Gordon et al. 1989 |
+    | palm length | 100 / 85 of the width | an adult's palm of 85 x 100 mm |
+    | pitch, roll | mean 0, standard deviations 6 and 4.5 degrees | palm down; as between waypoints, see `over_array` |
+    | yaw | mean 0, standard deviation 20 degrees | means of the clips: -21, -9, 8, 27 degrees |
+    | speed | uniform in 0.07 to 0.30 m/s | means of the clips while they move: 0.07, 0.11, 0.11, 0.30 m/s |
+    | pause share | uniform in 0.2 to 0.6 | the clips are slower than 0.03 m/s for 1 to 56 % of their time |
+    | side | each alike | no source |
+
+    The clips are four recordings of gestures by a Leap Motion controller (leapjs-playback), and no explorations: they
+    bound how far and how fast hands turn and move. Numbers beyond two standard deviations are set to two.
+    Raises MotionError for what is no integer of 0 to 2^63 - 1.
+
+    >>> from palpate.datasets import explorer_habits
+    >>> person = explorer_habits(7)
+    >>> print(f"{1e3 * person.palm_width:.0f} x {1e3 * person.palm_length:.0f} mm, {person.speed:.2f} m/s")
+    78 x 92 mm, 0.10 m/s
+    """
+    require_explorer(explorer)
+    key = (int(explorer), PERSON_KEY)
+    first = uniform(key, 0)
+    mean, deviation = BREADTHS[int(2.0 * first[0])]
+    width = mean + deviation * float(bell(key, 1))
+    return ExplorerHabits(
+        palm_width=width,
+        palm_length=LENGTH_SHARE * width,
+        pitch=float(PITCH_SD * bell(key, 2)),
+        roll=float(ROLL_SD * bell(key, 3)),
+        yaw=float(YAW_HABIT_SD * bell(key, 4)),
+        speed=float(SPEED_LOW + (SPEED_HIGH - SPEED_LOW) * first[1]),
+        pause_share=float(PAUSE_LOW + (PAUSE_HIGH - PAUSE_LOW) * first[2]),
+        side=SIDES[int(len(SIDES) * first[3])],
+    )
+
+
+def require_explorer(explorer: object) -> None:
+    """Raise MotionError unless it is an integer of 0 to `EXPLORER_MOST`."""
+    if isinstance(explorer, bool) or not isinstance(explorer, int) or not 0 <= explorer <= EXPLORER_MOST:
+        raise MotionError(f"explorer must be an integer of 0 to {EXPLORER_MOST}, got {explorer!r}")

@@ -69,7 +69,9 @@ def object_of(name: str) -> MeshObject:
 def measure(case: Case, pose_count: int, repeats: int) -> dict:
     """Figures of one case."""
     thing, hand, strategy = object_of(case.thing), Palm(), PRESETS[case.strategy]()
-    motion = exploration(thing.bounds, duration=pose_count * POSE_INTERVAL, rate=1 / POSE_INTERVAL, seed=1)
+    motion = exploration(
+        thing.bounds, duration=pose_count * POSE_INTERVAL, rate=1 / POSE_INTERVAL, seed=1, model="around"
+    )
     contours = PoseContours(thing, hand, strategy)
     whole, part, ordinary = (Stopwatch([], []) for _ in range(3))
     hit = np.array([part.time(contours.at, pose).point_count > 0 for pose in motion.pose])

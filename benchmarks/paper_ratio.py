@@ -1,7 +1,8 @@
 """The founding paper's r = mean |CC| / mean |OC|, over synthetic explorations (Mulot et al. 2024, figure 6C).
 
-The paper gives neither the palm's size nor the hands' paths: the side of a square palm is fitted on the cube alone,
-and the tube and the dog are then predictions.
+The explorations are of the model `around`; explorers.py has persons over an array. The paper gives neither the palm's
+size nor the hands' paths: the side of a square palm is fitted on the cube alone, and the tube and the dog are then
+predictions.
 
     python benchmarks/paper_ratio.py --seeds 20
 """
@@ -24,7 +25,7 @@ def ratios(thing: MeshObject, side: float, seeds: range) -> np.ndarray:
     """r of each exploration, one a seed; palm of this side [m]."""
     out = []
     for seed in seeds:
-        motion = exploration(thing.bounds, duration=DURATION, rate=RATE, seed=seed)
+        motion = exploration(thing.bounds, duration=DURATION, rate=RATE, seed=seed, model="around")
         lengths = render(thing, Palm(side, side), motion, closed_contour()).lengths().sum(axis=0, dtype=np.float64)
         out.append(length_ratio(lengths.sum(), lengths[0]))
     return np.array(out)

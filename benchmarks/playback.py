@@ -132,7 +132,7 @@ def first_frame_of_file(poses: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tube.h5"
         tube = MeshObject.load("tube")
-        motion = exploration(tube.bounds, duration=poses / POSE_RATE, rate=POSE_RATE, seed=1)
+        motion = exploration(tube.bounds, duration=poses / POSE_RATE, rate=POSE_RATE, seed=1, model="around")
         record(path, tube, Palm(), motion, closed_contour(), devices=["cpu"])
         return {**worker({"file": str(path)}), "bytes": path.stat().st_size}
 

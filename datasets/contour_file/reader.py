@@ -20,6 +20,7 @@ from .header import (
     FileHeader,
     get_header,
     get_json,
+    get_provenance,
     get_representation,
     get_texts,
     get_version,
@@ -174,7 +175,7 @@ class ContourFile:
 
     @cached_property
     def attributes(self) -> dict[str, Any]:
-        """Format name and version, software versions, device, time of creation; if any seed, inserted poses, and what made the motion."""
+        """Format name and version, software versions, device, creation time; if any, seed, inserted poses, motion."""
         file = self._header_file
         attributes: dict[str, Any] = {
             "format": file.text("/", "format"),

@@ -35,7 +35,7 @@ def uniform(key: tuple[int, int], *counter: "NDArray[np.int64] | int") -> NDArra
     counter: up to four integers of 0 or more, or arrays of them that broadcast; those left out are 0.
     """
     words = np.broadcast_arrays(*(np.asarray(word, np.uint64) for word in (*counter, 0, 0, 0)[:4]))
-    return (philox(key, np.stack(words, axis=-1)) >> np.uint64(11)) * _UNIT
+    return (philox(key, np.stack(words, axis=-1)) >> np.uint64(11)).astype(np.float64) * _UNIT
 
 
 def bell(key: tuple[int, int], *counter: "NDArray[np.int64] | int") -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from .over_array import FACING, WORKSPACE, Trial, over_array_path
 from .over_array import VERSION as OVER_ARRAY_VERSION
 
 OVER_ARRAY, AROUND = "over-array", "around"
-MODELS = (OVER_ARRAY, AROUND)
+EXPLORATION_MODELS = (OVER_ARRAY, AROUND)
 """Models of explorations, the default first: a person over an array; a hand around the object, from every side."""
 VERSIONS = {OVER_ARRAY: OVER_ARRAY_VERSION, AROUND: AROUND_VERSION}
 EXPLORER = 1
@@ -26,7 +26,7 @@ OPTION_DEFAULTS: Mapping[str, Any] = {"explorer": EXPLORER, "facing": float(FACI
 FACING_LEAST, FACING_MOST = math.radians(5.0), math.radians(90.0)
 WORKSPACE_THINNEST, WORKSPACE_FARTHEST = 0.02, 2.0  # [m]
 POSE_BYTES = {OVER_ARRAY: 100, AROUND: 100}
-SECOND_BYTES = {OVER_ARRAY: 700, AROUND: 1600}
+SECOND_BYTES = {OVER_ARRAY: 600, AROUND: 1600}
 """Peak memory of making an exploration [byte], per pose and per second of its path; measured."""
 
 
@@ -57,8 +57,8 @@ class ExplorationOptions:
                 )
         elif (box[0] > self.workspace[1]).any() or (box[1] < self.workspace[0]).any():
             raise MotionError(
-                f"bounds: the object's box {_box_text(box)} does not meet the workspace {_box_text(self.workspace)}, in "
-                "which the palm's centre stays: place the object over the array, or give another workspace"
+                f"bounds: the object's box {_box_text(box)} does not meet the workspace {_box_text(self.workspace)}, "
+                "in which the palm's centre stays: place the object over the array, or give another workspace"
             )
 
     def path(self, box: NDArray[np.float64], time: NDArray[np.float64], seed: int, progress: Progress) -> Any:
@@ -73,29 +73,28 @@ def check_options(
     model: str, explorer: int | None = None, facing: float | None = None, workspace: ArrayLike | None = None
 ) -> ExplorationOptions:
     """Options with their defaults; raises MotionError for values out of bounds, and options of another model."""
-    known = find_name(model, MODELS) if isinstance(model, str) else None  # pyright: ignore[reportUnnecessaryIsInstance]
+    known = find_name(model, EXPLORATION_MODELS) if isinstance(model, str) else None  # pyright: ignore[reportUnnecessaryIsInstance]
     if known is None:
-        meant = likely_name(str(model), MODELS)
-        raise MotionError(f"model must be one of {', '.join(MODELS)}, not {model!r}{meant}")
+        meant = likely_name(str(model), EXPLORATION_MODELS)
+        raise MotionError(f"model must be one of {', '.join(EXPLORATION_MODELS)}, not {model!r}{meant}")
     given = {"explorer": explorer, "facing": facing, "workspace": workspace}
     if known == AROUND:
         for name, value in given.items():
             if value is not None:
                 raise MotionError(f"{name} is of the model {OVER_ARRAY}, not of {AROUND}")
         return ExplorationOptions(known, None, None, None)
-    full = {name: OPTION_DEFAULTS[name] if value is None else value for name, value in given.items()}
+    full: dict[str, Any] = {name: OPTION_DEFAULTS[name] if value is None else value for name, value in given.items()}
     require_explorer(full["explorer"])
-    return ExplorationOptions(known, full["explorer"], _check_facing(full["facing"]), check_workspace(full["workspace"]))
+    facing, space = _check_facing(full["facing"]), check_workspace(full["workspace"])
+    return ExplorationOptions(known, full["explorer"], facing, space)
 
 
-def _check_facing(facing: Any) -> float:
-    is_number = isinstance(facing, int | float | np.floating) and not isinstance(facing, bool)
-    if not is_number or not FACING_LEAST <= facing <= FACING_MOST:  # a NaN compares false
-        hint = ""
-        if is_number and 5.0 <= facing <= 90.0:
-            hint = f"; {facing:g} degrees are {math.radians(facing):.4g} rad"
+def _check_facing(facing: object) -> float:
+    value = float(facing) if isinstance(facing, int | float) and not isinstance(facing, bool) else math.nan
+    if not FACING_LEAST <= value <= FACING_MOST:  # a NaN compares false
+        hint = f"; {value:g} degrees are {math.radians(value):.4g} rad" if 5.0 <= value <= 90.0 else ""
         raise MotionError(f"facing must lie in {FACING_LEAST:.3g}..{FACING_MOST:.3g} rad, not {facing!r}{hint}")
-    return float(facing)
+    return value
 
 
 def check_workspace(workspace: ArrayLike) -> NDArray[np.float64]:

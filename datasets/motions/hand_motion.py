@@ -20,7 +20,7 @@ from ..errors import MotionError
 from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
 from ..shapes.built_in import shape
 from .exploration import Progress, unheard
-from .exploration_options import MODELS, POSE_BYTES, SECOND_BYTES, check_options
+from .exploration_options import EXPLORATION_MODELS, POSE_BYTES, SECOND_BYTES, check_options
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
@@ -174,7 +174,7 @@ def exploration(
     *,
     rate: float = RATE,
     seed: int = SEED,
-    model: str = MODELS[0],
+    model: str = EXPLORATION_MODELS[0],
     explorer: int | None = None,
     facing: float | None = None,
     workspace: ArrayLike | None = None,

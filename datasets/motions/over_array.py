@@ -5,13 +5,13 @@ one of its sides or from above, and goes on through waypoints that are uniform i
 waypoint to the next on a straight line with the minimum-jerk profile of human reaching (Flash and Hogan 1985), and may
 end with a pause. Position and orientation sway a little all the time.
 
-| what | distribution | source |
+| what | distribution | bounds from clips |
 |---|---|---|
-| pitch, roll at a waypoint | the person's mean, standard deviations 6 and 4.5 degrees | HandSplay and grab: 6.1 and 6.0; 4.7 and 4.4 |
-| yaw at a waypoint | the person's mean, standard deviation 6 degrees | the same clips: 8.0 and 4.4 |
-| mean speed of a stroke | the person's, standard deviation a quarter, within 0.03 to 0.4 m/s | fastest of the clips: 0.87 m/s; our peak is 0.75 |
-| turning | at most 1.6 rad/s in the mean of a stroke, 3 at its peak | HandSplay: 3.0 at most; rollAndPitch: 7.2 |
-| pauses | after the person's share of strokes, 0.2 to 0.7 s | the clips pause 1 to 56 % of the time |
+| pitch, roll of a waypoint | person's mean; deviations 6, 4.5 degrees | HandSplay, grab: 6.1, 6.0; 4.7, 4.4 |
+| yaw of a waypoint | person's mean; deviation 6 degrees | the same: 8.0, 4.4 |
+| mean speed of a stroke | person's; deviation a quarter; in 0.03 to 0.4 m/s | at most 0.87 m/s; the peak here is 0.75 |
+| turning | mean of a stroke at most 1.6 rad/s, peak 3 | HandSplay 3.0 at most, rollAndPitch 7.2 |
+| pauses | after the person's share of strokes, 0.2 to 0.7 s | slower than 0.03 m/s 1 to 56 % of the time |
 | sway | two sines an axis, 0.6 mm each, 0.4 to 1 Hz | HandSplay, held still: median 23 mm/s |
 
 The clips are four recordings of gestures, no explorations (`explorer_habits`), smoothed over 5 frames, about 45 ms.
@@ -39,8 +39,9 @@ Integers = NDArray[np.int64]
 VERSION = 1
 """Of the model: another version makes other poses of the same numbers."""
 WORKSPACE = ((-0.125, -0.125, 0.135), (0.125, 0.125, 0.325))
-"""Where a palm's centre goes unless told otherwise, lowest and highest x y z [m]: the founding paper's 130 mm cube 200 mm
-above the array, and 60 mm around and above it, the reach of a palm of 85 mm (half its diagonal). Nobody reaches below.
+"""Where a palm's centre goes unless told otherwise, lowest and highest x y z [m]: the founding paper's 130 mm cube
+200 mm above the array, and 60 mm around and above it, the reach of a palm of 85 mm (half its diagonal). A palm that
+faces the array touches nothing from below the cube.
 """
 FACING = np.radians(60.0)
 """Largest facing angle unless told otherwise [rad]."""
@@ -185,9 +186,7 @@ def _joined(parts: list[Strokes]) -> Strokes:
 
 def _cut(strokes: Strokes, rows: slice) -> Strokes:
     start, goal, moving, pause = strokes
-    return Strokes(
-        Waypoints(*(x[rows] for x in start)), Waypoints(*(x[rows] for x in goal)), moving[rows], pause[rows]
-    )
+    return Strokes(Waypoints(*(x[rows] for x in start)), Waypoints(*(x[rows] for x in goal)), moving[rows], pause[rows])
 
 
 def _poses(trial: Trial, strokes: Strokes, begins: Array, number: Integers, time: Array) -> Array:

@@ -26,7 +26,7 @@ from ...datasets.errors import MotionError
 from ...datasets.hand_model.shape import hand_shape
 from ...datasets.hand_model.skinning import posed_vertices
 from ...datasets.known_names import find_name, likely_file, likely_name
-from ...datasets.motions.hand_motion import EXPLORATION_DEFAULTS, HandMotion, exploration
+from ...datasets.motions.hand_motion import EXPLORATION_DEFAULTS, EXPLORATION_OPTIONS, HandMotion, exploration
 from ...datasets.recordings.files import load_recording
 from ...datasets.recordings.recording import HandRecording
 from ..errors import StrategyError
@@ -78,7 +78,7 @@ def hand_and_motion_of(hand: Hand | str | Path, motion: Any, solid: Solid) -> tu
     if not isinstance(motion, str | Path):
         return hand_of(hand), motion if isinstance(motion, HandMotion) else HandMotion(None, check_poses(motion))
     kind = hand if isinstance(hand, str) else "palm"
-    options = dict.fromkeys(EXPLORATION_DEFAULTS)
+    options = dict.fromkeys(EXPLORATION_OPTIONS)
     found, moved = load_hand_and_motion(kind, None, str(motion), solid, exploration_options=options)
     return found if isinstance(hand, str) else hand, moved
 
@@ -250,8 +250,8 @@ def load_hand_and_motion(
 ) -> tuple[Hand, HandMotion]:
     """Load a hand and its motion, from poses or from a recording.
 
-    exploration_options: duration, rate, seed; with a recording only rate, at which it is resampled. side, alignment:
-    options of a recording. watch: called with the progress of a synthetic exploration.
+    exploration_options: of `EXPLORATION_OPTIONS`, the rate at least; with a recording only the rate, at which it is
+    resampled. side, alignment: options of a recording. watch: called with the progress of a synthetic exploration.
     """
     if not is_recording(source):
         refuse_options({"side": side, "alignment": alignment}, "of a recording of a hand", source)

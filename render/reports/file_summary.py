@@ -6,6 +6,7 @@ import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.focus_files.frame_reader import DRIVES, FrameReader
+from ...datasets.motions.facing import SHARE_ANGLES, facing_angles
 from ...datasets.storage.schema import PRUNED_NAMES
 from ..sampling.contour_sampling import SamplingStrategy
 from ..sampling.strategy import SEAM
@@ -53,7 +54,7 @@ def summarise(path: str | Path) -> dict:
     """
     with ContourFile(path) as file:
         done = sum(stop - first for first, stop in file.done)
-        totals, removed = np.zeros(4), dict.fromkeys(PRUNED_NAMES, 0.0)
+        totals, faced, removed = np.zeros(4), np.zeros(len(SHARE_ANGLES), np.int64), dict.fromkeys(PRUNED_NAMES, 0.0)
         lengths: list[np.ndarray] = []  # of poses with contours
         for first, stop in file.done:
             for a in range(first, stop, POSES_AT_ONCE):
@@ -64,6 +65,7 @@ def summarise(path: str | Path) -> dict:
                     if f"removed_{stage}" in metrics:
                         removed[stage] += metrics[f"removed_{stage}"].sum(dtype=np.float64)
                 lengths.append(metrics["length"][metrics["length"] > 0])
+                faced += _count_facing(file, a, metrics["length"] > 0)
         drawn = sum(map(len, lengths))
         mean = totals / max(done, 1)
         time = _times(file)
@@ -84,6 +86,10 @@ def summarise(path: str | Path) -> dict:
             "length_longest": max((float(part.max(initial=0.0)) for part in lengths), default=0.0),
             "length_object_mean": mean[1],
             "length_hand_mean": mean[2],
+            **{
+                f"facing_share_{degrees}": int(count) / drawn if drawn else None
+                for degrees, count in zip(SHARE_ANGLES, faced, strict=True)
+            },
             **draw_frequencies(np.concatenate([*lengths, np.zeros(0, np.float32)])),
             "strategy": file.strategy,
             "hand": file.hand,
@@ -107,6 +113,13 @@ def summarise(path: str | Path) -> dict:
             out["bytes"] = Path(path).stat().st_size
             out["bytes_per_pose"] = out["bytes"] / max(file.pose_count, 1)
         return out
+
+
+def _count_facing(file: ContourFile, first: int, drawn: np.ndarray) -> np.ndarray:
+    """How many of the poses from `first` on that draw face the array within each angle of SHARE_ANGLES."""
+    pose = file.motion(first, first + len(drawn))["pose"]
+    angle = facing_angles(pose[drawn])
+    return np.array([np.count_nonzero(angle <= np.radians(degrees)) for degrees in SHARE_ANGLES])
 
 
 def _times(file: ContourFile) -> np.ndarray | None:

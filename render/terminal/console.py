@@ -68,6 +68,8 @@ UNITS = {
     "draw_frequency_median": "Hz",
     "draw_frequency_p95": "Hz",
     "draw_frequency_of_mean_length": "Hz",
+    "facing_share_30": "of poses with contours",
+    "facing_share_60": "of poses with contours",
     "update_rate": "Hz",
     "revisit_rate": "Hz",
     "on_time": "s",

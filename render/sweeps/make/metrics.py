@@ -6,6 +6,7 @@
 | length_intensity | integral of the intensity along contours [m] | |
 | polylines | their number | |
 | area | of S and R together, on all patches: what raw contours enclose, before other stages [m^2] | OC; hand mesh |
+| facing_30, facing_60 | whether the palm faces the array's centre within so many degrees: 1 or 0 | without contours |
 | removed_<stage> | length that a prune stage removed [m] | |
 | draw_frequency_nominal | the sampling strategy's word, pauses left out [Hz] | without contours |
 | draw_frequency_actual | update rate / samples of a cycle [Hz]; 0 for a still focal point | without contours |
@@ -21,7 +22,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import warp as wp
 
+from ....datasets.motions.facing import SHARE_ANGLES
 from ....datasets.storage.schema import removed_name
+from ....kernels.metrics.facing import count_facing
 from ....kernels.metrics.histogram import count_bins
 from ....kernels.metrics.tally import METRICS, STATISTICS, sum_parts, tally_contours
 from ...contour_batch import ContourBatch
@@ -36,6 +39,7 @@ from .frequency import Pacer, needs_contours
 from .task import CHUNK_POSES, SPAN
 from .user_metrics import UserMetric, measure
 
+FACING = tuple(f"facing_{degrees}" for degrees in SHARE_ANGLES)
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 DRAWS_ON_CPU = True  # there it takes 3 to 10 % less than walking undrawn (measured); the bits are the same
 WHOLE_NUMBERS = ("polylines",)  # columns of int32
@@ -68,7 +72,7 @@ class Measured:
 
     slice: ChunkSlice
     contours: dict[str, Any]
-    """`METRICS` of the kernels, and removed_<stage>."""
+    """`METRICS` of the kernels, `FACING`, and removed_<stage>."""
     frequency: tuple[dict[str, Any], ...]
     """Metrics draw_frequency_nominal, draw_frequency_actual, for each sampling strategy of the chunk's rendering."""
     user_metrics: dict[str, dict[str, Any] | SweepError] = field(default_factory=dict)
@@ -109,6 +113,8 @@ def measure_batch(
         tallied = _tallied(scene, pose, first, device, point_limit, clock, len(asked))
     else:
         tallied = _tallied_undrawn(scene, pose, first, device, clock, len(asked))
+    with StageClock(clock, "measure", device):
+        _face(tallied, pose, device)
     with StageClock(clock, "frequency", device):
         _pace(tallied, asked)
     with StageClock(clock, "measure", device):
@@ -203,7 +209,7 @@ def _tallied(
     batch = scene.raw_contours(block)
     encloses = scene.strategy.closes and isinstance(scene.hand, PatchHand)
     stages = [stage.name for stage in scene.strategy.prune_stages if stage.name not in BY_RAW_KERNELS]
-    names = (*METRICS, *dict.fromkeys(map(removed_name, stages)))
+    names = (*METRICS, *FACING, *dict.fromkeys(map(removed_name, stages)))
     value = wp.empty((len(names) + 2 * paced, batch.pose_count), dtype=wp.float32, device=device)
     length = wp.empty(batch.pose_count, dtype=wp.float64, device=device)
     if not encloses:
@@ -216,7 +222,7 @@ def _tallied(
         batch = batch.to(device)
     with StageClock(clock, "measure", device):
         tally_contours(batch, value, length, measures=True, encloses=encloses and scene.is_raw)
-        for row, name in enumerate(names[len(METRICS) :], len(METRICS)):
+        for row, name in enumerate(names[len(METRICS) + len(FACING) :], len(METRICS) + len(FACING)):
             total = sum(gone for stage, gone in removed.items() if removed_name(stage) == name)
             value[row].assign(np.asarray(total, np.float32))
     return Tallied(batch, names, value, length)
@@ -226,10 +232,19 @@ def _tallied_undrawn(
     scene: Scene, pose: np.ndarray | wp.array, first: int, device: str, clock: dict[str, float], paced: int
 ) -> Tallied:
     """The same of contours that are raw and exact, and not drawn: a GPU takes longer to write points than to walk."""
-    value = wp.empty((len(METRICS) + 2 * paced, len(pose)), dtype=wp.float32, device=device)
+    names = (*METRICS, *FACING)
+    value = wp.empty((len(names) + 2 * paced, len(pose)), dtype=wp.float32, device=device)
     length = wp.empty(len(pose), dtype=wp.float64, device=device)
     scene.tally(PoseBlock(pose, first, device, timing=clock), value, length)
-    return Tallied(None, METRICS, value, length)
+    return Tallied(None, names, value, length)
+
+
+def _face(tallied: Tallied, pose: np.ndarray | wp.array, device: str) -> None:
+    """Whether each palm faces the array, into rows `FACING`; the palm of a hand of several patches is its frame."""
+    row = tallied.names.index(FACING[0])
+    placed = pose if isinstance(pose, wp.array) else wp.array(pose, dtype=wp.transform, device=device)
+    rows = tallied.value[row : row + len(FACING)]
+    count_facing(placed, tallied.value[METRICS.index("length")], SHARE_ANGLES, rows)
 
 
 @dataclass(frozen=True)

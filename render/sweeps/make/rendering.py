@@ -12,7 +12,7 @@ from pathlib import Path
 from threading import RLock
 from typing import Any, Generic, TypeVar
 
-from ....datasets.motions.hand_motion import RANDOM_AT, RANDOM_SIZE
+from ....datasets.motions.hand_motion import EXPLORATION_OPTIONS, RANDOM_AT, RANDOM_SIZE
 from ....device.array import ArrayModel
 from ...errors import SweepError
 from ...hands.hand import Hand
@@ -33,7 +33,7 @@ from ...sampling.contour_sampling import SamplingStrategy
 from ...strategies.intersection_strategy import IntersectionStrategy, read_strategy
 from ...strategies.user_stage_sources import has_own_stages, stage_sources
 from ...trust.permission import AllowCode
-from ..plan.recipe import PARTS, Recipe, RecipePart
+from ..plan.recipe import PARTS, Recipe, RecipePart, model_of
 from .poses import ARTICULATED, EXPLORATION, RANDOM, HostPoses, Poses, RandomPoses, require_unchanged
 
 Thing = TypeVar("Thing")
@@ -130,7 +130,7 @@ class RecipeCache:
         if source == RANDOM:
             return self._rigid(recipe), random_poses_of(motion)
         require_unchanged(source, motion.get("sha256"))
-        options = {name: motion.get(name) for name in ("duration", "rate", "seed")}
+        options = {name: motion.get(name) for name in EXPLORATION_OPTIONS} | {"model": model_of(motion)}
         if not is_recording(source):
             options = options if source == EXPLORATION else {}
             return self._rigid(recipe), HostPoses(load_motion(source, thing, options))

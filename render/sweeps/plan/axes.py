@@ -10,6 +10,18 @@ from typing import Annotated, Any, NamedTuple, cast
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
 
+from ....datasets.errors import MotionError
+from ....datasets.motions.exploration_options import (
+    AROUND,
+    EXPLORATION_MODELS,
+    FACING_LEAST,
+    FACING_MOST,
+    OPTION_DEFAULTS,
+    VERSIONS,
+    check_options,
+    check_workspace,
+)
+from ....datasets.motions.explorer_habits import EXPLORER_MOST
 from ....datasets.motions.hand_motion import EXPLORATION_DEFAULTS, POSES_MOST, RANDOM_AT, RANDOM_SIZE, SEED_MOST
 from ....kernels.driving.solve import POINTS_MOST
 from ...errors import RenderError, StrategyError
@@ -22,7 +34,7 @@ from ...playback.drive import AMPLITUDES, SOLVERS, Driver, DriveStrategy
 from ...playback.placed_arrays import load_rig
 from ...sampling.strategy import SamplingStrategy
 from ...strategies.intersection_strategy import FLUSH_HIGHEST, STEP_HIGHEST, STEP_LOWEST
-from .recipe import RecipePart
+from .recipe import RecipePart, model_of
 from .sources import PlanSource, alignments, sources_of
 from .values import Check, ChoiceCheck, LabelCheck, NumberCheck, TextCheck, Values, VectorCheck, refuse, swept
 
@@ -70,6 +82,10 @@ KEYS: dict[str, dict[str, AxisKey]] = {
         "duration": AxisKey(NumberCheck(1e-3, 1e9, "s"), of=("exploration",)),
         "rate": AxisKey(NumberCheck(1e-3, 1e6, "Hz"), of=("exploration", "recording")),
         "seed": AxisKey(NumberCheck(0, SEED_MOST, whole=True), of=("exploration", "random")),
+        "model": AxisKey(ChoiceCheck(EXPLORATION_MODELS), EXPLORATION_MODELS[0], of=("exploration",)),
+        "explorer": AxisKey(NumberCheck(0, EXPLORER_MOST, whole=True), of=("exploration",)),
+        "facing": AxisKey(NumberCheck(FACING_LEAST, FACING_MOST, "rad"), of=("exploration",)),
+        "workspace": AxisKey(VectorCheck(6, PLACE), of=("exploration",)),
         "count": AxisKey(NumberCheck(1, COUNT_MOST, whole=True), of=("random",)),
         "size": AxisKey(NumberCheck(SIZE_SMALLEST, SIZE_LARGEST, "m"), of=("random",)),
         "at": AxisKey(VectorCheck(3, PLACE), of=("random",)),
@@ -263,7 +279,8 @@ def _hand(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
 def _motion(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
     out = _identified(source)
     if source.kind == "exploration":
-        return out | {name: values.get(name, default) for name, default in EXPLORATION_DEFAULTS.items()}
+        out |= {name: values.get(name, default) for name, default in EXPLORATION_DEFAULTS.items()}
+        return out | _exploration_model(values)
     if source.kind == "random":
         defaults = {"seed": EXPLORATION_DEFAULTS["seed"], "size": RANDOM_SIZE, "at": list(RANDOM_AT)}
         return out | {name: values.get(name, defaults.get(name)) for name in ("count", "seed", "size", "at")}
@@ -272,8 +289,24 @@ def _motion(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _require_poses(values: Mapping[str, Any]) -> None:
-    """Refuse explorations of more poses than palpate makes."""
+def _exploration_model(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What a part says of an exploration's model: nothing of the first one, `around`, as before there was another."""
+    model = values.get("model", EXPLORATION_MODELS[0])
+    if model == AROUND:
+        return {}
+    full = {name: values.get(name, default) for name, default in OPTION_DEFAULTS.items()}
+    full["workspace"] = check_workspace(full["workspace"]).ravel().tolist()
+    return {"model": model, "version": VERSIONS[model], **full}
+
+
+def _require_exploration(values: Mapping[str, Any]) -> None:
+    """Refuse explorations of more poses than palpate makes, and options of another model."""
+    given = {name: values.get(name) for name in OPTION_DEFAULTS}
+    if values["source"].kind == "exploration":
+        try:
+            check_options(values.get("model", EXPLORATION_MODELS[0]), **given)
+        except MotionError as error:
+            refuse(str(error), next(((name,) for name in OPTION_DEFAULTS if str(error).startswith(name)), ()))
     duration, rate = (values.get(name, EXPLORATION_DEFAULTS[name]) for name in ("duration", "rate"))
     if values["source"].kind == "exploration" and duration * rate > POSES_MOST:
         refuse(f"must give at most {POSES_MOST:g} poses with rate, not {duration:g} s at {rate:g} Hz", ("duration",))
@@ -320,7 +353,7 @@ CONTENTS: dict[str, Callable[[PlanSource, Mapping[str, Any]], dict[str, Any]]] =
 }
 
 VALIDATORS: dict[str, tuple[Collection[str], Callable[[Mapping[str, Any]], object]]] = {
-    "motion": (("duration", "rate"), _require_poses),
+    "motion": (("duration", "rate", "model", *OPTION_DEFAULTS), _require_exploration),
     "sampling": (KEYS["sampling"], lambda values: SamplingStrategy.from_json(json.dumps(_sampled(values)))),
     "array": (KEYS["array"], _drive),
 }
@@ -348,4 +381,6 @@ def value_of(axis: str, key: str, content: Mapping[str, Any]) -> Any:
         return described["drive"][key]
     if axis == "sampling" and key != "source":
         return described[key]
+    if axis == "motion" and key == "model":
+        return model_of(content)
     return content["name"] if key == "source" else content.get(key)

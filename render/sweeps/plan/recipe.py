@@ -20,6 +20,7 @@ from typing import Any, Protocol
 from urllib.parse import unquote
 
 from ....datasets.bounded_file import file_beside, open_regular, read_content, read_json
+from ....datasets.motions.exploration_options import AROUND
 from ...errors import PlanError
 
 FORMAT = "palpate recipe 1"
@@ -164,6 +165,9 @@ class Recipe:
             "motion": motion["name"],
             **{name: motion.get(name) for name in ("duration", "rate", "seed", "count", "size")},
             **_spread("motion_at", motion.get("at")),
+            "model": model_of(motion),
+            **{name: motion.get(name) for name in ("explorer", "facing")},
+            "workspace": _written(motion.get("workspace")),
             "side": motion.get("side"),
             "alignment": (motion.get("alignment") or {}).get("name"),
             "strategy": self.strategy["name"],
@@ -217,6 +221,11 @@ def is_user_metric(group: str) -> bool:
 def function_of(group: str) -> str:
     """Name of the function that computes a group."""
     return group.rpartition(" ")[2]
+
+
+def model_of(motion: Mapping[str, Any]) -> str | None:
+    """The model of an exploration; a part that names none is of the first one. None for another motion."""
+    return motion.get("model", AROUND) if motion["source"] == "exploration" else None
 
 
 def part_of(column: str) -> str:

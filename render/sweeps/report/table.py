@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ....datasets.motions.facing import SHARE_ANGLES
 from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.store import SweepStore
 from ....datasets.sweeps.table_text import CONSTANTS
@@ -35,6 +36,7 @@ CONTOUR_METRICS: dict[str, str] = {
     "length_intensity_mean": "m",
     "intensity_mean": "1",
     "r": "1",
+    **{f"facing_share_{degrees}": "1" for degrees in SHARE_ANGLES},
     "polylines_mean": "1",
     "polylines_max": "1",
     "area_mean": "m2",
@@ -77,7 +79,8 @@ AXIS_UNITS: dict[str, str] = {
     **dict.fromkeys(("palm_width", "palm_length", "size", "step", "flush"), "m"),
     **{f"{name}_{axis}": "m" for name in ("object_at", "object_spacing", "motion_at") for axis in "xyz"},
     **{f"object_rotate_{axis}": "degree" for axis in "xyz"},
-    **dict.fromkeys(("object_scale", "seed", "count", "foci", "drive_level_max"), "1"),
+    **dict.fromkeys(("object_scale", "seed", "count", "explorer", "foci", "drive_level_max"), "1"),
+    "facing": "rad",
     "duration": "s",
     "rate": "Hz",
     "speed": "m/s",
@@ -293,6 +296,7 @@ def _contours(payloads: Sequence[Mapping[str, Any]], closing: bool) -> dict[str,
         "length_intensity_mean": weighted.mean,
         "intensity_mean": length_ratio(weighted.total, length.total) if weighted.number else None,
         "r": length_ratio(length.total, on_object.total) if closing else None,
+        **{f"facing_share_{degrees}": _statistic(payloads, f"facing_{degrees}").mean for degrees in SHARE_ANGLES},
         "polylines_mean": polylines.mean,
         "polylines_max": polylines.most,
         "area_mean": area.mean,

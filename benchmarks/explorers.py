@@ -116,9 +116,10 @@ def main() -> None:
     wp.config.log_level = wp.LOG_ERROR
     for label, name, found in table_rows(CASES, range(1, options.explorers + 1)):
         near, far = 100 * found.facing_share.mean(axis=0)
+        r, r_open = found.r, found.r_open
         print(
-            f"{label:22s} {name:5s} r {found.r.mean():.2f} +- {found.r.std(ddof=1):.2f}"
-            f"  r_open {found.r_open.mean():.2f} +- {found.r_open.std(ddof=1):.2f}  within 30, 60: {near:.0f} {far:.0f} %"
+            f"{label:22s} {name:5s} r {r.mean():.2f} +- {r.std(ddof=1):.2f}"
+            f"  r_open {r_open.mean():.2f} +- {r_open.std(ddof=1):.2f}  within 30, 60: {near:.0f} {far:.0f} %"
             f"  drawn {100 * found.drawn_share.mean():.0f} %  inside {100 * found.inside_share.mean():.0f} %",
             flush=True,
         )

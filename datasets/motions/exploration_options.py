@@ -13,7 +13,7 @@ from ..known_names import find_name, likely_name
 from .exploration import FLOOR, MARGIN, Progress, exploration_path
 from .exploration import VERSION as AROUND_VERSION
 from .explorer_habits import explorer_habits, require_explorer
-from .over_array import FACING, WORKSPACE, Trial, over_array_path
+from .over_array import FACING, WORKSPACE, ExplorerTrial, over_array_path
 from .over_array import VERSION as OVER_ARRAY_VERSION
 
 OVER_ARRAY, AROUND = "over-array", "around"
@@ -65,7 +65,7 @@ class ExplorationOptions:
         """Poses at times [s], shape [pose, 7]."""
         if self.explorer is None or self.workspace is None or self.facing is None:
             return exploration_path(box, time, seed, progress)
-        trial = Trial(self.explorer, seed, explorer_habits(self.explorer), self.workspace, self.facing)
+        trial = ExplorerTrial(self.explorer, seed, explorer_habits(self.explorer), self.workspace, self.facing)
         return over_array_path(trial, time, progress)
 
 

@@ -27,8 +27,9 @@ class ExplorerHabits:
     """The hand and the habits of one person; `explorer_habits` makes them of a number.
 
     >>> from palpate.datasets import explorer_habits
-    >>> [explorer_habits(number).side for number in range(1, 6)]
-    ['right', 'right', 'left', 'above', 'above']
+    >>> person = explorer_habits(7)
+    >>> person
+    ExplorerHabits(palm 78 x 92 mm, 0.10 m/s, from the front)
     """
 
     palm_width: float
@@ -47,6 +48,12 @@ class ExplorerHabits:
     """Share of the strokes that end with a pause."""
     side: str
     """Preferred side of approach, one of `SIDES`."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        size = f"palm {1e3 * self.palm_width:.0f} x {1e3 * self.palm_length:.0f} mm"
+        side = "above" if self.side == "above" else f"the {self.side}"
+        return f"ExplorerHabits({size}, {self.speed:.2f} m/s, from {side})"
 
 
 def explorer_habits(explorer: int) -> ExplorerHabits:
@@ -67,9 +74,8 @@ def explorer_habits(explorer: int) -> ExplorerHabits:
     Raises MotionError for what is no integer of 0 to 2^63 - 1.
 
     >>> from palpate.datasets import explorer_habits
-    >>> person = explorer_habits(7)
-    >>> print(f"{1e3 * person.palm_width:.0f} x {1e3 * person.palm_length:.0f} mm, {person.speed:.2f} m/s")
-    78 x 92 mm, 0.10 m/s
+    >>> [explorer_habits(number).side for number in range(1, 6)]
+    ['right', 'right', 'left', 'above', 'above']
     """
     require_explorer(explorer)
     key = (int(explorer), PERSON_KEY)

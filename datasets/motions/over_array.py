@@ -62,7 +62,7 @@ _VISITS = 64  # drawn at once
 
 
 @dataclass(frozen=True)
-class Trial:
+class ExplorerTrial:
     """One trial of one person."""
 
     explorer: int
@@ -88,8 +88,8 @@ class Waypoints(NamedTuple):
     """Yaw, pitch and roll [rad], shape [waypoint, 3], before the facing limit."""
 
 
-class Strokes(NamedTuple):
-    """Strokes, one a row."""
+class ExplorerStrokes(NamedTuple):
+    """ExplorerStrokes, one a row."""
 
     start: Waypoints
     goal: Waypoints
@@ -99,7 +99,7 @@ class Strokes(NamedTuple):
     """How long each then rests [ms]."""
 
 
-def over_array_path(trial: Trial, time: Array, progress: Progress) -> Array:
+def over_array_path(trial: ExplorerTrial, time: Array, progress: Progress) -> Array:
     """Poses of a trial at increasing times from 0 on [s], shape [pose, 7]; progress: poses done, and all."""
     strokes, begins = _strokes_until(trial, float(time[-1]))
     poses = np.empty((len(time), 7))
@@ -112,13 +112,13 @@ def over_array_path(trial: Trial, time: Array, progress: Progress) -> Array:
     return poses
 
 
-def stroke_counts(trial: Trial, visit: Integers) -> Integers:
+def stroke_counts(trial: ExplorerTrial, visit: Integers) -> Integers:
     """How many strokes visits have, the one to the next visit's entrance included, shape [visit]."""
     least, most = WAYPOINTS
     return least + 1 + (uniform(trial.key, visit, 0, _VISIT)[..., 0] * (most - least + 1)).astype(np.int64)
 
 
-def make_strokes(trial: Trial, visit: Integers, stroke: Integers) -> Strokes:
+def make_strokes(trial: ExplorerTrial, visit: Integers, stroke: Integers) -> ExplorerStrokes:
     """The strokes of the given numbers, each by itself; stroke k of a visit, from 0, starts at its waypoint k."""
     is_last = stroke == stroke_counts(trial, visit) - 1
     start = make_waypoints(trial, visit, stroke)
@@ -131,10 +131,10 @@ def make_strokes(trial: Trial, visit: Integers, stroke: Integers) -> Strokes:
     draw = uniform(trial.key, visit, stroke, _PAUSE)
     pause = np.where(draw[:, 0] < trial.habits.pause_share, PAUSES[0] + (PAUSES[1] - PAUSES[0]) * draw[:, 1], 0.0)
     moving = np.ceil(1e3 * np.maximum(seconds, STROKE_SHORTEST)).astype(np.int64)
-    return Strokes(start, goal, moving, np.rint(1e3 * pause).astype(np.int64))
+    return ExplorerStrokes(start, goal, moving, np.rint(1e3 * pause).astype(np.int64))
 
 
-def make_waypoints(trial: Trial, visit: Integers, number: Integers) -> Waypoints:
+def make_waypoints(trial: ExplorerTrial, visit: Integers, number: Integers) -> Waypoints:
     """Waypoints of visits; number 0 is where a visit enters."""
     low, high = trial.workspace[0] + SWAY_SPACE, trial.workspace[1] - SWAY_SPACE
     share = uniform(trial.key, visit, number, _PLACE)[:, :3]
@@ -148,7 +148,7 @@ def make_waypoints(trial: Trial, visit: Integers, number: Integers) -> Waypoints
     return Waypoints(low + share * (high - low), np.stack(angles, axis=1))
 
 
-def _entrance(trial: Trial, visit: Integers, share: Array) -> Array:
+def _entrance(trial: ExplorerTrial, visit: Integers, share: Array) -> Array:
     """Places moved to the side at which a visit enters, as shares of the workspace, shape [visit, 3]."""
     draw = uniform(trial.key, visit, 0, _VISIT)
     preferred = SIDES.index(trial.habits.side)
@@ -160,9 +160,9 @@ def _entrance(trial: Trial, visit: Integers, share: Array) -> Array:
     return out
 
 
-def _strokes_until(trial: Trial, end: float) -> tuple[Strokes, Array]:
+def _strokes_until(trial: ExplorerTrial, end: float) -> tuple[ExplorerStrokes, Array]:
     """All strokes that begin by a time [s], and when they begin [s], shape [stroke]."""
-    parts: list[Strokes] = []
+    parts: list[ExplorerStrokes] = []
     lasting: list[Integers] = []
     total = 0
     for first in range(0, 1 << 62, _VISITS):
@@ -178,18 +178,20 @@ def _strokes_until(trial: Trial, end: float) -> tuple[Strokes, Array]:
     return _joined(parts), begins
 
 
-def _joined(parts: list[Strokes]) -> Strokes:
+def _joined(parts: list[ExplorerStrokes]) -> ExplorerStrokes:
     starts, goals, moving, pause = zip(*parts, strict=True)
     ends = [Waypoints(*map(np.concatenate, zip(*rows, strict=True))) for rows in (starts, goals)]
-    return Strokes(ends[0], ends[1], np.concatenate(moving), np.concatenate(pause))
+    return ExplorerStrokes(ends[0], ends[1], np.concatenate(moving), np.concatenate(pause))
 
 
-def _cut(strokes: Strokes, rows: slice) -> Strokes:
+def _cut(strokes: ExplorerStrokes, rows: slice) -> ExplorerStrokes:
     start, goal, moving, pause = strokes
-    return Strokes(Waypoints(*(x[rows] for x in start)), Waypoints(*(x[rows] for x in goal)), moving[rows], pause[rows])
+    return ExplorerStrokes(
+        Waypoints(*(x[rows] for x in start)), Waypoints(*(x[rows] for x in goal)), moving[rows], pause[rows]
+    )
 
 
-def _poses(trial: Trial, strokes: Strokes, begins: Array, number: Integers, time: Array) -> Array:
+def _poses(trial: ExplorerTrial, strokes: ExplorerStrokes, begins: Array, number: Integers, time: Array) -> Array:
     """Poses at times, each on the stroke of its number, shape [pose, 7]."""
     s = np.clip((time - begins[number]) / (strokes.moving[number] / 1e3), 0.0, 1.0)[:, None]
     s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)  # minimum jerk
@@ -203,7 +205,7 @@ def _poses(trial: Trial, strokes: Strokes, begins: Array, number: Integers, time
     return np.hstack([position, _faced(position, np.stack(columns, axis=1), trial.facing)])
 
 
-def _sway(trial: Trial, time: Array) -> Array:
+def _sway(trial: ExplorerTrial, time: Array) -> Array:
     """How far a hand that means to be still is from where it means to be [m], shape [pose, 3]."""
     out = np.zeros((len(time), 3))
     for wave in range(6):

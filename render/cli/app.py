@@ -9,7 +9,6 @@ try:
     import typer
 
     from ..terminal import console
-    from . import exploration_options as explorations
     from . import object_options as objects
     from .array_options import Array, Baud, Calibration, Clock, Emulate, Serial, Uncalibrated, Watchdog
     from .bench_options import bench
@@ -123,10 +122,10 @@ def render(
         float | None, typer.Option(metavar="HZ", help="Poses a second of an exploration [Hz], by default 90.")
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="Seed of an exploration, by default 1.")] = None,
-    model: explorations.Model = None,
-    explorer: explorations.Explorer = None,
-    facing: explorations.Facing = None,
-    workspace: explorations.Workspace = None,
+    model: objects.Model = None,
+    explorer: objects.Explorer = None,
+    facing: objects.Facing = None,
+    workspace: objects.Workspace = None,
     interpolate: Annotated[float | None, typer.Option(metavar="METRES", help=INTERPOLATE_HELP)] = None,
     device: Annotated[str, typer.Option(metavar="DEVICE", help=DEVICE_HELP)] = "auto",
     workers: Annotated[str, typer.Option(metavar="N", help=WORKERS_HELP)] = "auto",

@@ -1,4 +1,4 @@
-"""Options that say how an object's file is read, and where the object goes."""
+"""Options that say how an object's file is read, where the object goes, and how a synthetic hand explores it."""
 
 from pathlib import Path
 from typing import Annotated
@@ -34,4 +34,28 @@ Bounds = Annotated[
 ]
 Alignment = Annotated[
     Path | None, typer.Option(metavar="FILE|y-up", help="Of a recording: from the tracker's frame to the array's.")
+]
+Model = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Of an exploration: over-array (default), a palm that faces the array; around, from every side.",
+    ),
+]
+Explorer = Annotated[
+    int | None, typer.Option(metavar="N", help="Which person explores, by number; by default 1. --seed is the trial.")
+]
+Facing = Annotated[
+    float | None,
+    typer.Option(
+        metavar="RAD",
+        help="Largest angle of the palm's skin to the array's centre in an exploration [rad], by default 1.047.",
+    ),
+]
+Workspace = Annotated[
+    Six | None,
+    typer.Option(
+        metavar="X Y Z X Y Z",
+        help="Lowest and highest corner of where the palm's centre goes in an exploration [m].",
+    ),
 ]

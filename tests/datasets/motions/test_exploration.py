@@ -1,7 +1,9 @@
-"""The synthetic exploration: smooth, as fast as a person, in its workspace, from every side, a function of its seed."""
+"""The exploration around an object: smooth, as fast as a person, near it, from every side, a function of its seed."""
 
+import hashlib
 import re
 import tracemalloc
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,13 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from palpate.datasets.bounded_file import LIMIT_VARIABLE
 from palpate.datasets.errors import MotionError
-from palpate.datasets.motions.hand_motion import exploration
+from palpate.datasets.motions import hand_motion
+from palpate.datasets.motions.exploration_options import EXPLORATION_MODELS
 from palpate.render import MeshObject
 from palpate.render.errors import StrategyError
 from palpate.render.intersection.named_inputs import load_motion
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
 SEEDS = range(25)
+GOLDEN = "b177721c1f695edcd1f8b31be8778e61acdd350184544d40b1edf4a89d06779b"
+exploration = partial(hand_motion.exploration, model="around")
 
 
 @pytest.fixture(scope="module")
@@ -147,19 +152,30 @@ def test_exploration_refuses_bad_arguments(change, said):
         exploration(arguments.pop("bounds"), **arguments)
 
 
+def test_the_model_around_makes_the_poses_that_it_always_made():
+    """The digest is of poses made at commit ee11102, before there was another model; rounded to 1 um, for libraries."""
+    pose = exploration(BOUNDS, duration=20.0, rate=90.0, seed=7).pose[::100].astype(float)
+    assert hashlib.sha256(np.rint(pose * 1e6).astype("<i8").tobytes()).hexdigest() == GOLDEN
+
+
+@pytest.mark.parametrize("model", EXPLORATION_MODELS)
 @pytest.mark.parametrize(("duration", "rate"), [(1e7, 90.0), (1e8, 1e-3)])
-def test_an_exploration_beyond_memory_is_refused_before_it_is_made(duration, rate, monkeypatch):
+def test_an_exploration_beyond_memory_is_refused_before_it_is_made(model, duration, rate, monkeypatch):
     """By its poses, or by the path that its duration takes."""
-    monkeypatch.setattr("palpate.datasets.motions.hand_motion.exploration_path", pytest.fail)
+    exploration = partial(hand_motion.exploration, model=model)
+    for path in ("exploration_path", "over_array_path"):
+        monkeypatch.setattr(f"palpate.datasets.motions.exploration_options.{path}", pytest.fail)
     with pytest.raises(MotionError, match=r"\(duration .* s at rate .* Hz\) takes .* more than the 3000000000"):
         exploration(BOUNDS, duration=duration, rate=rate, seed=1)
     with pytest.raises(StrategyError, match="exploration: a motion of"):
-        load_motion("exploration", MeshObject.load("cube"), {"duration": duration, "rate": rate})
+        load_motion("exploration", MeshObject.load("cube"), {"duration": duration, "rate": rate, "model": model})
 
 
 @pytest.mark.exhaustive
+@pytest.mark.parametrize("model", EXPLORATION_MODELS)
 @pytest.mark.parametrize(("duration", "rate"), [(30.0, 1e4), (700.0, 1.0)])
-def test_an_exploration_takes_no_more_memory_than_it_is_refused_for(duration, rate, monkeypatch):
+def test_an_exploration_takes_no_more_memory_than_it_is_refused_for(model, duration, rate, monkeypatch):
+    exploration = partial(hand_motion.exploration, model=model)
     tracemalloc.start()
     exploration(BOUNDS, duration=duration, rate=rate, seed=1)
     taken = tracemalloc.get_traced_memory()[1]

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         ShapeError,
         SweepStoreError,
     )
+    from ..datasets.motions.explorer_habits import ExplorerHabits, explorer_habits
     from ..datasets.motions.hand_motion import HandMotion, exploration, static_pose
     from ..datasets.recordings.files import load_recording
     from ..datasets.shapes.built_in import shape_names
@@ -99,6 +100,7 @@ _ROOMS = {
     ".datasets.contour_file.reader": "ContourFile",
     ".datasets.errors": "DatasetError ContourFileError Hdf5Error MotionError ShapeError RecordingError "
     "SweepStoreError NotStoreError RecordingWarning",
+    ".datasets.motions.explorer_habits": "ExplorerHabits explorer_habits",
     ".datasets.motions.hand_motion": "HandMotion exploration static_pose",
     ".datasets.recordings.files": "load_recording",
     ".datasets.shapes.built_in": "shape_names",
@@ -163,6 +165,7 @@ __all__ = [
     "DriveStrategy",
     "Driver",
     "Dwell",
+    "ExplorerHabits",
     "FocalPoints",
     "Gap",
     "Hand",
@@ -219,6 +222,7 @@ __all__ = [
     "drive_focus",
     "dwell_map",
     "exploration",
+    "explorer_habits",
     "expression_from_json",
     "expression_to_json",
     "flat_hand",

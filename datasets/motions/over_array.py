@@ -57,7 +57,7 @@ SWAY_SPACE = 0.0013  # that waypoints keep from the workspace's sides [m]: two s
 
 # What a counter's third word means; the fourth numbers the draws of a trial, 1 for those of no visit.
 _PLACE, _PITCH, _ROLL, _YAW, _SPEED, _PAUSE, _VISIT = range(7)
-_BLOCK = 1 << 14  # poses evaluated at once: bounds the memory of long motions
+_BLOCK = 1 << 11  # poses evaluated at once: bounds the memory of long motions
 _VISITS = 64  # drawn at once
 
 

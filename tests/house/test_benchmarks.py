@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from explorers import CASES as EXPLORER_CASES
+from explorers import measure as measure_explorers
 from paper_ratio import table
 from poses import random_poses
 from recording import THINGS
@@ -15,6 +17,8 @@ from scaling import measure as measure_scaling
 from solvers import SEVERAL, SINGLE, focal_points
 from solvers import measure as measure_solvers
 from throughput import CASES, compare, measure
+
+from palpate.render import MeshObject
 
 
 @pytest.mark.exhaustive
@@ -44,6 +48,20 @@ def test_ratio_table_fits_the_cube_and_keeps_the_papers_order():
     assert rows[3]["side"] == rows[5]["side"] != rows[0]["side"]
     assert fitted["cube"] == pytest.approx(2.54, abs=0.02)
     assert fitted["cube"] > fitted["tube"] > fitted["dog"] > 1
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("case", EXPLORER_CASES, ids=lambda case: case.label)
+def test_explorers_case_measures_both_readings_of_r(case):
+    found = measure_explorers(case, MeshObject.load("cube"), range(1, 3))
+    assert (found.r >= found.r_open).all()
+    assert (found.r_open > 1).all()
+    assert (found.facing_share[:, 0] <= found.facing_share[:, 1]).all()
+    if case.model == "over-array" and not case.pitch:
+        assert (found.facing_share[:, 1] == 1).all()
+        assert found.facing_share[:, 0].min() > 0.5
+    assert (found.drawn_share > 0.2).all()
+    assert (found.inside_share < 0.3).all()
 
 
 @pytest.mark.exhaustive

@@ -1,4 +1,4 @@
-"""Explorations over an array: in one workspace, within the facing limit, smooth, as fast as people, each stroke alone."""
+"""Explorations over an array: in one workspace, within the facing limit, smooth, as fast as people, strokes alone."""
 
 import hashlib
 import itertools

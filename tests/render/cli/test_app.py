@@ -76,6 +76,27 @@ def test_info_tells_what_design_promises(rendered):
     assert told["strategy"] == {"raw": "section", "prune": ["outside"], "transform": ["close"]}
 
 
+def test_info_tells_who_explored_and_what_share_faced_the_array(tmp_path):
+    own = tmp_path / "own.h5"
+    options = ("--explorer", "3", "--facing", "0.9", "--workspace", *map(str, (-0.05, -0.05, 0.14, 0.05, 0.05, 0.3)))
+    answer("render", "cube", "exploration", "-o", own, "--duration", "3", *options)
+    told = answer("info", own)
+    assert told["motion"] == {
+        "model": "over-array", "version": 1, "duration": 3.0, "rate": 90.0, "seed": 1, "explorer": 3, "facing": 0.9,
+        "workspace": [[-0.05, -0.05, 0.14], [0.05, 0.05, 0.3]],
+    }  # fmt: skip
+    assert 0.5 < told["facing_share_30"] <= told["facing_share_60"] == 1.0
+    assert "facing_share_30" in run("info", own).output
+    around = tmp_path / "around.h5"
+    answer("render", "cube", "exploration", "-o", around, "--model", "around")
+    told = answer("info", around)
+    assert told["facing_share_30"] < 0.3 < 0.6 > told["facing_share_60"]
+    words = ("render", "cube", "exploration", "-o", tmp_path / "out.h5")
+    refused(MISUSED, "explorer is of the model over-array", *words, "--model", "around", "--explorer", "2")
+    refused(MISUSED, "60 degrees are 1.047 rad", *words, "--facing", "60")
+    refused(MISUSED, "bounds: the object's box", *words, "--at", "1", "0", "0.2")
+
+
 def test_open_contours_have_no_r(motion, tmp_path):
     assert "r" not in answer("render", "cube", motion, "-o", tmp_path / "oc.h5", "--strategy", "oc")
 

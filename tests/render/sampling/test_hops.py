@@ -149,7 +149,7 @@ def test_held_points_hop_from_one_to_the_next_by_the_order():
 def test_hops_and_jumps_of_an_exploration_are_the_steps_that_are_too_long(update_rate):
     """A recount from the focal points alone: all steps between two that are not silent."""
     tube = MeshObject.load("tube")
-    motion = exploration(tube.bounds, duration=5.0, rate=90.0, seed=1)
+    motion = exploration(tube.bounds, duration=5.0, rate=90.0, seed=1, model="around")
     batch = render(tube, Palm(), motion, closed_contour())
     sampler = Sampler(SamplingStrategy(update_rate=update_rate))
     blocks = list(sample_contours([batch], motion.pose, motion.time, 5.0, sampler))

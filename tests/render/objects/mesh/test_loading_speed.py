@@ -12,6 +12,7 @@ import trimesh
 from rich.console import Console
 
 from palpate.datasets.motions.exploration import _cross, _length
+from palpate.datasets.motions.exploration_options import EXPLORATION_MODELS
 from palpate.datasets.motions.hand_motion import exploration
 from palpate.datasets.shapes.built_in import shape
 from palpate.kernels.section.edge_pairing import group_starts, order_of
@@ -68,18 +69,19 @@ def test_an_exploration_is_what_it_was_before_it_was_fast():
         123456: [-0.0953752920, -0.0508418195, 0.1965151578, 0.5553906560, -0.2633133531, 0.4329149425, 0.6593875885],
         359999: [-0.0724780560, 0.1128002927, 0.2595725656, -0.6665151119, 0.0393620283, 0.0062584658, -0.7444253564],
     }
-    motion = exploration(BOUNDS, duration=4000.0, rate=90.0, seed=7)
+    motion = exploration(BOUNDS, duration=4000.0, rate=90.0, seed=7, model="around")
     for row, pose in poses.items():
         np.testing.assert_allclose(motion.pose[row], pose, rtol=0, atol=2e-7)
 
 
 @pytest.mark.exhaustive
-def test_an_exploration_reports_how_far_it_is():
+@pytest.mark.parametrize("model", EXPLORATION_MODELS)
+def test_an_exploration_reports_how_far_it_is(model):
     heard = []
     load_motion(
         "exploration",
         MeshObject.load("cube"),
-        {"duration": 20000.0, "rate": 1.0},
+        {"duration": 20000.0, "rate": 1.0, "model": model},
         watch=lambda *word: heard.append(word),
     )
     assert len(heard) > 5

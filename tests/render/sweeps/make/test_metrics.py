@@ -13,6 +13,7 @@ from implicit_functions import ball
 from mesh_cases import generic_poses
 from skin_cases import grid_skin
 
+from palpate.datasets.motions.facing import facing_angles
 from palpate.kernels.metrics.random_pose import random_poses
 from palpate.kernels.offsets import PointLimitError
 from palpate.render import (
@@ -163,6 +164,15 @@ def test_columns_are_those_of_a_contour_file(device):
     for name, value in want.items():
         np.testing.assert_array_equal(columns[name], value)
         assert columns[name].dtype == value.dtype
+
+
+def test_facing_is_of_the_palms_that_draw(device):
+    pose = random_on("cpu", 600, 4).numpy()
+    (columns,) = measured(Scene.of(TUBE, Palm(), CC), pose, device, per_pose=True).columns
+    angle, drawn = np.degrees(facing_angles(pose)), columns["length"] > 0
+    assert 0 < drawn.sum() < len(pose)
+    for degrees in (30, 60):
+        np.testing.assert_array_equal(columns[f"facing_{degrees}"], np.where(drawn, angle <= degrees, np.nan))
 
 
 @pytest.mark.exhaustive

@@ -47,7 +47,7 @@ def test_keys_are_made_as_the_document_says(folder):
     A field that is added later must be left out of keys where it has the value that means what was before.
     """
     recipe = one(folder, '[object]\nsource = "tube"\nfit = 0.13\n[hand]\nsource = "planes"\n[strategy]\nstep = 0.002\n'
-                 "[sampling]\nspeed = 5.0")  # fmt: skip
+                 '[sampling]\nspeed = 5.0\n[motion]\nmodel = "around"')  # fmt: skip
     content = json.loads(recipe.to_json())
     for name in PARTS:
         del content[name]["name"]
@@ -86,6 +86,11 @@ SAME = [
     (PLAIN, '[object]\nsource = "cube"\nscale = 1\nup = "z"\nrotate = [0, 0.0, -0.0]\n'),
     (PLAIN, PLAIN + '[hand]\nsource = "palm"\npalm = [0.085, 0.085]'),
     (PLAIN, PLAIN + '[motion]\nsource = "exploration"\nduration = 30\nrate = 9e1\nseed = 1.0'),
+    (
+        PLAIN,
+        PLAIN
+        + '[motion]\nmodel = "Over-Array"\nexplorer = 1\nworkspace = [-0.125, -0.125, 0.135, 0.125, 0.125, 0.325]',
+    ),
     (PLAIN, PLAIN + '[strategy]\nsource = "CC"'),
     (PLAIN, PLAIN + '[sampling]\nsource = "stm"\nspeed = 7\nupdate_rate = 10000'),
     (PLAIN, PLAIN + '[array]\nsolver = "gs-pat+wgs"\nwgs_iterations = 6\nsound_speed = 343'),
@@ -101,6 +106,36 @@ SAME = [
 def test_equal_meaning_has_equal_json_and_keys(folder, text, other):
     assert one(folder, text).to_json() == one(folder, other).to_json()
     assert one(folder, text).hash == one(folder, other).hash
+
+
+def test_the_first_model_of_explorations_has_the_recipes_it_had_and_the_new_one_names_itself(folder):
+    around = one(folder, PLAIN + '[motion]\nmodel = "around"')
+    assert around.motion == {
+        "source": "exploration", "name": "exploration", "sha256": None, "duration": 30.0, "rate": 90.0, "seed": 1,
+    }  # fmt: skip
+    row = around.columns()
+    assert (row["model"], row["explorer"], row["facing"], row["workspace"]) == ("around", None, None, None)
+    over = one(folder, PLAIN + "[motion]\nexplorer = 4\nfacing = 0.7")
+    own = {name: over.motion[name] for name in ("model", "version", "explorer", "facing", "workspace")}
+    space = [-0.125, -0.125, 0.135, 0.125, 0.125, 0.325]
+    assert own == {"model": "over-array", "version": 1, "explorer": 4, "facing": 0.7, "workspace": space}
+    assert over.columns()["workspace"] == json.dumps(space)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ('model = "around"\nexplorer = 2', "explorer is of the model over-array, not of around"),
+        ("facing = 60", "facing: must lie in 0.0872665..1.5708 rad, not 60"),
+        ("workspace = [0, 0, 0.1, 0.1, 0.1, 0.11]", "0.02 m apart"),
+        ('model = "beside"', "model: must be one of over-array, around, not 'beside'"),
+        ('source = "random"\ncount = 3\nexplorer = 1', "explorer: is of exploration, which random is not"),
+    ],
+)
+def test_options_that_no_exploration_has_are_refused(folder, keys, said):
+    with pytest.raises(PlanError) as caught:
+        one(folder, f"{PLAIN}[motion]\n{keys}")
+    assert said in str(caught.value)
 
 
 def test_files_are_known_by_what_is_in_them(folder):
@@ -211,6 +246,10 @@ TABLES = {  # every key: what its table needs, and two values
     "motion.duration": ("", "1.0", "2.0"),
     "motion.rate": ("", "1.0", "2.0"),
     "motion.seed": ("", "1", "2"),
+    "motion.model": ("", "'over-array'", "'around'"),
+    "motion.explorer": ("", "1", "2"),
+    "motion.facing": ("", "0.8", "1.0"),
+    "motion.workspace": ("", "[-0.1, -0.1, 0.1, 0.1, 0.1, 0.3]", "[-0.1, -0.1, 0.2, 0.1, 0.1, 0.3]"),
     "motion.count": (RANDOM, "3", "4"),
     "motion.size": (f"{RANDOM}\ncount = 3", "0.1", "0.2"),
     "motion.at": (f"{RANDOM}\ncount = 3", "[0, 0, 0.1]", "[0, 0, 0.2]"),

@@ -26,8 +26,9 @@ RUN = "run"
 UPKEEP = "..sweeps.upkeep"
 PLAN_KEYS = (
     "scale", "up", "fit", "rotate", "at", "kind", "level", "label", "inside", "spacing", "unit", "bounds", "solid",
-    "weld", "fill_holes", "simplify", "palm", "duration", "rate", "seed", "model", "explorer", "facing",
-    "workspace", "side", "alignment", "interpolate", "step", "flush", "speed", "update_rate", "solver", "amplitude", "slew", "sound_speed", "level_max",
+    "weld", "fill_holes", "simplify", "palm", "duration", "rate", "seed", "model", "explorer", "facing", "workspace",
+    "side", "alignment", "interpolate", "step", "flush", "speed", "update_rate", "solver", "amplitude", "slew",
+    "sound_speed", "level_max",
 )  # fmt: skip
 """Keys of a plan that are arguments in Python (those of the plan itself take long to import; a test compares them)."""
 

@@ -86,7 +86,7 @@ def test_info_tells_who_explored_and_what_share_faced_the_array(tmp_path):
         "workspace": [[-0.05, -0.05, 0.14], [0.05, 0.05, 0.3]],
     }  # fmt: skip
     assert 0.5 < told["facing_share_30"] <= told["facing_share_60"] == 1.0
-    assert "facing_share_30" in run("info", own).output
+    assert "facing share 30" in run("info", own).output
     around = tmp_path / "around.h5"
     answer("render", "cube", "exploration", "-o", around, "--model", "around")
     told = answer("info", around)

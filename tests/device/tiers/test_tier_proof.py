@@ -98,7 +98,7 @@ def played(tmp_path_factory: pytest.TempPathFactory):
     """The file, what the board played, and the board's wiring."""
     folder = tmp_path_factory.mktemp("proof")
     tube = MeshObject.load("tube")
-    whole = exploration(tube.bounds, duration=6.0, rate=30.0, seed=1)
+    whole = exploration(tube.bounds, duration=6.0, rate=30.0, seed=1, model="around")
     kept = (whole.time >= WINDOW[0]) & (whole.time < WINDOW[1])
     motion = HandMotion(whole.time[kept] - whole.time[kept][0], whole.pose[kept])
     record(folder / "tube.h5", tube, Palm(), motion, closed_contour(), devices=["cpu"])

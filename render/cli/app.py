@@ -35,7 +35,7 @@ app = typer.Typer(
 
 OBJECT_HELP = (
     "Mesh (STL, OBJ, PLY, GLB), volume (.npy .npz .nrrd .nii .nvdb), expression (.json), function (module:name), "
-    "or built in: cube, sphere, tube, dog, dog-detailed, rock."
+    "or built in: cube, sphere, tube, dog, dog-detailed, rock, boulder."
 )
 MOTION_HELP = (
     "CSV or HDF5 of poses, a recording of a hand (Leap, OpenXR, WebXR, MediaPipe), or the word exploration for a "

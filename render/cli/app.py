@@ -15,6 +15,7 @@ try:
     from .command_group import MainGroup
     from .completion import complete_hand, complete_motion, complete_object, complete_sampling, complete_strategy
     from .output_options import Json, Overwrite, Quiet, run_job
+    from .reproduce_options import reproduce
     from .sampling_options import Duration, Sampling, Speed, UpdateRate
     from .selftest_options import selftest
     from .sweep_options import SWEEP_HELP, sweep
@@ -372,6 +373,9 @@ app.command(short_help="Play stimuli that a hand should feel.")(selftest)
 
 
 app.command(short_help="Time contours beside other libraries.")(bench)
+
+
+app.command(short_help="Make the founding paper's evaluation again.")(reproduce)
 
 
 def main() -> None:

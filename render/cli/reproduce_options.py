@@ -14,7 +14,10 @@ def reproduce(
     ] = Path("palpate-reproduction"),
     explorers: Annotated[int, typer.Option(metavar="N", help="How many explore each object.")] = 18,
     repetitions: Annotated[
-        int, typer.Option(metavar="N", help="Explorations of 7 s in each block; explorer and object have two blocks.")
+        int,
+        typer.Option(
+            metavar="N", help="Explorations of 7 s in each of the two blocks that an explorer has with an object."
+        ),
     ] = 10,
     palm: Annotated[
         tuple[float, float] | None,

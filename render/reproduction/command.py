@@ -1,7 +1,7 @@
 """`palpate reproduce`: the evaluation as a page for people, as Markdown and as JSON."""
 
 import json
-import os
+from os import W_OK, X_OK, access
 from pathlib import Path
 from time import perf_counter
 
@@ -59,7 +59,7 @@ def _require_room(folder: Path, paths: list[Path], *, overwrite: bool) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RenderError(f"{folder}: cannot be made ({error.strerror or error})") from error
-    if not os.access(folder, os.W_OK | os.X_OK):
+    if not access(folder, W_OK | X_OK):
         raise RenderError(f"{folder}: no file can be written there (permission denied)")
 
 

@@ -10,6 +10,8 @@ import numpy as np
 
 SHAPIRO_LEAST = 3
 """Values that Shapiro's test needs."""
+ALIKE = 1e-9
+"""Of the largest value: values that differ by less are the same but for rounding."""
 
 
 def normality(values: np.ndarray) -> float | None:
@@ -17,7 +19,7 @@ def normality(values: np.ndarray) -> float | None:
     from scipy import stats  # 0.5 s that only reports cost
 
     found = values[np.isfinite(values)]
-    if len(found) < SHAPIRO_LEAST or np.ptp(found) == 0.0:
+    if len(found) < SHAPIRO_LEAST or _is_constant(found):
         return None
     return float(stats.shapiro(found)[1])
 
@@ -27,7 +29,7 @@ def mean_zero(values: np.ndarray) -> float | None:
     from scipy import stats
 
     found = values[np.isfinite(values)]
-    if len(found) < 2 or np.ptp(found) == 0.0:
+    if len(found) < 2 or _is_constant(found):
         return None
     return float(stats.ttest_1samp(found, 0.0)[1])
 
@@ -37,7 +39,7 @@ def paired(a: np.ndarray, b: np.ndarray) -> float | None:
     from scipy import stats
 
     difference = (a - b)[np.isfinite(a - b)]
-    if not difference.any():
+    if len(difference) == 0 or not difference.any():
         return None
     return float(stats.wilcoxon(difference)[1])
 
@@ -63,3 +65,7 @@ def p_text(p: float | None) -> str:
     if p is None:
         return "no test"
     return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
+
+
+def _is_constant(values: np.ndarray) -> bool:
+    return bool(np.ptp(values) <= ALIKE * np.abs(values).max())

@@ -134,7 +134,7 @@ def _picture(readings: dict[str, dict[str, np.ndarray]]) -> ReportPicture:
 def _draw_sample(axes: Any, place: int, r: np.ndarray, paper: float) -> None:
     """A violin, its dots beside each other, the mean, and the paper's mean."""
     if len(r) > 2 and np.ptp(r) > 0.0:
-        parts = axes.violinplot(r, [place], widths=0.7, showextrema=False)
+        parts = axes.violinplot(r, positions=[place], widths=0.7, showextrema=False)
         parts["bodies"][0].set(facecolor=COLOUR, alpha=0.18, edgecolor="none")
     across = place + 0.44 * (np.modf(np.arange(1, len(r) + 1) * 0.6180339887)[0] - 0.5)
     axes.plot(across, r, ".", ms=4, color="#222222", alpha=0.75, label="a block of an explorer")

@@ -102,7 +102,7 @@ def _medians(taken: dict[str, np.ndarray]) -> dict[str, float]:
 
 
 _WHY_RAW = (
-    f"Mesh: {SHOWN}. The paper's is a naive implementation in C#, which looks at every face; palpate follows the "
+    f"Mesh: {SHOWN}. The paper's is, in its words, a naive implementation in C#; palpate follows the "
     "section from face to face, so its time grows more slowly than the number of faces. Of one pose by itself, the "
     "call from Python takes most of the time."
 )

@@ -37,7 +37,7 @@ class Case:
         return Trial(self.thing, bench_object(self.thing), self.label.lower(), poses, options)
 
 
-OBJECTS = ("cube", "tube", "dog", "sphere", "rock", "dog-detailed", "blob-5000")
+OBJECTS = ("cube", "tube", "dog", "sphere", "boulder", "dog-detailed", "blob-5000")
 
 
 def cases(objects: Sequence[str]) -> list[Case]:

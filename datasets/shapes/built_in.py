@@ -1,4 +1,4 @@
-"""The paper's objects, made by code: cube, sphere, tube, dog (coarse and smooth) and rock.
+"""The paper's objects, made by code: cube, sphere, tube, dog (coarse and smooth) and rock; and a boulder.
 
 Each is one closed shell that does not intersect itself, oriented outwards (counter-clockwise seen from outside), inside
 a 130 mm cube centred at (0, 0, 0.2) m of the array frame, and as long as that cube in its longest dimension; z is up.
@@ -10,7 +10,8 @@ a 130 mm cube centred at (0, 0, 0.2) m of the array frame, and as long as that c
 | tube         | 256       | upright: hollow 32-gon along z, vertices at 65 and 40 mm, 130 mm long, open at both ends  |
 | dog          | 136       | standing, nose towards -x: its profile faces a user who sits at -y                        |
 | dog-detailed | 1,160     | the same dog, rounded                                                                     |
-| rock         | 320       | an irregular boulder with facets, wider than high                                         |
+| rock         | 320       | the paper's: a flat slab that lies, with lobes of different sizes around it               |
+| boulder      | 320       | an irregular boulder with facets, wider than high                                         |
 """
 
 from collections.abc import Callable
@@ -32,8 +33,14 @@ CENTRE = (0.0, 0.0, 0.2)
 
 TUBE_SIDES = 32
 TUBE_INNER = 0.04  # [m]
-ROCK_SEED = 7
-ROCK_CUTS = 14
+ROCK_SEED, BOULDER_SEED = 3, 7
+ROCK_THICKNESS = 0.34
+"""Half thickness of the rock over the mean radius of its outline."""
+ROCK_LOBES = ((2, 0.14, 0.5), (3, 0.11, 2.1), (5, 0.11, 0.3))
+"""Waves of the rock's outline: how many around it, amplitude over the mean radius, phase [rad]."""
+ROCK_BLUNTNESS = 3.0
+"""Exponent of the rock's profile: 2 is an ellipse, more is a slab with a blunter edge."""
+BOULDER_CUTS = 14
 
 
 def shape_names() -> tuple[str, ...]:
@@ -41,7 +48,7 @@ def shape_names() -> tuple[str, ...]:
 
     >>> from palpate.render import shape_names
     >>> shape_names()
-    ('cube', 'sphere', 'tube', 'dog', 'dog-detailed', 'rock')
+    ('cube', 'sphere', 'tube', 'dog', 'dog-detailed', 'rock', 'boulder')
     """
     return tuple(_SHAPES)
 
@@ -123,16 +130,35 @@ def _dog_detailed() -> Mesh:
 
 
 def _rock() -> Mesh:
+    """A slab: a blunt ball pressed flat, its outline drawn in and out by lobes, its surface a little rough.
+
+    Star-shaped, so it cannot meet itself.
+    """
+    direction, triangles = _sphere(divisions=2)
+    across = np.hypot(direction[:, 0], direction[:, 1])
+    blunt = (across**ROCK_BLUNTNESS + np.abs(direction[:, 2]) ** ROCK_BLUNTNESS) ** (-1.0 / ROCK_BLUNTNESS)
+    angle = np.arctan2(direction[:, 1], direction[:, 0])
+    outline = 1.0 + sum(size * np.cos(count * angle + phase) for count, size, phase in ROCK_LOBES)
+    rough = 1.0 + 0.025 * (2.0 * _random(ROCK_SEED, len(direction)) - 1.0)
+    points = direction * (blunt * rough)[:, None]
+    return points * np.stack([outline, outline, np.full_like(outline, ROCK_THICKNESS)], axis=1), triangles
+
+
+def _boulder() -> Mesh:
     """A boulder: a ball cut by planes at random, its facets roughened. Star-shaped, so it cannot meet itself."""
     direction, triangles = _sphere(divisions=2)
-    # Raw bits are the one stream of numpy that no version may change.
-    random = np.random.PCG64(ROCK_SEED).random_raw(3 * ROCK_CUTS + len(direction)) / 2.0**64
-    height, turn, depth = random[: 3 * ROCK_CUTS].reshape(3, ROCK_CUTS)
+    random = _random(BOULDER_SEED, 3 * BOULDER_CUTS + len(direction))
+    height, turn, depth = random[: 3 * BOULDER_CUTS].reshape(3, BOULDER_CUTS)
     flat = np.sqrt(1.0 - (2.0 * height - 1.0) ** 2)
     normal = np.stack([flat * np.cos(2.0 * np.pi * turn), flat * np.sin(2.0 * np.pi * turn), 2.0 * height - 1.0])
     cut = (0.62 + 0.3 * depth) / np.maximum(direction @ normal, 1e-3)
-    radius = np.minimum(1.0, cut.min(axis=1)) * (1.0 + 0.05 * (2.0 * random[3 * ROCK_CUTS :] - 1.0))
+    radius = np.minimum(1.0, cut.min(axis=1)) * (1.0 + 0.05 * (2.0 * random[3 * BOULDER_CUTS :] - 1.0))
     return direction * radius[:, None] * (1.0, 0.85, 0.7), triangles
+
+
+def _random(seed: int, count: int) -> NDArray[np.float64]:
+    """Numbers of 0 to 1, shape [count]: raw bits are the one stream of NumPy that no version may change."""
+    return np.random.PCG64(seed).random_raw(count) / 2.0**64
 
 
 def _triangles(quads: list[tuple[int, ...]]) -> NDArray[np.int32]:
@@ -146,4 +172,5 @@ _SHAPES: dict[str, Callable[[], Mesh]] = {
     "dog": dog_cage,
     "dog-detailed": _dog_detailed,
     "rock": _rock,
+    "boulder": _boulder,
 }

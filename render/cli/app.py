@@ -15,6 +15,7 @@ try:
     from .command_group import MainGroup
     from .completion import complete_hand, complete_motion, complete_object, complete_sampling, complete_strategy
     from .output_options import Json, Overwrite, Quiet, run_job
+    from .reproduce_options import reproduce
     from .sampling_options import Duration, Sampling, Speed, UpdateRate
     from .selftest_options import selftest
     from .sweep_options import SWEEP_HELP, sweep
@@ -35,7 +36,7 @@ app = typer.Typer(
 
 OBJECT_HELP = (
     "Mesh (STL, OBJ, PLY, GLB), volume (.npy .npz .nrrd .nii .nvdb), expression (.json), function (module:name), "
-    "or built in: cube, sphere, tube, dog, dog-detailed, rock."
+    "or built in: cube, sphere, tube, dog, dog-detailed, rock, boulder."
 )
 MOTION_HELP = (
     "CSV or HDF5 of poses, a recording of a hand (Leap, OpenXR, WebXR, MediaPipe), or the word exploration for a "
@@ -377,6 +378,9 @@ app.command(short_help="Play stimuli that a hand should feel.")(selftest)
 
 
 app.command(short_help="Time contours beside other libraries.")(bench)
+
+
+app.command(short_help="Make the founding paper's evaluation again.")(reproduce)
 
 
 def main() -> None:

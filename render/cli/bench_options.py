@@ -10,7 +10,7 @@ from .output_options import Json, Quiet, run_job
 def bench(
     objects: Annotated[
         str, typer.Option(metavar="NAME,...", help="Built in, or blob-N of about N triangles (blob-5000); or none.")
-    ] = "cube,tube,dog,sphere,rock,blob-100k,blob-1m",
+    ] = "cube,tube,dog,sphere,boulder,blob-100k,blob-1m",
     strategy: Annotated[str, typer.Option(metavar="NAME,...", help="oc, cc, or both.")] = "oc,cc",
     device: Annotated[
         str, typer.Option(metavar="DEVICE", help="Of palpate: cpu, cuda:0, ...; peers run on the CPU.")

@@ -29,6 +29,7 @@ LIKELY_COMMANDS = {
     **dict.fromkeys(("benchmark", "time"), "bench"),
     **dict.fromkeys(("objects", "shapes"), "render --help"),
     "voxelize": "voxelise",
+    **dict.fromkeys(("paper", "replicate", "evaluate"), "reproduce"),
     "test": "selftest",
 }
 """Commands of ours by words of other programs."""

@@ -130,10 +130,11 @@ def draw_gallery(
 
 def _flat(batch: ContourBatch, frames: PatchFrames) -> list[np.ndarray]:
     """Polylines of the first pose in the first patch's plane [mm], each of shape [point, 2]."""
-    return [_in_plane(points, frames) for points in batch.polylines_of(0)]
+    return [in_plane(points, frames) for points in batch.polylines_of(0)]
 
 
-def _in_plane(points: np.ndarray, frames: PatchFrames) -> np.ndarray:
+def in_plane(points: np.ndarray, frames: PatchFrames) -> np.ndarray:
+    """Points [m], shape [point, 3], in the plane of the first pose's first patch [mm], shape [point, 2]."""
     off = np.asarray(points, np.float64) - frames.origin[0, 0]
     return 1e3 * np.stack([off @ frames.u[0, 0], off @ frames.v[0, 0]], axis=-1)
 
@@ -168,7 +169,7 @@ def _draw_contours(axes: Any, batch: ContourBatch, frames: PatchFrames) -> None:
     fine = divided(batch, FINE)
     last = fine.polyline_start[1:] - 1
     here = np.setdiff1d(np.arange(fine.point_count), last)
-    flat = _in_plane(fine.points, frames)
+    flat = in_plane(fine.points, frames)
     strength = np.ones(len(flat)) if fine.intensity is None else fine.intensity
     strength = 0.5 * (strength[here] + strength[here + 1])
     colours = [{HAND: COLOURS["hand"], MADE: MADE_COLOUR}.get(k, COLOURS["object"]) for k in fine.kind[here].tolist()]
@@ -179,13 +180,13 @@ def _draw_contours(axes: Any, batch: ContourBatch, frames: PatchFrames) -> None:
         )
     )
     if batch.dwell is not None:
-        rests = _in_plane(batch.points[batch.dwell > 0], frames)
+        rests = in_plane(batch.points[batch.dwell > 0], frames)
         axes.plot(rests[:, 0], rests[:, 1], "o", ms=4.5, color="#222222", mec="white", mew=0.6, zorder=5)
     track = lay_track(path, SamplingStrategy())
     jump = np.flatnonzero((np.diff(track.knot) <= 0) & (track.step != 0).any(axis=1))
     ways = [track.points[i : i + 2] for i in jump] + [track.points[[-1, 0]]]
     for way in ways:
-        x, y = _in_plane(way, frames).T
+        x, y = in_plane(way, frames).T
         if np.hypot(x[1] - x[0], y[1] - y[0]) > 1.0:
             axes.plot(x, y, ":", color="#222222", lw=0.9, zorder=4)
 

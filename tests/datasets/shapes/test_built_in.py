@@ -11,7 +11,7 @@ from palpate.datasets.errors import ShapeError
 from palpate.datasets.shapes.built_in import CENTRE, SIZE, shape, shape_names
 from palpate.datasets.shapes.subdivision import bisect, quadrisect, smooth_surface
 
-FACE_COUNT = {"cube": 12, "sphere": 1280, "tube": 256, "dog": 136, "dog-detailed": 1160, "rock": 320}
+FACE_COUNT = {"cube": 12, "sphere": 1280, "tube": 256, "dog": 136, "dog-detailed": 1160, "rock": 320, "boulder": 320}
 HANDLES = {"tube": 1}
 
 
@@ -48,7 +48,7 @@ def test_names_are_those_of_the_design():
 
 
 def test_unknown_name_is_refused_and_the_known_ones_listed():
-    with pytest.raises(ShapeError, match=r"'cat'.*cube, sphere, tube, dog, dog-detailed, rock"):
+    with pytest.raises(ShapeError, match=r"'cat'.*cube, sphere, tube, dog, dog-detailed, rock, boulder"):
         shape("cat")
 
 
@@ -127,8 +127,20 @@ def test_tube_stands_upright_and_is_hollow():
     assert mesh("tube").volume == pytest.approx(polygon * (0.065**2 - 0.04**2) * 0.13, rel=1e-5)
 
 
-def test_rock_is_no_ball():
-    vertices, _ = shape("rock")
+def test_rock_is_a_flat_lobed_slab_that_lies():
+    vertices, faces = shape("rock")
+    length, width, thickness = np.ptp(vertices, axis=0)
+    assert 0.75 < width / length < 0.95
+    assert 0.25 < thickness / width < 0.45
+    middle = mesh("rock").section((0, 0, 1), CENTRE).to_2D()[0].polygons_full[0]
+    assert middle.area < 0.95 * middle.convex_hull.area  # drawn in between the lobes
+    assert mesh("rock").volume > 0.72 * middle.area * thickness  # flat: of an ellipsoid it would be two thirds
+    corner = vertices.astype(float)[faces] - CENTRE
+    assert np.linalg.det(corner).min() > 0.0  # every triangle faces out, seen from the middle: star-shaped
+
+
+def test_boulder_is_no_ball():
+    vertices, _ = shape("boulder")
     radius = np.linalg.norm(vertices - CENTRE, axis=1)
     assert radius.std() / radius.mean() > 0.08
     extents = np.ptp(vertices, axis=0)

@@ -1,0 +1,126 @@
+"""`palpate reproduce` from the command line to its three files, and what it refuses."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from command_line import FAILED, MISUSED, answer, refused, run
+
+from palpate.render import StrategyError
+from palpate.render.reproduction import command, evaluation
+from palpate.render.reproduction.explorations import StudySettings
+from palpate.render.reproduction.noise_recordings import NoiseRecording
+from palpate.render.reproduction.noise_section import NAMES
+
+SMALL = ("--explorers", "2", "--repetitions", "1")
+VOID = {"meta", "img", "br"}
+
+
+class Page(HTMLParser):
+    """What a page names in attributes, and whether its elements are closed in order."""
+
+    def __init__(self):
+        super().__init__()
+        self.loaded, self.open, self.headings = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.loaded += [value for name, value in attrs if name in ("src", "href", "data", "srcset", "action")]
+        assert tag not in ("script", "link", "iframe", "object", "base")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open[-1:] == ["h2"]:
+            self.headings.append(data)
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Times of stages measured once, on few poses: a quick run."""
+    for name, value in {"MESHES": ("tube",), "LIVE_POSES": 3, "BATCH_POSES": 20, "REPEATS": 1}.items():
+        monkeypatch.setattr(evaluation, name, value)
+
+
+@pytest.mark.exhaustive
+def test_the_command_makes_a_page_that_loads_nothing_and_the_numbers_beside(tmp_path, brief):
+    out = tmp_path / "new" / "report"
+    printed = answer("reproduce", "-o", out, *SMALL)
+    assert sorted(path.name for path in out.iterdir()) == ["paper.html", "paper.json", "paper.md"]
+    assert printed["html"] == str(out / "paper.html")
+    text = (out / "paper.html").read_text()
+    page = Page()
+    page.feed(text)
+    assert page.open == []
+    assert page.loaded
+    assert all(value.startswith("data:image/") for value in page.loaded)
+    assert not re.search(r"@import|url\(", text)
+    assert [heading.split(":")[0] for heading in page.headings] == [
+        "Figure 3", "Section 4.3.1", "Sections 4.2 and 4.3", "Figure 5B", "Figure 6C",
+    ]  # fmt: skip
+    values = json.loads((out / "paper.json").read_text())
+    assert {key: value for key, value in printed.items() if key in values} == values
+    for reading in ("r", "r_open"):
+        assert set(values[reading]) == {"cube", "tube", "dog"}
+        assert all(found["mean"] >= 1.0 and found["sd"] >= 0.0 for found in values[reading].values())
+        assert all(found["blocks"] == 4 for found in values[reading].values())
+    assert values["r"]["cube"]["mean"] >= values["r_open"]["cube"]["mean"]
+    assert (values["explorers"], values["repetitions"], values["palm"]) == (2, 1, [0.085, 0.085])
+    assert "noise" not in values  # nothing is said of what is not predicted
+    markdown = " ".join((out / "paper.md").read_text().split())
+    assert f"r = {values['r']['tube']['mean']:.2f}" in markdown
+    assert "--explorers 2 --repetitions 1 --palm 0.085 0.085" in markdown
+
+    refused(MISUSED, "paper.html: exists; --overwrite replaces it", "reproduce", "-o", out, *SMALL)
+    table = run("reproduce", "-o", out, *SMALL, "--overwrite", "--palm", "0.07", "0.1")
+    assert table.exit_code == 0
+    assert "r, cube" in table.stdout
+    assert json.loads((out / "paper.json").read_text())["palm"] == [0.07, 0.1]
+
+
+@pytest.mark.exhaustive
+def test_recordings_of_noise_become_a_section_and_values(brief):
+    def source(settings, watch):
+        frequency = 44100 / 1024 * np.arange(1, 513)
+        steady = [NoiseRecording(frequency, np.zeros(512) + k, float(k), 0.0) for k in range(3)]
+        louder = [one._replace(level=one.level + 2.0) for one in steady]
+        return evaluation.NoiseRecordings(louder, steady, "Made by hand.", dict.fromkeys((*NAMES, "shape"), "known"))
+
+    seen = []
+    found = evaluation.evaluate(StudySettings(1, 1), source, lambda stage, done, total: seen.append(stage))
+    assert [section.title for section in found.sections][2] == "Section 4.3.2 and figure 4: audible noise"
+    assert found.values["noise"]["db_300_10k"] == pytest.approx(2.0)
+    assert found.values["noise"]["rms"] == 0.0
+    assert list(dict.fromkeys(seen)) == ["time of stages", "explorations", "pictures"]
+
+
+@pytest.mark.parametrize(
+    ("code", "message", "arguments"),
+    [
+        (MISUSED, "explorers must lie in 1..1000, not 0", ("--explorers", "0")),
+        (MISUSED, "repetitions must lie in 1..1000, not 5000", ("--repetitions", "5000")),
+        (MISUSED, "85", ("--palm", "85", "85")),
+        (MISUSED, "nan", ("--palm", "nan", "0.1")),
+    ],
+)
+def test_numbers_out_of_bounds_are_refused_before_anything_is_made(code, message, arguments, tmp_path):
+    refused(code, message, "reproduce", "-o", tmp_path / "report", *arguments)
+    assert not (tmp_path / "report").exists()
+
+
+def test_a_folder_that_cannot_be_made_or_written_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    refused(FAILED, "file: cannot be made (File exists)", "reproduce", "-o", tmp_path / "file")
+    refused(FAILED, "report: cannot be made (Not a directory)", "reproduce", "-o", tmp_path / "file" / "report")
+    monkeypatch.setattr(command, "access", lambda path, mode: False)
+    refused(FAILED, "no file can be written there (permission denied)", "reproduce", "-o", tmp_path)
+
+
+def test_a_folder_with_the_name_of_a_file_is_not_replaced(tmp_path):
+    (tmp_path / "paper.md").mkdir()
+    with pytest.raises(StrategyError, match=r"paper\.md: is a folder"):
+        command.run_reproduce(tmp_path, 1, 1, None, True, as_json=True)

@@ -1,0 +1,101 @@
+"""Sections of the report: what each holds, from lengths and meshes that are known."""
+
+import numpy as np
+import pytest
+
+from palpate.render import MeshObject
+from palpate.render.reproduction.construction_section import PALM, construction_section, section_solid
+from palpate.render.reproduction.explorations import FeltLengths, StudySettings
+from palpate.render.reproduction.frequency_section import frequency_section
+from palpate.render.reproduction.length_ratios import BlockRatios
+from palpate.render.reproduction.objects_section import objects_section
+from palpate.render.reproduction.paper_numbers import OBJECTS, RATIOS, RAW_SECONDS
+from palpate.render.reproduction.ratio_section import ratio_section
+from palpate.render.reproduction.stage_times import STEPS, StepTimes, measure_steps, time_section
+
+
+def ratios(explorers):
+    """r at the paper's means exactly, for both readings, with a little spread."""
+    spread = np.linspace(-0.05, 0.05, 2 * explorers).reshape(explorers, 2)
+    return {name: BlockRatios(mean + spread, mean - 0.1 + spread) for name, mean in RATIOS.items()}
+
+
+def test_construction_has_the_cases_of_the_papers_figure():
+    section_solid().require_closed()
+    section, values = construction_section()
+    found = values["construction"]
+    assert found["raw"] > found["cc"] > found["oc"] > 0.0
+    assert found["oc_within_cc"] == pytest.approx(found["oc"], abs=1e-6)
+    # The circle of 17 mm over the corner meets the palm's sides sqrt(17^2 - 3.8^2) and sqrt(17^2 - 2^2) mm from its
+    # middle (37, 41); the bar of 22 mm meets each side at atan(19 / 98), which lengthens its width.
+    corner = 0.035 - 0.037 + np.sqrt(0.017**2 - 0.0038**2), 0.0448 - 0.041 + np.sqrt(0.017**2 - 0.002**2)
+    bar = 2 * 0.022 / np.cos(np.arctan2(19, 98))
+    assert found["cc"] - found["oc"] == pytest.approx(bar + sum(corner), abs=3e-4)  # circles are 48-gons
+    # Raw: four loops; OC: one loop, one arc, two sides of the bar; CC: three loops.
+    assert [row.ours.split(" ")[0] for row in section.rows[:3]] == ["4", "4", "3"]
+    assert PALM.length / PALM.width == pytest.approx(1.28)
+
+
+def test_objects_are_the_papers_five():
+    section, values = objects_section()
+    assert [row.what for row in section.rows] == list(values["objects"]) == list(OBJECTS)
+    assert values["objects"]["cube"]["volume"] == pytest.approx(0.13**3, rel=1e-5)
+    assert values["objects"]["tube"]["triangles"] == 256
+    assert section.pictures[0].uri.startswith("data:image/png;base64,")
+
+
+def test_draw_frequencies_are_of_poses_with_contours():
+    lengths = np.array([[[0.0, 0.1, 0.1]]], np.float32)
+    section, values = frequency_section({"cube": FeltLengths("cube", 2 * lengths, lengths)})
+    found = values["draw_frequency"]["cube"]
+    assert found["oc"]["draw_frequency_of_mean_length"] == pytest.approx(70.0)
+    assert found["cc"]["draw_frequency"] == pytest.approx(10_000 / 286)  # 0.2 m at 7 m/s: 285.7 samples
+    assert section.rows[0].why.startswith("Agrees")
+    nothing = frequency_section({"cube": FeltLengths("cube", 0 * lengths, 0 * lengths)})
+    assert nothing[0].rows[0].why.startswith("No contour was met")
+    assert nothing[1]["draw_frequency"]["cube"]["oc"]["draw_frequency"] is None
+
+
+def test_ratios_stand_beside_the_papers_and_say_how_far_off_they_are():
+    section, values = ratio_section(ratios(18), StudySettings())
+    assert values["r"]["cube"]["mean"] == pytest.approx(2.54)
+    assert values["r"]["cube"]["paper"] == 2.54
+    assert values["r_open"]["dog"]["mean"] == pytest.approx(1.26)
+    assert set(values["r"]) == {"cube", "tube", "dog"}
+    assert max(values["r_tests"]["by_block"].values()) < 0.001
+    assert section.rows[0].ours == "r = 2.54 ± 0.03; r_open = 2.44 ± 0.03"
+    assert section.rows[0].why.startswith("r is within 10 % of the paper (+0 %; r_open -4 %)")
+    assert "36 dots an object" in section.text
+
+
+@pytest.mark.filterwarnings("error")
+def test_ratios_of_one_block_or_none_are_shown_without_tests():
+    one = {name: BlockRatios(np.full((1, 1), mean), np.full((1, 1), mean)) for name, mean in RATIOS.items()}
+    one["dog"] = BlockRatios(*(np.full((1, 1), np.nan) for _ in range(2)))
+    section, values = ratio_section(one, StudySettings(1, 1))
+    assert values["r"]["tube"]["sd"] is None
+    assert values["r_open"]["dog"]["mean"] is None
+    assert section.rows[2].ours == "r = none; r_open = none"
+    assert section.rows[-1].ours == "cube: no test; tube: no test; dog: no test"
+
+
+def test_stages_are_timed_one_by_one_and_in_one_go():
+    tube = MeshObject.load("tube")
+    found = measure_steps(tube, PALM, live_poses=3, batch_poses=10, repeats=2)
+    assert found.faces == 256
+    for taken in (found.live, found.batch):
+        assert list(taken) == list(STEPS)
+        assert all(seconds.shape == (2,) and (seconds > 0.0).all() for seconds in taken.values())
+
+
+def test_times_are_given_per_100_faces_and_stages_as_differences():
+    live = {"raw": np.full(3, 256e-6), "raw_prune": np.full(3, 512e-6), "raw_prune_close": np.full(3, 502e-6)}
+    found = StepTimes(256, live, {step: 0.1 * seconds for step, seconds in live.items()})
+    section, values = time_section({"tube": found}, "a processor")
+    raw, prune, close = (row.ours for row in section.rows)
+    assert raw == "0.1 ms one by one; 0.01 ms in one go"
+    assert prune == "0.1 to 0.1 ms one by one; 0.01 to 0.01 ms in one go"
+    assert close == "-0.01 to -0.01 ms one by one; -0.001 to -0.001 ms in one go"  # of one pose, in all
+    assert section.rows[0].paper == f"{1e3 * RAW_SECONDS:g} ms per 100 faces"
+    assert values["stage_seconds"]["tube"]["live"]["raw"] == pytest.approx(256e-6)
+    assert "a processor" in section.text

@@ -40,8 +40,8 @@ def wave_rows(waves: np.ndarray) -> np.ndarray:
 def propagate_signals(matrix: wp.array, signal: wp.array, *, out: wp.array) -> None:
     """Write matrix @ signal to `out`: float32, shapes [row, signal], [signal, column], [row, column].
 
-    On CUDA rows must be multiples of ROWS, signals of DEPTH, columns of COLUMNS. The CPU takes NumPy's product: its BLAS
-    is made for that.
+    On CUDA rows must be multiples of ROWS, signals of DEPTH, columns of COLUMNS. On the CPU this is NumPy's product,
+    as its BLAS is made for that.
     """
     device = out.device
     if device.is_cpu:

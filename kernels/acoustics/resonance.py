@@ -53,7 +53,7 @@ class Frames(NamedTuple):
         long long f = static_cast<long long>(static_cast<double>(t) * rate + 1e-6) - first;
         if (f < 0) f = 0;  // while it settles; the host gives every frame that counts
         if (f >= frames) f = frames - 1;
-        const unsigned char* row = delay.data + size_t(f) * count + base;
+        const unsigned char* row = delay.data + size_t(f) * delay.strides[0] + base;
         const float a = level.data[f];
 #ifdef __CUDA_ARCH__
         float s, c;

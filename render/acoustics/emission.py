@@ -78,8 +78,8 @@ def emitted_blocks(
         low = max(0, int((first - back) * rate))
         high = min(len(frames.level), int(end * rate) + 2)
         part = Frames(
-            wp.array(frames.delay[low:high], device=device, copy=False),
-            wp.array(frames.level[low:high], device=device, copy=False),
+            wp.array(np.ascontiguousarray(frames.delay[low:high]), device=device, copy=False),
+            wp.array(np.ascontiguousarray(frames.level[low:high]), device=device, copy=False),
             low,
         )
         signal = wp.empty((2 * frames.delay.shape[1], size), dtype=wp.float32, device=device)

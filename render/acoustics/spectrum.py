@@ -12,7 +12,6 @@ WINDOW = 1024  # samples, Hann
 BANDS = {"40_300": (40.0, 300.0), "300_10k": (300.0, 10_000.0)}
 """[Hz], those of the founding paper's 4.3.2."""
 AUDIBLE = (20.0, 15_000.0)  # [Hz]
-FLOOR_DECIBEL = -80.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +71,13 @@ class NoiseSpectrum:
         with np.errstate(divide="ignore"):
             return 10 * np.log10(self.power)
 
+    def levels(self) -> dict[str, float]:
+        """Of the paper's bands, A-weighted, RMS and peak [dB], all of the signal's own unit."""
+        bands = {f"db_{name}": self.band(low, high) for name, (low, high) in BANDS.items()}
+        with np.errstate(divide="ignore"):
+            peak = float(20 * np.log10(self.peak))
+        return {**bands, "dba": self.a_weighted, "rms": self.rms, "peak": peak}
+
     def with_floor(self, decibel: float) -> "NoiseSpectrum":
         """With a background of this level [dB] in each bin: a room has one, and a difference to nothing is infinite."""
         return NoiseSpectrum(self.frequency, self.power + 10 ** (decibel / 10), self.peak)
@@ -102,10 +108,5 @@ def a_weight(frequency: np.ndarray) -> np.ndarray:
 
 def level_differences(spectrum: NoiseSpectrum, reference: NoiseSpectrum) -> dict[str, float]:
     """Levels of one spectrum less those of another [dB]: of the paper's bands, A-weighted, RMS and peak."""
-    values = {f"db_{name}": spectrum.band(low, high) - reference.band(low, high) for name, (low, high) in BANDS.items()}
-    return {
-        **values,
-        "dba": spectrum.a_weighted - reference.a_weighted,
-        "rms": spectrum.rms - reference.rms,
-        "peak": float(20 * np.log10(spectrum.peak / reference.peak)),
-    }
+    own, other = spectrum.levels(), reference.levels()
+    return {name: own[name] - other[name] for name in own}

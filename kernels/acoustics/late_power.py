@@ -71,16 +71,16 @@ def split_lags(lag: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def sum_late_power(signal: wp.array, lag: wp.array, weight: wp.array, *, skip: int, out: wp.array) -> None:
-    """Write sum_n weight_n |signal_n(t - lag_n)|^2, linear between periods, to `out`, for all columns from `skip` on.
+    """Write sum_n weight_n |signal_n(t - lag_n)|^2, linear between periods, to `out`, for columns from `skip` on.
 
     signal: float32, shape [2 source, column]: real parts, then imaginary ones. lag, weight: of `split_lags`, int32 and
-    wp.vec2, shape [source]. skip: more than every lag. out: float32, shape [column - skip].
+    wp.vec2, shape [source]. skip: more than every lag. out: float32, one for each column that is wanted.
     """
     stride = 1 if signal.device.is_cuda else 64
-    columns = signal.shape[1]
+    columns = skip + out.shape[0]
     wp.launch(
         _sum_late_power,
-        -(-(columns - skip) // stride),
+        -(-out.shape[0] // stride),
         inputs=[signal, lag, weight, skip, columns, stride],
         outputs=[out],
         device=signal.device,

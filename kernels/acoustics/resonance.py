@@ -25,7 +25,6 @@ class Frames(NamedTuple):
 
     delay: wp.array  # uint8, shape [frame, transducer], in 1/256 turn
     level: wp.array  # float32, shape [frame]: amplitude 0..1
-    first: int  # number of the first of them since the beginning
 
 
 @wp.func_native("""
@@ -50,8 +49,7 @@ class Frames(NamedTuple):
     float* imaginary = out.data + size_t(count + base) * pitch;
     for (long long t = start; t < end; ++t) {
         // The frame that is played in this period.
-        long long f = static_cast<long long>(static_cast<double>(t) * rate + 1e-6) - first;
-        if (f < 0) f = 0;  // while it settles; the host gives every frame that counts
+        long long f = static_cast<long long>(static_cast<double>(t) * rate + 1e-6);
         if (f >= frames) f = frames - 1;
         const unsigned char* row = delay.data + size_t(f) * delay.strides[0] + base;
         const float a = level.data[f];
@@ -85,7 +83,6 @@ class Frames(NamedTuple):
 def respond(
     delay: wp.array2d[wp.uint8],
     level: wp.array[wp.float32],
-    first: wp.int64,
     rate: wp.float64,
     zr: float,
     zi: float,
@@ -104,7 +101,6 @@ def _emit_frames(
     # In:
     delay: wp.array2d[wp.uint8],  # [turn / 256], shape [frame, transducer]
     level: wp.array[wp.float32],  # shape [frame]
-    first: wp.int64,  # number of the first frame
     rate: wp.float64,  # frames a period
     pole: wp.vec2,  # z
     begin: wp.int64,  # periods that are wanted
@@ -121,7 +117,7 @@ def _emit_frames(
     stop = wp.min(low + wp.int64(CHUNK), end)
     # From where the chunk begins, though only a part of it may be wanted: the same bits in any block.
     settled = warm + start - low
-    respond(delay, level, first, rate, pole[0], pole[1], group, start, stop, settled, origin, out)
+    respond(delay, level, rate, pole[0], pole[1], group, start, stop, settled, origin, out)
 
 
 def settling_periods(pole: complex) -> int:
@@ -140,8 +136,7 @@ def emit_frames(
     """Write the amplitudes that transducers emit in the periods begin..end of the carrier to `out`.
 
     rate: frames a period, 0 < rate <= 1. pole: z, |z| < 1; 0 answers at once. origin: period of out's first column.
-    out: float32, shape [2 transducer, period]: real parts, then imaginary ones. Frames that periods before `begin`
-    need (`settling_periods`, and CHUNK) must be among `frames`, or lie before the first frame, where all are at rest.
+    out: float32, shape [2 transducer, period]: real parts, then imaginary ones. All are at rest before the first frame.
     """
     device = out.device
     group_count = frames.delay.shape[1] if device.is_cuda else -(-frames.delay.shape[1] // LANES)
@@ -152,7 +147,6 @@ def emit_frames(
         inputs=[
             frames.delay,
             frames.level,
-            frames.first,
             rate,
             wp.vec2(pole.real, pole.imag),
             begin,

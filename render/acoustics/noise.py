@@ -6,7 +6,7 @@ envelope (`Resonance`); the squared pressure at virtual sources is what is heard
 1 / distance. docs/measured/noise.md compares it with the founding paper's Fig. 4 and with what else was tried.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,18 +14,24 @@ import warp as wp
 
 from ...device.array import ArrayModel
 from ...kernels.acoustics.late_power import split_lags, sum_late_power
-from ...kernels.acoustics.propagation import COLUMNS, ROWS, propagate_signals, wave_rows
+from ...kernels.acoustics.propagation import ROWS, propagate_signals, wave_rows
+from ...kernels.acoustics.resonance import Frames, emit_frames
 from ..errors import StrategyError
 from ..focal_spot import SOUND_SPEED
 from ..validation import require_choice, require_number
-from .emission import PERIODS, EmittedBlock, PlayedFrames, emitted_blocks
+from .emission import PlayedFrames
 from .transducers import Resonance, TransducerSet
 
 ABOVE, ASIDE = 0.07, 0.15  # [m] the founding paper's microphone: over the face, and from the array's edge (4.3.2)
 KINDS = ("beam", "transducers")
+PERIODS = {"cpu": 4096, "cuda": 1 << 17}  # of a block: 8 MiB of 256 transducers, 256 MiB
 SOURCES_MOST = 100_000
 DURATION_LEAST = 0.1  # [s]: some spectra of 1024 samples
 DELAYED_MOST = 4000  # periods by which one source may be later than another: 34 m
+
+
+Progress = Callable[[int, int], object]
+"""Takes how many periods are done, and how many there are."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +140,8 @@ class NoiseListener:
             raise StrategyError(f"microphone {microphone.tolist()} m: sources are up to {np.ptp(distance):.3g} m apart")
         self._rows, lag, weight = self._propagation(place, lag, 1 / distance / len(place))
         whole, share = split_lags(lag, weight)
-        self._skip = int(whole.max()) + 2
+        self._lead = int(whole.max()) + 2  # periods that are looked back
+        self._pole = self.model.resonance.per_period(self.transducers.carrier)
         self._lag = wp.array(whole, device=self._device)
         self._weight = wp.array(share, dtype=wp.vec2, device=self._device)
 
@@ -158,7 +165,7 @@ class NoiseListener:
         parts = [self.transducers.waves(place[first : first + 1024]) for first in range(0, len(place), 1024)]
         return np.concatenate(parts)
 
-    def listen(self, frames: PlayedFrames, progress: Callable[[int, int], object] | None = None) -> NoiseSignal:
+    def listen(self, frames: PlayedFrames, progress: Progress | None = None) -> NoiseSignal:
         """The signal while frames are played from silence; progress: called with periods done and periods in all.
 
         Raises StrategyError for less than 0.1 s, and for frames of another number of transducers.
@@ -169,30 +176,29 @@ class NoiseListener:
             )
         if frames.duration < DURATION_LEAST:
             raise StrategyError(f"{frames.duration:g} s are too short for a spectrum: {DURATION_LEAST:g} s are needed")
-        carrier, pole = self.transducers.carrier, self.model.resonance.per_period(self.transducers.carrier)
-        blocks = emitted_blocks(frames, carrier=carrier, pole=pole, device=str(self._device))
-        period_count = round(len(frames.level) * carrier / frames.update_rate)
-        out = np.empty(period_count, np.float64)
-        for first, heard in self._heard(blocks):
-            part = heard[: period_count - first]
-            out[first : first + len(part)] = part
-            if progress is not None:
-                progress(first + len(part), period_count)
-        return NoiseSignal(out, carrier)
+        delay = wp.array(np.ascontiguousarray(frames.delay), device=self._device, copy=False)
+        level = wp.array(np.ascontiguousarray(frames.level), device=self._device, copy=False)
+        heard = self.hear(Frames(delay, level), frames.update_rate, progress)
+        return NoiseSignal(heard.numpy().astype(np.float64), self.transducers.carrier)
 
-    def _heard(self, blocks: Iterator[EmittedBlock]) -> Iterator[tuple[int, np.ndarray]]:
+    def hear(self, frames: Frames, update_rate: float, progress: Progress | None = None) -> wp.array:
+        """The same of frames on the listener's device, left there: float32, a sample for each period of the carrier."""
+        rate = update_rate / self.transducers.carrier
+        period_count = round(frames.level.shape[0] / rate)
         size = PERIODS["cuda" if self._device.is_cuda else "cpu"]
-        lead = -(-self._skip // COLUMNS) * COLUMNS
-        row_count = 2 * len(self._lag)
-        kept = wp.zeros((row_count, lead + size), dtype=wp.float32, device=self._device)
-        fresh = wp.empty((row_count, size), dtype=wp.float32, device=self._device)
-        heard = wp.empty(size, dtype=wp.float32, device=self._device)
-        for block in blocks:
-            signal = block.signal
+        kept = wp.zeros((2 * len(self._lag), self._lead + size), dtype=wp.float32, device=self._device)
+        fresh = kept[:, self._lead :]
+        signal = fresh
+        if self._rows is not None:
+            signal = wp.zeros((2 * frames.delay.shape[1], size), dtype=wp.float32, device=self._device)
+        out = wp.empty(period_count, dtype=wp.float32, device=self._device)
+        for first in range(0, period_count, size):
+            end = min(first + size, period_count)
+            emit_frames(frames, rate=rate, pole=self._pole, begin=first, end=end, origin=first, out=signal)
             if self._rows is not None:
                 propagate_signals(self._rows, signal, out=fresh)
-                signal = fresh
-            wp.copy(kept[:, lead:], signal)
-            sum_late_power(kept, self._lag, self._weight, skip=lead, out=heard)
-            yield block.first, heard.numpy()
-            wp.copy(kept[:, :lead], signal[:, size - lead :])
+            sum_late_power(kept, self._lag, self._weight, skip=self._lead, out=out[first:end])
+            wp.copy(kept[:, : self._lead], kept[:, size:])  # what has not arrived yet
+            if progress is not None:
+                progress(end, period_count)
+        return out

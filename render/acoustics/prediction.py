@@ -1,6 +1,6 @@
 """Audible noise of a contour file or of contours in memory, sampled and driven as `play_file` does it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -12,11 +12,9 @@ from ..playback.focus_source import ContourRows
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..sampling.contour_sampling import SamplingStrategy
 from .emission import PlayedFrames, played_frames
-from .noise import NoiseListener, NoiseModel, NoiseSignal
+from .noise import NoiseListener, NoiseModel, NoiseSignal, Progress
 
 BYTES_MOST = 4 << 30  # of frames in memory: 7 minutes of 256 transducers at 40 kHz
-
-Progress = Callable[[int, int], object]
 
 
 def predict_noise(

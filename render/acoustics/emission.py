@@ -1,6 +1,6 @@
 """Frames of a playback, as the boards play them."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,8 +10,15 @@ from ..playback.file_playback import Opened
 from ..sampling.contour_sampling import FocalPoints
 
 
-class PlayedFrames(NamedTuple):
-    """Frames of a whole playback as boards play them, in memory: a byte for each transducer and frame."""
+@dataclass(frozen=True, eq=False)
+class PlayedFrames:
+    """Frames of a whole playback as boards play them, in memory: a byte for each transducer and frame.
+
+    >>> import numpy as np
+    >>> from palpate.render import PlayedFrames
+    >>> PlayedFrames(np.zeros((4000, 256), np.uint8), np.ones(4000, np.float32), update_rate=40_000.0)
+    PlayedFrames(4000 frames of 256 transducers at 40000 Hz, 0.1 s)
+    """
 
     delay: np.ndarray
     """[turn / 256], uint8, shape [frame, transducer]."""
@@ -19,6 +26,14 @@ class PlayedFrames(NamedTuple):
     """Amplitude 0..1, float32, shape [frame]."""
     update_rate: float
     """[Hz]"""
+
+    def __repr__(self) -> str:
+        """One line."""
+        frame_count, transducer_count = self.delay.shape
+        return (
+            f"PlayedFrames({frame_count} frames of {transducer_count} transducers at {self.update_rate:g} Hz, "
+            f"{self.duration:g} s)"
+        )
 
     @property
     def duration(self) -> float:

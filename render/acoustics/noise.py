@@ -8,6 +8,7 @@ envelope (`Resonance`); the squared pressure at virtual sources is what is heard
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -15,12 +16,15 @@ import warp as wp
 from ...device.array import ArrayModel
 from ...kernels.acoustics.late_power import split_lags, sum_late_power
 from ...kernels.acoustics.propagation import ROWS, propagate_signals, wave_rows
-from ...kernels.acoustics.resonance import Frames, emit_frames
+from ...kernels.acoustics.resonance import DeviceFrames, emit_frames
 from ..errors import StrategyError
 from ..focal_spot import SOUND_SPEED
 from ..validation import require_choice, require_number
 from .emission import PlayedFrames
 from .transducers import Resonance, TransducerSet
+
+if TYPE_CHECKING:
+    from .spectrum import NoiseSpectrum
 
 ABOVE, ASIDE = 0.07, 0.15  # [m] the founding paper's microphone: over the face, and from the array's edge (4.3.2)
 KINDS = ("beam", "transducers")
@@ -41,7 +45,8 @@ class NoiseModel:
     Levels are relative: no microphone was calibrated, so only differences between renderings mean anything.
 
     >>> from palpate.render import NoiseModel
-    >>> NoiseModel(sources=1000).kind
+    >>> model = NoiseModel(sources=1000)
+    >>> model.kind
     'beam'
     """
 
@@ -88,7 +93,16 @@ class NoiseModel:
 
 @dataclass(frozen=True, eq=False)
 class NoiseSignal:
-    """The audible signal at the microphone, in units of its own."""
+    """The audible signal at the microphone, in units of its own.
+
+    >>> import numpy as np
+    >>> from palpate.render import NoiseSignal
+    >>> beat = NoiseSignal(1 + np.sin(2 * np.pi * 200 * np.arange(40_000) / 40_000), rate=40_000.0)
+    >>> beat
+    NoiseSignal(1 s at 40000 Hz)
+    >>> round(beat.spectrum().band(100, 300), 1)  # [dB]
+    -3.0
+    """
 
     samples: np.ndarray
     """float64, shape [sample]."""
@@ -99,6 +113,12 @@ class NoiseSignal:
     def duration(self) -> float:
         """[s]"""
         return len(self.samples) / self.rate
+
+    def spectrum(self) -> "NoiseSpectrum":
+        """Its spectrum, bands and levels; raises StrategyError for less than 50 ms."""
+        from .spectrum import NoiseSpectrum
+
+        return NoiseSpectrum.of_samples(self.samples, self.rate)
 
     def __repr__(self) -> str:
         """One line."""
@@ -114,7 +134,8 @@ class NoiseListener:
     >>> import numpy as np
     >>> from palpate.render import NoiseListener, PlayedFrames
     >>> still = PlayedFrames(np.zeros((4000, 256), np.uint8), np.ones(4000, np.float32), update_rate=40_000.0)
-    >>> heard = NoiseListener("emulator").listen(still)
+    >>> listener = NoiseListener("emulator")
+    >>> heard = listener.listen(still)
     >>> bool(np.ptp(heard.samples[400:]) < 1e-5 * heard.samples.max())  # a focal point at rest is silent
     True
     """
@@ -144,6 +165,10 @@ class NoiseListener:
         self._pole = self.model.resonance.per_period(self.transducers.carrier)
         self._lag = wp.array(whole, device=self._device)
         self._weight = wp.array(share, dtype=wp.vec2, device=self._device)
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"NoiseListener({', '.join(array.name for array in self.transducers.arrays)}, {self.model!r})"
 
     def _propagation(
         self, place: np.ndarray, lag: np.ndarray, weight: np.ndarray
@@ -178,10 +203,10 @@ class NoiseListener:
             raise StrategyError(f"{frames.duration:g} s are too short for a spectrum: {DURATION_LEAST:g} s are needed")
         delay = wp.array(np.ascontiguousarray(frames.delay), device=self._device, copy=False)
         level = wp.array(np.ascontiguousarray(frames.level), device=self._device, copy=False)
-        heard = self.hear(Frames(delay, level), frames.update_rate, progress)
+        heard = self.hear(DeviceFrames(delay, level), frames.update_rate, progress)
         return NoiseSignal(heard.numpy().astype(np.float64), self.transducers.carrier)
 
-    def hear(self, frames: Frames, update_rate: float, progress: Progress | None = None) -> wp.array:
+    def hear(self, frames: DeviceFrames, update_rate: float, progress: Progress | None = None) -> wp.array:
         """The same of frames on the listener's device, left there: float32, a sample for each period of the carrier."""
         rate = update_rate / self.transducers.carrier
         period_count = round(frames.level.shape[0] / rate)

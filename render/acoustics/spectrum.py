@@ -21,7 +21,8 @@ class NoiseSpectrum:
     >>> from palpate.render import NoiseSpectrum
     >>> import numpy as np
     >>> tone = np.sin(2 * np.pi * 1000 * np.arange(44_100) / 44_100)
-    >>> round(NoiseSpectrum.of_samples(tone, 44_100.0).band(900, 1100), 2)  # [dB] of an amplitude of 1: power 1/2
+    >>> spectrum = NoiseSpectrum.of_samples(tone, 44_100.0)
+    >>> round(spectrum.band(900, 1100), 2)  # [dB] of an amplitude of 1: power 1/2
     -3.01
     """
 
@@ -31,6 +32,11 @@ class NoiseSpectrum:
     """Of each bin, in the square of the signal's unit."""
     peak: float
     """Largest magnitude of the signal, without its mean."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        levels = ", ".join(f"{name} {value:.1f}" for name, value in self.levels().items())
+        return f"NoiseSpectrum({len(self.frequency)} bins of {self.frequency[1]:.1f} Hz, {levels} dB)"
 
     @classmethod
     def of(cls, signal: NoiseSignal) -> "NoiseSpectrum":
@@ -107,6 +113,14 @@ def a_weight(frequency: np.ndarray) -> np.ndarray:
 
 
 def level_differences(spectrum: NoiseSpectrum, reference: NoiseSpectrum) -> dict[str, float]:
-    """Levels of one spectrum less those of another [dB]: of the paper's bands, A-weighted, RMS and peak."""
+    """Levels of one spectrum less those of another [dB]: of the paper's bands, A-weighted, RMS and peak.
+
+    >>> import numpy as np
+    >>> from palpate.render import NoiseSpectrum, level_differences
+    >>> tone = np.sin(2 * np.pi * 1000 * np.arange(44_100) / 44_100)
+    >>> soft, loud = (NoiseSpectrum.of_samples(gain * tone, 44_100.0) for gain in (1, 2))
+    >>> round(level_differences(loud, soft)["dba"], 2)
+    6.02
+    """
     own, other = spectrum.levels(), reference.levels()
     return {name: own[name] - other[name] for name in own}

@@ -21,6 +21,14 @@ def write_wave_files(signals: Mapping[Path, NoiseSignal], *, overwrite: bool = F
 
     Raises StrategyError for a name that does not end in .wav, a file that is there unless `overwrite`, a folder that
     cannot be written, and signals without any sound.
+
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from palpate.render import NoiseSignal, write_wave_files
+    >>> beat = NoiseSignal(1 + np.sin(2 * np.pi * 200 * np.arange(40_000) / 40_000), rate=40_000.0)
+    >>> write_wave_files({Path("beat.wav"): beat}, overwrite=True)
+    >>> Path("beat.wav").stat().st_size  # 44 bytes, then 44,100 samples of two
+    88244
     """
     for path in signals:
         require_wave_file(path, overwrite=overwrite)

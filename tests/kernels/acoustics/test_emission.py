@@ -9,7 +9,7 @@ import warp as wp
 
 from palpate.kernels.acoustics.late_power import split_lags, sum_late_power
 from palpate.kernels.acoustics.propagation import COLUMNS, DEPTH, ROWS, propagate_signals, wave_rows
-from palpate.kernels.acoustics.resonance import CHUNK, Frames, emit_frames
+from palpate.kernels.acoustics.resonance import CHUNK, DeviceFrames, emit_frames
 
 CARRIER = 40_000.0
 POLES = {"at once": 0j, "1 kHz": np.exp(-2 * np.pi * 1000 / CARRIER), "detuned": np.exp((-5322 - 1326j) / CARRIER)}
@@ -31,7 +31,7 @@ def emitted(device, frames, *, rate, pole, spans):
     """The same by the kernel, in spans of periods that follow each other."""
     delay, level = frames
     parts = []
-    given = Frames(wp.array(delay, device=device), wp.array(level, device=device))
+    given = DeviceFrames(wp.array(delay, device=device), wp.array(level, device=device))
     for begin, end in spans:
         out = wp.empty((2 * delay.shape[1], end - begin), dtype=wp.float32, device=device)
         emit_frames(given, rate=rate, pole=complex(pole), begin=begin, end=end, origin=begin, out=out)

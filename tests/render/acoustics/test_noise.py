@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -116,7 +117,7 @@ def test_mirrored_frames_sound_the_same_to_a_mirrored_microphone():
     array = array_model("emulator")
     mirror = np.arange(256).reshape(16, 16)[:, ::-1].ravel()  # row by row, x fastest
     assert np.allclose(array.position[mirror], array.position * [-1, 1, 1], atol=1e-6)
-    mirrored = frames._replace(delay=np.ascontiguousarray(frames.delay[:, mirror]))
+    mirrored = replace(frames, delay=np.ascontiguousarray(frames.delay[:, mirror]))
     heard = [
         NoiseListener(array, NoiseModel(kind="transducers", microphone=(side * 0.3, 0.1, 0.1))).listen(given).samples
         for side, given in ((1, frames), (-1, mirrored))

@@ -63,6 +63,25 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel |
     return frame
 
 
+def round_drives(
+    delay: NDArray[np.float32], amplitude: NDArray[np.float32], *, array: ArrayModel | str = "emulator"
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Drives as a board plays them: delays [turn / 256], shape [frame, transducer], and amplitudes, shape [frame].
+
+    delay, amplitude: as `encode_frames` takes them, one amplitude a frame. Raises FrameError for a value out of range.
+    """
+    _, layout = _resolve(array)
+    _require_unit_range("delay", delay, "turns")
+    _require_unit_range("amplitude", amplitude, "of full pressure")
+    phase = np.empty(delay.shape, np.uint8)
+    level = np.empty(len(delay), np.float32)
+    for start in range(0, len(delay), CHUNK_FRAMES):
+        rows = slice(start, start + CHUNK_FRAMES)
+        phase[rows], column = layout.rounded(delay[rows], amplitude[rows, None])
+        level[rows] = column[:, 0]
+    return phase, level
+
+
 def off_frame(*, array: ArrayModel | str = "emulator") -> NDArray[np.uint8]:
     """The frame that silences every transducer, shape [frame_bytes]; any part of it silences what it covers.
 

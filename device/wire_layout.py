@@ -15,6 +15,23 @@ Turns = NDArray[np.float32]
 Frames = NDArray[np.uint8]
 
 
+def phase_byte(delay: Turns, steps: int) -> Frames:
+    """The nearest step; a full turn (255.6 of 256 is nearest to it) wraps to 0 where steps is 256."""
+    scaled = delay * np.float32(steps)
+    scaled += np.float32(0.5)
+    return scaled.astype(np.uint16).astype(np.uint8)
+
+
+def level_byte(level: Turns) -> Frames:
+    """An amplitude as 0..255, linear in pressure."""
+    return (level * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+
+
+def rounded_to_bytes(delay: Turns, level: Turns) -> tuple[Frames, Turns]:
+    """Delays in 1/256 turn, and amplitudes in 1/255."""
+    return phase_byte(delay, 256), level_byte(level).astype(np.float32) / np.float32(255)
+
+
 @dataclass(frozen=True)
 class Layout:
     """One board's frames: drives to bytes, and what bytes do. Everything is vectorised over frames.
@@ -37,22 +54,14 @@ class Layout:
     """Steps of amplitude between 0 and 1: 1 can only be switched on and off."""
     off_bits: int = 0xFF
     """Bits of each byte that an off frame needs; the others are 0 in it, so that it is off byte for byte."""
+    rounded: Callable[[Turns, Turns], tuple[Frames, Turns]] = rounded_to_bytes
+    """Delay [turns], 0..1, shape [frame, transducer], and amplitude 0..1, shape [frame, 1], to the delay [turn / 256]
+    and the amplitude that the board gives instead, of the same shapes: its steps, without its calibration. Predictions
+    of pressure and noise use it."""
 
     def __repr__(self) -> str:
         """One line."""
         return f"Layout({self.pack.__module__}, {self.amplitude_steps} steps of amplitude)"
-
-
-def phase_byte(delay: Turns, steps: int) -> Frames:
-    """The nearest step; a full turn (255.6 of 256 is nearest to it) wraps to 0 where steps is 256."""
-    scaled = delay * np.float32(steps)
-    scaled += np.float32(0.5)
-    return scaled.astype(np.uint16).astype(np.uint8)
-
-
-def level_byte(level: Turns) -> Frames:
-    """An amplitude as 0..255, linear in pressure."""
-    return (level * np.float32(255) + np.float32(0.5)).astype(np.uint8)
 
 
 def on_wire(value: Frames, order: NDArray[np.intp]) -> Frames:

@@ -52,6 +52,7 @@ SWEEP_STAGES = (
     "section.tally_undrawn",
 )  # poses made where they are used, and sums over them
 DRIVE_STAGES = ("driving.focus", "driving.solve", "driving.slew")  # focal points to phases
+ACOUSTIC_STAGES = ("acoustics.resonance", "acoustics.late_power", "acoustics.propagation")  # frames to audible noise
 STAGES = (
     *RENDER_STAGES,
     *FIELD_STAGES,
@@ -61,6 +62,7 @@ STAGES = (
     *OBJECT_STAGES,
     *SWEEP_STAGES,
     *DRIVE_STAGES,
+    *ACOUSTIC_STAGES,
 )
 
 if TYPE_CHECKING:

@@ -24,6 +24,12 @@ if TYPE_CHECKING:
     from ..datasets.motions.hand_motion import HandMotion, exploration, static_pose
     from ..datasets.recordings.files import load_recording
     from ..datasets.shapes.built_in import shape_names
+    from .acoustics.emission import PlayedFrames
+    from .acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
+    from .acoustics.prediction import predict_noise
+    from .acoustics.spectrum import NoiseSpectrum, level_differences
+    from .acoustics.transducers import Resonance
+    from .acoustics.wave_files import write_wave_files
     from .contour_batch import ContourBatch
     from .errors import (
         ImplicitError,
@@ -104,6 +110,12 @@ _ROOMS = {
     ".datasets.motions.hand_motion": "HandMotion exploration static_pose",
     ".datasets.recordings.files": "load_recording",
     ".datasets.shapes.built_in": "shape_names",
+    "acoustics.emission": "PlayedFrames",
+    "acoustics.noise": "NoiseListener NoiseModel NoiseSignal",
+    "acoustics.prediction": "predict_noise",
+    "acoustics.spectrum": "NoiseSpectrum level_differences",
+    "acoustics.transducers": "Resonance",
+    "acoustics.wave_files": "write_wave_files",
     "contour_batch": "ContourBatch",
     "errors": "RenderError MeshError VoxelError ImplicitError StrategyError PlacementError RepairError "
     "PoseError SweepError PlanError UntrustedCodeError TrustStoreError KernelCacheError "
@@ -182,6 +194,10 @@ __all__ = [
     "MeshHand",
     "MeshObject",
     "MotionError",
+    "NoiseListener",
+    "NoiseModel",
+    "NoiseSignal",
+    "NoiseSpectrum",
     "NotStoreError",
     "Palm",
     "PalpateWarning",
@@ -191,12 +207,14 @@ __all__ = [
     "PlacementError",
     "PlanError",
     "PlaneHand",
+    "PlayedFrames",
     "PoseError",
     "RecordingError",
     "RecordingWarning",
     "RenderError",
     "RenderedBatch",
     "RepairError",
+    "Resonance",
     "SampledContours",
     "Sampler",
     "SamplingStrategy",
@@ -229,6 +247,7 @@ __all__ = [
     "focal_width",
     "half_space",
     "isosurface",
+    "level_differences",
     "load_contours",
     "load_expression",
     "load_plans",
@@ -239,6 +258,7 @@ __all__ = [
     "open_contour",
     "overlap_points",
     "play_file",
+    "predict_noise",
     "preset",
     "record",
     "register_point_function",
@@ -261,6 +281,7 @@ __all__ = [
     "torus",
     "voxelise",
     "worker_devices",
+    "write_wave_files",
 ]
 
 

@@ -52,6 +52,8 @@ def require_number(name: str, value: object, low: float, high: float, *, unit: s
 def unit_hint(value: float, low: float, high: float, unit: str) -> str:
     """The number in the SI unit, as part of a sentence, if it is in bounds when taken as one in a usual other unit."""
     other, factor, what = OTHER_UNITS.get(unit.split(" ")[0], ("", 0.0, ""))
+    if abs(value) > 1e12:  # of no unit; an int may be too large for a float
+        return ""
     is_wrong = abs(value) >= max(high, 1.0) if factor < 1.0 else value < low
     if not is_wrong or not low <= abs(value) * factor <= high:
         return ""
@@ -113,7 +115,7 @@ def load_by_name(
         return presets[found]()
     path = Path(source)
     try:
-        is_there = bool(source.strip()) and path.is_file()
+        is_there = bool(source.strip()) and path.exists() and not path.is_dir()
     except (OSError, ValueError):  # no name that a file could have
         is_there = False
     if not is_there:

@@ -14,6 +14,7 @@ try:
     from .bench_options import bench
     from .command_group import MainGroup
     from .completion import complete_hand, complete_motion, complete_object, complete_sampling, complete_strategy
+    from .noise_options import noise
     from .output_options import Json, Overwrite, Quiet, run_job
     from .reproduce_options import reproduce
     from .sampling_options import Duration, Sampling, Speed, UpdateRate
@@ -375,6 +376,9 @@ def devices(
 
 
 app.command(short_help="Play stimuli that a hand should feel.")(selftest)
+
+
+app.command(short_help="Predict how loud renderings are, and listen.")(noise)
 
 
 app.command(short_help="Time contours beside other libraries.")(bench)

@@ -5,6 +5,7 @@ from pathlib import Path
 from time import perf_counter
 
 from ...datasets.contour_file.check import check_file, unproven_content
+from ...datasets.contour_file.parts import work_folder
 from ...datasets.contour_file.unknown_content import unknown_content
 from ...datasets.errors import ContourFileError, name_nothing
 from ...datasets.focus_files.frame_reader import check_frames, frame_format
@@ -172,12 +173,17 @@ def run_render(options: dict, *, as_json: bool) -> int:
 def run_info(files: list[Path], options: dict, *, as_json: bool) -> None:
     """Summarise files, one after the other; none if one is missing."""
     for file in files:
-        if not file.exists() and not is_mesh_name(str(file)):
+        if not _is_begun(file) and not is_mesh_name(str(file)):
             raise name_nothing(ContourFileError(f"{file} does not exist{likely_file(file)}"))
         if is_sweep_data(file) and file.is_dir():
             raise StrategyError(f"{file} is a sweep's store: palpate sweep status {file} shows it")
     for file in files:
         show_info(file, options, as_json=as_json)
+
+
+def _is_begun(file: Path) -> bool:
+    """Whether a file is there, or the folder in which it is being written."""
+    return file.exists() or work_folder(file).exists()
 
 
 def show_info(file: Path, options: dict, *, as_json: bool) -> None:
@@ -207,7 +213,7 @@ def show_info(file: Path, options: dict, *, as_json: bool) -> None:
 def run_check(files: list[Path], *, as_json: bool) -> int:
     """Check files, one after the other; 0 all are whole, 1 not."""
     for file in files:
-        if not file.exists():
+        if not _is_begun(file):
             refuse_object(file)
             raise name_nothing(ContourFileError(f"{file} does not exist{likely_file(file)}"))
     return max(check_one(file, as_json=as_json) for file in files)

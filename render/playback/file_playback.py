@@ -257,7 +257,7 @@ def play_contours(
 ) -> Playback:
     """Play contours that are in memory; arguments and errors as for `play_file`."""
     arrays = _arrays_of(array)
-    source = _sampled(contours, sampling, duration, arrays)
+    source = sampled(contours, sampling, duration, arrays)
     return _play(source, arrays, drive, repeats, limits, connection or Connection(), device, watch)
 
 
@@ -339,10 +339,10 @@ def opened(
     with ContourFile(path) as file:
         if not file.sealed:
             raise StrategyError(f'{path}: is not finished and cannot be played; mode="resume" finishes it')
-        yield _sampled(file, sampling, duration, arrays)._replace(file=file)
+        yield sampled(file, sampling, duration, arrays)._replace(file=file)
 
 
-def _sampled(
+def sampled(
     contours: ContourRows,
     sampling: SamplingStrategy | str | None,
     duration: float | None,

@@ -375,7 +375,7 @@ def _show_estimate(found: Estimate, *, as_json: bool) -> int:
         console.show_values(found.as_dict(), as_json=True, title="")
     else:
         for sentence in found.sentences():
-            write(sentence)
+            write(console.worded(sentence))
     for problem in found.problems:
         console.warn(problem)
     return console.DONE

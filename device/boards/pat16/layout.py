@@ -36,12 +36,24 @@ def with_divider(frames: NDArray[np.uint8], divider: int) -> NDArray[np.uint8]:
     return marked
 
 
-def _pack(delay: Turns, level: Turns, order: NDArray[np.intp], out: Frames) -> None:
+def _pulse(delay: Turns, level: Turns) -> tuple[Frames, Turns]:
+    """Start and width of the pulse [turn / 128]."""
     # Duty shrinks a pulse from its end, so half of what is missing is added to its start: its middle stays.
     duty = np.rint(np.arcsin(level) * np.float32(128 / np.pi))
     start = delay * np.float32(128)
     start += (64 - duty) * np.float32(0.5) + np.float32(0.5)
-    out[:, :256] = (start.astype(np.uint16) & 0x7F).astype(np.uint8)[:, order]
+    return (start.astype(np.uint16) & 0x7F).astype(np.uint8), duty
+
+
+def _rounded(delay: Turns, level: Turns) -> tuple[Frames, Turns]:
+    start, duty = _pulse(delay, level)
+    middle = 2 * start.astype(np.int16) - (64 - duty).astype(np.int16)  # in 1/256 turn
+    return (middle & 0xFF).astype(np.uint8), np.sin(duty * np.float32(np.pi / 128))
+
+
+def _pack(delay: Turns, level: Turns, order: NDArray[np.intp], out: Frames) -> None:
+    start, duty = _pulse(delay, level)
+    out[:, :256] = start[:, order]
     out[:, 0] |= _MARK
     out[:, 256:] = on_wire(duty.astype(np.uint8), order)
 
@@ -54,4 +66,6 @@ def _emitting(frames: Frames) -> NDArray[np.bool_]:
     return any_of(frames[:, 256:] & np.uint8(0x7F))
 
 
-LAYOUT = Layout(_pack, _width, _emitting, amplitude_steps=64, off_bits=_MARK)  # phases of silent pulses say nothing
+LAYOUT = Layout(  # phases of silent pulses say nothing
+    _pack, _width, _emitting, amplitude_steps=64, off_bits=_MARK, rounded=_rounded
+)

@@ -26,4 +26,11 @@ def _emitting(frames: Frames) -> NDArray[np.bool_]:
     return any_of(frames[:, 1:-1] < _OFF)
 
 
-LAYOUT = Layout(_pack, _width, _emitting, amplitude_steps=1)
+def _rounded(delay: Turns, level: Turns) -> tuple[Frames, Turns]:
+    phase = phase_byte(delay, _OFF)
+    phase &= _OFF - 1
+    phase *= 256 // _OFF
+    return phase, (level >= np.float32(0.5)).astype(np.float32)
+
+
+LAYOUT = Layout(_pack, _width, _emitting, amplitude_steps=1, rounded=_rounded)

@@ -22,8 +22,14 @@ from palpate.render.sweeps.plan.code_version import (
     modules_digest,
 )
 
-REGISTERED = ("device/", "datasets/focus_files/ptlist.py", "datasets/recordings/sample.py")
-"""Modules that packages import when they are imported, and that no task uses: arrays' links, and exports."""
+REGISTERED = (
+    "device/",
+    "datasets/focus_files/ptlist.py",
+    "datasets/recordings/sample.py",
+    "render/runtime/warp_start.py",
+    "render/runtime/kernel_cache.py",
+)
+"""Modules that are loaded and decide no number: arrays' links, exports, and where Warp keeps what it compiles."""
 
 
 def test_the_code_version_names_a_digest_and_every_library():

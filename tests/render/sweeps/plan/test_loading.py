@@ -263,9 +263,9 @@ FAULTS = [
     (f'{SHORT}[strategy]\nsource = "ocs"', "plan.toml:4: strategy.source: 'ocs' is no strategy (oc, cc, whole"),
     (
         f"{SHORT}fit = 80",
-        "plan.toml:3: object.fit: must lie in 0.001..5 m, not 80: lengths are in metres, 80 mm are 0.08",
+        "plan.toml:3: object.fit: must lie in 0.001..5 m, not 80; lengths are in metres, 80 mm are 0.08",
     ),
-    (f"{SHORT}[hand]\npalm = [85, 85]", "hand.palm: must lie in 0.0001..1 m, not 85: lengths are in metres, 85 mm are"),
+    (f"{SHORT}[hand]\npalm = [85, 85]", "hand.palm: must lie in 0.0001..1 m, not 85; lengths are in metres, 85 mm are"),
     (f"{SHORT}[hand]\npalm = 0.1", "plan.toml:4: hand.palm: must be a list of 2 numbers in 0.0001..1 m, not 0.1"),
     (
         f'{SHORT}[sampling]\nspeed = "7 mm/s"',
@@ -277,7 +277,7 @@ FAULTS = [
     (f"{SHORT}fit = [\n0.1,\ntrue]", "plan.toml:5: object.fit: must be a number in 0.001..5 m, not True"),
     (f"{SHORT}fit = 1979-05-27", "plan.toml:3: object.fit: must be a number in 0.001..5 m, not datetime.date"),
     (f"{SHORT}rotate = [0, 0, inf]", "plan.toml:3: object.rotate: must lie in -360..360 degree, not inf"),
-    (f'{SHORT}up = "Z"', "plan.toml:3: object.up: must be one of x, y, z, -x, -y, -z, not 'Z'"),
+    (f'{SHORT}up = "w"', "plan.toml:3: object.up: must be one of x, y, z, -x, -y, -z, not 'w'"),
     (f"{SHORT}up = {{from = 1, to = 2, count = 2}}", "plan.toml:3: object.up: cannot be a range"),
     (
         f"{SHORT}[sampling]\nspeed = {{from = 9, to = 5, count = 3}}",

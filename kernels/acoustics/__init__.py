@@ -1,0 +1,1 @@
+"""Drives of transducers -> what they emit, pressure at points, and power that arrives late."""

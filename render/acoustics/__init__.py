@@ -1,0 +1,1 @@
+"""What an array that plays is felt and heard as: pressure at points, force on skin, and audible noise."""

@@ -1,0 +1,64 @@
+"""Frames of a playback, as the boards play them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...device.codec import round_drives
+from ..playback.drive import Driver
+from ..playback.file_playback import Opened
+from ..sampling.contour_sampling import FocalPoints
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedFrames:
+    """Frames of a whole playback as boards play them, in memory: a byte for each transducer and frame.
+
+    >>> import numpy as np
+    >>> from palpate.render import PlayedFrames
+    >>> PlayedFrames(np.zeros((4000, 256), np.uint8), np.ones(4000, np.float32), update_rate=40_000.0)
+    PlayedFrames(4000 frames of 256 transducers at 40000 Hz, 0.1 s)
+    """
+
+    delay: np.ndarray
+    """[turn / 256], uint8, shape [frame, transducer]."""
+    level: np.ndarray
+    """Amplitude 0..1, float32, shape [frame]."""
+    update_rate: float
+    """[Hz]"""
+
+    def __repr__(self) -> str:
+        """One line."""
+        frame_count, transducer_count = self.delay.shape
+        return (
+            f"PlayedFrames({frame_count} frames of {transducer_count} transducers at {self.update_rate:g} Hz, "
+            f"{self.duration:g} s)"
+        )
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return len(self.level) / self.update_rate
+
+
+def played_frames(opened: Opened, driver: Driver) -> PlayedFrames:
+    """Frames of all focal points, rounded as each board rounds them."""
+    frame_count = opened.source.frame_count
+    delay = np.empty((frame_count, sum(array.transducer_count for array in driver.arrays)), np.uint8)
+    level = np.zeros(frame_count, np.float32)
+    first = 0
+    for focus in opened.source:
+        stop = first + len(focus.intensity)
+        _round_block(driver, focus, delay[first:stop], level[first:stop])
+        first = stop
+    return PlayedFrames(delay[:first], level[:first], opened.update_rate)
+
+
+def _round_block(driver: Driver, focus: FocalPoints, delay: np.ndarray, level: np.ndarray) -> None:
+    drives = driver.drive(focus)
+    column = 0
+    for array, part in zip(driver.arrays, driver.split(drives), strict=True):
+        end = column + array.transducer_count
+        # Arrays may round amplitudes otherwise: the last one's stand for all, as a frame has one here.
+        delay[:, column:end], level[:] = round_drives(part.delay, part.amplitude, array=array)
+        column = end

@@ -1,0 +1,229 @@
+"""Audible noise of an array that plays: what its resonant transducers make of each frame, heard by a microphone.
+
+Phases that change from frame to frame make the emitted power flicker, as transducers are resonant (Suzuki et al. 2020,
+IEEE ToH 13(1), 87-93), and the air demodulates it. The model: each transducer is a one-pole low-pass of its drive's
+envelope (`Resonance`); the squared pressure at virtual sources is what is heard of them; the microphone adds them up by
+1 / distance. docs/measured/noise.md compares it with the founding paper's Fig. 4 and with what else was tried.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from ...device.array import ArrayModel
+from ...kernels.acoustics.late_power import split_lags, sum_late_power
+from ...kernels.acoustics.propagation import ROWS, propagate_signals, wave_rows
+from ...kernels.acoustics.resonance import DeviceFrames, emit_frames
+from ..errors import StrategyError
+from ..focal_spot import SOUND_SPEED
+from ..validation import require_choice, require_number
+from .emission import PlayedFrames
+from .transducers import Resonance, TransducerSet
+
+if TYPE_CHECKING:
+    from .spectrum import NoiseSpectrum
+
+ABOVE, ASIDE = 0.07, 0.15  # [m] the founding paper's microphone: over the face, and from the array's edge (4.3.2)
+KINDS = ("beam", "transducers")
+PERIODS = {"cpu": 4096, "cuda": 1 << 17}  # of a block: 8 MiB of 256 transducers, 256 MiB
+SOURCES_MOST = 100_000
+DURATION_LEAST = 0.1  # [s]: some spectra of 1024 samples
+DELAYED_MOST = 4000  # periods by which one source may be later than another: 34 m
+
+
+Progress = Callable[[int, int], object]
+"""Takes how many periods are done, and how many there are."""
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Where audible noise comes from, and where it is heard.
+
+    Levels are relative: no microphone was calibrated, so only differences between renderings mean anything.
+
+    >>> from palpate.render import NoiseModel
+    >>> model = NoiseModel(sources=1000)
+    >>> model.kind
+    'beam'
+    """
+
+    kind: str = "beam"
+    """beam: squared pressure at virtual sources in the beam. transducers: emitted power of each transducer."""
+    resonance: Resonance = field(default_factory=Resonance)
+    sources: int = 2000
+    """Virtual sources of the beam: from 2,000 on, others in their places change levels by 0.3 dB at most."""
+    box: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-0.1, -0.1, 0.03), (0.1, 0.1, 0.4))
+    """Corners of the box that holds them [m], common frame: by default over the aperture."""
+    seed: int = 0
+    """Of the sources' places."""
+    is_late: bool = False
+    """Whether a farther source is heard later."""
+    microphone: tuple[float, float, float] | None = None
+    """[m], common frame; None: the founding paper's, 7 cm over the face and 15 cm aside of the array."""
+    sound_speed: float = SOUND_SPEED
+    """[m/s]"""
+
+    def __post_init__(self) -> None:
+        """Raise StrategyError for a value out of its range."""
+        require_choice("kind", self.kind, KINDS)
+        require_number("sources", self.sources, 1, SOURCES_MOST, whole=True)
+        low, high = np.array(self.box, float)
+        if not (np.isfinite([low, high]).all() and (low < high).all()):
+            raise StrategyError(f"box must be two corners [m], the first one below the second, not {self.box}")
+        if self.microphone is not None and not np.isfinite(self.microphone).all():
+            raise StrategyError(f"microphone must be three finite numbers [m], not {self.microphone}")
+
+    def places(self, transducers: TransducerSet) -> np.ndarray:
+        """Where the noise comes from [m], shape [source, 3]."""
+        if self.kind == "transducers":
+            return transducers.position
+        low, high = np.array(self.box, float)
+        return np.random.default_rng(self.seed).uniform(low, high, (self.sources, 3))
+
+    def microphone_of(self, transducers: TransducerSet) -> np.ndarray:
+        """The microphone's place [m], shape [3]."""
+        if self.microphone is not None:
+            return np.array(self.microphone, float)
+        edge = transducers.position[:, 0].max() + 5.25e-3  # half a transducer's pitch
+        return np.array([edge + ASIDE, 0.0, ABOVE])
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSignal:
+    """The audible signal at the microphone, in units of its own.
+
+    >>> import numpy as np
+    >>> from palpate.render import NoiseSignal
+    >>> beat = NoiseSignal(1 + np.sin(2 * np.pi * 200 * np.arange(40_000) / 40_000), rate=40_000.0)
+    >>> beat
+    NoiseSignal(1 s at 40000 Hz)
+    >>> round(beat.spectrum().band(100, 300), 1)  # [dB]
+    -3.0
+    """
+
+    samples: np.ndarray
+    """float64, shape [sample]."""
+    rate: float
+    """Samples a second [Hz]: the carrier."""
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return len(self.samples) / self.rate
+
+    def spectrum(self) -> "NoiseSpectrum":
+        """Its spectrum, bands and levels; raises StrategyError for less than 50 ms."""
+        from .spectrum import NoiseSpectrum
+
+        return NoiseSpectrum.of_samples(self.samples, self.rate)
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"NoiseSignal({self.duration:g} s at {self.rate:g} Hz)"
+
+
+class NoiseListener:
+    """Turns played frames of some arrays into the signal at the microphone.
+
+    arrays: models in the common frame, or names. model: where noise comes from. device: Warp's.
+    Raises StrategyError for a microphone within 1 cm of a source.
+
+    >>> import numpy as np
+    >>> from palpate.render import NoiseListener, PlayedFrames
+    >>> still = PlayedFrames(np.zeros((4000, 256), np.uint8), np.ones(4000, np.float32), update_rate=40_000.0)
+    >>> listener = NoiseListener("emulator")
+    >>> heard = listener.listen(still)
+    >>> bool(np.ptp(heard.samples[400:]) < 1e-5 * heard.samples.max())  # a focal point at rest is silent
+    True
+    """
+
+    def __init__(
+        self,
+        arrays: ArrayModel | str | Sequence[ArrayModel | str],
+        model: NoiseModel | None = None,
+        *,
+        device: str = "cpu",
+    ) -> None:
+        self.model = model or NoiseModel()
+        self.transducers = TransducerSet(arrays, sound_speed=self.model.sound_speed)
+        self._device = wp.get_device(device)
+        place, microphone = self.model.places(self.transducers), self.model.microphone_of(self.transducers)
+        distance = np.linalg.norm(place - microphone, axis=1)
+        if distance.min() < 0.01:
+            raise StrategyError(f"microphone {microphone.tolist()} m is {distance.min():.3g} m from a source of noise")
+        lag = (distance - distance.min()) / self.model.sound_speed * self.transducers.carrier
+        if not self.model.is_late and self.model.kind == "beam":
+            lag = np.zeros_like(lag)
+        if lag.max() > DELAYED_MOST:
+            raise StrategyError(f"microphone {microphone.tolist()} m: sources are up to {np.ptp(distance):.3g} m apart")
+        self._rows, lag, weight = self._propagation(place, lag, 1 / distance / len(place))
+        whole, share = split_lags(lag, weight)
+        self._lead = int(whole.max()) + 2  # periods that are looked back
+        self._pole = self.model.resonance.per_period(self.transducers.carrier)
+        self._lag = wp.array(whole, device=self._device)
+        self._weight = wp.array(share, dtype=wp.vec2, device=self._device)
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"NoiseListener({', '.join(array.name for array in self.transducers.arrays)}, {self.model!r})"
+
+    def _propagation(
+        self, place: np.ndarray, lag: np.ndarray, weight: np.ndarray
+    ) -> tuple[wp.array | None, np.ndarray, np.ndarray]:
+        """Matrix from transducers to what is squared and added up; with lag and weight of each of these."""
+        if self.model.kind == "transducers":
+            return None, lag, weight
+        waves = self._waves(place)
+        if not lag.any() and len(place) > waves.shape[1]:  # as many combinations of transducers do for all sources
+            value, vector = np.linalg.eigh((waves.conj().T * weight) @ waves)
+            waves, weight = (np.sqrt(np.maximum(value, 0)) * vector).conj().T, np.ones(len(value))
+            lag = np.zeros(len(value))
+        spare = -len(waves) % (ROWS // 2)
+        padded = np.pad(waves, ((0, spare), (0, 0)))
+        rows = wp.array(wave_rows(padded), device=self._device)
+        return rows, np.pad(lag, (0, spare)), np.pad(weight, (0, spare))
+
+    def _waves(self, place: np.ndarray) -> np.ndarray:
+        parts = [self.transducers.waves(place[first : first + 1024]) for first in range(0, len(place), 1024)]
+        return np.concatenate(parts)
+
+    def listen(self, frames: PlayedFrames, progress: Progress | None = None) -> NoiseSignal:
+        """The signal while frames are played from silence; progress: called with periods done and periods in all.
+
+        Raises StrategyError for less than 0.1 s, and for frames of another number of transducers.
+        """
+        if frames.delay.shape[1] != len(self.transducers.position):
+            raise StrategyError(
+                f"frames are of {frames.delay.shape[1]} transducers, the arrays have {len(self.transducers.position)}"
+            )
+        if frames.duration < DURATION_LEAST:
+            raise StrategyError(f"{frames.duration:g} s are too short for a spectrum: {DURATION_LEAST:g} s are needed")
+        delay = wp.array(np.ascontiguousarray(frames.delay), device=self._device, copy=False)
+        level = wp.array(np.ascontiguousarray(frames.level), device=self._device, copy=False)
+        heard = self.hear(DeviceFrames(delay, level), frames.update_rate, progress)
+        return NoiseSignal(heard.numpy().astype(np.float64), self.transducers.carrier)
+
+    def hear(self, frames: DeviceFrames, update_rate: float, progress: Progress | None = None) -> wp.array:
+        """The same of frames on the listener's device, left there: float32, a sample for each period of the carrier."""
+        rate = update_rate / self.transducers.carrier
+        period_count = round(frames.level.shape[0] / rate)
+        size = PERIODS["cuda" if self._device.is_cuda else "cpu"]
+        kept = wp.zeros((2 * len(self._lag), self._lead + size), dtype=wp.float32, device=self._device)
+        fresh = kept[:, self._lead :]
+        signal = fresh
+        if self._rows is not None:
+            signal = wp.zeros((2 * frames.delay.shape[1], size), dtype=wp.float32, device=self._device)
+        out = wp.empty(period_count, dtype=wp.float32, device=self._device)
+        for first in range(0, period_count, size):
+            end = min(first + size, period_count)
+            emit_frames(frames, rate=rate, pole=self._pole, begin=first, end=end, origin=first, out=signal)
+            if self._rows is not None:
+                propagate_signals(self._rows, signal, out=fresh)
+            sum_late_power(kept, self._lag, self._weight, skip=self._lead, out=out[first:end])
+            wp.copy(kept[:, : self._lead], kept[:, size:])  # what has not arrived yet
+            if progress is not None:
+                progress(end, period_count)
+        return out

@@ -1,0 +1,90 @@
+"""Audible noise of a contour file or of contours in memory, sampled and driven as `play_file` does it."""
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from pathlib import Path
+
+from ...device.array import ArrayModel
+from ..errors import StrategyError
+from ..playback.drive import Driver, DriveStrategy
+from ..playback.file_playback import Opened, opened, sampled
+from ..playback.focus_source import ContourRows
+from ..playback.placed_arrays import PlacedArray, load_rig
+from ..sampling.contour_sampling import SamplingStrategy
+from .emission import PlayedFrames, played_frames
+from .noise import NoiseListener, NoiseModel, NoiseSignal, Progress
+
+BYTES_MOST = 4 << 30  # of frames in memory: 7 minutes of 256 transducers at 40 kHz
+
+
+def predict_noise(
+    contours: str | Path | ContourRows,
+    *,
+    array: str | Sequence[PlacedArray] = "emulator",
+    sampling: SamplingStrategy | str | None = None,
+    drive: DriveStrategy | None = None,
+    duration: float | None = None,
+    model: NoiseModel | None = None,
+    device: str = "cpu",
+    progress: Progress | None = None,
+) -> NoiseSignal:
+    """The audible signal at a microphone while contours are played; only differences between two mean anything.
+
+    Args:
+        contours: a contour file or a file of focal points; or contours that are read pose by pose.
+        array: name of an array, or several placed arrays (`load_rig`).
+        sampling: how contours become focal points; by default stm at the array's own update rate.
+        drive: how focal points become drives.
+        duration: when to stop [s]; a static pose needs it.
+        model: where noise comes from, and the microphone's place.
+        device: Warp's.
+        progress: called with periods done and periods in all.
+
+    Raises:
+        StrategyError: less than 0.1 s, or more frames than fit into 4 GiB, with the limit.
+
+    >>> from palpate.render import NoiseSpectrum, predict_noise, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc").save("cube.h5")
+    >>> heard = predict_noise(path, duration=0.2)
+    >>> heard
+    NoiseSignal(0.2 s at 40000 Hz)
+    >>> clicks = NoiseSpectrum.of(heard)  # an open line jumps from its end to its beginning
+    >>> clicks.band(300, 10_000) > clicks.band(40, 300) - 10
+    True
+    """
+    arrays = load_rig(array) if isinstance(array, str) else tuple(array)
+    frames = frames_of(contours, arrays, sampling=sampling, drive=drive, duration=duration, device=device)
+    listener = NoiseListener([placed.model for placed in arrays], model, device=device)
+    return listener.listen(frames, progress)
+
+
+def frames_of(
+    contours: str | Path | ContourRows,
+    arrays: Sequence[PlacedArray],
+    *,
+    sampling: SamplingStrategy | str | None = None,
+    drive: DriveStrategy | None = None,
+    duration: float | None = None,
+    device: str = "cpu",
+) -> PlayedFrames:
+    """All frames of a playback as the boards play them; arguments and errors as for `predict_noise`."""
+    if isinstance(contours, str | Path):
+        way = opened(Path(contours), sampling, duration, arrays)
+    else:
+        way = nullcontext(sampled(contours, sampling, duration, arrays))
+    with way as source:
+        models = [placed.model for placed in arrays]
+        _require_room(source, models)
+        driver = Driver(models, drive, update_rate=source.update_rate, device=device)
+        return played_frames(source, driver)
+
+
+def _require_room(source: Opened, models: Sequence[ArrayModel]) -> None:
+    frame_bytes = sum(model.transducer_count for model in models)
+    needed = source.source.frame_count * frame_bytes
+    if needed > BYTES_MOST:
+        seconds = BYTES_MOST / frame_bytes / source.update_rate
+        raise StrategyError(
+            f"{source.source.frame_count} frames need {needed / 1e9:.3g} GB of memory, {BYTES_MOST / 1e9:.3g} GB at "
+            f"most: give duration={seconds:.0f} or less"
+        )

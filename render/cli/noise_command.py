@@ -1,0 +1,92 @@
+"""What `palpate noise` does."""
+
+from pathlib import Path
+
+from ...device.array import ArrayModel
+from ..acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
+from ..acoustics.prediction import frames_of
+from ..acoustics.spectrum import NoiseSpectrum, level_differences
+from ..acoustics.transducers import Resonance
+from ..acoustics.wave_files import require_wave_file, write_wave_files
+from ..errors import StrategyError
+from ..playback.drive import DriveStrategy
+from ..playback.placed_arrays import load_rig
+from ..reports.contour_figure import require_picture
+from ..reports.noise_figure import draw_noise
+from ..terminal import bars, console
+from ..validation import choose, refuse_object
+from .play_commands import require_device, sampling_of
+
+KINDS = ("beam", "transducers")
+
+
+def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
+    """Predict, compare with the first file, and write what is asked for."""
+    waves = _wave_files(files, options)
+    if options["out"] is not None:
+        require_picture(options["out"], overwrite=options["overwrite"])
+    signals = _signals(files, options, as_json=as_json)
+    spectra = {file: NoiseSpectrum.of(signal) for file, signal in signals.items()}
+    first = spectra[files[0]]
+    rows = [
+        {"path": str(file), **spectrum.levels(), "difference": level_differences(spectrum, first)}
+        for file, spectrum in spectra.items()
+    ]
+    if waves:
+        write_wave_files({waves[file]: signal for file, signal in signals.items()}, overwrite=options["overwrite"])
+    if options["out"] is not None:
+        draw_noise({file.stem: signal for file, signal in signals.items()}, options["out"])
+    written = {
+        "wav": [str(path) for path in waves.values()] or None,
+        "picture": None if options["out"] is None else str(options["out"]),
+    }
+    if as_json:
+        console.show_values({"files": rows, **written}, as_json=True, title="")
+        return
+    for row in rows:
+        difference = row["difference"] if row is not rows[0] else None
+        console.show_values(row | {"path": None, "difference": difference}, as_json=False, title=row["path"])
+    console.show_values(written, as_json=False, title="written")
+
+
+def _signals(files: list[Path], options: dict, *, as_json: bool) -> dict[Path, NoiseSignal]:
+    arrays = load_rig(options["array"], calibration=options["calibration"])
+    require_device(options["device"])
+    listener = _listener([placed.model for placed in arrays], options)
+    drive = DriveStrategy(slew=options["slew"])
+    signals: dict[Path, NoiseSignal] = {}
+    for file in files:
+        with bars.loading_bar(f"sampling {file}", quiet=as_json):
+            frames = frames_of(
+                file,
+                arrays,
+                sampling=sampling_of(options, arrays, file),
+                drive=drive,
+                duration=options["duration"],
+                device=options["device"],
+            )
+        with bars.progress_bar(f"listening to {file}", quiet=as_json) as progress:
+            signals[file] = listener.listen(frames, progress)
+    return signals
+
+
+def _listener(arrays: list[ArrayModel], options: dict) -> NoiseListener:
+    model = NoiseModel(
+        kind=choose("source", options["source"], KINDS),
+        resonance=Resonance(pole=options["pole"]),
+        sources=options["sources"],
+        microphone=options["microphone"],
+    )
+    return NoiseListener(arrays, model, device=options["device"])
+
+
+def _wave_files(files: list[Path], options: dict) -> dict[Path, Path]:
+    """Where each file's sound goes; empty if none is asked for."""
+    for file in files:
+        refuse_object(file)
+    if len(set(files)) != len(files):
+        raise StrategyError(f"{files[0]}: a file is named twice")
+    waves = {file: file.with_suffix(".wav") for file in files} if options["wav"] else {}
+    for path in waves.values():
+        require_wave_file(path, overwrite=options["overwrite"])
+    return waves

@@ -1,0 +1,253 @@
+"""Audible noise: silence, a still focus, known modulations, and what must not matter."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import refused, run
+from scipy.io import wavfile
+
+from palpate.device import array_model
+from palpate.render import (
+    DriveStrategy,
+    MeshObject,
+    NoiseListener,
+    NoiseModel,
+    NoiseSpectrum,
+    Palm,
+    PlayedFrames,
+    Resonance,
+    StrategyError,
+    exploration,
+    level_differences,
+    predict_noise,
+    render,
+    static_pose,
+    write_wave_files,
+)
+from palpate.render.acoustics.spectrum import a_weight
+from palpate.render.acoustics.transducers import TransducerSet
+
+RATE = 40_000.0
+FACE = (0.00525, 0.00525, 0.0)  # a transducer's
+
+
+def frames_of_level(level: np.ndarray, transducers: int = 256) -> PlayedFrames:
+    return PlayedFrames(np.zeros((len(level), transducers), np.uint8), level.astype(np.float32), RATE)
+
+
+def moving_focus(radius: float, seconds: float = 0.12, jump: bool = False) -> PlayedFrames:
+    """A circle, or a line that restarts, 20 cm up at 7 m/s; delays by the closed form."""
+    count = round(seconds * RATE)
+    way = 7.0 * np.arange(count) / RATE
+    if jump:
+        place = np.column_stack([(way % (4 * radius)) - 2 * radius, np.zeros(count), np.full(count, 0.2)])
+    else:
+        turn = way / radius
+        place = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.full(count, 0.2)])
+    position = array_model("emulator").position.astype(float)
+    distance = np.linalg.norm(place[:, None] - position, axis=2)
+    return PlayedFrames(
+        np.rint(-distance / (343 / RATE) * 256).astype(int).astype(np.uint8), np.ones(count, np.float32), RATE
+    )
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("noise")
+    cube = MeshObject.load("cube")
+    motion = exploration(cube, duration=1.5, seed=3)
+    return {name: render(cube, Palm(), motion, name).save(folder / f"{name}.h5") for name in ("oc", "cc")}
+
+
+@pytest.mark.parametrize("kind", ["beam", "transducers"])
+def test_silence_and_a_still_focus_make_no_sound(kind):
+    listener = NoiseListener("emulator", NoiseModel(kind=kind, sources=50))
+    assert not listener.listen(frames_of_level(np.zeros(8000))).samples.any()
+    still = listener.listen(frames_of_level(np.ones(8000))).samples
+    assert np.ptp(still[1000:]) < 1e-5 * still.max()
+
+
+def test_a_known_modulation_is_heard_as_its_square_through_the_pole():
+    """1 + m sin through a low-pass H, squared: 2 m |H(f)| at f, m^2 |H(f)|^2 / 2 at 2 f."""
+    m, f, count = 0.4, 430.6640625, 80_000  # ten bins of 44100 / 1024 Hz
+    level = (1 + m * np.sin(2 * np.pi * f * np.arange(count) / RATE)) / (1 + m)
+    model = NoiseModel(kind="transducers", resonance=Resonance(pole=700.0), microphone=(0, 0, 50))
+    spectrum = NoiseSpectrum.of_samples(
+        NoiseListener("emulator", model).listen(frames_of_level(level)).samples[4000:], RATE
+    )
+    gain = 1 / math.hypot(1, f / 700.0)
+    expected = 20 * math.log10(2 * m * gain / (m**2 * gain**2 / 2))
+    assert spectrum.band(f - 90, f + 90) - spectrum.band(2 * f - 90, 2 * f + 90) == pytest.approx(expected, abs=0.15)
+
+
+def test_many_sources_are_the_same_as_each_by_itself(monkeypatch):
+    """More sources than transducers are added up as combinations of transducers: the same sum of squares."""
+    frames, model = moving_focus(0.03), NoiseModel(sources=300)
+    combined = NoiseListener("emulator", model).listen(frames).samples
+    transducers = TransducerSet("emulator")
+    place = model.places(transducers)
+    position = transducers.position
+    pole = math.exp(-2 * math.pi * 1000 / RATE)
+    state, power = np.zeros(256, complex), []
+    waves = transducers.waves(place)
+    weight = 1 / np.linalg.norm(place - [position[:, 0].max() + 5.25e-3 + 0.15, 0, 0.07], axis=1) / 300
+    for row in frames.delay[:400]:
+        drive = np.exp(-2j * np.pi * row / 256)
+        state = drive + pole * (state - drive)
+        power.append(weight @ np.abs(waves @ state) ** 2)
+    assert combined[:400] == pytest.approx(np.array(power), rel=1e-4)
+
+
+def test_a_restart_is_louder_than_a_circle_and_the_pole_tells_how_much():
+    levels = {}
+    for pole in (300.0, 1000.0):
+        listener = NoiseListener("emulator", NoiseModel(resonance=Resonance(pole=pole)))
+        for jump in (False, True):
+            levels[pole, jump] = NoiseSpectrum.of(listener.listen(moving_focus(0.02, jump=jump))).band(300, 10_000)
+    assert levels[1000.0, True] > levels[1000.0, False] + 10
+    assert levels[300.0, True] < levels[1000.0, True]
+
+
+def test_mirrored_frames_sound_the_same_to_a_mirrored_microphone():
+    frames = moving_focus(0.03)
+    array = array_model("emulator")
+    mirror = np.arange(256).reshape(16, 16)[:, ::-1].ravel()  # row by row, x fastest
+    assert np.allclose(array.position[mirror], array.position * [-1, 1, 1], atol=1e-6)
+    mirrored = replace(frames, delay=np.ascontiguousarray(frames.delay[:, mirror]))
+    heard = [
+        NoiseListener(array, NoiseModel(kind="transducers", microphone=(side * 0.3, 0.1, 0.1))).listen(given).samples
+        for side, given in ((1, frames), (-1, mirrored))
+    ]
+    assert heard[0] == pytest.approx(heard[1], rel=1e-5)
+
+
+def test_late_sources_are_heard_later():
+    """One transducer far from the others is heard by so many periods later as its way is longer."""
+    level = np.zeros(6000)
+    level[2000:] = 1
+    model = NoiseModel(kind="transducers", resonance=Resonance(pole=40_000.0), microphone=(1.0, 0.0, 0.0))
+    heard = NoiseListener("emulator", model).listen(frames_of_level(level)).samples
+    rise = np.flatnonzero((heard > 0.02 * heard.max()) & (heard < 0.98 * heard.max()))
+    across = 15 * 10.5e-3 / 343 * RATE  # from the nearest row of transducers to the farthest
+    assert np.ptp(rise) == pytest.approx(across, abs=2.5)
+
+
+def test_a_weights_are_those_of_the_standard():
+    """IEC 61672-1, table of A weightings [dB] at nominal frequencies, which are 1000 * 10^(n / 10) Hz."""
+    for step, decibel in {-10: -19.1, -3: -3.2, 0: 0.0, 4: 1.3, 10: -2.5}.items():
+        assert 10 * math.log10(a_weight(np.array(1000 * 10 ** (step / 10)))) == pytest.approx(decibel, abs=0.06)
+
+
+def test_the_spectrum_holds_all_power_and_its_bins_are_the_papers():
+    rng = np.random.default_rng(5)
+    spectrum = NoiseSpectrum.of_samples(rng.normal(size=441_000), 44_100.0)
+    assert spectrum.frequency[1] == pytest.approx(44_100 / 1024)
+    assert spectrum.band(0, 23_000) == pytest.approx(0.0, abs=0.05)  # variance 1
+    twice = NoiseSpectrum.of_samples(2 * rng.normal(size=441_000), 44_100.0)
+    assert level_differences(twice, spectrum)["rms"] == pytest.approx(20 * math.log10(2), abs=0.1)
+    assert spectrum.with_floor(0.0).level.min() > 0
+
+
+def test_open_contours_are_louder_where_ears_are_sensitive(files):
+    """The founding paper's order (4.3.2): 300 Hz to 10 kHz louder, RMS about the same; with any source of noise."""
+    for kind in ("beam", "transducers"):
+        model = NoiseModel(kind=kind)
+        oc, cc = (NoiseSpectrum.of(predict_noise(files[name], model=model)) for name in ("oc", "cc"))
+        found = level_differences(oc, cc)
+        assert found["db_300_10k"] > 1
+        assert found["dba"] > 1
+        assert abs(found["rms"]) < 4
+
+
+def test_contours_that_nothing_cuts_sound_alike_open_and_closed(tmp_path):
+    """A section that lies inside the palm has no end to jump from: OC and CC are the same."""
+    ball = MeshObject.load("sphere", fit=0.06)
+    heard = [
+        predict_noise(render(ball, Palm(), static_pose([0, 0, 0.2]), name).save(tmp_path / f"{name}.h5"), duration=0.3)
+        for name in ("oc", "cc")
+    ]
+    assert np.array_equal(heard[0].samples, heard[1].samples)
+
+
+def test_update_rates_from_4_khz_on_sound_alike_and_1_khz_is_worse(files):
+    """As simulated before for a circle of 40 mm (references: update rate 40 to 4 kHz no change, 1 kHz +6 dB)."""
+    frames = moving_focus(0.04)
+    listener = NoiseListener("emulator")
+    level = {}
+    for held in (1, 4, 10, 40):
+        slower = PlayedFrames(frames.delay[::held], frames.level[::held], RATE / held)
+        level[held] = NoiseSpectrum.of(listener.listen(slower)).band(300, 3500)
+    assert level[4] == pytest.approx(level[1], abs=1)
+    assert level[10] == pytest.approx(level[1], abs=3)
+    assert level[40] > level[1] + 5
+
+
+def test_slew_limits_quieten_jumps(files):
+    loud, quiet = (
+        NoiseSpectrum.of(predict_noise(files["oc"], drive=DriveStrategy(slew=slew))).band(1000, 10_000)
+        for slew in (None, 4 / 256)
+    )
+    assert quiet < loud - 3
+
+
+def test_waves_share_one_gain(files, tmp_path):
+    heard = {tmp_path / f"{name}.wav": predict_noise(path) for name, path in files.items()}
+    write_wave_files(heard)
+    peak = {}
+    for path, signal in heard.items():
+        rate, samples = wavfile.read(path)
+        assert (rate, samples.dtype) == (44_100, np.int16)
+        assert len(samples) == pytest.approx(signal.duration * 44_100, abs=2)
+        peak[path] = np.abs(samples.astype(int)).max()
+    assert max(peak.values()) == pytest.approx(0.9 * 32767, abs=1)
+    with pytest.raises(StrategyError, match="exists already"):
+        write_wave_files(heard)
+    with pytest.raises(StrategyError, match=r"must end in \.wav"):
+        write_wave_files({tmp_path / "a.mp3": next(iter(heard.values()))})
+    with pytest.raises(StrategyError, match="nothing to hear"):
+        write_wave_files({tmp_path / "b.wav": NoiseListener("emulator").listen(frames_of_level(np.zeros(8000)))})
+    assert not (tmp_path / "b.wav").exists()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: NoiseModel(kind="skin"), "kind"),
+        (lambda: NoiseModel(sources=0), "sources must lie in 1..100000, not 0"),
+        (lambda: NoiseModel(box=((0, 0, 0), (1, 1, -1))), "first one below the second"),
+        (lambda: NoiseModel(microphone=(0, math.nan, 0)), "microphone must be three finite numbers"),
+        (lambda: Resonance(pole=0), "pole must lie in 10..40000 Hz, not 0"),
+        (lambda: NoiseListener("emulator", NoiseModel(kind="transducers", microphone=FACE)), "from a source"),
+        (lambda: NoiseListener("emulator").listen(frames_of_level(np.ones(100))), "0.0025 s are too"),
+        (lambda: NoiseListener("autd3").listen(frames_of_level(np.ones(8000))), "256 transducers, the arrays have 249"),
+        (lambda: NoiseListener([]), "arrays must be at least one"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_named(call, message):
+    with pytest.raises(StrategyError, match=message):
+        call()
+
+
+def test_the_command_compares_with_the_first_file_and_writes_what_is_asked(files, tmp_path):
+    picture = tmp_path / "noise.png"
+    arguments = ("noise", files["cc"], files["oc"], "--sources", "100", "--wav", "-o", picture)
+    result = json.loads(run(*arguments, "--json").stdout)
+    first, second = result["files"]
+    assert first["difference"]["dba"] == 0
+    assert second["difference"]["dba"] == pytest.approx(second["dba"] - first["dba"])
+    assert second["difference"]["db_300_10k"] > 1
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert [Path(path).exists() for path in result["wav"]] == [True, True]
+    refused(2, "exists", *arguments)
+    refused(2, "source must be", "noise", files["cc"], "--source", "wall")
+    refused(2, "does not exist", "noise", tmp_path / "no.h5")
+    refused(2, "named twice", "noise", files["cc"], files["cc"])
+    refused(2, "holds one static pose", "noise", _static(tmp_path))
+
+
+def _static(folder: Path) -> Path:
+    return render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(folder / "static.h5")

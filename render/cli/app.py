@@ -9,18 +9,25 @@ try:
     import typer
 
     from ..terminal import console
-    from . import object_options as objects
-    from .array_options import Array, Baud, Calibration, Clock, Emulate, Serial, Uncalibrated, Watchdog
-    from .bench_options import bench
-    from .command_group import MainGroup
-    from .completion import complete_hand, complete_motion, complete_object, complete_sampling, complete_strategy
-    from .noise_options import noise
-    from .output_options import Json, Overwrite, Quiet, run_job
-    from .reproduce_options import reproduce
-    from .sampling_options import Duration, Sampling, Speed, UpdateRate
-    from .selftest_options import selftest
-    from .sweep_options import SWEEP_HELP, sweep
-    from .trust_options import AllowCode, trust
+    from .options import object as objects
+    from .options.array import Clock
+    from .options.bench import bench
+    from .options.command_group import MainGroup
+    from .options.completion import (
+        complete_hand,
+        complete_motion,
+        complete_object,
+        complete_sampling,
+        complete_strategy,
+    )
+    from .options.noise import noise
+    from .options.output import Json, Overwrite, Quiet, run_job
+    from .options.play import play
+    from .options.reproduce import reproduce
+    from .options.sampling import Duration, Sampling, Speed, UpdateRate
+    from .options.selftest import selftest
+    from .options.sweep import SWEEP_HELP, sweep
+    from .options.trust import AllowCode, trust
 except KeyboardInterrupt:  # nothing has begun
     sys.exit("error: interrupted")
 
@@ -278,59 +285,7 @@ def figure(
     run_job(".file_commands", "run_figure", files, out, overwrite, json=json, quiet=quiet)
 
 
-@app.command(short_help="Sample a contour file and stream it to an array.")
-def play(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file, or focal points: .PTLIST, or a sweep's.")],
-    array: Array = "emulator",
-    serial: Serial = None,
-    calibration: Calibration = None,
-    baud: Baud = None,
-    emulate: Emulate = False,
-    sampling: Sampling = None,
-    speed: Speed = None,
-    update_rate: UpdateRate = None,
-    duration: Duration = None,
-    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="How often to play it.")] = 1,
-    amplitude: Annotated[
-        str, typer.Option(metavar="KIND", help="Whether intensity is pressure or force; for strength see --level-max.")
-    ] = "pressure",
-    solver: Annotated[
-        str, typer.Option(metavar="SOLVER", help="For several focal points at once: naive, gs-pat, wgs, gs-pat+wgs.")
-    ] = "gs-pat+wgs",
-    slew: Annotated[
-        float | None,
-        typer.Option(metavar="TURNS", help="Most that a phase changes in 25 us [turns]; 0.015625 quietens jumps."),
-    ] = None,
-    level_max: Annotated[
-        float, typer.Option(metavar="SHARE", help="Strength of intensity 1, as a share (0..1) of what the array can.")
-    ] = 1.0,
-    on_time_max: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Longest emission without a pause of 1 s [s]; 0 lifts the limit.")
-    ] = 120.0,
-    duty_max: Annotated[
-        float,
-        typer.Option(metavar="SHARE", help="Highest mean duty over 10 min, 1 being full drive; 0 lifts the limit."),
-    ] = 0.5,
-    sound_speed: Annotated[
-        float, typer.Option(metavar="M/S", help="Speed of sound [m/s]: 331.3 + 0.606 x degrees C.")
-    ] = 343.0,
-    transport: Annotated[str, typer.Option(metavar="KIND", help="USB writes: queued, sync, or auto.")] = "auto",
-    watchdog: Watchdog = False,
-    uncalibrated: Uncalibrated = False,
-    device: Annotated[
-        str, typer.Option(metavar="DEVICE", help="For solvers of several focal points: cpu, cuda:0.")
-    ] = "cpu",
-    clock: Clock = "monotonic",
-    strict: Annotated[
-        bool,
-        typer.Option("--strict", help="Exit with 1 if late frames, silenced points, or too long steps are warned of."),
-    ] = False,
-    quiet: Quiet = False,
-    json: Json = False,
-) -> None:
-    """Sample a contour file and stream it to an array; the array is off on every way out."""
-    options = {name: value for name, value in locals().items() if name not in ("file", "quiet", "json")}
-    run_job(".play_commands", "run_play", file, options, json=json, quiet=quiet)
+app.command(short_help="Sample a contour file and stream it to an array.")(play)
 
 
 @app.command(short_help="Write focal points for other programs.")

@@ -71,7 +71,7 @@ def test_options_of_old_names_work(command, old, tmp_path):
 
 
 def test_a_value_that_looks_like_an_old_name_is_left_alone():
-    renamed, taking = import_module("palpate.render.cli.command_group").renamed, {"-o", "--out"}
+    renamed, taking = import_module("palpate.render.cli.options.command_group").renamed, {"-o", "--out"}
     assert renamed(["-o", "--folder", "--folder=x", "--", "--folder"], {"--folder": "--out"}, taking) == [
         "-o", "--folder", "--out=x", "--", "--folder"
     ]  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Any
 
 def _named(module: str, name: str, incomplete: str) -> list[str]:
     """The names in a collection of a module that begin so; the module is imported only when a shell asks."""
-    known: Any = getattr(import_module(module, __package__), name)
+    known: Any = getattr(import_module(module, "palpate.render.cli"), name)
     words: list[str] = list(known() if callable(known) else known)
     return [word for word in words if word.startswith(incomplete.casefold())]
 

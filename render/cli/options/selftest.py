@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from .array_options import Array, Baud, Calibration, Clock, Emulate, Serial, Uncalibrated, Watchdog
-from .output_options import Json, Overwrite, Quiet, run_job
+from .array import Array, Baud, Calibration, Clock, Emulate, Serial, Uncalibrated, Watchdog
+from .output import Json, Overwrite, Quiet, run_job
 
 
 def selftest(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .output_options import Json, Overwrite, Quiet, run_job
+from .output import Json, Overwrite, Quiet, run_job
 
 
 def reproduce(

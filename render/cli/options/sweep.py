@@ -7,8 +7,8 @@ import typer
 from typer.core import TyperCommand
 
 from .command_group import CommandGroup
-from .output_options import Json, Overwrite, Quiet, run_job
-from .trust_options import AllowCode
+from .output import Json, Overwrite, Quiet, run_job
+from .trust import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
 SCHEDULER_HELP = "A cluster: tcp://HOST:PORT or the scheduler file of a Dask scheduler; local: one of this host."

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from .array_options import Array, Calibration
-from .output_options import Json, Overwrite, Quiet, run_job
-from .sampling_options import Duration, Sampling, Speed, UpdateRate
+from .array import Array, Calibration
+from .output import Json, Overwrite, Quiet, run_job
+from .sampling import Duration, Sampling, Speed, UpdateRate
 
 
 def noise(

@@ -5,7 +5,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from ..terminal import console
+from ...terminal import console
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress and no warnings; results and errors only.")]
@@ -16,6 +16,6 @@ def run_job(module: str, name: str, *arguments: object, json: bool, quiet: bool,
     """Exit with the code of a command, whose module is imported only now: --help need not wait for it."""
 
     def command() -> object:
-        return getattr(import_module(module, __package__), name)(*arguments, **options, as_json=json)
+        return getattr(import_module(module, "palpate.render.cli"), name)(*arguments, **options, as_json=json)
 
     raise typer.Exit(console.run(command, as_json=json, quiet=quiet))

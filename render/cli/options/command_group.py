@@ -7,8 +7,8 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from ..terminal import console
-from ..terminal.wording import Wording
+from ...terminal import console
+from ...terminal.wording import Wording
 
 COMPLETION = ("--install-completion", "--show-completion")
 OLD_NAMES = {

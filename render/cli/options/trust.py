@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from .output_options import Json, Quiet, run_job
+from .output import Json, Quiet, run_job
 
 AllowCode = Annotated[
     bool, typer.Option("--allow-code", help="Run code that strategy, object or plan names: docs/guide/trust.md.")

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from .output_options import Json, Quiet, run_job
+from .output import Json, Quiet, run_job
 
 
 def bench(

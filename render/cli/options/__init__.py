@@ -1,0 +1,1 @@
+"""The options of commands: of one each, and those that several share."""

@@ -7,7 +7,7 @@ class DatasetError(Exception):
     """Base of every error that `palpate.datasets` raises for a user's mistake or a machine's failure."""
 
     names_nothing: bool = False
-    """Whether a name or path that the user gave stands for nothing: commands report misuse, not a failure."""
+    """Whether a name, path or size that the user gave stands for nothing: commands report misuse, not a failure."""
 
 
 Marked = TypeVar("Marked", bound=Exception)
@@ -51,4 +51,4 @@ class NotStoreError(SweepStoreError):
 
 
 class RecordingWarning(UserWarning):
-    """A recording of a hand has a suspicious value, but can be used."""
+    """A recording or motion of a hand has a suspicious value, but can be used."""

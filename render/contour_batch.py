@@ -9,12 +9,14 @@ import numpy as np
 import warp as wp
 
 from ..datasets.counted import counted
-from ..datasets.known_names import unknown_name
+from ..datasets.known_names import find_name, unknown_name
 from ..kernels.metrics.measure import measure_contours
 from ..kernels.section.contour_writing import Contours
 from ..kernels.section.row_walker import HAND, MADE, OBJECT
 from .errors import StrategyError
+from .validation import value_text
 
+OTHER_POSES = "[batch[i] for i in numbers] takes any poses, render(..., motion) of them gives a batch"
 KINDS = {"object": OBJECT, "hand": HAND, "made": MADE}
 
 Array = Any  # np.ndarray or wp.array; all arrays of a batch are of one type (`ContourBatch.on_device`)
@@ -83,12 +85,13 @@ class ContourBatch:
         if isinstance(index, slice):
             first, stop, step = index.indices(self.pose_count)
             if step != 1:
-                raise IndexError(f"poses must follow each other: the step must be 1, not {step}")
+                raise IndexError(f"poses must follow each other: the step must be 1, not {step}; {OTHER_POSES}")
             return self.numpy().select(first, max(first, stop))
         try:
-            pose = operator.index(index)
+            pose = operator.index(None if isinstance(index, bool) else index)  # type: ignore[arg-type]
         except TypeError:
-            raise TypeError(f"an index must be a pose's number or first:stop, not {index!r}") from None
+            text = f"an index must be a pose's number or first:stop, not {value_text(index)}; {OTHER_POSES}"
+            raise TypeError(text) from None
         if not -self.pose_count <= pose < self.pose_count:
             raise IndexError(f"pose {pose} is outside the batch's {self.pose_count} poses")
         return self.numpy().polylines_of(pose % self.pose_count)
@@ -173,10 +176,11 @@ class ContourBatch:
 
     def length(self, kind: str | None = None) -> np.ndarray:
         """Length of all contours of a pose, or of those of one kind ("object", "hand", "made") [m], shape [pose]."""
-        if kind is not None and kind not in KINDS:
+        found = find_name(kind, KINDS)
+        if kind is not None and found is None:
             raise StrategyError(unknown_name("kind", kind, KINDS))
         lengths = self.lengths()
-        return lengths.sum(axis=1) if kind is None else lengths[:, KINDS[kind]]
+        return lengths.sum(axis=1) if found is None else lengths[:, KINDS[found]]
 
     def polylines_of(self, pose: int) -> list[np.ndarray]:
         """Points of each polyline of one pose [m], each of shape [point, 3]; for a batch on the host."""

@@ -8,11 +8,11 @@ from .validation import unit_hint
 SPACING_MOST = 1e-5  # [m]; what contours are promised to be right to
 
 
-def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None) -> None:
+def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None, way: str = "") -> None:
     """Warn (PalpateWarning) where float32 steps by more than 1e-5 m: from coordinates of 128 m on.
 
     name, bounds: of the object, [m], shape [2, 3]; poses: of the hand, and of the object if it moves, shape [pose, 7].
-    For functions that scripts call.
+    way: another way out, for the message's end. For functions that scripts call.
     """
     largest = float(np.abs(bounds).max(initial=0.0, where=np.isfinite(bounds)))
     for pose in poses:
@@ -22,9 +22,9 @@ def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None) ->
     spacing = float(np.spacing(np.float32(largest)))
     if spacing > SPACING_MOST:
         warn_user(
-            f"{name}: coordinates reach {largest:.4g} m, where float32 steps by {spacing:.2g} m: poses and points are "
-            f"no more exact than that, not {SPACING_MOST:g} m. Move the object and the hand near the array's origin; "
-            f'points="patch" keeps the points themselves exact, but not the poses{millimetres}'
+            f"{name}: coordinates reach {largest:.4g} m{millimetres}. There float32 steps by {spacing:.2g} m: poses "
+            f"and points are no more exact than that, not {SPACING_MOST:g} m. Move the object and the hand near the "
+            f"array's origin{way}"
         )
 
 

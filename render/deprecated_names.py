@@ -1,4 +1,4 @@
-"""Old names of public attributes and keywords: they still work, with a DeprecationWarning."""
+"""Old names of public attributes and keywords, which still work, and keywords that people try, which are explained."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -43,6 +43,21 @@ def accept_old_keywords(**new_names: str) -> Callable[[Callable[P, R]], Callable
                         raise TypeError(f"{function.__qualname__}() got both {new!r} and its old name {old!r}")
                     _warn(old, new)
                     kwargs[new] = kwargs.pop(old)
+            return function(*args, **kwargs)
+
+        return call
+
+    return decorate
+
+
+def explain_keywords(**ways: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator: TypeErrors on keywords that people try name the way out; ways: sentence by keyword."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            for name in kwargs.keys() & ways.keys():
+                raise TypeError(f"{function.__name__}() has no {name!r}: {ways[name]}")
             return function(*args, **kwargs)
 
         return call

@@ -52,7 +52,7 @@ def require_number(name: str, value: object, low: float, high: float, *, unit: s
 def unit_hint(value: float, low: float, high: float, unit: str) -> str:
     """The number in the SI unit, as part of a sentence, if it is in bounds when taken as one in a usual other unit."""
     other, factor, what = OTHER_UNITS.get(unit.split(" ")[0], ("", 0.0, ""))
-    if abs(value) > 1e12:  # of no unit; an int may be too large for a float
+    if abs(value) > 1e12 or value < 0 <= low:  # of no unit; an int may be too large for a float
         return ""
     is_wrong = abs(value) >= max(high, 1.0) if factor < 1.0 else value < low
     if not is_wrong or not low <= abs(value) * factor <= high:
@@ -104,12 +104,16 @@ def load_by_name(
     read: Callable[[str], T],
     name: str,
     words: Collection[str] = (),
+    others: str = "",
 ) -> T:
     """The preset called `source`, or the JSON file at that path, parsed by `read`; name: its kind, for errors;
-    words: others that stand for presets.
+    words: others that stand for presets; others: a phrase on what has other names, and where it belongs.
 
     Raises StrategyError for a source that is neither, and for a file that cannot be read.
     """
+    if not isinstance(source, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts give others
+        raise StrategyError(f"{name} must be the name of a preset or of a JSON file, not {value_text(source)}")
+    source = str(source)
     found = find_name(source, presets)
     if found is not None:
         return presets[found]()
@@ -122,6 +126,7 @@ def load_by_name(
         meant = likely_name(source, [*presets, *words]) or likely_file(path)
         raise StrategyError(
             f"unknown {name} {value_text(source)}{meant}: neither a preset ({', '.join(presets)}) nor a JSON file"
+            f"{'' if meant else others}"
         )
     try:
         return read(read_text(path))
@@ -131,8 +136,20 @@ def load_by_name(
         raise StrategyError(f"{path}: {error}") from error
 
 
+def require_path(path: object, what: str) -> Path:
+    """A path as Path; raises StrategyError, which names what the path is for, for what is none."""
+    if not isinstance(path, str | Path):
+        raise StrategyError(f"{what} must be a path, not {value_text(path)}")
+    return Path(path)
+
+
 def refuse_object(path: Path) -> None:
-    """Raise StrategyError for a built-in object's name where a file of contours is wanted."""
+    """Raise StrategyError for an object, or a motion, where a file of contours is wanted."""
+    if path.suffix.lower() in (".csv", ".json", ".npz") and path.is_file():
+        raise StrategyError(
+            f"{path} is no contour file: palpate render OBJECT {path} -o OUT.h5 makes one of a motion or a recording, "
+            f"palpate render {path} MOTION -o OUT.h5 of voxels or an expression"
+        )
     if not path.exists() and shape_name(str(path)) is not None:
         raise StrategyError(
             f"{path} is an object, not a file: palpate render {path} exploration -o {path}.h5 makes one"

@@ -74,12 +74,12 @@ def check_file(path: str | PathLike[str]) -> list[str]:
 
     >>> import os
     >>> from palpate.render import check_file, render, static_pose
-    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("broken.h5")
     >>> check_file(path)
     []
     >>> os.truncate(path, 1000)
     >>> check_file(path)
-    ['cube.h5 is truncated']
+    ['broken.h5 is truncated']
     """
     try:
         with ContourFile(path) as file:

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bounded_file import ANY_SIZE, open_regular
-from ..errors import ContourFileError
+from ..errors import ContourFileError, name_nothing
 from ..storage.durable import append_at, write_file
 from ..storage.schema import CHUNK_ROWS
 from .part_log import counts_of, number, record, records, timing_of
@@ -128,7 +128,7 @@ class FilePart:
 def work_folder(path: Path) -> Path:
     """Folder of a file's parts until it is sealed; raises ContourFileError for a path without a name."""
     if not path.name:  # "/", "."
-        raise ContourFileError(f"{path} is a folder, not a contour file")
+        raise name_nothing(ContourFileError(f"{path} is a folder, not a contour file"))
     return path.with_name(path.name + ".partial")
 
 

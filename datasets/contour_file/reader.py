@@ -49,7 +49,7 @@ class ContourFile:
             version, poses out of range or not done yet. The message names the file and why.
 
     >>> from palpate.render import ContourFile, render, static_pose
-    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
     >>> with ContourFile(path) as file:
     ...     file.contours()["points"].shape, file.metrics()["length"]
     ((5, 3), array([0.34], dtype=float32))

@@ -27,7 +27,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ContourFileError
+from ..errors import ContourFileError, name_nothing
 from ..storage.durable import TEMPORARY_SUFFIX, FolderLock, append_at, copy_range, discard, publish, sync
 from ..storage.hdf5 import Hdf5Reader
 from ..storage.schema import CONTOURS, METRICS, validate_fields
@@ -56,8 +56,8 @@ class ContourWriter:
 
     >>> from palpate.datasets import ContourWriter
     >>> from palpate.render import ContourFile, render, static_pose
-    >>> cube = ContourFile(render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5"))
-    >>> with ContourWriter("copy.h5", cube.header()) as writer:
+    >>> cube = ContourFile(render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True))
+    >>> with ContourWriter("copy.h5", cube.header(), mode="overwrite") as writer:
     ...     writer.write(0, 1, cube.contours(), cube.metrics())
     ...     writer
     ContourWriter('copy.h5', 1 of 1 poses done, not sealed)
@@ -212,9 +212,9 @@ class ContourWriter:
         if mode not in ("create", "resume", "overwrite"):
             raise ContourFileError(f"mode must be create, resume or overwrite, got {mode!r}")
         if self.path.is_dir():
-            raise ContourFileError(f"{self.path} is a folder, not a file to write")
-        if not self.path.parent.is_dir():
-            raise ContourFileError(f"{self.path} cannot be written: there is no folder {self.path.parent}")
+            raise name_nothing(ContourFileError(f"{self.path} is a folder, not a file to write"))
+        if not (folder := self.path.parent).is_dir():
+            raise name_nothing(ContourFileError(f"{self.path} cannot be written: there is no folder {folder}"))
         if mode == "create":
             self._refuse_sealed()
 
@@ -367,16 +367,16 @@ class ContourWriter:
             yield
         except OSError as error:
             done = sum(part.stop - part.first for part in self._parts)
+            free = "" if isinstance(error, PermissionError) else f", {self._free()}"
             kept = f'; the {done} poses done are kept in {self._folder}, make room and go on with mode="resume"'
             raise ContourFileError(
-                f"{self.path}: cannot {task}: {error.strerror or error}, {self._free()}{kept if done else ''}"
+                f"{self.path}: cannot {task}: {error.strerror or error}{free}{kept if done else ''}"
             ) from error
 
     def _free(self) -> str:
-        try:
+        with contextlib.suppress(OSError):
             return f"{shutil.disk_usage(self.path.parent).free / 1e6:.1f} MB are free"
-        except OSError:
-            return "free space unknown"
+        return "free space unknown"
 
     def _clear_temporary(self) -> None:
         for path in self._folder.glob("*" + TEMPORARY_SUFFIX):

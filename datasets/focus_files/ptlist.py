@@ -61,7 +61,7 @@ def read_ptlist(path: str | Path, *, unit: float = 1.0) -> PointList:
     intensities outside 0..1, positions farther than 10 m away, and another number of rows than the header declares.
 
     >>> from palpate.datasets import read_ptlist, write_ptlist
-    >>> write_ptlist("two.PTLIST", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 0.5], update_rate=40000)
+    >>> write_ptlist("two.PTLIST", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 0.5], update_rate=40000, overwrite=True)
     >>> points = read_ptlist("two.PTLIST")
     >>> points.position.shape, points.intensity, points.update_rate
     ((2, 3), array([1. , 0.5], dtype=float32), 40000.0)
@@ -105,7 +105,7 @@ def write_ptlist(
 
     >>> from pathlib import Path
     >>> from palpate.datasets import write_ptlist
-    >>> write_ptlist("two.PTLIST", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 0.5], update_rate=40000)
+    >>> write_ptlist("two.PTLIST", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 0.5], update_rate=40000, overwrite=True)
     >>> Path("two.PTLIST").read_text().split()  # number of steps, rate, peak intensity; then x, y, z, intensity
     ['2,40000,1', '0,0,0.2,1', '0.01,0,0.2,0.5']
     """

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bounded_file import FileBoundError, require_bytes
-from ..errors import MotionError
+from ..errors import MotionError, RecordingWarning
 from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
 from ..shapes.built_in import shape
+from ..user_warnings import warn_user
 from .exploration import Progress, unheard
 from .exploration_options import EXPLORATION_MODELS, POSE_BYTES, SECOND_BYTES, check_options
 from .motion_file import MotionRows, read_rows, row_place, write_rows
@@ -40,6 +41,9 @@ RANDOM_SIZE, RANDOM_AT = 0.13, (0.0, 0.0, 0.2)
 SEED_MOST = 2**63 - 1
 """Largest seed: HDF5 stores it as a signed 64-bit integer."""
 
+_REACH_LIKELY = 5.0  # [m]; farther positions, up to a thousand times this, look like millimetres
+_INTERVAL_LIKELY = 1.0  # [s]; longer median intervals, up to a hundred times this, look like milliseconds ...
+_POSES_REGULAR = 10  # ... in motions of so many poses
 _ROWS_AT_ONCE = 65536  # rows are checked in float64 block by block; all at once would take twice the memory
 _NORM_ROUNDING = 1e-7  # float32 rounding of a norm; within it quaternions stay, so that rereading a file changes no bit
 
@@ -65,7 +69,7 @@ class HandMotion:
     >>> import numpy as np
     >>> from palpate.render import HandMotion, static_pose
     >>> still = HandMotion(np.arange(90) / 30, static_pose([0, 0, 0.2]).pose.repeat(90, axis=0))
-    >>> path = still.save("still.csv")
+    >>> path = still.save("still.csv", overwrite=True)
     >>> HandMotion.load("still.csv")
     HandMotion(90 poses, 3 s at 30 Hz)
     """
@@ -87,6 +91,7 @@ class HandMotion:
         time, pose, offset = _validate(self.time, self.pose, self.offset, row_place)
         for name, value in (("time", time), ("pose", pose), ("offset", offset)):
             object.__setattr__(self, name, value)
+        self._warn_of_units()
 
     def __repr__(self) -> str:
         """One line: how many poses, for how long."""
@@ -100,6 +105,8 @@ class HandMotion:
 
     def __getitem__(self, poses: slice) -> "HandMotion":
         """The motion of consecutive poses first:stop, of one at least; its times begin at 0."""
+        if not isinstance(poses, slice):  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts give numbers
+            raise MotionError(f"a motion is divided as in motion[0:90], not by {poses!r:.60}; motion.pose has the rows")
         first, stop, step = poses.indices(len(self))
         if step != 1 or stop <= first:
             raise MotionError(f"poses must follow each other, one at least, as in motion[0:90], not {poses}")
@@ -123,6 +130,22 @@ class HandMotion:
             return None
         return float(np.median(np.diff(self.time), overwrite_input=True))
 
+    def _warn_of_units(self, name: str = "motion") -> None:
+        """Warn (RecordingWarning) of positions that look like millimetres, and of times that look like milliseconds."""
+        reach = max(float(self.pose[:, :3].max()), -float(self.pose[:, :3].min()))
+        if _REACH_LIKELY < reach <= 1e3 * _REACH_LIKELY:
+            warn_user(
+                f"{name}: positions reach {reach:g} m; lengths are in metres, {reach:g} mm are {reach / 1e3:g}",
+                RecordingWarning,
+            )
+        interval = self._interval() or 0.0
+        if len(self) >= _POSES_REGULAR and _INTERVAL_LIKELY <= interval <= 100 * _INTERVAL_LIKELY:
+            warn_user(
+                f"{name}: times are {interval:g} s apart, which looks like milliseconds; times are in seconds, "
+                f"{interval:g} ms are {interval / 1e3:g}",
+                RecordingWarning,
+            )
+
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "HandMotion":
         """Read a motion from CSV (header `time,x,y,z,qx,qy,qz,qw`, time optional) or HDF5 (/motion, also of contour
@@ -140,6 +163,7 @@ class HandMotion:
         values |= {"provenance": rows.provenance}
         for name, value in values.items():
             object.__setattr__(motion, name, value)
+        motion._warn_of_units(str(path))
         return motion
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:

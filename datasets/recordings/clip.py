@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import RecordingError
+from ..errors import RecordingError, name_nothing
 from ..hand_model.frames import complete_joints, side_from_axes, side_from_bends
 from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
+from ..known_names import likely_name
 from ..rigid import Numbers, is_finite
 from .recording import HandRecording
 
@@ -112,7 +113,9 @@ def _choose(sightings: list[Sighting], hand: str | None) -> list[Sighting]:
         raise RecordingError("no hand in any frame")
     seen = [s for s in sightings if hand is None or (s.side == hand if hand in SIDES else s.hand_id == hand)]
     if not seen:
-        raise RecordingError(f"no hand {hand!r}; there is {_list_hands(sightings)}")
+        known = list(dict.fromkeys(name for s in sightings for name in (s.side, s.hand_id) if name))
+        meant = likely_name(hand, [*SIDES, *known])
+        raise name_nothing(RecordingError(f"no hand {hand!r}{meant}; there is {_list_hands(sightings)}"))
     frames = [s.frame for s in seen]
     if len({s.side for s in seen}) > 1 or len(set(frames)) < len(frames):
         raise RecordingError(f"several hands: {_list_hands(seen)}; choose one by id" + ("" if hand else " or side"))

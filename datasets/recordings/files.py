@@ -57,7 +57,8 @@ def load_recording(
         clip = _clip(source, format, image_mirrored)
         recording = recording_of(clip, hand)
     except RecordingError as error:
-        raise RecordingError(f"{source}: {error}") from None
+        refused = RecordingError(f"{source}: {error}")
+        raise (name_nothing(refused) if error.names_nothing else refused) from None
     except FileNotFoundError:
         raise name_nothing(RecordingError(f"{source}: no such recording{likely_file(source)}")) from None
     except OSError as error:

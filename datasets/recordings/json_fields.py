@@ -178,7 +178,8 @@ def read_table(path: Path) -> Table:
                     columns = [cell.strip() for cell in row]
                     twice = [name for index, name in enumerate(columns) if name and name in columns[:index]]
                     if twice:
-                        raise RecordingError(f"line {reader.line_num}: column {twice[0]} is there twice")
+                        where = f"line {reader.line_num}: column {twice[0]} is there twice"
+                        raise RecordingError(f"{where}: a header must be there, and name each column once")
                     continue
                 if len(row) != len(columns):
                     problem = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"

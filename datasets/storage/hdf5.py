@@ -46,7 +46,7 @@ class Hdf5Reader:
             except FileNotFoundError:
                 raise name_nothing(ContourFileError(f"{self.path} does not exist{likely_file(self.path)}")) from None
             except IsADirectoryError:
-                raise ContourFileError(f"{self.path} is a folder, not a contour file") from None
+                raise name_nothing(ContourFileError(f"{self.path} is a folder, not a contour file")) from None
             self._state = self._opened.state()
             self._proven = ProvenRows(self._opened)
 

@@ -9,8 +9,9 @@ from ...datasets.contour_file.parts import work_folder
 from ...datasets.contour_file.unknown_content import unknown_content
 from ...datasets.errors import ContourFileError, name_nothing
 from ...datasets.focus_files.frame_reader import check_frames, frame_format
-from ...datasets.known_names import likely_file
+from ...datasets.known_names import likely_file, likely_name
 from ...datasets.motions.hand_motion import HandMotion
+from ...datasets.shapes.built_in import shape_names
 from ...datasets.sweeps.check import check_store, is_sweep_data
 from ..coordinate_spacing import apart_text
 from ..errors import StrategyError
@@ -159,7 +160,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
     is_empty = not summary["poses_drawn"]
     if is_empty:
         tracked = is_recording(job.motion) and job.alignment is None
-        way = "--alignment: it is a recording in its tracker's frame" if tracked else "--at and --scale"
+        way = "--alignment: the recording is in its tracker's frame" if tracked else "--at and --scale"
         if any(summary.get("removed_mean", {}).values()):  # they met
             warn_removed(summary["removed_mean"])
         elif object_pose is None:
@@ -174,7 +175,8 @@ def run_info(files: list[Path], options: dict, *, as_json: bool) -> None:
     """Summarise files, one after the other; none if one is missing."""
     for file in files:
         if not _is_begun(file) and not is_mesh_name(str(file)):
-            raise name_nothing(ContourFileError(f"{file} does not exist{likely_file(file)}"))
+            meant = likely_name(str(file), shape_names()) or likely_file(file)
+            raise name_nothing(ContourFileError(f"{file} does not exist{meant}"))
         if is_sweep_data(file) and file.is_dir():
             raise StrategyError(f"{file} is a sweep's store: palpate sweep status {file} shows it")
     for file in files:
@@ -197,6 +199,7 @@ def show_info(file: Path, options: dict, *, as_json: bool) -> None:
         console.show_values(facts, as_json=as_json, title=str(file), shown_names=names)
         return
     refuse_options(options, "of a mesh", str(file))
+    refuse_object(file)
     if frame_format(file) is not None:
         console.show_values(summarise_frames(file), as_json=as_json, title=str(file))
         return
@@ -227,6 +230,7 @@ def check_one(file: Path, *, as_json: bool) -> int:
             found = check_store(file)
             problems, unproven = found.problems, found.unproven
         else:
+            refuse_object(file)
             problems = check_file(file) if frame_format(file) is None else check_frames(file)
             unproven, unknown = unproven_content(file), unknown_content(file)
     if as_json:

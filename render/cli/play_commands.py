@@ -38,8 +38,8 @@ SHOWN_OF_PLAYING = (
     "off_after", "off_confirmed", "may_emit", "off_doubt", "arrays",
 )  # fmt: skip
 MODEL_LATE = (
-    ". This is a model in real time without the queue that libusb keeps for a board, so a busy machine starves it: "
-    "clock=virtual plays to it as fast as it goes"
+    "this machine was busy, so the model waited {count} times for frames, {seconds:.3g} s in all. It has no queue such "
+    "as libusb keeps for a board: clock=virtual plays to it as fast as it goes"
 )
 ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 
@@ -66,8 +66,10 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
             device=options["device"],
             watch=line,
         )
-    warnings = warnings_of(playback, arrays, is_model=options["emulate"])
-    values = playback.as_dict() | {"warnings": warnings}
+    is_busy = options["emulate"] and not options["strict"]
+    notes = model_notes(playback) if is_busy else []
+    warnings = warnings_of(playback, arrays, is_model=is_busy)
+    values = playback.as_dict() | {"warnings": warnings, "notes": notes}
     if len(arrays) > 1 and not as_json:
         values["arrays"] = [
             f"{report.array} {report.serial}: {report.frames} frames, {report.underruns} underruns, "
@@ -77,16 +79,22 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     console.show_values(
         values, as_json=as_json, title=str(file), shown_names=SHOWN_OF_PLAYING, unknown=ONLY_THE_BOARD_KNOWS
     )
+    for sentence in notes:
+        print_message(console.worded(sentence), "note")
     for sentence in warnings:
         console.warn(sentence)
     return console.FAILED if warnings and options["strict"] else console.DONE
 
 
+def model_notes(playback: Playback) -> list[str]:
+    """What late frames mean where there is no board that they could be late for."""
+    late = [report for report in playback.reports if report.is_late]
+    return [MODEL_LATE.format(count=report.underruns, seconds=report.starved) for report in late]
+
+
 def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...], *, is_model: bool = False) -> list[str]:
-    """What a hand would miss, a sentence each. is_model: whether `--emulate` was given."""
-    sentences = [
-        console.late_warning(report) + (MODEL_LATE if is_model else "") for report in playback.reports if report.is_late
-    ]
+    """What a hand would miss, a sentence each. is_model: whether late frames are those of models, see `model_notes`."""
+    sentences = [console.late_warning(report) for report in playback.reports if report.is_late and not is_model]
     zone = arrays[0].model.focal_zone
     if playback.refused:
         sentences.append(

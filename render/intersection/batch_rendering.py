@@ -281,7 +281,8 @@ def collect(
     pose = check_poses(motion)
     poses = None if object_pose is None else object_poses(object_pose, motion)
     scene = Scene.of(solid, hand, strategy, object_pose=poses, points=points)
-    warn_of_spacing(solid.name, solid.bounds, pose, scene.object_pose)
+    way = '; points="patch" keeps the points themselves exact, but not the poses'
+    warn_of_spacing(solid.name, solid.bounds, pose, scene.object_pose, way=way)
     with interrupt_between() as raise_if_interrupted:
         for chunk in rendered_chunks(scene, pose, device=device, devices=devices, memory=memory):
             chunks.append(chunk)

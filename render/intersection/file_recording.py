@@ -16,7 +16,7 @@ from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.storage.schema import removed_name
 from ..contour_batch import KINDS
 from ..coordinate_spacing import warn_of_spacing
-from ..deprecated_names import accept_old_keywords
+from ..deprecated_names import accept_old_keywords, explain_keywords
 from ..hands.hand import Hand
 from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.moving_object import about_outline, object_poses
@@ -60,7 +60,7 @@ def file_header(scene: Scene, motion: HandMotion, device: str) -> FileHeader:
         seed=motion.seed,
         inserted=motion.inserted,
         provenance=motion.provenance,
-        object_name=solid.name,
+        object_name=solid.name.encode(errors="backslashreplace").decode(),  # of a file whose name is no text
         vertices=vertices,
         faces=faces,
         placement=described["placement"],
@@ -90,6 +90,7 @@ def metrics_of(chunk: Chunk) -> dict[str, np.ndarray]:
 
 
 @accept_old_keywords(thing="solid", moved="object_pose")
+@explain_keywords(overwrite='mode="overwrite" replaces a file', resume='mode="resume" goes on with an unfinished file')
 def record(
     path: str | Path,
     solid: Solid | str | Path,
@@ -116,8 +117,8 @@ def record(
     progress: called with the poses that are done, safe on the disk, and with all.
     Raises MeshError, StrategyError, MotionError and warns as `render` does; ContourFileError for what the file refuses.
 
-    >>> from palpate.render import ContourFile, MeshObject, Palm, record, static_pose
-    >>> record("cube.h5", MeshObject.load("cube"), Palm(), static_pose([0, 0, 0.2]), "cc").rendered
+    >>> from palpate.render import ContourFile, Palm, record, static_pose
+    >>> record("cube.h5", "cube", Palm(), static_pose([0, 0, 0.2]), "cc", mode="overwrite").rendered
     1
     >>> with ContourFile("cube.h5") as file:
     ...     file.metrics()["length"]  # [m]

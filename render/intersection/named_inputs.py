@@ -15,6 +15,7 @@
 | file of a mesh, volume or expression | a MeshHand of it | the same, rigid |
 """
 
+import zipfile
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ from ..hands.flat_hand import flat_hand
 from ..hands.hand import Hand, Palm
 from ..hands.mesh_hand import MeshHand
 from ..hands.plane_hand import PlaneHand
+from ..objects.functions.expression import Expression
 from ..objects.functions.implicit_object import ImplicitObject, is_function_name
 from ..objects.level_of_detail import Detail, simplify
 from ..objects.mesh.placement import Placement
@@ -44,20 +46,25 @@ from ..objects.voxels.values import KINDS
 from ..objects.voxels.voxel_object import VoxelObject
 from ..runtime.loading_progress import Watch, unwatched
 from ..trust.permission import AllowCode
-from ..validation import choose
+from ..validation import choose, is_number, value_text
 from .batch_rendering import check_poses
 
 EXPLORATION = "exploration"
 HANDS = ("palm", "planes", "skin")
+ORDER = "object, hand, motion, strategy"
 HEADER_BYTES = 65536  # first bytes of a CSV, in which its header is searched
 SOLID_HAND_STEP = 0.002  # [m]; grid step of the mesh of a hand given as a solid; smaller than any focus
 POSE_HEADERS = ("time,x,y,z", "x,y,z")  # first columns of a CSV of poses; a CSV recording has others
 
 
 def solid_of(given: Any) -> Solid:
-    """An object itself, loaded by its name or file, or made of a mesh of another library."""
+    """An object itself, loaded by its name or file, or made of an expression or a mesh of another library."""
     if isinstance(given, Solid):
         return given
+    if isinstance(given, Expression):
+        return ImplicitObject(given)
+    if isinstance(given, Hand | HandMotion | HandRecording):
+        raise StrategyError(f"{value_text(given)} comes after the object: the order is {ORDER}")
     return load_solid(str(given), Placement()) if isinstance(given, str | Path) else MeshObject(given)
 
 
@@ -72,6 +79,10 @@ def hand_and_motion_of(hand: Hand | str | Path, motion: Any, solid: Solid) -> tu
     A recording poses hands that have joints, and moves other hands as its palm.
     """
     hand = str(hand) if isinstance(hand, Path) else hand
+    if isinstance(hand, HandMotion | HandRecording) or isinstance(motion, Hand):
+        raise StrategyError(f"the motion comes after the hand: the order is {ORDER}")
+    if motion is None or is_number(motion):
+        raise StrategyError(f'the motion must be a HandMotion, poses [pose, 7], a file or "exploration", not {motion}')
     if isinstance(motion, HandRecording):
         own, moved = recorded_hand_and_motion(hand if isinstance(hand, str) else "palm", None, motion)
         return own if isinstance(hand, str) else hand, moved
@@ -81,6 +92,13 @@ def hand_and_motion_of(hand: Hand | str | Path, motion: Any, solid: Solid) -> tu
     options = dict.fromkeys(EXPLORATION_OPTIONS)
     found, moved = load_hand_and_motion(kind, None, str(motion), solid, exploration_options=options)
     return found if isinstance(hand, str) else hand, moved
+
+
+def is_unaligned(motion: Any) -> bool:
+    """Whether a motion, as `hand_and_motion_of` takes it, may be a recording in its tracker's frame."""
+    if isinstance(motion, str | Path):
+        return not is_exploration(str(motion)) and is_recording(str(motion))
+    return isinstance(motion, HandRecording)
 
 
 SIDES = ("left", "right")
@@ -110,6 +128,8 @@ def load_solid(
         refuse_options({"bounds": bounds}, "of a function", source)
         refuse_options(repair, "of a mesh", source)
         require_volume_options(given)
+        if is_leap_archive(source):
+            raise StrategyError(f"{source}: is a recording of a hand, no object: it is a motion, after the object")
         return VoxelObject.load(source, placement=placement, **given)
     refuse_options(given, "of a volume", source)
     if is_function_name(source) or Path(source).suffix == ".json":
@@ -117,6 +137,8 @@ def load_solid(
         box = None if bounds is None else np.array(bounds).reshape(2, 3)
         return ImplicitObject.load(source, bounds=box, placement=placement, allow_code=allow_code)
     refuse_options({"bounds": bounds}, "of a function", source)
+    if find_name(source, HANDS) is not None and not Path(source).exists():
+        raise StrategyError(f"{source} is a hand, not an object: hand={source} is where it belongs")
     if Path(source).is_dir():
         raise StrategyError(f"{source or 'an empty name'} is no object: give a file or a built-in object's name")
     if Path(source).suffix.lower() in (".csv", ".h5", ".hdf5"):
@@ -159,6 +181,15 @@ def simplified(solid: Solid, tolerance: float | None) -> tuple[Solid, Detail | N
 def is_exploration(source: str) -> bool:
     """Whether a motion is the word for a synthetic one, in any case."""
     return find_name(source, (EXPLORATION,)) is not None
+
+
+def is_leap_archive(source: str) -> bool:
+    """Whether a file is a recording of Leap's as NumPy arrays, which has the suffix of voxels, too."""
+    try:
+        with zipfile.ZipFile(source) as archive:
+            return source.lower().endswith(".npz") and "palm_position.npy" in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
 
 
 def is_recording(source: str) -> bool:

@@ -36,7 +36,7 @@ from ..stages.registry import BY_RAW_KERNELS, Setting, find_stage
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..strategies.stage_order import FILLS, SHAPES, TOURS
 from ..strategies.stage_runner import run_stages
-from ..validation import require_choice
+from ..validation import require_choice, value_text
 from .contact_tour import contact_contours
 from .mesh_section import intersect, needs_regularising, tally_intersection
 from .overlap_tour import overlap_contours
@@ -79,11 +79,13 @@ def require_parts(solid: object, hand: object, strategy: object) -> None:
         raise MeshError(f"the object must be {kinds}, not {solid!r:.60}; MeshObject.load takes names and files")
     if isinstance(hand, type) or not isinstance(hand, Hand):
         raise StrategyError(
-            f"the hand must be a Palm, a PlaneHand or a MeshHand, or palm, planes or skin, not {hand!r:.60}"
+            "the hand must be a Palm, a PlaneHand or a MeshHand, or palm, planes or skin (of a mesh: "
+            f"MeshHand(mesh.vertices, mesh.faces)), not {value_text(hand)}"
         )
     if not isinstance(strategy, IntersectionStrategy):
         raise StrategyError(
-            f"the strategy must be an IntersectionStrategy (load_strategy gives one), not {strategy!r:.60}"
+            "the strategy must be an IntersectionStrategy (load_strategy gives one; of fields: "
+            f"IntersectionStrategy(**fields); of several, render each), not {value_text(strategy)}"
         )
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ...datasets.errors import name_nothing
 from ..deprecated_names import accept_old_keywords
 from ..errors import MeshError, StrategyError
 from ..focal_spot import focal_width
@@ -63,7 +64,8 @@ def simplify(mesh: MeshObject, tolerance: float | None = None, *, device: str = 
     size = float(np.ptp(mesh.bounds, axis=0).max())
     if tolerance > size:
         hint = unit_hint(tolerance, 0.0, size, "m")
-        raise MeshError(f"{mesh.name}: tolerance must be less than the mesh, {size:.3g} m, not {tolerance}{hint}")
+        refused = f"{mesh.name}: tolerance must be less than the mesh, {size:.3g} m, not {tolerance}{hint}"
+        raise name_nothing(MeshError(refused))
     if not mesh.report.closed:
         raise MeshError(
             f"{mesh.name}: only a closed surface can be simplified, but it has {mesh.report.open_edges} open edges "

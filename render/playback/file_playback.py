@@ -30,7 +30,7 @@ from ...kernels.driving.solve import POINTS_MOST
 from ..errors import StrategyError
 from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy
 from ..sampling.presets import sampling_of, sets_rate
-from ..validation import require_choice
+from ..validation import choose
 from .drive import Driver, DriveStrategy
 from .focus_source import (
     ContourRows,
@@ -69,6 +69,23 @@ class Playback:
         """One line: the report of each array, jumps and silenced focal points."""
         jumps = "" if self.count is None else f", {sum(self.count.jumps.values())} jumps"
         return f"Playback({', '.join(map(repr, self.reports))}{jumps}, {self.refused} silenced)"
+
+    @property
+    def underruns(self) -> int:
+        """How often the first array ran out of frames, by the player's estimate."""
+        return self.played.underruns
+
+    @property
+    def frames(self) -> int:
+        """Frames that the first array took."""
+        return self.played.frames
+
+    @property
+    def draw_frequency(self) -> float | None:
+        """Mean draw frequency while something is drawn [Hz]; None if nothing is, and for focal points of a file."""
+        if self.count is None or self.sampling is None:
+            return None
+        return self.count.draw_frequency(self.sampling.update_rate)
 
     @property
     def played(self) -> PlayReport:
@@ -114,7 +131,7 @@ class Connection:
     emulated arrays, "monotonic" (real time) or "virtual" (as fast as possible).
 
     >>> from palpate.render import Connection, play_file, render, static_pose
-    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
     >>> model = Connection(emulate=True, clock="virtual")  # of the board, where none is at hand
     >>> report = play_file(path, array="pat16", duration=0.01, connection=model).played
     >>> report.array, report.clock, report.frames
@@ -132,8 +149,8 @@ class Connection:
 
     def __post_init__(self) -> None:
         """Raise StrategyError for an unknown clock or transport."""
-        require_choice("clock", self.clock, tuple(CLOCKS))
-        require_choice("transport", self.transport, get_args(TransportKind))
+        object.__setattr__(self, "clock", choose("clock", self.clock, tuple(CLOCKS)))
+        object.__setattr__(self, "transport", choose("transport", self.transport, get_args(TransportKind)))
 
     def open(self, placed: PlacedArray) -> Link:
         """The link to one array."""
@@ -230,7 +247,7 @@ def play_file(
         DeviceError (with `report`), PlayInterrupted: while playing.
 
     >>> from palpate.render import play_file, render, static_pose
-    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
     >>> play_file(path, duration=0.01, clock="virtual")
     Playback(PlayReport(emulator EMU0001: 100 frames at 10000 Hz, 0 underruns, off), 0 jumps, 0 silenced)
     """

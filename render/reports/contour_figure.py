@@ -1,6 +1,7 @@
 """A picture of what was rendered: contours on the object, the palm, length and draw frequency over time."""
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from ..hands.hand import Hand, hand_from
 from ..hands.mesh_hand import MeshHand
 from ..sampling.contour_sampling import SamplingStrategy
 from ..terminal.foreign_text import visible
+from ..validation import require_path, value_text
 
 COLOURS = {"object": "#c1121f", "hand": "#1d6fa5", "made": "#2a9d8f", "mesh": "#8d99ae", "palm": "#f4a261"}
 LINES = ("#2b2d42", "#2a9d8f", "#9b5de5", "#bc6c25")  # of lengths and frequencies: not those of the contours
@@ -68,15 +70,17 @@ def draw_figure(
 
     >>> from pathlib import Path
     >>> from palpate.render import draw_figure, render, static_pose
-    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
-    >>> draw_figure({"closed": path}, "cube.png")
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
+    >>> draw_figure({"closed": path}, "cube.png", overwrite=True)
     >>> [picture.name for picture in Path().glob("*.png")]
     ['cube.png']
     """
     import matplotlib as mpl  # 0.7 s that only pictures cost
     from matplotlib.figure import Figure
 
-    picture, files = Path(picture), {label: Path(path) for label, path in paths.items()}
+    if not isinstance(paths, Mapping):  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts give one path
+        raise StrategyError(f"files must be given by label, as in {{'closed': 'tube.h5'}}, not {value_text(paths)}")
+    picture, files = require_path(picture, "the picture"), {label: Path(path) for label, path in paths.items()}
     require_picture(picture, overwrite=overwrite)
     _refuse_unlike(list(files.values()))
     sampling = sampling or SamplingStrategy()

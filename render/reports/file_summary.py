@@ -10,6 +10,7 @@ from ...datasets.motions.facing import SHARE_ANGLES, facing_angles
 from ...datasets.storage.schema import PRUNED_NAMES
 from ..sampling.contour_sampling import SamplingStrategy
 from ..sampling.strategy import SEAM
+from ..validation import require_path
 
 PARTS = {"thing": "object", "hand": "hand", "motion": "motion", "strategy": "strategy", "sampling": "sampling"}
 """What of a sweep's recipe a file of frames is of."""
@@ -48,10 +49,11 @@ def summarise(path: str | Path) -> dict:
     Of a file that is not sealed, the poses done so far. Raises ContourFileError for what is no contour file.
 
     >>> from palpate.render import render, static_pose, summarise
-    >>> facts = summarise(render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5"))
+    >>> facts = summarise(render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True))
     >>> facts["object"]["name"], facts["poses"], round(float(facts["length_mean"]), 3)  # round a palm of 85 mm [m]
     ('cube', 1, 0.34)
     """
+    require_path(path, "the contour file (a batch has facts())")
     with ContourFile(path) as file:
         done = sum(stop - first for first, stop in file.done)
         totals, faced, removed = np.zeros(4), np.zeros(len(SHARE_ANGLES), np.int64), dict.fromkeys(PRUNED_NAMES, 0.0)

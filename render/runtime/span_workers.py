@@ -50,7 +50,7 @@ def warp_device(name: str) -> str:
 
     Raises StrategyError, listing the devices, for one that this machine lacks.
     """
-    known = [str(device) for device in wp.get_devices()]
+    name, known = name.lower(), [str(device) for device in wp.get_devices()]
     if name not in known and not (name == "cuda" and "cuda:0" in known):
         raise StrategyError(
             f"no device {name!r} on this machine; there is: {', '.join(known)} (GPUs are cuda:0, cuda:1, ...)"

@@ -28,6 +28,7 @@ def worker_devices(device: str, workers: int | None = None) -> list[str]:
         raise StrategyError(f"workers must be at least 1, not {workers}")
     if workers is not None and workers > WORKERS_MOST:
         raise StrategyError(f"workers must be at most {WORKERS_MOST} on each device, not {workers}")
+    device = device.lower()
     devices = ["cpu"] if device == "cpu" or (device == "auto" and not has_cuda_driver()) else _warp_devices(device)
     if len(set(devices)) < len(devices):
         raise StrategyError(f"device {device!r} names one device twice; workers=N puts N on each")

@@ -54,6 +54,7 @@ PRESETS: dict[str, Callable[[], SamplingStrategy]] = {
     "random": lambda: SamplingStrategy(pace=Pace(points=40), order=Order(kind="random")),
 }
 
+OTHERS = "; how contours are made, such as cc, is the strategy that render takes"
 LINES = {
     "stm": "one focal point at 7 m/s, round and round",
     "constant-frequency": "one focal point at 70 Hz, whatever the length",
@@ -79,8 +80,8 @@ def preset(name: str, **changes: object) -> SamplingStrategy:
     Raises StrategyError for an unknown name and for changes that are no strategy.
 
     >>> from palpate.render import preset
-    >>> preset("multi-focus", update_rate=20_000.0)  # shows what differs from "stm"
-    SamplingStrategy(update_rate=20000.0, foci=2)
+    >>> preset("multi-focus", update_rate=20_000.0)  # shows speed, rate and what differs from "stm"
+    SamplingStrategy(speed=7.0, update_rate=20000.0, foci=2)
     """
     found = find_name(name, PRESETS)
     if found is None:
@@ -101,9 +102,9 @@ def load_sampling(source: str) -> SamplingStrategy:
     >>> from palpate.render import load_sampling
     >>> _ = Path("slow.json").write_text('{"speed": 5.0}')
     >>> load_sampling("slow.json"), load_sampling("multi-focus")
-    (SamplingStrategy(speed=5.0), SamplingStrategy(foci=2))
+    (SamplingStrategy(speed=5.0, update_rate=10000.0), SamplingStrategy(speed=7.0, update_rate=10000.0, foci=2))
     """
-    return load_by_name(source, PRESETS, SamplingStrategy.from_json, "sampling")
+    return load_by_name(source, PRESETS, SamplingStrategy.from_json, "sampling", others=OTHERS)
 
 
 def sampling_of(sampling: SamplingStrategy | str | Path) -> SamplingStrategy:
@@ -116,6 +117,5 @@ def sampling_of(sampling: SamplingStrategy | str | Path) -> SamplingStrategy:
 
 def sets_rate(source: str) -> bool:
     """Whether a strategy that `load_sampling` takes has an update rate of its own: a file that names one."""
-    if find_name(source, PRESETS) is not None:
-        return False
-    return load_by_name(source, {}, lambda text: "update_rate" in json.loads(text), "sampling")
+    silent = dict.fromkeys(PRESETS, lambda: False)
+    return load_by_name(source, silent, lambda text: "update_rate" in json.loads(text), "sampling", others=OTHERS)

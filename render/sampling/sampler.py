@@ -92,7 +92,7 @@ class Sampler:
     >>> batch, sampler = render("cube", "palm", static_pose([0, 0, 0.2]), "cc"), Sampler("multi-focus")
     >>> blocks = list(sample_contours([batch], batch.motion.pose, np.zeros(1), 0.2, sampler))
     >>> sampler
-    Sampler(SamplingStrategy(foci=2), 2000 samples drawn)
+    Sampler(SamplingStrategy(speed=7.0, update_rate=10000.0, foci=2), 2000 samples drawn)
     """
 
     def __init__(self, strategy: SamplingStrategy | str) -> None:

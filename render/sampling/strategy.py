@@ -255,10 +255,10 @@ class SamplingStrategy:
         self._require_agreement()
 
     def __repr__(self) -> str:
-        """One line: fields that have not their default."""
+        """One line: speed [m/s], update rate [Hz], and fields that have not their default."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
-        changed = ", ".join(f"{name}={value!r}" for name, value in own.items() if value != getattr(DEFAULT, name))
-        return f"SamplingStrategy({changed})"
+        shown = [n for n, value in own.items() if n in ("speed", "update_rate") or value != getattr(DEFAULT, n)]
+        return f"SamplingStrategy({', '.join(f'{name}={own[name]!r}' for name in shown)})"
 
     def _require_agreement(self) -> None:
         """Raise StrategyError for groups that exclude each other."""

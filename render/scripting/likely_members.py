@@ -32,11 +32,11 @@ OF_BATCHES = {
     **dict.fromkeys(("write", "export", "dump", "to_file", "to_hdf", "to_hdf5"), "save(path) writes a contour file"),
     **dict.fromkeys(("stream", "start", "emit"), "play(array) streams it"),
     **dict.fromkeys(("focal_points", "focus", "points_of_focus"), "sample() gives focal points"),
-    **dict.fromkeys(("to_trimesh", "to_pyvista"), "scene.solid has it, for the object; batch[i] are arrays of points"),
+    **dict.fromkeys(("to_trimesh", "to_pyvista"), "the object has it; batch[i] are arrays of points"),
     **dict.fromkeys(("summary", "describe", "info", "stats"), "facts() gives the numbers"),
-    **dict.fromkeys(("object", "mesh", "solid"), "scene.solid is the object"),
-    "hand": "scene.hand is the hand",
-    "strategy": "scene.strategy is the strategy",
+    **dict.fromkeys(("object", "mesh", "solid"), "scene.solid is the object that was rendered, facts() has its name"),
+    "hand": "scene.hand is the hand that was rendered, facts() has its kind",
+    "strategy": "scene.strategy is the strategy that was rendered, of a file ContourFile(path).strategy",
 }
 OF_FOCAL_POINTS = {
     **dict.fromkeys(("plot", "show", "draw"), "the batch's figure(path) draws contours; position and time are arrays"),

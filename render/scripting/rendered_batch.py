@@ -1,6 +1,6 @@
 """A batch of contours that knows its object, hand, motion and strategy: it samples, plays, shows and saves itself."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 from ...datasets.motions.hand_motion import HandMotion
 from ...device.report import LiveStatistics
 from ..contour_batch import ContourBatch
+from ..deprecated_names import explain_keywords
 from ..errors import StrategyError
 from ..intersection.batch_rendering import Collected
 from ..intersection.file_recording import save_contours
@@ -24,6 +25,7 @@ from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import draw_frequencies
 from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined
 from ..sampling.presets import sampling_of
+from ..validation import require_path
 from .batch_tables import point_frame, pose_dataset, pose_frame
 from .likely_members import OF_BATCHES, LikelyMembers
 from .sampled_contours import SampledContours
@@ -55,13 +57,17 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     """Length that each prune stage removed [m], float32, shape [pose], by name."""
     source: Path | None = None
     """Contour file that the batch was read from."""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """Of a batch that was read from a file: name of the object, kind of the hand."""
+    part_of: str = ""
+    """What the batch is a part of, where it lost object and hand by that."""
 
     @property
     def name(self) -> str:
         """Of the object, or of the file."""
         if self.scene is not None:
             return self.scene.solid.name
-        return "contours" if self.source is None else self.source.stem
+        return self.names.get("object", "contours")
 
     @overload
     def __getitem__(self, index: int) -> list[np.ndarray]: ...
@@ -76,14 +82,16 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     def select(self, first: int, stop: int) -> "RenderedBatch":
         """Poses first..stop of a batch on the host, which know their motion, if there is one pose at least.
 
-        Of an articulated hand, which has poses of its own, they do not know the scene: they cannot be saved or drawn.
+        Of a file, and of an articulated hand, which has poses of its own, they do not know the scene: they cannot be
+        saved or drawn.
         """
         part = super().select(first, stop)
         motion, scene = self.motion, self.scene
         if motion is None or stop <= first:
             return RenderedBatch(**vars(part))
         if scene is None or scene.hand.pose_count is not None:
-            return RenderedBatch(**vars(part), motion=motion[first:stop])
+            whole = self.part_of or (str(self.source) if scene is None else "a batch of an articulated hand")
+            return RenderedBatch(**vars(part), motion=motion[first:stop], names=self.names, part_of=whole)
         moved = None if scene.object_pose is None else scene.object_pose[first:stop]
         removed = {name: length[first:stop] for name, length in self.removed.items()}
         return RenderedBatch(
@@ -95,6 +103,9 @@ class RenderedBatch(LikelyMembers, ContourBatch):
 
         Raises ContourFileError for a file that is there, unless `overwrite`, and for one that cannot be written.
         """
+        require_path(path, "the file to save")
+        if self.source is not None:
+            raise StrategyError(f"this batch was read from {self.source}, which holds all of it: copy that file")
         motion, scene = self._known()
         save_contours(path, Collected(scene, self, self.removed), motion, overwrite=overwrite)
         return Path(path)
@@ -105,6 +116,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         A notebook shows the same picture of a batch that is a cell's result.
         Raises StrategyError for another kind of picture, and for one that is there unless `overwrite`.
         """
+        require_path(path, "the picture")
         if self.source is not None:
             draw_figure({self.name: self.source}, path, overwrite=overwrite)
             return Path(path)
@@ -133,6 +145,10 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         blocks = list(ContourSource(self._rows(), sampler, duration))
         return SampledContours(joined(blocks), sampler.strategy, sampler.count)
 
+    @explain_keywords(
+        **dict.fromkeys(("update_rate", "speed"), "give sampling=preset('stm', update_rate=10_000.0, speed=7.0)"),
+        **dict.fromkeys(("loop", "loops", "times"), "repeats=N plays it N times"),
+    )
     def play(
         self,
         array: str | Path = "emulator",
@@ -157,6 +173,8 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         statistics and the number of frames in all; what it raises ends the playback. Others, and errors, as for
         `play_file` and `Connection`.
         """
+        if watch is not None and not callable(watch):
+            raise StrategyError(f"watch must be a function of statistics and a number of frames, not {watch!r:.60}")
         board = None if calibration is None else Path(calibration)
         return play_contours(
             self._rows(),
@@ -194,7 +212,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         frequency = draw_frequencies(drawn)
         return {
             "object": self.name,
-            "hand": None if scene is None else type(scene.hand).__name__,
+            "hand": self.names.get("hand") if scene is None else scene.hand.described()["kind"],
             "poses": len(self),
             "poses_with_contours": len(drawn),
             "duration": motion.duration,
@@ -234,9 +252,15 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     def _known(self) -> tuple[HandMotion, Scene]:
         """Motion and scene; raises StrategyError for a batch that lost them, or whose points are in another frame."""
         self._require_array_frame()
-        if self.motion is None or self.scene is None:
+        motion = self._moved()
+        if self.scene is None and self.part_of:
+            raise StrategyError(
+                f"this is a part of {self.part_of}, without object and hand: save or draw the whole, or render the "
+                "poses of the part"
+            )
+        if self.scene is None:
             raise StrategyError("this batch does not know its object and hand, as one does that `render` gives")
-        return self.motion, self.scene
+        return motion, self.scene
 
     def _require_array_frame(self) -> None:
         if self.scene is not None and self.scene.points != "array":

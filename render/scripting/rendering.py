@@ -10,19 +10,27 @@ from ...datasets.errors import ContourFileError
 from ...datasets.motions.hand_motion import HandMotion
 from ..contour_batch import array_names
 from ..coordinate_spacing import apart_text
-from ..deprecated_names import accept_old_keywords
+from ..deprecated_names import accept_old_keywords, explain_keywords
 from ..hands.hand import Hand
 from ..intersection.batch_rendering import collect
-from ..intersection.named_inputs import hand_and_motion_of, solid_of
+from ..intersection.named_inputs import hand_and_motion_of, is_unaligned, solid_of
 from ..objects.solid import Solid
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..user_warnings import warn_user
+from ..validation import require_path
 from .rendered_batch import RenderedBatch
 
 LONG = 1.0  # [s]; a motion that goes on so long without a contour is probably elsewhere
 
 
 @accept_old_keywords(thing="solid", moved="object_pose")
+@explain_keywords(
+    **dict.fromkeys(
+        ("duration", "rate", "seed"), "give the motion exploration(solid, duration=30.0, rate=90.0, seed=1)"
+    ),
+    **dict.fromkeys(("alignment", "side"), "give the motion load_recording(path, alignment=..., hand=...)"),
+    **dict.fromkeys(("scale", "fit", "at", "up", "rotate"), "give the object MeshObject.load(path, fit=0.12)"),
+)
 def render(
     solid: Solid | str | Path,
     hand: Hand | str,
@@ -59,6 +67,7 @@ def render(
     array([0.36], dtype=float32)
     """
     solid = solid_of(solid)
+    is_raw = is_unaligned(motion)
     hand, motion = hand_and_motion_of(hand, motion, solid)
     found = collect(
         solid,
@@ -74,7 +83,8 @@ def render(
     )
     is_long = (motion.duration or 0.0) >= LONG
     if is_long and object_pose is None and not found.contours.point_count and not found.removed_any:
-        warn_user(apart_text(solid.bounds, motion.pose))
+        way = "; give the recording an alignment: load_recording(path, alignment=...)" if is_raw else ""
+        warn_user(apart_text(solid.bounds, motion.pose) + way)
     return RenderedBatch(**vars(found.contours), motion=motion, scene=found.scene, removed=found.removed)
 
 
@@ -85,13 +95,15 @@ def load_contours(path: str | Path) -> RenderedBatch:
     not finished.
 
     >>> from palpate.render import load_contours, render, static_pose
-    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5")
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
     >>> load_contours(path).sample("stm", duration=0.1)
     SampledContours(1000 focal points at 10000 Hz, 0.1 s, 0 silent, 0 jumps, draw frequency 20.6 Hz)
     """
+    require_path(path, "the contour file")
     with ContourFile(path) as file:
         if not file.sealed:
             raise ContourFileError(f'{path}: is not finished; record(..., mode="resume") finishes it')
         arrays = file.contours(0, file.pose_count)
+        names = {"object": str(file.object()["name"]), "hand": str(file.hand.get("kind"))}
     given = {name: arrays[name] for name in array_names() if name in arrays}
-    return RenderedBatch(**given, motion=HandMotion.load(path), source=Path(path))
+    return RenderedBatch(**given, motion=HandMotion.load(path), source=Path(path), names=names)

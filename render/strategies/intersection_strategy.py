@@ -57,7 +57,7 @@ class IntersectionStrategy:
     modules: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        """One line: the fields that are not the default, stages without options as their names."""
+        """One line: `raw` and fields that are not the default, stages without options as their names."""
 
         def brief(value: object) -> object:
             if isinstance(value, Stage):
@@ -65,7 +65,9 @@ class IntersectionStrategy:
             return tuple(map(brief, value)) if isinstance(value, tuple) else value
 
         given = {field.name: getattr(self, field.name) for field in fields(self)}
-        shown = [f"{f.name}={brief(given[f.name])!r}" for f in fields(self) if given[f.name] != f.default]
+        shown = [
+            f"{f.name}={brief(given[f.name])!r}" for f in fields(self) if f.name == "raw" or given[f.name] != f.default
+        ]
         return f"IntersectionStrategy({', '.join(shown)})"
 
     def __post_init__(self) -> None:
@@ -237,6 +239,7 @@ def _load_built_in() -> None:
 PRESETS = Presets(oc=open_contour, cc=closed_contour)
 """By name; modules of stages may add theirs."""
 CONTOURS = ("-contour", "-contours")
+OTHERS = "; how contours are sampled, such as stm, is for sample and play"
 WORDS = {f"{word}{more}": name for word, name in (("open", "oc"), ("closed", "cc")) for more in ("", *CONTOURS)}
 """Other words for presets."""
 
@@ -324,12 +327,13 @@ def load_strategy(source: str, *, allow_code: AllowCode = False) -> Intersection
     >>> load_strategy("hatch").transform
     (Stage('close'), Stage('hatch'))
     """
-    path = Path(source).resolve()
 
     def read(text: str) -> IntersectionStrategy:
+        path = Path(source).resolve()
         return read_strategy(text, path.parent, allow_code=allow_code, path=str(path))
 
-    return load_by_name(strategy_name(source) or source, PRESETS, read, "strategy", WORDS)
+    name = strategy_name(source) if isinstance(source, str) else None  # pyright: ignore[reportUnnecessaryIsInstance]
+    return load_by_name(name or source, PRESETS, read, "strategy", WORDS, OTHERS)
 
 
 def strategy_of(strategy: IntersectionStrategy | str | Path) -> IntersectionStrategy:

@@ -38,7 +38,7 @@ class SweepResult:
 
     >>> from pathlib import Path
     >>> from palpate.render import static_pose, sweep
-    >>> path = static_pose([0, 0, 0.2]).save("still.csv")
+    >>> path = static_pose([0, 0, 0.2]).save("still.csv", overwrite=True)
     >>> _ = Path("study.toml").write_text('object.source = "cube"')
     >>> palms = {"motion.source": "still.csv", "hand.palm": [[0.05, 0.05], [0.1, 0.1]]}  # both fit inside the cube
     >>> sweep("study.toml", palms, device="cpu", workers=1).columns["length_mean"].round(3)  # round each palm [m]

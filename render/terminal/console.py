@@ -1,5 +1,6 @@
 """Output of the command line: progress and warnings on standard error, results on standard output, exit codes."""
 
+import contextlib
 import json
 import math
 import os
@@ -157,11 +158,20 @@ def parsed(app: Callable[..., object]) -> int:
     """Run a typer app and return its exit code; control characters in its messages and tracebacks are escaped."""
     open_streams()
     try:
-        code = app(standalone_mode=False)
-        write_output("")
+        return _parsed(app)
     except OutputError as error:
         return _unwritten(error)
-    except OSError as error:  # of help, or of the version
+
+
+def _parsed(app: Callable[..., object]) -> int:
+    try:
+        code = app(standalone_mode=False)
+        write_output("")
+    except OutputError:
+        raise
+    except OSError as error:  # of help, of the version, or of a file that completion installs
+        if error.filename is not None:
+            return fail(f"{error.filename}: {error.strerror or error}", FAILED, "--json" in sys.argv)
         discard_output()
         return fail(f"{error.strerror or error} (standard output)", FAILED, False)
     except Exception as error:
@@ -173,9 +183,10 @@ def parsed(app: Callable[..., object]) -> int:
         shown: Any = error
         if sys.argv[1:]:  # without arguments the message is the help, whose line breaks must stay
             shown.message = visible(message)
-            if "--json" in sys.argv:
-                write_output(json_line({"error": shown.format_message()}))
-        shown.show()
+        with contextlib.suppress(OSError):  # nobody reads messages
+            shown.show()
+        if sys.argv[1:] and "--json" in sys.argv:
+            write_output(json_line({"error": shown.format_message()}))
         return int(shown.exit_code)
     return code if isinstance(code, int) else DONE
 
@@ -214,15 +225,22 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
     with warnings.catch_warnings():
         for kind in SHOWN_WARNINGS:
             warnings.simplefilter("always", kind)
-        warnings.showwarning = _show_warning
+        shown: set[str] = set()  # what several parts of one job find is told once
+
+        def show(message: Warning | str, category: type[Warning], *rest: object) -> None:
+            del category, rest
+            if str(message) not in shown:
+                shown.add(str(message))
+                warn(str(message))
+
+        warnings.showwarning = show
         try:
             code = command()
         except OutputError:
             raise
         except (RenderError, DatasetError, DeviceError) as error:
             faults = error.args if isinstance(error, PlanError) else ()
-            code = MISUSED if isinstance(error, MISUSES) or getattr(error, "names_nothing", False) else FAILED
-            return fail(str(error), code, as_json, _report_of(error), lines=faults)
+            return fail(str(error), _code_of(error), as_json, _report_of(error), lines=faults)
         except PlayInterrupted as error:
             return fail(str(error), FAILED, as_json, _report_of(error))
         except KeyboardInterrupt:
@@ -235,6 +253,12 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
             name = f"{type(error).__name__}: {error}"
             return fail(f"{name} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
     return code if isinstance(code, int) else DONE
+
+
+def _code_of(error: Exception) -> int:
+    """Exit code of an error: a path that stands for nothing is misuse, too."""
+    is_missing = isinstance(error.__cause__, FileNotFoundError | NotADirectoryError)
+    return MISUSED if isinstance(error, MISUSES) or getattr(error, "names_nothing", False) or is_missing else FAILED
 
 
 def fail(
@@ -285,8 +309,3 @@ def warn(sentence: str) -> None:
 
 def _report_of(error: BaseException) -> PlayReport | None:
     return getattr(error, "report", None)
-
-
-def _show_warning(message: Warning | str, category: type[Warning], *rest: object) -> None:
-    del category, rest
-    warn(str(message))

@@ -114,7 +114,8 @@ def show_table(
 
     A terminal's table is folded to its width; elsewhere each row is one line, however long.
     """
-    console = errors if to_errors else Console(highlight=False)
+    is_piped = None if sys.stdout is not None and sys.stdout.isatty() else False  # Rich would obey FORCE_COLOR
+    console = errors if to_errors else Console(highlight=False, force_terminal=is_piped)
     cells = [[visible(cell) for cell in row] for row in rows]
     if not console.is_terminal:
         text = plain_table(visible(title), cells, [visible(name) for name in columns])

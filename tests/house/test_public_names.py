@@ -62,6 +62,15 @@ def test_help_starts_with_a_purpose_and_ends_with_an_example_that_runs(name, val
     assert last in shown, f"{name}: text follows the example: {last}"
 
 
+def test_examples_run_one_after_the_other_in_one_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    told = []
+    for name, value in public_names():
+        examples = doctest.DocTestParser().get_doctest(value.__doc__, {}, name, None, 0)
+        doctest.DocTestRunner(optionflags=OPTIONS).run(examples, out=told.append)
+    assert not told, "".join(told)
+
+
 @pytest.mark.parametrize("package", ["render", "datasets", "device"])
 def test_type_checkers_know_every_public_name_and_no_other(package):
     """The imports that only type checkers see give `__all__`, and the function that finds names is hidden from them."""

@@ -80,6 +80,7 @@ def test_a_resting_palm_gives_one_outcome_however_it_is_turned_with_the_object(n
 
 
 @pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore:motion. positions reach:palpate.render.RecordingWarning")
 @pytest.mark.parametrize("distance", [0.1, 0.5, 5.0, 100.0])
 def test_a_resting_palm_has_one_outcome_at_any_distance_where_float32_can_tell(distance, device):
     spacing = float(np.spacing(np.float32(distance)))

@@ -7,6 +7,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from ....datasets.known_names import find_name
 from ...terminal import console
 from ...terminal.wording import Wording
 
@@ -43,6 +44,7 @@ class CommandGroup(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command, and have messages write arguments as its options."""
+        args = [find_name(args[0], self.commands) or args[0], *args[1:]]
         if args[0] in LIKELY_COMMANDS and args[0] not in self.commands and not ctx.resilient_parsing:
             ctx.fail(f"No such command '{args[0]}'. Did you mean '{LIKELY_COMMANDS[args[0]]}'?")
         name, command, rest = super().resolve_command(ctx, args)
@@ -65,7 +67,7 @@ class CommandGroup(TyperGroup):
             return super().invoke(ctx)
         except Exception as error:
             if hasattr(error, "format_message") and not isinstance(self.found, CommandGroup | None):
-                import_module(".parser_errors", __package__).explain(error, self.found)
+                import_module(".parser_errors", __package__).explain(error, self.found, self.commands)
             raise
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -10,6 +10,7 @@
 """
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 WANTED = {"float": "no number", "int": "no whole number", "bool": "neither true nor false"}
@@ -36,8 +37,8 @@ LIKELY_OPTIONS = {
 _SEVERAL = re.compile(r"Option '(-\S+)' requires (\d+) arguments")
 
 
-def explain(error: Any, command: Any) -> None:
-    """Complete the message of a parser's error on a command's arguments."""
+def explain(error: Any, command: Any, commands: Mapping[str, Any]) -> None:
+    """Complete the message of a parser's error on a command's arguments; commands: all of its group, by name."""
     parameter = getattr(error, "param", None)
     if hasattr(error, "param_type") and parameter is not None:  # one is missing
         error.message = f"It is: {parameter.help}" if parameter.help else ""
@@ -46,11 +47,18 @@ def explain(error: Any, command: Any) -> None:
     elif several := _SEVERAL.match(error.message):
         option = next(option for option in command.params if several[1] in option.opts)
         error.message = f"{several[1]} takes {several[2]} values, {option.metavar}, with blanks between: {option.help}"
-    elif LIKELY_OPTIONS.get(name := getattr(error, "option_name", "")) in {n for o in command.params for n in o.opts}:
+    elif LIKELY_OPTIONS.get(name := getattr(error, "option_name", "")) in option_words(command):
         error.possibilities = [LIKELY_OPTIONS[name]]
+    elif having := [other for other, one in commands.items() if name and name in option_words(one)]:
+        error.message, error.possibilities = f"{error.message}, which is of {', '.join(having)}", []
     elif error.message.startswith("Got unexpected extra argument"):
         taken = [one.metavar for one in command.params if one.param_type_name == "argument"]
         error.message = f"{error.message}: this command takes {' '.join(taken) or 'options only'}"
+
+
+def option_words(command: Any) -> set[str]:
+    """All words by which a command's options are called."""
+    return {word for option in command.params for word in option.opts}
 
 
 def _fault(fault: dict[str, Any], message: str, parameter: Any) -> str:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from ....datasets.known_names import find_name, likely_name
 from .command_group import CommandGroup
 from .output import Json, Overwrite, Quiet, run_job
 from .trust import AllowCode
@@ -42,7 +43,12 @@ class SweepGroup(CommandGroup):
         """Put in `run`, which nobody writes, unless a shell completes the first word."""
         if ctx.resilient_parsing and not args:
             return super().parse_args(ctx, args)
-        return super().parse_args(ctx, args if args and args[0] in self.commands else [RUN, *args])
+        first = args[0] if args else RUN
+        name = find_name(first, self.commands)
+        meant = "" if "." in first or Path(first).exists() else likely_name(first, self.commands)
+        if name is None and meant:
+            ctx.fail(f"No such plan or command '{first}'{meant}.")
+        return super().parse_args(ctx, [RUN, *args] if name is None else [name, *args[1:]])
 
 
 class RunContext(TyperCommand.context_class):

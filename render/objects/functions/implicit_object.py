@@ -122,7 +122,7 @@ class ImplicitObject(KeepsDeviceCopies):
         return cls(source, bounds=bounds, placement=placement, name=name, hand=hand, allow_code=allow_code, **place)
 
     def _check_place(self) -> None:
-        warn_of_place(self.name, self.bounds, "for millimetres use scale=0.001, or fit=0.13")
+        warn_of_place(self.name, self.bounds, "for millimetres use scale=0.001, or fit=0.13", self.placement.at)
 
     @cached_property
     def identity(self) -> str:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ....datasets.errors import name_nothing
 from ....kernels.fields.field import Field
 from ....kernels.fields.probe import lattice_of, probe_nodes, probe_points
 from ....kernels.fields.user_function import Placed, raw_value
@@ -45,7 +46,9 @@ def load_function(spec: str, *, allow_code: AllowCode = False, namer: Namer = UN
     module = load_module(spec, allow_code=allow_code, namer=namer)
     if not hasattr(module, name):
         known = [key for key, value in vars(module).items() if isinstance(value, wp.Function) and value.func]
-        raise ImplicitError(f"{where}: has no {name!r}; its Warp functions are {', '.join(known) or 'none'}")
+        raise name_nothing(
+            ImplicitError(f"{where}: has no {name!r}; its Warp functions are {', '.join(known) or 'none'}")
+        )
     return getattr(module, name)
 
 
@@ -71,7 +74,8 @@ def find_function_code(spec: str, namer: Namer = UNNAMED) -> CodeSource:
     try:
         source = find_file(Path(where), namer) if where.endswith(".py") else find_installed(where, namer)
     except (ImportError, OSError) as error:
-        raise ImplicitError(f"{where}: cannot be imported ({type(error).__name__}: {error})") from error
+        refused = f"{where}: cannot be imported ({type(error).__name__}: {error})"
+        raise name_nothing(ImplicitError(refused)) from error
     return replace(source, code=replace(source.code, name=f"{source.code.name}:{name}"))
 
 

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     import trimesh
 
 
+IMAGE_HINT = "VoxelObject(image.active_scalars.reshape(image.dimensions, order='F'), spacing=image.spacing) takes it"
+
+
 def foreign_arrays(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
     """Vertices, shape [vertex, 3], and triangles, shape [face, 3], of a mesh or scene of trimesh, or of PyVista.
 
@@ -20,6 +23,14 @@ def foreign_arrays(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
     """
     if hasattr(mesh, "to_mesh") and hasattr(mesh, "geometry"):  # a scene of trimesh, whose transforms are applied
         mesh = mesh.to_mesh()
+    if hasattr(mesh, "combine") and hasattr(mesh, "n_blocks"):  # PyVista's several meshes
+        if not mesh.n_blocks:
+            raise MeshError("the MultiBlock has no mesh")
+        mesh = mesh.combine()
+    if hasattr(mesh, "spacing") and mesh.active_scalars is not None:  # PyVista's image: its surface is only its box
+        raise MeshError(f"an image is a volume, not a mesh: {IMAGE_HINT}")
+    if np.ndim(mesh) == 3:
+        raise MeshError("an array [i, j, k] is a volume, not a mesh: VoxelObject(values, spacing=METRES) takes it")
     if hasattr(mesh, "extract_surface"):  # PyVista's: PolyData, or a volume with a surface
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of PyVista, on an option that older versions do not have

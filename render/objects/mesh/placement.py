@@ -6,7 +6,7 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from ....datasets.known_names import likely_name
+from ....datasets.known_names import find_name, likely_name
 from ...errors import PlacementError
 from ...user_warnings import warn_user
 from ...validation import is_number, value_text
@@ -40,8 +40,10 @@ class Placement:
         if not (is_number(self.scale) and np.isfinite(self.scale) and self.scale > 0):
             raise PlacementError(f"scale must be positive, not {value_text(self.scale)}")
         object.__setattr__(self, "scale", float(self.scale))
-        if self.up not in UP_AXES:
+        up = find_name(self.up, UP_AXES)
+        if up is None:
             raise PlacementError(f"up must be one of {', '.join(UP_AXES)}, not {self.up!r}")
+        object.__setattr__(self, "up", up)
         if self.fit is not None and not (is_number(self.fit) and np.isfinite(self.fit) and self.fit > 0):
             raise PlacementError(f"fit must be a positive length in metres, not {value_text(self.fit)}")
         object.__setattr__(self, "fit", None if self.fit is None else float(self.fit))
@@ -100,15 +102,18 @@ def placement_of(placement: Placement | None, **fields: Unpack[PlacementFields])
     return placement or Placement(**fields)
 
 
-def warn_of_place(name: str, bounds: np.ndarray, way: str) -> None:
-    """Warn (PalpateWarning) of an object that is too large or reaches behind the array.
+def warn_of_place(name: str, bounds: np.ndarray, way: str, at: tuple[float, float, float] | None) -> None:
+    """Warn (PalpateWarning) of an object that is too large, placed far away, or reaches behind the array.
 
-    bounds: [m], array frame, shape [2, 3]; way: advice against the size. Call it from a method that a constructor
-    calls: the warning is attributed to the constructor's caller.
+    bounds: [m], array frame, shape [2, 3]; way: advice against the size; at: of its placement. The warning is
+    attributed to the line of a script that made the object.
     """
     size, low, high = np.ptp(bounds, axis=0), bounds[0, 2], bounds[1, 2]
     if size.max() > SIZE_LARGEST:
         fault = f"is {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m; {way}"
+    elif at is not None and np.abs(at).max() > SIZE_LARGEST:
+        metres = ", ".join(f"{value / 1000:g}" for value in at)
+        fault = f"lies at {at} m; lengths are in metres, in millimetres that were at=({metres})"
     elif low < 0:
         fault = (
             f"reaches behind the array (z from {low:.4g} to {high:.4g} m): coordinates are taken as they are, "
@@ -121,9 +126,10 @@ def warn_of_place(name: str, bounds: np.ndarray, way: str) -> None:
 
 def place_text(bounds: np.ndarray) -> str:
     """Size and middle of a box [m], shape [2, 3], in words for one line."""
-    size = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(bounds, axis=0))
+    factor, unit = (1.0, "m") if np.ptp(bounds, axis=0).max() > SIZE_LARGEST else (1e3, "mm")
+    size = " x ".join(f"{factor * side:.4g}" for side in np.ptp(bounds, axis=0))
     middle = ", ".join(f"{value + 0.0:.4g}" for value in np.round(bounds.mean(axis=0), 6))
-    return f"{size} mm at ({middle}) m"
+    return f"{size} {unit} at ({middle}) m"
 
 
 def axis_rotation(axis: int, angle: float) -> np.ndarray:

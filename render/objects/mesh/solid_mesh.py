@@ -133,6 +133,8 @@ class MeshObject(KeepsDeviceCopies):
         if faces is None:
             vertices, faces = foreign_arrays(vertices)
         vertices, faces = np.asarray(vertices), np.asarray(faces)
+        if vertices.dtype.kind in "US":
+            raise MeshError(f"{name}: vertices must be numbers, not text; MeshObject.load(path) loads a file")
         self._scale = self.placement.factor_of(vertices)
         repaired = repaired_mesh(vertices, faces, self._repair(weld, fill_holes), watch, announce=self._announce)
         self.report = repaired.report
@@ -218,11 +220,7 @@ class MeshObject(KeepsDeviceCopies):
         way = "like a file in millimetres: use scale=0.001, or fit=0.13"
         if fit is not None:
             way = f"lengths are in metres, {fit:g} mm are fit={fit / 1000:g}"
-        warn_of_place(self.name, self.bounds, way)
-        if self.placement.at is not None and np.abs(self.placement.at).max() > SIZE_LARGEST:
-            metres = ", ".join(f"{value / 1000:g}" for value in self.placement.at)
-            fault = f"lies at {self.placement.at} m; lengths are in metres, in millimetres that were at=({metres})"
-            warn_user(f"{self.name}: {fault}")
+        warn_of_place(self.name, self.bounds, way, self.placement.at)
 
     def _check_rounding(self, vertices: np.ndarray) -> None:
         allowed = len(vertices) // 100

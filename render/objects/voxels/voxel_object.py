@@ -17,6 +17,7 @@ from ...device_copies import KeepsDeviceCopies
 from ...errors import VoxelError
 from ...user_warnings import warn_user
 from ...validation import value_text
+from ..mesh.foreign_meshes import IMAGE_HINT
 from ..mesh.placement import Placement, PlacementFields, place_text, placement_of, warn_of_place
 from ..mesh.solid_mesh import POOL_KEPT
 from .grid import affine_of, applied, box_around, crossing_points, placed_affine
@@ -70,6 +71,8 @@ class VoxelObject(KeepsDeviceCopies):
         self.source = dict(source or {})
         """What the voxels were made from, for JSON; empty if they were given."""
         self.placement = placement_of(placement, **place)
+        if hasattr(values, "dimensions") and hasattr(values, "spacing"):
+            raise VoxelError(f"{value_text(values)} is no array: {IMAGE_HINT}")
         values = values_of(values)
         if spacing is None and affine is None and self.placement.fit is None:
             raise VoxelError("spacing must be given [m], or affine, or a placement with fit")
@@ -163,7 +166,7 @@ class VoxelObject(KeepsDeviceCopies):
         if not (np.isfinite(size).all() and np.abs(self.bounds).max() < np.finfo(np.float32).max):
             raise VoxelError(f"coordinates overflow after placement (scale {self.placement.scale})")
         if not hand:
-            warn_of_place(self.name, self.bounds, "give the unit of its lengths")
+            warn_of_place(self.name, self.bounds, "give the unit of its lengths", self.placement.at)
 
     @property
     def values(self) -> np.ndarray:

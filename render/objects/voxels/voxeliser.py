@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ....datasets.errors import name_nothing
 from ....kernels.section.edge_pairing import twins_of
 from ....kernels.solids.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
 from ...deprecated_names import accept_old_keywords
@@ -242,7 +243,7 @@ def voxelise(
         why = "it is too open to hold anything" if sign == "winding" else "it is thinner than the spacing"
         step = float(nodes.spacing.max())
         hint = unit_hint(step, 0.0, SPACING_LARGEST, "m") if step > SPACING_LARGEST else ""
-        raise VoxelError(f"{mesh.name}: no voxel of {spacing} m lies inside: {why}{hint}")
+        raise name_nothing(VoxelError(f"{mesh.name}: no voxel of {spacing} m lies inside: {why}{hint}"))
     return VoxelObject(
         np.where(inside, -distance, distance) if kind == "distance" else inside,
         spacing=nodes.spacing,

@@ -108,7 +108,7 @@ def run_sweep(
     >>> from palpate.render import InProcess, load_plans, run_sweep
     >>> _ = Path("study.toml").write_text('object.source = "cube"')
     >>> plan = load_plans(["study.toml"], ["motion.duration=0.1"])
-    >>> [run_sweep(plan, "study.sweep", InProcess()).poses_rendered for _ in range(2)]  # the second finds all made
+    >>> [run_sweep(plan, "twice.sweep", InProcess()).poses_rendered for _ in range(2)]  # the second finds all made
     [9, 0]
     """
     code = made_by or code_version()

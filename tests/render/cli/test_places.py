@@ -11,6 +11,7 @@ import subprocess
 import sys
 
 import pytest
+import trimesh
 from command_line import PALPATE, run
 
 COMMANDS = {
@@ -19,6 +20,7 @@ COMMANDS = {
     "sampling": ("sampling", "stm"),
     "version": ("--version",),
     "misuse": ("info", "nosuch.h5", "--json"),
+    "misspelt": ("rendr", "--json"),
     "render": ("render", "tube", "exploration", "-o", "out.h5", "--duration", "2", "--overwrite"),
     "play": ("play", "tube.h5", "--clock", "virtual", "--duration", "0.2"),
 }
@@ -29,7 +31,13 @@ PLACES = {  # redirections: whether results are lost, whether messages are
     "2>/dev/full": (False, True),
     "<&- >&- 2>&-": (True, True),
 }
-QUICK = {("json", ">&-"), ("misuse", "2>&-"), ("version", ">/dev/full"), ("render", "<&- >&- 2>&-")}
+QUICK = {
+    ("json", ">&-"),
+    ("misspelt", ">&-"),
+    ("misuse", "2>&-"),
+    ("version", ">/dev/full"),
+    ("render", "<&- >&- 2>&-"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +65,7 @@ def shell(folder, words, redirection="", **environment):
 def test_a_stream_that_is_closed_or_full_gives_a_code_and_a_sentence(command, place, folder):
     loses_results, loses_messages = PLACES[place]
     done = shell(folder, COMMANDS[command], place)
-    expected = 2 if command == "misuse" else 0
+    expected = 2 if command in ("misuse", "misspelt") else 0
     assert done.returncode == (1 if loses_results else expected), done.stderr
     for trouble in (b"Traceback", b"unexpected", b"Exception ignored"):
         assert trouble not in done.stderr
@@ -77,6 +85,28 @@ def test_into_a_file_no_value_is_cut_or_folded_however_narrow_the_screen(folder)
     lines = shell(folder, COMMANDS["info"], COLUMNS="20").stdout.decode().splitlines()
     assert any(told["object"]["hash"] in line for line in lines)
     assert len(lines) < len(told) + 2
+
+
+def test_into_a_pipe_lines_stay_plain_also_where_colours_are_forced(folder):
+    plain = shell(folder, COMMANDS["info"]).stdout
+    assert shell(folder, COMMANDS["info"], FORCE_COLOR="1").stdout == plain
+
+
+def test_a_home_that_cannot_be_written_is_named(folder):
+    undetected = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}  # of the shell that runs the tests
+    done = shell(folder, ("--install-completion", "bash"), HOME="/dev/null/home", **undetected)
+    assert done.returncode == 1
+    assert b"/dev/null" in done.stderr
+    assert b"standard output" not in done.stderr
+
+
+def test_an_object_whose_name_is_no_text_is_rendered(folder):
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(folder / "box.stl")
+    word = os.fsdecode(b"b\xffx.stl")
+    (folder / "box.stl").rename(folder / word)
+    done = shell(folder, ("render", word, "exploration", "-o", "box.h5", "--duration", "0.1", "--at", "0", "0", "0.2"))
+    assert done.returncode == 0, done.stderr
+    assert json.loads(shell(folder, ("info", "box.h5", "--json")).stdout)["object"]["name"] == r"b\udcffx.stl"
 
 
 def test_names_that_are_no_text_are_shown_escaped_and_drawn(folder):

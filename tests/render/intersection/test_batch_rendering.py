@@ -198,6 +198,7 @@ def test_flipping_the_palm_over_changes_nothing_but_the_direction(device):
 
 
 @pytest.mark.filterwarnings("ignore:.*float32 steps by:palpate.render.errors.PalpateWarning")
+@pytest.mark.filterwarnings("ignore:motion. positions reach 256:palpate.render.RecordingWarning")
 def test_far_from_the_origin_contours_are_as_good_as_the_coordinates(device):
     near = MeshObject.load("cube")
     poses = random_poses(50, 12)

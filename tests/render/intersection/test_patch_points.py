@@ -18,6 +18,7 @@ from palpate.render import (
     ImplicitObject,
     MeshObject,
     Palm,
+    RecordingWarning,
     array_points,
     closed_contour,
     load_strategy,
@@ -54,6 +55,7 @@ def test_points_relative_to_patches_are_those_of_the_array_once_placed(hand, str
 
 
 @pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
+@pytest.mark.filterwarnings("ignore:motion. positions reach 2048:palpate.render.RecordingWarning")
 def test_far_from_the_array_points_on_the_palm_are_those_near_it(device):
     """Coordinates are multiples of 2^-12 m, and the shift is one of 512 m: float32 holds both, so all points agree."""
     vertices, faces = shape("tube")
@@ -113,5 +115,7 @@ def test_a_grid_of_float32_that_is_coarser_than_promised_is_warned_of_once(far, 
 def test_poses_far_away_are_warned_of_too(tmp_path):
     poses = generic_poses(3, 1)
     poses[1, 0] = 500.0
-    with pytest.warns(PalpateWarning, match=r"tube: coordinates reach 500 m, where float32 steps by 3.1e-05 m"):
-        record(tmp_path / "far.h5", TUBE, Palm(), HandMotion(None, poses), CC)
+    with pytest.warns(RecordingWarning, match="500 mm are 0.5"):
+        motion = HandMotion(None, poses)
+    with pytest.warns(PalpateWarning, match=r"tube: coordinates reach 500 m.*There float32 steps by 3.1e-05 m"):
+        record(tmp_path / "far.h5", TUBE, Palm(), motion, CC)

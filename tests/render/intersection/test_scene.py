@@ -13,7 +13,7 @@ from palpate.datasets.contour_file.check import check_file
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.render import ImplicitObject, MeshObject, Palm, Placement, VoxelObject, closed_contour, record, render
 from palpate.render.contour_batch import join_batches
-from palpate.render.errors import MeshError, PoseError, StrategyError
+from palpate.render.errors import PoseError, StrategyError
 from palpate.render.focal_spot import focal_width
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
@@ -116,7 +116,7 @@ def test_the_focal_width_is_asked_for_only_where_something_is_scaled_by_it():
 @pytest.mark.parametrize(
     ("parts", "error", "said"),
     [
-        ((Palm(), Palm(), CC), MeshError, "is no mesh: give vertices and faces"),
+        ((Palm(), Palm(), CC), StrategyError, "comes after the object: the order is object, hand, motion"),
         ((TUBE, None, CC), StrategyError, "the hand must be a Palm, .* not None"),
         ((TUBE, Palm(), 5), StrategyError, "the strategy must be an IntersectionStrategy .* not 5"),
         ((TUBE, Palm(), "hacth"), StrategyError, "did you mean 'hatch'"),

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+import pyvista
 import trimesh
 
 import palpate.device
 import palpate.render
+from palpate.datasets import write_sample
 from palpate.device import DeviceError
 from palpate.render import (
     ContourFile,
@@ -18,9 +20,13 @@ from palpate.render import (
     Palm,
     RenderError,
     SamplingStrategy,
+    VoxelObject,
     closed_contour,
+    draw_figure,
     exploration,
+    load_contours,
     load_recording,
+    load_sampling,
     load_strategy,
     play_file,
     preset,
@@ -28,12 +34,15 @@ from palpate.render import (
     render,
     sphere,
     static_pose,
+    summarise,
     sweep,
     voxelise,
 )
 
 TUBE = MeshObject.load("tube")
 STILL = static_pose([0, 0, 0.2])
+IMAGE = pyvista.ImageData(dimensions=(4, 4, 4))
+IMAGE["density"] = np.arange(64)
 OPEN = trimesh.Trimesh([[0, 0, 0.2], [0.1, 0, 0.2], [0, 0.1, 0.2]], [[0, 1, 2]])
 
 
@@ -46,7 +55,28 @@ ALONE = {
     "an unknown name": (lambda: palpate.render.rendr, "has no attribute 'rendr'"),
     "an object's name": (lambda: render("tubee", "palm", STILL), "did you mean 'tube'?"),
     "a missing file": (lambda: render("mug.stl", "palm", STILL), "built-in objects are cube, sphere"),
-    "object and hand exchanged": (lambda: render("palm", "tube", STILL), "built-in objects are"),
+    "object and hand exchanged": (lambda: render("palm", "tube", STILL), "hand=palm is where it belongs"),
+    "a hand for an object": (lambda: render(Palm(), TUBE, STILL), "the order is object, hand, motion, strategy"),
+    "hand and motion exchanged": (lambda: render(TUBE, STILL, "palm"), "the motion comes after the hand"),
+    "a mesh for a hand": (lambda: render(TUBE, OPEN, STILL), "MeshHand(mesh.vertices, mesh.faces)"),
+    "no motion": (lambda: render(TUBE, "palm", None), "the motion must be a HandMotion"),
+    "seconds for a motion": (lambda: render(TUBE, "palm", 30), "the motion must be a HandMotion"),
+    "voxels for a mesh": (lambda: render(np.zeros((4, 4, 4)), "palm", STILL), "VoxelObject(values, spacing=METRES)"),
+    "an image for a mesh": (lambda: MeshObject(IMAGE), "VoxelObject(image.active_scalars"),
+    "an image for voxels": (lambda: VoxelObject(IMAGE), "VoxelObject(image.active_scalars"),
+    "no mesh of several": (lambda: MeshObject(pyvista.MultiBlock()), "has no mesh"),
+    "texts for arrays": (lambda: MeshObject("a", "b"), "MeshObject.load(path) loads a file"),
+    "fields for a strategy": (lambda: render(TUBE, "palm", STILL, {}), "IntersectionStrategy(**fields)"),
+    "an argument of a motion": (lambda: render(TUBE, "palm", STILL, duration=3), "exploration(solid, duration=30.0"),
+    "an argument of an object": (lambda: render(TUBE, "palm", STILL, fit=0.1), "MeshObject.load(path, fit=0.12)"),
+    "to replace a file": (lambda: record("a.h5", TUBE, "palm", STILL, overwrite=True), 'mode="overwrite" replaces'),
+    "a strategy to load": (lambda: load_strategy(load_strategy("cc")), "must be the name of a preset"),
+    "a sampling for a strategy": (lambda: load_strategy("stm"), "is for sample and play"),
+    "a strategy for a sampling": (lambda: load_sampling("cc"), "is the strategy that render takes"),
+    "a number for a file": (lambda: load_contours(3), "the contour file must be a path, not 3"),
+    "one pose by its number": (lambda: exploration("tube", 1.0)[0], "motion.pose has the rows"),
+    "a path for pictures": (lambda: draw_figure("a.h5", "a.png"), "files must be given by label"),
+    "a negative size": (lambda: Palm(-1, 1), "must lie between 0.0001 and 1 m, not -1"),
     "a hand's name": (lambda: render("tube", "plam", STILL), "did you mean 'palm'?"),
     "a palm in millimetres": (lambda: Palm(85, 85), "85 mm are 0.085"),
     "a hand as numbers": (lambda: render("tube", (0.085, 0.085), STILL), "a Palm, a PlaneHand or a MeshHand, or palm"),
@@ -108,6 +138,20 @@ OF_A_BATCH = {
     "another maker's array": (lambda b: b.play("ultraleap"), "known: emulator, pat16"),
     "a clock": (lambda b: b.play(clock="fast"), "one of monotonic, virtual"),
     "no time": (lambda b: b.play(clock="virtual", duration=0), "duration must be positive"),
+    "a sampling to play": (lambda b: b.play(sampling="smt"), "did you mean 'stm'?"),
+    "a sampling to play of a file": (lambda b: play_file(b.save("p.h5"), sampling="smt"), "did you mean 'stm'?"),
+    "a rate to play at": (lambda b: b.play(update_rate=1e4), "sampling=preset('stm', update_rate="),
+    "no function to watch": (lambda b: b.play(watch=3), "watch must be a function"),
+    "a number to save to": (lambda b: b.save(3), "must be a path, not 3"),
+    "a number to draw to": (lambda b: b.figure(3), "must be a path, not 3"),
+    "a batch to summarise": (lambda b: summarise(b), "a batch has facts()"),
+    "chosen poses": (lambda b: b[[1, 2]], "[batch[i] for i in numbers]"),
+    "a mask of poses": (lambda b: b[np.ones(18, bool)], "[batch[i] for i in numbers]"),
+    "every other pose": (lambda b: b[::2], "[batch[i] for i in numbers]"),
+    "truth for a pose": (lambda b: b[True], "not True"),
+    "an empty part to save": (lambda b: b[5:5].save("none.h5"), "this batch has no poses"),
+    "a file's batch to save": (lambda b: load_contours(b.save("l.h5")).save("m.h5"), "read from l.h5, which holds all"),
+    "a part of a file's batch": (lambda b: load_contours(b.save("n.h5"))[1:3].save("m.h5"), "a part of n.h5"),
     "no sampling": (lambda b: b.sample(None), "sampling must be a SamplingStrategy, or the name or file of one"),
     "an empty part": (lambda b: b[5:5].to_pandas(), "this batch has no poses"),
     "no repeats": (lambda b: b.play(clock="virtual", repeats=0), "repeats must be at least 1"),
@@ -142,14 +186,23 @@ def test_a_mistake_with_a_batch_is_answered_by_the_way_out(name, batch, tmp_path
     assert way_out in answer(lambda: mistake(batch))
 
 
-def test_what_is_doubtful_is_warned_of_at_the_line_that_led_to_it():
+def test_what_is_doubtful_is_warned_of_at_the_line_that_led_to_it(tmp_path, monkeypatch):
+    with pytest.warns(palpate.render.RecordingWarning):
+        far = static_pose([0, 0, 200])
     doubtful = {
         lambda: MeshObject.load("tube", fit=130): "130 mm are fit=0.13",
         lambda: ImplicitObject(sphere(40)): "for millimetres use scale=0.001",
-        lambda: render("tube", "palm", static_pose([0, 0, 200])): "200 mm are 0.2",
+        lambda: MeshObject.load("tube", at=(0, 0, 200)): r"at=\(0, 0, 0.2\)",
+        lambda: ImplicitObject(sphere(0.04), at=(0, 0, 200)): r"at=\(0, 0, 0.2\)",
+        lambda: render("tube", "palm", far): "200 m; lengths are in metres, 200 mm are 0.2. There float32",
+        lambda: static_pose([0, 0, 200]): "200 mm are 0.2",
+        lambda: HandMotion.load("far.csv"): "far.csv: positions reach 200 m; .* 200 mm are 0.2",
+        lambda: HandMotion(np.arange(20) * 11.0, STILL.pose.repeat(20, axis=0)): "11 ms are 0.011",
     }
+    monkeypatch.chdir(tmp_path)
+    far.save("far.csv")
     for make, way_out in doubtful.items():
-        with pytest.warns(palpate.render.PalpateWarning, match=way_out) as told:
+        with pytest.warns((palpate.render.PalpateWarning, palpate.render.RecordingWarning), match=way_out) as told:
             make()
         assert {warning.filename for warning in told} == {__file__}
 
@@ -165,3 +218,27 @@ def test_a_misspelt_name_is_marked_so_that_python_suggests_the_right_one():
     with pytest.raises(AttributeError) as refusal:
         _ = palpate.render.rendr
     assert (refusal.value.name, refusal.value.obj) == ("rendr", palpate.render)
+
+
+def test_an_expression_is_an_object():
+    assert render(sphere(0.04).moved(0, 0, 0.2), "palm", STILL).facts()["object"] == "sphere"
+
+
+def test_a_loaded_batch_knows_the_names_that_its_file_has(batch, tmp_path):
+    loaded = load_contours(batch.save(tmp_path / "other.h5"))
+    assert loaded.facts() == batch.facts()
+
+
+def test_a_recording_that_meets_nothing_is_warned_of_with_its_alignment(tmp_path):
+    path = write_sample("leap", tmp_path / "hand.json")
+    with (
+        pytest.warns(palpate.render.RecordingWarning),
+        pytest.warns(palpate.render.PalpateWarning, match="load_recording\\(path, alignment="),
+    ):
+        render(TUBE, "palm", path, "oc")
+
+
+def test_a_playback_has_its_numbers(batch):
+    played = batch.play(clock="virtual")
+    assert (played.frames, played.underruns) == (played.played.frames, 0)
+    assert played.draw_frequency == batch.sample("stm").draw_frequency

@@ -83,7 +83,7 @@ def test_a_file_is_read_as_a_batch(batch, tmp_path):
     assert found.to_pandas().equals(batch.to_pandas())
     assert found._repr_png_().startswith(b"\x89PNG")
     assert "<td>tube" in found._repr_html_()
-    with pytest.raises(StrategyError, match="does not know its object"):
+    with pytest.raises(StrategyError, match="copy that file"):
         found.save(tmp_path / "again.h5")
 
 
@@ -103,7 +103,7 @@ def test_parts_of_an_articulated_hand_are_sampled_and_become_tables(tmp_path):
     assert len(part.to_pandas()) == len(part.motion) == 10
     assert len(part.sample()) == pytest.approx(10 / 30 * 10_000, abs=2)
     assert "<td>10" in part._repr_html_()
-    with pytest.raises(StrategyError, match="does not know its object and hand"):
+    with pytest.raises(StrategyError, match="a part of a batch of an articulated hand"):
         part.save(tmp_path / "part.h5")
 
 

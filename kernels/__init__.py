@@ -51,6 +51,12 @@ SWEEP_STAGES = (
     "section.tally_undrawn",
 )  # poses made where they are used, and sums over them
 DRIVE_STAGES = ("driving.focus", "driving.solve", "driving.slew")  # focal points to phases
+ACOUSTIC_STAGES = (
+    "acoustics.resonance",
+    "acoustics.propagation",
+    "acoustics.late_power",
+    "acoustics.pressure_sum",
+)  # phases to what is felt and heard
 STAGES = (
     *RENDER_STAGES,
     *FIELD_STAGES,
@@ -60,6 +66,7 @@ STAGES = (
     *OBJECT_STAGES,
     *SWEEP_STAGES,
     *DRIVE_STAGES,
+    *ACOUSTIC_STAGES,
 )
 
 if TYPE_CHECKING:

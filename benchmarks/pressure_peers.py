@@ -15,8 +15,7 @@ import sys
 from importlib.metadata import version
 from time import process_time
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[name] = "1"
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # before NumPy loads
 import numpy as np
 
 CARRIER, SOUND_SPEED, RADIUS = 40e3, 343.0, 4.5e-3
@@ -37,7 +36,7 @@ def geometry() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def levitate(position: np.ndarray, points: np.ndarray, drive: np.ndarray):
-    complex = complex  # levitate asks for what NumPy 1.24 removed
+    vars(np)["complex"] = complex  # levitate asks for what NumPy 1.24 removed
     import levitate as peer
 
     peer.materials.air.c = SOUND_SPEED

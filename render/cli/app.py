@@ -14,6 +14,7 @@ try:
     from .bench_options import bench
     from .command_group import MainGroup
     from .completion import complete_hand, complete_motion, complete_object, complete_sampling, complete_strategy
+    from .field_options import field
     from .noise_options import noise
     from .output_options import Json, Overwrite, Quiet, run_job
     from .sampling_options import Duration, Sampling, Speed, UpdateRate
@@ -228,7 +229,7 @@ def strategies(
     json: Json = False,
 ) -> None:
     """List intersection strategies and their stages, or print one as the JSON that --strategy takes."""
-    run_job(".strategies_command", "run_strategies", name, out, overwrite, json=json, quiet=quiet)
+    run_job(".file_commands", "run_strategies", name, out, overwrite, json=json, quiet=quiet)
 
 
 @app.command(short_help="Show what a file holds, or what is wrong with a mesh.")
@@ -373,6 +374,9 @@ app.command(short_help="Play stimuli that a hand should feel.")(selftest)
 
 
 app.command(short_help="Predict how loud renderings are, and listen.")(noise)
+
+
+app.command(short_help="Predict the pressure on the palm, or in a plane.")(field)
 
 
 app.command(short_help="Time contours beside other libraries.")(bench)

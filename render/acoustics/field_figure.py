@@ -1,4 +1,4 @@
-"""Pictures of radiation pressure: the print on skin or a plane with the contours on top, or a volume from three sides."""
+"""Pictures of radiation pressure: the print on skin or a plane with contours on top, or a volume from three sides."""
 
 from collections.abc import Sequence
 from pathlib import Path

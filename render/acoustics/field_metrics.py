@@ -232,15 +232,15 @@ class PoseMeter:
         for first, pressure in self._field.blocks(place, drive[frames]):
             points = place[first : first + pressure.shape[1]]
             apart = np.linalg.norm(points[None, :, None] - position[frames][:, None], axis=3).min(axis=2)
-            square = np.where(apart > width, pressure.real**2 + pressure.imag**2, 0)
+            square = np.where(apart > width, np.real(pressure) ** 2 + np.imag(pressure) ** 2, 0)
             most = max(most, float((square / at_focus[frames].max(axis=1)[:, None] ** 2).max(initial=0.0)))
         return most
 
     def _clear_of_faces(self, place: np.ndarray) -> np.ndarray:
         """Points from which all transducers are 5 mm and a piston's radius away."""
-        from scipy.spatial import cKDTree
+        from scipy.spatial import KDTree
 
-        apart = cKDTree(self._transducers.position).query(place)[0]
+        apart = KDTree(self._transducers.position).query(place)[0]
         return place[apart > NEAREST + self._transducers.piston_radius]
 
     def _away_from_faces(self, planes: list[SampledPlane]) -> list[SampledPlane]:

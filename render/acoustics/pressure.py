@@ -222,8 +222,8 @@ class PressureSum:
         some = len(drive)
         columns = -(-2 * some // COLUMNS) * COLUMNS if self._device.is_cuda else 2 * some
         signal = np.zeros((waves.shape[1], columns), np.float32)
-        signal[:count, :some], signal[count : 2 * count, :some] = drive.real.T, -drive.imag.T
-        signal[:count, some : 2 * some], signal[count : 2 * count, some : 2 * some] = drive.imag.T, drive.real.T
+        signal[:count, :some], signal[count : 2 * count, :some] = np.real(drive).T, -np.imag(drive).T
+        signal[:count, some : 2 * some], signal[count : 2 * count, some : 2 * some] = np.imag(drive).T, np.real(drive).T
         out = wp.empty((waves.shape[0], columns), dtype=wp.float32, device=self._device)
         propagate_signals(waves, wp.array(signal, device=self._device), out=out)
         both = out.numpy()

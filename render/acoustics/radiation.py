@@ -47,7 +47,7 @@ def mean_square(
     """
     mean, most = np.zeros(len(place)), np.zeros(len(place))
     for first, part in field.blocks(place, drive):
-        square = part.real**2 + part.imag**2
+        square = np.real(part) ** 2 + np.imag(part) ** 2
         stop = first + part.shape[1]
         mean[first:stop], most[first:stop] = square.mean(axis=0, dtype=np.float64), square.max(axis=0)
         if progress is not None:

@@ -55,9 +55,9 @@ def sample_plane(
 ) -> SampledPlane:
     """A grid over a rectangle, cells of about `spacing` [m]; raises StrategyError for more than 20 million points."""
     require_number("spacing", spacing, 1e-5, 1.0, unit="m")
-    middles = [_middles(side, spacing) for side in extent]
-    _require_count(len(middles[0]) * len(middles[1]), spacing)
-    return SampledPlane(np.asarray(origin, float), np.asarray(u, float), np.asarray(v, float), *middles, extent)
+    across, along = (_middles(side, spacing) for side in extent)
+    _require_count(len(across) * len(along), spacing)
+    return SampledPlane(np.asarray(origin, float), np.asarray(u, float), np.asarray(v, float), across, along, extent)
 
 
 def sample_patches(frames: PatchFrames, spacing: float) -> list[SampledPlane]:

@@ -85,12 +85,12 @@ def distance_to(polylines: Sequence[np.ndarray], points: np.ndarray, step: float
 
     step: between the points of polylines that are looked at [m]; distances of eight steps are up to 0.2 % too long.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     along = points_along(polylines, step)
     if not len(along):
         return np.full(len(points), np.inf)
-    return np.asarray(cKDTree(along).query(points)[0])
+    return np.asarray(KDTree(along).query(points)[0])
 
 
 def unevenness(square: np.ndarray) -> float | None:

@@ -10,12 +10,11 @@ try:
 
     from ..terminal import console
     from . import object_options as objects
+    from .acoustics_options import field, noise
     from .array_options import Array, Baud, Calibration, Clock, Emulate, Serial, Uncalibrated, Watchdog
     from .bench_options import bench
     from .command_group import MainGroup
     from .completion import complete_hand, complete_motion, complete_object, complete_sampling, complete_strategy
-    from .field_options import field
-    from .noise_options import noise
     from .output_options import Json, Overwrite, Quiet, run_job
     from .sampling_options import Duration, Sampling, Speed, UpdateRate
     from .selftest_options import selftest
@@ -196,7 +195,7 @@ def voxelise(
     """Turn a mesh into voxels: the way out for open meshes."""
     placement = {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at}
     run_job(
-        ".voxelise_command",
+        ".file_commands",
         "run_voxelise",
         mesh,
         out,
@@ -241,12 +240,15 @@ def info(
     solid: objects.SolidRule = None,
     weld: objects.Weld = None,
     fill_holes: objects.FillHoles = None,
+    pressure: Annotated[
+        bool, typer.Option("--pressure", help="Of contours, pressure and force at 20 random poses on an emulator, too.")
+    ] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Show what is in a contour file, in focal points or drives that a sweep keeps, or what is wrong with a mesh."""
     options = {"scale": scale, "solid": solid, "weld": weld, "fill_holes": fill_holes}
-    run_job(".file_commands", "run_info", files, options, json=json, quiet=quiet)
+    run_job(".file_commands", "run_info", files, options, pressure, json=json, quiet=quiet)
 
 
 @app.command(short_help="Check that a file or store is whole (exit 1 if not).")

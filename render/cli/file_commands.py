@@ -1,5 +1,7 @@
 """What the commands do: read, render or play, and say what came of it."""
 
+import json
+import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -18,17 +20,22 @@ from ..intersection.named_inputs import is_recording, load_hand_and_motion, load
 from ..intersection.scene import is_exact
 from ..objects.mesh.placement import Placement
 from ..objects.mesh.summary import is_mesh_name, mesh_facts
+from ..objects.voxels.files import WRITERS
+from ..objects.voxels.voxeliser import SIGNS, voxelise_file
 from ..playback.pose_insertion import insert_poses
-from ..reports.contour_figure import draw_figure
+from ..reports.contour_figure import draw_figure, require_picture
 from ..reports.file_summary import summarise, summarise_frames
+from ..reports.strategy_gallery import draw_gallery, strategy_rows
 from ..runtime.warp_start import start_warp
 from ..runtime.worker_devices import worker_devices
+from ..stages.registry import ROLES, known_stages
 from ..strategies.intersection_strategy import load_strategy
 from ..terminal import bars, console
-from ..terminal.foreign_text import print_message
-from ..validation import refuse_object
+from ..terminal.foreign_text import print_message, write_output
+from ..validation import choose, refuse_object
 
 SUFFIXES = (".h5", ".hdf5")
+VOXELISED_KINDS = ("distance", "occupancy")
 SHOWN_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
 
 
@@ -169,7 +176,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
     return console.FAILED if is_empty and job.strict else console.DONE
 
 
-def run_info(files: list[Path], options: dict, *, as_json: bool) -> None:
+def run_info(files: list[Path], options: dict, pressure: bool, *, as_json: bool) -> None:
     """Summarise files, one after the other; none if one is missing."""
     for file in files:
         if not file.exists() and not is_mesh_name(str(file)):
@@ -177,11 +184,13 @@ def run_info(files: list[Path], options: dict, *, as_json: bool) -> None:
         if is_sweep_data(file) and file.is_dir():
             raise StrategyError(f"{file} is a sweep's store: palpate sweep status {file} shows it")
     for file in files:
-        show_info(file, options, as_json=as_json)
+        show_info(file, options, pressure, as_json=as_json)
 
 
-def show_info(file: Path, options: dict, *, as_json: bool) -> None:
+def show_info(file: Path, options: dict, pressure: bool, *, as_json: bool) -> None:
     """Summarise: contours, frames that a sweep keeps, or what loading finds in a mesh with the given options."""
+    if pressure and (is_mesh_name(str(file)) or frame_format(file) is not None):
+        raise StrategyError(f"--pressure is of contour files, and {file} is none")
     if is_mesh_name(str(file)):
         start_warp()
         with bars.loading_bar(str(file), quiet=as_json) as watch:
@@ -201,7 +210,18 @@ def show_info(file: Path, options: dict, *, as_json: bool) -> None:
             f"{file} is still being written, or was interrupted: "
             f"{summary['poses_done']} of {summary['poses']} poses are done (palpate render --resume goes on)"
         )
+    if pressure:
+        summary["pressure"] = pressure_summary(file, as_json=as_json)
     console.show_values(summary, as_json=as_json, title=str(file))
+
+
+def pressure_summary(file: Path, *, as_json: bool) -> dict:
+    """Pressure of a sample of a file's poses, by the names of `PressureMetrics`."""
+    from ..acoustics.field_metrics import pressure_metrics  # it starts Warp, which other summaries do without
+
+    start_warp()
+    with bars.progress_bar("poses", quiet=as_json) as bar:
+        return pressure_metrics(file, progress=bar).as_dict()
 
 
 def run_check(files: list[Path], *, as_json: bool) -> int:
@@ -245,3 +265,67 @@ def run_figure(files: list[Path], out: Path, overwrite: bool, *, as_json: bool) 
     with bars.loading_bar(f"drawing {out}", quiet=as_json):
         draw_figure({path.stem: path for path in files}, out, overwrite=overwrite)
     console.show_values({"picture": str(out)}, as_json=as_json, title="figure")
+
+
+def run_strategies(name: str | None, out: Path | None, overwrite: bool, *, as_json: bool) -> None:
+    """Show one strategy as JSON, or list strategies and stages, and draw them if a picture is asked for."""
+    if name is not None:
+        if out is not None:
+            raise StrategyError(f"a picture shows all strategies, not {name} alone: leave out one of the two")
+        write_output(json.dumps(load_strategy(name).described(), indent=None if as_json else 1) + "\n")
+        return
+    stages = {role: {name: entry.line for name, entry in known_stages(role).items()} for role in ROLES}
+    lists: dict = {"strategies": dict(strategy_rows()), "stages": stages}
+    if out is not None:
+        require_picture(out, overwrite=overwrite)
+        start_warp()
+        with bars.loading_bar(f"drawing {out}", quiet=as_json):
+            draw_gallery(out, overwrite=overwrite)
+        lists["picture"] = str(out)
+    if as_json:
+        console.show_values(lists, as_json=True, title="strategies")
+        return
+    console.show_values(lists["strategies"], as_json=False, title="strategies")
+    for role in ROLES:
+        console.show_values(stages[role], as_json=False, title=f"{role} stages")
+    if out is not None:
+        console.show_values({"picture": str(out)}, as_json=False, title="picture")
+
+
+def run_voxelise(
+    mesh: str,
+    out: Path,
+    spacing: float,
+    kind: str,
+    sign: str,
+    placement: dict,
+    device: str,
+    overwrite: bool,
+    *,
+    as_json: bool,
+) -> None:
+    """Voxelise, write, say what came of it."""
+    kind, sign = choose("--kind", kind, VOXELISED_KINDS), choose("--sign", sign, SIGNS)
+    if not 0 < spacing < math.inf:  # a NaN compares false
+        raise StrategyError(f"--spacing must be a positive length in metres, not {spacing}")
+    if not out.name.lower().endswith(tuple(WRITERS)):
+        raise StrategyError(f"{out}: voxels are written to {', '.join(WRITERS)}")
+    if out.exists() and not overwrite:
+        raise StrategyError(f"{out}: exists; --overwrite replaces it")
+    start_warp()
+    started = perf_counter()
+    place, name = Placement(**placement), worker_devices(device, 1)[0]
+    with bars.loading_bar(mesh, quiet=as_json) as watch:
+        facts = voxelise_file(
+            mesh,
+            out,
+            spacing=spacing,
+            placement=place,
+            kind=kind,
+            sign=sign,
+            device=name,
+            watch=watch,
+            overwrite=overwrite,
+        )
+    seconds = perf_counter() - started
+    console.show_values({**facts, "bytes": out.stat().st_size, "seconds": seconds}, as_json=as_json, title=str(out))

@@ -12,22 +12,30 @@ from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.rigid import rotate
 from ...datasets.storage.durable import write_file
+from ..acoustics.drawn_frames import (
+    AVERAGES,
+    DrawnPose,
+    drawn_pose,
+    drives_of,
+    frames_of_average,
+    longest_pose,
+    pose_at,
+)
+from ..acoustics.field_metrics import planes_of, sampling_for
+from ..acoustics.pressure import PressureSum, complex_drives, follow_drives, require_places
+from ..acoustics.radiation import AIR_DENSITY, mean_square
+from ..acoustics.sampled_places import sample_plane, sample_volume
+from ..acoustics.skin_print import CELLS, SkinPrint, points_along, print_on, unevenness
+from ..acoustics.transducers import PRESSURE_AT_1M, Resonance, TransducerSet
 from ..errors import StrategyError
 from ..focal_spot import focal_width
 from ..playback.drive import Driver
 from ..playback.placed_arrays import PlacedArray, load_rig
+from ..reports.field_figure import draw_print, draw_volume
 from ..runtime.warp_start import start_warp
 from ..sampling.contour_sampling import SamplingStrategy
 from ..terminal import bars, console
 from ..validation import choose, refuse_object, require_number
-from .drawn_frames import AVERAGES, DrawnPose, drawn_pose, drives_of, frames_of_average, longest_pose, pose_at
-from .field_figure import draw_print, draw_volume
-from .field_metrics import planes_of, sampling_for
-from .pressure import PressureSum, complex_drives, follow_drives, require_places
-from .radiation import AIR_DENSITY, mean_square
-from .sampled_places import sample_plane, sample_volume
-from .skin_print import CELLS, SkinPrint, points_along, print_on, unevenness
-from .transducers import PRESSURE_AT_1M, Resonance, TransducerSet
 
 PLACES = ("palm", "plane", "volume")
 PICTURES = (".png", ".svg", ".pdf")

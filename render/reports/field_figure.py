@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ...datasets.errors import ContourFileError
-from ..reports.contour_figure import require_picture, save_picture
-from .sampled_places import SampledPlane
-from .skin_print import SkinPrint
+from ..acoustics.sampled_places import SampledPlane
+from ..acoustics.skin_print import SkinPrint
+from .contour_figure import require_picture, save_picture
 
 COLOURS = "inferno"
 LINE = "#7fd6ff"  # stands out on dark and on bright

@@ -46,7 +46,8 @@ class PairFigure:
     """What a case came to."""
 
     case: str
-    points: int
+    pairs: int
+    """Points times transducers, times frames."""
     milliseconds: float
     nanoseconds_a_pair: float
     error: float
@@ -164,7 +165,7 @@ def measure(cases: tuple[Case, ...], points: np.ndarray, device: str, rounds: in
     for case, one, taken in zip(cases, ready, seconds, strict=True):
         got = one.pressure()[:COMPARED]
         error = float(np.abs(got - np.resize(wanted, len(got))).max() / np.abs(wanted).max())
-        figures.append(PairFigure(case.name, len(points), 1e3 * taken, 1e9 * taken / one.pair_count, error, rounds))
+        figures.append(PairFigure(case.name, one.pair_count, 1e3 * taken, 1e9 * taken / one.pair_count, error, rounds))
     return figures
 
 

@@ -32,9 +32,8 @@ class PressureMetrics:
 
     >>> from palpate.render import pressure_metrics, render, static_pose
     >>> path = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc").save("cube.h5")
-    >>> found = pressure_metrics(path)
-    >>> found.poses, round(found.focus_pressure, -2), round(found.share_on_contour, 1)  # [Pa], share of the force
-    (1, 3200.0, 0.7)
+    >>> pressure_metrics(path)
+    PressureMetrics(1 poses, 3140 Pa at the focal point, 0.00945 N, 92 % of it along the contours)
     """
 
     poses: int
@@ -58,6 +57,15 @@ class PressureMetrics:
     point: side lobes, grating lobes, unwanted foci. A focus is some 7 cm long, so a tilted palm has more."""
     speed_factor: float | None
     """Pressure at the moving focal point with resonant transducers, over that of transducers that follow at once."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        if self.focus_pressure is None or self.share_on_contour is None:
+            return f"PressureMetrics({self.poses} poses, no pressure)"
+        return (
+            f"PressureMetrics({self.poses} poses, {self.focus_pressure:.0f} Pa at the focal point, {self.force:.3g} N, "
+            f"{100 * self.share_on_contour:.0f} % of it along the contours)"
+        )
 
     def as_dict(self) -> dict[str, float | int | None]:
         """By name, for JSON."""
@@ -93,6 +101,12 @@ def pressure_metrics(
 
     Raises:
         ContourFileError: no contour file. StrategyError: a hand mesh, and values out of range.
+
+    >>> from palpate.render import pressure_metrics, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc").save("cube.h5")
+    >>> found = pressure_metrics(path)
+    >>> round(found.focus_pressure, -2), round(found.speed_factor, 2)  # [Pa]; 3 % less as the focal point moves
+    (3100.0, 0.97)
     """
     require_number("poses", poses, 1, 1_000_000, whole=True)
     arrays = load_rig(array) if isinstance(array, str) else tuple(array)

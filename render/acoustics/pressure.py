@@ -67,7 +67,7 @@ def pressure_at(
     >>> drives = drive_focus(FocalPoints(focus, np.ones(1, np.float32)), "emulator")
     >>> aside = focus + [0.02, 0, 0]
     >>> np.abs(pressure_at([*focus, *aside], drives)).round(-1)  # [Pa], at the focal point and 2 cm aside
-    array([[3470.,  420.]], dtype=float32)
+    array([[3470.,  520.]], dtype=float32)
     """
     transducers = TransducerSet(array, sound_speed=sound_speed, piston_radius=piston_radius)
     require_number("pressure_at_1m", pressure_at_1m, 0.0, 1000.0, unit="Pa m")

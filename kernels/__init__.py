@@ -52,7 +52,12 @@ SWEEP_STAGES = (
     "section.tally_undrawn",
 )  # poses made where they are used, and sums over them
 DRIVE_STAGES = ("driving.focus", "driving.solve", "driving.slew")  # focal points to phases
-ACOUSTIC_STAGES = ("acoustics.resonance", "acoustics.late_power", "acoustics.propagation")  # frames to audible noise
+ACOUSTIC_STAGES = (
+    "acoustics.resonance",
+    "acoustics.propagation",
+    "acoustics.late_power",
+    "acoustics.pressure_sum",
+)  # phases to what is felt and heard
 STAGES = (
     *RENDER_STAGES,
     *FIELD_STAGES,

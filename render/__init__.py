@@ -25,8 +25,11 @@ if TYPE_CHECKING:
     from ..datasets.recordings.files import load_recording
     from ..datasets.shapes.built_in import shape_names
     from .acoustics.emission import PlayedFrames
+    from .acoustics.field_metrics import PressureMetrics, pressure_metrics
     from .acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
     from .acoustics.prediction import predict_noise
+    from .acoustics.pressure import pressure_at
+    from .acoustics.radiation import radiation_pressure
     from .acoustics.spectrum import NoiseSpectrum, level_differences
     from .acoustics.transducers import Resonance
     from .acoustics.wave_files import write_wave_files
@@ -111,8 +114,11 @@ _ROOMS = {
     ".datasets.recordings.files": "load_recording",
     ".datasets.shapes.built_in": "shape_names",
     "acoustics.emission": "PlayedFrames",
+    "acoustics.field_metrics": "PressureMetrics pressure_metrics",
     "acoustics.noise": "NoiseListener NoiseModel NoiseSignal",
     "acoustics.prediction": "predict_noise",
+    "acoustics.pressure": "pressure_at",
+    "acoustics.radiation": "radiation_pressure",
     "acoustics.spectrum": "NoiseSpectrum level_differences",
     "acoustics.transducers": "Resonance",
     "acoustics.wave_files": "write_wave_files",
@@ -209,6 +215,7 @@ __all__ = [
     "PlaneHand",
     "PlayedFrames",
     "PoseError",
+    "PressureMetrics",
     "RecordingError",
     "RecordingWarning",
     "RenderError",
@@ -260,6 +267,9 @@ __all__ = [
     "play_file",
     "predict_noise",
     "preset",
+    "pressure_at",
+    "pressure_metrics",
+    "radiation_pressure",
     "record",
     "register_point_function",
     "register_prune",

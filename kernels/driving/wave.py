@@ -52,7 +52,7 @@ def piston_polynomial(ka: float) -> np.ndarray:
 
 
 # One formula for both: what differs is how roots and sines are got, and that a fused product is asked for on CUDA.
-_WAVE = """
+WAVE = """
 #ifdef __CUDA_ARCH__
     const auto fused = [](float a, float b, float c) { return fmaf(a, b, c); };
 #else
@@ -93,7 +93,7 @@ _WAVE = """
 
 @wp.func_native(
     "#ifdef __CUDA_ARCH__"
-    + _WAVE
+    + WAVE
     + """
     wp::vec_t<2, wp::float32> wave;
     wave_at(d.c[0], d.c[1], d.c[2], normal.c[0], normal.c[1], normal.c[2], wave.c[0], wave.c[1]);
@@ -121,7 +121,7 @@ def wave(
 
 @wp.func_native(
     "#ifndef __CUDA_ARCH__"
-    + _WAVE
+    + WAVE
     + """
     const int count = position.shape[0], size = table.shape[2];
     wp::vec_t<2, wp::float32>* row = table.data + size_t(slot) * count * size + m;

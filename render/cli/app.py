@@ -20,6 +20,7 @@ try:
         complete_sampling,
         complete_strategy,
     )
+    from .options.field import field
     from .options.noise import noise
     from .options.output import Json, Overwrite, Quiet, run_job
     from .options.play import play
@@ -253,12 +254,15 @@ def info(
     solid: objects.SolidRule = None,
     weld: objects.Weld = None,
     fill_holes: objects.FillHoles = None,
+    pressure: Annotated[
+        bool, typer.Option("--pressure", help="Of contours, pressure and force at 20 random poses on an emulator, too.")
+    ] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Show what is in a contour file, in focal points or drives that a sweep keeps, or what is wrong with a mesh."""
     options = {"scale": scale, "solid": solid, "weld": weld, "fill_holes": fill_holes}
-    run_job(".file_commands", "run_info", files, options, json=json, quiet=quiet)
+    run_job(".file_commands", "run_info", files, options, pressure, json=json, quiet=quiet)
 
 
 @app.command(short_help="Check that a file or store is whole (exit 1 if not).")
@@ -334,6 +338,9 @@ app.command(short_help="Play stimuli that a hand should feel.")(selftest)
 
 
 app.command(short_help="Predict how loud renderings are, and listen.")(noise)
+
+
+app.command(short_help="Predict the pressure on the palm, or in a plane.")(field)
 
 
 app.command(short_help="Time contours beside other libraries.")(bench)

@@ -31,6 +31,7 @@ from ..terminal.foreign_text import print_message
 from ..validation import refuse_object
 
 SUFFIXES = (".h5", ".hdf5")
+VOXELISED_KINDS = ("distance", "occupancy")
 SHOWN_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
 
 
@@ -171,7 +172,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
     return console.FAILED if is_empty and job.strict else console.DONE
 
 
-def run_info(files: list[Path], options: dict, *, as_json: bool) -> None:
+def run_info(files: list[Path], options: dict, pressure: bool, *, as_json: bool) -> None:
     """Summarise files, one after the other; none if one is missing."""
     for file in files:
         if not _is_begun(file) and not is_mesh_name(str(file)):
@@ -180,7 +181,7 @@ def run_info(files: list[Path], options: dict, *, as_json: bool) -> None:
         if is_sweep_data(file) and file.is_dir():
             raise StrategyError(f"{file} is a sweep's store: palpate sweep status {file} shows it")
     for file in files:
-        show_info(file, options, as_json=as_json)
+        show_info(file, options, pressure, as_json=as_json)
 
 
 def _is_begun(file: Path) -> bool:
@@ -188,8 +189,10 @@ def _is_begun(file: Path) -> bool:
     return file.exists() or work_folder(file).exists()
 
 
-def show_info(file: Path, options: dict, *, as_json: bool) -> None:
+def show_info(file: Path, options: dict, pressure: bool, *, as_json: bool) -> None:
     """Summarise: contours, frames that a sweep keeps, or what loading finds in a mesh with the given options."""
+    if pressure and (is_mesh_name(str(file)) or frame_format(file) is not None):
+        raise StrategyError(f"--pressure is of contour files, and {file} is none")
     if is_mesh_name(str(file)):
         start_warp()
         with bars.loading_bar(str(file), quiet=as_json) as watch:
@@ -210,7 +213,18 @@ def show_info(file: Path, options: dict, *, as_json: bool) -> None:
             f"{file} is still being written, or was interrupted: "
             f"{summary['poses_done']} of {summary['poses']} poses are done (palpate render --resume goes on)"
         )
+    if pressure:
+        summary["pressure"] = pressure_summary(file, as_json=as_json)
     console.show_values(summary, as_json=as_json, title=str(file))
+
+
+def pressure_summary(file: Path, *, as_json: bool) -> dict:
+    """Pressure of a sample of a file's poses, by the names of `PressureMetrics`."""
+    from ..acoustics.field_metrics import pressure_metrics  # it starts Warp, which other summaries do without
+
+    start_warp()
+    with bars.progress_bar("poses", quiet=as_json) as bar:
+        return pressure_metrics(file, progress=bar).as_dict()
 
 
 def run_check(files: list[Path], *, as_json: bool) -> int:

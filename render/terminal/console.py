@@ -90,6 +90,12 @@ UNITS = {
     "height": "m",
     "size": "m",
     "spacing": "m",
+    "pressure_peak": "Pa, amplitude",
+    "radiation_peak": "Pa",
+    "force": "N",
+    "focal_width": "m",
+    "focus_pressure": "Pa, amplitude",
+    "focus_pressure_least": "Pa, amplitude",
 }
 """Units shown after values in tables; for --json, docs/guide/command-line.md gives them."""
 

@@ -11,6 +11,9 @@ from explorers import CASES as EXPLORER_CASES
 from explorers import measure as measure_explorers
 from paper_ratio import table
 from poses import random_poses
+from pressure import CASES as PRESSURE_CASES
+from pressure import measure as measure_pressure
+from pressure import random_points
 from recording import THINGS
 from recording import measure as measure_recording
 from scaling import measure as measure_scaling
@@ -87,3 +90,10 @@ def test_solver_cases_measure_phases_that_focus(device):
         assert figure.error is None or figure.error < 1, figure.case  # 1/256 turn
     for figure in measure_solvers(SEVERAL, focal_points(20, 4), device, 1):
         assert figure.error < 0.3, figure.case
+
+
+def test_pressure_cases_measure_the_same_field(device):
+    cases = PRESSURE_CASES if device == "cpu" else PRESSURE_CASES[:2]
+    for figure in measure_pressure(cases, random_points(100), device, 1):
+        assert figure.error < 1e-4, figure.case
+        assert figure.nanoseconds_a_pair > 0

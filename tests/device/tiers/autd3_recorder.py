@@ -69,6 +69,11 @@ class RecordingChannel:
         """
         return self._do(lambda: self._seek(time_ns, (about + ORIGIN) * 1e3)) * 1e-3 - ORIGIN
 
+    def field(self, time_ns: int, about: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The vendor's RMS pressure [Pa] in a period at the places of `peak` [m], which come first."""
+        places, pressure = self._do(lambda: self._observe(time_ns, (about + ORIGIN) * 1e3))
+        return places.T * 1e-3 - ORIGIN, pressure
+
     def dispose(self) -> None:
         self._do(self._drop)
         self._thread.shutdown()
@@ -83,13 +88,17 @@ class RecordingChannel:
         self._recorder = None
 
     def _seek(self, time_ns: int, about: np.ndarray) -> np.ndarray:
+        places, pressure = self._observe(time_ns, about)
+        return places[:, pressure.argmax()]
+
+    def _observe(self, time_ns: int, about: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x, y = [(float(middle) - 10, float(middle) + 10) for middle in about[:2]]
         option = autd3_emulator.RmsRecordOption(sound_speed=vendor.units.Velocity.from_m_s(343.0))
         grid = autd3_emulator.Grid(x, y, float(about[2]), 1.0, "xyz")
         field = self._recorder.into_record().sound_field(grid, option)
         field.skip(vendor.Duration.from_nanos(time_ns))
         pressure = _rows(field.next(vendor.Duration.from_nanos(PERIOD_NS)), float)[0]
-        return _rows(field.observe_points(), float)[:, pressure.argmax()]
+        return _rows(field.observe_points(), float), pressure
 
     def _read(self) -> np.ndarray:
         record = self._recorder.into_record()

@@ -17,6 +17,7 @@ option_table = module_from_spec(spec)
 spec.loader.exec_module(option_table)
 COMMANDS = dict(option_table.commands())
 SEVERAL_MEANINGS = {
+    "--at": "where an object is, or an instant",
     "--calibration": "devices takes several board files",
     "--device": "one, several, or only of solvers",
     "--dry-run": "of a sweep, of pruning",

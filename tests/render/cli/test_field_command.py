@@ -1,0 +1,74 @@
+"""`palpate field` and `palpate info --pressure`: numbers, pictures, arrays, refusals."""
+
+import numpy as np
+import pytest
+from command_line import MISUSED, answer, refused
+
+from palpate.render import HandMotion, Palm, StrategyError, radiation_pressure, render, static_pose
+from palpate.render.cli.field_command import FieldJob
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    batch = render("cube", Palm(), static_pose([0.0, 0.06, 0.2]), "oc")
+    return batch.save(tmp_path_factory.mktemp("field") / "still.h5")
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory):
+    pose = np.tile(static_pose([0, 0.05, 0.2]).pose, (9, 1))
+    pose[:, 1] += np.linspace(0, 0.02, 9)
+    batch = render("cube", Palm(), HandMotion(time=np.arange(9) / 90, pose=pose), "cc")
+    return batch.save(tmp_path_factory.mktemp("field") / "moving.h5")
+
+
+def test_field_reports_draws_and_writes(moving, tmp_path):
+    for where, suffix in (("palm", "png"), ("plane", "svg"), ("volume", "png"), ("palm", "npz"), ("volume", "npz")):
+        out = tmp_path / f"{where}.{suffix}"
+        average = "instant" if suffix == "npz" else "cycle"
+        places = ("--at", 0.05, "--where", where, "--average", average, "--spacing", 0.004)
+        values = answer("field", moving, *places, "-o", out)
+        assert out.stat().st_size > 1000
+        assert 2500 < values["pressure_peak"] < 6000
+        assert (values["pose"], values["where"], values["out"]) == (4, where, str(out))
+        if where != "volume":
+            assert values["share_on_contour"] is None or values["share_on_contour"] > 0.5
+            assert values["force"] > 0
+    with np.load(tmp_path / "palm.npz") as file:
+        kept = dict(file)
+    assert kept["points"].shape == (len(kept["radiation"]), 3)
+    assert radiation_pressure(kept["pressure"]) == pytest.approx(kept["radiation"], rel=1e-3, abs=1e-3)
+    with np.load(tmp_path / "volume.npz") as file:
+        assert file["radiation"].shape == (30, 30, 30)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--at", "7"], "at must lie in"),
+        (["--at", "0", "--pose", "1"], "exclude each other"),
+        (["--where", "moon"], "where must be"),
+        (["--average", "year"], "average must be"),
+        (["--size", "0.1"], "are of a plane or volume"),
+        (["--where", "plane", "--centre", "0", "0", "0.001"], "from a transducer's face"),
+        (["-o", "print.txt"], "must end in one of"),
+        (["--pose", "99"], "pose must lie in"),
+        (["--resonance", "1"], "pole must lie in"),
+    ],
+)
+def test_field_refuses_what_it_cannot_do(words, message, moving):
+    refused(MISUSED, message, "field", moving, *words)
+
+
+def test_a_picture_is_not_overwritten_unasked(tmp_path):
+    (tmp_path / "there.png").write_bytes(b"")
+    given = dict.fromkeys(FieldJob.__dataclass_fields__) | {"where": "palm", "average": "cycle", "overwrite": False}
+    with pytest.raises(StrategyError, match="exists"):
+        FieldJob(**given | {"out": tmp_path / "there.png"})
+
+
+def test_info_has_pressure_when_asked(still):
+    values = answer("info", still, "--pressure")
+    assert values["pressure"]["poses"] == 1
+    assert values["pressure"]["focus_pressure"] > 2500
+    refused(MISUSED, "--pressure is of contour files", "info", "cube", "--pressure")

@@ -31,7 +31,7 @@ class PressureMetrics:
     """Pressure of a rendering, means over sampled poses; a value is None where no sampled pose has it.
 
     >>> from palpate.render import pressure_metrics, render, static_pose
-    >>> path = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc").save("cube.h5")
+    >>> path = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc").save("cube.h5", overwrite=True)
     >>> pressure_metrics(path)
     PressureMetrics(1 poses, 3140 Pa at the focal point, 0.00945 N, 92 % of it along the contours)
     """
@@ -103,7 +103,7 @@ def pressure_metrics(
         ContourFileError: no contour file. StrategyError: a hand mesh, and values out of range.
 
     >>> from palpate.render import pressure_metrics, render, static_pose
-    >>> path = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc").save("cube.h5")
+    >>> path = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc").save("cube.h5", overwrite=True)
     >>> found = pressure_metrics(path)
     >>> round(found.focus_pressure, -2), round(found.speed_factor, 2)  # [Pa]; 3 % less as the focal point moves
     (3100.0, 0.97)

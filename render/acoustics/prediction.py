@@ -44,7 +44,7 @@ def predict_noise(
         StrategyError: less than 0.1 s, or more frames than fit into 4 GiB, with the limit.
 
     >>> from palpate.render import NoiseSpectrum, predict_noise, render, static_pose
-    >>> path = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc").save("cube.h5")
+    >>> path = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc").save("cube.h5", overwrite=True)
     >>> heard = predict_noise(path, duration=0.2)
     >>> heard
     NoiseSignal(0.2 s at 40000 Hz)

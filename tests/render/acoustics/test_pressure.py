@@ -8,7 +8,7 @@ from field_oracles import wave_matrix
 from palpate.device import array_model
 from palpate.device.array import ArrayModel
 from palpate.device.codec import encode_frames
-from palpate.kernels.acoustics.resonance import Frames, emit_frames
+from palpate.kernels.acoustics.resonance import DeviceFrames, emit_frames
 from palpate.render import Driver, FocalPoints, PlayedFrames, Resonance, StrategyError, drive_focus, pressure_at
 from palpate.render.acoustics.pressure import PressureSum, complex_drives, follow_drives, require_places
 from palpate.render.acoustics.transducers import TransducerSet
@@ -77,7 +77,7 @@ def test_resonant_transducers_follow_as_the_kernel_of_noise_has_it():
     resonance, transducers = Resonance(), TransducerSet("emulator")
     followed = follow_drives(complex_drives(frames, transducers), resonance, carrier=40e3, update_rate=10e3)
     out = wp.zeros((512, 1200), dtype=wp.float32, device="cpu")
-    on_device = Frames(wp.array(frames.delay, device="cpu"), wp.array(frames.level, device="cpu"))
+    on_device = DeviceFrames(wp.array(frames.delay, device="cpu"), wp.array(frames.level, device="cpu"))
     emit_frames(on_device, rate=0.25, pole=resonance.per_period(40e3), begin=0, end=1200, origin=0, out=out)
     signal = out.numpy()[:, 3::4]  # the last period of each frame
     assert np.abs(followed.T - (signal[:256] + 1j * signal[256:])).max() < 1e-5

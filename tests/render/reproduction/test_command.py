@@ -115,7 +115,7 @@ def test_numbers_out_of_bounds_are_refused_before_anything_is_made(code, message
 def test_a_folder_that_cannot_be_made_or_written_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     refused(FAILED, "file: cannot be made (File exists)", "reproduce", "-o", tmp_path / "file")
-    refused(FAILED, "report: cannot be made (Not a directory)", "reproduce", "-o", tmp_path / "file" / "report")
+    refused(MISUSED, "report: cannot be made (Not a directory)", "reproduce", "-o", tmp_path / "file" / "report")
     monkeypatch.setattr(command, "access", lambda path, mode: False)
     refused(FAILED, "no file can be written there (permission denied)", "reproduce", "-o", tmp_path)
 

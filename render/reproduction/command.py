@@ -16,6 +16,7 @@ from .explorations import StudySettings
 from .html_page import ROW_HEAD, html_page
 from .markdown_page import markdown_page
 from .paper_numbers import SOURCE
+from .predicted_noise import predicted_recordings
 
 NAMES = {"html": "paper.html", "markdown": "paper.md", "json": "paper.json"}
 """Files by what they are."""
@@ -27,16 +28,23 @@ INTRODUCTION = (
 
 
 def run_reproduce(
-    folder: Path, explorers: int, repetitions: int, palm: tuple[float, float] | None, overwrite: bool, *, as_json: bool
+    folder: Path,
+    explorers: int,
+    repetitions: int,
+    palm: tuple[float, float] | None,
+    recording: float,
+    overwrite: bool,
+    *,
+    as_json: bool,
 ) -> None:
     """Make the evaluation and write its three files."""
     started = perf_counter()
-    settings = StudySettings(explorers, repetitions, Palm() if palm is None else Palm(*palm))
+    settings = StudySettings(explorers, repetitions, Palm() if palm is None else Palm(*palm), recording)
     paths = {kind: folder / name for kind, name in NAMES.items()}
     _require_room(folder, list(paths.values()), overwrite=overwrite)
     start_warp()
     with bars.loading_bar("palpate reproduce", quiet=as_json) as watch:
-        found = evaluate(settings, noise=None, watch=watch)  # noise: a NoiseSource, once palpate predicts it
+        found = evaluate(settings, predicted_recordings if recording else None, watch)
     values = {**found.values, "seconds": perf_counter() - started}
     _write(paths, found, values)
     if as_json:

@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import NamedTuple
 
+from ..acoustics.spectrum import NoiseSpectrum
 from ..bench.report import machine_facts
 from ..objects.mesh.solid_mesh import MeshObject
 from ..runtime.loading_progress import Watch, unwatched
@@ -12,7 +13,7 @@ from .construction_section import construction_section
 from .explorations import FeltLengths, StudySettings, measure_lengths
 from .frequency_section import frequency_section
 from .length_ratios import block_ratios
-from .noise_recordings import NoiseRecording, compare_noise
+from .noise_recordings import compare_noise
 from .noise_section import noise_section
 from .objects_section import objects_section
 from .paper_numbers import BLOCK_COUNT, RATIOS
@@ -24,8 +25,8 @@ from .stage_times import BATCH_POSES, LIVE_POSES, MESHES, REPEATS, measure_steps
 class NoiseRecordings(NamedTuple):
     """Recordings of explorations of the cube with OC and with CC, and what a report says of them."""
 
-    open: Sequence[NoiseRecording]
-    closed: Sequence[NoiseRecording]
+    open: Sequence[NoiseSpectrum]
+    closed: Sequence[NoiseSpectrum]
     """Recording k of both is of the same exploration."""
     text: str
     """How they were made, in a few sentences."""

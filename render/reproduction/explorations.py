@@ -11,7 +11,13 @@ from ..intersection.batch_rendering import render
 from ..objects.mesh.solid_mesh import MeshObject
 from ..strategies.intersection_strategy import closed_contour
 from ..validation import require_number
-from .paper_numbers import BLOCK_COUNT, EXPLORATION_SECONDS, EXPLORER_COUNT, REPETITION_COUNT
+from .paper_numbers import (
+    BLOCK_COUNT,
+    EXPLORATION_SECONDS,
+    EXPLORER_COUNT,
+    RECORDING_SECONDS,
+    REPETITION_COUNT,
+)
 
 COUNT_MOST = 1000
 """Most explorers, and most repetitions."""
@@ -27,11 +33,15 @@ class StudySettings:
     repetitions: int = REPETITION_COUNT
     """Explorations of each block: explorer, object and one of two visual conditions."""
     palm: Palm = field(default_factory=Palm)
+    recording: float = RECORDING_SECONDS
+    """Length of each recording of noise [s]; 0: no noise."""
 
     def __post_init__(self) -> None:
         """Refuse counts that are out of bounds."""
         require_number("explorers", self.explorers, 1, COUNT_MOST, whole=True)
         require_number("repetitions", self.repetitions, 1, COUNT_MOST, whole=True)
+        if self.recording != 0:
+            require_number("recording", self.recording, 1.0, 120.0, unit="s")
 
     @property
     def exploration_count(self) -> int:
@@ -55,7 +65,12 @@ def explorer_motion(solid: MeshObject, explorer: int, repetition: int) -> HandMo
 
     explorer: 0 to COUNT_MOST - 1. repetition: 0 to BLOCK_COUNT * COUNT_MOST - 1, counted through the blocks.
     """
-    return exploration(solid, EXPLORATION_SECONDS, rate=POSE_RATE, seed=explorer + COUNT_MOST * repetition)
+    return exploration(solid, EXPLORATION_SECONDS, rate=POSE_RATE, explorer=explorer + 1, seed=repetition)
+
+
+def recorded_motion(solid: MeshObject, explorer: int, seconds: float) -> HandMotion:
+    """The motion of an explorer whose noise is recorded for so long [s]; none that `explorer_motion` gives."""
+    return exploration(solid, seconds, rate=POSE_RATE, explorer=explorer + 1, seed=BLOCK_COUNT * COUNT_MOST)
 
 
 def measure_lengths(

@@ -29,6 +29,8 @@ CLOSE_SECONDS = 0.1e-3
 OBJECTS = ("tube", "dog", "cube", "sphere", "rock")
 """Of figure 5B, in its order."""
 
+RECORDING_SECONDS = 30.0
+"""Of each of ten recordings of noise [s] (4.3.2)."""
 NOISE_RMS, NOISE_PEAK = 0.54, -1.9
 """OC louder than CC by this [dB], neither different from 0 (4.3.2)."""
 NOISE_BANDS = {"db_300_10k": 5.9, "db_40_300": 0.0, "dba": 5.6}

@@ -142,7 +142,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         changes = {"speed": speed, "update_rate": update_rate}
         given = {name: value for name, value in changes.items() if value is not None}
         sampler = Sampler(replace(sampling_of(sampling), **given))
-        blocks = list(ContourSource(self._rows(), sampler, duration))
+        blocks = list(ContourSource(self.rows(), sampler, duration))
         return SampledContours(joined(blocks), sampler.strategy, sampler.count)
 
     @explain_keywords(
@@ -177,7 +177,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
             raise StrategyError(f"watch must be a function of statistics and a number of frames, not {watch!r:.60}")
         board = None if calibration is None else Path(calibration)
         return play_contours(
-            self._rows(),
+            self.rows(),
             array=load_rig(str(array), serial=serial, calibration=board),
             sampling=sampling,
             drive=drive,
@@ -266,7 +266,8 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         if self.scene is not None and self.scene.points != "array":
             raise StrategyError(f'this needs points="array", but the batch has points="{self.scene.points}"')
 
-    def _rows(self) -> "BatchRows":
+    def rows(self) -> "BatchRows":
+        """What samplers read: contours and poses, range by range."""
         self._require_array_frame()
         return BatchRows(self.numpy(), self._moved(), Path(self.name))
 

@@ -23,6 +23,9 @@ def reproduce(
         tuple[float, float] | None,
         typer.Option(metavar="WIDTH LENGTH", help="Size of the palm [m], by default 0.085 0.085."),
     ] = None,
+    recording: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Of each of ten recordings of noise [s]; 0: no noise.")
+    ] = 30.0,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     json: Json = False,
@@ -35,6 +38,7 @@ def reproduce(
         explorers,
         repetitions,
         palm,
+        recording,
         overwrite,
         json=json,
         quiet=quiet,

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from command_line import FAILED, MISUSED, answer, refused, run
 
-from palpate.render import StrategyError
+from palpate.render import NoiseSpectrum, StrategyError
 from palpate.render.reproduction import command, evaluation
 from palpate.render.reproduction.explorations import StudySettings
-from palpate.render.reproduction.noise_recordings import NoiseRecording
 from palpate.render.reproduction.noise_section import NAMES
 
-SMALL = ("--explorers", "2", "--repetitions", "1")
+SMALL = ("--explorers", "2", "--repetitions", "1", "--recording", "2")
 VOID = {"meta", "img", "br"}
 
 
@@ -60,7 +59,7 @@ def test_the_command_makes_a_page_that_loads_nothing_and_the_numbers_beside(tmp_
     assert all(value.startswith("data:image/") for value in page.loaded)
     assert not re.search(r"@import|url\(", text)
     assert [heading.split(":")[0] for heading in page.headings] == [
-        "Figure 3", "Section 4.3.1", "Sections 4.2 and 4.3", "Figure 5B", "Figure 6C",
+        "Figure 3", "Section 4.3.1", "Section 4.3.2 and figure 4", "Sections 4.2 and 4.3", "Figure 5B", "Figure 6C",
     ]  # fmt: skip
     values = json.loads((out / "paper.json").read_text())
     assert {key: value for key, value in printed.items() if key in values} == values
@@ -70,31 +69,35 @@ def test_the_command_makes_a_page_that_loads_nothing_and_the_numbers_beside(tmp_
         assert all(found["blocks"] == 4 for found in values[reading].values())
     assert values["r"]["cube"]["mean"] >= values["r_open"]["cube"]["mean"]
     assert (values["explorers"], values["repetitions"], values["palm"]) == (2, 1, [0.085, 0.085])
-    assert "noise" not in values  # nothing is said of what is not predicted
+    assert {"db_300_10k", "db_40_300", "dba", "rms"} <= set(values["noise"])
+    assert values["noise"]["db_300_10k"] > 0  # jumps are louder than none
     markdown = " ".join((out / "paper.md").read_text().split())
     assert f"r = {values['r']['tube']['mean']:.2f}" in markdown
     assert "--explorers 2 --repetitions 1 --palm 0.085 0.085" in markdown
 
     refused(MISUSED, "paper.html: exists; --overwrite replaces it", "reproduce", "-o", out, *SMALL)
-    table = run("reproduce", "-o", out, *SMALL, "--overwrite", "--palm", "0.07", "0.1")
+    table = run("reproduce", "-o", out, *SMALL, "--overwrite", "--palm", "0.07", "0.1", "--recording", "0")
     assert table.exit_code == 0
     assert "r, cube" in table.stdout
-    assert json.loads((out / "paper.json").read_text())["palm"] == [0.07, 0.1]
+    values = json.loads((out / "paper.json").read_text())
+    assert values["palm"] == [0.07, 0.1]
+    assert "noise" not in values  # nothing is said of what is not predicted
 
 
 @pytest.mark.exhaustive
 def test_recordings_of_noise_become_a_section_and_values(brief):
     def source(settings, watch):
         frequency = 44100 / 1024 * np.arange(1, 513)
-        steady = [NoiseRecording(frequency, np.zeros(512) + k, float(k), 0.0) for k in range(3)]
-        louder = [one._replace(level=one.level + 2.0) for one in steady]
+        steady = [NoiseSpectrum(frequency, np.full(512, 10 ** (k / 10)), 1.0) for k in range(3)]
+        louder = [NoiseSpectrum(frequency, one.power * 10**0.2, 2.0) for one in steady]
         return evaluation.NoiseRecordings(louder, steady, "Made by hand.", dict.fromkeys((*NAMES, "shape"), "known"))
 
     seen = []
     found = evaluation.evaluate(StudySettings(1, 1), source, lambda stage, done, total: seen.append(stage))
     assert [section.title for section in found.sections][2] == "Section 4.3.2 and figure 4: audible noise"
     assert found.values["noise"]["db_300_10k"] == pytest.approx(2.0)
-    assert found.values["noise"]["rms"] == 0.0
+    assert found.values["noise"]["rms"] == pytest.approx(2.0)
+    assert found.values["noise"]["peak"] == pytest.approx(20 * np.log10(2))
     assert list(dict.fromkeys(seen)) == ["time of stages", "explorations", "pictures"]
 
 
@@ -123,4 +126,4 @@ def test_a_folder_that_cannot_be_made_or_written_is_refused(tmp_path, monkeypatc
 def test_a_folder_with_the_name_of_a_file_is_not_replaced(tmp_path):
     (tmp_path / "paper.md").mkdir()
     with pytest.raises(StrategyError, match=r"paper\.md: is a folder"):
-        command.run_reproduce(tmp_path, 1, 1, None, True, as_json=True)
+        command.run_reproduce(tmp_path, 1, 1, None, 0.0, True, as_json=True)

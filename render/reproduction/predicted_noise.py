@@ -22,7 +22,7 @@ RECORDINGS_MOST = 10
 """The paper made ten; fewer explorers make fewer."""
 WHY = {
     "db_300_10k": "Each end of an open contour is a jump: a click. The paper's CC also lies on the noise of a room.",
-    "db_40_300": 'Both have the flicker of a beam that goes round. The caption\'s "less below 300 Hz" is the first bin.',
+    "db_40_300": 'Both flicker as the beam goes round. The caption\'s "less below 300 Hz" is the first bin alone.',
     "dba": "As from 300 Hz to 10 kHz, where ears hear best.",
     "rms": "Most of the power lies below 300 Hz. More virtual sources than 2,000 raise it: docs/measured/noise.md.",
     "peak": "Peaks are the beam that switches on when the palm meets the cube, the same for both. The paper's was not "
@@ -48,9 +48,9 @@ def predicted_recordings(settings: StudySettings, watch: Watch) -> NoiseRecordin
             spectra.append(spectrum)
             watch("audible noise", len(spectra), len(batches))
     text = (
-        f"{count} explorers each explore the cube for {settings.recording:g} s, once drawn with OC and once with CC, at "
-        "7 m/s and 40,000 focal points a second on 16 x 16 transducers. Their frames go through resonant transducers (a "
-        "pole at 1 kHz); the squared pressure at 2,000 virtual sources in the beam is heard 7 cm above the array and 15 "
-        "cm aside. Spectra are Welch's, 1,024 samples at 44.1 kHz. No background noise was added."
+        f"{count} explorers each explore the cube for {settings.recording:g} s, once drawn with OC and once with CC, "
+        "at 7 m/s and 40,000 focal points a second on 16 x 16 transducers. Their frames go through resonant "
+        "transducers (a pole at 1 kHz); the squared pressure at 2,000 virtual sources in the beam is heard 7 cm above "
+        "the array and 15 cm aside. Spectra are Welch's, 1,024 samples at 44.1 kHz. No background noise was added."
     )
     return NoiseRecordings(spectra[:count], spectra[count:], text, WHY)

@@ -80,7 +80,7 @@ def edge_sharing_cubes():
 
 def shell():
     """A rock with a cavity, and a cube in the cavity."""
-    rock = built_in("rock")
+    rock = built_in("boulder")
     return merged(rock, flipped(moved(rock, scale=0.7)), moved(built_in("cube"), scale=0.2))
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import pyvista
 import trimesh
 
 import palpate.device
@@ -20,7 +19,6 @@ from palpate.render import (
     Palm,
     RenderError,
     SamplingStrategy,
-    VoxelObject,
     closed_contour,
     draw_figure,
     exploration,
@@ -41,8 +39,6 @@ from palpate.render import (
 
 TUBE = MeshObject.load("tube")
 STILL = static_pose([0, 0, 0.2])
-IMAGE = pyvista.ImageData(dimensions=(4, 4, 4))
-IMAGE["density"] = np.arange(64)
 OPEN = trimesh.Trimesh([[0, 0, 0.2], [0.1, 0, 0.2], [0, 0.1, 0.2]], [[0, 1, 2]])
 
 
@@ -62,9 +58,6 @@ ALONE = {
     "no motion": (lambda: render(TUBE, "palm", None), "the motion must be a HandMotion"),
     "seconds for a motion": (lambda: render(TUBE, "palm", 30), "the motion must be a HandMotion"),
     "voxels for a mesh": (lambda: render(np.zeros((4, 4, 4)), "palm", STILL), "VoxelObject(values, spacing=METRES)"),
-    "an image for a mesh": (lambda: MeshObject(IMAGE), "VoxelObject(image.active_scalars"),
-    "an image for voxels": (lambda: VoxelObject(IMAGE), "VoxelObject(image.active_scalars"),
-    "no mesh of several": (lambda: MeshObject(pyvista.MultiBlock()), "has no mesh"),
     "texts for arrays": (lambda: MeshObject("a", "b"), "MeshObject.load(path) loads a file"),
     "fields for a strategy": (lambda: render(TUBE, "palm", STILL, {}), "IntersectionStrategy(**fields)"),
     "an argument of a motion": (lambda: render(TUBE, "palm", STILL, duration=3), "exploration(solid, duration=30.0"),

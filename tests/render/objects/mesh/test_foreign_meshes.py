@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.render import MeshObject
-from palpate.render.errors import MeshError, PlacementError
+from palpate.render import MeshObject, VoxelObject
+from palpate.render.errors import MeshError, PlacementError, RenderError
 
 
 @pytest.fixture
@@ -57,3 +57,14 @@ def test_placement_by_its_fields(ball):
 def test_vertices_without_faces_are_no_mesh(given):
     with pytest.raises(MeshError, match="is no mesh: give vertices and faces"):
         MeshObject(given)
+
+
+def test_what_pyvista_has_beside_meshes_is_answered_by_the_way_out():
+    pyvista = pytest.importorskip("pyvista", reason="PyVista is not installed: pip install -e '.[dev]'")
+    image = pyvista.ImageData(dimensions=(4, 4, 4))
+    image["density"] = np.arange(64)
+    for taken in (MeshObject, VoxelObject):
+        with pytest.raises(RenderError, match=r"VoxelObject\(image\.active_scalars"):
+            taken(image)
+    with pytest.raises(MeshError, match="has no mesh"):
+        MeshObject(pyvista.MultiBlock())

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from ...device.array import ArrayModel
 from ..acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
 from ..acoustics.prediction import frames_of
@@ -27,6 +29,9 @@ def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
         require_picture(options["out"], overwrite=options["overwrite"])
     signals = _signals(files, options, as_json=as_json)
     spectra = {file: NoiseSpectrum.of(signal) for file, signal in signals.items()}
+    for file, spectrum in spectra.items():
+        if not np.isfinite(spectrum.rms):
+            console.warn(f"{file}: there is nothing to hear, as nothing is drawn; its levels are those of silence")
     first = spectra[files[0]]
     rows = [
         {"path": str(file), **spectrum.levels(), "difference": level_differences(spectrum, first)}

@@ -249,5 +249,16 @@ def test_the_command_compares_with_the_first_file_and_writes_what_is_asked(files
     refused(2, "holds one static pose", "noise", _static(tmp_path))
 
 
+def test_silence_is_said_and_has_no_level(tmp_path):
+    far = exploration(MeshObject.load("cube"), duration=0.3, seed=3)
+    path = render(MeshObject.load("cube", at=(0.5, 0, 0.2)), Palm(), far, "cc").save(tmp_path / "far.h5")
+    result = run("noise", path, "--json")
+    assert "there is nothing to hear" in result.stderr
+    (row,) = json.loads(result.stdout)["files"]
+    assert row["dba"] is None
+    assert row["difference"]["dba"] is None
+    refused(2, "nothing to hear", "noise", path, "--wav")
+
+
 def _static(folder: Path) -> Path:
     return render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(folder / "static.h5")

@@ -13,6 +13,7 @@ from ..focal_spot import NEAREST
 from ..hands.hand import Hand, hand_from
 from ..playback.drive import Driver, Drives
 from ..playback.file_playback import opened
+from ..playback.focus_source import ContourRows
 from ..playback.placed_arrays import PlacedArray
 from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy, joined
 from ..sampling.path import Path as ContourPath
@@ -50,10 +51,14 @@ def drawn_pose(file: ContourFile, index: int) -> DrawnPose:
     """One pose of a file; raises StrategyError for a number that it has not."""
     if not 0 <= index < file.pose_count:
         raise StrategyError(f"pose must lie in 0..{file.pose_count - 1} of {file.path}, not {index}")
-    motion = file.motion(index, index + 1)
+    return drawn_row(file, index, hand_from(file.hand, file.hand_arrays()))
+
+
+def drawn_row(rows: ContourRows, index: int, hand: Hand) -> DrawnPose:
+    """One pose of contours on a hand."""
+    motion = rows.motion(index, index + 1)
     time = None if "time" not in motion else float(motion["time"][0])
-    batch = ContourBatch.from_arrays(file.contours(index, index + 1))
-    return DrawnPose(index, motion["pose"][0], time, hand_from(file.hand, file.hand_arrays()), batch)
+    return DrawnPose(index, motion["pose"][0], time, hand, ContourBatch.from_arrays(rows.contours(index, index + 1)))
 
 
 def pose_at(file: ContourFile, seconds: float) -> int:

@@ -49,12 +49,13 @@ def played_frames(opened: Opened, driver: Driver) -> PlayedFrames:
     first = 0
     for focus in opened.source:
         stop = first + len(focus.intensity)
-        _round_block(driver, focus, delay[first:stop], level[first:stop])
+        round_block(driver, focus, delay[first:stop], level[first:stop])
         first = stop
     return PlayedFrames(delay[:first], level[:first], opened.update_rate)
 
 
-def _round_block(driver: Driver, focus: FocalPoints, delay: np.ndarray, level: np.ndarray) -> None:
+def round_block(driver: Driver, focus: FocalPoints, delay: np.ndarray, level: np.ndarray) -> None:
+    """Write the frames of a block of focal points, as boards round them, to `delay` and `level`."""
     drives = driver.drive(focus)
     column = 0
     for array, part in zip(driver.arrays, driver.split(drives), strict=True):

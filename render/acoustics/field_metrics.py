@@ -9,11 +9,13 @@ import numpy as np
 from ...datasets.contour_file.reader import ContourFile
 from ..errors import StrategyError
 from ..focal_spot import focal_width
+from ..hands.hand import Hand, hand_from
 from ..playback.drive import Driver, DriveStrategy
+from ..playback.focus_source import ContourRows
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..sampling.contour_sampling import SamplingStrategy
 from ..validation import require_number
-from .drawn_frames import DrawnPose, cycle_of, drawn_pose, drives_of, is_reachable
+from .drawn_frames import DrawnPose, cycle_of, drawn_row, drives_of, is_reachable
 from .pressure import NEAREST, PressureSum, complex_drives, follow_drives
 from .radiation import mean_square
 from .sampled_places import SampledPlane, sample_patches, sample_plane
@@ -111,17 +113,31 @@ def pressure_metrics(
     require_number("poses", poses, 1, 1_000_000, whole=True)
     arrays = load_rig(array) if isinstance(array, str) else tuple(array)
     strategy = sampling_for(sampling, arrays)
+    meter = PoseMeter(arrays, strategy, drive, resonance or Resonance(), pressure_at_1m, device)
     with ContourFile(path) as file:
-        length = file.metrics()["length"]
-        candidates = np.flatnonzero(length > 0)
-        some = min(poses, len(candidates))
-        chosen = np.sort(np.random.default_rng(seed).choice(candidates, some, replace=False)) if some else candidates
-        meter = PoseMeter(arrays, strategy, drive, resonance or Resonance(), pressure_at_1m, device)
-        found = []
-        for done, index in enumerate(chosen.tolist()):
-            found.append(meter.measure(drawn_pose(file, index)))
-            if progress is not None:
-                progress(done + 1, len(chosen))
+        hand = hand_from(file.hand, file.hand_arrays())
+        return measure_sample(file, hand, file.metrics()["length"], meter, poses=poses, seed=seed, progress=progress)
+
+
+def measure_sample(
+    rows: ContourRows,
+    hand: Hand,
+    length: np.ndarray,
+    meter: "PoseMeter",
+    *,
+    poses: int = SAMPLE,
+    seed: int = 0,
+    progress: Callable[[int, int], object] | None = None,
+) -> PressureMetrics:
+    """The same of contours on a hand; length: of each pose's contours [m]."""
+    candidates = np.flatnonzero(length > 0)
+    some = min(poses, len(candidates))
+    chosen = np.sort(np.random.default_rng(seed).choice(candidates, some, replace=False)) if some else candidates
+    found = []
+    for done, index in enumerate(chosen.tolist()):
+        found.append(meter.measure(drawn_row(rows, index, hand)))
+        if progress is not None:
+            progress(done + 1, len(chosen))
     return PressureMetrics(
         poses=len(found),
         seed=seed,

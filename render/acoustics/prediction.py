@@ -7,7 +7,7 @@ from pathlib import Path
 from ...device.array import ArrayModel
 from ..errors import StrategyError
 from ..playback.drive import Driver, DriveStrategy
-from ..playback.file_playback import Opened, opened, sampled
+from ..playback.file_playback import opened, sampled
 from ..playback.focus_source import ContourRows
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..sampling.contour_sampling import SamplingStrategy
@@ -74,17 +74,18 @@ def frames_of(
         way = nullcontext(sampled(contours, sampling, duration, arrays))
     with way as source:
         models = [placed.model for placed in arrays]
-        _require_room(source, models)
+        require_room(source.source.frame_count, source.update_rate, models)
         driver = Driver(models, drive, update_rate=source.update_rate, device=device)
         return played_frames(source, driver)
 
 
-def _require_room(source: Opened, models: Sequence[ArrayModel]) -> None:
+def require_room(frame_count: int, update_rate: float, models: Sequence[ArrayModel]) -> None:
+    """Raise StrategyError for more frames than fit into BYTES_MOST."""
     frame_bytes = sum(model.transducer_count for model in models)
-    needed = source.source.frame_count * frame_bytes
+    needed = frame_count * frame_bytes
     if needed > BYTES_MOST:
-        seconds = BYTES_MOST / frame_bytes / source.update_rate
+        seconds = BYTES_MOST / frame_bytes / update_rate
         raise StrategyError(
-            f"{source.source.frame_count} frames need {needed / 1e9:.3g} GB of memory, {BYTES_MOST / 1e9:.3g} GB at "
+            f"{frame_count} frames need {needed / 1e9:.3g} GB of memory, {BYTES_MOST / 1e9:.3g} GB at "
             f"most: give duration={seconds:.0f} or less"
         )

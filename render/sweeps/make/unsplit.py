@@ -15,6 +15,7 @@ from ...intersection.scene import Scene
 from ...playback.focus_source import ContourRows, ContourSource
 from ...sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
 from ..plan.recipe import Recipe
+from .acoustic_metrics import NoiseMeter, measure_pressure
 from .keep import (
     DriveKeeper,
     FocusKeeper,
@@ -118,7 +119,7 @@ def _sampled(
 
 def _nothing(place: Place, reason: str) -> dict[str, Any]:
     """What stands for a group that a recipe cannot have."""
-    names = NUMBERS if place[0] == "sampling" else ("path",)
+    names = {"sampling": NUMBERS, "noise": (), "pressure": ()}.get(place[0], ("path",))
     return {**dict.fromkeys(names), "reason": reason, "seconds": {}}
 
 
@@ -155,18 +156,23 @@ def _walked(
     frame_count = ContourSource(contours, Sampler(strategy)).frame_count
     made: dict[Place, dict[str, Any]] = {}
     with ExitStack() as stack:
-        keepers: dict[Place, FocusKeeper | DriveKeeper] = {}
+        keepers: dict[Place, FocusKeeper | DriveKeeper | NoiseMeter] = {}
         for place, recipe in asked.items():
             if place[0] in KEEPERS:
-                keepers[place] = KEEPERS[place[0]](recipe, place[1], store, strategy, frame_count)
-                stack.enter_context(keepers[place].file)
-        counted = len(keepers) < len(asked)
+                keeper = KEEPERS[place[0]](recipe, place[1], store, strategy, frame_count)
+                stack.enter_context(keeper.file)
+                keepers[place] = keeper
+            elif place[0] == "noise":
+                keepers[place] = NoiseMeter(recipe, strategy, frame_count)
+            elif place[0] == "pressure":
+                made[place] = measure_pressure(contours, scene.hand, strategy, recipe)
+        counted = any(place[0] == "sampling" for place in asked)
         numbers = sample_recipe(
             contours, motion, scene.hand, strategy, [*keepers.values(), Ticker(tick)], counted=counted
         )
         seconds = numbers["seconds"]
         for place in asked:
-            payload = keepers[place].publish() if place in keepers else numbers
+            payload = keepers[place].publish() if place in keepers else made.get(place, numbers)
             made[place] = {**payload, "seconds": seconds}
             seconds = {}  # counted once
     return dict(made)

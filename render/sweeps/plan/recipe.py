@@ -32,6 +32,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "frequency": SAMPLED,
     "poses": SAMPLED,
     "sampling": SAMPLED,
+    "noise": DRIVEN,
+    "pressure": DRIVEN,
     "keep-contours": RENDERING,
     "keep-focal-points": SAMPLED,
     "keep-drives": DRIVEN,
@@ -44,11 +46,11 @@ _PART_OF = {
     **dict.fromkeys(("sampling", "speed", "update", "foci"), "sampling"),
     **dict.fromkeys(("array", "drive"), "array"),
 }  # by the first word of a column; every other column is of the motion
-WHOLE_GROUPS = ("sampling", "keep-contours", "keep-focal-points", "keep-drives")
+WHOLE_GROUPS = ("sampling", "noise", "pressure", "keep-contours", "keep-focal-points", "keep-drives")
 """Groups that are made of a whole recipe at once."""
 USER_METRIC = "metric "
 """What the name of a group begins with whose numbers a user's function computes of contours (`user_metric`)."""
-METRICS = ("contours", "frequency", "sampling")
+METRICS = ("contours", "frequency", "sampling", "noise", "pressure")
 KEPT = ("contours", "focal-points", "drives")
 KEY_DIGITS = 32
 CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)

@@ -64,6 +64,15 @@ METRICS: dict[str, dict[str, str]] = {
     "contours": CONTOUR_METRICS,
     "frequency": FREQUENCY_METRICS,
     "sampling": SAMPLING_METRICS,
+    "noise": {f"noise_{name}": "dB" for name in ("db_40_300", "db_300_10k", "dba", "rms", "peak")},
+    "pressure": {
+        "pressure_focus_pressure": "Pa",
+        "pressure_force": "N",
+        "pressure_share_on_contour": "1",
+        "pressure_unevenness": "1",
+        "pressure_elsewhere": "1",
+        "pressure_speed_factor": "1",
+    },
 }
 """Columns of each group, with their units; lengths and areas are means over all poses, empty ones included."""
 
@@ -254,8 +263,8 @@ def _columns(recipe: Recipe, group: str, payloads: Sequence[Mapping[str, Any]]) 
         return _contours(payloads, closes(recipe.strategy))
     if group == "frequency":
         return {name: _statistic(payloads, name).mean for name in FREQUENCY_METRICS}
-    if group == "sampling":
-        return {name: payloads[0].get(name) if payloads else None for name in SAMPLING_METRICS}
+    if group in ("sampling", "noise", "pressure"):
+        return {name: payloads[0].get(name) if payloads else None for name in METRICS[group]}
     if is_user_metric(group):
         return _user_columns(function_of(group), payloads)
     return {KEPT[group]: payloads[0].get("path") if payloads else None} if group in KEPT else {}

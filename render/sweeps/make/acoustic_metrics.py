@@ -1,0 +1,69 @@
+"""Audible noise of a whole recipe, and pressure at a sample of its poses: how loud it is, and how it presses."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...acoustics.emission import PlayedFrames, round_block
+from ...acoustics.field_metrics import PoseMeter, measure_sample
+from ...acoustics.noise import DURATION_LEAST, NoiseListener
+from ...acoustics.prediction import require_room
+from ...acoustics.transducers import PRESSURE_AT_1M, Resonance
+from ...contour_batch import ContourBatch
+from ...hands.hand import Hand
+from ...hands.mesh_hand import MeshHand
+from ...playback.drive import Driver
+from ...playback.focus_source import POINTS_A_READ, ContourRows
+from ...playback.placed_arrays import PlacedArray
+from ...sampling.contour_sampling import FocalPoints, SamplingStrategy
+from ..plan.recipe import Recipe
+from .rendering import arrays_of
+
+
+class NoiseMeter:
+    """Takes the focal points of a recipe; then tells the levels of the noise that they make [dB].
+
+    Raises StrategyError for more frames than fit into memory, DeviceError for arrays that cannot play the sampling.
+    """
+
+    def __init__(self, recipe: Recipe, strategy: SamplingStrategy, frame_count: int) -> None:
+        models, drive = arrays_of(recipe.array)
+        for model in models:
+            model.divider(strategy.update_rate)
+        require_room(frame_count, strategy.update_rate, models)
+        self._driver = Driver(models, drive, update_rate=strategy.update_rate)
+        self._delay = np.empty((frame_count, sum(model.transducer_count for model in models)), np.uint8)
+        self._level = np.zeros(frame_count, np.float32)
+        self._count, self._rate = 0, strategy.update_rate
+
+    def take(self, focus: FocalPoints) -> None:
+        """Frames of the next focal points."""
+        stop = self._count + len(focus.intensity)
+        round_block(self._driver, focus, self._delay[self._count : stop], self._level[self._count : stop])
+        self._count = stop
+
+    def publish(self) -> dict[str, Any]:
+        """Levels, by their columns; None of silence, and of less than a spectrum needs."""
+        frames = PlayedFrames(self._delay[: self._count], self._level[: self._count], self._rate)
+        if frames.duration < DURATION_LEAST:
+            return {"reason": f"{frames.duration:g} s are too short for a spectrum", "seconds": {}}
+        levels = NoiseListener(self._driver.arrays).listen(frames).spectrum().levels()
+        heard = {f"noise_{name}": level if math.isfinite(level) else None for name, level in levels.items()}
+        return {**heard, "seconds": {}}
+
+
+def measure_pressure(contours: ContourRows, hand: Hand, strategy: SamplingStrategy, recipe: Recipe) -> dict[str, Any]:
+    """Pressure of a recipe at a sample of its poses, by its columns; none of a hand that is a mesh."""
+    if isinstance(hand, MeshHand):
+        return {"reason": "pressure is predicted on patches of skin, not on meshes", "seconds": {}}
+    models, drive = arrays_of(recipe.array)
+    parts = [
+        ContourBatch.from_arrays(contours.contours(first, stop)).length()
+        for first, stop in contours.blocks(point_limit=POINTS_A_READ)
+    ]
+    length = np.concatenate(parts) if parts else np.zeros(0)
+    arrays = tuple(PlacedArray(model) for model in models)
+    meter = PoseMeter(arrays, strategy, drive, Resonance(), PRESSURE_AT_1M, "cpu")
+    found = measure_sample(contours, hand, length, meter).as_dict()
+    return {**{f"pressure_{name}": value for name, value in found.items()}, "seconds": {}}

@@ -132,6 +132,8 @@ class HandMotion:
 
     def _warn_of_units(self, name: str = "motion") -> None:
         """Warn (RecordingWarning) of positions that look like millimetres, and of times that look like milliseconds."""
+        if self.provenance is not None:  # made here
+            return
         reach = max(float(self.pose[:, :3].max()), -float(self.pose[:, :3].min()))
         if _REACH_LIKELY < reach <= 1e3 * _REACH_LIKELY:
             warn_user(

@@ -1,10 +1,14 @@
 """Frames of a playback, as the boards play them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...device.array import ArrayModel
 from ...device.codec import round_drives
+from ...device.registry import kind_of
+from ..errors import StrategyError
 from ..playback.drive import Driver
 from ..playback.file_playback import Opened
 from ..sampling.contour_sampling import FocalPoints
@@ -54,12 +58,20 @@ def played_frames(opened: Opened, driver: Driver) -> PlayedFrames:
     return PlayedFrames(delay[:first], level[:first], opened.update_rate)
 
 
+def require_alike(arrays: Sequence[ArrayModel]) -> None:
+    """Raise StrategyError for arrays that round amplitudes differently: a frame has one amplitude here."""
+    steps = {kind_of(array).layout.amplitude_steps for array in arrays}
+    if len(steps) > 1:
+        names = ", ".join(dict.fromkeys(array.name for array in arrays))
+        raise StrategyError(f"arrays {names} have other steps of amplitude; predict arrays of one kind together")
+
+
 def round_block(driver: Driver, focus: FocalPoints, delay: np.ndarray, level: np.ndarray) -> None:
     """Write the frames of a block of focal points, as boards round them, to `delay` and `level`."""
+    require_alike(driver.arrays)
     drives = driver.drive(focus)
     column = 0
     for array, part in zip(driver.arrays, driver.split(drives), strict=True):
         end = column + array.transducer_count
-        # Arrays may round amplitudes otherwise: the last one's stand for all, as a frame has one here.
         delay[:, column:end], level[:] = round_drives(part.delay, part.amplitude, array=array)
         column = end

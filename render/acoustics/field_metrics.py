@@ -42,7 +42,7 @@ class PressureMetrics:
     """Sampled poses; all have contours."""
     seed: int
     """Of the sample."""
-    focal_width: float
+    focal_width: float | None
     """Mean FWHM of p^2 across the focus at the palms' places [m]."""
     focus_pressure: float | None
     """Pressure amplitude at the focal point, as the boards round it [Pa], right to some 50 %; mean over frames."""
@@ -141,7 +141,7 @@ def measure_sample(
     return PressureMetrics(
         poses=len(found),
         seed=seed,
-        focal_width=_mean([each["focal_width"] for each in found]) or 0.0,
+        focal_width=_mean([each["focal_width"] for each in found]),
         focus_pressure=_mean([each["focus_pressure"] for each in found]),
         focus_pressure_least=min(
             (each["focus_pressure_least"] for each in found if each["focus_pressure_least"] is not None), default=None

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
+from ...datasets.rigid import rotate
 from ...device.array import ArrayModel
 from ...kernels.acoustics.late_power import split_lags, sum_late_power
 from ...kernels.acoustics.propagation import ROWS, propagate_signals, wave_rows
@@ -31,6 +32,9 @@ KINDS = ("beam", "transducers")
 PERIODS = {"cpu": 4096, "cuda": 1 << 17}  # of a block: 8 MiB of 256 transducers, 256 MiB
 SOURCES_MOST = 100_000
 DURATION_LEAST = 0.1  # [s]: some spectra of 1024 samples
+CLEARANCE = 0.02  # [m] of sources and the microphone to transducers, and of the microphone to sources
+FARTHEST = 30.0  # [m] of the microphone
+TRIES = 20  # draws of all sources, of which those near transducers are left out
 DELAYED_MOST = 4000  # periods by which one source may be later than another: 34 m
 
 
@@ -57,13 +61,13 @@ class NoiseModel:
     """Virtual sources of the beam. 2,000 elsewhere change OC - CC by 0.2 dB; 50,000 raise it by 2 dB, since the steady
     part of a smooth contour's noise is that of few sources."""
     box: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-0.1, -0.1, 0.03), (0.1, 0.1, 0.4))
-    """Corners of the box that holds them [m], common frame: by default over the aperture."""
+    """Corners of the box that holds them [m], in the frame of the first array: by default over its aperture."""
     seed: int = 0
     """Of the sources' places."""
     is_late: bool = False
-    """Whether a farther source is heard later."""
+    """Whether a farther source of the beam is heard later; transducers always are."""
     microphone: tuple[float, float, float] | None = None
-    """[m], common frame; None: the founding paper's, 7 cm over the face and 15 cm aside of the array."""
+    """[m], in the frame of the first array; None: the founding paper's, 7 cm over the face and 15 cm aside of it."""
     sound_speed: float = SOUND_SPEED
     """[m/s]"""
 
@@ -71,25 +75,54 @@ class NoiseModel:
         """Raise StrategyError for a value out of its range."""
         require_choice("kind", self.kind, KINDS)
         require_number("sources", self.sources, 1, SOURCES_MOST, whole=True)
-        low, high = np.array(self.box, float)
-        if not (np.isfinite([low, high]).all() and (low < high).all()):
+        require_number("seed", self.seed, 0, 2**63 - 1, whole=True)
+        require_number("sound_speed", self.sound_speed, 300.0, 400.0, unit="m/s (speed of sound in air)")
+        corners = [_three_numbers(corner) for corner in self.box] if len(self.box) == 2 else [None]
+        low, high = corners[0], corners[-1]
+        if low is None or high is None or not (low < high).all():
             raise StrategyError(f"box must be two corners [m], the first one below the second, not {self.box}")
-        if self.microphone is not None and not np.isfinite(self.microphone).all():
-            raise StrategyError(f"microphone must be three finite numbers [m], not {self.microphone}")
+        if self.microphone is None:
+            return
+        place = _three_numbers(self.microphone)
+        if place is None or np.abs(place).max() > FARTHEST:
+            raise StrategyError(f"microphone must be three numbers [m] up to {FARTHEST:g}, not {self.microphone}")
 
     def places(self, transducers: TransducerSet) -> np.ndarray:
         """Where the noise comes from [m], shape [source, 3]."""
         if self.kind == "transducers":
             return transducers.position
-        low, high = np.array(self.box, float)
-        return np.random.default_rng(self.seed).uniform(low, high, (self.sources, 3))
+        rng, low, high = np.random.default_rng(self.seed), *np.array(self.box, float)
+        found = np.zeros((0, 3))
+        for _ in range(TRIES):
+            drawn = _from_array(transducers, rng.uniform(low, high, (self.sources, 3)))
+            found = np.concatenate([found, drawn[transducers.nearest(drawn) >= CLEARANCE]])
+            if len(found) >= self.sources:
+                return found[: self.sources]
+        raise StrategyError(f"box {self.box} m leaves no room {CLEARANCE:g} m away from all transducers")
 
     def microphone_of(self, transducers: TransducerSet) -> np.ndarray:
         """The microphone's place [m], shape [3]."""
-        if self.microphone is not None:
-            return np.array(self.microphone, float)
-        edge = transducers.position[:, 0].max() + 5.25e-3  # half a transducer's pitch
-        return np.array([edge + ASIDE, 0.0, ABOVE])
+        place = self.microphone
+        if place is None:
+            first = transducers.arrays[0]
+            own = (first.unplaced or first).position
+            place = (float(own[:, 0].max()) + 5.25e-3 + ASIDE, 0.0, ABOVE)  # half a pitch beyond the last transducer
+        return _from_array(transducers, np.array([place], float))[0]
+
+
+def _three_numbers(value: object) -> np.ndarray | None:
+    """Three finite numbers; None for anything else."""
+    try:
+        numbers = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        return None
+    return numbers if numbers.shape == (3,) and np.isfinite(numbers).all() else None
+
+
+def _from_array(transducers: TransducerSet, place: np.ndarray) -> np.ndarray:
+    """Places in the first array's frame [m], shape [place, 3], in the common one."""
+    pose = transducers.arrays[0].pose
+    return pose[:3] + rotate(pose[3:], place)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +152,7 @@ class NoiseSignal:
         """Its spectrum, bands and levels; raises StrategyError for less than 50 ms."""
         from .spectrum import NoiseSpectrum
 
-        return NoiseSpectrum.of_samples(self.samples, self.rate)
+        return NoiseSpectrum.of(self)
 
     def __repr__(self) -> str:
         """One line."""
@@ -153,14 +186,21 @@ class NoiseListener:
         self._device = wp.get_device(device)
         place, microphone = self.model.places(self.transducers), self.model.microphone_of(self.transducers)
         distance = np.linalg.norm(place - microphone, axis=1)
-        if distance.min() < 0.01:
-            raise StrategyError(f"microphone {microphone.tolist()} m is {distance.min():.3g} m from a source of noise")
+        if min(distance.min(), transducers_away := self.transducers.nearest(microphone[None])[0]) < CLEARANCE:
+            away = min(float(distance.min()), float(transducers_away))
+            raise StrategyError(
+                f"microphone {np.round(microphone, 4).tolist()} m is {away:.3g} m from a source of noise, must be "
+                f"{CLEARANCE:g} m at least"
+            )
         lag = (distance - distance.min()) / self.model.sound_speed * self.transducers.carrier
         if not self.model.is_late and self.model.kind == "beam":
             lag = np.zeros_like(lag)
         if lag.max() > DELAYED_MOST:
             raise StrategyError(f"microphone {microphone.tolist()} m: sources are up to {np.ptp(distance):.3g} m apart")
-        self._rows, lag, weight = self._propagation(place, lag, 1 / distance / len(place))
+        weight = 1 / distance / len(place)
+        if self.model.kind == "transducers":
+            weight = weight * self.transducers.works
+        self._rows, lag, weight = self._propagation(place, lag, weight)
         whole, share = split_lags(lag, weight)
         self._lead = int(whole.max()) + 2  # periods that are looked back
         self._pole = self.model.resonance.per_period(self.transducers.carrier)
@@ -200,6 +240,13 @@ class NoiseListener:
             raise StrategyError(
                 f"frames are of {frames.delay.shape[1]} transducers, the arrays have {len(self.transducers.position)}"
             )
+        if len(frames.level) != len(frames.delay) or not np.isfinite(frames.level).all():
+            raise StrategyError(
+                f"frames must have one finite level each, not {len(frames.level)} levels of {len(frames.delay)} frames"
+            )
+        if frames.delay.dtype != np.uint8:
+            raise StrategyError(f"delays must be bytes in 1/256 turn, not {frames.delay.dtype}")
+        require_number("update_rate", frames.update_rate, 1.0, self.transducers.carrier, unit="Hz")
         if frames.duration < DURATION_LEAST:
             raise StrategyError(f"{frames.duration:g} s are too short for a spectrum: {DURATION_LEAST:g} s are needed")
         delay = wp.array(np.ascontiguousarray(frames.delay), device=self._device, copy=False)

@@ -75,6 +75,8 @@ def frames_of(
     with way as source:
         models = [placed.model for placed in arrays]
         require_room(source.source.frame_count, source.update_rate, models)
+        for model in models:
+            model.divider(source.update_rate)
         driver = Driver(models, drive, update_rate=source.update_rate, device=device)
         return played_frames(source, driver)
 

@@ -13,7 +13,7 @@ from ..errors import StrategyError
 from ..focal_spot import PISTON_RADIUS, SOUND_SPEED
 from ..playback.drive import Drives
 from ..validation import require_number
-from .emission import PlayedFrames
+from .emission import PlayedFrames, require_alike
 from .transducers import PRESSURE_AT_1M, Resonance, TransducerSet
 
 NEAREST = 5e-3  # [m] of a point to a transducer's face: nearer, a piston is no point
@@ -147,7 +147,8 @@ def _require_width(drive: np.ndarray, count: int) -> None:
 
 
 def _as_played(delay: np.ndarray, amplitude: np.ndarray, arrays: Sequence[ArrayModel]) -> tuple[np.ndarray, np.ndarray]:
-    """Delays [turns] and levels as boards round them; of several arrays, levels are the last one's."""
+    """Delays [turns] and levels as boards round them; raises StrategyError where they have other steps of amplitude."""
+    require_alike(arrays)
     turns, level, column = np.empty(delay.shape, np.float32), np.asarray(amplitude, np.float32), 0
     for array in arrays:
         end = column + array.transducer_count

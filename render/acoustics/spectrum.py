@@ -11,6 +11,7 @@ RATE = 44_100.0  # [Hz] of the paper's spectra: bins of 44100 / 1024 Hz (Fig. 4)
 WINDOW = 1024  # samples, Hann
 BANDS = {"40_300": (40.0, 300.0), "300_10k": (300.0, 10_000.0)}
 """[Hz], those of the founding paper's 4.3.2."""
+SETTLING = 0.02  # [s] from silence to a steady beam: a thump that belongs to no rendering
 AUDIBLE = (20.0, 15_000.0)  # [Hz]
 
 
@@ -31,7 +32,7 @@ class NoiseSpectrum:
     power: np.ndarray
     """Of each bin, in the square of the signal's unit."""
     peak: float
-    """Largest magnitude of the signal, without its mean."""
+    """Largest magnitude of the signal from 20 Hz on."""
 
     def __repr__(self) -> str:
         """One line."""
@@ -40,19 +41,20 @@ class NoiseSpectrum:
 
     @classmethod
     def of(cls, signal: NoiseSignal) -> "NoiseSpectrum":
-        """Of a signal; raises StrategyError for one of less than two windows."""
-        return cls.of_samples(signal.samples, signal.rate)
+        """Of a signal after SETTLING, in which the beam builds up; raises StrategyError for less than two windows."""
+        return cls.of_samples(signal.samples[round(SETTLING * signal.rate) :], signal.rate)
 
     @classmethod
     def of_samples(cls, samples: np.ndarray, rate: float) -> "NoiseSpectrum":
         """Of samples at a rate [Hz], resampled to 44.1 kHz."""
-        from scipy.signal import welch
+        from scipy.signal import butter, sosfiltfilt, welch
 
         audible = resampled(samples, rate)
         if len(audible) < 2 * WINDOW:
             raise StrategyError(f"{len(samples) / rate:g} s are too short: {2 * WINDOW / RATE:.3g} s are needed")
         frequency, density = welch(audible, RATE, "hann", WINDOW, WINDOW // 2, detrend="constant")
-        return cls(frequency, density * (frequency[1] - frequency[0]), float(np.abs(audible).max()))
+        heard = sosfiltfilt(butter(2, AUDIBLE[0], "highpass", fs=RATE, output="sos"), audible)
+        return cls(frequency, density * (frequency[1] - frequency[0]), float(np.abs(heard).max()))
 
     def band(self, low: float, high: float) -> float:
         """Level of the bins in low..high [Hz], in dB of the signal's unit; -inf if nothing is there."""
@@ -122,5 +124,5 @@ def level_differences(spectrum: NoiseSpectrum, reference: NoiseSpectrum) -> dict
     >>> round(level_differences(loud, soft)["dba"], 2)
     6.02
     """
-    own, other = spectrum.levels(), reference.levels()
+    own, other = spectrum.levels(), reference.levels()  # of silence -inf: a difference is -inf, inf or nan
     return {name: own[name] - other[name] for name in own}

@@ -78,6 +78,19 @@ class TransducerSet:
         """Unit vectors, shape [transducer, 3]."""
 
     @property
+    def works(self) -> np.ndarray:
+        """Which transducers emit at all, bool, shape [transducer]: the others have gain 0 in a board file.
+
+        Other gains make transducers of one board alike, so what they emit is what was asked for.
+        """
+        return np.concatenate([array.gain for array in self.arrays]) > 0
+
+    def nearest(self, point: np.ndarray) -> np.ndarray:
+        """Distance of points [m], shape [point, 3], to the nearest transducer; shape [point]."""
+        parts = [point[first : first + 1024] for first in range(0, len(point), 1024)]
+        return np.concatenate([self.distances(part).min(axis=1) for part in parts])
+
+    @property
     def wavelength(self) -> float:
         """[m]"""
         return self.sound_speed / self.carrier
@@ -102,4 +115,4 @@ class TransducerSet:
         square = 1 - cosine**2
         a, b, c, d = self._directivity
         level = 1 + square * (a + square * (b + square * (c + square * d)))
-        return level / distance * np.exp(-2j * np.pi / self.wavelength * distance)
+        return self.works * level / distance * np.exp(-2j * np.pi / self.wavelength * distance)

@@ -10,10 +10,9 @@ import numpy as np
 from ...datasets.storage.durable import write_file
 from ..errors import StrategyError
 from .noise import NoiseSignal
-from .spectrum import RATE, resampled
+from .spectrum import RATE, SETTLING, resampled
 
 PEAK = 0.9  # of full scale, for the loudest of all signals
-SETTLING = 0.02  # [s] from silence to a steady beam: a thump that belongs to no rendering
 
 
 def write_wave_files(signals: Mapping[Path, NoiseSignal], *, overwrite: bool = False) -> None:

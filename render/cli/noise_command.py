@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...datasets.errors import ContourFileError, name_nothing
+from ...datasets.known_names import likely_file
 from ...device.array import ArrayModel
 from ..acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
 from ..acoustics.prediction import frames_of
@@ -25,28 +27,42 @@ KINDS = ("beam", "transducers")
 def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
     """Predict, compare with the first file, and write what is asked for."""
     waves = _wave_files(files, options)
-    if options["out"] is not None:
-        require_picture(options["out"], overwrite=options["overwrite"])
+    out = options["out"]
+    if out is not None:
+        require_picture(out, overwrite=options["overwrite"])
+        if not out.parent.is_dir():
+            raise StrategyError(f"{out}: there is no folder {out.parent}")
     signals = _signals(files, options, as_json=as_json)
     spectra = {file: NoiseSpectrum.of(signal) for file, signal in signals.items()}
     for file, spectrum in spectra.items():
         if not np.isfinite(spectrum.rms):
             console.warn(f"{file}: there is nothing to hear, as nothing is drawn; its levels are those of silence")
+    durations = [signal.duration for signal in signals.values()]
+    if max(durations) > 1.02 * min(durations):
+        console.warn(f"files last {min(durations):g} to {max(durations):g} s: levels of different motions are compared")
     first = spectra[files[0]]
     rows = [
-        {"path": str(file), **spectrum.levels(), "difference": level_differences(spectrum, first)}
+        {
+            "path": str(file),
+            "duration": signals[file].duration,
+            **spectrum.levels(),
+            "difference": level_differences(spectrum, first),
+        }
         for file, spectrum in spectra.items()
     ]
     if waves:
         write_wave_files({waves[file]: signal for file, signal in signals.items()}, overwrite=options["overwrite"])
     if options["out"] is not None:
-        draw_noise({file.stem: signal for file, signal in signals.items()}, options["out"])
+        stems = [file.stem for file in signals]
+        label = {file: str(file) if stems.count(file.stem) > 1 else file.stem for file in signals}
+        draw_noise({label[file]: signal for file, signal in signals.items()}, options["out"])
     written = {
         "wav": [str(path) for path in waves.values()] or None,
         "picture": None if options["out"] is None else str(options["out"]),
     }
     if as_json:
-        console.show_values({"files": rows, **written}, as_json=True, title="")
+        chosen = {name: options[name] for name in ("array", "sampling", "source", "sources", "pole", "slew")}
+        console.show_values({"files": rows, **written, "options": chosen}, as_json=True, title="")
         return
     for row in rows:
         difference = row["difference"] if row is not rows[0] else None
@@ -89,9 +105,13 @@ def _wave_files(files: list[Path], options: dict) -> dict[Path, Path]:
     """Where each file's sound goes; empty if none is asked for."""
     for file in files:
         refuse_object(file)
-    if len(set(files)) != len(files):
-        raise StrategyError(f"{files[0]}: a file is named twice")
+        if not file.exists():
+            raise name_nothing(ContourFileError(f"{file} does not exist{likely_file(file)}"))
+    if len({file.resolve() for file in files}) != len(files):
+        raise StrategyError(f"{', '.join(map(str, files))}: a file is named twice")
     waves = {file: file.with_suffix(".wav") for file in files} if options["wav"] else {}
+    if len(set(waves.values())) != len(waves):
+        raise StrategyError(f"{', '.join(map(str, files))}: two files would have one WAV; rename one")
     for path in waves.values():
         require_wave_file(path, overwrite=options["overwrite"])
     return waves

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..acoustics.noise import NoiseSignal
 from ..acoustics.spectrum import RATE, NoiseSpectrum, resampled
+from ..errors import StrategyError
 from ..terminal.foreign_text import visible
 from .contour_figure import LINES, save_picture
 
@@ -23,6 +24,8 @@ def draw_noise(signals: Mapping[str, NoiseSignal], picture: Path, *, dpi: int = 
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     spectra = {label: NoiseSpectrum.of(signal) for label, signal in signals.items()}
+    if not any(np.isfinite(spectrum.rms) for spectrum in spectra.values()):
+        raise StrategyError("there is nothing to draw: no file makes any sound")
     loudest = max(float(spectrum.level[1:].max()) for spectrum in spectra.values())
     over_time = {label: level_over_time(signal) for label, signal in signals.items()}
     highest = np.nanmax([level for _, level in over_time.values()])

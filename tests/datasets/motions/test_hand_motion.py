@@ -166,6 +166,7 @@ def motions(draw):
 
 
 @pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore:.*(positions reach|looks like milliseconds)")
 @pytest.mark.parametrize("suffix", [".csv", ".CSV", ".h5", ".hdf5"])
 def test_saved_motion_reads_back_to_the_last_bit(tmp_path_factory, suffix):
     path = tmp_path_factory.mktemp("motion") / f"hand{suffix}"

@@ -149,7 +149,7 @@ def test_figure_is_drawn_of_files_of_one_object_and_motion(rendered, motion, tmp
     run("render", "cube", motion, "-o", tmp_path / "cube.h5")
     refused(MISUSED, "another object", "figure", rendered, tmp_path / "cube.h5", "-o", tmp_path / "two.png")
     refused(MISUSED, "must end in one of .png", "figure", rendered, "-o", tmp_path / "picture.bmp")
-    refused(FAILED, "cannot be written", "figure", rendered, "-o", tmp_path / "none" / "picture.png")
+    refused(MISUSED, "cannot be written", "figure", rendered, "-o", tmp_path / "none" / "picture.png")
 
 
 @pytest.mark.exhaustive
@@ -225,7 +225,7 @@ def test_bad_objects_motions_and_options_are_refused(motion, tmp_path):
     refused(MISUSED, "must end in .h5", "render", "cube", motion, "-o", tmp_path / "out.txt")
     refused(MISUSED, "--seed is for a synthetic exploration", "render", "cube", motion, "-o", out, "--seed", "3")
     refused(MISUSED, "duration must be", "render", "cube", "exploration", "-o", out, "--duration", "-1")
-    refused(FAILED, "no folder", "render", "cube", motion, "-o", tmp_path / "none" / "out.h5")
+    refused(MISUSED, "no folder", "render", "cube", motion, "-o", tmp_path / "none" / "out.h5")
     bad = tmp_path / "bad.csv"
     for rows, message in (
         ("0,0,0,0.2,0,0,0,1\n0,0,0,0.2,0,0,0,1\n", "line 3"),

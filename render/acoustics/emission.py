@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,8 +11,12 @@ from ...device.codec import round_drives
 from ...device.registry import kind_of
 from ..errors import StrategyError
 from ..playback.drive import Driver
-from ..playback.file_playback import Opened
 from ..sampling.contour_sampling import FocalPoints
+
+if TYPE_CHECKING:
+    from ..playback.file_playback import Opened
+
+BYTES_MOST = 4 << 30  # of frames in memory: 7 minutes of 256 transducers at 40 kHz
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +50,7 @@ class PlayedFrames:
         return len(self.level) / self.update_rate
 
 
-def played_frames(opened: Opened, driver: Driver) -> PlayedFrames:
+def played_frames(opened: "Opened", driver: Driver) -> PlayedFrames:
     """Frames of all focal points, rounded as each board rounds them."""
     frame_count = opened.source.frame_count
     delay = np.empty((frame_count, sum(array.transducer_count for array in driver.arrays)), np.uint8)
@@ -75,3 +80,15 @@ def round_block(driver: Driver, focus: FocalPoints, delay: np.ndarray, level: np
         end = column + array.transducer_count
         delay[:, column:end], level[:] = round_drives(part.delay, part.amplitude, array=array)
         column = end
+
+
+def require_room(frame_count: int, update_rate: float, models: Sequence[ArrayModel]) -> None:
+    """Raise StrategyError for more frames than fit into BYTES_MOST."""
+    frame_bytes = sum(model.transducer_count for model in models)
+    needed = frame_count * frame_bytes
+    if needed > BYTES_MOST:
+        seconds = BYTES_MOST / frame_bytes / update_rate
+        raise StrategyError(
+            f"{frame_count} frames need {needed / 1e9:.3g} GB of memory, {BYTES_MOST / 1e9:.3g} GB at "
+            f"most: give duration={seconds:.0f} or less"
+        )

@@ -4,17 +4,13 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from ...device.array import ArrayModel
-from ..errors import StrategyError
 from ..playback.drive import Driver, DriveStrategy
 from ..playback.file_playback import opened, sampled
 from ..playback.focus_source import ContourRows
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..sampling.contour_sampling import SamplingStrategy
-from .emission import PlayedFrames, played_frames
+from .emission import PlayedFrames, played_frames, require_room
 from .noise import NoiseListener, NoiseModel, NoiseSignal, Progress
-
-BYTES_MOST = 4 << 30  # of frames in memory: 7 minutes of 256 transducers at 40 kHz
 
 
 def predict_noise(
@@ -79,15 +75,3 @@ def frames_of(
             model.divider(source.update_rate)
         driver = Driver(models, drive, update_rate=source.update_rate, device=device)
         return played_frames(source, driver)
-
-
-def require_room(frame_count: int, update_rate: float, models: Sequence[ArrayModel]) -> None:
-    """Raise StrategyError for more frames than fit into BYTES_MOST."""
-    frame_bytes = sum(model.transducer_count for model in models)
-    needed = frame_count * frame_bytes
-    if needed > BYTES_MOST:
-        seconds = BYTES_MOST / frame_bytes / update_rate
-        raise StrategyError(
-            f"{frame_count} frames need {needed / 1e9:.3g} GB of memory, {BYTES_MOST / 1e9:.3g} GB at "
-            f"most: give duration={seconds:.0f} or less"
-        )

@@ -12,15 +12,8 @@ from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.rigid import rotate
 from ...datasets.storage.durable import write_file
-from ..acoustics.drawn_frames import (
-    AVERAGES,
-    DrawnPose,
-    drawn_pose,
-    drives_of,
-    frames_of_average,
-    longest_pose,
-    pose_at,
-)
+from ..acoustics.averaged_frames import AVERAGES, frames_of_average
+from ..acoustics.drawn_frames import DrawnPose, drawn_pose, drives_of, longest_pose, pose_at
 from ..acoustics.field_metrics import planes_of, sampling_for
 from ..acoustics.pressure import PressureSum, complex_drives, follow_drives, require_places
 from ..acoustics.radiation import AIR_DENSITY, mean_square

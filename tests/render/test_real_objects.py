@@ -53,7 +53,7 @@ def torn(path):
 )
 def test_a_real_object_is_rendered_and_played(make, tmp_path, request):
     thing = torn(request.getfixturevalue("outside_data") / make) if isinstance(make, str) else make()
-    motion = exploration(thing.bounds, duration=1.0, rate=90.0, seed=1)
+    motion = exploration(thing.bounds, duration=1.0, rate=90.0, seed=1, model="around")
     path = tmp_path / "real.h5"
     record(path, thing, Palm(), motion, closed_contour())
     assert check_file(path) == []
@@ -69,7 +69,7 @@ def test_a_torn_dog_made_of_voxels_is_the_dog():
     vertices, faces = shape("dog")
     whole, torn_one = MeshObject(vertices, faces, name="dog"), MeshObject(vertices, faces[3:], name="torn dog")
     things = [whole, *(voxelise(thing, spacing=0.0015) for thing in (whole, torn_one))]
-    motion = exploration(whole.bounds, duration=6.0, rate=30.0, seed=1)
+    motion = exploration(whole.bounds, duration=6.0, rate=30.0, seed=1, model="around")
     strategy = replace(closed_contour(), step=0.0005)
     mesh, solid, closed = (render(thing, Palm(), motion, strategy).length().mean() for thing in things)
     assert mesh > 0.02

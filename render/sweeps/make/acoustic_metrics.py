@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ...acoustics.emission import PlayedFrames, round_block
+from ...acoustics.emission import PlayedFrames, require_room, round_block
 from ...acoustics.field_metrics import PoseMeter, measure_sample
 from ...acoustics.noise import DURATION_LEAST, NoiseListener
-from ...acoustics.prediction import require_room
 from ...acoustics.transducers import PRESSURE_AT_1M, Resonance
 from ...contour_batch import ContourBatch
 from ...hands.hand import Hand

@@ -28,7 +28,8 @@ COMPUTING = (
     "render/stages/prune.py",  # the next three are imported by name: stages by their registry,
     "render/stages/built_in.py",
     "render/strategies/presets.py",  # and presets by their table
-    "device/boards/*/geometry.py",  # arrays are registered when `device` is imported; drives depend on their geometry
+    "device/boards/*/geometry.py",  # arrays are registered when `device` is imported; drives depend on their geometry,
+    "device/boards/*/layout.py",  # and noise and pressure on how they round
 )
 """Modules from which all that computes results is reached; paths or patterns, from `HOUSE` on."""
 LIBRARIES = ("numpy", "scipy", "trimesh", "manifold3d", "warp-lang")

@@ -24,7 +24,8 @@ from palpate.render import (
     render,
     static_pose,
 )
-from palpate.render.acoustics.drawn_frames import cycle_of, drawn_pose, frames_of_average, longest_pose, pose_at
+from palpate.render.acoustics.averaged_frames import frames_of_average
+from palpate.render.acoustics.drawn_frames import cycle_of, drawn_pose, longest_pose, pose_at
 from palpate.render.acoustics.field_metrics import planes_of, sampling_for
 from palpate.render.acoustics.pressure import PressureSum, complex_drives
 from palpate.render.acoustics.radiation import mean_square

@@ -241,7 +241,7 @@ def test_bad_objects_motions_and_options_are_refused(motion, tmp_path):
     refused(MISUSED, "seed", "render", "cube", "exploration", "-o", out, "--seed", "9" * 30)
     refused(MISUSED, "poses", "render", "cube", "exploration", "-o", out, "--rate", "1e300")
     refused(MISUSED, "bounds", "render", "cube", "exploration", "-o", out, "--scale", "1e30")
-    refused(FAILED, "not a contour file", "info", "/")
+    refused(MISUSED, "not a contour file", "info", "/")
     assert not out.exists()
     assert not list(tmp_path.glob("*.partial"))
 

@@ -150,6 +150,7 @@ def test_options_of_another_kind_of_thing_are_refused(folder, tmp_path, monkeypa
 
 
 @pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore:motion. positions reach 9 m")
 def test_contours_that_stages_removed_are_told_from_poses_that_meet_nothing(folder, tmp_path):
     strategy, away = tmp_path / "away.json", tmp_path / "away.csv"
     strategy.write_text('{"prune": ["outside", {"stage": "small", "perimeter": 1.0}], "transform": ["close"]}')

@@ -43,7 +43,7 @@ def tube():
 
 @pytest.fixture(scope="module")
 def motion(tube):
-    whole = exploration(tube.bounds, duration=6.0, rate=90.0, seed=3)
+    whole = exploration(tube.bounds, duration=6.0, rate=90.0, seed=3, model="around")
     return HandMotion(whole.time[:200] - whole.time[0], whole.pose[:200])
 
 

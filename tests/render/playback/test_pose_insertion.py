@@ -101,7 +101,7 @@ def test_what_appears_and_disappears_takes_a_bounded_number_of_poses():
     motion = HandMotion([0.0, 1 / 90], palm_at([[0, 0, 0.25], [0, 0, 0.28]]))
     assert insert_poses(CUBE, Palm(), motion, closed_contour(), distance=1e-3).inserted == 0  # silence is no step
     tube = MeshObject.load("tube")
-    motion = exploration(tube.bounds, duration=10.0, rate=90.0, seed=1)
+    motion = exploration(tube.bounds, duration=10.0, rate=90.0, seed=1, model="around")
     denser = insert_poses(tube, Palm(), motion, closed_contour(), distance=2e-3)
     per_interval = np.diff(np.flatnonzero(np.isin(denser.time, motion.time)))
     assert 1 < per_interval.max() <= 2**9
@@ -115,7 +115,7 @@ def test_what_appears_and_disappears_takes_a_bounded_number_of_poses():
 def test_no_direction_is_worth_a_longer_step_at_a_new_pose(name, seed, strategy, update_rate, steps):
     """Where contours part and merge, the nearest one may run the other way."""
     thing, ordinary = MeshObject.load(name), 7.0 / update_rate
-    motion = exploration(thing.bounds, duration=10.0, rate=90.0, seed=seed)
+    motion = exploration(thing.bounds, duration=10.0, rate=90.0, seed=seed, model="around")
     denser = insert_poses(thing, Palm(), motion, strategy(), distance=steps * ordinary)
     count = counted(thing, denser, update_rate, strategy())[0]
     assert count.jumps["pose"] == 0
@@ -130,7 +130,7 @@ def test_no_direction_is_worth_a_longer_step_at_a_new_pose(name, seed, strategy,
 def test_no_step_at_a_new_pose_is_longer_than_twice_two_ordinary_ones(update_rate, steps, hops):
     """The counters, and steps of the focal points at the times of poses, by subtraction."""
     tube = MeshObject.load("tube")
-    motion = exploration(tube.bounds, duration=10.0, rate=90.0, seed=1)
+    motion = exploration(tube.bounds, duration=10.0, rate=90.0, seed=1, model="around")
     ordinary = 7.0 / update_rate
     before = counted(tube, motion, update_rate)[0]
     assert before.hops["pose"] > 100

@@ -213,7 +213,7 @@ def test_a_dry_run_tells_every_recipe_that_will_fail(tmp_path, monkeypatch):
     """18 of 120: an open sheet has no closed contours, and each of these strategies needs them."""
     monkeypatch.chdir(tmp_path)
     box = trimesh.creation.box((0.1, 0.1, 0.1))
-    trimesh.Trimesh(box.vertices, box.faces[:-1], process=False).export(tmp_path / "sheet.stl")
+    trimesh.Trimesh(box.vertices + np.array([0, 0, 0.2]), box.faces[:-1], process=False).export(tmp_path / "sheet.stl")
     assert not trimesh.load_mesh(tmp_path / "sheet.stl").is_watertight  # what trimesh thinks of it
     (tmp_path / "a.toml").write_text(
         'metrics = ["contours"]\n[object]\nsource = ["cube", "sphere", "tube", "sheet.stl"]\n'

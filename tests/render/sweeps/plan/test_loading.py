@@ -324,7 +324,10 @@ FAULTS = [
         f'keep = ["drives"]\n{SHORT}[array]\nsource = "sonicsurface"',
         "plan.toml:1: keep: drives of stm cannot be played",
     ),
-    (f'metrics = ["contour"]\n{SHORT}', "plan.toml:1: metrics: must be one of contours, frequency, sampling, not"),
+    (
+        f'metrics = ["contour"]\n{SHORT}',
+        "plan.toml:1: metrics: must be one of contours, frequency, sampling, noise, pressure, not",
+    ),
     (f"metrics = []\n{SHORT}", "plan.toml:1: metrics: is empty, and there is nothing to keep either"),
     (f"per_pose = 1\n{SHORT}", "plan.toml:1: per_pose: must be true or false, not 1"),
     (f'device = "gpu"\n{SHORT}', "plan.toml:1: device: must be auto, cpu, cuda, cuda:0 or a list of these, not 'gpu'"),
@@ -535,6 +538,7 @@ def test_plans_of_the_document_are_plans(folder):
         3 * 4 * 2,
         3 * 2,
         2 * 64,
+        10 * 2,
     ]
 
 

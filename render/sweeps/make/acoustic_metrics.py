@@ -1,6 +1,8 @@
 """Audible noise of a whole recipe, and pressure at a sample of its poses: how loud it is, and how it presses."""
 
 import math
+from collections.abc import Callable
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -21,12 +23,20 @@ from .rendering import arrays_of
 
 
 class NoiseMeter:
-    """Takes the focal points of a recipe; then tells the levels of the noise that they make [dB].
+    """Takes the focal points of a recipe, and predicts the levels of the noise that they make [dB].
 
+    All frames are in memory until then. tick: called after every block of periods, as a sign of progress.
     Raises StrategyError for more frames than fit into memory, DeviceError for arrays that cannot play the sampling.
     """
 
-    def __init__(self, recipe: Recipe, strategy: SamplingStrategy, frame_count: int) -> None:
+    def __init__(
+        self,
+        recipe: Recipe,
+        strategy: SamplingStrategy,
+        frame_count: int,
+        *,
+        tick: Callable[[], object] = lambda: None,
+    ) -> None:
         models, drive = arrays_of(recipe.array)
         for model in models:
             model.divider(strategy.update_rate)
@@ -34,7 +44,7 @@ class NoiseMeter:
         self._driver = Driver(models, drive, update_rate=strategy.update_rate)
         self._delay = np.empty((frame_count, sum(model.transducer_count for model in models)), np.uint8)
         self._level = np.zeros(frame_count, np.float32)
-        self._count, self._rate = 0, strategy.update_rate
+        self._count, self._rate, self._tick = 0, strategy.update_rate, tick
 
     def take(self, focus: FocalPoints) -> None:
         """Frames of the next focal points."""
@@ -43,26 +53,42 @@ class NoiseMeter:
         self._count = stop
 
     def publish(self) -> dict[str, Any]:
-        """Levels, by their columns; None of silence, and of less than a spectrum needs."""
+        """Levels, by their columns: None where nothing is heard; no levels of less than a spectrum needs."""
+        started = perf_counter()
         frames = PlayedFrames(self._delay[: self._count], self._level[: self._count], self._rate)
         if frames.duration < DURATION_LEAST:
             return {"reason": f"{frames.duration:g} s are too short for a spectrum", "seconds": {}}
-        levels = NoiseListener(self._driver.arrays).listen(frames).spectrum().levels()
+        signal = NoiseListener(self._driver.arrays).listen(frames, lambda *_: self._tick())
+        levels = signal.spectrum().levels()
         heard = {f"noise_{name}": level if math.isfinite(level) else None for name, level in levels.items()}
-        return {**heard, "seconds": {}}
+        return {**heard, "seconds": {"noise": perf_counter() - started}}
 
 
-def measure_pressure(contours: ContourRows, hand: Hand, strategy: SamplingStrategy, recipe: Recipe) -> dict[str, Any]:
-    """Pressure of a recipe at a sample of its poses, by its columns; none of a hand that is a mesh."""
+def measure_pressure(
+    contours: ContourRows,
+    hand: Hand,
+    strategy: SamplingStrategy,
+    recipe: Recipe,
+    *,
+    tick: Callable[[], object] = lambda: None,
+) -> dict[str, Any]:
+    """Pressure of a recipe at a sample of its poses, by its columns; none of a hand that is a mesh.
+
+    tick: called after every pose, as a sign of progress.
+    """
+    started = perf_counter()
     if isinstance(hand, MeshHand):
         return {"reason": "pressure is predicted on patches of skin, not on meshes", "seconds": {}}
     models, drive = arrays_of(recipe.array)
-    parts = [
-        ContourBatch.from_arrays(contours.contours(first, stop)).length()
-        for first, stop in contours.blocks(point_limit=POINTS_A_READ)
-    ]
+    for model in models:
+        model.divider(strategy.update_rate)
+    parts = []
+    for first, stop in contours.blocks(point_limit=POINTS_A_READ):
+        parts.append(ContourBatch.from_arrays(contours.contours(first, stop)).length())
+        tick()
     length = np.concatenate(parts) if parts else np.zeros(0)
     arrays = tuple(PlacedArray(model) for model in models)
     meter = PoseMeter(arrays, strategy, drive, Resonance(), PRESSURE_AT_1M, "cpu")
-    found = measure_sample(contours, hand, length, meter).as_dict()
-    return {**{f"pressure_{name}": value for name, value in found.items()}, "seconds": {}}
+    found = measure_sample(contours, hand, length, meter, progress=lambda *_: tick()).as_dict()
+    by_column = {f"pressure_{name}": value for name, value in found.items()}
+    return {**by_column, "seconds": {"pressure": perf_counter() - started}}

@@ -103,18 +103,30 @@ def _repaired(
 def _sampled(
     rendering: Rendering, motion: HandMotion, sampled: Wanted, store: Path, device: str, tick: Callable[[], object]
 ) -> Made:
-    """Groups that are made of focal points, by one walk through the contours for each sampling strategy."""
-    by_sampling: dict[SamplingStrategy, dict[Place, Recipe]] = {}
-    for place, recipe in sampled.items():
-        by_sampling.setdefault(sampling_of(recipe.sampling), {})[place] = recipe
+    """Groups that are made of focal points, walk by walk through the contours."""
     made: Made = {}
     try:
         with contours_of(rendering.scene, motion, rendering.key, store, device) as contours:
-            for strategy, asked in by_sampling.items():
+            for strategy, asked in walks_of(sampled):
                 made |= _walk(contours, motion, rendering.scene, strategy, asked, store, tick)
     except Exception as error:  # a kept file that cannot be read
         made |= {place: error for place in sampled if place not in made}
     return made
+
+
+def walks_of(sampled: Wanted) -> list[tuple[SamplingStrategy, dict[Place, Recipe]]]:
+    """Groups that are made by one walk through the focal points: all of one sampling strategy, but one noise at most.
+
+    Noise has all frames of a recipe in memory, up to 4 GiB; further arrays of the same sampling get walks of their own.
+    """
+    by_sampling: dict[SamplingStrategy, list[dict[Place, Recipe]]] = {}
+    for place, recipe in sampled.items():
+        walks = by_sampling.setdefault(sampling_of(recipe.sampling), [{}])
+        walk = walks[0]
+        if place[0] == "noise" and any(group == "noise" for group, _ in walk):
+            walks.append(walk := {})
+        walk[place] = recipe
+    return [(strategy, walk) for strategy, walks in by_sampling.items() for walk in walks]
 
 
 def _nothing(place: Place, reason: str) -> dict[str, Any]:
@@ -163,16 +175,18 @@ def _walked(
                 stack.enter_context(keeper.file)
                 keepers[place] = keeper
             elif place[0] == "noise":
-                keepers[place] = NoiseMeter(recipe, strategy, frame_count)
+                keepers[place] = NoiseMeter(recipe, strategy, frame_count, tick=tick)
             elif place[0] == "pressure":
-                made[place] = measure_pressure(contours, scene.hand, strategy, recipe)
+                made[place] = measure_pressure(contours, scene.hand, strategy, recipe, tick=tick)
+        if len(made) == len(asked):  # pressure alone needs no focal points but those of its sample
+            return dict(made)
         counted = any(place[0] == "sampling" for place in asked)
         numbers = sample_recipe(
             contours, motion, scene.hand, strategy, [*keepers.values(), Ticker(tick)], counted=counted
         )
-        seconds = numbers["seconds"]
+        walking, counts = numbers["seconds"], {**numbers, "seconds": {}}
         for place in asked:
-            payload = keepers[place].publish() if place in keepers else made.get(place, numbers)
-            made[place] = {**payload, "seconds": seconds}
-            seconds = {}  # counted once
+            payload = keepers[place].publish() if place in keepers else made.get(place, counts)
+            made[place] = {**payload, "seconds": walking | payload["seconds"]}
+            walking = {}  # counted once
     return dict(made)

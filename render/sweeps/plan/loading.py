@@ -206,7 +206,9 @@ def _read(document: PlanDocument, index: SourceIndex) -> tuple[PlanTable, Produc
     if document.faults or product is None or table is None:
         return None
     if "drives" in table.keep:
-        _require_playable(document, product)
+        _require_playable(document, product, "keep", "drives of {} cannot be played")
+    if predicted := [group for group in ("noise", "pressure") if group in table.metrics]:
+        _require_playable(document, product, "metrics", " and ".join(predicted) + " of {} cannot be predicted")
     for k in product.unmatched():
         excluding = len(constraints["exclude"])
         place: Place = ("exclude", k) if k < excluding else ("only", k - excluding)
@@ -258,8 +260,11 @@ def _product(
     return Product(axes, constraints["exclude"], constraints["only"])
 
 
-def _require_playable(document: PlanDocument, product: Product) -> None:
-    """Note update rates and foci of recipes at which their array cannot be driven."""
+def _require_playable(document: PlanDocument, product: Product, key: str, fault: str) -> None:
+    """Note update rates and foci of recipes at which their array cannot be driven.
+
+    key: of the plan, which asks for what needs drives. fault: with {} for the name of the sampling strategy.
+    """
     if any(axis.listed is None for axis in product.axes[-2:]):
         return
     reported: set[tuple[float, int, str]] = set()
@@ -272,7 +277,7 @@ def _require_playable(document: PlanDocument, product: Product) -> None:
         try:
             require_playable(sampling, array)
         except (RenderError, DeviceError) as error:
-            document.fault(("keep",), f"drives of {sampling.content['name']} cannot be played: {error}")
+            document.fault((key,), f"{fault.format(sampling.content['name'])}: {error}")
 
 
 def _axis_tables(document: PlanDocument, axis: str, index: SourceIndex) -> list[AxisTable]:

@@ -1,11 +1,19 @@
 """Noise and pressure as metrics of sweeps: the numbers that files of the same recipes give."""
 
+import numpy as np
 import pytest
 from command_line import answer, refused
+from sweep_recipes import explored, random_motion, recipe_of, recorded, sampling_of, task_of
 
+from palpate.datasets import HandMotion
+from palpate.datasets.sweeps.shard import read_shard
 from palpate.datasets.sweeps.table import load_table
 from palpate.render import Palm, exploration, predict_noise, pressure_metrics, render
+from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.sweeps.make.acoustic_metrics import NoiseMeter
+from palpate.render.sweeps.make.rendering import sampling_of as sampling_strategy
+from palpate.render.sweeps.make.unsplit import walks_of
+from palpate.render.sweeps.make.work import run_task
 from palpate.render.sweeps.report.table import METRICS
 
 PLAN = """
@@ -37,6 +45,76 @@ def test_columns_are_what_files_give(tmp_path):
     assert table["noise_db_300_10k"][0] > table["noise_db_300_10k"][1]  # open contours click
 
 
+def payloads(store, recipe, name="a"):
+    """Of noise and pressure, by group."""
+    outcome = run_task(task_of(store, [recipe], ("noise", "pressure"), name=name), "cpu", worker="here")
+    assert outcome.error is None
+    return {row.group: row.payload for row in read_shard(store / outcome.shard).rows}
+
+
+def test_a_recipe_has_no_values_for_the_reason_that_its_payload_names(tmp_path):
+    pose = np.array([[0, 0, 0.2, 0, 0, 0, 1.0]])
+    HandMotion(np.zeros(1), pose).save(tmp_path / "one.csv")
+    for motion, reason in (
+        (random_motion(9), "the poses have no times"),
+        (recorded(tmp_path / "one.csv"), "there is one pose only"),
+    ):
+        got = payloads(tmp_path, recipe_of("cube", motion=motion), str(len(reason)))
+        assert {group: payload["reason"] for group, payload in got.items()} == {"noise": reason, "pressure": reason}
+        assert not [name for payload in got.values() for name in payload if name.startswith(("noise_", "pressure_"))]
+    short = payloads(tmp_path, recipe_of("cube", motion=explored(0.05)), "short")
+    assert "too short for a spectrum" in short["noise"]["reason"]
+    mesh = payloads(tmp_path, recipe_of("cube", "skin", explored(1.0, seed=3)), "mesh")
+    assert "not on meshes" in mesh["pressure"]["reason"]
+    assert np.isfinite(mesh["noise"]["noise_dba"])
+
+
+def test_silence_has_no_level():
+    recipe = recipe_of("cube")
+    meter = NoiseMeter(recipe, sampling_strategy(recipe.sampling), 2000)
+    meter.take(FocalPoints(np.full((2000, 3), 0.2, np.float32), np.zeros(2000, np.float32)))
+    got = meter.publish()
+    assert got.pop("seconds").keys() == {"noise"}
+    assert got == dict.fromkeys(METRICS["noise"])
+
+
+def test_predictions_are_timed_and_show_progress(tmp_path):
+    ticks = []
+    recipe = recipe_of("cube", motion=explored(1.0, seed=3))
+    got = payloads(tmp_path, recipe)
+    assert {stage for payload in got.values() for stage in payload["seconds"]} >= {"noise", "pressure", "sampling"}
+    strategy = sampling_strategy(recipe.sampling)
+    meter = NoiseMeter(recipe, strategy, 2000, tick=lambda: ticks.append(1))
+    meter.take(FocalPoints(np.full((2000, 3), 0.2, np.float32), np.ones(2000, np.float32)))
+    meter.publish()
+    assert ticks
+
+
+def test_one_noise_at_most_has_its_frames_in_memory():
+    recipes = [recipe_of("cube", array=name) for name in ("emulator", "autd3")]
+    other = recipe_of("cube", sampling=sampling_of("stm", update_rate=4000.0))
+    groups = ("sampling", "noise", "pressure")
+    wanted = {(group, recipe.key(group)): recipe for recipe in (*recipes, other) for group in groups}
+    walks = walks_of(wanted)
+    assert [[group for group, _ in walk].count("noise") for _, walk in walks] == [1, 1, 1]
+    assert [[group for group, _ in walk].count("sampling") for _, walk in walks] == [1, 0, 1]
+    assert {place: recipe for _, walk in walks for place, recipe in walk.items()} == wanted
+
+
+def test_plans_that_do_not_ask_have_no_such_columns_and_the_same_keys(tmp_path):
+    text = '[object]\nsource = "cube"\n[motion]\nduration = 0.5\n'
+    (tmp_path / "plan.toml").write_text(text)
+    answer("sweep", tmp_path / "plan.toml", "--no-figure", "--device", "cpu")
+    table = load_table(tmp_path / "plan.sweep" / "table.h5", constants=True)
+    assert not [name for name in table if name.startswith(("noise", "pressure", "seconds_noise", "seconds_pressure"))]
+    (tmp_path / "plan.toml").write_text('metrics = ["contours", "frequency", "pressure"]\n' + text)
+    answer("sweep", tmp_path / "plan.toml", "--no-figure", "--device", "cpu")
+    wider = load_table(tmp_path / "plan.sweep" / "table.h5", constants=True)
+    assert {"seconds_pressure", *METRICS["pressure"]} <= wider.keys()
+    assert list(wider["recipe_hash"]) == list(table["recipe_hash"])
+    assert list(wider["length_mean"]) == list(table["length_mean"])
+
+
 @pytest.mark.exhaustive
 def test_what_has_no_times_or_no_patches_has_no_values(tmp_path):
     (tmp_path / "plan.toml").write_text(
@@ -45,10 +123,10 @@ def test_what_has_no_times_or_no_patches_has_no_values(tmp_path):
     )
     assert answer("sweep", tmp_path / "plan.toml", "--no-figure", "--device", "cpu")["recipes_failed"] == 0
     table = load_table(tmp_path / "plan.sweep" / "table.h5", constants=True)
-    assert all(value is None or value != value for value in table["noise_dba"])
+    for column in (*METRICS["noise"], *METRICS["pressure"]):
+        assert all(value is None or value != value for value in table[column])
 
 
 def test_metrics_that_are_none_are_refused_with_those_that_are(tmp_path):
     (tmp_path / "plan.toml").write_text('metrics = ["loudness"]\n[object]\nsource = "cube"\n')
     refused(2, "must be one of contours, frequency, sampling, noise, pressure", "sweep", tmp_path / "plan.toml")
-    assert NoiseMeter.__doc__

@@ -325,6 +325,10 @@ FAULTS = [
         "plan.toml:1: keep: drives of stm cannot be played",
     ),
     (
+        f'metrics = ["noise", "pressure"]\n{SHORT}[array]\nsource = "sonicsurface"',
+        "plan.toml:1: metrics: noise and pressure of stm cannot be predicted",
+    ),
+    (
         f'metrics = ["contour"]\n{SHORT}',
         "plan.toml:1: metrics: must be one of contours, frequency, sampling, noise, pressure, not",
     ),

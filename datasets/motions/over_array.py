@@ -89,7 +89,7 @@ class Waypoints(NamedTuple):
 
 
 class ExplorerStrokes(NamedTuple):
-    """ExplorerStrokes, one a row."""
+    """Strokes, one a row."""
 
     start: Waypoints
     goal: Waypoints

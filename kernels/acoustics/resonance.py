@@ -136,7 +136,8 @@ def emit_frames(
     """Write the amplitudes that transducers emit in the periods begin..end of the carrier to `out`.
 
     rate: frames a period, 0 < rate <= 1. pole: z, |z| < 1; 0 answers at once. origin: period of out's first column.
-    out: float32, shape [2 transducer, period]: real parts, then imaginary ones. All are at rest before the first frame.
+    out: float32, shape [2 transducer or more, period]: real parts, then imaginary ones; further rows stay as they are.
+    All transducers are at rest before the first frame.
     """
     device = out.device
     group_count = frames.delay.shape[1] if device.is_cuda else -(-frames.delay.shape[1] // LANES)

@@ -198,7 +198,7 @@ class PoseMeter:
         drive = complex_drives(drives_of(self._driver, focus), self._transducers, quantised=True)
         position = focus.position.reshape(len(drive), -1, 3)
         emits = is_reachable(position, focus.intensity.reshape(position.shape[:2]), self._arrays)
-        width = self._width(drawn.pose[:3])
+        width = width_at(drawn.pose[:3], self._transducers)
         planes = self._away_from_faces(planes_of(drawn, width / CELLS))
         skin = print_on(planes, self._field, drive, pressure_at_1m=self._scale)
         lines = drawn.polylines()
@@ -215,22 +215,6 @@ class PoseMeter:
             "elsewhere": self._elsewhere(drawn, position, emits, at_focus, drive, width),
             "speed_factor": self._speed_factor(position, emits, at_focus, drive),
         }
-
-    def _width(self, place: np.ndarray) -> float:
-        strategy = self._driver.strategy
-        widths = []
-        for placed in self._arrays:
-            try:
-                size = focal_width(
-                    np.round(np.asarray(place, float), 2),  # centimetres: few are computed, and kept
-                    array=placed.model,
-                    speed_of_sound=strategy.sound_speed,
-                    piston_radius=strategy.piston_radius,
-                )
-            except StrategyError:  # behind this array, or too near
-                continue
-            widths.append(size.width)
-        return min(widths, default=focal_width().width)
 
     def _at_focus(self, position: np.ndarray, drive: np.ndarray) -> np.ndarray:
         """|p| of each frame at its own focal points, shape [frame, focus]."""
@@ -288,6 +272,23 @@ class PoseMeter:
         )[-len(drive) :]
         moving = self._at_focus(position, emitted)
         return float((moving[emits] / np.maximum(at_focus[emits], 1e-9)).mean())
+
+
+def width_at(place: np.ndarray, transducers: TransducerSet) -> float:
+    """Width of a focal point at a place [m], shape [3]: of the array that focuses best there [m]."""
+    widths = []
+    for array in transducers.arrays:
+        try:
+            size = focal_width(
+                np.round(np.asarray(place, float), 2),  # centimetres: few are computed, and kept
+                array=array,
+                speed_of_sound=transducers.sound_speed,
+                piston_radius=transducers.piston_radius,
+            )
+        except StrategyError:  # behind this array, or too near
+            continue
+        widths.append(size.width)
+    return min(widths, default=focal_width().width)
 
 
 def planes_of(drawn: DrawnPose, spacing: float) -> list[SampledPlane]:

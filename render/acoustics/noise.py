@@ -16,7 +16,7 @@ import warp as wp
 from ...datasets.rigid import rotate
 from ...device.array import ArrayModel
 from ...kernels.acoustics.late_power import split_lags, sum_late_power
-from ...kernels.acoustics.propagation import ROWS, propagate_signals, wave_rows
+from ...kernels.acoustics.propagation import DEPTH, ROWS, propagate_signals, wave_rows
 from ...kernels.acoustics.resonance import DeviceFrames, emit_frames
 from ..errors import StrategyError
 from ..focal_spot import SOUND_SPEED
@@ -77,13 +77,12 @@ class NoiseModel:
         require_number("sources", self.sources, 1, SOURCES_MOST, whole=True)
         require_number("seed", self.seed, 0, 2**63 - 1, whole=True)
         require_number("sound_speed", self.sound_speed, 300.0, 400.0, unit="m/s (speed of sound in air)")
-        corners = [_three_numbers(corner) for corner in self.box] if len(self.box) == 2 else [None]
-        low, high = corners[0], corners[-1]
-        if low is None or high is None or not (low < high).all():
+        box = _finite_numbers(self.box, (2, 3))
+        if box is None or not (box[0] < box[1]).all():
             raise StrategyError(f"box must be two corners [m], the first one below the second, not {self.box}")
         if self.microphone is None:
             return
-        place = _three_numbers(self.microphone)
+        place = _finite_numbers(self.microphone, (3,))
         if place is None or np.abs(place).max() > FARTHEST:
             raise StrategyError(f"microphone must be three numbers [m] up to {FARTHEST:g}, not {self.microphone}")
 
@@ -110,13 +109,13 @@ class NoiseModel:
         return _from_array(transducers, np.array([place], float))[0]
 
 
-def _three_numbers(value: object) -> np.ndarray | None:
-    """Three finite numbers; None for anything else."""
+def _finite_numbers(value: object, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Finite numbers of a shape; None for anything else."""
     try:
         numbers = np.asarray(value, np.float64)
     except (TypeError, ValueError):
         return None
-    return numbers if numbers.shape == (3,) and np.isfinite(numbers).all() else None
+    return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None
 
 
 def _from_array(transducers: TransducerSet, place: np.ndarray) -> np.ndarray:
@@ -149,7 +148,7 @@ class NoiseSignal:
         return len(self.samples) / self.rate
 
     def spectrum(self) -> "NoiseSpectrum":
-        """Its spectrum, bands and levels; raises StrategyError for less than 50 ms."""
+        """Its spectrum, bands and levels; raises StrategyError for less than two windows after the first 20 ms."""
         from .spectrum import NoiseSpectrum
 
         return NoiseSpectrum.of(self)
@@ -163,7 +162,7 @@ class NoiseListener:
     """Turns played frames of some arrays into the signal at the microphone.
 
     arrays: models in the common frame, or names. model: where noise comes from. device: Warp's.
-    Raises StrategyError for a microphone within 1 cm of a source.
+    Raises StrategyError for a microphone within 2 cm of a source of noise or of a transducer.
 
     >>> import numpy as np
     >>> from palpate.render import NoiseListener, PlayedFrames
@@ -186,8 +185,8 @@ class NoiseListener:
         self._device = wp.get_device(device)
         place, microphone = self.model.places(self.transducers), self.model.microphone_of(self.transducers)
         distance = np.linalg.norm(place - microphone, axis=1)
-        if min(distance.min(), transducers_away := self.transducers.nearest(microphone[None])[0]) < CLEARANCE:
-            away = min(float(distance.min()), float(transducers_away))
+        away = min(float(distance.min()), float(self.transducers.nearest(microphone[None])[0]))
+        if away < CLEARANCE:
             raise StrategyError(
                 f"microphone {np.round(microphone, 4).tolist()} m is {away:.3g} m from a source of noise, must be "
                 f"{CLEARANCE:g} m at least"
@@ -222,10 +221,10 @@ class NoiseListener:
             value, vector = np.linalg.eigh((waves.conj().T * weight) @ waves)
             waves, weight = (np.sqrt(np.maximum(value, 0)) * vector).conj().T, np.ones(len(value))
             lag = np.zeros(len(value))
-        spare = -len(waves) % (ROWS // 2)
-        padded = np.pad(waves, ((0, spare), (0, 0)))
-        rows = wp.array(wave_rows(padded), device=self._device)
-        return rows, np.pad(lag, (0, spare)), np.pad(weight, (0, spare))
+        spare = -len(waves) % (ROWS // 2)  # tiles are whole: places and signals that are added are 0
+        rows = wave_rows(np.pad(waves, ((0, spare), (0, 0))))
+        rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % DEPTH)))
+        return wp.array(rows, device=self._device), np.pad(lag, (0, spare)), np.pad(weight, (0, spare))
 
     def _waves(self, place: np.ndarray) -> np.ndarray:
         parts = [self.transducers.waves(place[first : first + 1024]) for first in range(0, len(place), 1024)]
@@ -263,7 +262,7 @@ class NoiseListener:
         fresh = kept[:, self._lead :]
         signal = fresh
         if self._rows is not None:
-            signal = wp.zeros((2 * frames.delay.shape[1], size), dtype=wp.float32, device=self._device)
+            signal = wp.zeros((self._rows.shape[1], size), dtype=wp.float32, device=self._device)
         out = wp.empty(period_count, dtype=wp.float32, device=self._device)
         for first in range(0, period_count, size):
             end = min(first + size, period_count)

@@ -116,7 +116,10 @@ def _face_distances(place: np.ndarray, transducers: TransducerSet) -> np.ndarray
 
 
 def complex_drives(drives: AnyDrives, transducers: TransducerSet, *, quantised: bool = False) -> np.ndarray:
-    """Amplitudes that delays and levels stand for, complex64, shape [frame, transducer]: a exp(-2 pi j delay)."""
+    """Amplitudes that delays and levels stand for, complex64, shape [frame, transducer]: a exp(-2 pi j delay).
+
+    Transducers of gain 0 in a board file emit nothing.
+    """
     count = len(transducers.position)
     if isinstance(drives, np.ndarray):
         if quantised:
@@ -134,7 +137,7 @@ def complex_drives(drives: AnyDrives, transducers: TransducerSet, *, quantised: 
         out = np.empty(delay.shape, np.complex64)
         np.cos(turn, out=out.real)
         np.sin(turn, out=out.imag)
-        out *= np.asarray(level, np.float32)[:, None]
+        out *= np.asarray(level, np.float32)[:, None] * transducers.works
     bad = np.argwhere(~np.isfinite(out))
     if len(bad):
         raise StrategyError(f"drive of transducer {bad[0][1]} in frame {bad[0][0]} is {out[tuple(bad[0])]}: not finite")

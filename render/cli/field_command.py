@@ -14,16 +14,16 @@ from ...datasets.rigid import rotate
 from ...datasets.storage.durable import write_file
 from ..acoustics.averaged_frames import AVERAGES, frames_of_average
 from ..acoustics.drawn_frames import DrawnPose, drawn_pose, drives_of, longest_pose, pose_at
-from ..acoustics.field_metrics import planes_of, sampling_for
+from ..acoustics.field_metrics import planes_of, sampling_for, width_at
 from ..acoustics.pressure import PressureSum, complex_drives, follow_drives, require_places
 from ..acoustics.radiation import AIR_DENSITY, mean_square
 from ..acoustics.sampled_places import sample_plane, sample_volume
 from ..acoustics.skin_print import CELLS, SkinPrint, points_along, print_on, unevenness
 from ..acoustics.transducers import PRESSURE_AT_1M, Resonance, TransducerSet
 from ..errors import StrategyError
-from ..focal_spot import focal_width
 from ..playback.drive import Driver
 from ..playback.placed_arrays import PlacedArray, load_rig
+from ..reports.contour_figure import require_picture
 from ..reports.field_figure import draw_print, draw_volume
 from ..runtime.warp_start import start_warp
 from ..sampling.contour_sampling import SamplingStrategy
@@ -31,7 +31,6 @@ from ..terminal import bars, console
 from ..validation import choose, refuse_object, require_number
 
 PLACES = ("palm", "plane", "volume")
-PICTURES = (".png", ".svg", ".pdf")
 SIZES = {"plane": 0.2, "volume": 0.12}  # [m]
 SPACINGS = {"palm": 1e-3, "plane": 1e-3, "volume": 4e-3}  # [m]
 LEFT_OUT = "the hand's shadow and echo; pressures are right to some 50 %, forces to a factor of 2"
@@ -73,10 +72,7 @@ class FieldJob:
         if self.size is not None:
             require_number("--size", self.size, 1e-3, 2.0, unit="m")
         if self.out is not None:
-            if self.out.suffix not in (*PICTURES, ".npz"):
-                raise StrategyError(f"{self.out}: must end in one of {', '.join((*PICTURES, '.npz'))}")
-            if self.out.exists() and not self.overwrite:
-                raise StrategyError(f"{self.out}: exists; --overwrite replaces it")
+            require_picture(self.out, overwrite=self.overwrite, also=(".npz",))
 
     def strategy(self, arrays: tuple[PlacedArray, ...]) -> SamplingStrategy:
         """How contours become focal points."""
@@ -165,9 +161,9 @@ def _on_planes(
     place = require_places(np.concatenate([plane.points for plane in planes]), emitted.transducers)
     skin = print_on(planes, emitted.field, emitted.drive, pressure_at_1m=PRESSURE_AT_1M, progress=bar)
     lines = drawn.polylines()
-    values = _facts(path, job, emitted) | _numbers(skin, drawn, emitted, arrays, len(place), job.where == "palm")
+    values = _facts(path, job, emitted) | _numbers(skin, drawn, emitted, len(place), job.where == "palm")
     title = f"{path.stem}, pose {drawn.index}, {job.where}, mean over {len(emitted.drive)} frames ({job.average})"
-    if job.out is not None and job.out.suffix == ".npz":
+    if job.out is not None and job.out.suffix.lower() == ".npz":
         arrays_kept = {
             "points": place,
             "radiation": np.concatenate([part.ravel() for part in skin.radiation]),
@@ -185,11 +181,10 @@ def _numbers(
     skin: SkinPrint,
     drawn: DrawnPose,
     emitted: AveragedDrives,
-    arrays: tuple[PlacedArray, ...],
     point_count: int,
     is_skin: bool,
 ) -> dict:
-    lines, width = drawn.polylines(), _width(drawn, arrays)
+    lines, width = drawn.polylines(), width_at(drawn.pose[:3], emitted.transducers)
     along, _ = mean_square(emitted.field, points_along(lines, width / CELLS), emitted.drive)
     return {
         "points": point_count,
@@ -203,13 +198,6 @@ def _numbers(
     }
 
 
-def _width(drawn: DrawnPose, arrays: tuple[PlacedArray, ...]) -> float:
-    try:
-        return focal_width(np.asarray(drawn.pose[:3], float), array=arrays[0].model).width
-    except StrategyError:  # behind the first array, or too near to it
-        return focal_width(array=arrays[0].model).width
-
-
 def _in_volume(
     path: Path, job: FieldJob, emitted: AveragedDrives, arrays: tuple[PlacedArray, ...], bar: Callable[[int, int], None]
 ) -> dict:
@@ -220,7 +208,7 @@ def _in_volume(
     place = require_places(np.stack([x, y, z], axis=-1).reshape(-1, 3), emitted.transducers)
     mean, most = mean_square(emitted.field, place, emitted.drive, progress=bar)
     radiation = mean * (PRESSURE_AT_1M**2 / (AIR_DENSITY * emitted.transducers.sound_speed**2))
-    if job.out is not None and job.out.suffix == ".npz":
+    if job.out is not None and job.out.suffix.lower() == ".npz":
         kept = dict(zip("xyz", coordinates, strict=True)) | {"radiation": radiation.reshape(x.shape)}
         _write_arrays(job.out, kept, emitted, place)
     elif job.out is not None:
@@ -230,7 +218,7 @@ def _in_volume(
         "points": len(place),
         "pressure_peak": PRESSURE_AT_1M * float(np.sqrt(most.max())),
         "radiation_peak": float(radiation.max()),
-        "focal_width": _width(emitted.drawn, arrays),
+        "focal_width": width_at(emitted.drawn.pose[:3], emitted.transducers),
         "pressure_at_1m": PRESSURE_AT_1M,
     }
 

@@ -30,8 +30,6 @@ def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
     out = options["out"]
     if out is not None:
         require_picture(out, overwrite=options["overwrite"])
-        if not out.parent.is_dir():
-            raise StrategyError(f"{out}: there is no folder {out.parent}")
     signals = _signals(files, options, as_json=as_json)
     spectra = {file: NoiseSpectrum.of(signal) for file, signal in signals.items()}
     for file, spectrum in spectra.items():
@@ -61,7 +59,10 @@ def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
         "picture": None if options["out"] is None else str(options["out"]),
     }
     if as_json:
-        chosen = {name: options[name] for name in ("array", "sampling", "source", "sources", "pole", "slew")}
+        chosen = {
+            name: options[name]
+            for name in ("array", "sampling", "speed", "update_rate", "slew", "source", "sources", "pole", "microphone")
+        }
         console.show_values({"files": rows, **written, "options": chosen}, as_json=True, title="")
         return
     for row in rows:

@@ -40,12 +40,17 @@ def shown_poses(length: np.ndarray, normal: np.ndarray, count: int = POSES_SHOWN
     return np.array([i for i in best if seen[i] > 0] or [0])
 
 
-def require_picture(picture: Path, *, overwrite: bool) -> None:
-    """Raise StrategyError for a name that is none of a picture, and for a file that is there unless `overwrite`."""
-    if picture.suffix not in SUFFIXES:
-        raise StrategyError(f"{picture}: a picture must end in one of {', '.join(SUFFIXES)}")
+def require_picture(picture: Path, *, overwrite: bool, also: tuple[str, ...] = ()) -> None:
+    """Raise StrategyError for a name that is none of a picture, a file that is there unless `overwrite`, and no folder.
+
+    also: other suffixes that may be written.
+    """
+    if picture.suffix.lower() not in (*SUFFIXES, *also):
+        raise StrategyError(f"{picture}: must end in one of {', '.join((*SUFFIXES, *also))}")
     if picture.exists() and not overwrite:
         raise StrategyError(f"{picture}: exists; overwrite=True replaces it")
+    if not picture.parent.is_dir():
+        raise StrategyError(f"{picture}: cannot be written, as there is no folder {picture.parent}")
 
 
 def save_picture(figure: Any, picture: Path, *, dpi: int) -> None:

@@ -10,11 +10,16 @@ import numpy as np
 
 from ..acoustics.spectrum import NoiseSpectrum, level_differences
 from ..errors import StrategyError
-from .paper_spectra import paper_spectra
+from .paper_spectra import BIN, paper_spectra
 from .significance import mean_zero, normality
 
 SHAPE_BAND = (300.0, 4000.0)
 """In which the shape of the spectrum of OC is compared with the paper's [Hz]."""
+
+HIGH_BAND = (1000.0, 10_000.0)
+"""In which the paper's CC lies on the noise of its room [Hz]."""
+ROOM_FROM = 3000.0
+"""From here on the paper's CC hardly falls any more: its mean level is taken as the room's [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,21 @@ class NoiseComparison:
     def values(self) -> dict[str, float]:
         """Means over pairs, for JSON."""
         return {name: float(of_pairs.mean()) for name, of_pairs in self.difference.items()}
+
+    @property
+    def shift(self) -> float:
+        """What puts OC's mean spectrum on the paper's over SHAPE_BAND [dB]; the same for CC."""
+        at, _, paper = paper_spectra()
+        inside = (at >= SHAPE_BAND[0]) & (at <= SHAPE_BAND[1])
+        return float((paper - np.interp(at, self.frequency, self.open))[inside].mean())
+
+    def above(self, background: bool) -> float:
+        """OC less CC in HIGH_BAND [dB], of the mean spectra; background: both on that of the paper's room."""
+        at, paper, _ = paper_spectra()
+        room = 10.0 ** ((_mean_power_level(paper[at >= ROOM_FROM]) - self.shift) / 10.0) if background else 0.0
+        inside = (self.frequency >= HIGH_BAND[0]) & (self.frequency < HIGH_BAND[1])
+        open_sum, closed_sum = ((10.0 ** (level[inside] / 10.0) + room).sum() for level in (self.open, self.closed))
+        return float(10.0 * np.log10(open_sum / closed_sum))
 
     def tests(self) -> dict[str, dict[str, float | None]]:
         """p of Shapiro's and of the one-sample t-test by quantity."""
@@ -68,6 +88,17 @@ def compare_noise(opened: Sequence[NoiseSpectrum], closed: Sequence[NoiseSpectru
 def _mean_level(powers: list[np.ndarray]) -> np.ndarray:
     with np.errstate(divide="ignore"):
         return 10.0 * np.log10(np.mean(powers, axis=0))
+
+
+def paper_above() -> float:
+    """OC less CC of the paper in HIGH_BAND [dB], its points joined by lines over the bins."""
+    at, closed, opened = paper_spectra()
+    bins = BIN * np.arange(np.ceil(HIGH_BAND[0] / BIN), HIGH_BAND[1] // BIN)
+    return _mean_power_level(np.interp(bins, at, opened)) - _mean_power_level(np.interp(bins, at, closed))
+
+
+def _mean_power_level(level: np.ndarray) -> float:
+    return float(10.0 * np.log10(np.mean(10.0 ** (level / 10.0))))
 
 
 def _shape_error(frequency: np.ndarray, level: np.ndarray) -> float:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .noise_recordings import SHAPE_BAND, NoiseComparison
+from .noise_recordings import SHAPE_BAND, NoiseComparison, paper_above
 from .paper_numbers import NOISE_BANDS, NOISE_PEAK, NOISE_RMS
 from .paper_spectra import paper_spectra
 from .pictures import drawing, picture_uri
@@ -26,8 +26,8 @@ PAPER = {**NOISE_BANDS, "rms": NOISE_RMS, "peak": NOISE_PEAK}
 def noise_section(found: NoiseComparison, text: str, why: dict[str, str]) -> tuple[ReportSection, dict]:
     """The section, and its values for JSON.
 
-    text: how the recordings were made, in a few sentences. why: by quantity (the keys of NAMES, and `shape`), why
-    palpate's differs from the paper's.
+    text: how the recordings were made, in a few sentences. why: by quantity (the keys of NAMES, `above` and `shape`),
+    why palpate's differs from the paper's.
     """
     values, tests = found.values(), found.tests()
     rows = []
@@ -36,19 +36,20 @@ def noise_section(found: NoiseComparison, text: str, why: dict[str, str]) -> tup
         ours = f"{values[name]:+.2f} dB (t-test {p_text(p['t_test_p'])}; Shapiro {p_text(p['shapiro_p'])})"
         paper = f"{PAPER[name]:+.1f} dB" if name not in ("rms", "peak") else f"{PAPER[name]:+.2f} dB, p > 0.05"
         rows.append(ReportRow(f"OC - CC, {words}", paper, ours, why[name]))
+    ours = f"{found.above(False):+.1f} dB; {found.above(True):+.1f} dB with the paper's background in both"
+    rows.append(ReportRow("OC - CC, 1 to 10 kHz", f"{paper_above():+.1f} dB", ours, why["above"]))
     low, high = SHAPE_BAND
     ours = f"{found.shape_error:.1f} dB rms from the paper, {low:g} to {high:g} Hz"
     rows.append(ReportRow("shape of OC's spectrum", "figure 4B", ours, why["shape"]))
+    above = {"db_1k_10k": found.above(False), "db_1k_10k_with_background": found.above(True)}
     section = ReportSection("Section 4.3.2 and figure 4: audible noise", text, tuple(rows), pictures=(_picture(found),))
-    return section, {"noise": {**values, "shape_error": found.shape_error, "tests": tests}}
+    return section, {"noise": {**values, "shape_error": found.shape_error, **above, "tests": tests}}
 
 
 def _picture(found: NoiseComparison) -> ReportPicture:
     at, closed, opened = paper_spectra()
     here = (found.frequency >= SHOWN_BAND[0]) & (found.frequency <= SHOWN_BAND[1])
-    # Neither has a reference: OC's means over the compared band are put on each other, for CC too.
-    band = (at >= SHAPE_BAND[0]) & (at <= SHAPE_BAND[1])
-    shift = float((opened - np.interp(at, found.frequency, found.open))[band].mean())
+    shift = found.shift  # neither has a reference
     panels = (
         ("A: CC", closed, found.closed + shift, "level [dB]"),
         ("B: OC", opened, found.open + shift, "level [dB]"),

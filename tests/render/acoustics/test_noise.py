@@ -85,10 +85,10 @@ def test_a_known_modulation_is_heard_as_its_square_through_the_pole():
     assert spectrum.band(f - 90, f + 90) - spectrum.band(2 * f - 90, 2 * f + 90) == pytest.approx(expected, abs=0.15)
 
 
-def test_many_sources_are_the_same_as_each_by_itself(monkeypatch):
+def test_many_sources_are_the_same_as_each_by_itself(device):
     """More sources than transducers are added up as combinations of transducers: the same sum of squares."""
     frames, model = moving_focus(0.03), NoiseModel(sources=300)
-    combined = NoiseListener("emulator", model).listen(frames).samples
+    combined = NoiseListener("emulator", model, device=device).listen(frames).samples
     transducers = TransducerSet("emulator")
     place = model.places(transducers)
     position = transducers.position
@@ -101,6 +101,29 @@ def test_many_sources_are_the_same_as_each_by_itself(monkeypatch):
         state = drive + pole * (state - drive)
         power.append(weight @ np.abs(waves @ state) ** 2)
     assert combined[:400] == pytest.approx(np.array(power), rel=1e-4)
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_arrays_whose_transducers_fill_no_tile_are_heard(is_late, device):
+    """249 transducers and 40 places are no multiples of a tile's: sums by NumPy, period by period."""
+    rng = np.random.default_rng(2)
+    frames = PlayedFrames(rng.integers(0, 256, (4800, 249), np.uint8), rng.random(4800, np.float32), RATE)
+    model = NoiseModel(sources=40, is_late=is_late)
+    listener = NoiseListener("autd3", model, device=device)
+    transducers, microphone = listener.transducers, model.microphone_of(listener.transducers)
+    drive = frames.level[:, None] * np.exp(-2j * np.pi * frames.delay / 256)
+    emitted, pole = np.zeros(249, complex), math.exp(-2 * math.pi * 1000 / RATE)
+    power = []
+    for wanted in drive[:300]:
+        emitted = wanted + pole * (emitted - wanted)
+        power.append(np.abs(transducers.waves(model.places(transducers)) @ emitted) ** 2)
+    distance = np.linalg.norm(model.places(transducers) - microphone, axis=1)
+    lag = (distance - distance.min()) / 343 * RATE * is_late
+    time = np.arange(300)
+    expected = sum(
+        np.interp(time - lag[m], time, np.array(power)[:, m], left=0.0) / distance[m] / 40 for m in range(40)
+    )
+    assert listener.listen(frames).samples[50:300] == pytest.approx(expected[50:], rel=1e-4)
 
 
 def test_a_restart_is_louder_than_a_circle_and_the_pole_tells_how_much():
@@ -227,6 +250,8 @@ def test_waves_share_one_gain(files, tmp_path):
         (lambda: NoiseListener("autd3").listen(frames_of_level(np.ones(8000))), "256 transducers, the arrays have 249"),
         (lambda: NoiseListener([]), "arrays must be at least one"),
         (lambda: NoiseModel(seed=-1), "seed must"),
+        (lambda: NoiseModel(box=5), "box must be two corners"),
+        (lambda: NoiseListener(replace(array_model("emulator"), position=np.zeros((0, 3)))), "has no transducers"),
         (lambda: NoiseModel(microphone=(0.1, 0.2)), "microphone must be three numbers"),
         (lambda: NoiseModel(microphone=(1e5, 0, 0)), "up to 30"),
         (lambda: NoiseListener("emulator", NoiseModel(box=((-0.01, -0.01, -0.001), (0.01, 0.01, 0.001)))), "no room"),

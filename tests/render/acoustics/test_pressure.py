@@ -1,5 +1,7 @@
 """Pressure of drives at points: against the vendor's emulator of an AUTD3, limits of rounding and rate, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -172,3 +174,12 @@ def test_drives_that_do_not_fit_are_refused():
 def test_a_field_without_frames_has_no_blocks():
     field = PressureSum(TransducerSet("emulator"))
     assert list(field.blocks(places(), np.zeros((0, 256), np.complex64))) == []
+
+
+def test_transducers_of_gain_0_emit_nothing():
+    """Half of an array pressed on a focal point: half the pressure, as its waves are in phase there."""
+    half = replace(array_model("emulator"), gain=(np.arange(256) % 2).astype(np.float32))
+    focus = np.float32([[0, 0, 0.2]])
+    drives = drive_focus(FocalPoints(focus, np.ones(1, np.float32)), "emulator")
+    found = [np.abs(pressure_at(focus, drives, array)).item() for array in (half, "emulator")]
+    assert found[0] == pytest.approx(found[1] / 2, rel=1e-3)

@@ -90,7 +90,9 @@ def test_recordings_of_noise_become_a_section_and_values(brief):
         frequency = 44100 / 1024 * np.arange(1, 513)
         steady = [NoiseSpectrum(frequency, np.full(512, 10 ** (k / 10)), 1.0) for k in range(3)]
         louder = [NoiseSpectrum(frequency, one.power * 10**0.2, 2.0) for one in steady]
-        return evaluation.NoiseRecordings(louder, steady, "Made by hand.", dict.fromkeys((*NAMES, "shape"), "known"))
+        return evaluation.NoiseRecordings(
+            louder, steady, "Made by hand.", dict.fromkeys((*NAMES, "above", "shape"), "known")
+        )
 
     seen = []
     found = evaluation.evaluate(StudySettings(1, 1), source, lambda stage, done, total: seen.append(stage))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.render import NoiseSpectrum, StrategyError
-from palpate.render.reproduction.noise_recordings import compare_noise
+from palpate.render.reproduction.noise_recordings import compare_noise, paper_above
 from palpate.render.reproduction.noise_section import NAMES, noise_section
 from palpate.render.reproduction.paper_spectra import BIN, POINTS, paper_spectra
 
@@ -51,6 +51,20 @@ def test_the_papers_own_curves_give_its_bands():
     assert found.shape_error == pytest.approx(0.0, abs=1e-9)
 
 
+def test_the_papers_background_hides_what_is_below_it():
+    opened, closed = paper_recordings()
+    at, paper, _ = paper_spectra()
+    room = 10 * np.log10(np.mean(10 ** (paper[at >= 3000] / 10)))
+    assert compare_noise([opened], [closed]).above(False) == pytest.approx(paper_above(), abs=0.1)
+    silent = compare_noise([opened], [recording(-300.0)])
+    assert silent.above(False) > 200
+    inside = (FREQUENCY >= 1000) & (FREQUENCY < 10_000)
+    expected = 10 * np.log10(1 + opened.power[inside].mean() / 10 ** (room / 10))
+    assert silent.above(True) == pytest.approx(expected, abs=0.1)
+    louder = compare_noise([recording(opened.level + 40)], [recording(-300.0)])
+    assert louder.above(True) == pytest.approx(expected, abs=0.1)  # the reference is nothing
+
+
 def test_the_shape_does_not_depend_on_the_reference():
     opened, closed = paper_recordings()
     louder = recording(opened.level + 70.0)
@@ -76,7 +90,7 @@ def test_the_section_has_a_row_a_quantity_and_both_spectra():
     opened, closed = paper_recordings()
     pairs = [(recording(opened.level + k), closed) for k in range(4)]
     found = compare_noise(*(list(part) for part in zip(*pairs, strict=True)))
-    section, values = noise_section(found, "Made by hand.", dict.fromkeys((*NAMES, "shape"), "no reason"))
+    section, values = noise_section(found, "Made by hand.", dict.fromkeys((*NAMES, "above", "shape"), "no reason"))
     assert [row.what for row in section.rows[:3]] == [
         "OC - CC, 300 Hz to 10 kHz", "OC - CC, 40 to 300 Hz", "OC - CC, A-weighted",
     ]  # fmt: skip

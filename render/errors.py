@@ -11,6 +11,7 @@ RenderError
 ├── PlacementError (ValueError)  a placement that cannot be applied
 ├── RepairError (ValueError)     an option of loading a mesh with a value that is not allowed
 ├── UntrustedCodeError           code named by a file that the user has not permitted to run
+├── ViewError                    a viewer that cannot be started, or a page that cannot be made
 ├── TrustStoreError              a store of accepted code that cannot be used
 └── KernelCacheError             a kernel cache that other users can write, or that cannot be created
 """
@@ -67,6 +68,10 @@ class PlanError(SweepError, ValueError):
 
 class UntrustedCodeError(RenderError, ValueError):
     """Code named by a file that the user has not permitted to run; the message lists all such code."""
+
+
+class ViewError(RenderError):
+    """A viewer that cannot be started, or a page that cannot be made."""
 
 
 class TrustStoreError(RenderError):

@@ -80,12 +80,16 @@ def cycle_of(drawn: DrawnPose, sampling: SamplingStrategy) -> FocalPoints:
 
     Where cycles have no common period (some modulations), 16384 frames stand for it.
     """
-    path = drawn.path()
+    return cycle_along(drawn.path(), drawn.pose, sampling)
+
+
+def cycle_along(path: ContourPath | None, pose: np.ndarray, sampling: SamplingStrategy) -> FocalPoints:
+    """The same along a path; none without one. pose: position [m] and quaternion xyzw of the hand, shape [7]."""
     if path is None:
         return FocalPoints(np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
     sampler = Sampler(sampling)
-    cycle = sampler.cycle(path, drawn.pose, limit=CYCLE_MOST)
-    return sampler.draw(path, drawn.pose, CYCLE_MOST) if cycle is None else cycle
+    cycle = sampler.cycle(path, pose, limit=CYCLE_MOST)
+    return sampler.draw(path, pose, CYCLE_MOST) if cycle is None else cycle
 
 
 def drives_of(driver: Driver, focus: FocalPoints) -> Drives:

@@ -52,6 +52,11 @@ class HandLooks:
             shape = _hand_around(self._rigid)
             self._rest, self.faces, self.glabrous = shape.vertices, shape.faces, shape.glabrous
 
+    @property
+    def is_rigid(self) -> bool:
+        """The hand has the same shape at all poses: its look at one pose, moved, is that at any other."""
+        return not self._articulated
+
     def at(self, index: int, pose: np.ndarray) -> HandLook:
         """The hand at a pose of the file: index, and position [m] with quaternion xyzw, shape [7]."""
         pose = np.asarray(pose, np.float64)

@@ -15,6 +15,12 @@ from ..hands.hand_look import HandLook, HandLooks
 from ..sampling.contour_sampling import SamplingStrategy
 
 
+def tilts_of(pose: np.ndarray) -> np.ndarray:
+    """Angle between the palm's skin and the array's face [rad], 0 where the palm faces the array; pose: [..., 7]."""
+    up = rotate(unit(np.asarray(pose[..., 3:], np.float64)), np.array([0.0, 1.0, 0.0]))
+    return np.arccos(np.clip(up[..., 2], -1.0, 1.0))
+
+
 @dataclass(frozen=True, eq=False)
 class Moment:
     """One pose of a file, as it is shown."""
@@ -40,8 +46,7 @@ class Moment:
     @property
     def tilt(self) -> float:
         """Angle between the palm's skin and the array's face [rad], 0 where the palm faces the array."""
-        down = rotate(unit(np.asarray(self.hand_pose[3:], np.float64)), np.array([0.0, 1.0, 0.0]))
-        return float(np.arccos(np.clip(down[2], -1.0, 1.0)))
+        return float(tilts_of(self.hand_pose))
 
 
 class FileScene:

@@ -54,7 +54,7 @@ def focal_path(scene: FileScene, index: int, sampling: SamplingStrategy | None =
         raise StrategyError(f"{scene.path}: pose {index} lasts less than one sample at {strategy.update_rate:g} Hz")
     focus = joined(blocks)
     begin = int(np.ceil(time[-1] * strategy.update_rate - 1e-6))
-    jump, hop = _steps(focus.position, focus.intensity, strategy)
+    jump, hop = steps_of(focus.position, focus.intensity, strategy)
     return FocalPath(focus.position[begin:], focus.intensity[begin:], strategy.update_rate, jump[begin:], hop[begin:])
 
 
@@ -70,8 +70,11 @@ def _span(scene: FileScene, first: int, index: int) -> tuple[np.ndarray, float]:
     return start[:-1], float(start[-1])
 
 
-def _steps(position: np.ndarray, intensity: np.ndarray, strategy: SamplingStrategy) -> tuple[np.ndarray, np.ndarray]:
-    """Which samples end a jump, and which a hop, of any focus, both sounding before and after."""
+def steps_of(position: np.ndarray, intensity: np.ndarray, strategy: SamplingStrategy) -> tuple[np.ndarray, np.ndarray]:
+    """Which samples end a jump, and which a hop, of any focus that sounds before and after; bool, shape [sample].
+
+    A jump is longer than the strategy's threshold; a hop is no jump, but over twice the ordinary step.
+    """
     place = position.reshape(len(position), -1, 3)
     sounds = intensity.reshape(len(intensity), -1) > 0
     length = np.linalg.norm(np.diff(place, axis=0), axis=2) * (sounds[1:] & sounds[:-1])

@@ -1,0 +1,123 @@
+"""A viser server that only this machine's browser can use: loopback, checked Host and Origin, no tunnel, exact port."""
+
+import contextlib
+import http.client
+import io
+import socket
+from collections.abc import Iterator
+from http import HTTPStatus
+from typing import Any
+
+import viser
+import websockets.asyncio.server
+
+from ...errors import ViewError
+
+HOST = "127.0.0.1"
+FIRST_PORT = 8080
+NAMES = (HOST, "localhost")
+"""What a browser on this machine calls this server; any other name came from another site's DNS."""
+
+
+class GuardedServer(viser.ViserServer):
+    """A viser server whose share tunnel is off; make it by `start_server`."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Refuse: a tunnel would show the files on an outside server."""
+        return None
+
+
+def start_server(label: str, port: int | None = None) -> GuardedServer:
+    """Start a server on 127.0.0.1; port: exactly this one; None: the first free one from 8080 on.
+
+    Requests whose Host is not this server's, and connections whose Origin is another page, get 403: a page of another
+    site must not read files through the visitor's browser. Whether these are refused is tried before this returns.
+    Raises ViewError for a port that is taken or that this process may not have.
+    """
+    if port is not None:
+        _require_free(port)
+    with _guarded_serving(), contextlib.redirect_stdout(io.StringIO()):  # viser prints a panel
+        server = GuardedServer(host=HOST, port=FIRST_PORT if port is None else port, label=label, verbose=False)
+    try:
+        if port is not None and server.get_port() != port:
+            raise ViewError(f"port {port} was taken while the viewer started; choose another one by --port")
+        _require_guard(server.get_port())
+        server.gui.configure_theme(show_share_button=False, show_logo=False)
+    except BaseException:
+        server.stop()
+        raise
+    return server
+
+
+def refusal(host: str | None, origin: str | None, port: int) -> str | None:
+    """Why a request must be refused, by its headers Host and Origin; None: it may pass."""
+    if host not in {f"{name}:{port}" for name in NAMES}:
+        return f"This viewer answers to http://{HOST}:{port} only."
+    if origin is not None and origin not in {f"http://{name}:{port}" for name in NAMES}:
+        return "This viewer answers to its own page only."
+    return None
+
+
+def _require_free(port: int) -> None:
+    if not 1 <= port <= 65535:
+        raise ViewError(f"--port must be 1 to 65535, not {port}")
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ViewError(
+                f"port {port} of {HOST} cannot be had ({reason}); without --port the first free one is taken"
+            ) from error
+
+
+@contextlib.contextmanager
+def _guarded_serving() -> Iterator[None]:
+    """Have the servers that are started meanwhile check requests first: viser has no option for it."""
+    serve = websockets.asyncio.server.serve
+
+    def guarded(*arguments: Any, process_request: Any = None, **options: Any) -> Any:
+        def check(connection: Any, request: Any) -> Any:
+            port = connection.local_address[1]
+            origins = request.headers.get_all("Origin")
+            hosts = request.headers.get_all("Host")
+            sentence = refusal(
+                hosts[0] if len(hosts) == 1 else None, origins[0] if len(origins) == 1 else "; ".join(origins) or None, port
+            )
+            if sentence is not None:
+                return connection.respond(HTTPStatus.FORBIDDEN, sentence + "\n")
+            return None if process_request is None else process_request(connection, request)
+
+        return serve(*arguments, process_request=check, **options)
+
+    websockets.asyncio.server.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]  # viser looks it up here
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = serve  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _require_guard(port: int) -> None:
+    """Raise ViewError unless a foreign Host and a foreign Origin are refused, for pages and for connections."""
+    connecting = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+    }
+    own, foreign = {"Host": f"{HOST}:{port}"}, {"Host": "example.org"}
+    for headers in (foreign, foreign | connecting, own | connecting | {"Origin": "http://example.org"}):
+        asked = http.client.HTTPConnection(HOST, port, timeout=10)
+        try:
+            asked.request("GET", "/", headers=headers)
+            status = asked.getresponse().status
+        except (OSError, http.client.HTTPException) as error:
+            raise ViewError(f"the viewer on port {port} does not answer ({error})") from error
+        finally:
+            asked.close()
+        if status != HTTPStatus.FORBIDDEN:
+            raise ViewError(
+                f"viser {viser.__version__} let a request of a foreign page pass, so the viewer is not started; "
+                "install a version that palpate's pyproject.toml names"
+            )

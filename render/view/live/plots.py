@@ -1,0 +1,147 @@
+"""Plots beside the timeline: length of the whole file, and length, frequency and tilt around the shown moment."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import viser
+from viser import uplot
+
+from ..series import Overview, Steps, Window
+
+LINES = ("#c1121f", "#1d6fa5")
+"""Of the first file and the second."""
+NOW, JUMP, HOP = "#111111", "#d628a0", "#f77f00"
+HEIGHT = 130  # [pixel]
+POINTS = 8  # [pixel] of markers
+MILLIMETRES = 1e3
+FREQUENCY_SHOWN = 500.0  # [Hz]; contours of a few millimetres would stretch the axis a hundredfold
+
+
+class OverviewPlot:
+    """Longest contours of each stretch of the whole files, and where the shown moment is."""
+
+    def __init__(self, server: viser.ViserServer, overviews: Sequence[Overview], labels: Sequence[str]) -> None:
+        self._now: float | None = None
+        self._time, self._lines = _lines_in(overviews)
+        series = [uplot.Series(label="s"), *_lines_of(labels), _marker("now", NOW)]
+        axes = (uplot.Axis(label="time [s]"), uplot.Axis(label="length [mm]"))
+        self._plot = server.gui.add_uplot(
+            (self._time, *self._lines, np.full(len(self._time), np.nan)),
+            series=tuple(series),
+            title="whole file",
+            scales={"x": uplot.Scale(time=False)},
+            axes=axes,
+            height=HEIGHT,
+            legend=uplot.Legend(show=False),
+        )
+
+    def replace(self, overviews: Sequence[Overview]) -> None:
+        """Show other lines of the same files, of which more poses are done."""
+        self._time, self._lines = _lines_in(overviews)
+        self.mark(self._time[0] if self._now is None else self._now)
+
+    def mark(self, now: float) -> None:
+        """Mark a time [s]."""
+        self._now = now
+        bin_number = max(0, int(np.searchsorted(self._time, now, side="right")) - 1)
+        marker = np.full(len(self._time), np.nan)
+        value = self._lines[0][bin_number]
+        marker[bin_number] = 0.0 if np.isnan(value) else value
+        _fill(self._plot, self._time, [*self._lines, marker])
+
+
+class WindowPlots:
+    """Length (with jumps and hops), draw frequency and tilt of every pose around the shown moment."""
+
+    def __init__(self, server: viser.ViserServer, labels: Sequence[str]) -> None:
+        self._count = len(labels)
+        empty = (np.zeros(1), *(np.full(1, np.nan),) * (self._count + 1))
+        marks = (_marker("now", NOW),)
+        steps = (_marker("jump", JUMP), _marker("hop", HOP))
+        self._length = _plot(server, "length [mm]", (*_lines_of(labels), *marks, *steps), (*empty, empty[1], empty[1]))
+        self._frequency = _plot(server, "draw frequency [Hz]", (*_lines_of(labels), *marks), empty)
+        self._tilt = _plot(server, "tilt to the array [degree]", (*_lines_of(labels), *marks), empty)
+
+    def show(self, windows: Sequence[Window], steps: Sequence[Steps], now: float) -> None:
+        """Show windows of the files around a time [s], and the steps of the first file's focal point."""
+        columns = [
+            (each.time, (MILLIMETRES * each.length, each.draw_frequency, np.degrees(each.tilt))) for each in windows
+        ]
+        time, lines = on_one_axis(columns)
+        length, frequency, tilt = (lines[k::3] for k in range(3))
+        now_at = max(0, int(np.searchsorted(time, now, side="right")) - 1)
+        marked = [_values_at(time, times, length[0]) for times in (steps[0].jump, steps[0].hop)]
+        _fill(self._length, time, [*length, _at(time, now_at, length[0]), *marked])
+        _fill(self._frequency, time, [*frequency, _at(time, now_at, frequency[0])], FREQUENCY_SHOWN)
+        _fill(self._tilt, time, [*tilt, _at(time, now_at, tilt[0])])
+
+
+def _lines_in(overviews: Sequence[Overview]) -> tuple[np.ndarray, list[np.ndarray]]:
+    return on_one_axis([(each.time, (MILLIMETRES * each.longest,)) for each in overviews])
+
+
+def on_one_axis(
+    columns: Sequence[tuple[np.ndarray, tuple[np.ndarray, ...]]],
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Lines of several files on the first file's times: each value is that of the latest time before."""
+    time = columns[0][0]
+    lines = list(columns[0][1])
+    for own, values in columns[1:]:
+        row = np.searchsorted(own, time, side="right") - 1
+        inside = (row >= 0) & (time <= own[-1])
+        lines += [np.where(inside, value[np.maximum(row, 0)], np.nan) for value in values]
+    return time, lines
+
+
+def _lines_of(labels: Sequence[str]) -> tuple[uplot.Series, ...]:
+    return tuple(
+        uplot.Series(label=label, stroke=LINES[k % len(LINES)], width=1.2) for k, label in enumerate(labels)
+    )
+
+
+def _marker(label: str, colour: str) -> uplot.Series:
+    return uplot.Series(
+        label=label, stroke=colour, width=0, points={"show": True, "size": POINTS, "fill": colour, "stroke": colour}
+    )
+
+
+def _plot(
+    server: viser.ViserServer, title: str, series: tuple[uplot.Series, ...], data: tuple[np.ndarray, ...]
+) -> viser.GuiUplotHandle:
+    return server.gui.add_uplot(
+        data,
+        series=(uplot.Series(label="s"), *series),
+        title=title,
+        scales={"x": uplot.Scale(time=False)},
+        axes=(uplot.Axis(), uplot.Axis()),
+        height=HEIGHT,
+        legend=uplot.Legend(show=False),
+    )
+
+
+def _fill(
+    plot: viser.GuiUplotHandle, time: np.ndarray, lines: Sequence[np.ndarray], most: float = np.inf
+) -> None:
+    """Give a plot its lines, and a range from 0 to a little over the largest value: uPlot finds none among NaN."""
+    plot.data = (time, *lines)
+    values = np.concatenate(list(lines))
+    top = min(float(np.nanmax(values, initial=0.0)), most)
+    top = 1.05 * top or 1.0
+    scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(range=(0.0, top))}
+    if plot.scales != scales:
+        plot.scales = scales
+
+
+def _at(time: np.ndarray, row: int, line: np.ndarray) -> np.ndarray:
+    marker = np.full(len(time), np.nan)
+    marker[row] = 0.0 if np.isnan(line[row]) else line[row]
+    return marker
+
+
+def _values_at(time: np.ndarray, times: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """The line at the rows that times fall into, NaN elsewhere."""
+    marker = np.full(len(time), np.nan)
+    row = np.unique(np.searchsorted(time, times, side="right") - 1)
+    row = row[(row >= 0) & (row < len(time))]
+    marker[row] = line[row]
+    return marker

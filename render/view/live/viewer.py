@@ -1,0 +1,200 @@
+"""Shows contour files on a viser server: one thread draws; what the visitor does waits in a queue for it."""
+
+import queue
+import threading
+from collections.abc import Callable, Sequence
+from time import perf_counter
+
+import numpy as np
+
+from ....datasets.errors import DatasetError
+from ....device.errors import DeviceError
+from ...errors import RenderError
+from ...playback.placed_arrays import PlacedArray
+from ...runtime.warp_start import start_warp
+from ...terminal.foreign_text import visible
+from ..file_scene import FileScene, Moment
+from ..focal_path import FocalPath, focal_path
+from ..series import overview_of, steps_in, window_around
+from .controls import Actions, Controls
+from .guarded_server import GuardedServer
+from .numbers import facts_html, moment_html, safe
+from .plots import OverviewPlot, WindowPlots
+from .predictions import Predictions
+from .scene_nodes import SceneNodes
+from .timeline import Timeline
+
+FRAME = 1 / 30  # [s] between frames while it plays
+REST = 0.2  # [s] after the last change, before slower things are computed for what is shown
+REFRESH = 1.0  # [s] between looks at a file that is still being written
+WINDOW = 2.0  # [s] of plots before and after the shown moment
+GAP = 0.06  # [m] between two files' scenes
+
+
+class Viewer:
+    """The page of one file, or of two side by side.
+
+    scenes: open files, which stay the caller's. labels: what they are called. arrays: shown under the first file's
+    scene and the second's; pressure and noise are predicted for them.
+    """
+
+    def __init__(
+        self, server: GuardedServer, scenes: Sequence[FileScene], labels: Sequence[str], arrays: Sequence[PlacedArray]
+    ) -> None:
+        self._server, self._scenes, self._labels = server, list(scenes), list(labels)
+        self._tasks: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._sought: int | None = None
+        self.timeline = Timeline(scenes)
+        self._nodes = self._place_scenes(arrays)
+        self._facts = server.gui.add_html(facts_html(scenes, labels))
+        self._numbers = server.gui.add_html("")
+        self._controls = Controls(server, scenes[0].pose_count, self._actions())
+        with self._controls.plots:
+            self._plots = WindowPlots(server, labels)
+            self._overview = OverviewPlot(server, [overview_of(scene) for scene in scenes], labels)
+        self._message = server.gui.add_html("")
+        self._predictions = Predictions(server, scenes, arrays, self._controls, self._offsets)
+        self._moments: list[Moment] = []
+        self._paths: list[FocalPath | None] = []
+        self._shown: list[int] = []
+        self._is_settled = False
+        self._changed = self._looked = perf_counter()
+        self.frames_drawn = 0
+
+    def _place_scenes(self, arrays: Sequence[PlacedArray]) -> list[SceneNodes]:
+        boxes = [scene.bounds() for scene in self._scenes]
+        step = max(float(np.ptp(box[:, 0])) for box in boxes) + 0.2 + GAP  # a hand is 0.2 m long
+        middle = (len(boxes) - 1) / 2
+        self._offsets = [np.array([step * (k - middle), 0.0, 0.0]) for k in range(len(boxes))]
+        nodes = []
+        for k, (scene, label) in enumerate(zip(self._scenes, self._labels, strict=True)):
+            nodes.append(SceneNodes(self._server, scene, f"/file{k}", self._offsets[k]))
+            nodes[k].add_arrays([placed.model for placed in arrays])
+            if len(self._scenes) > 1:
+                above = (0.0, 0.0, float(boxes[k][1, 2]) + 0.05)
+                self._server.scene.add_label(f"/file{k}/label", visible(label), position=above)
+        look = np.mean([box.mean(axis=0) + off for box, off in zip(boxes, self._offsets, strict=True)], axis=0)
+        away = 0.1 + 0.8 * step * len(boxes)
+        self._server.initial_camera.position = look + away * np.array([0.25, -0.85, 0.45])
+        self._server.initial_camera.look_at = look
+        return nodes
+
+    def _actions(self) -> Actions:
+        put = self._tasks.put
+        return Actions(
+            seek=self._ask_for,
+            step=lambda count: put(lambda: self._go_to(self.timeline.poses()[0] + count)),
+            toggle=lambda: put(self._toggle),
+            set_speed=lambda speed: put(lambda: setattr(self.timeline, "speed", speed)),
+            set_layer=lambda name, shown: put(lambda: [each.set_visible(name, shown) for each in self._nodes]),
+            set_pressure=lambda where: put(lambda: self._set_pressure(where)),
+            predict_noise=lambda: put(self._predict_noise),
+        )
+
+    def _ask_for(self, pose: int) -> None:
+        """Note where the slider stands; of several notes that wait, the last one counts."""
+        self._sought = pose
+        self._tasks.put(self._seek)
+
+    def _seek(self) -> None:
+        pose, self._sought = self._sought, None
+        if pose is not None:
+            self._go_to(pose)
+
+    def _go_to(self, pose: int) -> None:
+        self.timeline.seek(pose)
+        self._draw()
+
+    def _toggle(self) -> None:
+        self.timeline.is_playing = not self.timeline.is_playing
+        self._draw()
+
+    def _set_pressure(self, where: str) -> None:
+        self._predictions.where = where
+        self._is_settled = False
+
+    def _predict_noise(self) -> None:
+        poses = self.timeline.poses()
+        windows = [window_around(scene, pose, WINDOW) for scene, pose in zip(self._scenes, poses, strict=True)]
+        self._predictions.predict_noise(windows, self._labels)
+
+    def run(self, stop: threading.Event) -> None:
+        """Draw until `stop` is set; what goes wrong with a file is shown on the page."""
+        start_warp()
+        self._draw()
+        before = perf_counter()
+        while not stop.is_set():
+            try:
+                task = self._tasks.get(timeout=FRAME if self.timeline.is_playing else REST / 2)
+            except queue.Empty:
+                task = self._idle
+            now = perf_counter()
+            self.timeline.advance(now - before)
+            before = now
+            self._try(task)
+
+    def _try(self, task: Callable[[], None]) -> None:
+        try:
+            task()
+        except (RenderError, DatasetError, DeviceError) as error:
+            self._message.content = f'<div style="color:#c1121f;padding:0 0.8em">{safe(error)}</div>'
+            self.timeline.is_playing = False
+
+    def _idle(self) -> None:
+        if self.timeline.is_playing:
+            self._draw()
+            return
+        now = perf_counter()
+        if now - self._looked > REFRESH and not all(scene.is_sealed for scene in self._scenes):
+            self._looked = now
+            self._refresh()
+        if not self._is_settled and now - self._changed > REST:
+            self._settle()
+
+    def _refresh(self) -> None:
+        """Look whether more poses of unfinished files are done."""
+        before = [scene.done_count for scene in self._scenes]
+        for scene in self._scenes:
+            scene.refresh()
+        if [scene.done_count for scene in self._scenes] != before:
+            self._facts.content = facts_html(self._scenes, self._labels)
+            self._overview.replace([overview_of(scene) for scene in self._scenes])
+            self._shown = []
+            self._draw()
+
+    def _draw(self) -> None:
+        """Show what the timeline asks for: all of it together, and at once."""
+        poses = self.timeline.poses()
+        is_new = poses != self._shown
+        if is_new:
+            self._moments = [scene.moment(pose) for scene, pose in zip(self._scenes, poses, strict=True)]
+            self._paths = [focal_path(scene, pose) for scene, pose in zip(self._scenes, poses, strict=True)]
+        with self._server.atomic():
+            for k, (nodes, path) in enumerate(zip(self._nodes, self._paths, strict=True)):
+                if is_new:
+                    nodes.show(self._moments[k])
+                    nodes.show_jumps(self._moments[k].contours, path)
+                nodes.show_focus(path, 0 if path is None else _sample_at(path, self.timeline.share_of(k)))
+            self._numbers.content = moment_html(self._moments, self._scenes, self._labels)
+            self._controls.show(poses[0], is_playing=self.timeline.is_playing)
+            self._message.content = ""
+            if is_new:
+                self._predictions.hide()
+        self._server.flush()
+        self._shown, self._is_settled, self._changed = poses, False, perf_counter()
+        self.frames_drawn += 1
+
+    def _settle(self) -> None:
+        """Compute what takes longer, once the time rests: plots around it, and pressure."""
+        self._is_settled = True
+        poses = self.timeline.poses()
+        windows = [window_around(scene, pose, WINDOW) for scene, pose in zip(self._scenes, poses, strict=True)]
+        steps = [steps_in(self._scenes[0], windows[0])]
+        with self._server.atomic():
+            self._plots.show(windows, steps, self.timeline.now if self._scenes[0].has_time else float(poses[0]))
+            self._overview.mark(self.timeline.now if self._scenes[0].has_time else float(poses[0]))
+        self._predictions.show_pressure(self._moments)
+
+
+def _sample_at(path: FocalPath, share: float) -> int:
+    return min(int(share * len(path.position)), len(path.position) - 1)

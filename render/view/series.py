@@ -1,0 +1,128 @@
+"""Lines for plots beside the timeline: a whole file in a few hundred points, and every pose around a moment."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...datasets.motions.hand_motion import HandMotion
+from ..contour_batch import ContourBatch
+from ..playback.focus_source import ContourSource
+from ..sampling.contour_sampling import Sampler, SamplingStrategy
+from ..scripting.rendered_batch import BatchRows
+from .file_scene import FileScene, tilts_of
+from .focal_path import steps_of
+
+BINS = 600  # points of the whole file's line
+BLOCK = 1 << 16  # poses read at a time
+POSES_MOST = 2_000
+"""Poses around a moment that are looked at: their focal points take a second."""
+
+
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """Length of the contours of a whole file, in bins of consecutive poses."""
+
+    time: np.ndarray
+    """When each bin begins [s], or its first pose's number; float64, shape [bin]."""
+    longest: np.ndarray
+    """Longest length in each bin [m]; NaN where no pose is rendered yet; float64, shape [bin]."""
+    mean: np.ndarray
+    """Mean length in each bin [m], shape [bin]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Every pose around a moment, and what the focal point does there."""
+
+    first: int
+    """Number of the first pose."""
+    time: np.ndarray
+    """When each pose begins [s], or its number; float64, shape [pose]."""
+    length: np.ndarray
+    """Of its contours [m]; NaN where it is not rendered yet; shape [pose]."""
+    draw_frequency: np.ndarray
+    """How often they are drawn in a second [Hz]; NaN without contours; shape [pose]."""
+    tilt: np.ndarray
+    """Angle between the palm's skin and the array's face [rad], shape [pose]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Where the focal point jumps or hops."""
+
+    jump: np.ndarray
+    """Times [s]."""
+    hop: np.ndarray
+    """Times [s]."""
+
+
+def overview_of(scene: FileScene, bins: int = BINS) -> Overview:
+    """The whole file in bins, read block by block; a pose that is not rendered is in no bin."""
+    count = min(bins, scene.pose_count)
+    edge = np.linspace(0, scene.pose_count, count + 1).astype(np.int64)
+    longest, total, poses = np.full(count, np.nan), np.zeros(count), np.zeros(count)
+    for first, stop in scene.file.done:
+        for begin in range(first, stop, BLOCK):
+            end = min(begin + BLOCK, stop)
+            length = scene.file.metrics(begin, end)["length"].astype(np.float64)
+            number = np.searchsorted(edge, np.arange(begin, end), side="right") - 1
+            np.fmax.at(longest, number, length)
+            np.add.at(total, number, length)
+            np.add.at(poses, number, 1)
+    mean = np.divide(total, poses, out=np.full(count, np.nan), where=poses > 0)
+    time = np.concatenate([scene.times(int(i), int(i) + 1) for i in edge[:-1]])
+    return Overview(time, longest, mean)
+
+
+def window_around(scene: FileScene, index: int, seconds: float, poses_most: int = POSES_MOST) -> Window:
+    """Poses up to `seconds` before and after a pose, or half `poses_most` where that is less; read as one range."""
+    half = poses_most // 2
+    first, stop = max(0, index - half), min(scene.pose_count, index + half + 1)
+    if scene.has_time:
+        now = scene.times(index, index + 1)[0]
+        time = scene.times(first, stop)
+        inside = np.flatnonzero(np.abs(time - now) <= seconds)
+        first, stop = first + int(inside[0]), first + int(inside[-1]) + 1
+    time = scene.times(first, stop)
+    length = np.full(stop - first, np.nan)
+    for begin, end in scene.file.done:
+        low, high = max(begin, first), min(end, stop)
+        if low < high:
+            length[low - first : high - first] = scene.file.metrics(low, high)["length"]
+    frequency = np.full(len(length), np.nan)
+    drawn = length > 0
+    frequency[drawn] = scene.sampling.draw_frequency(length[drawn])
+    return Window(first, time, length, frequency, tilts_of(scene.file.motion(first, stop)["pose"]))
+
+
+def steps_in(scene: FileScene, window: Window, sampling: SamplingStrategy | None = None) -> Steps:
+    """Jumps and hops of the focal point in a window, drawn from its first pose on; none where poses have no times."""
+    strategy = sampling or scene.sampling
+    rows = window_rows(scene, window)
+    if rows is None:
+        return Steps(np.zeros(0), np.zeros(0))
+    found: list[np.ndarray] = []
+    done, before = 0, None
+    for block in ContourSource(rows, Sampler(strategy)):
+        place, level = block.position, block.intensity
+        if before is not None:
+            place, level = np.concatenate([before[0], place]), np.concatenate([before[1], level])
+        kinds = np.stack(steps_of(place, level, strategy))
+        number = np.arange(kinds.shape[1]) + done - (0 if before is None else 1)
+        found.append(np.concatenate([kinds, number[None]])[:, kinds.any(axis=0)])
+        before = place[-1:], level[-1:]
+        done += len(block.intensity)
+    jump, hop, number = np.concatenate(found, axis=1) if found else np.zeros((3, 0))
+    time = window.time[0] + number / strategy.update_rate
+    return Steps(time[jump > 0], time[hop > 0])
+
+
+def window_rows(scene: FileScene, window: Window) -> BatchRows | None:
+    """The contours of a window as a motion of its own that begins at 0 s; None where poses lack times or contours."""
+    stop = window.first + len(window.time)
+    if not scene.has_time or len(window.time) < 2 or np.isnan(window.length).any():
+        return None
+    batch = ContourBatch.from_arrays(scene.file.contours(window.first, stop))
+    pose = scene.file.motion(window.first, stop)["pose"]
+    return BatchRows(batch, HandMotion(window.time - window.time[0], pose), Path(scene.path))

@@ -1,0 +1,1 @@
+"""Contour files as one HTML page that holds everything itself: to mail, or to publish."""

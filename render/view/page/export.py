@@ -1,0 +1,168 @@
+"""`palpate view --export`: contour files -> one page."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....datasets.rigid import rotate
+from ....datasets.storage.durable import write_file
+from ....device.array import ArrayModel
+from ...errors import StrategyError, ViewError
+from ...playback.placed_arrays import PlacedArray, load_rig
+from ...reports.rendering_labels import labels_of
+from ...sampling.contour_sampling import SamplingStrategy
+from ...terminal.foreign_text import visible
+from ...validation import require_number, require_path, value_text
+from ..file_scene import FileScene
+from .document import document
+from .packing import Packer
+from .payload import pack_file
+from .selection import Ends, choose_rows, spread, what_fits
+
+LIMIT = 20_000_000
+"""Largest page [byte] unless another limit is given: what a mail takes, and what a phone opens."""
+FILES_MOST = 2
+SAMPLED = (8, 64)
+"""Poses that the size of a page of many more is estimated from."""
+MARGIN = 0.85  # of what an estimate promises to fit
+
+
+def export_page(
+    files: str | Path | Sequence[str | Path],
+    out: str | Path,
+    *,
+    poses: Ends = None,
+    every: int | None = None,
+    limit: int = LIMIT,
+    overwrite: bool = False,
+    title: str | None = None,
+    sampling: SamplingStrategy | None = None,
+    arrays: str | Sequence[PlacedArray] = "emulator",
+) -> dict[str, Any]:
+    """Write one page that shows a contour file, or two side by side, in any browser; it holds everything itself.
+
+    poses: range "FIRST:STOP" of the files' poses; None: all. every: each n-th of them. limit: size that the page must
+    not exceed [byte]. title: of the page; None: what was rendered. sampling: how the focal point draws. arrays: shown
+    under the hand, by name, file (`load_rig`) or as they are placed.
+
+    Positions are rounded to 0.01 mm. Returns `page` (its path), `bytes`, `poses` (how many it holds of each file).
+    Raises ViewError for a page that is larger than the limit (the message says what would fit) or cannot be written;
+    StrategyError for poses that are not there; ContourFileError for files that cannot be read.
+
+    >>> from palpate.render import export_page, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
+    >>> facts = export_page(path, "cube.html", overwrite=True)
+    >>> facts["poses"], facts["bytes"] < 1_500_000
+    ([1], True)
+    """
+    paths, page = _paths(files), _page(out, overwrite=overwrite)
+    require_number("limit", limit, 1, 1e12, unit="bytes")
+    models = [placed.model for placed in (load_rig(arrays) if isinstance(arrays, str) else arrays)]
+    with ExitStack() as opened:
+        scenes = [opened.enter_context(FileScene(path)) for path in paths]
+        chosen = [choose_rows(scene, poses, every) for scene in scenes]
+
+        def made(rows: list[list[int]]) -> bytes:
+            return _document(scenes, rows, models, title, sampling).encode()
+
+        content = _fitting(made, chosen, int(limit), page)
+    try:
+        write_file(page, memoryview(content))
+    except OSError as error:
+        raise ViewError(f"{page}: the page cannot be written ({error.strerror or error})") from error
+    return {"page": str(page), "bytes": len(content), "poses": [len(rows) for rows in chosen]}
+
+
+def _fitting(made: Any, chosen: list[range], limit: int, page: Path) -> bytes:
+    """The page, or ViewError if it is larger than the limit: at once if a few poses show that it will be."""
+    few = [len(made([spread(rows, count) for rows in chosen])) for count in SAMPLED]
+    count = [sum(min(len(rows), most) for rows in chosen) for most in SAMPLED]
+    a_pose = (few[1] - few[0]) / max(count[1] - count[0], 1)
+    fixed = few[0] - a_pose * count[0]
+    estimate = fixed + a_pose * sum(map(len, chosen))
+    if estimate > 2 * limit and count[1] < sum(map(len, chosen)):
+        raise _too_large(page, f"about {estimate / 1e6:.3g}", fixed, estimate, limit, chosen)
+    content = made([list(rows) for rows in chosen])
+    if len(content) > limit:
+        raise _too_large(page, f"{len(content) / 1e6:.3g}", fixed, len(content), limit, chosen)
+    return content
+
+
+def _too_large(page: Path, size: str, fixed: float, whole: float, limit: int, chosen: list[range]) -> ViewError:
+    share = MARGIN * (limit - fixed) / max(whole - fixed, 1.0)
+    fits = what_fits(max(chosen, key=len), share) if share > 0 else ""
+    way = f"{fits} would fit" if fits else f"none of its poses fits, as all pages have {fixed / 1e6:.3g} MB besides"
+    return ViewError(f"{page}: would have {size} MB, and the limit is {limit / 1e6:.3g} MB; {way}; --limit raises it")
+
+
+def _document(
+    scenes: list[FileScene],
+    rows: list[list[int]],
+    models: list[ArrayModel],
+    title: str | None,
+    sampling: SamplingStrategy | None,
+) -> str:
+    packer = Packer()
+    names = _names([scene.path for scene in scenes])
+    packed = [
+        pack_file(scene, list(poses), packer, name=name, sampling=sampling)
+        for scene, poses, name in zip(scenes, rows, names, strict=True)
+    ]
+    for file, label in zip(packed, labels_of([scene.file for scene in scenes]), strict=True):
+        file["label"] = visible(label)
+    head = title or " and ".join(dict.fromkeys(f"{file['object']}, {file['label']}" for file in packed))
+    described = {
+        "title": visible(head),
+        "version": version("palpate"),
+        "files": packed,
+        "arrays": [_array(model, packer) for model in models],
+        "bounds": _bounds(scenes),
+    }
+    return document(described, packer.text(), head)
+
+
+def _array(model: ArrayModel, packer: Packer) -> dict[str, Any]:
+    zone = (model.unplaced or model).focal_zone
+    corners = [
+        [x, y, z]
+        for z in (zone.z_min, zone.z_max)
+        for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ] * np.array([zone.lateral, zone.lateral, 1.0])
+    return {
+        "name": visible(model.name),
+        "transducers": packer.positions(model.position),
+        "zone": (model.pose[:3] + rotate(model.pose[3:], corners)).round(6).tolist(),
+    }
+
+
+def _bounds(scenes: list[FileScene]) -> list[list[float]]:
+    boxes = np.stack([scene.bounds() for scene in scenes])
+    return [boxes[:, 0].min(axis=0).round(5).tolist(), boxes[:, 1].max(axis=0).round(5).tolist()]
+
+
+def _names(paths: list[Path]) -> list[str]:
+    """Names of files without their folders, unless they are alike."""
+    names = [path.name for path in paths]
+    return names if len(set(names)) == len(names) else [str(path) for path in paths]
+
+
+def _paths(files: str | Path | Sequence[str | Path]) -> list[Path]:
+    listed = [files] if isinstance(files, str | Path) else list(files)
+    if not 1 <= len(listed) <= FILES_MOST:
+        raise StrategyError(f"a page shows one contour file or two, not {len(listed)}")
+    return [require_path(path, "a contour file") for path in listed]
+
+
+def _page(out: str | Path, *, overwrite: bool) -> Path:
+    page = require_path(out, "the page")
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise StrategyError(f"{page}: must end in .html or .htm, not {value_text(page.suffix)}")
+    if page.exists() and not overwrite:
+        raise StrategyError(f"{page}: exists; overwrite=True replaces it")
+    if not page.parent.is_dir():
+        raise StrategyError(f"{page}: cannot be written, as there is no folder {page.parent}")
+    return page

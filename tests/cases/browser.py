@@ -97,13 +97,12 @@ class Browser:
         return answer["result"].get("value")
 
     def wait(self, condition, *, timeout=ANSWER_SECONDS):
-        """Wait until a JavaScript expression is true, and return its value."""
+        """Wait until a JavaScript expression is truthy, such as an element that is there."""
         end = time.monotonic() + timeout
-        while not (value := self.run(condition)):
+        while not self.run(f"Boolean({condition})"):
             if time.monotonic() > end:
                 raise BrowserFault(f"not true within {timeout:g} s: {condition}; console: {self.errors}")
             self._listen(0.05)
-        return value
 
     def settle(self, seconds):
         """Let the page go on, and take what it reports meanwhile."""

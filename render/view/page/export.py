@@ -29,6 +29,7 @@ FILES_MOST = 2
 SAMPLED = (8, 64)
 """Poses that the size of a page of many more is estimated from."""
 MARGIN = 0.85  # of what an estimate promises to fit
+_SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
 def export_page(
@@ -126,17 +127,25 @@ def _document(
 
 
 def _array(model: ArrayModel, packer: Packer) -> dict[str, Any]:
-    zone = (model.unplaced or model).focal_zone
-    corners = [
-        [x, y, z]
-        for z in (zone.z_min, zone.z_max)
-        for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    ] * np.array([zone.lateral, zone.lateral, 1.0])
+    """Transducers as discs that nearly touch, the plate under them, and the corners of the focal zone, low ones first."""
+    own = model.unplaced or model
+    zone, place = own.focal_zone, own.position.astype(np.float64)
+    apart = np.linalg.norm(place[1:] - place[0], axis=1).min() if len(place) > 1 else 0.01
+    low, high = place.min(axis=0) - apart / 2, place.max(axis=0) + apart / 2
+    plate = [[x, y, 0.0] for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
+    box = [[zone.lateral * x, zone.lateral * y, z] for z in (zone.z_min, zone.z_max) for x, y in _SQUARE]
     return {
         "name": visible(model.name),
         "transducers": packer.positions(model.position),
-        "zone": (model.pose[:3] + rotate(model.pose[3:], corners)).round(6).tolist(),
+        "normals": packer.numbers(model.normal, "f4"),
+        "radius": round(0.46 * float(apart), 6),
+        "plate": _placed(plate, model),
+        "zone": _placed(box, model),
     }
+
+
+def _placed(corners: list[list[float]], model: ArrayModel) -> list[list[float]]:
+    return (model.pose[:3] + rotate(model.pose[3:], np.array(corners))).round(6).tolist()
 
 
 def _bounds(scenes: list[FileScene]) -> list[list[float]]:

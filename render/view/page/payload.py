@@ -35,7 +35,7 @@ def pack_file(
         "object": visible(scene.object_name),
         "hand": visible(hand_text(scene.file.hand)),
         "strategy": visible(strategy_name_of(scene.strategy)),
-        "sampling": visible(repr(strategy)),
+        "sampling": visible(_sampling_text(strategy)),
         "pose_count": scene.pose_count,
         "has_time": scene.has_time,
         "solid": _pack_solid(scene, moments, packer),
@@ -44,6 +44,13 @@ def pack_file(
         "contours": _pack_contours([moment.contours for moment in moments], packer),
         "focus": _pack_focus(_paths(scene, moments, strategy), packer),
     }
+
+
+def _sampling_text(strategy: SamplingStrategy) -> str:
+    """Speed and update rate, then every other field that has not its default."""
+    more = repr(strategy).removesuffix(")").split(", ", 2)[2:]
+    rest = f", {more[0]}" if more else ""
+    return f"{strategy.speed:g} m/s at {strategy.update_rate / 1e3:g} kHz{rest}"
 
 
 def _pack_poses(
@@ -70,8 +77,10 @@ def _length(scene: FileScene, moment: Moment) -> float:
 
 def _pack_solid(scene: FileScene, moments: list[Moment], packer: Packer) -> dict[str, Any]:
     vertices, faces, tolerance = simplified_for_display(scene.vertices, scene.faces)
+    described = packer.positions(vertices - scene.middle)
     packed = {
-        "vertices": packer.positions(vertices - scene.middle),
+        "vertices": described,
+        "step": described["step"],
         "faces": packer.indices(faces, len(vertices)),
         "face_count": len(scene.faces),
         "tolerance": tolerance,
@@ -113,7 +122,8 @@ def _pack_contours(batches: list[ContourBatch], packer: Packer) -> dict[str, Any
     packed = {
         "polyline_count": packer.numbers(np.array([batch.polyline_count for batch in batches]), "u4"),
         "point_count": packer.numbers(counts, "u4"),
-        "points": packer.positions(points),
+        "points": (described := packer.positions(points)),
+        "step": described["step"],
         "kind": packer.numbers(np.concatenate([batch.kind for batch in batches]), "u1"),
         "intensity": None,
     }

@@ -1,0 +1,14 @@
+// Colours of what is shown: of contours as in palpate's pictures.
+
+export const KINDS = ["#c1121f", "#1d6fa5", "#2a9d8f"]; // object, hand, made
+export const KIND_NAMES = ["object's contour", "hand's boundary inside it", "made of them"];
+export const FILES = ["#2b2d42", "#2a9d8f"]; // lines of the plots
+export const SOLID = "#8d99ae";
+export const PALM = "#f4a261";
+export const HAND = "#e3b8a2";
+export const ARRAY = "#5a6068";
+export const ZONE = "#aab0b8";
+export const FOCUS = "#141414";
+export const JUMP = "#d628a0";
+export const HOP = "#f77f00";
+export const PAPER = "#ffffff";

@@ -115,7 +115,7 @@ def _document(
     ]
     for file, label in zip(packed, labels_of([scene.file for scene in scenes]), strict=True):
         file["label"] = visible(label)
-    head = title or " and ".join(dict.fromkeys(f"{file['object']}, {file['label']}" for file in packed))
+    head = title or _title(packed)
     described = {
         "title": visible(head),
         "version": version("palpate"),
@@ -124,6 +124,11 @@ def _document(
         "bounds": _bounds(scenes),
     }
     return document(described, packer.text(), head)
+
+
+def _title(packed: list[dict[str, Any]]) -> str:
+    objects, labels = (" and ".join(dict.fromkeys(file[name] for file in packed)) for name in ("object", "label"))
+    return f"{objects}, {labels}"
 
 
 def _array(model: ArrayModel, packer: Packer) -> dict[str, Any]:

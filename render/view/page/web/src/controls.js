@@ -52,7 +52,7 @@ export class Readouts {
       const { index, length, draw_frequency, tilt, time } = file.poses;
       const when = file.has_time ? ` · ${time[row].toFixed(3)} s` : "";
       const { jump, hop } = file.steps;
-      this.boxes[i].pose.value = `pose ${index[row]} of 0–${file.pose_count - 1}${when}`;
+      this.boxes[i].pose.value = `pose ${index[row]}${file.pose_count > 1 ? ` of 0–${file.pose_count - 1}` : ""}${when}`;
       const drawn = length[row] > 0 ? `${(1000 * length[row]).toFixed(1)} mm · ${draw_frequency[row].toFixed(1)} Hz` : "no contour";
       const steps = `${counted(jump[row], "jump")}${counted(hop[row], "hop")}`;
       this.boxes[i].numbers.value = Number.isNaN(length[row])
@@ -86,7 +86,10 @@ export function layerSwitches(recordings, onSwitch) {
   const boxes = shown.map((name) => {
     const box = element("input", { type: "checkbox", name: `layer-${name.replace(" ", "-")}`, checked: true });
     box.addEventListener("change", () => onSwitch(name, box.checked));
-    return element("label", {}, box, name);
+    const colour = colours.LAYERS[name];
+    const mark = element("i", { class: colour ? "patch" : "none" });
+    if (colour) mark.style.setProperty("--colour", colour);
+    return element("label", {}, box, mark, name);
   });
   return element("fieldset", { class: "layers" }, element("legend", {}, "Show"), ...boxes);
 }

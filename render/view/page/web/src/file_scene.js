@@ -14,6 +14,7 @@ import {
   Mesh,
   MeshBasicMaterial,
   MeshLambertMaterial,
+  MultiplyBlending,
   Quaternion,
   Scene,
   SphereGeometry,
@@ -72,7 +73,7 @@ export class FileScene {
     this.addSolid();
     this.addHand();
     this.contours = this.addSegments("contours", 3.5, 6);
-    this.trail = this.addSegments("focal point", 3, 7);
+    this.trail = this.addSegments("focal point", 3, 7, { blending: MultiplyBlending, premultipliedAlpha: true }); // white is none
     this.jumps = this.addSegments("jumps", 1.75, 5, { dashed: true, dashSize: 0.003, gapSize: 0.002 });
     this.addFoci();
     for (const array of arrays) this.addArray(array);

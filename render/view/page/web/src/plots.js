@@ -6,9 +6,9 @@ import { element } from "./element.js";
 
 const FREQUENCY_SHOWN = 1000; // [Hz]; contours of a few millimetres would stretch the axis a hundredfold
 const PLOTS = [
-  { name: "length", title: "Length of the contours", unit: "mm", factor: 1000, digits: 1 },
+  { name: "length", title: "Length of contours", unit: "mm", factor: 1000, digits: 1 },
   { name: "draw_frequency", title: "Draw frequency", unit: "Hz", factor: 1, digits: 1, logarithmic: true },
-  { name: "tilt", title: "Tilt of the palm to the array", unit: "°", factor: 1, digits: 1 },
+  { name: "tilt", title: "Tilt of the palm", unit: "°", factor: 1, digits: 1 },
 ];
 const AXIS = { stroke: "#6b7280", font: "11px system-ui, sans-serif", ticks: { show: false }, border: { show: false } };
 const GRID = { stroke: "#e8eaed", width: 1 };
@@ -56,7 +56,7 @@ export class Plots {
         y: plot.logarithmic ? { distr: 3, range: decades } : { range: fromZero },
       },
       axes: [
-        { ...AXIS, grid: GRID, size: 22, gap: 2, space: 60, values: (_, splits) => splits.map(this.clockText()) },
+        { ...AXIS, grid: GRID, size: 24, gap: 5, space: 60, values: (_, splits) => splits.map(this.clockText()) },
         { ...AXIS, grid: GRID, size: 42, gap: 4, space: 26, values: (_, splits) => splits.map((v) => (v === null ? "" : `${v}`)) },
       ],
       series: [
@@ -72,7 +72,9 @@ export class Plots {
   }
 
   clockText() {
-    return (value) => (value === null ? "" : this.clock.byPose ? (Number.isInteger(value) ? `${value}` : "") : `${value} s`);
+    const { byPose, moments, last } = this.clock;
+    const isShown = (value) => value !== null && (last > 0 || value === moments[0]) && (!byPose || Number.isInteger(value));
+    return (value) => (isShown(value) ? `${value}${byPose ? "" : " s"}` : "");
   }
 
   // Poses whose focal point jumps or hops, as ticks along the plot's lower edge.
@@ -108,7 +110,7 @@ export class Plots {
       cursor.style.transform = `translateX(${chart.valToPos(this.clock.time, "x")}px)`;
       this.recordings.forEach((recording, i) => {
         const value = recording.poses[plot.name][recording.rowAt(this.clock.time)];
-        values[i].value = Number.isFinite(value) ? `${(value * plot.factor).toFixed(plot.digits)} ${plot.unit}` : "–";
+        values[i].value = Number.isFinite(value) ? `${(value * plot.factor).toFixed(plot.digits)}${plot.unit === "°" ? "" : " "}${plot.unit}` : "–";
       });
     }
   }
@@ -123,7 +125,7 @@ export class Plots {
 }
 
 function fromZero(_, low, high) {
-  return low === null ? [0, 1] : [Math.min(0, low), high > 0 ? 1.05 * high : 1];
+  return low === null ? [0, 1] : [Math.min(0, low), Math.max(1.05 * high, 1)];
 }
 
 function decades(_, low, high) {

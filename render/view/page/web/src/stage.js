@@ -5,8 +5,10 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import * as colours from "./colours.js";
 import { FileScene } from "./file_scene.js";
 
-const ELEVATION = (22 * Math.PI) / 180;
-const AZIMUTH = (-60 * Math.PI) / 180; // as in palpate's pictures
+const ELEVATION = (34 * Math.PI) / 180;
+const AZIMUTH = (-60 * Math.PI) / 180;
+
+const STACKED = 520; // [pixel] of width: two views stand one above the other
 
 export class Stage {
   constructor(host, recordings, arrays, bounds) {
@@ -31,7 +33,7 @@ export class Stage {
   // The camera back to where it began: all of the object, the hand's places and the array in sight.
   look() {
     const across = Math.tan((this.camera.fov * Math.PI) / 360) * Math.min(1, this.camera.aspect);
-    const away = (this.ball.radius * 0.92) / Math.sin(Math.atan(across));
+    const away = (this.ball.radius * 0.86) / Math.sin(Math.atan(across));
     const flat = Math.cos(ELEVATION);
     this.controls.target.copy(this.ball.center);
     this.camera.position
@@ -46,7 +48,9 @@ export class Stage {
     const { clientWidth: width, clientHeight: height } = this.host;
     if (!width || !height) return;
     this.renderer.setSize(width, height, false);
-    const columns = this.host.dataset.columns === "1" ? 1 : this.files.length;
+    const isStacked = width < STACKED;
+    this.host.classList.toggle("stacked", isStacked);
+    const columns = isStacked ? 1 : this.files.length;
     const rows = this.files.length / columns;
     this.views = this.files.map((_, i) => ({
       left: columns > 1 ? (i * width) / columns : 0,

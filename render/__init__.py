@@ -102,6 +102,7 @@ if TYPE_CHECKING:
     from .sweeps.run.engine import InProcess
     from .sweeps.run.parent import run_sweep
     from .sweeps.study import SweepResult, sweep
+    from .view.page.export import export_page
 
 
 _ROOMS = {
@@ -168,6 +169,7 @@ _ROOMS = {
     "sweeps.run.parent": "run_sweep",
     "sweeps.report.table": "tidy_columns",
     "sweeps.study": "SweepResult sweep",
+    "view.page.export": "export_page",
 }
 """What each module has that scripts use: it is imported when that is asked for, as a command needs few of them."""
 
@@ -248,6 +250,7 @@ __all__ = [
     "dwell_map",
     "exploration",
     "explorer_habits",
+    "export_page",
     "expression_from_json",
     "expression_to_json",
     "flat_hand",

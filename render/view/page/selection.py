@@ -1,6 +1,7 @@
 """Which poses of a file a page holds."""
 
 import math
+import operator
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,10 @@ def _ends(poses: Any, pose_count: int) -> tuple[int, int]:
     if not isinstance(parts, tuple | list) or len(parts) != 2:
         raise StrategyError(f"poses must be a range FIRST:STOP, as 100:200, 100: or :200, not {value_text(poses)}")
     try:
-        first, stop = (default if end in (None, "") else int(end) for end, default in zip(parts, (0, pose_count), strict=True))
-    except (TypeError, ValueError, OverflowError):
+        first, stop = (
+            default if end in (None, "") else int(end) if isinstance(end, str) else operator.index(end)
+            for end, default in zip(parts, (0, pose_count), strict=True)
+        )
+    except (TypeError, ValueError):
         raise StrategyError(f"poses must be a range of whole numbers, FIRST:STOP, not {value_text(poses)}") from None
     return first, stop

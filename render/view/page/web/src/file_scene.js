@@ -111,7 +111,7 @@ export class FileScene {
   }
 
   addFoci() {
-    const material = new MeshBasicMaterial({ color: colours.FOCUS });
+    const material = new MeshBasicMaterial({ color: colours.FOCUS, transparent: true });
     this.foci = [];
     for (let i = 0; i < this.recording.focus.focus_count; i++) {
       const mesh = new Mesh(new SphereGeometry(FOCUS_RADIUS, 20, 12), material);

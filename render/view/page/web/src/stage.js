@@ -23,7 +23,7 @@ export class Stage {
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => (this.isStale = true));
-    this.ball = ballOf(bounds, arrays);
+    this.ball = ballOf(bounds, arrays, recordings);
     this.isStale = true;
     new ResizeObserver(() => this.resize()).observe(host);
     this.resize();
@@ -82,8 +82,15 @@ export class Stage {
   }
 }
 
-function ballOf([low, high], arrays) {
+// Around the object, wherever it moves, the hand's places, and the arrays.
+function ballOf([low, high], arrays, recordings) {
   const box = new Box3(new Vector3(...low), new Vector3(...high));
   for (const { plate } of arrays) for (const corner of plate) box.expandByPoint(new Vector3(...corner));
+  for (const { solid } of recordings) {
+    const size = new Box3().setFromArray(solid.vertices).getSize(new Vector3());
+    for (let row = 0; solid.pose && row < solid.pose.length; row += 7) {
+      box.union(new Box3().setFromCenterAndSize(new Vector3().fromArray(solid.pose, row), size));
+    }
+  }
   return box.getBoundingSphere(new Sphere());
 }

@@ -1,0 +1,169 @@
+"""`export_page`: sizes, limits with what would fit, two files, and what is refused."""
+
+import errno
+import os
+
+import numpy as np
+import pytest
+from page_oracle import elements_of, read_page
+
+from palpate.render import (
+    ContourFileError,
+    MeshObject,
+    PlacedArray,
+    StrategyError,
+    ViewError,
+    exploration,
+    export_page,
+    flat_hand,
+    render,
+)
+from palpate.device import array_model
+from palpate.render.view.page import export as module
+
+
+@pytest.fixture(scope="module")
+def tube(tmp_path_factory):
+    motion = exploration("tube", duration=8.0, rate=50.0, seed=3)  # 400 poses
+    return render("tube", "palm", motion, "cc").save(tmp_path_factory.mktemp("page") / "tube.h5")
+
+
+def test_two_hundred_poses_of_fifteen_planes_take_less_than_one_and_a_half_megabytes(tmp_path):
+    motion = exploration("tube", duration=2.0, rate=100.0, seed=3)
+    path = render("tube", flat_hand(), motion, "cc").save(tmp_path / "planes.h5")
+    facts = export_page(path, tmp_path / "planes.html")
+    assert facts["poses"] == [200]
+    assert facts["bytes"] == (tmp_path / "planes.html").stat().st_size < 1_500_000
+
+
+def test_the_same_files_give_the_same_bytes(tube, tmp_path):
+    pages = [tmp_path / "a.html", tmp_path / "b.html"]
+    for page in pages:
+        export_page(tube, page, poses=":50")
+    assert pages[0].read_bytes() == pages[1].read_bytes()
+
+
+def test_what_would_fit_does_fit(tube, tmp_path):
+    page = tmp_path / "tube.html"
+    whole = export_page(tube, page)["bytes"]
+    one = export_page(tube, page, poses="0:1", overwrite=True)["bytes"]
+    limit = one + (whole - one) // 3
+    before = page.read_bytes()
+    with pytest.raises(ViewError, match="--limit raises it") as refused:
+        export_page(tube, page, limit=limit, overwrite=True)
+    assert page.read_bytes() == before
+    message = str(refused.value)
+    assert f"would have {whole / 1e6:.3g} MB, and the limit is {limit / 1e6:.3g} MB" in message
+    every = int(message.split("--every ")[1].split(",")[0])
+    poses = message.split("--poses ")[1].split(" ")[0]
+    assert 3 <= every <= 5
+    assert export_page(tube, page, every=every, limit=limit, overwrite=True)["poses"][0] == -(-400 // every)
+    assert export_page(tube, page, poses=poses, limit=limit, overwrite=True)["poses"][0] >= 75
+
+
+def test_a_page_far_over_the_limit_is_refused_after_a_few_poses(tube, tmp_path, monkeypatch):
+    packed = []
+    pack = module.pack_file
+    monkeypatch.setattr(module, "pack_file", lambda scene, rows, *a, **k: packed.append(len(rows)) or pack(scene, rows, *a, **k))
+    one = export_page(tube, tmp_path / "one.html", poses="0:1")["bytes"]
+    packed.clear()
+    with pytest.raises(ViewError, match=r"would have about 0\.\d+ MB.*would fit"):
+        export_page(tube, tmp_path / "tube.html", limit=one + 1000)
+    assert packed == [8, 64]
+    assert not (tmp_path / "tube.html").exists()
+
+
+def test_a_limit_below_the_script_itself_says_so(tube, tmp_path):
+    with pytest.raises(ViewError, match=r"none of its poses fits, as all pages have 0\.\d+ MB besides"):
+        export_page(tube, tmp_path / "tube.html", limit=100_000)
+
+
+def test_two_files_of_one_object_hold_it_once(tube, tmp_path):
+    single = export_page(tube, tmp_path / "one.html")["bytes"]
+    facts = export_page([tube, tube], tmp_path / "two.html")
+    assert facts["poses"] == [400, 400]
+    assert facts["bytes"] < single + 8_000  # descriptions and names, and no array
+    page = read_page((tmp_path / "two.html").read_text())
+    assert page["title"] == "tube, cc"
+    assert len(page["files"]) == 2
+
+
+def test_labels_tell_two_strategies_apart(tube, tmp_path):
+    motion = exploration("tube", duration=1.0, seed=3)
+    other = render("tube", "palm", motion, "hatch").save(tmp_path / "hatch.h5")
+    export_page([tube, other], tmp_path / "two.html")
+    page = read_page((tmp_path / "two.html").read_text())
+    assert page["title"] == "tube, cc and hatch"
+    assert [file["label"] for file in page["files"]] == ["cc", "hatch"]
+    assert [file["name"] for file in page["files"]] == ["tube.h5", "hatch.h5"]
+
+
+def test_arrays_stand_where_they_are_placed(tube, tmp_path):
+    above = PlacedArray(array_model("emulator").placed([0, 0, 0.4, 1, 0, 0, 0]))  # 40 cm up, face down
+    export_page(tube, tmp_path / "tube.html", arrays=[above], poses=":2")
+    (array,) = read_page((tmp_path / "tube.html").read_text())["arrays"]
+    model = array_model("emulator")
+    np.testing.assert_allclose(array["transducers"][:, 2], 0.4, atol=1e-5)
+    np.testing.assert_allclose(array["normals"], [[0, 0, -1]] * model.transducer_count, atol=1e-6)
+    zone = np.array(array["zone"])
+    assert sorted(set(zone[:, 2].round(6))) == pytest.approx([0.4 - model.focal_zone.z_max, 0.4 - model.focal_zone.z_min])
+    assert np.abs(zone[:, :2]).min() == pytest.approx(model.focal_zone.lateral)
+    spacing = np.abs(model.position[1] - model.position[0]).max()
+    assert 0.8 * spacing < 2 * array["radius"] < spacing  # discs do not overlap
+
+
+def test_names_that_look_like_html_are_text(tmp_path):
+    import trimesh
+
+    mesh = MeshObject(trimesh.creation.box((0.1, 0.1, 0.1)), at=(0, 0, 0.2), name="</script><script>alert(1)</script>\u202e")
+    path = render(mesh, "palm", exploration("cube", duration=0.2, seed=1), "cc").save(tmp_path / "<img src=x>.h5")
+    plain = tmp_path / "plain.html"
+    export_page(path, plain, title="<b>\u2066title")
+    elements = elements_of(plain.read_text())
+    assert "img" not in [tag for tag, _, _ in elements]
+    assert len([tag for tag, _, _ in elements if tag == "script"]) == 4
+    page = read_page(plain.read_text())
+    assert page["title"] == "<b>\\u2066title"
+    assert page["files"][0]["object"] == "</script><script>alert(1)</script>\\u202e"
+    assert page["files"][0]["name"] == "<img src=x>.h5"
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [("tube.pdf", r"must end in .html or .htm, not '.pdf'"), ("none/tube.html", "there is no folder"), (7, "must be a path, not 7")],
+)
+def test_places_that_take_no_page_are_refused_before_any_work(tube, tmp_path, out, message, monkeypatch):
+    monkeypatch.setattr(module, "FileScene", None)
+    with pytest.raises(StrategyError, match=message):
+        export_page(tube, tmp_path / out if isinstance(out, str) else out)
+
+
+def test_a_page_that_is_there_stays(tube, tmp_path):
+    page = tmp_path / "tube.html"
+    page.write_text("mine")
+    with pytest.raises(StrategyError, match="exists; overwrite=True replaces it"):
+        export_page(tube, page)
+    assert page.read_text() == "mine"
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_one_file_or_two(tube, tmp_path, count):
+    with pytest.raises(StrategyError, match=f"one contour file or two, not {count}"):
+        export_page([tube] * count, tmp_path / "tube.html")
+
+
+def test_a_file_that_is_none_is_a_sentence(tmp_path):
+    (tmp_path / "broken.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    with pytest.raises(ContourFileError, match="broken"):
+        export_page(tmp_path / "broken.h5", tmp_path / "page.html")
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_a_full_disk_leaves_no_page_and_no_rest(tube, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("palpate.datasets.storage.durable.os.write", full)
+    with pytest.raises(ViewError, match="the page cannot be written"):
+        export_page(tube, tmp_path / "tube.html", poses=":2")
+    assert list(tmp_path.iterdir()) == []

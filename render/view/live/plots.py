@@ -94,9 +94,7 @@ def on_one_axis(
 
 
 def _lines_of(labels: Sequence[str]) -> tuple[uplot.Series, ...]:
-    return tuple(
-        uplot.Series(label=label, stroke=LINES[k % len(LINES)], width=1.2) for k, label in enumerate(labels)
-    )
+    return tuple(uplot.Series(label=label, stroke=LINES[k % len(LINES)], width=1.2) for k, label in enumerate(labels))
 
 
 def _marker(label: str, colour: str) -> uplot.Series:
@@ -119,9 +117,7 @@ def _plot(
     )
 
 
-def _fill(
-    plot: viser.GuiUplotHandle, time: np.ndarray, lines: Sequence[np.ndarray], most: float = np.inf
-) -> None:
+def _fill(plot: viser.GuiUplotHandle, time: np.ndarray, lines: Sequence[np.ndarray], most: float = np.inf) -> None:
     """Give a plot its lines, and a range from 0 to a little over the largest value: uPlot finds none among NaN."""
     plot.data = (time, *lines)
     values = np.concatenate(list(lines))

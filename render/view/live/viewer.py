@@ -18,7 +18,7 @@ from ..focal_path import FocalPath, focal_path
 from ..series import overview_of, steps_in, window_around
 from .controls import Actions, Controls
 from .guarded_server import GuardedServer
-from .numbers import facts_html, moment_html, safe
+from .numbers import facts_html, failure_html, moment_html
 from .plots import OverviewPlot, WindowPlots
 from .predictions import Predictions
 from .scene_nodes import SceneNodes
@@ -34,19 +34,24 @@ GAP = 0.06  # [m] between two files' scenes
 class Viewer:
     """The page of one file, or of two side by side.
 
-    scenes: open files, which stay the caller's. labels: what they are called. arrays: shown under the first file's
-    scene and the second's; pressure and noise are predicted for them.
+    scenes: open files, which stay the caller's. labels: what they are called; titles: more words on each. arrays:
+    shown under each file's scene; pressure and noise are predicted for them.
     """
 
     def __init__(
-        self, server: GuardedServer, scenes: Sequence[FileScene], labels: Sequence[str], arrays: Sequence[PlacedArray]
+        self,
+        server: GuardedServer,
+        scenes: Sequence[FileScene],
+        labels: Sequence[str],
+        arrays: Sequence[PlacedArray],
+        titles: Sequence[str] = (),
     ) -> None:
-        self._server, self._scenes, self._labels = server, list(scenes), list(labels)
+        self._server, self._scenes, self._labels, self._titles = server, list(scenes), list(labels), titles
         self._tasks: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._sought: int | None = None
         self.timeline = Timeline(scenes)
         self._nodes = self._place_scenes(arrays)
-        self._facts = server.gui.add_html(facts_html(scenes, labels))
+        self._facts = server.gui.add_html(facts_html(scenes, labels, titles))
         self._numbers = server.gui.add_html("")
         self._controls = Controls(server, scenes[0].pose_count, self._actions())
         with self._controls.plots:
@@ -75,7 +80,7 @@ class Viewer:
                 self._server.scene.add_label(f"/file{k}/label", visible(label), position=above)
         look = np.mean([box.mean(axis=0) + off for box, off in zip(boxes, self._offsets, strict=True)], axis=0)
         away = 0.1 + 0.8 * step * len(boxes)
-        self._server.initial_camera.position = look + away * np.array([0.25, -0.85, 0.45])
+        self._server.initial_camera.position = look + away * np.array([0.25 if len(boxes) == 1 else 0.0, -0.85, 0.45])
         self._server.initial_camera.look_at = look
         return nodes
 
@@ -118,12 +123,12 @@ class Viewer:
         windows = [window_around(scene, pose, WINDOW) for scene, pose in zip(self._scenes, poses, strict=True)]
         self._predictions.predict_noise(windows, self._labels)
 
-    def run(self, stop: threading.Event) -> None:
-        """Draw until `stop` is set; what goes wrong with a file is shown on the page."""
+    def run(self, *stops: threading.Event) -> None:
+        """Draw until one of `stops` is set; what goes wrong with a file is shown on the page."""
         start_warp()
         self._draw()
         before = perf_counter()
-        while not stop.is_set():
+        while not any(stop.is_set() for stop in stops):
             try:
                 task = self._tasks.get(timeout=FRAME if self.timeline.is_playing else REST / 2)
             except queue.Empty:
@@ -137,7 +142,7 @@ class Viewer:
         try:
             task()
         except (RenderError, DatasetError, DeviceError) as error:
-            self._message.content = f'<div style="color:#c1121f;padding:0 0.8em">{safe(error)}</div>'
+            self._message.content = failure_html(str(error))
             self.timeline.is_playing = False
 
     def _idle(self) -> None:
@@ -157,7 +162,7 @@ class Viewer:
         for scene in self._scenes:
             scene.refresh()
         if [scene.done_count for scene in self._scenes] != before:
-            self._facts.content = facts_html(self._scenes, self._labels)
+            self._facts.content = facts_html(self._scenes, self._labels, self._titles)
             self._overview.replace([overview_of(scene) for scene in self._scenes])
             self._shown = []
             self._draw()

@@ -38,6 +38,7 @@ FLAGS = (
 )
 ANSWER_SECONDS = 120.0  # software drawing on a busy machine
 KEYS = {" ": ("Space", 32), "ArrowLeft": ("ArrowLeft", 37), "ArrowRight": ("ArrowRight", 39), "Home": ("Home", 36)}
+KEYS |= {"Enter": ("Enter", 13)}
 
 
 class BrowserFault(AssertionError):

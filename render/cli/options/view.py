@@ -29,7 +29,9 @@ def view(
         str | None, typer.Option(metavar="FIRST:STOP", help="Poses of an exported page, by number; by default all.")
     ] = None,
     every: Annotated[int | None, typer.Option(metavar="N", help="Export every Nth of these poses.")] = None,
-    limit: Annotated[float | None, typer.Option(metavar="MB", help="Largest page that is written, by default 20.")] = None,
+    limit: Annotated[
+        float | None, typer.Option(metavar="MB", help="Largest page that is written, by default 20.")
+    ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     json: Json = False,

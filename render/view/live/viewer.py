@@ -22,7 +22,7 @@ from .numbers import facts_html, failure_html, moment_html
 from .plots import OverviewPlot, WindowPlots
 from .predictions import Predictions
 from .scene_nodes import SceneNodes
-from .timeline import Timeline
+from .shared_clock import SharedClock
 
 FRAME = 1 / 30  # [s] between frames while it plays
 REST = 0.2  # [s] after the last change, before slower things are computed for what is shown
@@ -49,7 +49,7 @@ class Viewer:
         self._server, self._scenes, self._labels, self._titles = server, list(scenes), list(labels), titles
         self._tasks: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._sought: int | None = None
-        self.timeline = Timeline(scenes)
+        self.clock = SharedClock(scenes)
         self._nodes = self._place_scenes(arrays)
         self._facts = server.gui.add_html(facts_html(scenes, labels, titles))
         self._numbers = server.gui.add_html("")
@@ -88,9 +88,9 @@ class Viewer:
         put = self._tasks.put
         return Actions(
             seek=self._ask_for,
-            step=lambda count: put(lambda: self._go_to(self.timeline.poses()[0] + count)),
+            step=lambda count: put(lambda: self._go_to(self.clock.poses()[0] + count)),
             toggle=lambda: put(self._toggle),
-            set_speed=lambda speed: put(lambda: setattr(self.timeline, "speed", speed)),
+            set_speed=lambda speed: put(lambda: setattr(self.clock, "speed", speed)),
             set_layer=lambda name, shown: put(lambda: [each.set_visible(name, shown) for each in self._nodes]),
             set_pressure=lambda where: put(lambda: self._set_pressure(where)),
             predict_noise=lambda: put(self._predict_noise),
@@ -107,11 +107,11 @@ class Viewer:
             self._go_to(pose)
 
     def _go_to(self, pose: int) -> None:
-        self.timeline.seek(pose)
+        self.clock.seek(pose)
         self._draw()
 
     def _toggle(self) -> None:
-        self.timeline.is_playing = not self.timeline.is_playing
+        self.clock.is_playing = not self.clock.is_playing
         self._draw()
 
     def _set_pressure(self, where: str) -> None:
@@ -119,7 +119,7 @@ class Viewer:
         self._is_settled = False
 
     def _predict_noise(self) -> None:
-        poses = self.timeline.poses()
+        poses = self.clock.poses()
         windows = [window_around(scene, pose, WINDOW) for scene, pose in zip(self._scenes, poses, strict=True)]
         self._predictions.predict_noise(windows, self._labels)
 
@@ -130,11 +130,11 @@ class Viewer:
         before = perf_counter()
         while not any(stop.is_set() for stop in stops):
             try:
-                task = self._tasks.get(timeout=FRAME if self.timeline.is_playing else REST / 2)
+                task = self._tasks.get(timeout=FRAME if self.clock.is_playing else REST / 2)
             except queue.Empty:
                 task = self._idle
             now = perf_counter()
-            self.timeline.advance(now - before)
+            self.clock.advance(now - before)
             before = now
             self._try(task)
 
@@ -143,10 +143,10 @@ class Viewer:
             task()
         except (RenderError, DatasetError, DeviceError) as error:
             self._message.content = failure_html(str(error))
-            self.timeline.is_playing = False
+            self.clock.is_playing = False
 
     def _idle(self) -> None:
-        if self.timeline.is_playing:
+        if self.clock.is_playing:
             self._draw()
             return
         now = perf_counter()
@@ -169,7 +169,7 @@ class Viewer:
 
     def _draw(self) -> None:
         """Show what the timeline asks for: all of it together, and at once."""
-        poses = self.timeline.poses()
+        poses = self.clock.poses()
         is_new = poses != self._shown
         if is_new:
             self._moments = [scene.moment(pose) for scene, pose in zip(self._scenes, poses, strict=True)]
@@ -179,9 +179,9 @@ class Viewer:
                 if is_new:
                     nodes.show(self._moments[k])
                     nodes.show_jumps(self._moments[k].contours, path)
-                nodes.show_focus(path, 0 if path is None else _sample_at(path, self.timeline.share_of(k)))
+                nodes.show_focus(path, 0 if path is None else _sample_at(path, self.clock.share_of(k)))
             self._numbers.content = moment_html(self._moments, self._scenes, self._labels)
-            self._controls.show(poses[0], is_playing=self.timeline.is_playing)
+            self._controls.show(poses[0], is_playing=self.clock.is_playing)
             self._message.content = ""
             if is_new:
                 self._predictions.hide()
@@ -192,12 +192,12 @@ class Viewer:
     def _settle(self) -> None:
         """Compute what takes longer, once the time rests: plots around it, and pressure."""
         self._is_settled = True
-        poses = self.timeline.poses()
+        poses = self.clock.poses()
         windows = [window_around(scene, pose, WINDOW) for scene, pose in zip(self._scenes, poses, strict=True)]
         steps = [steps_in(self._scenes[0], windows[0])]
         with self._server.atomic():
-            self._plots.show(windows, steps, self.timeline.now if self._scenes[0].has_time else float(poses[0]))
-            self._overview.mark(self.timeline.now if self._scenes[0].has_time else float(poses[0]))
+            self._plots.show(windows, steps, self.clock.now if self._scenes[0].has_time else float(poses[0]))
+            self._overview.mark(self.clock.now if self._scenes[0].has_time else float(poses[0]))
         self._predictions.show_pressure(self._moments)
 
 

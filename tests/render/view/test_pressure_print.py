@@ -61,7 +61,9 @@ def test_grids_cover_patches():
     corners = hand.corners(static_pose([0, 0, 0.2]).pose)[0]
     for plane, patch, quad in zip(planes_of_patches(corners), hand.patches, corners, strict=True):
         assert plane.extent == pytest.approx((patch.width, patch.length))
-        assert np.cross(plane.u, plane.v) @ np.array([0, 0, 1.0]) == pytest.approx(1.0)  # into a hand with its palm down
+        assert np.cross(plane.u, plane.v) @ np.array([0, 0, 1.0]) == pytest.approx(
+            1.0
+        )  # into a hand with its palm down
         spread = plane.points - quad.mean(axis=0)
         assert np.abs(spread @ plane.u).max() < patch.width / 2
         assert np.abs(spread @ plane.v).max() < patch.length / 2

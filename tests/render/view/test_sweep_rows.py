@@ -19,8 +19,9 @@ source = ["oc", "cc"]
 
 
 def make_store(folder, plan):
-    from palpate.render.cli.app import app
     from typer.testing import CliRunner
+
+    from palpate.render.cli.app import app
 
     (folder / "plan.toml").write_text(plan)
     done = CliRunner().invoke(app, ["sweep", str(folder / "plan.toml"), "--device", "cpu", "--workers", "1", "--quiet"])

@@ -7,11 +7,12 @@ import pytest
 
 viser = pytest.importorskip("viser")
 
+from websockets.exceptions import InvalidStatus  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
+
 from palpate.render.errors import StrategyError, ViewError  # noqa: E402  # after the skip
 from palpate.render.view.live import guarded_server  # noqa: E402
 from palpate.render.view.live.guarded_server import HOST, refusal, start_server  # noqa: E402
-from websockets.exceptions import InvalidStatus  # noqa: E402
-from websockets.sync.client import connect  # noqa: E402
 
 
 @pytest.fixture(scope="module")

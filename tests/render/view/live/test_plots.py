@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("viser")
 
-from palpate.render.view.live.plots import on_one_axis  # noqa: E402  # after the skip
+from palpate.render.view.live.plots import on_one_axis  # after the skip
 
 
 def test_values_of_the_second_file_are_those_of_the_time():

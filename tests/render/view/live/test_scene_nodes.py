@@ -5,8 +5,8 @@ import pytest
 
 pytest.importorskip("viser")
 
-from palpate.render import render, static_pose  # noqa: E402  # after the skip
-from palpate.render.view.live.scene_nodes import COLOURS, box_edges, contour_segments  # noqa: E402
+from palpate.render import render, static_pose  # after the skip
+from palpate.render.view.live.scene_nodes import COLOURS, box_edges, contour_segments
 
 
 def test_segments_have_the_length_and_the_kinds_of_the_contours():

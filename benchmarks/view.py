@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "cases"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "cases" / "pages"))
 from browser import Browser
 
-from palpate.render.view.live.session import serve_files
+from palpate.render.view.live.session import view_files
 
 DATA_BYTES = 2000  # of a message in base64; those about inputs are shorter
 PLAYED = 3.0  # [s]
@@ -63,7 +63,7 @@ def measure(paths: Sequence[str | Path], steps: int = 100, pause: float = 0.1) -
         address.append(found)
         ready.set()
 
-    server = threading.Thread(target=serve_files, args=(paths,), kwargs={"ready": tell, "stop": stop})
+    server = threading.Thread(target=view_files, args=(paths,), kwargs={"ready": tell, "stop": stop})
     server.start()
     ready.wait(120)
     try:

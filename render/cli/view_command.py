@@ -9,7 +9,7 @@ from ..runtime.warp_start import start_warp
 from ..terminal import console
 from ..terminal.foreign_text import print_message, write_output
 from ..validation import refuse_object
-from ..view.live.session import open_browser, serve_files
+from ..view.live.session import open_browser, view_files
 
 OF_A_PAGE = ("poses", "every", "limit", "overwrite")
 OF_A_SERVER = ("port", "no_browser", "calibration")
@@ -35,7 +35,7 @@ def run_view(files: list[Path], options: dict[str, Any], *, as_json: bool) -> No
             print_message(f"no browser could be opened here: open {address} in one on this machine")
 
     try:
-        serve_files(
+        view_files(
             files,
             port=options["port"],
             array=options["array"],

@@ -16,7 +16,7 @@ from ..sweep_rows import SweepRows
 FILES_MOST = 2
 
 
-def serve_files(
+def view_files(
     paths: Sequence[str | Path],
     *,
     port: int | None = None,
@@ -30,6 +30,13 @@ def serve_files(
 
     ready: called with the page's address once it can be opened. Raises ViewError for a port that is taken and where
     viser is not installed, StrategyError for more than two files, ContourFileError for a file that cannot be read.
+
+    >>> from threading import Event
+    >>> from palpate.render import render, static_pose, view_files
+    >>> path, seen = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True), Event()
+    >>> view_files([path], ready=lambda address: seen.set(), stop=seen)  # ends at once; without stop, by Ctrl-C
+    >>> seen.is_set()
+    True
     """
     files = [Path(path) for path in paths]
     if not 1 <= len(files) <= FILES_MOST:

@@ -12,7 +12,7 @@ pytest.importorskip("viser")
 from browser import Browser  # after the skip
 
 from palpate.render import ContourFile, exploration, record, render
-from palpate.render.view.live.session import serve_files
+from palpate.render.view.live.session import view_files
 
 pytestmark = pytest.mark.exhaustive  # a browser that draws in software takes seconds to start
 ALLOWED = ("THREE.Clock: This module has been deprecated", "GPU stall due to ReadPixels", "Software WebGL")
@@ -30,7 +30,7 @@ def served(*paths, **options):
 
     def run():
         try:
-            serve_files(paths, ready=tell, stop=stop, **options)
+            view_files(paths, ready=tell, stop=stop, **options)
         except BaseException as error:
             found.append(error)
             ready.set()

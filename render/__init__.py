@@ -48,6 +48,7 @@ if TYPE_CHECKING:
         SweepError,
         TrustStoreError,
         UntrustedCodeError,
+        ViewError,
         VoxelError,
     )
     from .focal_spot import focal_width
@@ -102,6 +103,7 @@ if TYPE_CHECKING:
     from .sweeps.run.engine import InProcess
     from .sweeps.run.parent import run_sweep
     from .sweeps.study import SweepResult, sweep
+    from .view.live.session import view_files
     from .view.page.export import export_page
 
 
@@ -126,7 +128,7 @@ _ROOMS = {
     "contour_batch": "ContourBatch",
     "errors": "RenderError MeshError VoxelError ImplicitError StrategyError PlacementError RepairError "
     "PoseError SweepError PlanError UntrustedCodeError TrustStoreError KernelCacheError "
-    "PalpateWarning",
+    "ViewError PalpateWarning",
     "focal_spot": "focal_width",
     "hands.combined_hands": "together",
     "hands.flat_hand": "flat_hand",
@@ -169,6 +171,7 @@ _ROOMS = {
     "sweeps.run.parent": "run_sweep",
     "sweeps.report.table": "tidy_columns",
     "sweeps.study": "SweepResult sweep",
+    "view.live.session": "view_files",
     "view.page.export": "export_page",
 }
 """What each module has that scripts use: it is imported when that is asked for, as a command needs few of them."""
@@ -236,6 +239,7 @@ __all__ = [
     "SweepStoreError",
     "TrustStoreError",
     "UntrustedCodeError",
+    "ViewError",
     "VoxelError",
     "VoxelObject",
     "array_points",
@@ -292,6 +296,7 @@ __all__ = [
     "tidy_columns",
     "together",
     "torus",
+    "view_files",
     "voxelise",
     "worker_devices",
     "write_wave_files",

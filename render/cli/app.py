@@ -29,6 +29,7 @@ try:
     from .options.selftest import selftest
     from .options.sweep import SWEEP_HELP, sweep
     from .options.trust import AllowCode, trust
+    from .options.view import view
 except KeyboardInterrupt:  # nothing has begun
     sys.exit("error: interrupted")
 
@@ -287,6 +288,9 @@ def figure(
 ) -> None:
     """Draw contours on the object, the palm, length and draw frequency over time."""
     run_job(".file_commands", "run_figure", files, out, overwrite, json=json, quiet=quiet)
+
+
+app.command(short_help="Show renderings in the browser.")(view)
 
 
 app.command(short_help="Sample a contour file and stream it to an array.")(play)

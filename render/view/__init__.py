@@ -1,1 +1,1 @@
-"""`palpate view`: what was rendered, in a browser: live, or as one page to mail"""
+"""`palpate view`: what was rendered, in a browser: live, or as one page to mail."""

@@ -32,7 +32,7 @@ class Overview:
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class PoseWindow:
     """Every pose around a moment, and what the focal point does there."""
 
     first: int
@@ -75,7 +75,7 @@ def overview_of(scene: FileScene, bins: int = BINS) -> Overview:
     return Overview(time, longest, mean)
 
 
-def window_around(scene: FileScene, index: int, seconds: float, poses_most: int = POSES_MOST) -> Window:
+def window_around(scene: FileScene, index: int, seconds: float, poses_most: int = POSES_MOST) -> PoseWindow:
     """Poses up to `seconds` before and after a pose, or half `poses_most` where that is less; read as one range."""
     half = poses_most // 2
     first, stop = max(0, index - half), min(scene.pose_count, index + half + 1)
@@ -93,10 +93,10 @@ def window_around(scene: FileScene, index: int, seconds: float, poses_most: int 
     frequency = np.full(len(length), np.nan)
     drawn = length > 0
     frequency[drawn] = scene.sampling.draw_frequency(length[drawn])
-    return Window(first, time, length, frequency, tilts_of(scene.file.motion(first, stop)["pose"]))
+    return PoseWindow(first, time, length, frequency, tilts_of(scene.file.motion(first, stop)["pose"]))
 
 
-def steps_in(scene: FileScene, window: Window, sampling: SamplingStrategy | None = None) -> Steps:
+def steps_in(scene: FileScene, window: PoseWindow, sampling: SamplingStrategy | None = None) -> Steps:
     """Jumps and hops of the focal point in a window, drawn from its first pose on; none where poses have no times."""
     strategy = sampling or scene.sampling
     rows = window_rows(scene, window)
@@ -118,7 +118,7 @@ def steps_in(scene: FileScene, window: Window, sampling: SamplingStrategy | None
     return Steps(time[jump > 0], time[hop > 0])
 
 
-def window_rows(scene: FileScene, window: Window) -> BatchRows | None:
+def window_rows(scene: FileScene, window: PoseWindow) -> BatchRows | None:
     """The contours of a window as a motion of its own that begins at 0 s; None where poses lack times or contours."""
     stop = window.first + len(window.time)
     if not scene.has_time or len(window.time) < 2 or np.isnan(window.length).any():

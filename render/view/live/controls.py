@@ -8,7 +8,7 @@ import viser
 
 from ..pressure_print import PLACES
 from .scene_nodes import LAYERS
-from .timeline import SPEEDS
+from .shared_clock import SPEEDS
 
 PLAY, PAUSE = "play", "pause"
 STEPS = {"first": "first", "-1": -1, "+1": 1, "last": "last"}

@@ -11,7 +11,7 @@ from typing import Any
 import viser
 import websockets.asyncio.server
 
-from ...errors import ViewError
+from ...errors import StrategyError, ViewError
 
 HOST = "127.0.0.1"
 FIRST_PORT = 8080
@@ -26,13 +26,18 @@ class GuardedServer(viser.ViserServer):
         """Refuse: a tunnel would show the files on an outside server."""
         return None
 
+    def stop(self) -> None:
+        """Stop serving, in silence."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
 
 def start_server(label: str, port: int | None = None) -> GuardedServer:
     """Start a server on 127.0.0.1; port: exactly this one; None: the first free one from 8080 on.
 
     Requests whose Host is not this server's, and connections whose Origin is another page, get 403: a page of another
     site must not read files through the visitor's browser. Whether these are refused is tried before this returns.
-    Raises ViewError for a port that is taken or that this process may not have.
+    Raises ViewError for a port that is taken or that this process may not have, StrategyError for a number of no port.
     """
     if port is not None:
         _require_free(port)
@@ -40,7 +45,7 @@ def start_server(label: str, port: int | None = None) -> GuardedServer:
         server = GuardedServer(host=HOST, port=FIRST_PORT if port is None else port, label=label, verbose=False)
     try:
         if port is not None and server.get_port() != port:
-            raise ViewError(f"port {port} was taken while the viewer started; choose another one by --port")
+            raise ViewError(f"port {port} was taken while the viewer started; choose another one")
         _require_guard(server.get_port())
         server.gui.configure_theme(show_share_button=False, show_logo=False)
     except BaseException:
@@ -60,7 +65,7 @@ def refusal(host: str | None, origin: str | None, port: int) -> str | None:
 
 def _require_free(port: int) -> None:
     if not 1 <= port <= 65535:
-        raise ViewError(f"--port must be 1 to 65535, not {port}")
+        raise StrategyError(f"port must be 1 to 65535, not {port}")
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -68,7 +73,7 @@ def _require_free(port: int) -> None:
         except OSError as error:
             reason = error.strerror or str(error)
             raise ViewError(
-                f"port {port} of {HOST} cannot be had ({reason}); without --port the first free one is taken"
+                f"port {port} of {HOST} cannot be had ({reason}); without a port the first free one is taken"
             ) from error
 
 
@@ -83,7 +88,9 @@ def _guarded_serving() -> Iterator[None]:
             origins = request.headers.get_all("Origin")
             hosts = request.headers.get_all("Host")
             sentence = refusal(
-                hosts[0] if len(hosts) == 1 else None, origins[0] if len(origins) == 1 else "; ".join(origins) or None, port
+                hosts[0] if len(hosts) == 1 else None,
+                origins[0] if len(origins) == 1 else "; ".join(origins) or None,
+                port,
             )
             if sentence is not None:
                 return connection.respond(HTTPStatus.FORBIDDEN, sentence + "\n")

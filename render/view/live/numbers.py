@@ -15,6 +15,11 @@ def safe(text: object) -> str:
     return escape(visible(str(text)))
 
 
+def failure_html(sentence: str) -> str:
+    """What went wrong, in red."""
+    return f'<div style="{STYLE};color:#c1121f">{safe(sentence)}</div>'
+
+
 def strategy_name(strategy: dict) -> str:
     """What a strategy is called, or its stages."""
     if strategy.get("name"):
@@ -24,14 +29,15 @@ def strategy_name(strategy: dict) -> str:
     return " + ".join(str(name) for name in names if name)
 
 
-def facts_html(scenes: Sequence[FileScene], labels: Sequence[str]) -> str:
-    """What each file is of."""
+def facts_html(scenes: Sequence[FileScene], labels: Sequence[str], titles: Sequence[str] = ()) -> str:
+    """What each file is of; titles: more words on each."""
     rows = [
         f"<b>{safe(label)}</b>: {safe(scene.object_name)}, hand {safe(scene.hand_kind)}, "
         f"strategy {safe(strategy_name(scene.strategy))}, {scene.pose_count:,} poses"
         + ("" if scene.is_sealed else f", <b>{scene.done_count:,} of them done</b> (still being written)")
         for scene, label in zip(scenes, labels, strict=True)
     ]
+    rows += [safe(title) for title in titles]
     return f'<div style="{STYLE}">{"<br>".join(rows)}</div>'
 
 

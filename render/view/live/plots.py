@@ -6,7 +6,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ..series import Overview, Steps, Window
+from ..series import Overview, PoseWindow, Steps
 
 LINES = ("#c1121f", "#1d6fa5")
 """Of the first file and the second."""
@@ -62,7 +62,7 @@ class WindowPlots:
         self._frequency = _plot(server, "draw frequency [Hz]", (*_lines_of(labels), *marks), empty)
         self._tilt = _plot(server, "tilt to the array [degree]", (*_lines_of(labels), *marks), empty)
 
-    def show(self, windows: Sequence[Window], steps: Sequence[Steps], now: float) -> None:
+    def show(self, windows: Sequence[PoseWindow], steps: Sequence[Steps], now: float) -> None:
         """Show windows of the files around a time [s], and the steps of the first file's focal point."""
         columns = [
             (each.time, (MILLIMETRES * each.length, each.draw_frequency, np.degrees(each.tilt))) for each in windows
@@ -94,9 +94,7 @@ def on_one_axis(
 
 
 def _lines_of(labels: Sequence[str]) -> tuple[uplot.Series, ...]:
-    return tuple(
-        uplot.Series(label=label, stroke=LINES[k % len(LINES)], width=1.2) for k, label in enumerate(labels)
-    )
+    return tuple(uplot.Series(label=label, stroke=LINES[k % len(LINES)], width=1.2) for k, label in enumerate(labels))
 
 
 def _marker(label: str, colour: str) -> uplot.Series:
@@ -119,9 +117,7 @@ def _plot(
     )
 
 
-def _fill(
-    plot: viser.GuiUplotHandle, time: np.ndarray, lines: Sequence[np.ndarray], most: float = np.inf
-) -> None:
+def _fill(plot: viser.GuiUplotHandle, time: np.ndarray, lines: Sequence[np.ndarray], most: float = np.inf) -> None:
     """Give a plot its lines, and a range from 0 to a little over the largest value: uPlot finds none among NaN."""
     plot.data = (time, *lines)
     values = np.concatenate(list(lines))

@@ -12,7 +12,7 @@ from ...errors import StrategyError
 from ...playback.placed_arrays import PlacedArray
 from ..file_scene import FileScene, Moment
 from ..pressure_print import PressurePrint, PressurePrinter
-from ..series import Window, window_rows
+from ..series import PoseWindow, window_rows
 from .controls import Controls
 from .guarded_server import GuardedServer
 from .numbers import STYLE, safe
@@ -87,7 +87,7 @@ class Predictions:
                 )
             )
 
-    def predict_noise(self, windows: Sequence[Window], labels: Sequence[str]) -> None:
+    def predict_noise(self, windows: Sequence[PoseWindow], labels: Sequence[str]) -> None:
         """Say how loud the motion in windows is: A-weighted levels, of which only differences mean anything."""
         rows = [window_rows(scene, window) for scene, window in zip(self._scenes, windows, strict=True)]
         if any(row is None for row in rows):

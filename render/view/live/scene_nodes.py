@@ -68,7 +68,9 @@ class SceneNodes:
         if len(looks.faces):
             layer = "skin" if look.is_rendered else "hand"
             make = self._api.add_mesh_simple
-            self._hand = self._add(layer, make, "hand/mesh", vertices=look.vertices, faces=looks.faces, color=SKIN, **mesh)
+            self._hand = self._add(
+                layer, make, "hand/mesh", vertices=look.vertices, faces=looks.faces, color=SKIN, **mesh
+            )
         self._patches = None
         self._patch_count = -1
         self._show_patches(look.patches)
@@ -155,9 +157,7 @@ class SceneNodes:
         """Show the transducers of arrays, and the box that each can focus in."""
         for index, array in enumerate(arrays):
             cloud = self._api.add_point_cloud
-            self._add(
-                "array", cloud, f"array{index}", array.position, METAL, point_size=0.005, point_shape="circle"
-            )
+            self._add("array", cloud, f"array{index}", array.position, METAL, point_size=0.005, point_shape="circle")
             own = array.unplaced or array
             edges = box_edges(own.focal_zone.lateral, own.focal_zone.z_min, own.focal_zone.z_max)
             position, wxyz = _placed(np.asarray(array.pose))

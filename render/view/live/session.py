@@ -6,44 +6,61 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ...errors import ViewError
+from ....datasets.sweeps.check import is_sweep_data
+from ...errors import StrategyError, ViewError
 from ...playback.placed_arrays import load_rig
+from ...trust.permission import AllowCode
 from ..file_scene import FileScene
+from ..sweep_rows import SweepRows
 
 FILES_MOST = 2
 
 
-def serve_files(
+def view_files(
     paths: Sequence[str | Path],
     *,
     port: int | None = None,
     array: str = "emulator",
     calibration: Path | None = None,
+    allow_code: AllowCode = False,
     ready: Callable[[str], object] | None = None,
     stop: threading.Event | None = None,
 ) -> None:
-    """Show one contour file, or two side by side, on a local page until `stop` is set, or Ctrl-C.
+    """Show one contour file, two side by side, or a sweep's store on a local page until `stop` is set, or Ctrl-C.
 
-    ready: called with the page's address once it can be opened. Raises ViewError for a port that is taken, for more
-    than two files and where viser is not installed; ContourFileError for a file that cannot be read.
+    ready: called with the page's address once it can be opened. Raises ViewError for a port that is taken and where
+    viser is not installed, StrategyError for more than two files, ContourFileError for a file that cannot be read.
+
+    >>> from threading import Event
+    >>> from palpate.render import render, static_pose, view_files
+    >>> path, seen = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True), Event()
+    >>> view_files([path], ready=lambda address: seen.set(), stop=seen)  # ends at once; without stop, by Ctrl-C
+    >>> seen.is_set()
+    True
     """
     files = [Path(path) for path in paths]
     if not 1 <= len(files) <= FILES_MOST:
-        raise ViewError(f"the viewer shows one file, or {FILES_MOST} side by side, not {len(files)}")
+        raise StrategyError(f"the viewer shows one file, or {FILES_MOST} side by side, not {len(files)}")
+    is_store = len(files) == 1 and files[0].is_dir() and is_sweep_data(files[0])
     try:
         from .guarded_server import HOST, start_server
+        from .sweep_page import SweepPage
         from .viewer import Viewer
     except ImportError as error:
         raise ViewError(f"the viewer needs viser ({error}): pip install 'palpate[view]'") from error
     arrays = load_rig(array, calibration=calibration)
     with contextlib.ExitStack() as stack:
-        scenes = [stack.enter_context(FileScene(path)) for path in files]
+        scenes = [] if is_store else [stack.enter_context(FileScene(path)) for path in files]
+        rows = SweepRows(files[0]) if is_store else None
         server = start_server("palpate", port)
         stack.callback(server.stop)
-        viewer = Viewer(server, scenes, labels_of(files), arrays)
+        if rows is None:
+            page = Viewer(server, scenes, labels_of(files), arrays)
+        else:
+            page = SweepPage(server, rows, arrays, allow_code=allow_code)
         if ready is not None:
             ready(f"http://{HOST}:{server.get_port()}")
-        viewer.run(stop or threading.Event())
+        page.run(stop or threading.Event())
 
 
 def labels_of(paths: Sequence[Path]) -> list[str]:

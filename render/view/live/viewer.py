@@ -18,11 +18,11 @@ from ..focal_path import FocalPath, focal_path
 from ..series import overview_of, steps_in, window_around
 from .controls import Actions, Controls
 from .guarded_server import GuardedServer
-from .numbers import facts_html, moment_html, safe
+from .numbers import facts_html, failure_html, moment_html
 from .plots import OverviewPlot, WindowPlots
 from .predictions import Predictions
 from .scene_nodes import SceneNodes
-from .timeline import Timeline
+from .shared_clock import SharedClock
 
 FRAME = 1 / 30  # [s] between frames while it plays
 REST = 0.2  # [s] after the last change, before slower things are computed for what is shown
@@ -34,19 +34,24 @@ GAP = 0.06  # [m] between two files' scenes
 class Viewer:
     """The page of one file, or of two side by side.
 
-    scenes: open files, which stay the caller's. labels: what they are called. arrays: shown under the first file's
-    scene and the second's; pressure and noise are predicted for them.
+    scenes: open files, which stay the caller's. labels: what they are called; titles: more words on each. arrays:
+    shown under each file's scene; pressure and noise are predicted for them.
     """
 
     def __init__(
-        self, server: GuardedServer, scenes: Sequence[FileScene], labels: Sequence[str], arrays: Sequence[PlacedArray]
+        self,
+        server: GuardedServer,
+        scenes: Sequence[FileScene],
+        labels: Sequence[str],
+        arrays: Sequence[PlacedArray],
+        titles: Sequence[str] = (),
     ) -> None:
-        self._server, self._scenes, self._labels = server, list(scenes), list(labels)
+        self._server, self._scenes, self._labels, self._titles = server, list(scenes), list(labels), titles
         self._tasks: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._sought: int | None = None
-        self.timeline = Timeline(scenes)
+        self.clock = SharedClock(scenes)
         self._nodes = self._place_scenes(arrays)
-        self._facts = server.gui.add_html(facts_html(scenes, labels))
+        self._facts = server.gui.add_html(facts_html(scenes, labels, titles))
         self._numbers = server.gui.add_html("")
         self._controls = Controls(server, scenes[0].pose_count, self._actions())
         with self._controls.plots:
@@ -75,7 +80,7 @@ class Viewer:
                 self._server.scene.add_label(f"/file{k}/label", visible(label), position=above)
         look = np.mean([box.mean(axis=0) + off for box, off in zip(boxes, self._offsets, strict=True)], axis=0)
         away = 0.1 + 0.8 * step * len(boxes)
-        self._server.initial_camera.position = look + away * np.array([0.25, -0.85, 0.45])
+        self._server.initial_camera.position = look + away * np.array([0.25 if len(boxes) == 1 else 0.0, -0.85, 0.45])
         self._server.initial_camera.look_at = look
         return nodes
 
@@ -83,9 +88,9 @@ class Viewer:
         put = self._tasks.put
         return Actions(
             seek=self._ask_for,
-            step=lambda count: put(lambda: self._go_to(self.timeline.poses()[0] + count)),
+            step=lambda count: put(lambda: self._go_to(self.clock.poses()[0] + count)),
             toggle=lambda: put(self._toggle),
-            set_speed=lambda speed: put(lambda: setattr(self.timeline, "speed", speed)),
+            set_speed=lambda speed: put(lambda: setattr(self.clock, "speed", speed)),
             set_layer=lambda name, shown: put(lambda: [each.set_visible(name, shown) for each in self._nodes]),
             set_pressure=lambda where: put(lambda: self._set_pressure(where)),
             predict_noise=lambda: put(self._predict_noise),
@@ -102,11 +107,11 @@ class Viewer:
             self._go_to(pose)
 
     def _go_to(self, pose: int) -> None:
-        self.timeline.seek(pose)
+        self.clock.seek(pose)
         self._draw()
 
     def _toggle(self) -> None:
-        self.timeline.is_playing = not self.timeline.is_playing
+        self.clock.is_playing = not self.clock.is_playing
         self._draw()
 
     def _set_pressure(self, where: str) -> None:
@@ -114,22 +119,22 @@ class Viewer:
         self._is_settled = False
 
     def _predict_noise(self) -> None:
-        poses = self.timeline.poses()
+        poses = self.clock.poses()
         windows = [window_around(scene, pose, WINDOW) for scene, pose in zip(self._scenes, poses, strict=True)]
         self._predictions.predict_noise(windows, self._labels)
 
-    def run(self, stop: threading.Event) -> None:
-        """Draw until `stop` is set; what goes wrong with a file is shown on the page."""
+    def run(self, *stops: threading.Event) -> None:
+        """Draw until one of `stops` is set; what goes wrong with a file is shown on the page."""
         start_warp()
         self._draw()
         before = perf_counter()
-        while not stop.is_set():
+        while not any(stop.is_set() for stop in stops):
             try:
-                task = self._tasks.get(timeout=FRAME if self.timeline.is_playing else REST / 2)
+                task = self._tasks.get(timeout=FRAME if self.clock.is_playing else REST / 2)
             except queue.Empty:
                 task = self._idle
             now = perf_counter()
-            self.timeline.advance(now - before)
+            self.clock.advance(now - before)
             before = now
             self._try(task)
 
@@ -137,11 +142,11 @@ class Viewer:
         try:
             task()
         except (RenderError, DatasetError, DeviceError) as error:
-            self._message.content = f'<div style="color:#c1121f;padding:0 0.8em">{safe(error)}</div>'
-            self.timeline.is_playing = False
+            self._message.content = failure_html(str(error))
+            self.clock.is_playing = False
 
     def _idle(self) -> None:
-        if self.timeline.is_playing:
+        if self.clock.is_playing:
             self._draw()
             return
         now = perf_counter()
@@ -157,14 +162,14 @@ class Viewer:
         for scene in self._scenes:
             scene.refresh()
         if [scene.done_count for scene in self._scenes] != before:
-            self._facts.content = facts_html(self._scenes, self._labels)
+            self._facts.content = facts_html(self._scenes, self._labels, self._titles)
             self._overview.replace([overview_of(scene) for scene in self._scenes])
             self._shown = []
             self._draw()
 
     def _draw(self) -> None:
         """Show what the timeline asks for: all of it together, and at once."""
-        poses = self.timeline.poses()
+        poses = self.clock.poses()
         is_new = poses != self._shown
         if is_new:
             self._moments = [scene.moment(pose) for scene, pose in zip(self._scenes, poses, strict=True)]
@@ -174,9 +179,9 @@ class Viewer:
                 if is_new:
                     nodes.show(self._moments[k])
                     nodes.show_jumps(self._moments[k].contours, path)
-                nodes.show_focus(path, 0 if path is None else _sample_at(path, self.timeline.share_of(k)))
+                nodes.show_focus(path, 0 if path is None else _sample_at(path, self.clock.share_of(k)))
             self._numbers.content = moment_html(self._moments, self._scenes, self._labels)
-            self._controls.show(poses[0], is_playing=self.timeline.is_playing)
+            self._controls.show(poses[0], is_playing=self.clock.is_playing)
             self._message.content = ""
             if is_new:
                 self._predictions.hide()
@@ -187,12 +192,12 @@ class Viewer:
     def _settle(self) -> None:
         """Compute what takes longer, once the time rests: plots around it, and pressure."""
         self._is_settled = True
-        poses = self.timeline.poses()
+        poses = self.clock.poses()
         windows = [window_around(scene, pose, WINDOW) for scene, pose in zip(self._scenes, poses, strict=True)]
         steps = [steps_in(self._scenes[0], windows[0])]
         with self._server.atomic():
-            self._plots.show(windows, steps, self.timeline.now if self._scenes[0].has_time else float(poses[0]))
-            self._overview.mark(self.timeline.now if self._scenes[0].has_time else float(poses[0]))
+            self._plots.show(windows, steps, self.clock.now if self._scenes[0].has_time else float(poses[0]))
+            self._overview.mark(self.clock.now if self._scenes[0].has_time else float(poses[0]))
         self._predictions.show_pressure(self._moments)
 
 

@@ -9,7 +9,7 @@ SPEEDS = {"1": 1.0, "1/3": 1 / 3, "1/10": 0.1, "1/100": 0.01, "1/1000": 1e-3, "1
 """Shown time over real time."""
 
 
-class Timeline:
+class SharedClock:
     """Time of the first file [s], on whose poses the slider stands; the others show the pose of the same time.
 
     Files whose poses have no times show the pose of the same number, each for 0.05 s.
@@ -30,6 +30,7 @@ class Timeline:
         """Shown time over real time."""
         self._poses = [0] * len(scenes)
         self._pose_time: float | None = None
+        self._sought, self._sought_time = 0, self.begin
 
     def time_of(self, pose: int) -> float:
         """When a pose of the first file begins [s]."""
@@ -39,7 +40,7 @@ class Timeline:
     def poses(self) -> list[int]:
         """Number of the pose that each file shows now."""
         if self._pose_time != self.now:
-            first = self._pose_in(self._scenes[0])
+            first = self._sought if self.now == self._sought_time else self._pose_in(self._scenes[0])
             self._poses = [first]
             for scene in self._scenes[1:]:
                 same = scene.has_time and self._scenes[0].has_time
@@ -54,7 +55,8 @@ class Timeline:
 
     def seek(self, pose: int) -> None:
         """Go to the beginning of a pose of the first file, the first or last one for a number beyond."""
-        self.now = self.time_of(min(max(pose, 0), self._scenes[0].pose_count - 1))
+        self._sought = min(max(pose, 0), self._scenes[0].pose_count - 1)
+        self.now = self._sought_time = self.time_of(self._sought)
 
     def advance(self, seconds: float) -> None:
         """Let real time pass [s] while it plays; from the end it goes on at the beginning."""

@@ -1,0 +1,44 @@
+"""The command line of `palpate view`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .array import Array, Calibration
+from .output import Json, Overwrite, Quiet, run_job
+from .trust import AllowCode
+
+
+def view(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE", help="A contour file, two to compare, or the store of a sweep."),
+    ],
+    port: Annotated[
+        int | None, typer.Option(metavar="N", help="Port of 127.0.0.1; by default the first free one from 8080 on.")
+    ] = None,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address only, and open nothing.")] = False,
+    array: Array = "emulator",
+    calibration: Calibration = None,
+    allow_code: AllowCode = False,
+    export: Annotated[
+        Path | None, typer.Option(metavar="PAGE.html", help="Write one self-contained page instead, and end.")
+    ] = None,
+    poses: Annotated[
+        str | None, typer.Option(metavar="FIRST:STOP", help="Poses of an exported page, by number; by default all.")
+    ] = None,
+    every: Annotated[int | None, typer.Option(metavar="N", help="Export every Nth of these poses.")] = None,
+    limit: Annotated[
+        float | None, typer.Option(metavar="MB", help="Largest page that is written, by default 20.")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Show renderings in the browser: object, hand, array, contours and the focal point in slow motion.
+
+    The page is served to this machine only, until Ctrl-C.
+    """
+    options = {name: value for name, value in locals().items() if name not in ("files", "quiet", "json")}
+    run_job(".view_command", "run_view", files, options, json=json, quiet=quiet)

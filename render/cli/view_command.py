@@ -1,0 +1,53 @@
+"""What `palpate view` does: a page that is served until Ctrl-C, or one that is written."""
+
+from pathlib import Path
+from typing import Any
+
+from ...datasets.sweeps.check import is_sweep_data
+from ..errors import StrategyError
+from ..runtime.warp_start import start_warp
+from ..terminal import console
+from ..terminal.foreign_text import print_message, write_output
+from ..validation import refuse_object
+from ..view.live.session import open_browser, view_files
+
+OF_A_PAGE = ("poses", "every", "limit", "overwrite")
+OF_A_SERVER = ("port", "no_browser", "calibration")
+
+
+def run_view(files: list[Path], options: dict[str, Any], *, as_json: bool) -> None:
+    """Serve until Ctrl-C, or export."""
+    for file in files:
+        if not is_sweep_data(file):
+            refuse_object(file)
+    if options["export"] is not None:
+        _refuse_given(options, OF_A_SERVER, "of a page that is served; --export writes one")
+        raise StrategyError("--export is not there yet")
+    _refuse_given(options, OF_A_PAGE, "of a page that --export writes")
+    start_warp()
+
+    def tell(address: str) -> None:
+        if as_json:
+            write_output(console.json_line({"address": address}))
+        else:
+            print_message(f"palpate shows {' and '.join(map(str, files))} on {address} until Ctrl-C")
+        if not options["no_browser"] and not open_browser(address):
+            print_message(f"no browser could be opened here: open {address} in one on this machine")
+
+    try:
+        view_files(
+            files,
+            port=options["port"],
+            array=options["array"],
+            calibration=options["calibration"],
+            allow_code=options["allow_code"],
+            ready=tell,
+        )
+    except KeyboardInterrupt:
+        return
+
+
+def _refuse_given(options: dict[str, Any], names: tuple[str, ...], belonging: str) -> None:
+    for name in names:
+        if options[name] not in (None, False):
+            raise StrategyError(f"--{name.replace('_', '-')} is {belonging}")

@@ -1,0 +1,104 @@
+"""Only this machine's own page gets answers; tried by a client of the standard library and one by websockets."""
+
+import http.client
+import socket
+
+import pytest
+
+viser = pytest.importorskip("viser")
+
+from websockets.exceptions import InvalidStatus  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
+
+from palpate.render.errors import StrategyError, ViewError  # noqa: E402  # after the skip
+from palpate.render.view.live import guarded_server  # noqa: E402
+from palpate.render.view.live.guarded_server import HOST, refusal, start_server  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def server():
+    started = start_server("test")
+    yield started
+    started.stop()
+
+
+def status_of(port, headers):
+    asked = http.client.HTTPConnection(HOST, port, timeout=10)
+    asked.request("GET", "/", headers=headers)
+    status = asked.getresponse().status
+    asked.close()
+    return status
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("127.0.0.1:{}", 200),
+        ("localhost:{}", 200),
+        ("example.org", 403),
+        ("example.org:{}", 403),
+        ("127.0.0.1", 403),
+        ("127.0.0.1:{}.example.org", 403),
+        ("127.0.0.1:80", 403),
+    ],
+)
+def test_pages_are_for_the_servers_own_names(server, host, status):
+    assert status_of(server.get_port(), {"Host": host.format(server.get_port())}) == status
+
+
+@pytest.mark.parametrize(
+    ("origin", "is_let_in"),
+    [
+        ("http://127.0.0.1:{}", True),
+        ("http://localhost:{}", True),
+        (None, True),  # no browser: it always sends one
+        ("http://example.org", False),
+        ("https://127.0.0.1:{}", False),
+        ("http://127.0.0.1:1", False),
+        ("null", False),  # a page from disk
+    ],
+)
+def test_connections_are_for_the_servers_own_page(server, origin, is_let_in):
+    port = server.get_port()
+    asked = {"origin": None if origin is None else origin.format(port), "open_timeout": 10}
+    protocol = [f"viser-v{viser.__version__}"]
+    if is_let_in:
+        with connect(f"ws://{HOST}:{port}", subprotocols=protocol, **asked) as connection:
+            assert connection.recv(timeout=10)
+    else:
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(f"ws://{HOST}:{port}", subprotocols=protocol, **asked)
+
+
+def test_two_hosts_or_origins_pass_for_none():
+    assert refusal(None, None, 8080)
+    assert refusal("127.0.0.1:8080", "http://127.0.0.1:8080; http://example.org", 8080)
+    assert refusal("127.0.0.1:8080", "http://127.0.0.1:8080", 8080) is None
+
+
+def test_it_is_bound_to_this_machine_and_has_no_tunnel(server):
+    with socket.socket() as outside, pytest.raises(OSError, match="refused"):
+        outside.connect((other_address(), server.get_port()))
+    assert server.request_share_url() is None
+
+
+def other_address():
+    """An address of this machine that is not 127.0.0.1: all of 127.0.0.0/8 are its own on Linux."""
+    return "127.0.0.2"
+
+
+def test_a_port_that_is_taken_is_refused_and_no_other_is_taken(server):
+    with pytest.raises(ViewError, match=rf"port {server.get_port()} of 127\.0\.0\.1 cannot be had"):
+        start_server("test", server.get_port())
+
+
+@pytest.mark.parametrize("port", [0, -1, 65536])
+def test_a_port_out_of_range_is_refused(port):
+    with pytest.raises(StrategyError, match=f"port must be 1 to 65535, not {port}"):
+        start_server("test", port)
+
+
+def test_a_viser_that_lets_foreign_pages_pass_is_not_started(monkeypatch):
+    monkeypatch.setattr(guarded_server, "refusal", lambda *_: None)
+    with pytest.raises(ViewError, match="let a request of a foreign page pass"):
+        start_server("test")

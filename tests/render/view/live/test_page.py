@@ -1,0 +1,175 @@
+"""The live page in a real browser: what it shows is what the files hold, and it asks nobody else for anything."""
+
+import re
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser")
+
+from browser import Browser  # after the skip
+
+from palpate.render import ContourFile, exploration, record, render
+from palpate.render.view.live.session import view_files
+
+pytestmark = pytest.mark.exhaustive  # a browser that draws in software takes seconds to start
+ALLOWED = ("THREE.Clock: This module has been deprecated", "GPU stall due to ReadPixels", "Software WebGL")
+SLIDER = "document.querySelectorAll('[role=slider]')[0]"
+
+
+@contextmanager
+def served(*paths, **options):
+    """The address of a viewer that runs in a thread of its own."""
+    ready, stop, found = threading.Event(), threading.Event(), []
+
+    def tell(address):
+        found.append(address)
+        ready.set()
+
+    def run():
+        try:
+            view_files(paths, ready=tell, stop=stop, **options)
+        except BaseException as error:
+            found.append(error)
+            ready.set()
+            raise
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        assert ready.wait(60)
+        assert isinstance(found[0], str), found[0]
+        yield found[0]
+    finally:
+        stop.set()
+        thread.join(30)
+    assert not thread.is_alive()
+
+
+@contextmanager
+def opened(tmp_path, *paths, **options):
+    """A browser that shows a viewer's page; afterwards, its console had no error and nobody else was asked."""
+    with served(*paths, **options) as address, Browser(tmp_path) as browser:
+        browser.open(address)
+        browser.wait("document.body.innerText.includes('palpate') && document.querySelector('canvas') !== null")
+        yield browser
+        assert [error for error in browser.errors if not any(known in error for known in ALLOWED)] == []
+        port = address.rsplit(":", 1)[1]
+        outside = [url for url in browser.requested if not re.match(rf"(http|ws)://127\.0\.0\.1:{port}|blob:", url)]
+        assert outside == []
+        assert browser.requested
+
+
+def go_to(browser, pose):
+    """Type a pose's number into the slider's field, as a visitor does."""
+    browser.run(
+        "(() => { const field = [...document.querySelectorAll('input')].find((one) => one.closest('div')"
+        "?.parentElement?.parentElement?.querySelector('[role=slider]') && one.type !== 'hidden');"
+        "field.focus(); field.select(); })()"
+    )
+    browser.call("Input.insertText", text=str(pose))
+    browser.press("Enter")
+    browser.wait(f"document.body.innerText.includes('{pose} of 0..')")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    motion = exploration("tube", duration=1.0, seed=1)
+    return [render("tube", "palm", motion, name).save(folder / f"{name}.h5") for name in ("cc", "oc")]
+
+
+def shown_length(browser):
+    return [
+        float(text) for text in re.findall(r"([\d.]+) mm", browser.run("document.body.innerText").split("height")[0])
+    ]
+
+
+def test_a_file_is_shown_and_scrubbed(tmp_path, files):
+    with ContourFile(files[0]) as file:
+        length = 1e3 * file.metrics()["length"]
+    with opened(tmp_path, files[0]) as browser:
+        browser.wait("document.body.innerText.includes('0 of 0..89')")
+        for pose in (54, 70, 12):
+            go_to(browser, pose)
+            assert shown_length(browser) == [pytest.approx(length[pose], abs=0.051)]
+        go_to(browser, 54)
+        browser.settle(3)
+        pixels = browser.pixels()
+    red = (pixels[..., 0] > 150) & (pixels[..., 1] < 90) & (pixels[..., 2] < 100)
+    assert red.sum() > 100  # the object's contour
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 500  # shaded: object, hand, array
+
+
+def test_two_files_with_one_clock(tmp_path, files):
+    with ContourFile(files[0]) as a, ContourFile(files[1]) as b:
+        expected = [1e3 * float(file.metrics()["length"][54]) for file in (a, b)]
+    with opened(tmp_path, *files) as browser:
+        go_to(browser, 54)
+        assert shown_length(browser) == [pytest.approx(value, abs=0.051) for value in expected]
+        assert expected[0] > expected[1]
+
+
+def test_arrow_keys_step_and_playing_goes_on(tmp_path, files):
+    with opened(tmp_path, files[0]) as browser:
+        browser.wait(f"{SLIDER} && (({SLIDER}.focus(), true))")
+        for pose in (1, 2, 3):
+            browser.press("ArrowRight")
+            browser.wait(f"document.body.innerText.includes('{pose} of 0..89')")
+        browser.run("[...document.querySelectorAll('button')].find((b) => b.innerText === 'play').click()")
+        browser.wait("Number(document.body.innerText.match(/(\\d+) of 0\\.\\.89/)[1]) > 20")
+        browser.run("[...document.querySelectorAll('button')].find((b) => b.innerText === 'pause').click()")
+        browser.wait("[...document.querySelectorAll('button')].some((b) => b.innerText === 'play')")
+
+
+class StopError(Exception):
+    """Ends a rendering half way."""
+
+
+def test_a_file_that_is_still_being_written(tmp_path):
+    motion = exploration("tube", duration=60.0, seed=1)
+    path = tmp_path / "growing.h5"
+
+    def stop_at_once(done, _):
+        if done:
+            raise StopError
+
+    with pytest.raises(StopError):
+        record(path, "tube", "palm", motion, "cc", memory=5_000_000, progress=stop_at_once)
+    with opened(tmp_path, path) as browser:
+        browser.wait("document.body.innerText.includes('still being written')")
+        go_to(browser, 5399)
+        browser.wait("document.body.innerText.includes('not rendered yet')")
+        record(path, "tube", "palm", motion, "cc", mode="resume")
+        browser.wait("!document.body.innerText.includes('still being written')", timeout=30)
+        browser.wait("!document.body.innerText.includes('not rendered yet')")
+    with ContourFile(path) as file:
+        assert file.sealed
+
+
+def test_a_row_of_a_sweep_opens_as_a_rendering(tmp_path):
+    from typer.testing import CliRunner
+
+    from palpate.render.cli.app import app
+
+    (tmp_path / "plan.toml").write_text('[object]\nsource = ["cube", "tube"]\n[motion]\nduration = 0.5\n')
+    done = CliRunner().invoke(app, ["sweep", str(tmp_path / "plan.toml"), "--device", "cpu", "--workers", "1", "-q"])
+    assert done.exit_code == 0, done.output
+    with opened(tmp_path, tmp_path / "plan.sweep") as browser:
+        browser.wait("document.body.innerText.includes('2 rows')")
+        field = "[...document.querySelectorAll('input')].filter((one) => one.type === 'text').at(-1)"
+        browser.run(f"{field}.focus()")
+        browser.call("Input.insertText", text="7")
+        press = "[...document.querySelectorAll('button')].find((b) => b.innerText === '{}').click()"
+        browser.run(press.format("open"))
+        browser.wait("document.body.innerText.includes('must be one number of 0..1')")
+        browser.run(f"{field}.focus(); {field}.select()")
+        browser.call("Input.insertText", text="0,1")
+        browser.settle(0.5)
+        browser.run(press.format("open"))
+        browser.wait("document.body.innerText.includes('0 of 0..44')")
+        assert "object cube" in browser.run("document.body.innerText")
+        browser.run(press.format("back to the table"))
+        browser.wait("document.body.innerText.includes('2 rows')")

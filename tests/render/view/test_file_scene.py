@@ -1,0 +1,108 @@
+"""What a viewer reads of a pose is what the file has of it, sealed or still being written."""
+
+import numpy as np
+import pytest
+
+from palpate.datasets import HandMotion
+from palpate.datasets.errors import ContourFileError
+from palpate.render import ContourFile, exploration, record, render, static_pose
+from palpate.render.view.file_scene import FileScene, tilts_of
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return render("tube", "palm", exploration("tube", duration=1.0, seed=1), "cc").save(
+        tmp_path_factory.mktemp("view") / "tube.h5"
+    )
+
+
+def test_moments_are_rows_of_the_file(path):
+    with FileScene(path) as scene, ContourFile(path) as file:
+        motion, length = file.motion(), file.metrics()["length"]
+        assert (scene.pose_count, scene.object_name, scene.hand_kind) == (90, "tube", "palm")
+        for index in (0, 40, 54, 89):
+            moment = scene.moment(index)
+            np.testing.assert_array_equal(moment.hand_pose, motion["pose"][index])
+            assert moment.time == motion["time"][index]
+            assert moment.length == pytest.approx(length[index], abs=1e-6)
+            np.testing.assert_array_equal(moment.contours.points, file.contours(index, index + 1)["points"])
+
+
+def test_every_time_has_the_pose_that_began_last(path):
+    with FileScene(path) as scene:
+        time = scene.times(0, scene.pose_count)
+        for at in [-1.0, *time, *(time + 1e-4), 99.0]:
+            expected = max(int((time <= at).sum()) - 1, 0)
+            assert scene.pose_at(at) == expected
+
+
+def test_a_palm_that_faces_the_array_has_no_tilt():
+    half = np.sqrt(0.5)
+    down = [0, 0, 0.2, half, 0, 0, half]
+    assert tilts_of(np.array(down)) == pytest.approx(0.0, abs=1e-7)
+    assert tilts_of(np.array([0, 0, 0.2, 0, 0, 0, 1.0])) == pytest.approx(np.pi / 2)  # y is the back of the hand
+    assert tilts_of(np.array([0, 0, 0.2, -half, 0, 0, half])) == pytest.approx(np.pi)
+
+
+def test_poses_without_times_have_numbers(tmp_path):
+    path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(tmp_path / "a.h5")
+    with FileScene(path) as scene:
+        assert scene.time_of(0) is None
+        assert scene.times(0, 1).tolist() == [0.0]
+        assert scene.moment(0).time is None
+        assert scene.moment(0).length == pytest.approx(0.34, abs=1e-6)
+
+
+class StopError(Exception):
+    """Ends a rendering half way."""
+
+
+def test_an_unfinished_file_shows_what_is_done_and_goes_on(tmp_path):
+    motion = exploration("tube", duration=3.0, seed=1)
+    path = tmp_path / "a.h5"
+
+    def stop_half_way(done, _):
+        if done:
+            raise StopError
+
+    with pytest.raises(StopError):
+        record(path, "tube", "palm", motion, "cc", memory=5_000_000, progress=stop_half_way)
+    with FileScene(path) as scene:
+        assert not scene.is_sealed
+        assert 0 <= scene.done_count <= scene.pose_count
+        last = scene.moment(scene.pose_count - 1)
+        assert last.is_done == scene.is_done(scene.pose_count - 1)
+        record(path, "tube", "palm", motion, "cc", mode="resume")
+        scene.refresh()
+        assert scene.is_sealed
+        assert scene.done_count == scene.pose_count == 270
+        assert scene.moment(269).is_done
+
+
+def test_pose_that_is_not_rendered_is_shown_without_contours(path, monkeypatch):
+    with FileScene(path) as scene:
+        monkeypatch.setattr(ContourFile, "done", property(lambda _: [(0, 10)]))
+        moment = scene.moment(50)
+        assert not moment.is_done
+        assert moment.contours.point_count == 0
+        assert moment.length == 0.0
+
+
+def test_files_that_cannot_be_read_are_refused_by_name(tmp_path, path):
+    with pytest.raises(ContourFileError, match=r"nothing\.h5"):
+        FileScene(tmp_path / "nothing.h5")
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(path.read_bytes()[:20_000])
+    with pytest.raises(ContourFileError, match=r"broken\.h5"):
+        FileScene(broken)
+
+
+def test_a_moving_object_is_where_the_file_says(tmp_path):
+    motion = exploration("cube", duration=0.1, seed=1)
+    moved = HandMotion(motion.time, motion.pose[::-1].copy())
+    record(tmp_path / "a.h5", "cube", "palm", motion, "oc", object_pose=moved)
+    with FileScene(tmp_path / "a.h5") as scene:
+        np.testing.assert_array_equal(scene.moment(2).object_pose, moved.pose[2])
+        low, high = scene.bounds()
+        assert (low <= motion.pose[:, :3].min(axis=0) + 1e-6).all()
+        assert (high >= motion.pose[:, :3].max(axis=0) - 1e-6).all()

@@ -1,4 +1,4 @@
-"""What an exported page holds, read without any code of palpate, one number after the other as the codecs are described."""
+"""What an exported page holds, read without any code of palpate: one number after the other, as its codecs are."""
 
 import base64
 import json

@@ -1,6 +1,6 @@
 """`palpate view --export`: contour files -> one page."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
@@ -26,8 +26,7 @@ from .selection import Ends, choose_rows, spread, what_fits
 LIMIT = 20_000_000
 """Largest page [byte] unless another limit is given: what a mail takes, and what a phone opens."""
 FILES_MOST = 2
-SAMPLED = (8, 64)
-"""Poses that the size of a page of many more is estimated from."""
+SAMPLED = 64  # poses of a file that the size of a page of many more is estimated from
 MARGIN = 0.85  # of what an estimate promises to fit
 _SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
@@ -78,15 +77,14 @@ def export_page(
     return {"page": str(page), "bytes": len(content), "poses": [len(rows) for rows in chosen]}
 
 
-def _fitting(made: Any, chosen: list[range], limit: int, page: Path) -> bytes:
-    """The page, or ViewError if it is larger than the limit: at once if a few poses show that it will be."""
-    few = [len(made([spread(rows, count) for rows in chosen])) for count in SAMPLED]
-    count = [sum(min(len(rows), most) for rows in chosen) for most in SAMPLED]
-    a_pose = (few[1] - few[0]) / max(count[1] - count[0], 1)
-    fixed = few[0] - a_pose * count[0]
-    estimate = fixed + a_pose * sum(map(len, chosen))
-    if estimate > 2 * limit and count[1] < sum(map(len, chosen)):
-        raise _too_large(page, f"about {estimate / 1e6:.3g}", fixed, estimate, limit, chosen)
+def _fitting(made: Callable[[list[list[int]]], bytes], chosen: list[range], limit: int, page: Path) -> bytes:
+    """The page, or ViewError if it is over the limit: of many poses at once, where a few show that it will be."""
+    fixed = len(made([spread(rows, 1) for rows in chosen]))
+    pose_count, few = sum(map(len, chosen)), [spread(rows, SAMPLED) for rows in chosen]
+    if pose_count > 2 * sum(map(len, few)):
+        estimate = (len(made(few)) - fixed) * pose_count / sum(map(len, few))
+        if estimate > 2 * max(limit - fixed, 0):
+            raise _too_large(page, f"about {(fixed + estimate) / 1e6:.3g}", fixed, fixed + estimate, limit, chosen)
     content = made([list(rows) for rows in chosen])
     if len(content) > limit:
         raise _too_large(page, f"{len(content) / 1e6:.3g}", fixed, len(content), limit, chosen)
@@ -132,7 +130,7 @@ def _title(packed: list[dict[str, Any]]) -> str:
 
 
 def _array(model: ArrayModel, packer: Packer) -> dict[str, Any]:
-    """Transducers as discs that nearly touch, the plate under them, and the corners of the focal zone, low ones first."""
+    """Transducers as discs that nearly touch, the plate under them, and the focal zone's corners, low ones first."""
     own = model.unplaced or model
     zone, place = own.focal_zone, own.position.astype(np.float64)
     apart = np.linalg.norm(place[1:] - place[0], axis=1).min() if len(place) > 1 else 0.01

@@ -157,7 +157,9 @@ def _pack_focus(paths: list[FocalPath | None], packer: Packer) -> dict[str, Any]
     foci = levels[0].shape[1] if levels else 1
     counts = np.zeros(len(paths), np.int64)
     counts[np.array(strides, np.int64) > 0] = [len(place) for place in places]
-    rate = [0.0 if path is None or not stride else path.rate / stride for path, stride in zip(paths, strides, strict=True)]
+    rate = [
+        0.0 if path is None or not stride else path.rate / stride for path, stride in zip(paths, strides, strict=True)
+    ]
     steps = [_steps(path, stride) for path, stride in found]
     return {
         "focus_count": foci,

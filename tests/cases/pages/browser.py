@@ -37,7 +37,11 @@ FLAGS = (
     "--remote-debugging-pipe",
 )
 ANSWER_SECONDS = 120.0  # software drawing on a busy machine
-KEYS = {" ": ("Space", 32), "ArrowLeft": ("ArrowLeft", 37), "ArrowRight": ("ArrowRight", 39), "Home": ("Home", 36)}
+KEYS = {
+    name: (name, number)
+    for name, number in (("ArrowLeft", 37), ("ArrowRight", 39), ("Home", 36), ("End", 35), ("Enter", 13))
+}
+KEYS[" "] = ("Space", 32)
 
 
 class BrowserFault(AssertionError):

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from page_oracle import array_of
+
 from palpate.render.view.page.packing import STEP, Packer
 
 

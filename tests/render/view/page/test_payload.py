@@ -3,10 +3,20 @@
 import numpy as np
 import pytest
 from page_oracle import read_page
+
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.rigid import rotate
-from palpate.render import ContourFile, HandMotion, SamplingStrategy, exploration, export_page, flat_hand, preset, render
-from palpate.render import static_pose
+from palpate.render import (
+    ContourFile,
+    HandMotion,
+    SamplingStrategy,
+    exploration,
+    export_page,
+    flat_hand,
+    preset,
+    render,
+    static_pose,
+)
 from palpate.render.view.file_scene import FileScene
 from palpate.render.view.focal_path import focal_path
 from palpate.render.view.page.payload import FOCUS_MOST

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+
 from palpate.render import StrategyError
 from palpate.render.view.page.selection import choose_rows, spread, what_fits
 

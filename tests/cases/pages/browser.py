@@ -12,6 +12,7 @@ import select
 import shutil
 import signal
 import subprocess
+import tempfile
 import time
 
 import numpy as np
@@ -63,7 +64,8 @@ class Browser:
         self.requested: list[str] = []
         """URLs of every request that the page began, blocked ones and WebSockets included; no data: URL."""
         self._rest, self._number, self._session = b"", 0, None
-        self._start([name, *FLAGS, *flags, f"--user-data-dir={folder}/profile", "about:blank"], folder)
+        self._profile = tempfile.mkdtemp(prefix="profile", dir=folder)
+        self._start([name, *FLAGS, *flags, f"--user-data-dir={self._profile}", "about:blank"])
         try:
             self._attach(width, height)
         except BaseException:
@@ -77,12 +79,13 @@ class Browser:
         self.close()
 
     def close(self):
-        """End the browser and all of its processes."""
+        """End the browser and all of its processes, and remove its profile."""
         if self._process.poll() is None:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         for handle in (self._to, self._from):
             os.close(handle)
+        shutil.rmtree(self._profile, ignore_errors=True)  # 10 MB
 
     def open(self, url, *, timeout=ANSWER_SECONDS):
         """Go to a URL and wait until it is loaded; what was requested and reported before is forgotten."""
@@ -176,7 +179,7 @@ class Browser:
             raise BrowserFault(f"{method}: {answer['error']['message']}")
         return answer["result"]
 
-    def _start(self, command, folder):
+    def _start(self, command):
         child_from, self._to = os.pipe()
         self._from, child_to = os.pipe()
         # The browser reads from descriptor 3 and writes to 4, whichever numbers the pipes have here.
@@ -187,7 +190,7 @@ class Browser:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            env=os.environ | {"HOME": str(folder)},
+            env=os.environ | {"HOME": self._profile},
             start_new_session=True,
         )
         os.close(child_from)

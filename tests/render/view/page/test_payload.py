@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from page_oracle import read_page
 
 from palpate.datasets.contour_file.writer import ContourWriter
@@ -183,3 +184,20 @@ def test_a_pose_that_is_not_rendered_yet_has_no_length_and_no_contours(depth, tm
     assert np.isnan(packed["poses"]["draw_frequency"][50:]).all()
     assert packed["contours"]["polyline_count"][50:].sum() == 0
     assert len(packed["poses"]["hand_pose"]) == len(length)
+
+
+def test_a_hand_mesh_that_deforms_has_its_vertices_at_each_pose(tmp_path):
+    box = trimesh.creation.box((0.08, 0.03, 0.1)).subdivide()
+    motion = exploration("tube", duration=0.3, rate=50.0, seed=3)
+    grown = 1.0 + 0.01 * np.arange(len(motion.pose))
+    hand = MeshHand(box.vertices[None] * grown[:, None, None], box.faces, name="box")
+    path = render("tube", hand, motion, "cc").save(tmp_path / "deforming.h5")
+    skin = page_of(path)["skin"]
+    assert not skin["is_rigid"]
+    assert skin["is_rendered"]
+    assert skin["patch_count"].tolist() == [0] * len(motion.pose)
+    vertices = skin["vertices"].reshape(len(motion.pose), skin["vertex_count"], 3)
+    for row, pose in enumerate(motion.pose.astype(float)):
+        turn = pose[3:] / np.linalg.norm(pose[3:])
+        placed = (pose[:3] + rotate(turn, vertices[row]))[skin["faces"].astype(int)]
+        np.testing.assert_allclose(placed, hand.triangles(motion.pose[row : row + 1], row)[0], atol=3e-5)

@@ -8,7 +8,7 @@ from ....datasets.rigid import rotate, unit
 from ...contour_batch import ContourBatch
 from ...errors import StrategyError
 from ...reports.rendering_labels import hand_text, strategy_name_of
-from ...sampling.contour_sampling import SamplingStrategy
+from ...sampling.contour_sampling import PRESETS, SamplingStrategy
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene, Moment
 from ..focal_path import FocalPath, focal_path
@@ -47,10 +47,8 @@ def pack_file(
 
 
 def _sampling_text(strategy: SamplingStrategy) -> str:
-    """Speed and update rate, then every other field that has not its default."""
-    more = repr(strategy).removesuffix(")").split(", ", 2)[2:]
-    rest = f", {more[0]}" if more else ""
-    return f"{strategy.speed:g} m/s at {strategy.update_rate / 1e3:g} kHz{rest}"
+    name = next((name for name, make in PRESETS.items() if make() == strategy), "options of its own")
+    return f"{name}: {strategy.speed:g} m/s at {strategy.update_rate / 1e3:g} kHz"
 
 
 def _pack_poses(

@@ -1,4 +1,4 @@
-"""The exported page in a real browser, opened from disk: numbers, pictures, keys, and nothing that leaves the machine."""
+"""The exported page in a real browser, opened from disk: numbers, pictures, keys; nothing leaves the machine."""
 
 import numpy as np
 import pytest
@@ -76,7 +76,7 @@ def numbers_text(file, pose):
     length = float(file.metrics(pose, pose + 1)["length"][0])
     time = file.motion(pose, pose + 1)["time"][0]
     drawn = f"{1e3 * length:.1f} mm · {7.0 / length:.1f} Hz" if length > 0 else "no contour"
-    return f"pose {pose} of 0–{file.pose_count - 1} · {time:.3f} s", drawn
+    return f"pose {pose} of 0..{file.pose_count - 1} · {time:.3f} s", drawn
 
 
 def test_each_pose_has_the_numbers_of_the_file(shown, tube):

@@ -52,8 +52,9 @@ export class Readouts {
       const { index, length, draw_frequency, tilt, time } = file.poses;
       const when = file.has_time ? ` · ${time[row].toFixed(3)} s` : "";
       const { jump, hop } = file.steps;
-      this.boxes[i].pose.value = `pose ${index[row]}${file.pose_count > 1 ? ` of 0–${file.pose_count - 1}` : ""}${when}`;
-      const drawn = length[row] > 0 ? `${(1000 * length[row]).toFixed(1)} mm · ${draw_frequency[row].toFixed(1)} Hz` : "no contour";
+      this.boxes[i].pose.value = `pose ${index[row]}${file.pose_count > 1 ? ` of 0..${file.pose_count - 1}` : ""}${when}`;
+      const frequency = draw_frequency[row] > 0 ? ` · ${draw_frequency[row].toFixed(1)} Hz` : ""; // foci may stand still
+      const drawn = length[row] > 0 ? `${(1000 * length[row]).toFixed(1)} mm${frequency}` : "no contour";
       const steps = `${counted(jump[row], "jump")}${counted(hop[row], "hop")}`;
       this.boxes[i].numbers.value = Number.isNaN(length[row])
         ? "not rendered yet"
@@ -178,7 +179,7 @@ function notesOf(file) {
   const { solid, focus, contours, sampling } = file;
   const step = Math.max(contours.step, solid.step);
   const notes = [`Places are rounded to ${(1000 * step).toPrecision(2)} mm.`];
-  if (focus.position.length) notes.push(`The focal point is drawn with ${sampling}${focus.stride > 1 ? `; of poses with many samples, up to every ${focus.stride}th is shown` : ""}.`);
+  if (focus.position.length) notes.push(`The focal point follows ${sampling}${focus.stride > 1 ? `; of poses with many samples, up to every ${focus.stride}th is shown` : ""}.`);
   if (solid.tolerance) notes.push(`The object is shown with ${solid.faces.length / 3} of ${solid.face_count} triangles.`);
   return notes;
 }

@@ -40,6 +40,7 @@ async function start() {
   if (stage) side.prepend(controls.layerSwitches(recordings, (layer, isShown) => stage.setVisible(layer, isShown)));
   const lines = new Plots(plots, recordings, clock);
   controls.listenToKeys(clock, stage);
+  if (!stage) scene.querySelector(".legend").remove();
   if (stage) run(clock, focus, recordings, stage);
   else run(clock, focus, [], { draw: () => {} });
   readouts.show();

@@ -34,7 +34,7 @@ export class Plots {
     host.append(element("figure", { class: "plot", id: `plot-${plot.name}` }, title, area));
     const tables = this.recordings.map(({ clock, poses }) => [
       Array.from(clock),
-      Array.from(poses[plot.name], (value) => (Number.isFinite(value) ? value * plot.factor : null)),
+      Array.from(poses[plot.name], (value) => (isShown(plot, value) ? value * plot.factor : null)),
     ]);
     const chart = new uPlot(this.optionsOf(plot, tables), uPlot.join(tables), area);
     const cursor = element("div", { class: "now" });
@@ -110,7 +110,7 @@ export class Plots {
       cursor.style.transform = `translateX(${chart.valToPos(this.clock.time, "x")}px)`;
       this.recordings.forEach((recording, i) => {
         const value = recording.poses[plot.name][recording.rowAt(this.clock.time)];
-        values[i].value = Number.isFinite(value) ? `${(value * plot.factor).toFixed(plot.digits)}${plot.unit === "°" ? "" : " "}${plot.unit}` : "–";
+        values[i].value = isShown(plot, value) ? `${(value * plot.factor).toFixed(plot.digits)}${plot.unit === "°" ? "" : " "}${plot.unit}` : "–";
       });
     }
   }
@@ -122,6 +122,11 @@ export class Plots {
     }
     this.showTime();
   }
+}
+
+// A pose that is not rendered has no length; foci that stand still draw nothing again and again.
+function isShown(plot, value) {
+  return Number.isFinite(value) && (value > 0 || !plot.logarithmic);
 }
 
 function fromZero(_, low, high) {

@@ -41,13 +41,13 @@ def export_page(
     overwrite: bool = False,
     title: str | None = None,
     sampling: SamplingStrategy | None = None,
-    arrays: str | Sequence[PlacedArray] = "emulator",
+    array: str | Sequence[PlacedArray] = "emulator",
 ) -> dict[str, Any]:
     """Write one page that shows a contour file, or two side by side, in any browser; it holds everything itself.
 
     poses: range "FIRST:STOP" of the files' poses; None: all. every: each n-th of them. limit: size that the page must
-    not exceed [byte]. title: of the page; None: what was rendered. sampling: how the focal point draws. arrays: shown
-    under the hand, by name, file (`load_rig`) or as they are placed.
+    not exceed [byte]. title: of the page; None: what was rendered. sampling: how the focal point draws. array: shown
+    under the hand, by name or JSON file (`load_rig`), or arrays as they are placed.
 
     Positions are rounded to 0.01 mm. Returns `page` (its path), `bytes`, `poses` (how many it holds of each file).
     Raises ViewError for a page that is larger than the limit (the message says what would fit) or cannot be written;
@@ -61,7 +61,7 @@ def export_page(
     """
     paths, page = _paths(files), _page(out, overwrite=overwrite)
     require_number("limit", limit, 1, 1e12, unit="bytes")
-    models = [placed.model for placed in (load_rig(arrays) if isinstance(arrays, str) else arrays)]
+    models = [placed.model for placed in (load_rig(array) if isinstance(array, str) else array)]
     with ExitStack() as opened:
         scenes = [opened.enter_context(FileScene(path)) for path in paths]
         chosen = [choose_rows(scene, poses, every) for scene in scenes]

@@ -105,7 +105,7 @@ def test_labels_tell_two_strategies_apart(tube, tmp_path):
 
 def test_arrays_stand_where_they_are_placed(tube, tmp_path):
     above = PlacedArray(array_model("emulator").placed([0, 0, 0.4, 1, 0, 0, 0]))  # 40 cm up, face down
-    export_page(tube, tmp_path / "tube.html", arrays=[above], poses=":2")
+    export_page(tube, tmp_path / "tube.html", array=[above], poses=":2")
     (array,) = read_page((tmp_path / "tube.html").read_text())["arrays"]
     model = array_model("emulator")
     np.testing.assert_allclose(array["transducers"][:, 2], 0.4, atol=1e-5)

@@ -139,6 +139,20 @@ def test_keys_step_and_play(shown, tube):
     assert browser.errors == []
 
 
+def test_the_space_bar_plays_also_after_the_slider_was_used(shown, tube):
+    browser = shown(tube)
+    browser.click("#time")
+    at = browser.run("Number(document.getElementById('time').value)")
+    assert abs(at - 49.5) <= 2
+    browser.press("ArrowRight")  # one pose, by the slider and not by the page as well
+    assert browser.run("Number(document.getElementById('time').value)") == at + 1
+    browser.press(" ")
+    assert browser.run("document.getElementById('play').textContent") == "Pause"
+    browser.click("input[name=layer-object]")
+    browser.press(" ")  # of the box
+    assert browser.run("document.querySelector('input[name=layer-object]').checked")
+
+
 def test_play_takes_as_long_as_the_motion_did(shown, tube):
     browser = shown(tube)
     seconds = browser.run(
@@ -311,6 +325,18 @@ def test_one_pose_without_time_and_without_contour_is_shown(shown, folder):
         browser.press(key)
     assert browser.run(READOUTS)[0] == "pose 0"
     assert browser.errors == []
+
+
+def test_beside_a_file_without_times_the_clock_counts_poses(shown, folder, tube):
+    still = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(folder / "still.h5")
+    browser = shown([still, tube])
+    drag_time_to(browser, 63)
+    said = browser.run(READOUTS)
+    assert said[0] == "pose 0"
+    assert said[1].startswith("340.0 mm · 20.6 Hz")  # four sides of 85 mm, at 7 m/s
+    with ContourFile(tube) as file:
+        assert said[2] == numbers_text(file, 63)[0]
+    assert browser.run("document.getElementById('now').value") == "pose 63"
 
 
 def test_a_moving_object_moves(shown, folder):

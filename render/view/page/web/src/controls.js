@@ -149,7 +149,7 @@ function slownessSlider(focus) {
 
 export function listenToKeys(clock, stage) {
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest("input, select, summary, a")) return;
+    if (event.ctrlKey || event.altKey || event.metaKey || isOfControl(event)) return;
     const actions = {
       " ": () => event.target.closest("button") || clock.toggle(),
       ArrowLeft: () => clock.step(event.shiftKey ? -10 : -1),
@@ -162,6 +162,12 @@ export function listenToKeys(clock, stage) {
     if (!event.target.closest("button")) event.preventDefault();
     actions[event.key]();
   });
+}
+
+// Sliders take arrows, Home and End for themselves; boxes, choices and what unfolds take the space bar, too.
+function isOfControl({ target, key }) {
+  if (target.closest("input[type=range]")) return key !== " " && key !== "r";
+  return target.closest("input, select, summary") !== null;
 }
 
 export function footer(page, recordings, licences) {

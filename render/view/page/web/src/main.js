@@ -24,7 +24,7 @@ async function start() {
   const recordings = page.files.map((file) => new Recording(file, byPose));
   const clock = new Clock(recordings, byPose);
   const focus = { slowness: 100, seconds: 0 };
-  const scene = element("div", { class: "scene", role: "img", "aria-label": "Object, hand, array and contours in space" });
+  const scene = element("div", { class: "scene" });
   const plots = element("div", { class: "plots" });
   const side = element("aside", {}, plots);
   host.replaceChildren(

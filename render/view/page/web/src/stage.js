@@ -17,7 +17,10 @@ export class Stage {
     this.renderer.setClearColor(colours.PAPER);
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.renderer.autoClear = false;
-    host.prepend(this.renderer.domElement);
+    const canvas = this.renderer.domElement;
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", "Object, hand, array and contours in space");
+    host.prepend(canvas);
     this.files = recordings.map((recording) => new FileScene(recording, arrays));
     this.camera = new PerspectiveCamera(32, 1, 0.01, 20);
     this.camera.up.set(0, 0, 1);

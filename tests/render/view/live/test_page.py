@@ -76,7 +76,9 @@ def go_to(browser, pose):
 
 def click(browser, selector, text):
     """Click the element of a selector that shows a text, with the mouse."""
-    found = f"[...document.querySelectorAll('{selector}')].find((one) => (one.value || one.innerText).trim() === '{text}')"
+    found = (
+        f"[...document.querySelectorAll('{selector}')].find((one) => (one.value || one.innerText).trim() === '{text}')"
+    )
     browser.wait(f"{found} !== undefined")
     browser.run(f"{found}.scrollIntoView({{block: 'center'}})")
     left, top, width, height = browser.run(

@@ -46,7 +46,9 @@ class Controls:
         """Where plots go."""
         with tabs.add_tab("show"):
             layers = {name: gui.add_checkbox(name, True) for name in LAYERS}
-        with tabs.add_tab("predict"):
+        self.predict = tabs.add_tab("predict")
+        """Where predictions go."""
+        with self.predict:
             pressure = gui.add_dropdown("pressure", PLACES, initial_value="off")
             self.scale = gui.add_html("")
             """What the colours of pressure mean."""

@@ -76,6 +76,19 @@ class WindowPlots:
         _fill(self._tilt, time, [*tilt, _at(time, now_at, tilt[0])])
 
 
+def level_plot(
+    server: viser.ViserServer, lines: Sequence[tuple[np.ndarray, tuple[np.ndarray]]], labels: Sequence[str]
+) -> viser.GuiUplotHandle:
+    """Levels of noise over time, one line for each file; lines: times [s], and levels [dB]."""
+    time, levels = on_one_axis(lines)
+    plot = _plot(server, "noise [dB(A)]", _lines_of(labels), (time, *levels))
+    known = np.concatenate(levels)
+    known = known[np.isfinite(known)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    plot.scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(range=(low - 3.0, high + 3.0))}
+    return plot
+
+
 def _lines_in(overviews: Sequence[Overview]) -> tuple[np.ndarray, list[np.ndarray]]:
     return on_one_axis([(each.time, (MILLIMETRES * each.longest,)) for each in overviews])
 

@@ -8,6 +8,7 @@ import numpy as np
 from ...acoustics.field_metrics import sampling_for
 from ...acoustics.noise import NoiseModel
 from ...acoustics.prediction import predict_noise
+from ...acoustics.spectrum import levels_over_time
 from ...errors import StrategyError
 from ...playback.placed_arrays import PlacedArray
 from ..file_scene import FileScene, Moment
@@ -16,6 +17,7 @@ from ..series import PoseWindow, window_rows
 from .controls import Controls
 from .guarded_server import GuardedServer
 from .numbers import STYLE, safe
+from .plots import level_plot
 
 SOURCES = 300
 """Virtual sources of noise: fewer than `palpate noise` takes, which needs seven times as long."""
@@ -39,6 +41,7 @@ class Predictions:
         self._controls, self._offsets = controls, offsets
         self._printer: PressurePrinter | None = None
         self._nodes: list[Any] = []
+        self._plot: Any = None
 
     def hide(self) -> None:
         """Take prints away, which were of another pose."""
@@ -95,9 +98,8 @@ class Predictions:
         self._controls.noise.content = f'<div style="{STYLE}">predicting ...</div>'
         self._server.flush()
         model = NoiseModel(sources=SOURCES)
-        levels = [
-            predict_noise(row, array=self._arrays, model=model).spectrum().a_weighted for row in rows if row is not None
-        ]
+        signals = [predict_noise(row, array=self._arrays, model=model) for row in rows if row is not None]
+        levels = [signal.spectrum().a_weighted for signal in signals]
         span = windows[0].time[-1] - windows[0].time[0]
         lines = [
             f"{safe(label)}: <b>{level - levels[0]:+.1f} dB(A)</b>" for label, level in zip(labels, levels, strict=True)
@@ -105,6 +107,17 @@ class Predictions:
         text = "<br>".join(lines) if len(lines) > 1 else f"{safe(labels[0])}: <b>{levels[0]:.1f} dB(A)</b>"
         told = "against the first file" if len(lines) > 1 else "in units of its own: compare two files"
         self._controls.noise.content = f'<div style="{STYLE}">{text}<br>{span:.1f} s, {told}</div>'
+        self._show_levels(windows, [levels_over_time(signal) for signal in signals], labels)
+
+    def _show_levels(
+        self, windows: Sequence[PoseWindow], levels: Sequence[tuple[np.ndarray, np.ndarray]], labels: Sequence[str]
+    ) -> None:
+        """Plot the levels over time, until noise is predicted again."""
+        if self._plot is not None:
+            self._plot.remove()
+        lines = [(window.time[0] + time, (level,)) for window, (time, level) in zip(windows, levels, strict=True)]
+        with self._controls.predict:
+            self._plot = level_plot(self._server, lines, labels)
 
 
 def colours_of(share: np.ndarray) -> np.ndarray:

@@ -79,7 +79,7 @@ class Viewer:
                 above = (0.0, 0.0, float(boxes[k][1, 2]) + 0.05)
                 self._server.scene.add_label(f"/file{k}/label", visible(label), position=above)
         look = np.mean([box.mean(axis=0) + off for box, off in zip(boxes, self._offsets, strict=True)], axis=0)
-        away = 0.1 + 0.8 * step * len(boxes)
+        away = 0.1 + step * (0.8 if len(boxes) == 1 else 1.15)
         self._server.initial_camera.position = look + away * np.array([0.25 if len(boxes) == 1 else 0.0, -0.85, 0.45])
         self._server.initial_camera.look_at = look
         return nodes

@@ -74,6 +74,19 @@ def go_to(browser, pose):
     browser.wait(f"document.body.innerText.includes('{pose} of 0..')")
 
 
+def click(browser, selector, text):
+    """Click the element of a selector that shows a text, with the mouse."""
+    found = (
+        f"[...document.querySelectorAll('{selector}')].find((one) => (one.value || one.innerText).trim() === '{text}')"
+    )
+    browser.wait(f"{found} !== undefined")
+    browser.run(f"{found}.scrollIntoView({{block: 'center'}})")
+    left, top, width, height = browser.run(
+        f"(() => {{ const r = {found}.getBoundingClientRect(); return [r.left, r.top, r.width, r.height] }})()"
+    )
+    browser.drag((left + width / 2, top + height / 2))
+
+
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
@@ -173,3 +186,20 @@ def test_a_row_of_a_sweep_opens_as_a_rendering(tmp_path):
         assert "object cube" in browser.run("document.body.innerText")
         browser.run(press.format("back to the table"))
         browser.wait("document.body.innerText.includes('2 rows')")
+
+
+def test_pressure_and_noise_are_predicted(tmp_path, files):
+    with opened(tmp_path, *files) as browser:
+        go_to(browser, 54)
+        click(browser, "[role=tab], button", "predict")
+        click(browser, "input", "off")
+        click(browser, "[role=option]", "skin")
+        browser.wait("/bright: [0-9.]+ Pa/.test(document.body.innerText)")
+        click(browser, "button", "noise around this moment")
+        browser.wait("/oc: \\+[0-9.]+ dB\\(A\\)/.test(document.body.innerText)")  # jumps of open lines are louder
+        browser.wait("document.body.innerText.includes('noise [dB(A)]')")
+        browser.settle(3)
+        pixels = browser.pixels()
+        (tmp_path / "shot.png").write_bytes(browser.screenshot())
+    bright = (pixels[..., 0] > 230) & (pixels[..., 1] > 90) & (pixels[..., 1] < 200) & (pixels[..., 2] < 80)
+    assert bright.sum() > 20  # the brightest colours of the print

@@ -1,0 +1,108 @@
+"""`palpate view` as a process: it tells its address, ends by Ctrl-C with 0, and refuses what it cannot show."""
+
+import json
+import signal
+import subprocess
+import sys
+import urllib.request
+
+import pytest
+
+pytest.importorskip("viser")
+
+from typer.testing import CliRunner
+
+from palpate.render import exploration, render  # after the skip
+from palpate.render.cli.app import app
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    return render("tube", "palm", exploration("tube", duration=0.2, seed=1), "oc").save(
+        tmp_path_factory.mktemp("view") / "a.h5"
+    )
+
+
+def started(*arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", "palpate.render.cli", "view", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.exhaustive
+def test_it_serves_until_ctrl_c(file):
+    process = started(file, "--no-browser", "--json")
+    try:
+        address = json.loads(process.stdout.readline())["address"]
+        with urllib.request.urlopen(address, timeout=10) as page:
+            assert b"<html" in page.read().lower()
+        taken = address.rsplit(":", 1)[1]
+        second = CliRunner().invoke(app, ["view", str(file), "--no-browser", "--port", taken])
+        assert second.exit_code == 1
+        assert f"port {taken} of 127.0.0.1 cannot be had" in second.output
+    finally:
+        process.send_signal(signal.SIGINT)
+        said, warned = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert said == ""
+    assert "Traceback" not in warned
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (["nothing.h5"], 2, "nothing.h5 does not exist"),
+        (["FILE", "--port", "70000"], 2, "--port must be 1 to 65535, not 70000"),
+        (["FILE", "FILE", "FILE"], 2, "one file, or 2 side by side, not 3"),
+        (["FILE", "--every", "2"], 2, "--every is of a page that --export writes"),
+        (["tube"], 2, "tube is an object, not a file"),
+        (["FILE", "--array", "no-such"], 2, "no-such"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(file, tmp_path, monkeypatch, arguments, code, sentence):
+    monkeypatch.chdir(tmp_path)
+    given = [str(file) if argument == "FILE" else argument for argument in arguments]
+    result = CliRunner().invoke(app, ["view", "--no-browser", *given])
+    assert result.exit_code == code
+    assert sentence in result.output
+
+
+def test_damaged_files_and_newer_ones_are_refused_before_a_page_is_made(file, tmp_path):
+    import h5py
+
+    broken, newer = tmp_path / "broken.h5", tmp_path / "newer.h5"
+    broken.write_bytes(file.read_bytes()[:9000])
+    newer.write_bytes(file.read_bytes())
+    with h5py.File(newer, "r+") as opened:
+        opened.attrs["version"] = [9, 0]
+    for path in (broken, newer):
+        result = CliRunner().invoke(app, ["view", "--no-browser", str(path)])
+        assert result.exit_code == 1
+        assert path.name in result.output
+    assert "newer" in result.output
+
+
+def test_a_machine_without_a_browser_is_told_the_address(file, monkeypatch):
+    import webbrowser
+
+    from palpate.render.view.live.session import open_browser
+
+    def none_here(address):
+        raise webbrowser.Error("could not locate runnable browser")
+
+    monkeypatch.setattr(webbrowser, "open", none_here)
+    assert open_browser("http://127.0.0.1:8080") is False
+    monkeypatch.setattr(webbrowser, "open", lambda address: False)
+    assert open_browser("http://127.0.0.1:8080") is False
+
+
+def test_it_says_what_is_missing_without_viser(file, monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    for name in [name for name in sys.modules if name.startswith("palpate.render.view.live.")]:
+        monkeypatch.delitem(sys.modules, name)
+    result = CliRunner().invoke(app, ["view", "--no-browser", str(file)])
+    assert result.exit_code == 1
+    assert "pip install 'palpate[view]'" in result.output

@@ -1,5 +1,6 @@
 """`palpate view --export`: contour files -> one page."""
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib.metadata import version
@@ -23,8 +24,8 @@ from .packing import Packer
 from .payload import pack_file
 from .selection import Ends, choose_rows, spread, what_fits
 
-LIMIT = 20_000_000
-"""Largest page [byte] unless another limit is given: what a mail takes, and what a phone opens."""
+LIMIT = 20.0
+"""Largest page [MB] unless another limit is given: what a mail takes, and what a phone opens."""
 FILES_MOST = 2
 SAMPLED = 64  # poses of a file that the size of a page of many more is estimated from
 MARGIN = 0.85  # of what an estimate promises to fit
@@ -37,7 +38,7 @@ def export_page(
     *,
     poses: Ends = None,
     every: int | None = None,
-    limit: int = LIMIT,
+    limit: float = LIMIT,
     overwrite: bool = False,
     title: str | None = None,
     sampling: SamplingStrategy | None = None,
@@ -46,7 +47,7 @@ def export_page(
     """Write one page that shows a contour file, or two side by side, in any browser; it holds everything itself.
 
     poses: range "FIRST:STOP" of the files' poses; None: all. every: each n-th of them. limit: size that the page must
-    not exceed [byte]. title: of the page; None: what was rendered. sampling: how the focal point draws. array: shown
+    not exceed [MB]. title: of the page; None: what was rendered. sampling: how the focal point draws. array: shown
     under the hand, by name or JSON file (`load_rig`), or arrays as they are placed.
 
     Positions are rounded to 0.01 mm. Returns `page` (its path), `bytes`, `poses` (how many it holds of each file).
@@ -60,7 +61,7 @@ def export_page(
     ([1], True)
     """
     paths, page = _paths(files), _page(out, overwrite=overwrite)
-    require_number("limit", limit, 1, 1e12, unit="bytes")
+    require_number("limit", limit, 0.001, 1e6, unit="MB")
     models = [placed.model for placed in (load_rig(array) if isinstance(array, str) else array)]
     with ExitStack() as opened:
         scenes = [opened.enter_context(FileScene(path)) for path in paths]
@@ -69,7 +70,7 @@ def export_page(
         def made(rows: list[list[int]]) -> bytes:
             return _document(scenes, rows, models, title, sampling).encode()
 
-        content = _fitting(made, chosen, int(limit), page)
+        content = _fitting(made, chosen, round(1e6 * limit), page)
     try:
         write_file(page, memoryview(content))
     except OSError as error:
@@ -94,8 +95,11 @@ def _fitting(made: Callable[[list[list[int]]], bytes], chosen: list[range], limi
 def _too_large(page: Path, size: str, fixed: float, whole: float, limit: int, chosen: list[range]) -> ViewError:
     share = MARGIN * (limit - fixed) / max(whole - fixed, 1.0)
     fits = what_fits(max(chosen, key=len), share) if share > 0 else ""
-    way = f"{fits} would fit" if fits else f"none of its poses fits, as all pages have {fixed / 1e6:.3g} MB besides"
-    return ViewError(f"{page}: would have {size} MB, and the limit is {limit / 1e6:.3g} MB; {way}; --limit raises it")
+    way = f"{fits} would fit" if fits else f"none of its poses fits, as every page has {fixed / 1e6:.3g} MB besides"
+    return ViewError(
+        f"{page}: would have {size} MB, and the limit is {limit / 1e6:.3g} MB; {way}; "
+        f"limit={math.ceil(whole / MARGIN / 1e6)} admits it"
+    )
 
 
 def _document(

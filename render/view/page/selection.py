@@ -36,17 +36,17 @@ def spread(chosen: range, most: int) -> list[int]:
 
 
 def what_fits(chosen: range, share: float) -> str:
-    """In words: which of the chosen poses a page would hold that may be `share` as large; "" where none would fit.
+    """The arguments for those of the chosen poses that a page of `share` of the size holds; "" where it holds none.
 
     >>> what_fits(range(0, 1000), 0.25)
-    '--every 4, or --poses 0:250'
+    'every=4, or poses="0:250"'
     """
     count = math.floor(len(chosen) * share)
     if count < 1:
         return ""
     every = chosen.step * math.ceil(len(chosen) / count)
-    step = f" --every {chosen.step}" if chosen.step > 1 else ""
-    return f"--every {every}, or --poses {chosen.start}:{chosen.start + count * chosen.step}{step}"
+    step = f" with every={chosen.step}" if chosen.step > 1 else ""
+    return f'every={every}, or poses="{chosen.start}:{chosen.start + count * chosen.step}"{step}'
 
 
 def _ends(poses: Any, pose_count: int) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 
 import numpy as np
 import pytest
@@ -49,16 +50,16 @@ def test_what_would_fit_does_fit(tube, tmp_path):
     one = export_page(tube, page, poses="0:1", overwrite=True)["bytes"]
     limit = one + 2 * (whole - one) // 3
     before = page.read_bytes()
-    with pytest.raises(ViewError, match="--limit raises it") as refused:
-        export_page(tube, page, limit=limit, overwrite=True)
+    with pytest.raises(ViewError, match="limit=1 admits it") as refused:
+        export_page(tube, page, limit=limit / 1e6, overwrite=True)
     assert page.read_bytes() == before
     message = str(refused.value)
     assert f"would have {whole / 1e6:.3g} MB, and the limit is {limit / 1e6:.3g} MB" in message
-    every = int(message.split("--every ")[1].split(",")[0])
-    poses = message.split("--poses ")[1].split(" ")[0]
+    every = int(re.search(r"every=(\d+)", message)[1])
+    poses = re.search(r'poses="([\d:]+)"', message)[1]
     assert 2 <= every <= 3
-    assert export_page(tube, page, every=every, limit=limit, overwrite=True)["poses"][0] == -(-400 // every)
-    assert export_page(tube, page, poses=poses, limit=limit, overwrite=True)["poses"][0] >= 150
+    assert export_page(tube, page, every=every, limit=limit / 1e6, overwrite=True)["poses"][0] == -(-400 // every)
+    assert export_page(tube, page, poses=poses, limit=limit / 1e6, overwrite=True)["poses"][0] >= 150
 
 
 def test_a_page_far_over_the_limit_is_refused_after_a_few_poses(tube, tmp_path, monkeypatch):
@@ -71,16 +72,16 @@ def test_a_page_far_over_the_limit_is_refused_after_a_few_poses(tube, tmp_path, 
     packed.clear()
     page = tmp_path / "tube.html"
     with pytest.raises(ViewError, match=r"would have about 0\.\d+ MB.*would fit") as refused:
-        export_page(tube, page, limit=one + 10_000)
+        export_page(tube, page, limit=(one + 10_000) / 1e6)
     assert packed == [1, 64]
     assert not page.exists()
-    every = int(str(refused.value).split("--every ")[1].split(",")[0])
-    assert export_page(tube, page, every=every, limit=one + 10_000)["poses"][0] > 5
+    every = int(re.search(r"every=(\d+)", str(refused.value))[1])
+    assert export_page(tube, page, every=every, limit=(one + 10_000) / 1e6)["poses"][0] > 5
 
 
 def test_a_limit_below_the_script_itself_says_so(tube, tmp_path):
-    with pytest.raises(ViewError, match=r"none of its poses fits, as all pages have 0\.\d+ MB besides"):
-        export_page(tube, tmp_path / "tube.html", limit=100_000)
+    with pytest.raises(ViewError, match=r"none of its poses fits, as every page has 0\.\d+ MB besides"):
+        export_page(tube, tmp_path / "tube.html", limit=0.1)
 
 
 def test_two_files_of_one_object_hold_it_once(tube, tmp_path):

@@ -52,6 +52,6 @@ def test_a_spread_has_both_ends_and_no_pose_twice():
 
 
 def test_what_fits_is_a_part_of_the_range():
-    assert what_fits(range(100, 1000, 3), 0.5) == "--every 6, or --poses 100:550 --every 3"
+    assert what_fits(range(100, 1000, 3), 0.5) == 'every=6, or poses="100:550" with every=3'
     assert what_fits(range(10), 0.05) == ""
-    assert what_fits(range(3), 0.7) == "--every 2, or --poses 0:2"
+    assert what_fits(range(3), 0.7) == 'every=2, or poses="0:2"'

@@ -12,6 +12,8 @@ from .pose_choice import offsets, ragged
 
 CELLS = ("Vertices", "Lines", "Polygons", "Strips")
 """Kinds of cells of PolyData, in the format's order."""
+ROWS_OF_PARTS = ("NumberOfCells", "NumberOfConnectivityIds", "Offsets")
+"""Of each kind of cells: a row for each part; of offsets one more than cells."""
 CHUNK_ROWS = 4096  # larger ones slow down reading a step, as VTK opens the file anew for each
 
 
@@ -30,7 +32,7 @@ class PolyDataSteps:
     """Writes one block; call `append` with consecutive steps, then `finish`.
 
     group: the block's `h5py.Group`. kind: of all its cells, "Lines" or "Polygons". version: of the format. gzip: 0..9.
-    Takes 24 bytes of memory a step besides what is being written.
+    Takes 48 bytes of memory a step besides what is being written.
     """
 
     def __init__(self, group: Any, kind: str, *, version: tuple[int, int], gzip: int) -> None:
@@ -42,11 +44,11 @@ class PolyDataSteps:
         self._steps: list[np.ndarray] = []  # part, first point and first cell of each step; -1 for one without cells
         self._attributes: list[str] = []
         self._rows("Points", np.float32, (3,))
-        for name in ("NumberOfPoints", f"{kind}/NumberOfCells", f"{kind}/NumberOfConnectivityIds", f"{kind}/Offsets"):
+        for name in ("NumberOfPoints", *(f"{kind}/{name}" for name in ROWS_OF_PARTS)):
             self._rows(name, np.int64)
 
     def append(self, cells: StepCells, point_data: dict[str, np.ndarray], cell_data: dict[str, np.ndarray]) -> None:
-        """Write the next steps; point_data, cell_data: values by name, one row for each point or cell."""
+        """Write the next steps; point_data, cell_data: values by the same names each time, a row a point or cell."""
         count = np.diff(cells.step_start)
         filled = np.flatnonzero(count)
         first = cells.cell_start[cells.step_start]  # point of each step
@@ -80,35 +82,34 @@ class PolyDataSteps:
 
         value: of the time axis at each step; fields: of a value for each step, by name.
         """
-        for name in ("NumberOfPoints", f"{self._kind}/NumberOfCells", f"{self._kind}/NumberOfConnectivityIds"):
-            self._write(name, np.zeros(1, np.int64))
-        self._write(f"{self._kind}/Offsets", np.zeros(1, np.int64))
+        place = np.concatenate([np.zeros((0, 3), np.int64), *self._steps])
+        is_empty = place[:, 0] < 0
+        if is_empty.any():  # not else: of a single step, VTK shows all parts
+            for name in ("NumberOfPoints", *(f"{self._kind}/{name}" for name in ROWS_OF_PARTS)):
+                self._write(name, np.zeros(1, np.int64))
+        place[is_empty] = self._parts, self._points, self._cells
         # points are connected in their order, so that all parts can share one list of connected points
         self._rows(f"{self._kind}/Connectivity", np.int64)
         self._write(f"{self._kind}/Connectivity", np.arange(self._widest))
-        self._write_other_cells()
+        self._write_other_cells(self._parts + bool(is_empty.any()))
         self._group.attrs["Version"] = np.array(self._version, np.int32)
         self._group.attrs["Type"] = np.bytes_(b"PolyData")
-        self._write_steps(value, fields)
+        self._write_steps(value, place.T, fields)
 
-    def _write_other_cells(self) -> None:
+    def _write_other_cells(self, part_count: int) -> None:
         """Cells of other kinds, of which there are none: zeros, which take no space."""
         none = [kind for kind in CELLS if kind != self._kind]
-        for name in ("NumberOfCells", "NumberOfConnectivityIds", "Offsets"):
-            self._constant(f"{none[0]}/{name}", (self._parts + 1,), 0)
+        for name in ROWS_OF_PARTS:
+            self._constant(f"{none[0]}/{name}", (part_count,), 0)
         self._rows(f"{none[0]}/Connectivity", np.int64)
         for kind in none[1:]:
             self._group[kind] = self._group[none[0]]
 
-    def _write_steps(self, value: np.ndarray, fields: dict[str, np.ndarray]) -> None:
+    def _write_steps(self, value: np.ndarray, place: np.ndarray, fields: dict[str, np.ndarray]) -> None:
         steps = self._group.create_group("Steps")
         count = len(value)
         steps.attrs["NSteps"] = count
-        place = np.concatenate([np.zeros((0, 3), np.int64), *self._steps])
-        part, point, cell = (
-            np.where(column < 0, last, column)
-            for column, last in zip(place.T, (self._parts, self._points, self._cells), strict=True)
-        )
+        part, point, cell = place
         self._put("Steps/Values", np.asarray(value, np.float64))
         self._constant("Steps/NumberOfParts", (count,), 1)
         self._put("Steps/PartOffsets", part)
@@ -131,8 +132,6 @@ class PolyDataSteps:
         if name not in self._attributes:
             self._attributes.append(name)
             self._rows(name, values.dtype)
-            before = self._points if name.startswith("PointData") else self._cells
-            self._group[name].resize(before, axis=0)
         self._write(name, values)
 
     def _rows(self, name: str, dtype: Any, shape: tuple[int, ...] = ()) -> None:

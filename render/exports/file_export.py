@@ -1,7 +1,6 @@
 """Export a contour file, or a range of it, to a file of a format that other programs open."""
 
 import os
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,8 +9,9 @@ from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.focus_files.ptlist import write_ptlist
 from ...datasets.storage.durable import whole_file
-from ..errors import PalpateWarning, StrategyError
+from ..errors import StrategyError
 from ..sampling.contour_sampling import SamplingStrategy
+from ..user_warnings import warn_user
 from ..validation import choose, refuse_object, require_number, require_path
 from .autd3_script import AUTD3, write_script
 from .csv_file import write_csv
@@ -152,11 +152,9 @@ def _export_focus(
     else:
         values["refused"] = _written(out, lambda new: write_script(new, path, sampled))
         if values["refused"]:
-            warnings.warn(
+            warn_user(
                 f"{values['refused']} of {values['points']} focal points lie where an AUTD3 cannot focus, and are "
-                "silent in the script",
-                PalpateWarning,
-                stacklevel=3,
+                "silent in the script"
             )
     return values | {"format": name, "path": str(out)}
 

@@ -101,7 +101,10 @@ def sample_focus(
     rate = sampler.strategy.update_rate
     target.require_rate(rate)
     source = ContourSource(ChosenRows(file, chosen), sampler, asked.duration)
-    _require_count(file.path, source.frame_count, rate, target, _fitting(file, chosen, asked, rate, target))
+    if source.frame_count > target.count_most:
+        moving = chosen if asked.duration is None else chosen[:1]
+        fitting = _fitting(file, moving, source.duration, rate, target)
+        _require_count(file.path, source.frame_count, rate, target, fitting)
     blocks: list[FocalPoints] = []
     done = 0
     for block in source:
@@ -164,13 +167,15 @@ def _require_count(path: Path, count: int, rate: float, target: FocusFormat, fit
         )
 
 
-def _fitting(file: ContourFile, chosen: range, asked: SamplingFields, rate: float, target: FocusFormat) -> str:
-    """The option by which as much of the chosen poses is exported as a format takes."""
+def _fitting(file: ContourFile, chosen: range, duration: float, rate: float, target: FocusFormat) -> str:
+    """The option by which as much of the chosen poses is exported as a format takes; duration: of all of them [s]."""
     length = target.count_most / rate
-    if asked.duration is not None or len(chosen) == 1:
-        return f"duration={_rounded_down(length)}"
-    start, then = file.motion(chosen[0], chosen[1] + 1)["time"][[0, -1]]
-    return _span(start * rate, rate, target, 1.5 * (then - start))  # the last pose lasts as long as an interval
+    if len(chosen) > 1:
+        time = file.motion(chosen.start, chosen[-1] + 1)["time"]
+        less = 1.5 * max(duration - float(time[-1] - time[0]), 0.0)  # how long the last pose lasts, and a reserve
+        if less < length:
+            return _span(float(time[0]) * rate, rate, target, less)
+    return f"duration={_rounded_down(length)}"
 
 
 def _span(first: float, rate: float, target: FocusFormat, less: float = 0.0) -> str:

@@ -1,5 +1,7 @@
 """Contour files for the tests of exports: most poses without contours, in runs, and the first and last ones, too."""
 
+from itertools import pairwise
+
 import numpy as np
 from contour_cases import make_contours, write_file
 
@@ -25,7 +27,7 @@ def export_case(path, pose_count=300, **changes):
 def polylines_of(file, pose):
     """Polylines of a pose, each of shape [point, 3]."""
     own = file.contours(pose, pose + 1)
-    return [own["points"][a:b] for a, b in zip(own["polyline_start"][:-1], own["polyline_start"][1:], strict=True)]
+    return [own["points"][a:b] for a, b in pairwise(own["polyline_start"])]
 
 
 def quiet(done, total):

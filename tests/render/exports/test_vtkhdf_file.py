@@ -146,9 +146,10 @@ def test_a_file_uses_no_filter_that_vtk_lacks_and_no_boolean(tmp_path):
     with export_case(tmp_path / "a.h5") as file:
         for gzip, wanted in ((0, {None}), (5, {"gzip"})):
             write_vtkhdf(file, choose_poses(file), tmp_path / f"{gzip}.vtkhdf", gzip=gzip, watch=quiet)
-            found = []
             with h5py.File(tmp_path / f"{gzip}.vtkhdf") as hdf5:
-                hdf5.visititems(lambda _, item: found.append(item) if isinstance(item, h5py.Dataset) else None)
+                names = []
+                hdf5.visit(names.append)
+                found = [hdf5[name] for name in names if isinstance(hdf5[name], h5py.Dataset)]
                 assert {item.compression for item in found} == wanted
                 assert {item.dtype.kind for item in found} <= set("iuf")
 

@@ -70,7 +70,7 @@ def export_file(
     >>> from palpate.render import export_file, render, static_pose
     >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
     >>> export_file(path, "cube.csv", overwrite=True)
-    {'format': 'csv', 'poses': 1, 'polylines': 1, 'points': 5, 'bytes': 249, 'path': 'cube.csv'}
+    {'format': 'csv', 'poses': 1, 'polylines': 1, 'points': 5, 'bytes': 222, 'path': 'cube.csv'}
     """
     path, out = require_path(path, "the file to export"), require_path(out, "the file to write")
     name = format_of(out, to)

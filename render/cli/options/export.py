@@ -33,9 +33,7 @@ def export(
     ] = None,
     every: Annotated[int, typer.Option(metavar="N", min=1, help="Only every N-th of these poses.")] = 1,
     scene: Annotated[bool, typer.Option("--scene", help="Object and hand as further blocks (vtkhdf).")] = False,
-    gzip: Annotated[
-        int, typer.Option(metavar="0..9", min=0, max=9, help="Compress the file: 0 not, 9 most (vtkhdf, npz).")
-    ] = 0,
+    gzip: Annotated[int, typer.Option(metavar="0..9", min=0, max=9, help="Compress the file: 0 not, 9 most.")] = 0,
     sampling: Sampling = None,
     speed: Speed = None,
     update_rate: UpdateRate = None,

@@ -134,3 +134,14 @@ def test_what_focal_points_of_a_file_cannot_be_asked_for_is_refused(tmp_path):
         read_focus(tmp_path / "two.h5", PLAIN, None, ANY)
     with pytest.raises(StrategyError, match=r"holds 100: seconds=0\.25:0\.275 fits"):
         read_focus(tmp_path / "a.h5", PLAIN, "0.25:", FocusFormat("it", 100, lambda rate: None))
+
+
+def test_drives_are_refused_by_name(tmp_path):
+    about = {"format": "palpate drives", "version": np.array([1, 0], np.int32), "recipe": "{}"}
+    fields = [FrameField("/drive/delay", (256,), "turn"), FrameField("/drive/amplitude", (), "1")]
+    attributes = {"/": about, "/drive": {"update_rate": 4000.0}, "/array": {"names": '["emulator"]'}}
+    with FrameFile(tmp_path / "a.h5", fields, 3, attributes=attributes) as file:
+        file.append({"/drive/delay": np.zeros((3, 256)), "/drive/amplitude": np.ones(3)})
+        file.publish()
+    with pytest.raises(StrategyError, match="holds drives of one array, which no other format takes"):
+        holds_focus(tmp_path / "a.h5")

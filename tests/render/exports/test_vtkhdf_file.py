@@ -1,5 +1,8 @@
 """VTKHDF files as VTK's own reader shows them, whichever way it is asked for a step, and at each step exactly."""
 
+import re
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -152,6 +155,23 @@ def test_a_file_uses_no_filter_that_vtk_lacks_and_no_boolean(tmp_path):
                 found = [hdf5[name] for name in names if isinstance(hdf5[name], h5py.Dataset)]
                 assert {item.compression for item in found} == wanted
                 assert {item.dtype.kind for item in found} <= set("iuf")
+
+
+def test_the_documents_lines_for_pyvista_show_a_step(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("pyvista", reason="pyvista is not installed: its lines in the document are not run")
+    text = (Path(__file__).parents[3] / "docs/formats/exports.md").read_text()
+    (code,) = re.findall(r"^```python no-run\n(import pyvista\n.*?)^```", text, re.MULTILINE | re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    with export_case(tmp_path / "a.h5") as file:
+        own = file.contours(100, 101)
+        for scene in (False, True):
+            write_vtkhdf(file, choose_poses(file), tmp_path / "tube.vtkhdf", scene=scene, watch=quiet)
+            shown = {}
+            exec(code.replace("contours.", 'contours["contours"].') if scene else code, shown)
+            assert capsys.readouterr().out.startswith(f"300 {len(own['points'])} ")
+            if scene:
+                assert shown["contours"]["hand"].n_cells == 1
+            (tmp_path / "tube.vtkhdf").unlink()
 
 
 def test_equal_contours_make_equal_bytes(tmp_path):

@@ -74,7 +74,7 @@ MISTAKES = {
     "play cube.h5 --sampling smt": "did you mean 'stm'?",
     "play cube.h5 --clock fast": "must be one of monotonic, virtual",
     "export cube.h5 -o new.txt": "must end in one of .vtkhdf, .csv, .npz, .ptlist, .py",
-    "export cube.h5 -o new.csv --range 3:5": "Did you mean --poses?",
+    "export cube.h5 -o new.csv --range 3:5": "No such option: --range (Possible options: --poses)",
     "figure cube.h5 -o new.gif": "one of .png, .svg, .pdf",
     "info nosuch.h5": "does not exist",
     "check tube": "palpate render tube exploration -o tube.h5 makes one",

@@ -10,10 +10,21 @@ from contour_cases import everything
 from export_cases import export_case, quiet
 
 from palpate.datasets import ContourFile
-from palpate.render import Palm, flat_hand, load_strategy, record, static_pose
+from palpate.render import (
+    HandMotion,
+    HandPatch,
+    MeshHand,
+    MeshObject,
+    Palm,
+    PlaneHand,
+    flat_hand,
+    load_strategy,
+    record,
+    render,
+    static_pose,
+)
 from palpate.render.exports.pose_choice import choose_poses
 from palpate.render.exports.vtkhdf_file import write_vtkhdf
-from palpate.render.objects.mesh.solid_mesh import MeshObject
 
 vtk = pytest.importorskip("vtk", reason="vtk is not installed: nothing to read VTKHDF with")
 from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402
@@ -136,6 +147,40 @@ def test_patches_of_a_hand_of_planes_are_shown_at_each_pose(tmp_path):
         assert_shows(shown["contours"], file.contours())
         assert len(file.contours()["points"]) > 0
     np.testing.assert_allclose(corners_of(shown["hand"], 4), hand.corners(motion.pose)[0], atol=1e-7)
+
+
+def test_a_skin_is_shown_where_it_is(tmp_path):
+    motion = HandMotion(
+        np.arange(3) / 90, np.float32([[0, 0, 0.2 + 0.01 * k, 0.7071068, 0, 0, 0.7071068] for k in range(3)])
+    )
+    path = render("cube", "skin", motion, "cc").save(tmp_path / "a.h5")
+    with ContourFile(path) as file:
+        hand = MeshHand.from_file(file.hand, file.hand_arrays())
+        write_vtkhdf(file, choose_poses(file, every=2), tmp_path / "a.vtkhdf", scene=True, watch=quiet)
+    reader = opened(tmp_path / "a.vtkhdf")
+    for step, pose in enumerate((0, 2)):
+        shown = blocks_of(by_step(reader, step, 0.0))["hand"]
+        np.testing.assert_allclose(corners_of(shown, 3), hand.triangles(motion.pose[pose : pose + 1])[0], atol=1e-7)
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_patch_that_is_absent_at_a_pose_has_no_size(every, tmp_path):
+    own = np.tile(np.float32([0, 0, 0, 0, 0, 0, 1]), (5, 2, 1))
+    own[:, 1, 2] = -0.06
+    own[:, 0, 0] = np.arange(5) * 0.01
+    own[2, 1] = np.nan
+    hand = PlaneHand((HandPatch("palm", 0.06, 0.06), HandPatch("finger", 0.02, 0.03)), patch_pose=own)
+    motion = HandMotion(np.arange(5) / 90, np.tile(np.float32([0, 0, 0.2, 0.7071068, 0, 0, 0.7071068]), (5, 1)))
+    record(tmp_path / "a.h5", MeshObject.load("cube"), hand, motion, load_strategy("cc"))
+    with ContourFile(tmp_path / "a.h5") as file:
+        write_vtkhdf(file, choose_poses(file, every=every), tmp_path / "a.vtkhdf", scene=True, watch=quiet)
+    reader = opened(tmp_path / "a.vtkhdf")
+    for step, pose in enumerate(range(0, 5, every)):
+        shown = corners_of(blocks_of(by_step(reader, step, 0.0))["hand"], 4)
+        corners = hand.corners(motion.pose)[pose]
+        np.testing.assert_allclose(shown[0], corners[0], atol=1e-7)
+        wanted = np.tile(motion.pose[pose, :3], (4, 1)) if pose == 2 else corners[1]
+        np.testing.assert_allclose(shown[1], wanted, atol=1e-7)
 
 
 def test_poses_without_times_are_shown_by_their_numbers(tmp_path):

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         ViewError,
         VoxelError,
     )
+    from .exports.file_export import export_file
     from .focal_spot import focal_width
     from .hands.combined_hands import together
     from .hands.flat_hand import flat_hand
@@ -129,6 +130,7 @@ _ROOMS = {
     "errors": "RenderError MeshError VoxelError ImplicitError StrategyError PlacementError RepairError "
     "PoseError SweepError PlanError UntrustedCodeError TrustStoreError KernelCacheError "
     "ViewError PalpateWarning",
+    "exports.file_export": "export_file",
     "focal_spot": "focal_width",
     "hands.combined_hands": "together",
     "hands.flat_hand": "flat_hand",
@@ -254,6 +256,7 @@ __all__ = [
     "dwell_map",
     "exploration",
     "explorer_habits",
+    "export_file",
     "export_page",
     "expression_from_json",
     "expression_to_json",

@@ -12,7 +12,7 @@ import shutil
 import stat
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -43,6 +43,24 @@ def write_file(path: Path, content: memoryview) -> None:
         write_temporary(temporary, content)
         publish(temporary, path)
     except OSError:
+        discard(temporary)
+        raise
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Generator[Path, None, None]:
+    """A temporary path to write a file under; it gets its name, durably, when the block ends, and goes if it raises.
+
+    Raises:
+        OSError: From the system (ENOSPC, EFBIG, EDQUOT, ...); no temporary file stays.
+    """
+    remove_abandoned(path)
+    temporary = temporary_name(path)
+    try:
+        yield temporary
+        sync(temporary)
+        publish(temporary, path)
+    except BaseException:
         discard(temporary)
         raise
 

@@ -74,13 +74,23 @@ def hdf5_output(path: Path, *, gzip: int = 0) -> Generator[Hdf5Output, None, Non
 
     Raises OSError where the disk is full or fails.
     """
+    with new_hdf5(path) as file:
+        output = Hdf5Output(file, gzip)
+        yield output
+        output.finish()
+
+
+@contextmanager
+def new_hdf5(path: Path) -> Generator[Any, None, None]:
+    """A new `h5py.File` to fill, or one anew; when this returns, it is on the disk.
+
+    Raises OSError where the disk is full or fails.
+    """
     stream = _Stream(path)
     try:
         file: Any = h5py.File(stream, "w", libver=FORMAT)
         try:
-            output = Hdf5Output(file, gzip)
-            yield output
-            output.finish()
+            yield file
         finally:
             file.close()
         stream.sync()

@@ -20,12 +20,12 @@ try:
         complete_sampling,
         complete_strategy,
     )
+    from .options.export import export
     from .options.field import field
     from .options.noise import noise
     from .options.output import Json, Overwrite, Quiet, run_job
     from .options.play import play
     from .options.reproduce import reproduce
-    from .options.sampling import Duration, Sampling, Speed, UpdateRate
     from .options.selftest import selftest
     from .options.sweep import SWEEP_HELP, sweep
     from .options.trust import AllowCode, trust
@@ -296,21 +296,7 @@ app.command(short_help="Show renderings in the browser.")(view)
 app.command(short_help="Sample a contour file and stream it to an array.")(play)
 
 
-@app.command(short_help="Write focal points for other programs.")
-def export(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.ptlist", help="Point list to write (DOLPHIN).")],
-    sampling: Sampling = None,
-    speed: Speed = None,
-    update_rate: UpdateRate = None,
-    duration: Duration = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    json: Json = False,
-) -> None:
-    """Sample a contour file into a list of focal points that other programs read."""
-    options = {"sampling": sampling, "speed": speed, "update_rate": update_rate, "duration": duration}
-    run_job(".play_commands", "run_export", file, out, options, overwrite, json=json, quiet=quiet)
+app.command(short_help="Write files that other programs open.")(export)
 
 
 @app.command(short_help="List sampling presets, or print one as JSON.")

@@ -1,4 +1,4 @@
-"""What `play`, `export`, `sampling` and `devices` do."""
+"""What `play`, `sampling` and `devices` do."""
 
 import json
 from dataclasses import asdict, replace
@@ -7,9 +7,7 @@ from typing import cast, get_args
 
 import warp as wp
 
-from ...datasets.contour_file.reader import ContourFile
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, frame_format
-from ...datasets.focus_files.ptlist import write_ptlist
 from ...device.boards.discovery import find_arrays, find_serial_arrays, udev_rule
 from ...device.errors import NoBackendError
 from ...device.link import TransportKind
@@ -19,17 +17,15 @@ from ...device.registry import array_kinds, array_model, array_names
 from ..errors import StrategyError
 from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
 from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
-from ..playback.focus_source import ContourSource
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..runtime.warp_start import start_warp
-from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined, load_sampling, sets_rate
+from ..sampling.contour_sampling import SamplingStrategy, load_sampling, sets_rate
 from ..sampling.presets import LINES, PRESETS
 from ..sampling.strategy import JUMP_LENGTH
 from ..terminal import bars, console
 from ..terminal.foreign_text import print_message, write_output
 from ..validation import choose, refuse_object
 
-POINTS_MOST = 10_000_000  # rows of text; 17 minutes at 10 kHz
 SHOWN_OF_PLAYING = (
     "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "silenced", "board_underruns",
     "lateness", "queue_depth", "jumps", "jumps_by_cause", "jump_length", "hops", "hops_by_cause", "hop_speed_max",
@@ -113,33 +109,6 @@ def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...], *, is_model
             "played as 0 or 1"
         )
     return sentences
-
-
-def run_export(file: Path, out: Path, options: dict, overwrite: bool, *, as_json: bool) -> None:
-    """Sample into a point list and report."""
-    refuse_object(file)
-    changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
-    if out.suffix.lower() != ".ptlist":
-        raise StrategyError(f"{out}: must end in .ptlist, the one format that there is")
-    if out.exists() and not overwrite:
-        raise StrategyError(f"{out}: exists; --overwrite replaces it")
-    sampler = Sampler(replace(load_sampling(options["sampling"] or "stm"), **changes))
-    if sampler.strategy.foci > 1:
-        raise StrategyError(f"a point list holds one focal point at a time, not foci {sampler.strategy.foci}")
-    with ContourFile(file) as contours:
-        if not contours.sealed:
-            raise StrategyError(f"{file}: is not finished; palpate render --resume finishes it")
-        source = ContourSource(contours, sampler, options["duration"])
-        if source.frame_count > POINTS_MOST:
-            raise StrategyError(f"{file}: {source.frame_count} focal points, but a point list holds {POINTS_MOST}")
-        with bars.loading_bar(f"sampling {file}", quiet=as_json):
-            focus = joined(list(source))
-    rate = sampler.strategy.update_rate
-    with bars.loading_bar(f"writing {out}", quiet=as_json):
-        write_ptlist(out, focus.position, focus.intensity, rate, overwrite=overwrite)
-    jumps = sum(sampler.count.jumps.values())
-    values = {"points": len(focus.intensity), "update_rate": rate, "jumps": jumps, "path": str(out)}
-    console.show_values(values, as_json=as_json, title=str(out))
 
 
 def require_device(device: str) -> None:

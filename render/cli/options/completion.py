@@ -39,3 +39,8 @@ def complete_sampling(incomplete: str) -> list[str]:
 def complete_array(incomplete: str) -> list[str]:
     """Arrays."""
     return _named("...device.registry", "array_names", incomplete)
+
+
+def complete_format(incomplete: str) -> list[str]:
+    """Formats of `palpate export`."""
+    return _named("..exports.file_export", "FORMATS", incomplete)

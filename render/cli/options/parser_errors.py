@@ -31,6 +31,10 @@ LIKELY_OPTIONS = {
     **dict.fromkeys(("--intensity", "--strength", "--volume", "--level"), "--level-max"),
     **dict.fromkeys(("--frequency", "--freq", "--hz"), "--update-rate"),
     **dict.fromkeys(("--board", "--device-name"), "--array"),
+    **dict.fromkeys(("--format", "--type"), "--to"),
+    **dict.fromkeys(("--range", "--frames", "--slice"), "--poses"),
+    **dict.fromkeys(("--stride", "--step-size"), "--every"),
+    "--compression": "--gzip",
     "--resolution": "--spacing",
 }
 """Options of ours by words of other programs."""

@@ -26,9 +26,9 @@ def view(
         Path | None, typer.Option(metavar="PAGE.html", help="Write one self-contained page instead, and end.")
     ] = None,
     poses: Annotated[
-        str | None, typer.Option(metavar="FIRST:STOP", help="Poses of an exported page, by number; by default all.")
+        str | None, typer.Option(metavar="FIRST:STOP", help="Only these poses, STOP not included; as 100:200 or 100:.")
     ] = None,
-    every: Annotated[int | None, typer.Option(metavar="N", help="Export every Nth of these poses.")] = None,
+    every: Annotated[int | None, typer.Option(metavar="N", help="Only every N-th of these poses.")] = None,
     limit: Annotated[
         float | None, typer.Option(metavar="MB", help="Largest page that is written, by default 20.")
     ] = None,

@@ -24,6 +24,7 @@ SEVERAL_MEANINGS = {
     "--duration": "of an exploration, of a playback, of a stimulus",
     "--kind": "of a volume that is read, of one that is made",
     "--out": "what is written",
+    "--poses": "which of a file, how many of a measurement",
     "--repeats": "of a playback, of a measurement",
     "--spacing": "of a volume by axis, of voxels that are made",
     "--strategy": "bench takes several",

@@ -1,0 +1,184 @@
+"""Export a contour file, or a range of it, to a file of a format that other programs open."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...datasets.contour_file.reader import ContourFile
+from ...datasets.errors import ContourFileError
+from ...datasets.focus_files.ptlist import write_ptlist
+from ...datasets.storage.durable import whole_file
+from ..errors import StrategyError
+from ..sampling.contour_sampling import SamplingStrategy
+from ..user_warnings import warn_user
+from ..validation import choose, refuse_object, require_number, require_path
+from .autd3_script import AUTD3, write_script
+from .csv_file import write_csv
+from .focal_points import FocusFormat, SampledFocus, SamplingFields, holds_focus, read_focus, sample_focus
+from .npz_file import write_npz
+from .pose_choice import Ends, Progress, choose_poses
+from .vtkhdf_file import write_vtkhdf
+
+FORMATS = {"vtkhdf": ".vtkhdf", "csv": ".csv", "npz": ".npz", "ptlist": ".ptlist", "autd3": ".py"}
+"""Formats, and the suffixes that stand for them."""
+
+OF_FOCUS = ("ptlist", "autd3")
+"""Formats of focal points; the others hold contours."""
+
+POINT_LIST = FocusFormat("a point list", 10_000_000, lambda rate: None)  # rows of text; 17 minutes at 10 kHz
+
+
+class ContourFields(NamedTuple):
+    """Options of formats that hold contours."""
+
+    scene: bool
+    gzip: int
+
+
+def export_file(
+    path: str | Path,
+    out: str | Path,
+    *,
+    to: str | None = None,
+    poses: Ends = None,
+    seconds: Ends = None,
+    every: int = 1,
+    scene: bool = False,
+    gzip: int = 0,
+    sampling: SamplingStrategy | str | Path | None = None,
+    speed: float | None = None,
+    update_rate: float | None = None,
+    duration: float | None = None,
+    overwrite: bool = False,
+    watch: Progress | None = None,
+) -> dict[str, Any]:
+    """Write a contour file, or a range of it, as a file that other programs open (docs/formats/exports.md).
+
+    Contours: vtkhdf, csv, npz. Focal points, sampled from them or of a file that holds them: ptlist, autd3. Any size is
+    read in bounded memory; the file is whole or not there. Returns what was written, by name.
+
+    to: the format; by default it follows from the suffix of `out` (.vtkhdf .csv .npz .ptlist .py). poses: "FIRST:STOP"
+    or two numbers, the pose after the last not included; either may be left out (None). seconds: the same by time [s].
+    every: n for each n-th of these poses. scene: object and hand, too (vtkhdf). gzip: compress, 0 not, 9 most (vtkhdf,
+    npz). sampling, speed [m/s], update_rate [Hz], duration [s]: as for `RenderedBatch.sample` (ptlist, autd3). watch:
+    called with how much is done and how much there is.
+    Raises StrategyError for an unknown format, a range that is none or not done yet, an option of another format, more
+    focal points than the format holds, and a file that is there unless `overwrite`; ContourFileError where the file
+    cannot be read, or `out` not be written.
+
+    >>> from palpate.render import export_file, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
+    >>> export_file(path, "cube.csv", overwrite=True)
+    {'format': 'csv', 'poses': 1, 'polylines': 1, 'points': 5, 'bytes': 222, 'path': 'cube.csv'}
+    """
+    path, out = require_path(path, "the file to export"), require_path(out, "the file to write")
+    name = format_of(out, to)
+    own, asked = ContourFields(scene, gzip), SamplingFields(sampling, speed, update_rate, duration)
+    _require_options(name, own, asked)
+    require_new(out, overwrite=overwrite)
+    if path.exists() and out.exists() and path.samefile(out):
+        raise StrategyError(f"{out}: is the file to export, which an export never replaces")
+    refuse_object(path)
+    if name in OF_FOCUS:
+        return _export_focus(path, out, name, (poses, seconds, every), asked, overwrite, watch or _unwatched)
+    if holds_focus(path):
+        raise StrategyError(
+            f"{path} holds focal points and no contours: it can be exported to {' and '.join(OF_FOCUS)}"
+        )
+    with ContourFile(path) as file:
+        chosen = choose_poses(file, poses, seconds, every)
+        counts = _written(out, lambda new: _write_contours(name, file, chosen, new, own, watch or _unwatched))
+    return {"format": name, "poses": len(chosen), **counts, "bytes": out.stat().st_size, "path": str(out)}
+
+
+def format_of(out: Path, to: str | None) -> str:
+    """The format asked for, or that of a suffix; raises StrategyError for an unknown one, and for two that differ."""
+    known = {suffix: name for name, suffix in FORMATS.items()}
+    meant = known.get(out.suffix.lower())
+    if to is None and meant is None:
+        raise StrategyError(f"{out}: must end in one of {', '.join(FORMATS.values())}, or say the format with to=NAME")
+    if to is None or not isinstance(to, str):
+        return meant if to is None and meant is not None else choose("to", str(to), tuple(FORMATS))
+    name = choose("to", to, tuple(FORMATS))
+    if meant not in (None, name):
+        raise StrategyError(f"{out}: ends in {out.suffix}, but to={name} asks for another format")
+    return name
+
+
+def require_new(out: Path, *, overwrite: bool) -> None:
+    """Refuse a file that is there, unless `overwrite`, and a folder that is not."""
+    if os.path.lexists(out) and not overwrite:
+        raise StrategyError(f"{out}: exists; overwrite=True replaces it")
+    if out.is_dir():
+        raise StrategyError(f"{out}: is a folder, not a file to write")
+    if not out.parent.is_dir():
+        raise StrategyError(f"{out}: cannot be written, as there is no folder {out.parent}")
+
+
+def _require_options(name: str, own: ContourFields, asked: SamplingFields) -> None:
+    """Refuse options of other formats."""
+    require_number("gzip", own.gzip, 0, 9, whole=True)
+    taken = {"scene": ("vtkhdf",), "gzip": ("vtkhdf", "npz"), **dict.fromkeys(asked._fields, OF_FOCUS)}
+    for option, value in {**own._asdict(), **asked._asdict()}.items():
+        if value not in (None, False, 0) and name not in taken[option]:
+            raise StrategyError(f"{option} is for {' and '.join(taken[option])}, not for {name}")
+
+
+def _write_contours(
+    name: str, file: ContourFile, chosen: range, new: Path, own: ContourFields, watch: Progress
+) -> dict[str, Any]:
+    if name == "csv":
+        return write_csv(file, chosen, new, watch=watch)
+    if name == "npz":
+        return write_npz(file, chosen, new, gzip=own.gzip, watch=watch)
+    return write_vtkhdf(file, chosen, new, gzip=own.gzip, scene=own.scene, watch=watch)
+
+
+def _export_focus(
+    path: Path,
+    out: Path,
+    name: str,
+    choice: tuple[Ends, Ends, int],
+    asked: SamplingFields,
+    overwrite: bool,
+    watch: Progress,
+) -> dict[str, Any]:
+    sampled = _focus(path, choice, asked, AUTD3 if name == "autd3" else POINT_LIST, watch)
+    values: dict[str, Any] = {"points": len(sampled.focus.intensity), "update_rate": sampled.update_rate}
+    values |= {} if sampled.jumps is None else {"jumps": sampled.jumps}
+    if name == "ptlist":
+        write_ptlist(out, sampled.focus.position, sampled.focus.intensity, sampled.update_rate, overwrite=overwrite)
+    else:
+        values["refused"] = _written(out, lambda new: write_script(new, path, sampled))
+        if values["refused"]:
+            warn_user(
+                f"{values['refused']} of {values['points']} focal points lie where an AUTD3 cannot focus, and are "
+                "silent in the script"
+            )
+    return values | {"format": name, "path": str(out)}
+
+
+def _focus(
+    path: Path, choice: tuple[Ends, Ends, int], asked: SamplingFields, target: FocusFormat, watch: Progress
+) -> SampledFocus:
+    poses, seconds, every = choice
+    if holds_focus(path):
+        if poses is not None or every != 1:
+            raise StrategyError(f"{path} holds focal points, which have no poses: choose them by seconds")
+        return read_focus(path, asked, seconds, target)
+    with ContourFile(path) as file:
+        return sample_focus(file, choose_poses(file, poses, seconds, every), asked, target, watch)
+
+
+def _written(out: Path, write: Callable[[Path], Any]) -> Any:
+    """What a writer returns that writes `out` whole, or not at all."""
+    try:
+        with whole_file(out) as new:
+            return write(new)
+    except OSError as error:
+        raise ContourFileError(f"{out}: cannot be written ({error.strerror or error})") from error
+
+
+def _unwatched(done: int, total: int) -> None:
+    """Show nothing."""

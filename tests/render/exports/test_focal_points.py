@@ -1,0 +1,147 @@
+"""Focal points of a range: those of the same poses rendered alone; and of files that hold them already."""
+
+import numpy as np
+import pytest
+
+from palpate.datasets import ContourFile, write_ptlist
+from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
+from palpate.render import HandMotion, MeshObject, Palm, exploration, load_contours, record, render
+from palpate.render.errors import StrategyError
+from palpate.render.exports.focal_points import (
+    ChosenRows,
+    FocusFormat,
+    SamplingFields,
+    holds_focus,
+    read_focus,
+    sample_focus,
+)
+from palpate.render.exports.pose_choice import choose_poses
+
+ANY = FocusFormat("anything", 10**7, lambda rate: None)
+PLAIN = SamplingFields()
+
+
+@pytest.fixture(scope="module")
+def tube(tmp_path_factory):
+    """Six seconds of an exploration that begins above the tube."""
+    thing = MeshObject.load("tube")
+    motion = exploration(thing, duration=14.0, seed=1)[400:940]
+    path = tmp_path_factory.mktemp("tube") / "tube.h5"
+    record(path, thing, Palm(), HandMotion(motion.time - motion.time[0], motion.pose), "cc")
+    return path
+
+
+def sampled(path, asked=PLAIN, **choice):
+    with ContourFile(path) as file:
+        return sample_focus(file, choose_poses(file, **choice), asked, ANY, lambda done, total: None)
+
+
+def test_a_whole_file_gives_what_its_batch_gives(tube):
+    got, wanted = sampled(tube, SamplingFields(speed=5.0)), load_contours(tube).sample("stm", speed=5.0)
+    assert (wanted.intensity > 0).any()
+    np.testing.assert_array_equal(got.focus.position, wanted.position)
+    np.testing.assert_array_equal(got.focus.intensity, wanted.intensity)
+    assert (got.update_rate, got.jumps) == (10e3, sum(wanted.count.jumps.values()))
+
+
+@pytest.mark.parametrize(("poses", "every"), [((100, 300), 1), ((101, 540), 9), ((3, 500), 100)])
+def test_a_range_gives_what_its_poses_alone_give(poses, every, tube):
+    with ContourFile(tube) as file:
+        rows = slice(*poses, every)
+        motion = HandMotion(file.motion()["time"][rows] - file.motion()["time"][poses[0]], file.motion()["pose"][rows])
+    wanted = render("tube", Palm(), motion, "cc").sample("stm")
+    got = sampled(tube, poses=poses, every=every)
+    np.testing.assert_allclose(got.focus.position, wanted.position, atol=1e-6)
+    np.testing.assert_array_equal(got.focus.intensity, wanted.intensity)
+
+
+def test_rows_are_numbered_and_timed_from_the_first(tube):
+    with ContourFile(tube) as file:
+        rows = ChosenRows(file, range(10, 101, 7))
+        assert rows.pose_count == 13
+        assert rows.motion(0, 1)["time"].tolist() == [0.0]
+        np.testing.assert_array_equal(rows.motion()["pose"], file.motion(10, 101)["pose"][::7])
+        blocks = list(rows.blocks(point_limit=64))
+        assert [first for first, _ in blocks] == [0, *(stop for _, stop in blocks[:-1])]
+        assert blocks[-1][1] == 13
+        assert len(rows.contours(3, 13)["pose_start"]) == 11
+
+
+@pytest.mark.parametrize("choice", [{}, {"poses": "33:"}, {"seconds": "1.2345:"}, {"every": 5}])
+@pytest.mark.parametrize("most", [3000, 12_345])
+def test_the_range_that_a_refusal_names_fits(choice, most, tube):
+    small = FocusFormat("a small one", most, lambda rate: None)
+    with ContourFile(tube) as file:
+        chosen = choose_poses(file, **choice)
+        with pytest.raises(StrategyError, match=f"but a small one holds {most}: seconds=.* fits") as refusal:
+            sample_focus(file, chosen, PLAIN, small, lambda done, total: None)
+        fitting = str(refusal.value).partition("seconds=")[2].removesuffix(" fits")
+        fewer = choose_poses(file, seconds=fitting, every=choice.get("every", 1))
+        assert fewer.start == chosen.start
+        found = sample_focus(file, fewer, PLAIN, small, lambda done, total: None)
+        assert most - 3 * 10e3 / 90 * choice.get("every", 1) <= len(found.focus.intensity) <= most
+
+
+def test_the_duration_that_a_refusal_names_fits(tube):
+    small = FocusFormat("a small one", 100, lambda rate: None)
+    for choice in ({}, {"poses": "20:21"}):
+        with ContourFile(tube) as file:
+            chosen = choose_poses(file, **choice)
+            asked = SamplingFields(duration=5.0)
+            with pytest.raises(StrategyError, match=r"holds 100: duration=0\.01 fits"):
+                sample_focus(file, chosen, asked, small, lambda done, total: None)
+            found = sample_focus(file, chosen, SamplingFields(duration=0.01), small, lambda done, total: None)
+            assert len(found.focus.intensity) == 100
+
+
+def test_several_focal_points_at_once_are_refused(tube):
+    with pytest.raises(StrategyError, match="anything holds one focal point at a time, not foci 2"):
+        sampled(tube, SamplingFields("multi-focus"))
+
+
+def kept(path, count=2000, foci=(), rate=4000.0):
+    position = np.random.default_rng(1).uniform(-0.05, 0.05, (count, *foci, 3)).astype(np.float32)
+    fields = [FrameField("/focus/position", (*foci, 3), "m"), FrameField("/focus/intensity", foci, "1")]
+    about = {"format": "palpate focal points", "version": np.array([1, 0], np.int32), "recipe": "{}"}
+    with FrameFile(path, fields, count, attributes={"/": about, "/focus": {"update_rate": rate}}) as file:
+        file.append({"/focus/position": position, "/focus/intensity": np.full((count, *foci), 0.5, np.float32)})
+        file.publish()
+    return position
+
+
+@pytest.mark.parametrize(
+    ("seconds", "rows"), [(None, slice(None)), ("0.1:0.2", slice(400, 800)), ("0.4:", slice(1600, None))]
+)
+def test_focal_points_of_a_sweep_and_of_a_point_list_are_taken_as_they_are(seconds, rows, tmp_path):
+    position = kept(tmp_path / "a.h5")
+    write_ptlist(tmp_path / "a.ptlist", position, np.full(2000, 0.5), 4000.0)
+    for name in ("a.h5", "a.ptlist"):
+        assert holds_focus(tmp_path / name)
+        found = read_focus(tmp_path / name, PLAIN, seconds, ANY)
+        np.testing.assert_array_equal(found.focus.position, position[rows])
+        assert (found.focus.intensity == 0.5).all()
+        assert (found.update_rate, found.jumps) == (4000.0, None)
+
+
+def test_what_focal_points_of_a_file_cannot_be_asked_for_is_refused(tmp_path):
+    kept(tmp_path / "a.h5")
+    kept(tmp_path / "two.h5", foci=(2,))
+    with pytest.raises(StrategyError, match="at a rate of its own, so speed cannot"):
+        read_focus(tmp_path / "a.h5", SamplingFields(speed=3.0), None, ANY)
+    with pytest.raises(StrategyError, match=r"hold no focal point of .*, which lasts 0.5 s"):
+        read_focus(tmp_path / "a.h5", PLAIN, "3:4", ANY)
+    with pytest.raises(StrategyError, match="not foci 2"):
+        read_focus(tmp_path / "two.h5", PLAIN, None, ANY)
+    with pytest.raises(StrategyError, match=r"holds 100: seconds=0\.25:0\.275 fits"):
+        read_focus(tmp_path / "a.h5", PLAIN, "0.25:", FocusFormat("it", 100, lambda rate: None))
+
+
+def test_drives_are_refused_by_name(tmp_path):
+    about = {"format": "palpate drives", "version": np.array([1, 0], np.int32), "recipe": "{}"}
+    fields = [FrameField("/drive/delay", (256,), "turn"), FrameField("/drive/amplitude", (), "1")]
+    attributes = {"/": about, "/drive": {"update_rate": 4000.0}, "/array": {"names": '["emulator"]'}}
+    with FrameFile(tmp_path / "a.h5", fields, 3, attributes=attributes) as file:
+        file.append({"/drive/delay": np.zeros((3, 256)), "/drive/amplitude": np.ones(3)})
+        file.publish()
+    with pytest.raises(StrategyError, match="holds drives of one array, which no other format takes"):
+        holds_focus(tmp_path / "a.h5")

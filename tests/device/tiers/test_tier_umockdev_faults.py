@@ -35,6 +35,7 @@ def test_a_stall_ends_with_the_array_off_and_it_plays_again(tmp_path: Path, tran
     assert_beginning_then_off(np.vstack([played[:before], np.zeros((1, FRAME), np.uint8)]), wire)
 
 
+@pytest.mark.exhaustive(but=f"{TORN}-")
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @pytest.mark.parametrize("byte", [0, AFTER, TORN])
 def test_a_device_that_takes_nothing_for_a_while(tmp_path: Path, transport: str, byte: int) -> None:
@@ -55,6 +56,7 @@ def test_a_device_that_takes_nothing_for_a_while(tmp_path: Path, transport: str,
     assert outcome.devices[0]["emitting"] is False
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_a_device_that_takes_nothing_any_more_is_told_and_holds_its_frame(tmp_path: Path, transport: str) -> None:
     outcome = play(tmp_path, faulty(kind="nak", byte=TORN, count=None), transport=transport, frames=1500)

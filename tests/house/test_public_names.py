@@ -62,6 +62,7 @@ def test_help_starts_with_a_purpose_and_ends_with_an_example_that_runs(name, val
     assert last in shown, f"{name}: text follows the example: {last}"
 
 
+@pytest.mark.exhaustive  # each by itself runs always
 def test_examples_run_one_after_the_other_in_one_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     told = []

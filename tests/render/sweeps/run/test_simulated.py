@@ -40,6 +40,7 @@ def healthy(count):
     return [StandIn("fast", motion=f"healthy {k}") for k in range(count)]
 
 
+@pytest.mark.exhaustive(but="-2-")
 @pytest.mark.parametrize("kind", ["processes", "dask"])
 @pytest.mark.parametrize("worker_count", WORKERS)
 @pytest.mark.parametrize("thing", [*BAD, *GOOD])

@@ -20,7 +20,7 @@ wp.config.log_level = wp.LOG_WARNING
 os.environ["PALPATE_CACHE"] = "off"  # no test reads or fills the user's cache; those of the cache name a folder
 
 if hypothesis:
-    hypothesis.settings.register_profile("default", deadline=None)
+    hypothesis.settings.register_profile("default", deadline=None, max_examples=50)
     hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
     hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "default")
 

@@ -36,6 +36,7 @@ def test_content_played_is_content_sent_then_off(tmp_path: Path, transport: str,
     assert board["pending_max"] == 1 or transport == "queued"
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_the_array_is_let_go_for_the_next_player(tmp_path: Path, transport: str) -> None:
     outcome = play(tmp_path, transport=transport, frames=200, plays=3)

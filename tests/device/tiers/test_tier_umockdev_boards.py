@@ -100,6 +100,7 @@ def test_a_pat16_whose_chip_stalls_goes_off_and_plays_again(
     assert outcome.devices[0]["emitting"] is False
 
 
+@pytest.mark.exhaustive
 def test_a_pat16_unplugged_while_playing_is_lost(tmp_path: Path, board_file: Path) -> None:
     plug = pat16(faults=({"kind": "unplug", "byte": 600 * FRAME},))
     outcome = play(tmp_path, plug, array="pat16", pat=str(board_file), rate=10e3, frames=1000)

@@ -103,6 +103,7 @@ def test_many_sources_are_the_same_as_each_by_itself(device):
     assert combined[:400] == pytest.approx(np.array(power), rel=1e-4)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("is_late", [False, True])
 def test_arrays_whose_transducers_fill_no_tile_are_heard(is_late, device):
     """249 transducers and 40 places are no multiples of a tile's: sums by NumPy, period by period."""

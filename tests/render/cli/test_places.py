@@ -31,9 +31,8 @@ PLACES = {  # redirections: whether results are lost, whether messages are
     "<&- >&- 2>&-": (True, True),
 }
 QUICK = {
-    ("json", ">&-"),
-    ("misspelt", ">&-"),
-    ("misuse", "2>&-"),
+    ("sampling", ">&-"),
+    ("misspelt", "2>&-"),
     ("version", ">/dev/full"),
     ("render", "<&- >&- 2>&-"),
 }
@@ -75,7 +74,7 @@ def test_a_stream_that_is_closed_or_full_gives_a_code_and_a_sentence(command, pl
 
 
 def test_a_reader_that_has_enough_is_no_error(folder):
-    done = shell(folder, ("strategies",), "| head -n 1")
+    done = shell(folder, ("sampling",), "| head -n 1")
     assert (done.stdout.count(b"\n"), done.stderr) == (1, b"")
 
 

@@ -136,6 +136,7 @@ def test_faults_of_values_name_the_key(plan):
         sweep(plan, {"object.fit": 80})
 
 
+@pytest.mark.exhaustive
 def test_optuna_finds_the_known_best(tmp_path, monkeypatch):
     pytest.importorskip("optuna", reason="Optuna is not installed")
     text = GUIDE.read_text()

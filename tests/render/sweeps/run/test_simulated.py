@@ -59,7 +59,7 @@ def test_every_sweep_ends_and_makes_what_can_be_made(tmp_path, thing, worker_cou
     assert report.workers_lost <= 3
 
 
-@pytest.mark.exhaustive(after=2)
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("kind", ["processes", "dask"])
 @pytest.mark.parametrize("worker_count", WORKERS[::-1])
 def test_all_of_them_together(tmp_path, worker_count, kind):

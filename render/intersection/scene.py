@@ -213,6 +213,11 @@ class Scene:
             raise StrategyError(f"a hand must be a Palm, a PlaneHand or a MeshHand, not {type(self.hand).__name__}")
         return "march"
 
+    @cached_property
+    def _warned(self) -> dict[str, object]:
+        """Warnings of stages that batches of this scene have given, see `Setting.warn_once`."""
+        return {}
+
     @property
     def step(self) -> float:
         """Grid step of marching [m]."""
@@ -302,7 +307,8 @@ class Scene:
         if self.object_pose is not None:
             at = {"object_pose": self._object_pose_of(block), "object_centre": self.object_centre}
         where = (poses_on_host(block.pose), block.first, block.device)
-        setting = Setting(self.solid, self.hand, *where, self.focal_width, self.step, **at)
+        limits = {"point_limit": block.point_limit, "warned": self._warned}
+        setting = Setting(self.solid, self.hand, *where, self.focal_width, self.step, **limits, **at)
         with StageClock(block.timing, "stages", block.device):
             return run_stages(batch, self.strategy, setting)
 

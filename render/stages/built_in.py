@@ -3,13 +3,13 @@
 | stage | gives | of what |
 |---|---|---|
 | close | done by the raw intersection, see `intersect` | the object's section |
-| identity, smooth, simplify | `curves` | any contours |
+| identity, resample, smooth, simplify | `curves` | any contours |
 | corners, edges, depth | `emphasis` | any contours |
 | ellipse, circle, centroid | `shapes` | any contours; what encloses nothing is taken as lines |
 | hatch, inset | `fill` | closed contours on planes |
 """
 
-from .curves import keep_contours, simplify_contours, smooth_contours
+from .curves import keep_contours, resample_contours, simplify_contours, smooth_contours
 from .emphasis import emphasise_corners, emphasise_edges, weigh_by_depth
 from .fill import hatch_regions, inset_regions
 from .shapes import draw_centroids, draw_circles, draw_ellipses
@@ -23,6 +23,7 @@ __all__ = [
     "hatch_regions",
     "inset_regions",
     "keep_contours",
+    "resample_contours",
     "simplify_contours",
     "smooth_contours",
     "weigh_by_depth",

@@ -1,4 +1,4 @@
-"""Other curves along the same contours: as they are, smoother, or with fewer vertices."""
+"""Other curves along the same contours: as they are, smoother, or with fewer or more vertices."""
 
 from dataclasses import replace
 
@@ -6,10 +6,9 @@ import numpy as np
 
 from ...kernels.stages.simplify import gather_rows, simplify_polylines
 from ..contour_batch import ContourBatch
-from .polyline_arrays import without_repeats
+from .polyline_arrays import divided, without_repeats
 from .registry import Option, Setting, transform_stage
-
-LEVEL = 0.05  # of intensity that simplifying may change
+from .vertex_spacing import LEVEL, RESAMPLED
 
 
 @transform_stage("identity", on="device")
@@ -44,6 +43,17 @@ def simplify_contours(batch: ContourBatch, setting: Setting, *, tolerance: float
         intensity=None if batch.intensity is None else gather_rows(batch.intensity, index),
         dwell=None if batch.dwell is None else gather_rows(batch.dwell, index),
     )
+
+
+@transform_stage("resample", spacing=Option(None, 1e-4, 1.0, "m", widths=RESAMPLED))
+def resample_contours(batch: ContourBatch, setting: Setting, *, spacing: float) -> ContourBatch:
+    """More vertices along the same contours, so that later stages act between the old vertices too.
+
+    Segments longer than `spacing` [m], a quarter of the focal width, fall into equal parts; vertices stay where they
+    are, with their pauses. Intensity goes on linearly. Put it before a stage that acts at vertices, such as a function
+    of position, and not before "simplify", which leaves the new vertices out again.
+    """
+    return divided(batch, spacing, setting.point_limit)
 
 
 @transform_stage(

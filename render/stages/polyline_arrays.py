@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...kernels.offsets import PointLimitError
 from ..contour_batch import MADE, ContourBatch
 
 
@@ -31,13 +32,8 @@ class Lines:
     def of(cls, batch: ContourBatch) -> "Lines":
         """The polylines of a batch on the host."""
         points = batch.points.astype(np.float64)
-        count = np.diff(batch.polyline_start)
-        line = np.repeat(np.arange(batch.polyline_count), count)
-        is_segment = np.ones(len(points), bool)
-        is_segment[batch.polyline_start[1:][count > 0] - 1] = False
-        length = np.zeros(len(points))
-        here = np.flatnonzero(is_segment)
-        length[here] = np.linalg.norm(points[here + 1] - points[here], axis=1)
+        line = np.repeat(np.arange(batch.polyline_count), np.diff(batch.polyline_start))
+        is_segment, length = segment_lengths(batch)
         arc, total = np.zeros(len(points)), np.zeros(batch.polyline_count)
         start = batch.polyline_start.tolist()
         # line by line, so that a polyline's arc does not depend on the batch that it is in
@@ -72,6 +68,17 @@ class Lines:
         segment, part = self.place(line, arc)
         following = np.minimum(segment + 1, len(self.points) - 1)
         return self.points[segment] + part[..., None] * (self.points[following] - self.points[segment])
+
+
+def segment_lengths(batch: ContourBatch) -> tuple[np.ndarray, np.ndarray]:
+    """`is_segment` and `length` of `Lines`, without the rest, for a batch on the host."""
+    points = batch.points.astype(np.float64)
+    is_segment = np.ones(len(points), bool)
+    is_segment[batch.polyline_start[1:][np.diff(batch.polyline_start) > 0] - 1] = False
+    length = np.zeros(len(points))
+    here = np.flatnonzero(is_segment)
+    length[here] = np.linalg.norm(points[here + 1] - points[here], axis=1)
+    return is_segment, length
 
 
 def with_points(
@@ -134,10 +141,20 @@ def without_repeats(batch: ContourBatch) -> ContourBatch:
     return batch if keep.all() else without_points(batch, keep)
 
 
-def divided(batch: ContourBatch, longest: float) -> ContourBatch:
-    """A batch whose segments are at most so long [m]: longer ones fall into equal parts."""
-    lines = Lines.of(batch)
-    new = np.maximum(np.ceil(lines.length / longest - 1e-9), 1).astype(np.int64) - 1
+def divided(batch: ContourBatch, longest: float, point_limit: int | None = None) -> ContourBatch:
+    """A batch whose segments are at most so long [m]: longer ones fall into equal parts.
+
+    Parts are longer by the rounding of their ends to float32 at most, and dividing again changes nothing.
+    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    """
+    _, length = segment_lengths(batch)
+    spacing = np.spacing(np.abs(batch.points).max(axis=1, initial=0.0)).astype(np.float64)
+    spacing[:-1] = np.maximum(spacing[:-1], spacing[1:])
+    rounding = np.sqrt(3.0) * spacing  # of a part's length: both ends move by half a spacing along each axis
+    new = np.maximum(np.ceil((length - 2.0 * rounding) / longest), 1.0) - 1.0
+    if point_limit is not None and (count := int(len(new) + new.sum())) > point_limit:
+        raise PointLimitError(count, point_limit)
+    new = new.astype(np.int64)
     segment = np.repeat(np.arange(len(new)), new)
     turn = np.arange(len(segment)) - np.repeat(np.cumsum(new) - new, new)
     return with_points(batch, segment, (turn + 1) / (new[segment] + 1))[0]

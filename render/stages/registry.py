@@ -29,9 +29,11 @@ from ..contour_batch import ContourBatch
 from ..deprecated_names import OldAttribute
 from ..errors import StrategyError
 from ..objects.solid import Solid
+from ..user_warnings import warn_user
 from ..validation import require_choice
 from .option import Option, Value, options_of
 from .user_code_digest import caller_file, digest_of, file_digests, innermost, place_of
+from .vertex_spacing import LEVEL, RESAMPLED, length_least, warn_of_bends
 
 if TYPE_CHECKING:
     from ..hands.hand import Hand, PatchFrames
@@ -167,6 +169,10 @@ class Setting:
     """Position of the object's centre and its rotation at each pose, float32 [pose, 7]; None: it stands still."""
     object_centre: np.ndarray | None = None
     """The point of the placed object whose position `object_pose` gives [m], shape [3]; None: middle of its bounds."""
+    point_limit: int | None = None
+    """Most points that a stage of palpate's own may make of the batch: PointLimitError asks for smaller batches."""
+    warned: dict[str, object] = field(default_factory=dict, repr=False)
+    """Names of the warnings that this rendering has given; all its batches share it."""
 
     thing = OldAttribute("solid")
     moved = OldAttribute("object_pose")
@@ -176,6 +182,12 @@ class Setting:
     def frames(self) -> "PatchFrames":
         """The hand's patches at each pose, in the array frame."""
         return self.hand.frames(self.pose, self.first)
+
+    def warn_once(self, name: str, message: str) -> None:
+        """Warn the user, unless a batch of this rendering has warned under this name."""
+        own = object()
+        if self.warned.setdefault(name, own) is own:  # one call, so one of several threads warns
+            warn_user(message)
 
 
 _LOCK = RLock()
@@ -287,7 +299,9 @@ def register_point_function(name: str, func: Any, *, gives: str) -> None:
     """Register a Warp function as a transform stage that runs for every point on the device.
 
     func: a wp.func defined in a file. gives: "point" for x -> wp.vec3, the new point [m, array frame], or "intensity"
-    for x -> float in 0..1; x: wp.vec3 [m, array frame].
+    for x -> float in 0..1; x: wp.vec3 [m, array frame]. Segments stay straight between vertices, and intensity linear:
+    put the stage "resample" before a function that varies faster. Rendering warns of a segment longer than a quarter of
+    the focal width on which the function is off that by more than 0.05, or by a quarter of the focal width.
 
     >>> import warp as wp
     >>> from palpate.render import IntersectionStrategy, register_point_function, render, static_pose
@@ -307,13 +321,17 @@ def register_point_function(name: str, func: Any, *, gives: str) -> None:
 
 
 def move_points(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
-    """Move every point to the result of a Warp function."""
-    return ContourBatch(**{**batch.by_name(), "points": map_points(func, batch.points)})
+    """Move every point to the result of a Warp function; warn of segments that it would bend."""
+    points, deviation = map_points(func, batch.points, length_least=length_least(func, setting))
+    warn_of_bends(func, batch, deviation, setting, most=RESAMPLED * setting.focal_width, unit=" m")
+    return ContourBatch(**{**batch.by_name(), "points": points})
 
 
 def set_intensity(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
-    """Set the intensity at every point to the result of a Warp function."""
-    return ContourBatch(**{**batch.by_name(), "intensity": map_intensity(func, batch.points)})
+    """Set the intensity at every point to the result of a Warp function; warn of segments where it is no ramp."""
+    intensity, deviation = map_intensity(func, batch.points, length_least=length_least(func, setting))
+    warn_of_bends(func, batch, deviation, setting, most=LEVEL)
+    return ContourBatch(**{**batch.by_name(), "intensity": intensity})
 
 
 def prune_stage(name: str, *, on: str = "host", **defaults: Value | Option) -> Callable[[Function], Function]:

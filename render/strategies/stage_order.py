@@ -16,7 +16,7 @@ from ..errors import StrategyError
 SHAPES = ("ellipse", "circle", "centroid")  # draw loops anew
 FILLS = ("hatch", "inset")  # need loops
 WEIGHTS = ("corners", "edges", "depth")  # set intensity or dwell
-NEUTRAL = ("close", "identity", "simplify", "smooth")
+NEUTRAL = ("close", "identity", "resample", "simplify", "smooth")
 TOURS = ("contact", "overlap")  # raw stages that give a path over a surface
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..contour_batch import ContourBatch
-from ..errors import StrategyError
+from ..errors import PalpateWarning, StrategyError
 from ..stages.option import Value
 from ..stages.registry import BY_RAW_KERNELS, Setting, Stage, StageEntry, find_stage
 from ..stages.user_output_check import checked_batch, checked_removal
@@ -55,7 +55,7 @@ def _run_checked(
     before = batch.length() if entry.role == "prune" else np.zeros(0)  # first: the stage may write into it
     try:
         result = entry.function(batch, setting, **values) if entry.function else None
-    except StrategyError:
+    except (StrategyError, PalpateWarning):  # a warning, where the caller makes errors of warnings
         raise
     except (Exception, SystemExit) as error:  # a user's function may raise anything
         raise StrategyError(f"{title} failed: {type(error).__name__}: {error}") from error

@@ -15,7 +15,7 @@ from palpate.render.strategies.intersection_strategy import PRESETS
 COUNT = 22
 MANY = IntersectionStrategy(
     prune=("outside", "close-together", "small"),
-    transform=("close", "smooth", "simplify", "corners", "edges", Stage("depth", {"at": "point"})),
+    transform=("close", "smooth", "simplify", "resample", "corners", "edges", Stage("depth", {"at": "point"})),
 )
 PRUNED = {name: IntersectionStrategy(prune=("outside", name)) for name in known_stages("prune") if name != "outside"}
 STRATEGIES = {**{name: make() for name, make in PRESETS.items()}, "many": MANY, **PRUNED}

@@ -54,7 +54,7 @@ def content(folder):
         return rows, columns, store.failed()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.lists(st.lists(st.sampled_from(ALL), unique=True, min_size=1), min_size=1, max_size=4), st.randoms())
 def test_the_union_is_the_same_in_every_order(tmp_path_factory, shares, random):
     top = tmp_path_factory.mktemp("merge")

@@ -46,7 +46,7 @@ def folder(tmp_path, small):
     return tmp_path / "poses"
 
 
-@settings(max_examples=30)
+@settings(max_examples=10)
 @given(counts=st.lists(st.integers(0, 30), max_size=8), rows=st.integers(1, 12))
 def test_blocks_of_any_size_make_the_same_rows_in_files_of_any_size(tmp_path_factory, counts, rows):
     path = tmp_path_factory.mktemp("blocks") / "poses"

@@ -20,6 +20,7 @@ def test_arrays_are_listed_by_the_command_line_with_their_serial_numbers(tmp_pat
     assert "FT41TEIY" in outcome.out
 
 
+@pytest.mark.exhaustive(but="40000.0-")
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @pytest.mark.parametrize("rate", [40e3, 10e3])
 def test_content_played_is_content_sent_then_off(tmp_path: Path, transport: str, rate: float) -> None:
@@ -35,6 +36,7 @@ def test_content_played_is_content_sent_then_off(tmp_path: Path, transport: str,
     assert board["pending_max"] == 1 or transport == "queued"
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_the_array_is_let_go_for_the_next_player(tmp_path: Path, transport: str) -> None:
     outcome = play(tmp_path, transport=transport, frames=200, plays=3)
@@ -57,6 +59,7 @@ def test_a_stop_plays_a_beginning_and_then_off(tmp_path: Path, transport: str) -
     assert board["discarded"] > 1 or transport == "sync"
 
 
+@pytest.mark.exhaustive(but="SIGTERM-")
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
 def test_a_signal_switches_the_array_off(tmp_path: Path, transport: str, name: str) -> None:
@@ -74,6 +77,7 @@ def test_a_signal_switches_the_array_off(tmp_path: Path, transport: str, name: s
     assert outcome.devices[0]["emitting"] is False
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_killed_without_a_watchdog_the_array_stays_on(tmp_path: Path, transport: str) -> None:
     """The documented truth: nobody is left to switch it off."""
@@ -108,6 +112,7 @@ def test_killed_with_a_watchdog_the_array_goes_off(tmp_path: Path, transport: st
     assert_beginning_then_off(outcome.played(), np.tile(sent(frames=3000), (3, 1)))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_a_slow_source_is_counted_and_loses_nothing(tmp_path: Path, transport: str) -> None:
     outcome = play(tmp_path, transport=transport, frames=3000, pause_at=20, pause=0.3)

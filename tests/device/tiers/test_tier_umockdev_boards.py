@@ -33,6 +33,7 @@ def emitting(frames: np.ndarray) -> np.ndarray:
     return frames[:, DUTY].any(axis=1)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_pat16_plays_what_was_sent_then_off_and_its_driver_is_bound_again(
     tmp_path: Path, board_file: Path, transport: str
@@ -51,6 +52,7 @@ def test_pat16_plays_what_was_sent_then_off_and_its_driver_is_bound_again(
     assert (board["divider"], board["bindings"]) == (4, ["-ftdi_sio", "+ftdi_sio"])
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_a_stopped_pat16_is_off_after_a_beginning(tmp_path: Path, board_file: Path, transport: str) -> None:
     outcome = play(
@@ -77,6 +79,7 @@ def test_a_stopped_pat16_is_off_after_a_beginning(tmp_path: Path, board_file: Pa
     assert board["discarded_partly"] <= 1
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @pytest.mark.parametrize("byte", [40 * FRAME + 511, 600 * FRAME + 100])
 def test_a_pat16_whose_chip_stalls_goes_off_and_plays_again(
@@ -97,6 +100,7 @@ def test_a_pat16_whose_chip_stalls_goes_off_and_plays_again(
     assert outcome.devices[0]["emitting"] is False
 
 
+@pytest.mark.exhaustive
 def test_a_pat16_unplugged_while_playing_is_lost(tmp_path: Path, board_file: Path) -> None:
     plug = pat16(faults=({"kind": "unplug", "byte": 600 * FRAME},))
     outcome = play(tmp_path, plug, array="pat16", pat=str(board_file), rate=10e3, frames=1000)
@@ -105,6 +109,7 @@ def test_a_pat16_unplugged_while_playing_is_lost(tmp_path: Path, board_file: Pat
     assert outcome.returncode == 0, outcome.err
 
 
+@pytest.mark.exhaustive
 def test_a_killed_pat16_player_leaves_it_on_and_the_watchdog_does_not(tmp_path: Path, board_file: Path) -> None:
     ends = {}
     for watchdog in (False, True):
@@ -129,6 +134,10 @@ def test_a_pat16_refuses_a_rate_that_its_chip_cannot_keep_up(tmp_path: Path, boa
     (report,) = outcome.told["plays"]
     assert report["error"] == "UpdateRateError"
     assert not emitting(outcome.played()).any()
+
+
+@pytest.mark.exhaustive
+def test_a_pat16_plays_as_few_frames_as_its_chip_holds_at_any_rate(tmp_path: Path, board_file: Path) -> None:
     burst = play(tmp_path, pat16(), array="pat16", pat=str(board_file), rate=20e3, frames=28)
     (report,) = burst.told["plays"]
     assert (report["error"], report["frames"]) == (None, 28)

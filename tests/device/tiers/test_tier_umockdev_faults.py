@@ -19,6 +19,7 @@ def faulty(**fault: object) -> Plug:
     return Plug(faults=(fault,))
 
 
+@pytest.mark.exhaustive(but=f"{TORN}-")
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @pytest.mark.parametrize("byte", [0, AFTER, TORN])
 def test_a_stall_ends_with_the_array_off_and_it_plays_again(tmp_path: Path, transport: str, byte: int) -> None:
@@ -35,6 +36,7 @@ def test_a_stall_ends_with_the_array_off_and_it_plays_again(tmp_path: Path, tran
     assert_beginning_then_off(np.vstack([played[:before], np.zeros((1, FRAME), np.uint8)]), wire)
 
 
+@pytest.mark.exhaustive(but=f"{TORN}-")
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @pytest.mark.parametrize("byte", [0, AFTER, TORN])
 def test_a_device_that_takes_nothing_for_a_while(tmp_path: Path, transport: str, byte: int) -> None:
@@ -55,6 +57,7 @@ def test_a_device_that_takes_nothing_for_a_while(tmp_path: Path, transport: str,
     assert outcome.devices[0]["emitting"] is False
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_a_device_that_takes_nothing_any_more_is_told_and_holds_its_frame(tmp_path: Path, transport: str) -> None:
     outcome = play(tmp_path, faulty(kind="nak", byte=TORN, count=None), transport=transport, frames=1500)
@@ -67,6 +70,7 @@ def test_a_device_that_takes_nothing_any_more_is_told_and_holds_its_frame(tmp_pa
     assert outcome.devices[0]["bytes_out"] == TORN
 
 
+@pytest.mark.exhaustive(but=f"{TORN}-")
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @pytest.mark.parametrize("byte", [AFTER, TORN])
 def test_a_short_transfer_loses_nothing_or_is_told(tmp_path: Path, transport: str, byte: int) -> None:
@@ -83,6 +87,7 @@ def test_a_short_transfer_loses_nothing_or_is_told(tmp_path: Path, transport: st
     assert np.array_equal(played[emitting(played)][-1500:], wire)
 
 
+@pytest.mark.exhaustive(but=f"{TORN}-")
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @pytest.mark.parametrize("byte", [0, TORN])
 def test_unplugged_while_playing_it_is_lost_and_nothing_hangs(tmp_path: Path, transport: str, byte: int) -> None:
@@ -97,6 +102,7 @@ def test_unplugged_while_playing_it_is_lost_and_nothing_hangs(tmp_path: Path, tr
     assert np.array_equal(played, sent(frames=3000)[: len(played)])
 
 
+@pytest.mark.exhaustive(but="1-")
 @pytest.mark.parametrize(("kind", "error"), [("stall", "DeviceStallError"), ("nak", "DeviceTimeoutError")])
 @pytest.mark.parametrize("request_number", [1, 2])
 def test_a_request_that_fails_before_playing_is_told_and_nothing_was_sent(

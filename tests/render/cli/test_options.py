@@ -8,6 +8,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
+from command_line import run
 
 ROOT = Path(__file__).parents[3]
 spec = spec_from_file_location("option_table", ROOT / "docs" / "option_table.py")
@@ -57,11 +58,12 @@ def test_every_command_has_the_same_options_for_output(command):
     assert all(option.help and option.help.endswith(".") for option in options.values())
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("command", "old"),
     [
-        (["demo", "--clock", "virtual", "--folder"], "{}/demo"),
         (["selftest", "--clock", "virtual", "--seconds=0.1"], ""),
+        (["demo", "--clock", "virtual", "--folder"], "{}/demo"),
         (["bench", "--strategies", "oc", "--objects", "cube", "--peers", "none", "--poses", "100"], ""),
     ],
 )
@@ -82,12 +84,11 @@ def test_a_value_that_looks_like_an_old_name_is_left_alone():
 def test_quiet_leaves_out_warnings_and_keeps_results_and_errors(tmp_path):
     far = tmp_path / "far.csv"
     far.write_text("time,x,y,z,qx,qy,qz,qw\n0,0,0,0.9,0.7071068,0,0,0.7071068\n0.1,0,0,0.9,0.7071068,0,0,0.7071068\n")
-    call = [sys.executable, "-m", "palpate.render.cli", "render", "cube", str(far)]
-    told = subprocess.run([*call, "-o", str(tmp_path / "a.h5")], capture_output=True, text=True, timeout=120)
-    quiet = subprocess.run([*call, "-o", str(tmp_path / "b.h5"), "-q"], capture_output=True, text=True, timeout=120)
+    told = run("render", "cube", far, "-o", tmp_path / "a.h5")
+    quiet = run("render", "cube", far, "-o", tmp_path / "b.h5", "-q")
     assert "warning: no pose has a contour" in told.stderr
     assert quiet.stderr == ""
     assert quiet.stdout.count("\n") == told.stdout.count("\n")
-    failed = subprocess.run([*call, "-o", str(tmp_path / "b.h5"), "-q"], capture_output=True, text=True, timeout=120)
-    assert failed.returncode != 0
+    failed = run("render", "cube", far, "-o", tmp_path / "b.h5", "-q")
+    assert failed.exit_code != 0
     assert "exists" in failed.stderr

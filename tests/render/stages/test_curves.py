@@ -145,7 +145,18 @@ def test_simplifying_within_nothing_changes_nothing_and_needs_no_points(rng):
     assert_equal(run_stage("simplify", batch, setting, tolerance=1e-7), batch)
     empty = batch.select(0, 1)
     assert empty.polyline_count == 0
-    for name in ("simplify", "smooth", "corners", "edges", "ellipse", "circle", "centroid", "hatch", "inset"):
+    for name in (
+        "simplify",
+        "resample",
+        "smooth",
+        "corners",
+        "edges",
+        "ellipse",
+        "circle",
+        "centroid",
+        "hatch",
+        "inset",
+    ):
         assert_valid(run_stage(name, empty, a_setting(setting.pose[:1])), 1)
 
 

@@ -12,7 +12,7 @@ import warp as wp
 from contour_random import random_batch
 
 from palpate.render import ContourBatch, IntersectionStrategy
-from palpate.render.errors import StrategyError
+from palpate.render.errors import PalpateWarning, StrategyError
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages import registry
 from palpate.render.stages.prune import cut_batch
@@ -186,7 +186,8 @@ def test_a_warp_function_moves_points_or_sets_intensity(batch, device):
     register_point_function("up", drawn_up, gives="point")
     register_point_function("weak", weaker_outside, gives="intensity")
     assert known_stages("transform")["up"].line == "Everything twice as high"
-    out, _ = run(batch, transform=("up", "weak"), device=device)
+    with pytest.warns(PalpateWarning, match="weaker_outside: along a segment"):
+        out, _ = run(batch, transform=("up", "weak"), device=device)
     out = out.numpy()
     np.testing.assert_allclose(out.points, batch.points * np.float32([1, 1, 2]), rtol=1e-6)
     wanted = np.exp(-100 * (batch.points[:, :2].astype(float) ** 2).sum(axis=1))

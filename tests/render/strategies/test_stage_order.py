@@ -40,7 +40,11 @@ def test_orders_that_make_no_sense_are_refused(raw, prune, transform, message):
 @pytest.mark.parametrize(
     ("raw", "prune", "transform"),
     [
-        ("section", ("outside",), ("close", "smooth", "inset", "hatch", "simplify", "depth", "corners")),
+        (
+            "section",
+            ("outside",),
+            ("close", "resample", "smooth", "inset", "hatch", "simplify", "depth", "resample", "corners"),
+        ),
         ("section", (), ("hatch",)),
         ("section", ("outside",), ("corners", "edges")),
         ("contact", (), ("ellipse", "hatch")),

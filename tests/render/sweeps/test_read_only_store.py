@@ -61,6 +61,12 @@ def test_tables_and_baselines_come_from_it(store, tmp_path):
     assert told["comparison"]["moved"] == []
     for name, column in load_table(store / "table.h5", constants=True).items():
         assert repr(column.tolist()) == repr(load_table(out, constants=True)[name].tolist())
+    assert content(store) == before
+
+
+@pytest.mark.exhaustive
+def test_what_looks_after_a_store_reads_it(store, tmp_path):
+    before = content(store)
     for words in (("status", store), ("failures", store), ("prune", store, "--dry-run")):
         assert mounted(store, *PALPATE, "sweep", *words, "--json").returncode == 0
     merged = mounted(store, *PALPATE, "sweep", "merge", tmp_path / "all", store, "--json")

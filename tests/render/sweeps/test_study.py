@@ -98,6 +98,7 @@ def test_what_the_plan_leaves_out_is_nan(plan):
     assert data["complete"].values.tolist() == [[True, True], [True, False]]
 
 
+@pytest.mark.exhaustive
 def test_a_sparse_design_has_one_row_a_recipe(plan):
     fits = [{"source": "sphere", "fit": 0.05 + k / 1000, "scale": 1 + k % 7 / 10} for k in range(20)]
     data = sweep(plan, {"object": fits}).to_xarray()
@@ -135,6 +136,7 @@ def test_faults_of_values_name_the_key(plan):
         sweep(plan, {"object.fit": 80})
 
 
+@pytest.mark.exhaustive
 def test_optuna_finds_the_known_best(tmp_path, monkeypatch):
     pytest.importorskip("optuna", reason="Optuna is not installed")
     text = GUIDE.read_text()

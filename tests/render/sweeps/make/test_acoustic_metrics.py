@@ -80,7 +80,7 @@ def test_silence_has_no_level():
 
 def test_predictions_are_timed_and_show_progress(tmp_path):
     ticks = []
-    recipe = recipe_of("cube", motion=explored(1.0, seed=3))
+    recipe = recipe_of("cube", motion=explored(0.3, seed=3))
     got = payloads(tmp_path, recipe)
     assert {stage for payload in got.values() for stage in payload["seconds"]} >= {"noise", "pressure", "sampling"}
     strategy = sampling_strategy(recipe.sampling)

@@ -40,6 +40,7 @@ def healthy(count):
     return [StandIn("fast", motion=f"healthy {k}") for k in range(count)]
 
 
+@pytest.mark.exhaustive(but="-2-")
 @pytest.mark.parametrize("kind", ["processes", "dask"])
 @pytest.mark.parametrize("worker_count", WORKERS)
 @pytest.mark.parametrize("thing", [*BAD, *GOOD])
@@ -58,8 +59,9 @@ def test_every_sweep_ends_and_makes_what_can_be_made(tmp_path, thing, worker_cou
     assert report.workers_lost <= 3
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("kind", ["processes", "dask"])
-@pytest.mark.parametrize("worker_count", WORKERS)
+@pytest.mark.parametrize("worker_count", WORKERS[::-1])
 def test_all_of_them_together(tmp_path, worker_count, kind):
     engine = SimulatedEngine(worker_count, kind)
     things = [*BAD, *GOOD] * 2

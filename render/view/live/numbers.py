@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from html import escape
 from math import degrees
 
+from ...reports.rendering_labels import hand_text, strategy_name_of
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene, Moment
 
@@ -20,20 +21,11 @@ def failure_html(sentence: str) -> str:
     return f'<div style="{STYLE};color:#c1121f">{safe(sentence)}</div>'
 
 
-def strategy_name(strategy: dict) -> str:
-    """What a strategy is called, or its stages."""
-    if strategy.get("name"):
-        return str(strategy["name"])
-    stages = [strategy.get("raw"), *strategy.get("prune", []), *strategy.get("transform", [])]
-    names = [stage.get("name") if isinstance(stage, dict) else stage for stage in stages]
-    return " + ".join(str(name) for name in names if name)
-
-
 def facts_html(scenes: Sequence[FileScene], labels: Sequence[str], titles: Sequence[str] = ()) -> str:
     """What each file is of; titles: more words on each."""
     rows = [
-        f"<b>{safe(label)}</b>: {safe(scene.object_name)}, hand {safe(scene.hand_kind)}, "
-        f"strategy {safe(strategy_name(scene.strategy))}, {scene.pose_count:,} poses"
+        f"<b>{safe(label)}</b>: {safe(scene.object_name)}, {safe(hand_text(scene.file.hand))}, "
+        f"strategy {safe(strategy_name_of(scene.strategy))}, {scene.pose_count:,} poses"
         + ("" if scene.is_sealed else f", <b>{scene.done_count:,} of them done</b> (still being written)")
         for scene, label in zip(scenes, labels, strict=True)
     ]

@@ -9,6 +9,7 @@ from pathlib import Path
 from ....datasets.sweeps.check import is_sweep_data
 from ...errors import StrategyError, ViewError
 from ...playback.placed_arrays import load_rig
+from ...reports.rendering_labels import labels_of
 from ...trust.permission import AllowCode
 from ..file_scene import FileScene
 from ..sweep_rows import SweepRows
@@ -55,18 +56,12 @@ def view_files(
         server = start_server("palpate", port)
         stack.callback(server.stop)
         if rows is None:
-            page = Viewer(server, scenes, labels_of(files), arrays)
+            page = Viewer(server, scenes, labels_of([scene.file for scene in scenes]), arrays)
         else:
             page = SweepPage(server, rows, arrays, allow_code=allow_code)
         if ready is not None:
             ready(f"http://{HOST}:{server.get_port()}")
         page.run(stop or threading.Event())
-
-
-def labels_of(paths: Sequence[Path]) -> list[str]:
-    """What files are called: their names, or their paths where the names are the same."""
-    stems = [path.stem for path in paths]
-    return stems if len(set(stems)) == len(stems) else [str(path) for path in paths]
 
 
 def open_browser(address: str) -> bool:

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.render import exploration, render
 from palpate.render.view.file_scene import FileScene
-from palpate.render.view.live.numbers import facts_html, failure_html, moment_html, safe, strategy_name
+from palpate.render.view.live.numbers import facts_html, failure_html, moment_html, safe
 
 EVIL = "<img src=x onerror=alert(1)>\u202egnp.\x1b[31m{1+1}"
 
@@ -51,6 +51,8 @@ def test_the_numbers_of_a_pose(scene):
     assert "0.600 s" in page.words
 
 
-def test_strategies_by_their_stages(scene):
-    assert strategy_name(scene.strategy) == "section + outside + close"
-    assert strategy_name({"raw": "contact", "prune": [{"name": "small"}]}) == "contact + small"
+def test_a_file_is_named_by_object_hand_and_strategy(scene):
+    words = Tags(facts_html([scene], ["a"])).words
+    assert "tube" in words
+    assert "85 x 85 mm" in words
+    assert "strategy cc" in words

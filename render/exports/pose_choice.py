@@ -30,8 +30,10 @@ class ExportBlock(NamedTuple):
     """Arrays of /contours by name, offsets from 0 (docs/formats/file-format.md)."""
 
 
-def choose_poses(file: ContourFile, poses: Ends = None, seconds: Ends = None, every: int = 1) -> range:
-    """The numbers of the chosen poses; all of them can be read.
+def choose_poses(
+    file: ContourFile, poses: Ends = None, seconds: Ends = None, every: int = 1, *, may_lack: bool = False
+) -> range:
+    """The numbers of the chosen poses; all of them can be read, unless poses that are not rendered yet `may_lack`.
 
     poses: first pose, and the pose after the last. seconds: the same by the poses' times [s]. every: n for each n-th.
     Raises StrategyError for a range that is none, lies outside the file, holds no pose, or is not done yet.
@@ -45,7 +47,8 @@ def choose_poses(file: ContourFile, poses: Ends = None, seconds: Ends = None, ev
         first, stop = _by_number(file, poses)
     elif seconds is not None:
         first, stop = _by_time(file, seconds)
-    _require_done(file, first, stop)
+    if not may_lack:
+        _require_done(file, first, stop)
     return range(first, stop, int(every))
 
 

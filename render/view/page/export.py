@@ -13,6 +13,7 @@ from ....datasets.rigid import rotate
 from ....datasets.storage.durable import write_file
 from ....device.array import ArrayModel
 from ...errors import StrategyError, ViewError
+from ...exports.pose_choice import Ends, choose_poses
 from ...playback.placed_arrays import PlacedArray, load_rig
 from ...reports.rendering_labels import labels_of
 from ...sampling.contour_sampling import SamplingStrategy
@@ -22,7 +23,7 @@ from ..file_scene import FileScene
 from .document import document
 from .packing import Packer
 from .payload import pack_file
-from .selection import Ends, choose_rows, spread, what_fits
+from .selection import spread, what_fits
 
 LIMIT = 20.0
 """Largest page [MB] unless another limit is given: what a mail takes, and what a phone opens."""
@@ -65,7 +66,9 @@ def export_page(
     models = [placed.model for placed in (load_rig(array) if isinstance(array, str) else array)]
     with ExitStack() as opened:
         scenes = [opened.enter_context(FileScene(path)) for path in paths]
-        chosen = [choose_rows(scene, poses, every) for scene in scenes]
+        chosen = [
+            choose_poses(scene.file, poses, every=1 if every is None else every, may_lack=True) for scene in scenes
+        ]
 
         def made(rows: list[list[int]]) -> bytes:
             return _document(scenes, rows, models, title, sampling).encode()

@@ -21,6 +21,7 @@ try:
         complete_strategy,
     )
     from .options.field import field
+    from .options.figure import figure
     from .options.noise import noise
     from .options.output import Json, Overwrite, Quiet, run_job
     from .options.play import play
@@ -277,16 +278,7 @@ def check(
     run_job(".file_commands", "run_check", files, json=json, quiet=quiet)
 
 
-@app.command(short_help="Draw contours, their length and draw frequency.")
-def figure(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Contour files of one object and motion.")],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="PICTURE", help="PNG, SVG or PDF to write.")],
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    json: Json = False,
-) -> None:
-    """Draw contours on the object, the palm, length and draw frequency over time."""
-    run_job(".file_commands", "run_figure", files, out, overwrite, json=json, quiet=quiet)
+app.command(short_help="Draw contours on hand and object, or animate them.")(figure)
 
 
 app.command(short_help="Sample a contour file and stream it to an array.")(play)

@@ -1,0 +1,278 @@
+"""An animated picture for slides: contours on hand and object over time, in real time, as a GIF."""
+
+import io
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import StrategyError
+from ..validation import require_number, require_path
+from .contour_figure import Renderings, opened
+from .contour_lines import draw_contours
+from .figure_legend import legend_handles
+from .picture_style import DASHES, INK, LINES, require_picture, style, write_picture
+from .scene_drawing import SceneSource, blank, draw_hand, draw_object, draw_scale, extent_of, set_limits
+from .scene_view import SceneView, flat
+from .shown_moments import Moments
+
+FRAMES_MOST = 600
+PIXELS_MOST = 200e6  # of all frames; they take as many bytes of memory
+FRAMES_USUAL = 300  # without a frame rate; longer motions have fewer frames a second
+RATE_USUAL, RATE_LEAST, RATE_MOST = 12.5, 0.5, 50.0  # [Hz]; a GIF's frames last whole hundredths of a second
+WIDTH_USUAL, WIDTH_LEAST, WIDTH_MOST = 720, 240, 1280  # [pixel]
+FILES_MOST = 3
+INCHES = 7.2  # of width; fonts scale with the picture
+SCENE_MOST, SCENE_LEAST = 3.0, 1.6  # [inch] height of a scene
+TITLE, LEGEND, PLOT, FOOT = 0.34, 0.5, 0.5, 0.4  # [inch]
+SAMPLED = 40  # frames whose extents and colours stand for all
+COLOURS_MOST = 255
+
+
+@dataclass(frozen=True)
+class Frames:
+    """When the frames of an animated picture are."""
+
+    poses: np.ndarray
+    """Pose of each frame."""
+    delay: int
+    """Of each frame [hundredth of a second]."""
+
+    @property
+    def rate(self) -> float:
+        """Frames a second [Hz]."""
+        return 100.0 / self.delay
+
+
+def draw_animation(
+    paths: Mapping[str, str | Path] | Sequence[str | Path],
+    picture: str | Path,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    frame_rate: float | None = None,
+    view: str | Sequence[float] = "iso",
+    width: int = WIDTH_USUAL,
+    overwrite: bool = False,
+    progress: Callable[[int, int], object] | None = None,
+) -> Frames:
+    """Draw up to three renderings of one object and motion side by side over time into a GIF, which plays in real time.
+
+    start, stop: range of the motion that is shown [s], or numbers of poses where files have no times. frame_rate [Hz]:
+    by default 12.5, fewer where the range is longer than 24 s. width [pixel]. progress: called with the number of
+    frames done and of all.
+
+    Raises StrategyError for more frames or pixels than FRAMES_MOST or PIXELS_MOST, with what would fit, and as
+    `draw_figure` does.
+
+    >>> from palpate.render import draw_animation, exploration, render
+    >>> motion = exploration("cube", duration=1.0, seed=1)
+    >>> path = render("cube", "palm", motion, "cc").save("cube.h5", overwrite=True)
+    >>> frames = draw_animation([path], "cube.gif", stop=0.2, width=240, overwrite=True)
+    >>> len(frames.poses), frames.rate
+    (3, 12.5)
+    """
+    import matplotlib as mpl
+
+    picture = require_path(picture, "the picture")
+    require_picture(picture, overwrite=overwrite, only=(".gif",))
+    require_number("width", width, WIDTH_LEAST, WIDTH_MOST, unit="pixels", whole=True)
+    eye = SceneView.of(view)
+    with ExitStack() as stack, mpl.rc_context(style()):
+        renderings = opened(paths, stack)
+        if len(renderings.sources) > FILES_MOST:
+            raise StrategyError(f"an animated picture shows up to {FILES_MOST} files, not {len(renderings.sources)}")
+        frames = frames_of(renderings.moments, start, stop, frame_rate, str(renderings.sources[0].file.path))
+        _require_done(renderings, frames.poses)
+        stage = _Stage(renderings, frames, eye, width)
+        content = _gif(stage, frames, progress)
+    write_picture(content, picture)
+    return frames
+
+
+def frames_of(moments: Moments, start: float | None, stop: float | None, rate: float | None, name: str) -> Frames:
+    """The frames of a range of a motion; raises StrategyError for a range outside it, or too many frames."""
+    if rate is not None:
+        require_number("frame rate", rate, RATE_LEAST, RATE_MOST, unit="Hz")
+    timed = moments.time is not None
+    low, high = moments.at(0), moments.at(len(moments.pose) - 1)
+    first, last = (bound if given is None else float(given) for given, bound in ((start, low), (stop, high)))
+    unit, what = (" s", "time") if timed else ("", "pose")
+    for given in (first, last):
+        if not (math.isfinite(given) and low <= given <= high):
+            raise StrategyError(
+                f"{what} {given:g}{unit} is outside {name}, which has {what}s {low:g} to {high:g}{unit}"
+            )
+    if not first < last:
+        raise StrategyError(f"the range must end after it begins: {first:g} to {last:g}{unit} shows nothing that moves")
+    span = last - first if timed else (last - first + 1) / (rate or RATE_USUAL)
+    delay = max(1, round(100 / (rate or min(RATE_USUAL, FRAMES_USUAL / span))))
+    count = max(2, math.floor(span * 100 / delay + 1e-6) + timed)
+    if count > FRAMES_MOST:
+        fitting = f"{FRAMES_MOST * delay / 100:g} s" if timed else f"{FRAMES_MOST} poses"
+        slower = max(RATE_LEAST, math.floor(10 * (FRAMES_MOST - 1) / span) / 10)
+        also = f", or the whole at {slower:g} Hz" if timed and slower * span < FRAMES_MOST else ""
+        raise StrategyError(
+            f"{first:g} to {last:g}{unit} are {count} frames at {100 / delay:.3g} Hz, and an animated picture has up to "
+            f"{FRAMES_MOST}: {fitting} fit{also}"
+        )
+    if not timed:
+        return Frames(np.arange(int(first), int(last) + 1), delay)
+    at = np.minimum(first + np.arange(count) * delay / 100, last)
+    return Frames(np.clip(np.searchsorted(moments.time, at + 1e-9, side="right") - 1, 0, None), delay)  # type: ignore[arg-type]
+
+
+def _require_done(renderings: Renderings, poses: np.ndarray) -> None:
+    for source, length in zip(renderings.sources, renderings.lengths, strict=True):
+        if len(missing := poses[np.isnan(length[poses])]):
+            when = renderings.moments.text(int(missing[0]))
+            raise StrategyError(f"{source.file.path}: {when} is not done yet; palpate render --resume goes on")
+
+
+class _Stage:
+    """A figure whose scenes are drawn anew for each frame over what stays the same."""
+
+    def __init__(self, renderings: Renderings, frames: Frames, view: SceneView, width: int) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.renderings, self.view = renderings, view
+        count = len(renderings.sources)
+        self.still = not view.follows_palm and not renderings.sources[0].moves
+        extents = self._extents(frames.poses)
+        self.half = 1.04 * np.ptp(extents, axis=1).max(axis=0) / 2
+        if not view.follows_palm:
+            low, high = extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)
+            self.middle, self.half = 0.5 * (low + high), 0.52 * (high - low)
+        wide = (INCHES - 0.3) / count
+        tall = float(np.clip(wide * self.half[1] / self.half[0], SCENE_LEAST, SCENE_MOST))
+        self.half = np.array(
+            [max(self.half[0], self.half[1] * wide / tall), max(self.half[1], self.half[0] * tall / wide)]
+        )
+        height = round(width / INCHES * (TITLE + tall + LEGEND + PLOT + FOOT)) * INCHES / width
+        self._refuse_large(len(frames.poses), width, round(width / INCHES * height), height)
+        self.figure = Figure(figsize=(INCHES, height), dpi=width / INCHES)
+        self.canvas = FigureCanvasAgg(self.figure)
+        self.scenes = [
+            self.figure.add_axes(
+                (((0.1 + k * (wide + 0.1)) / INCHES), 1 - (TITLE + tall) / height, wide / INCHES, tall / height)
+            )
+            for k in range(count)
+        ]
+        box = (0.75 / INCHES, FOOT / height, 1 - 0.95 / INCHES, PLOT / height)
+        self.plot = self.figure.add_axes(box)
+        self._draw_background(frames.poses, 1 - (TITLE + tall + 0.03) / height)
+        self.canvas.draw()
+        self.background = self.canvas.copy_from_bbox(self.figure.bbox)
+
+    def _extents(self, poses: np.ndarray) -> np.ndarray:
+        """Extents of some frames, those with contours if there are any [mm], shape [frame, 2, 2]."""
+        longest = np.nan_to_num(np.array(self.renderings.lengths)).max(axis=0)
+        drawn = poses[longest[poses] > 0]
+        some = drawn if len(drawn) else poses
+        some = some[np.linspace(0, len(some) - 1, min(SAMPLED, len(some))).astype(int)]
+        return np.array([extent_of(s, int(i), self.view) for s in self.renderings.sources for i in some])
+
+    def _refuse_large(self, count: int, width: int, height: int, inches: float) -> None:
+        if count * width * height > PIXELS_MOST:
+            fitting = int(math.sqrt(PIXELS_MOST / count / (inches / INCHES)))
+            raise StrategyError(
+                f"{count} frames of {width} x {height} pixels are {count * width * height / 1e6:.0f} million pixels, and "
+                f"an animated picture has up to {PIXELS_MOST / 1e6:g}: {int(PIXELS_MOST / width / height)} frames fit, "
+                f"or a width of {fitting} pixels"
+            )
+
+    def _draw_background(self, poses: np.ndarray, top: float) -> None:
+        sources, moments = self.renderings.sources, self.renderings.moments
+        for k, (axes, source) in enumerate(zip(self.scenes, sources, strict=True)):
+            blank(axes)
+            if self.still:
+                set_limits(axes, self.middle, self.half)
+                draw_object(axes, source.triangles(0), self.view.basis())
+            else:
+                set_limits(axes, np.zeros(2), self.half)
+            if not k:
+                draw_scale(axes, None if self.view.follows_palm else self.view.basis())
+            name = self.renderings.labels[k]
+            axes.text(0.98, 1.0, name, transform=axes.transAxes, fontsize=9, fontweight="bold", ha="right", va="bottom",
+                      parse_math=False)  # fmt: skip
+        longest = [int(np.nanargmax(np.nan_to_num(length))) for length in self.renderings.lengths]
+        batches = [source.batch(i) for source, i in zip(sources, longest, strict=True)]
+        handles = [own for own in legend_handles(sources, batches, [], []) if "moments" not in own.get_label()]
+        self.figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, top), ncols=len(handles) if len(handles) < 5 else 3,
+                           frameon=False, fontsize=8, handlelength=1.8, columnspacing=1.2, borderaxespad=0)  # fmt: skip
+        across = self.renderings.across
+        for k, length in enumerate(self.renderings.lengths):
+            self.plot.plot(across, 1e3 * length, lw=0.8, color=LINES[k % len(LINES)], ls=DASHES[k % len(DASHES)],
+                           label=self.renderings.labels[k])  # fmt: skip
+        self.plot.set_ylabel("length [mm]", fontsize=7, labelpad=2)
+        self.plot.set_xlabel("pose" if moments.time is None else "time [s]", fontsize=7, labelpad=1)
+        self.plot.tick_params(labelsize=7)
+        self.plot.set_xlim(across[poses[0]], across[poses[-1]])
+        self.plot.set_ylim(bottom=0)
+        if len(sources) > 1:
+            self.plot.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=len(sources), fontsize=7, frameon=False,
+                             borderaxespad=0)  # fmt: skip
+
+    def pixels(self, index: int) -> np.ndarray:
+        """A pose's frame, uint8, shape [row, column, 3]."""
+        self.canvas.restore_region(self.background)
+        for axes, source in zip(self.scenes, self.renderings.sources, strict=True):
+            self._draw_scene(axes, source, index)
+        at = self.renderings.across[index]
+        cursor = self.plot.axvline(at, color=INK, lw=1.0)
+        name = self.figure.text(0.1 / INCHES, 0.985, self.renderings.moments.text(index), fontsize=9, va="top")
+        self.plot.draw_artist(cursor)
+        self.figure.draw_artist(name)
+        for artist in (cursor, name):
+            artist.remove()
+        return np.array(self.canvas.buffer_rgba())[..., :3]
+
+    def _draw_scene(self, axes: Any, source: SceneSource, index: int) -> None:
+        basis = self.view.basis(source.pose[index])
+        artists: list[Any] = []
+        if not self.still:
+            middle = self.middle if not self.view.follows_palm else extent_of(source, index, self.view).mean(axis=0)
+            set_limits(axes, middle, self.half)
+            artists += draw_object(axes, source.triangles(index), basis)
+        artists += draw_hand(axes, source, index, basis)
+        batch = source.batch(index)
+        if batch.point_count:
+            artists += draw_contours(axes, batch, lambda points: flat(points, basis))
+        for artist in artists:
+            axes.draw_artist(artist)
+        for artist in artists:
+            artist.remove()
+
+
+def _gif(stage: _Stage, frames: Frames, progress: Callable[[int, int], object] | None) -> memoryview:
+    from PIL import Image
+
+    some = frames.poses[np.linspace(0, len(frames.poses) - 1, min(8, len(frames.poses))).astype(int)]
+    longest = np.nan_to_num(np.array(stage.renderings.lengths)).max(axis=0)
+    some = np.append(some, frames.poses[np.argmax(longest[frames.poses])])
+    shown = Image.fromarray(np.concatenate([stage.pixels(int(i)) for i in some]))
+    palette = shown.quantize(COLOURS_MOST, method=Image.Quantize.MEDIANCUT)
+    colours = np.array(palette.getpalette()).reshape(-1, 3)
+    colours[np.argmax(colours.sum(axis=1))] = 255  # the background is white again
+    palette.putpalette(colours.ravel().tolist())
+
+    def images() -> Iterator[Any]:
+        for k, index in enumerate(frames.poses.tolist()):
+            image = Image.fromarray(stage.pixels(index))
+            yield image.quantize(palette=palette, dither=Image.Dither.NONE)
+            if progress is not None:
+                progress(k + 1, len(frames.poses))
+
+    every = images()
+    first = next(iter(islice(every, 1)))
+    content = io.BytesIO()
+    first.save(
+        content, format="GIF", save_all=True, append_images=every, duration=10 * frames.delay, loop=0, optimize=False
+    )
+    return content.getbuffer()

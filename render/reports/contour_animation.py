@@ -19,7 +19,7 @@ from .figure_legend import legend_handles
 from .picture_style import DASHES, INK, LINES, require_picture, style, write_picture
 from .scene_drawing import SceneSource, blank, draw_hand, draw_object, draw_scale, extent_of, set_limits
 from .scene_view import SceneView, flat
-from .shown_moments import Moments
+from .shown_moments import MotionMoments
 
 FRAMES_MOST = 600
 PIXELS_MOST = 200e6  # of all frames; they take as many bytes of memory
@@ -35,7 +35,7 @@ COLOURS_MOST = 255
 
 
 @dataclass(frozen=True)
-class Frames:
+class AnimationFrames:
     """When the frames of an animated picture are."""
 
     poses: np.ndarray
@@ -45,7 +45,7 @@ class Frames:
 
     @property
     def rate(self) -> float:
-        """Frames a second [Hz]."""
+        """AnimationFrames a second [Hz]."""
         return 100.0 / self.delay
 
 
@@ -60,7 +60,7 @@ def draw_animation(
     width: int = WIDTH_USUAL,
     overwrite: bool = False,
     progress: Callable[[int, int], object] | None = None,
-) -> Frames:
+) -> AnimationFrames:
     """Draw up to three renderings of one object and motion side by side over time into a GIF, which plays in real time.
 
     start, stop: range of the motion that is shown [s], or numbers of poses where files have no times. frame_rate [Hz]:
@@ -95,7 +95,9 @@ def draw_animation(
     return frames
 
 
-def frames_of(moments: Moments, start: float | None, stop: float | None, rate: float | None, name: str) -> Frames:
+def frames_of(
+    moments: MotionMoments, start: float | None, stop: float | None, rate: float | None, name: str
+) -> AnimationFrames:
     """The frames of a range of a motion; raises StrategyError for a range outside it, or too many frames."""
     if rate is not None:
         require_number("frame rate", rate, RATE_LEAST, RATE_MOST, unit="Hz")
@@ -118,13 +120,13 @@ def frames_of(moments: Moments, start: float | None, stop: float | None, rate: f
         slower = max(RATE_LEAST, math.floor(10 * (FRAMES_MOST - 1) / span) / 10)
         also = f", or the whole at {slower:g} Hz" if timed and slower * span < FRAMES_MOST else ""
         raise StrategyError(
-            f"{first:g} to {last:g}{unit} are {count} frames at {100 / delay:.3g} Hz, and an animated picture has up to "
-            f"{FRAMES_MOST}: {fitting} fit{also}"
+            f"{first:g} to {last:g}{unit} are {count} frames at {100 / delay:.3g} Hz, and an animated picture has up "
+            f"to {FRAMES_MOST}: {fitting} fit{also}"
         )
     if not timed:
-        return Frames(np.arange(int(first), int(last) + 1), delay)
+        return AnimationFrames(np.arange(int(first), int(last) + 1), delay)
     at = np.minimum(first + np.arange(count) * delay / 100, last)
-    return Frames(np.clip(np.searchsorted(moments.time, at + 1e-9, side="right") - 1, 0, None), delay)  # type: ignore[arg-type]
+    return AnimationFrames(np.clip(np.searchsorted(moments.time, at + 1e-9, side="right") - 1, 0, None), delay)  # type: ignore[arg-type]
 
 
 def _require_done(renderings: Renderings, poses: np.ndarray) -> None:
@@ -137,7 +139,7 @@ def _require_done(renderings: Renderings, poses: np.ndarray) -> None:
 class _Stage:
     """A figure whose scenes are drawn anew for each frame over what stays the same."""
 
-    def __init__(self, renderings: Renderings, frames: Frames, view: SceneView, width: int) -> None:
+    def __init__(self, renderings: Renderings, frames: AnimationFrames, view: SceneView, width: int) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -182,9 +184,9 @@ class _Stage:
         if count * width * height > PIXELS_MOST:
             fitting = int(math.sqrt(PIXELS_MOST / count / (inches / INCHES)))
             raise StrategyError(
-                f"{count} frames of {width} x {height} pixels are {count * width * height / 1e6:.0f} million pixels, and "
-                f"an animated picture has up to {PIXELS_MOST / 1e6:g}: {int(PIXELS_MOST / width / height)} frames fit, "
-                f"or a width of {fitting} pixels"
+                f"{count} frames of {width} x {height} pixels are {count * width * height / 1e6:.0f} million pixels, "
+                f"and an animated picture has up to {PIXELS_MOST / 1e6:g}: {int(PIXELS_MOST / width / height)} frames "
+                f"fit, or a width of {fitting} pixels"
             )
 
     def _draw_background(self, poses: np.ndarray, top: float) -> None:
@@ -204,8 +206,9 @@ class _Stage:
         longest = [int(np.nanargmax(np.nan_to_num(length))) for length in self.renderings.lengths]
         batches = [source.batch(i) for source, i in zip(sources, longest, strict=True)]
         handles = [own for own in legend_handles(sources, batches, [], []) if "moments" not in own.get_label()]
-        self.figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, top), ncols=len(handles) if len(handles) < 5 else 3,
-                           frameon=False, fontsize=8, handlelength=1.8, columnspacing=1.2, borderaxespad=0)  # fmt: skip
+        self.figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, top),
+                           ncols=len(handles) if len(handles) < 5 else 3, frameon=False, fontsize=8,
+                           handlelength=1.8, columnspacing=1.2, borderaxespad=0)  # fmt: skip
         across = self.renderings.across
         for k, length in enumerate(self.renderings.lengths):
             self.plot.plot(across, 1e3 * length, lw=0.8, color=LINES[k % len(LINES)], ls=DASHES[k % len(DASHES)],
@@ -250,7 +253,7 @@ class _Stage:
             artist.remove()
 
 
-def _gif(stage: _Stage, frames: Frames, progress: Callable[[int, int], object] | None) -> memoryview:
+def _gif(stage: _Stage, frames: AnimationFrames, progress: Callable[[int, int], object] | None) -> memoryview:
     from PIL import Image
 
     some = frames.poses[np.linspace(0, len(frames.poses) - 1, min(8, len(frames.poses))).astype(int)]

@@ -23,7 +23,7 @@ from .picture_style import DASHES, FAINT, INK, LINES, SUFFIXES, picture_bytes, r
 from .rendering_labels import hand_text, labels_of, short_text
 from .scene_drawing import SceneSource, draw_scale, draw_scene, extent_of, set_limits
 from .scene_view import SceneView
-from .shown_moments import Moments, distinct_poses, poses_at
+from .shown_moments import MotionMoments, distinct_poses, poses_at
 
 __all__ = ["SUFFIXES", "contour_figure", "draw_figure", "opened"]
 
@@ -49,7 +49,7 @@ class Renderings:
     sources: list[SceneSource]
     lengths: list[np.ndarray]
     """Of each file, of each pose's contours [m]; NaN where a pose is not done yet."""
-    moments: Moments
+    moments: MotionMoments
 
     @property
     def across(self) -> np.ndarray:
@@ -69,9 +69,10 @@ def draw_figure(
 ) -> None:
     """Draw one picture of renderings of the same object and motion into a PNG, SVG or PDF.
 
-    paths: by label; a list of them gets labels that distinguish them (strategy, its options, hand, file). Each file has a row of scenes, all at one scale. times: moments to show [s], or numbers of poses where the files
-    have no times; None: up to three distinct ones. view: iso, front, back, side, top, palm, or elevation and azimuth
-    [degree]. array: what stands below, as for `load_rig`; None: nothing.
+    paths: by label; a list of them gets labels that distinguish them (strategy, its options, hand, file). Each file has
+    a row of scenes, all at one scale. times: moments to show [s], or numbers of poses where the files have no times;
+    None: up to three distinct ones. view: iso, front, back, side, top, palm, or elevation and azimuth [degree]. array:
+    what stands below, as for `load_rig`; None: nothing.
 
     Raises StrategyError for another kind of picture, for one that is there unless `overwrite`, for files of different
     objects or motions, times outside the motion or without any contour, and an unknown view; DeviceError for an unknown
@@ -128,7 +129,7 @@ def opened(paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitSt
         if not file.done:
             raise StrategyError(f"{file.path}: no pose is done yet; palpate render --resume goes on")
     motion = files[0].motion()
-    moments = Moments(motion["pose"], motion.get("time"))
+    moments = MotionMoments(motion["pose"], motion.get("time"))
     return Renderings(labels, [SceneSource.of(file) for file in files], [_lengths(file) for file in files], moments)
 
 
@@ -169,14 +170,15 @@ def shown_poses(renderings: Renderings, times: Sequence[float] | None, view: Sce
     longest = np.nan_to_num(lengths).max(axis=0)
     bare = poses[longest[poses] == 0]
     if len(bare):
-        sentence = f"{name}: {', '.join(map(moments.text, bare.tolist()))}: no contour there; {_nearest(longest, moments, bare)}"
+        listed = ", ".join(map(moments.text, bare.tolist()))
+        sentence = f"{name}: {listed}: no contour there; {_nearest(longest, moments, bare)}"
         if len(bare) == len(poses):
             raise StrategyError(sentence)
         warn_user(sentence)
     return poses
 
 
-def _nearest(longest: np.ndarray, moments: Moments, bare: np.ndarray) -> str:
+def _nearest(longest: np.ndarray, moments: MotionMoments, bare: np.ndarray) -> str:
     drawn = np.flatnonzero(longest > 0)
     if not len(drawn):
         return "the hand never meets the object"
@@ -240,9 +242,8 @@ def _draw(
                 title.set_in_layout(False)
             if r == 0 and c == 0:  # all scenes have this scale
                 draw_scale(axes, None if view.follows_palm else view.basis())
-            if c == 0:
-                if rows > 1:
-                    axes.text(-0.02, 0.5, renderings.labels[r], transform=axes.transAxes, rotation=90, fontsize=8,
+            if c == 0 and rows > 1:
+                axes.text(-0.02, 0.5, renderings.labels[r], transform=axes.transAxes, rotation=90, fontsize=8,
                               fontweight="bold", ha="right", va="center", color=INK, parse_math=False)  # fmt: skip
     solid, hand = renderings.sources[0].solid, renderings.sources[0].file.hand
     words = [hand_text(hand), *(renderings.labels if rows == 1 else [])]

@@ -1,4 +1,4 @@
-"""A hand in a picture: palpate's own hand around a palm, or the mesh that was rendered, as an outline with its folds."""
+"""A hand in a picture: palpate's own around a palm, or the mesh that was rendered, as an outline with its folds."""
 
 from functools import lru_cache
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What all pictures of contours share: colours, fonts that stay text, and files that are written whole or not at all."""
+"""What pictures of contours share: colours, text that stays text, and files that are written whole or not at all."""
 
 import io
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Where a scene is seen from: named views, or elevation and azimuth; parallel projection, so lengths can be measured."""
+"""Where a scene is seen from: a named view, or elevation and azimuth. Rays are parallel: lengths can be measured."""
 
 import math
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ import numpy as np
 from ...datasets.known_names import find_name, likely_name
 from ..errors import StrategyError
 from ..hands.hand import Palm
+from ..validation import value_text
 
 NAMED = {
     "iso": (22.0, -60.0),
@@ -43,13 +44,12 @@ class SceneView:
                 return cls(*NAMED["iso"], follows_palm=True)
             if name is not None:
                 return cls(*NAMED[name])
-            view, text = view.split(","), view
-        else:
-            text = str(view)
         try:
-            elevation, azimuth = (float(angle) for angle in view)
+            elevation, azimuth = (float(angle) for angle in (view.split(",") if isinstance(view, str) else view))
         except (TypeError, ValueError):
-            raise StrategyError(f"unknown view {text!r:.60}{likely_name(text, NAMED)}; known: {FORMS}") from None
+            raise StrategyError(
+                f"unknown view {value_text(view)}{likely_name(view, (*NAMED, PALM))}; known: {FORMS}"
+            ) from None
         if not (abs(elevation) <= 90.0 and math.isfinite(azimuth)):  # a NaN compares false
             raise StrategyError(f"a view's elevation must lie between -90 and 90 degrees, not {elevation:g}")
         return cls(elevation, azimuth)

@@ -20,7 +20,7 @@ ContoursOf = Callable[[int], np.ndarray]
 """Points of a pose's contours [m], array frame, shape [point, 3]."""
 
 
-class Moments(NamedTuple):
+class MotionMoments(NamedTuple):
     """The poses that can be shown."""
 
     pose: np.ndarray
@@ -37,7 +37,7 @@ class Moments(NamedTuple):
         return f"pose {index}" if self.time is None else f"{self.time[index]:.2f} s"
 
 
-def poses_at(times: Sequence[float], moments: Moments, name: str) -> np.ndarray:
+def poses_at(times: Sequence[float], moments: MotionMoments, name: str) -> np.ndarray:
     """The poses that are nearest to times [s], or with these numbers where poses have no times; in order.
 
     name: of the file, for messages. Raises StrategyError for no time, more than MOMENTS_MOST, one outside the motion,
@@ -63,12 +63,12 @@ def poses_at(times: Sequence[float], moments: Moments, name: str) -> np.ndarray:
     return np.array(chosen)
 
 
-def distinct_poses(worth: np.ndarray, moments: Moments, contours_of: ContoursOf, count: int) -> np.ndarray:
+def distinct_poses(worth: np.ndarray, moments: MotionMoments, contours_of: ContoursOf, count: int) -> np.ndarray:
     """At most `count` poses of much worth that differ from each other in pose and contour; in order.
 
-    worth: of showing a pose, at least 0, shape [pose]. The first pose shown is that of most worth; each other one is
-    the one whose worth times its distance from those chosen, in place, contour and time, is largest. Poses nearer than APART are not chosen. The
-    first pose if none is worth anything.
+    worth: of showing a pose, at least 0, shape [pose]. The first pose that is chosen is that of most worth. Each other
+    one is the one whose worth (its root) times its distance from those chosen, in place, contour and time, is largest.
+    Poses nearer than APART are not chosen. The first pose if none is worth anything.
     """
     ranges = np.array_split(np.arange(len(worth)), min(CANDIDATES, len(worth)))
     best = np.array([part[np.argmax(worth[part])] for part in ranges])

@@ -12,7 +12,6 @@ from ..reports.picture_style import SUFFIXES, require_picture
 from ..terminal import bars, console
 from ..validation import refuse_object
 
-NO_ARRAY = "none"
 ANIMATION_ONLY = {"start": "--from", "stop": "--to", "frame_rate": "--frame-rate", "width": "--width"}
 
 
@@ -24,6 +23,7 @@ class FigureJob:
     times: str | None
     view: str
     array: str
+    no_array: bool
     label: list[str] | None
     animate: bool
     start: float | None
@@ -80,7 +80,7 @@ def _draw(files: list[Path], job: FigureJob, *, as_json: bool) -> dict:
             job.out,
             times=job.moments(),
             view=job.view,
-            array=None if job.array == NO_ARRAY else job.array,
+            array=None if job.no_array else job.array,
             overwrite=job.overwrite,
         )
     return {}

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import StrategyError
 from ..validation import require_number, require_path
-from .contour_figure import Renderings, opened
+from .contour_figure import Renderings, opened, shown_rows
 from .contour_lines import draw_contours
 from .figure_legend import legend_handles
 from .picture_style import DASHES, INK, LINES, require_picture, style, write_picture
@@ -211,8 +211,9 @@ class _Stage:
                            handlelength=1.8, columnspacing=1.2, borderaxespad=0)  # fmt: skip
         across = self.renderings.across
         for k, length in enumerate(self.renderings.lengths):
-            self.plot.plot(across, 1e3 * length, lw=0.8, color=LINES[k % len(LINES)], ls=DASHES[k % len(DASHES)],
-                           label=self.renderings.labels[k])  # fmt: skip
+            rows = shown_rows(length)
+            self.plot.plot(across[rows], 1e3 * length[rows], lw=0.8, color=LINES[k % len(LINES)],
+                           ls=DASHES[k % len(DASHES)], label=self.renderings.labels[k])  # fmt: skip
         self.plot.set_ylabel("length [mm]", fontsize=7, labelpad=2)
         self.plot.set_xlabel("pose" if moments.time is None else "time [s]", fontsize=7, labelpad=1)
         self.plot.tick_params(labelsize=7)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ __all__ = ["SUFFIXES", "contour_figure", "draw_figure", "opened"]
 
 POSES_SHOWN = 3
 FILES_MOST = 8
+POINTS_MOST = 6000  # of a line over time: more than pixels, and few enough for an SVG
 FREQUENCY_SHOWN = 1000.0  # [Hz]; contours of a few millimetres would stretch the axis a hundredfold
 WIDTH = 9.6  # [inch]
 EDGE, OVERVIEW, GAP = 0.12, 2.1, 0.1  # [inch] margin, width of the overview, between scenes
@@ -289,8 +291,9 @@ def _draw_plots(plots: list[Any], renderings: Renderings, poses: np.ndarray, sam
         look = {"lw": 0.9, "color": LINES[k % len(LINES)], "ls": DASHES[(k // len(LINES) + k) % len(DASHES)]}
         if len(length) < 3:
             look |= {"marker": "o", "ms": 3.5}
-        length_axes.plot(across, 1e3 * length, label=label, **look)
-        frequency_axes.plot(across, sampling.draw_frequency(length), **look)
+        rows = shown_rows(length)
+        length_axes.plot(across[rows], 1e3 * length[rows], label=label, **look)
+        frequency_axes.plot(across[rows], sampling.draw_frequency(length[rows]), **look)
     frequency_axes.set_yscale("log")
     low, high = frequency_axes.get_ylim()
     frequency_axes.set_ylim(min(low, 10.0), min(max(high, 100.0), FREQUENCY_SHOWN))
@@ -312,6 +315,18 @@ def _draw_plots(plots: list[Any], renderings: Renderings, poses: np.ndarray, sam
         )  # fmt: skip
         for text in legend.get_texts():
             text.set_parse_math(False)  # names of files are no formulas; the ticks of the logarithmic axis are
+
+
+def shown_rows(length: np.ndarray, most: int = POINTS_MOST) -> np.ndarray:
+    """The poses that a line over time has: all, or of many the shortest and the longest of equal ranges; in order."""
+    if len(length) <= most:
+        return np.arange(len(length))
+    known = np.isfinite(length)
+    starts = np.linspace(0, len(length), most // 2 + 1).astype(int)
+    ranges = [slice(a, b) for a, b in pairwise(starts.tolist())]
+    low = [part.start + np.argmin(np.where(known[part], length[part], np.inf)) for part in ranges]
+    high = [part.start + np.argmax(np.where(known[part], length[part], -np.inf)) for part in ranges]
+    return np.unique([*low, *high])
 
 
 def _span(across: np.ndarray) -> tuple[float, float]:

@@ -113,9 +113,14 @@ def draw_strategies(
     unless `overwrite`; ContourFileError where it cannot be written.
     """
     require_picture(picture, overwrite=overwrite)
+    _write(strategies_figure(strategies, device=device), picture)
+
+
+def strategies_figure(strategies: Mapping[str, IntersectionStrategy], *, device: str = "cpu") -> Any:
+    """The picture that `draw_strategies` writes, as a matplotlib figure."""
     if not 1 <= len(strategies) <= STRATEGIES_MOST:
         raise StrategyError(f"a picture shows 1 to {STRATEGIES_MOST} strategies, not {len(strategies)}")
-    _write(gallery_figure(_with_raw(strategies), device=device), picture)
+    return gallery_figure(_with_raw(strategies), device=device)
 
 
 def _with_raw(strategies: Mapping[str, IntersectionStrategy]) -> list[Panel]:

@@ -145,7 +145,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         >>> from palpate.render import exploration, render
         >>> batch = render("cube", "palm", exploration("cube", duration=1.0, seed=1), "cc")
         >>> batch.show(view="palm")
-        ShownPicture(PNG of 1440 x 860 pixels)
+        ShownPicture(PNG of 1440 x 692 pixels)
         """
         with TemporaryDirectory(prefix="palpate-") as folder:
             picture = self.figure(Path(folder) / "batch.png", times=times, view=view, array=array)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from .array import Array
 from .output import Json, Overwrite, Quiet, run_job
 
 
@@ -20,9 +21,8 @@ def figure(
     view: Annotated[
         str, typer.Option(metavar="NAME|EL,AZ", help="iso, front, back, side, top, palm, or angles in degrees: 30,-45.")
     ] = "iso",
-    array: Annotated[
-        str, typer.Option(metavar="NAME|FILE", help="Array that stands below, or a JSON file of several, or none.")
-    ] = "emulator",
+    array: Array = "emulator",
+    no_array: Annotated[bool, typer.Option("--no-array", help="Leave out the array.")] = False,
     label: Annotated[
         list[str] | None,
         typer.Option(metavar="TEXT", help="Name of a file in the picture: one for each file, in their order."),

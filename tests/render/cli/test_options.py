@@ -23,6 +23,7 @@ SEVERAL_MEANINGS = {
     "--dry-run": "of a sweep, of pruning",
     "--duration": "of an exploration, of a playback, of a stimulus",
     "--kind": "of a volume that is read, of one that is made",
+    "--label": "a part of a volume, or a file in a picture",
     "--out": "what is written",
     "--repeats": "of a playback, of a measurement",
     "--spacing": "of a volume by axis, of voxels that are made",

@@ -96,6 +96,10 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
+ELSEWHERE: tuple[str, ...] = ()
+"""Pictures of pages that other commands make."""
+
+
 def write(name: str) -> None:
     """Draw a picture and what was drawn into its file."""
     figure = PICTURES[name]()

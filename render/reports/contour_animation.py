@@ -31,7 +31,7 @@ INCHES = 7.2  # of width; fonts scale with the picture
 SCENE_MOST, SCENE_LEAST = 3.0, 1.6  # [inch] height of a scene
 TITLE, LEGEND, PLOT, FOOT = 0.34, 0.5, 0.5, 0.4  # [inch]
 SAMPLED = 40  # frames whose extents and colours stand for all
-COLOURS_MOST = 255
+COLOURS_MOST, NEARLY_WHITE = 255, 246
 
 
 @dataclass(frozen=True)
@@ -116,9 +116,9 @@ def frames_of(
     delay = max(1, round(100 / (rate or min(RATE_USUAL, FRAMES_USUAL / span))))
     count = max(2, math.floor(span * 100 / delay + 1e-6) + timed)
     if count > FRAMES_MOST:
-        fitting = f"{FRAMES_MOST * delay / 100:g} s" if timed else f"{FRAMES_MOST} poses"
-        slower = max(RATE_LEAST, math.floor(10 * (FRAMES_MOST - 1) / span) / 10)
-        also = f", or the whole at {slower:g} Hz" if timed and slower * span < FRAMES_MOST else ""
+        fitting = f"{(FRAMES_MOST - 1) * delay / 100:g} s" if timed else f"{FRAMES_MOST} poses"
+        slower = math.floor(1000 / math.ceil(100 * span / (FRAMES_MOST - 1))) / 10
+        also = f", or the whole at {slower:g} Hz" if timed and slower >= RATE_LEAST else ""
         raise StrategyError(
             f"{first:g} to {last:g}{unit} are {count} frames at {100 / delay:.3g} Hz, and an animated picture has up "
             f"to {FRAMES_MOST}: {fitting} fit{also}"
@@ -205,7 +205,7 @@ class _Stage:
                       parse_math=False)  # fmt: skip
         longest = [int(np.nanargmax(np.nan_to_num(length))) for length in self.renderings.lengths]
         batches = [source.batch(i) for source, i in zip(sources, longest, strict=True)]
-        handles = [own for own in legend_handles(sources, batches, [], []) if "moments" not in own.get_label()]
+        handles = [own for own in legend_handles(sources, batches, [], []) if "shown" not in own.get_label()]
         self.figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, top),
                            ncols=len(handles) if len(handles) < 5 else 3, frameon=False, fontsize=8,
                            handlelength=1.8, columnspacing=1.2, borderaxespad=0)  # fmt: skip
@@ -263,8 +263,9 @@ def _gif(stage: _Stage, frames: AnimationFrames, progress: Callable[[int, int], 
     shown = Image.fromarray(np.concatenate([stage.pixels(int(i)) for i in some]))
     palette = shown.quantize(COLOURS_MOST, method=Image.Quantize.MEDIANCUT)
     colours = np.array(palette.getpalette()).reshape(-1, 3)
-    colours[np.argmax(colours.sum(axis=1))] = 255  # the background is white again
+    colours[(colours >= NEARLY_WHITE).all(axis=1)] = 255  # the mean colours of boxes make the background grey
     palette.putpalette(colours.ravel().tolist())
+    palette.load()  # without it, `quantize` still takes the colours from before
 
     def images() -> Iterator[Any]:
         for k, index in enumerate(frames.poses.tolist()):

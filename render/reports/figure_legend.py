@@ -55,8 +55,10 @@ def legend_handles(
         text = f"{model.name}, {len(model.position)} transducers" if there else f"{model.name}: too far away to show"
         handles.append(Line2D([], [], marker="o", ls="", ms=4, mfc=DISC, mec="none", label=text))
     if len(sources[0].pose) > 1:
-        handles.append(Line2D([], [], color=FAINT, lw=0.5, marker="o", ms=6, mfc="white", mec=INK, mew=0.7,
-                              label="way of the palm; moments shown"))  # fmt: skip
+        look, text = {"lw": 0.5, "ls": "-"}, "way of the palm; moments shown"
+    else:
+        look, text = {"ls": ""}, "palm at the moment shown"
+    handles.append(Line2D([], [], color=FAINT, marker="o", ms=6, mfc="white", mec=INK, mew=0.7, label=text, **look))
     return handles
 
 

@@ -1,7 +1,7 @@
 """Names of renderings for legends: the strategy's; hand and file only where those are the same."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ...datasets.contour_file.reader import ContourFile
@@ -21,23 +21,37 @@ def labels_of(files: Sequence[ContourFile]) -> list[str]:
     ...     labels_of([file])
     ['hatch']
     """
-    stems = Counter(file.path.stem for file in files)
-    parts: list[Callable[[ContourFile], str]] = [
-        lambda file: strategy_name_of(file.strategy),
-        lambda file: _options_text(file.strategy),
-        lambda file: hand_text(file.hand),
-        lambda file: file.path.stem if stems[file.path.stem] == 1 else str(file.path),
-    ]
-    labels = [parts[0](file) for file in files]
-    for part in parts[1:]:
-        repeated = {label for label, count in Counter(labels).items() if count > 1}
-        for label in repeated:
+    labels = [strategy_name_of(file.strategy) for file in files]
+    for texts_of in (_options_texts, _hand_texts, _path_texts):
+        for label in [label for label, count in Counter(labels).items() if count > 1]:
             rows = [k for k, own in enumerate(labels) if own == label]
-            texts = [part(files[k]) for k in rows]
+            texts = texts_of([files[k] for k in rows])
             if len(set(texts)) > 1:
                 for k, text in zip(rows, texts, strict=True):
                     labels[k] = f"{label}, {text}" if text else label
     return [short_text(label) for label in labels]
+
+
+def _options_texts(files: Sequence[ContourFile]) -> list[str]:
+    """The options of the stages of each file's strategy that not all of them have."""
+    options = [[item for _, given in _stages(file.strategy) for item in given.items()] for file in files]
+    return [
+        ", ".join(
+            f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
+            for name, value in own
+            if not all((name, value) in others for others in options)
+        )
+        for own in options
+    ]
+
+
+def _hand_texts(files: Sequence[ContourFile]) -> list[str]:
+    return [hand_text(file.hand) for file in files]
+
+
+def _path_texts(files: Sequence[ContourFile]) -> list[str]:
+    stems = [file.path.stem for file in files]
+    return stems if len(set(stems)) == len(stems) else [str(file.path) for file in files]
 
 
 def short_text(text: str, most: int = NAME_MOST) -> str:
@@ -82,11 +96,3 @@ def _stages(described: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     stages = [value if isinstance(value, dict) else {"stage": value} for value in listed]
     named = [(str(stage.get("stage")), {key: stage[key] for key in stage if key != "stage"}) for stage in stages]
     return [(name, options) for name, options in named if name != ADDED]
-
-
-def _options_text(described: dict[str, Any]) -> str:
-    return ", ".join(
-        f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
-        for _, options in _stages(described)
-        for name, value in options.items()
-    )

@@ -155,15 +155,16 @@ def set_limits(axes: Any, middle: np.ndarray, half: np.ndarray) -> None:
 
 
 def draw_scale(axes: Any, basis: np.ndarray | None, *, share: float = 0.3) -> None:
-    """Add a scale bar of at most this share of the width, and the directions of x, y and z if a basis is given."""
+    """Add a scale bar of at most this share of the scene, and the directions of x, y and z if a basis is given."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     wide, tall = right - left, high - low
-    length = max((bar for bar in BARS if bar <= share * wide), default=BARS[0])
+    unit = min(wide, 1.1 * tall)
+    length = max((bar for bar in BARS if bar <= share * unit), default=BARS[0])
     x, y = left + 0.02 * wide, low + 0.02 * tall
     axes.plot([x, x + length], [y, y], color=INK, lw=1.6, solid_capstyle="butt", zorder=5)
     axes.annotate(f"{length} mm", (x, y), (0, 2.5), textcoords="offset points", fontsize=7, color=INK, zorder=5)
     if basis is not None:
-        draw_directions(axes, basis, np.array([left + 0.09 * wide, low + 0.24 * tall]), 0.1 * wide)
+        draw_directions(axes, basis, np.array([left + 0.09 * unit, low + 0.24 * tall]), 0.1 * unit)
 
 
 def draw_directions(axes: Any, basis: np.ndarray, at: np.ndarray, length: float) -> None:

@@ -13,9 +13,10 @@ import numpy as np
 
 from ..errors import StrategyError
 from ..validation import require_number, require_path
-from .contour_figure import Renderings, opened, shown_rows
+from .contour_figure import shown_rows
 from .contour_lines import draw_contours
 from .figure_legend import legend_handles
+from .opened_renderings import Renderings, opened
 from .picture_style import DASHES, INK, LINES, require_picture, style, write_picture
 from .scene_drawing import SceneSource, blank, draw_hand, draw_object, draw_scale, extent_of, set_limits
 from .scene_view import SceneView, flat
@@ -144,33 +145,39 @@ class _Stage:
         from matplotlib.figure import Figure
 
         self.renderings, self.view = renderings, view
-        count = len(renderings.sources)
         self.still = not view.follows_palm and not renderings.sources[0].moves
-        extents = self._extents(frames.poses)
-        self.half = 1.04 * np.ptp(extents, axis=1).max(axis=0) / 2
-        if not view.follows_palm:
-            low, high = extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)
-            self.middle, self.half = 0.5 * (low + high), 0.52 * (high - low)
-        wide = (INCHES - 0.3) / count
-        tall = float(np.clip(wide * self.half[1] / self.half[0], SCENE_LEAST, SCENE_MOST))
-        self.half = np.array(
-            [max(self.half[0], self.half[1] * wide / tall), max(self.half[1], self.half[0] * tall / wide)]
-        )
+        self._choose_limits(frames.poses)
+        wide, tall = self._scene_size()
         height = round(width / INCHES * (TITLE + tall + LEGEND + PLOT + FOOT)) * INCHES / width
         self._refuse_large(len(frames.poses), width, round(width / INCHES * height), height)
         self.figure = Figure(figsize=(INCHES, height), dpi=width / INCHES)
         self.canvas = FigureCanvasAgg(self.figure)
-        self.scenes = [
-            self.figure.add_axes(
-                (((0.1 + k * (wide + 0.1)) / INCHES), 1 - (TITLE + tall) / height, wide / INCHES, tall / height)
-            )
-            for k in range(count)
-        ]
-        box = (0.75 / INCHES, FOOT / height, 1 - 0.95 / INCHES, PLOT / height)
-        self.plot = self.figure.add_axes(box)
-        self._draw_background(frames.poses, 1 - (TITLE + tall + 0.03) / height)
+        top, share = 1 - (TITLE + tall) / height, (wide / INCHES, tall / height)
+        lefts = [(0.1 + k * (wide + 0.1)) / INCHES for k in range(len(renderings.sources))]
+        self.scenes = [self.figure.add_axes((left, top, *share)) for left in lefts]
+        self.plot = self.figure.add_axes((0.75 / INCHES, FOOT / height, 1 - 0.95 / INCHES, PLOT / height))
+        self._draw_scenes()
+        self._draw_legend(top - 0.03 / height)
+        self._draw_plot(frames.poses)
         self.canvas.draw()
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
+
+    def _choose_limits(self, poses: np.ndarray) -> None:
+        """What scenes show to each side of their middle [mm], and the middle where it stays."""
+        extents = self._extents(poses)
+        low, high = extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)
+        self.middle = 0.5 * (low + high)
+        self.half = 0.52 * (high - low)
+        if self.view.follows_palm:
+            self.half = 0.52 * np.ptp(extents, axis=1).max(axis=0)
+
+    def _scene_size(self) -> tuple[float, float]:
+        """Width and height of a scene [inch]; its limits are widened to fit."""
+        wide = (INCHES - 0.3) / len(self.renderings.sources)
+        tall = float(np.clip(wide * self.half[1] / self.half[0], SCENE_LEAST, SCENE_MOST))
+        across, up = self.half
+        self.half = np.array([max(across, up * wide / tall), max(up, across * tall / wide)])
+        return wide, tall
 
     def _extents(self, poses: np.ndarray) -> np.ndarray:
         """Extents of some frames, those with contours if there are any [mm], shape [frame, 2, 2]."""
@@ -189,39 +196,46 @@ class _Stage:
                 f"fit, or a width of {fitting} pixels"
             )
 
-    def _draw_background(self, poses: np.ndarray, top: float) -> None:
-        sources, moments = self.renderings.sources, self.renderings.moments
-        for k, (axes, source) in enumerate(zip(self.scenes, sources, strict=True)):
+    def _draw_scenes(self) -> None:
+        """What stays the same in the scenes."""
+        for k, (axes, source) in enumerate(zip(self.scenes, self.renderings.sources, strict=True)):
             blank(axes)
+            set_limits(axes, self.middle, self.half)
             if self.still:
-                set_limits(axes, self.middle, self.half)
                 draw_object(axes, source.triangles(0), self.view.basis())
-            else:
-                set_limits(axes, np.zeros(2), self.half)
             if not k:
                 draw_scale(axes, None if self.view.follows_palm else self.view.basis())
-            name = self.renderings.labels[k]
-            axes.text(0.98, 1.0, name, transform=axes.transAxes, fontsize=9, fontweight="bold", ha="right", va="bottom",
-                      parse_math=False)  # fmt: skip
-        longest = [int(np.nanargmax(np.nan_to_num(length))) for length in self.renderings.lengths]
+            look = {"fontsize": 9, "fontweight": "bold", "ha": "right", "va": "bottom", "parse_math": False}
+            axes.text(0.98, 1.0, self.renderings.labels[k], transform=axes.transAxes, **look)
+
+    def _draw_legend(self, top: float) -> None:
+        """Explain the marks of the longest contours."""
+        sources = self.renderings.sources
+        longest = [int(np.argmax(np.nan_to_num(length))) for length in self.renderings.lengths]
         batches = [source.batch(i) for source, i in zip(sources, longest, strict=True)]
         handles = [own for own in legend_handles(sources, batches, [], []) if "shown" not in own.get_label()]
-        self.figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, top),
-                           ncols=len(handles) if len(handles) < 5 else 3, frameon=False, fontsize=8,
-                           handlelength=1.8, columnspacing=1.2, borderaxespad=0)  # fmt: skip
+        self.figure.legend(
+            handles=handles, loc="upper center", bbox_to_anchor=(0.5, top),
+            ncols=len(handles) if len(handles) < 5 else 3, frameon=False, fontsize=8, handlelength=1.8, columnspacing=1.2, borderaxespad=0,
+        )  # fmt: skip
+
+    def _draw_plot(self, poses: np.ndarray) -> None:
+        """Length over the time that is shown."""
         across = self.renderings.across
-        for k, length in enumerate(self.renderings.lengths):
+        for k, (label, length) in enumerate(zip(self.renderings.labels, self.renderings.lengths, strict=True)):
             rows = shown_rows(length)
-            self.plot.plot(across[rows], 1e3 * length[rows], lw=0.8, color=LINES[k % len(LINES)],
-                           ls=DASHES[k % len(DASHES)], label=self.renderings.labels[k])  # fmt: skip
+            look = {"lw": 0.8, "color": LINES[k % len(LINES)], "ls": DASHES[k % len(DASHES)], "label": label}
+            self.plot.plot(across[rows], 1e3 * length[rows], **look)
         self.plot.set_ylabel("length [mm]", fontsize=7, labelpad=2)
-        self.plot.set_xlabel("pose" if moments.time is None else "time [s]", fontsize=7, labelpad=1)
+        self.plot.set_xlabel("pose" if self.renderings.moments.time is None else "time [s]", fontsize=7, labelpad=1)
         self.plot.tick_params(labelsize=7)
         self.plot.set_xlim(across[poses[0]], across[poses[-1]])
         self.plot.set_ylim(bottom=0)
-        if len(sources) > 1:
-            self.plot.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=len(sources), fontsize=7, frameon=False,
-                             borderaxespad=0)  # fmt: skip
+        if len(self.renderings.labels) > 1:
+            where = {"loc": "lower right", "bbox_to_anchor": (1, 0.98), "borderaxespad": 0}
+            legend = self.plot.legend(ncols=len(self.renderings.labels), fontsize=7, frameon=False, **where)
+            for text in legend.get_texts():
+                text.set_parse_math(False)
 
     def pixels(self, index: int) -> np.ndarray:
         """A pose's frame, uint8, shape [row, column, 3]."""

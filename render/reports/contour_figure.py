@@ -9,27 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from ...datasets.contour_file.reader import ContourFile
-from ...datasets.rigid import rotate
 from ...device.array import ArrayModel
-from ..contour_batch import ContourBatch
-from ..errors import StrategyError
 from ..playback.placed_arrays import load_rig
 from ..sampling.contour_sampling import SamplingStrategy
-from ..user_warnings import warn_user
-from ..validation import require_path, value_text
+from ..validation import require_path
 from .array_overview import draw_overview, is_near, letter
+from .contour_lines import WIDTH as WIDTH_OF_LINES
 from .figure_legend import legend_handles
-from .picture_style import DASHES, FAINT, INK, LINES, SUFFIXES, picture_bytes, require_picture, style, write_picture
-from .rendering_labels import hand_text, labels_of, short_text
-from .scene_drawing import SceneSource, draw_scale, draw_scene, extent_of, set_limits
+from .opened_renderings import Renderings, opened, shown_poses
+from .picture_style import DASHES, FAINT, INK, LINES, picture_bytes, require_picture, style, write_picture
+from .rendering_labels import hand_text, short_text
+from .scene_drawing import draw_scale, draw_scene, extent_of, set_limits
 from .scene_view import SceneView
-from .shown_moments import MotionMoments, distinct_poses, poses_at
 
-__all__ = ["SUFFIXES", "contour_figure", "draw_figure", "opened"]
-
-POSES_SHOWN = 3
-FILES_MOST = 8
 POINTS_MOST = 6000  # of a line over time: more than pixels, and few enough for an SVG
 FREQUENCY_SHOWN = 1000.0  # [Hz]; contours of a few millimetres would stretch the axis a hundredfold
 WIDTH = 9.6  # [inch]
@@ -38,25 +30,10 @@ HEADING, OVERVIEW_MOST = 0.12, 3.2  # [inch] between its title and it, its heigh
 SCENE_MOST, SCENE_LEAST = 2.7, 1.5  # [inch] height of a scene
 TITLE, LEGEND_ROW, PLOT, PLOT_TITLE, PLOT_FOOT = 0.32, 0.2, 1.15, 0.3, 0.42  # [inch]
 LEGEND_COLUMNS = 4
+WIDE = 2.0  # [inch] of a scene whose contours are as thick as usual; narrower ones have thinner ones
 HEAD_MOST = 34  # characters over the overview
 FOOT = 0.09  # of a scene's height, below it, for the scale bar
 DPI = 150
-
-
-@dataclass(frozen=True)
-class Renderings:
-    """Open files of one object and motion, and what a picture of them needs."""
-
-    labels: list[str]
-    sources: list[SceneSource]
-    lengths: list[np.ndarray]
-    """Of each file, of each pose's contours [m]; NaN where a pose is not done yet."""
-    moments: MotionMoments
-
-    @property
-    def across(self) -> np.ndarray:
-        """Times [s], or numbers of poses."""
-        return np.arange(len(self.moments.pose)) if self.moments.time is None else self.moments.time
 
 
 def draw_figure(
@@ -116,96 +93,51 @@ def models_of(array: str | None) -> list[ArrayModel]:
     return [] if array is None else [placed.model for placed in load_rig(array)]
 
 
-def opened(paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitStack) -> Renderings:
-    """Open files, which `stack` closes; raises StrategyError for none, too many, and files that do not fit together."""
-    if isinstance(paths, str | Path) or not paths:
-        raise StrategyError(f"files must be given by label, as in {{'closed': 'tube.h5'}}, not {value_text(paths)}")
-    files = [
-        stack.enter_context(ContourFile(path)) for path in (paths.values() if isinstance(paths, Mapping) else paths)
-    ]
-    if len(files) > FILES_MOST:
-        raise StrategyError(f"a picture shows up to {FILES_MOST} files, not {len(files)}: draw several pictures")
-    _refuse_unlike(files)
-    labels = [short_text(str(label)) for label in paths] if isinstance(paths, Mapping) else labels_of(files)
-    for file in files:
-        if not file.done:
-            raise StrategyError(f"{file.path}: no pose is done yet; palpate render --resume goes on")
-    motion = files[0].motion()
-    moments = MotionMoments(motion["pose"], motion.get("time"))
-    return Renderings(labels, [SceneSource.of(file) for file in files], [_lengths(file) for file in files], moments)
+@dataclass(frozen=True)
+class SceneLayout:
+    """Where the parts of a picture are [inch], and what its scenes show [mm]."""
 
+    rows: int
+    columns: int
+    extents: np.ndarray
+    """Lowest and highest places of what each scene shows [mm], shape [row, column, 2, 2]."""
+    legend_entries: int
 
-def _refuse_unlike(files: list[ContourFile]) -> None:
-    """Refuse files whose lengths cannot stand in one diagram."""
-    first = files[0]
-    for file in files:
-        for field in ("object", "representation", "motion", "object motion"):  # some files have only two of them
-            if file.recipe.get(field) != first.recipe.get(field):
-                raise StrategyError(
-                    f"{file.path} is of another {field} than {first.path}: they do not belong in one picture"
-                )
+    @property
+    def left(self) -> float:
+        """Left side of the first scene."""
+        return EDGE + OVERVIEW + GAP + (0.15 if self.rows > 1 else 0.0)
 
+    @property
+    def scene(self) -> tuple[float, float]:
+        """Width and height of a scene."""
+        width = (WIDTH - self.left - EDGE - GAP * (self.columns - 1)) / self.columns
+        half = _limits(self.extents)[1]
+        return width, float(np.clip(width * half[1] / half[0], SCENE_LEAST, SCENE_MOST))
 
-def _lengths(file: ContourFile) -> np.ndarray:
-    length = np.full(file.pose_count, np.nan)
-    for first, stop in file.done:
-        length[first:stop] = file.metrics(first, stop)["length"]
-    return length
+    @property
+    def foot(self) -> float:
+        """Where the scenes end, from the top."""
+        return TITLE + self.rows * self.scene[1] + (self.rows - 1) * GAP
 
+    @property
+    def plots(self) -> float:
+        """Where the diagrams begin, from the top."""
+        return self.foot + -(-self.legend_entries // LEGEND_COLUMNS) * LEGEND_ROW + 0.1 + PLOT_TITLE
 
-def shown_poses(renderings: Renderings, times: Sequence[float] | None, view: SceneView) -> np.ndarray:
-    """Poses at the times that are asked for, or distinct ones; in order.
+    @property
+    def height(self) -> float:
+        """Of the picture."""
+        return self.plots + PLOT + PLOT_FOOT
 
-    Raises StrategyError where none of the times asked for has a contour, or a pose is not done yet; warns of one time
-    without contour.
-    """
-    moments, lengths = renderings.moments, np.array(renderings.lengths)
-    if times is None:
-        return distinct_poses(_worth(lengths, moments.pose, view), moments, _contours_of(renderings), POSES_SHOWN)
-    name = str(renderings.sources[0].file.path)
-    poses = poses_at(times, moments, name)
-    for source, length in zip(renderings.sources, lengths, strict=True):
-        if len(missing := poses[np.isnan(length[poses])]):
-            raise StrategyError(
-                f"{source.file.path}: {moments.text(int(missing[0]))} is not done yet; palpate render --resume goes on"
-            )
-    longest = np.nan_to_num(lengths).max(axis=0)
-    bare = poses[longest[poses] == 0]
-    if len(bare):
-        listed = ", ".join(map(moments.text, bare.tolist()))
-        sentence = f"{name}: {listed}: no contour there; {_nearest(longest, moments, bare)}"
-        if len(bare) == len(poses):
-            raise StrategyError(sentence)
-        warn_user(sentence)
-    return poses
+    def place(self, left: float, top: float, width: float, height: float) -> tuple[float, float, float, float]:
+        """A rectangle as matplotlib takes it."""
+        return left / WIDTH, 1 - (top + height) / self.height, width / WIDTH, height / self.height
 
-
-def _nearest(longest: np.ndarray, moments: MotionMoments, bare: np.ndarray) -> str:
-    drawn = np.flatnonzero(longest > 0)
-    if not len(drawn):
-        return "the hand never meets the object"
-    near = drawn[np.argmin(np.abs(drawn - bare[0]))]
-    return f"the nearest one is at {moments.text(int(near))}"
-
-
-def _worth(lengths: np.ndarray, pose: np.ndarray, view: SceneView) -> np.ndarray:
-    """How worth it is to show each pose: contours as long as possible in every file, seen as squarely as possible."""
-    share = np.nan_to_num(lengths) / np.maximum(np.nan_to_num(lengths).max(axis=1, keepdims=True), 1e-12)
-    in_all = share.min(axis=0)
-    worth = in_all if in_all.any() else share.sum(axis=0)
-    return worth * view.facing(rotate(pose[:, 3:].astype(np.float64), np.array([0.0, 1.0, 0.0])))
-
-
-def _contours_of(renderings: Renderings) -> Any:
-    """A function that gives the points of a pose's contours in the first file that has some."""
-
-    def points(index: int) -> np.ndarray:
-        for source, length in zip(renderings.sources, renderings.lengths, strict=True):
-            if length[index] > 0:  # a NaN compares false
-                return source.batch(index).points
-        return np.zeros((0, 3))
-
-    return points
+    def scene_place(self, row: int, column: int) -> tuple[float, float, float, float]:
+        """A scene's rectangle."""
+        width, height = self.scene
+        return self.place(self.left + column * (width + GAP), TITLE + row * (height + GAP), width, height)
 
 
 def _draw(
@@ -213,59 +145,56 @@ def _draw(
 ) -> Any:
     from matplotlib.figure import Figure
 
-    rows, columns = len(renderings.sources), len(poses)
-    shown = [model for model in models if is_near(model, renderings.sources[0])]
-    left = EDGE + OVERVIEW + GAP + (0.15 if rows > 1 else 0.0)
-    width = (WIDTH - left - EDGE - GAP * (columns - 1)) / columns
-    extents = [[extent_of(source, int(i), view) for i in poses] for source in renderings.sources]
-    middle, half = _limits(np.array(extents))
-    tall = float(np.clip(width * half[1] / half[0], SCENE_LEAST, SCENE_MOST))
-    half = _fitted(half, width / tall)
-    scenes = rows * tall + (rows - 1) * GAP
-    batches_row = 2 * LEGEND_ROW + 0.1
-    height = TITLE + scenes + batches_row + PLOT_TITLE + PLOT + PLOT_FOOT
-    figure = Figure(figsize=(WIDTH, height))
-
-    def place(x: float, top: float, wide: float, high: float) -> tuple[float, float, float, float]:
-        return x / WIDTH, 1 - (top + high) / height, wide / WIDTH, high / height
-
-    high = min(scenes - HEADING, OVERVIEW_MOST)
-    overview = figure.add_axes(place(EDGE, TITLE + HEADING, OVERVIEW, high))
-    draw_overview(overview, renderings.sources[0], poses, view, shown, OVERVIEW / high)
-    draw_scale(overview, SceneView(view.elevation, view.azimuth).basis() if view.follows_palm else None)
-    batches: list[ContourBatch] = []
-    for r, source in enumerate(renderings.sources):
-        for c, index in enumerate(poses.tolist()):
-            axes = figure.add_axes(place(left + c * (width + GAP), TITLE + r * (tall + GAP), width, tall))
-            set_limits(axes, middle[r, c], half)
-            batches.append(draw_scene(axes, source, index, view))
-            if r == 0:
-                title = axes.set_title(f"{letter(c)}   {renderings.moments.text(index)}", fontsize=8, loc="left", pad=4)
-                title.set_in_layout(False)
-            if r == 0 and c == 0:  # all scenes have this scale
-                draw_scale(axes, None if view.follows_palm else view.basis())
-            if c == 0 and rows > 1:
-                axes.text(-0.02, 0.5, renderings.labels[r], transform=axes.transAxes, rotation=90, fontsize=8,
-                              fontweight="bold", ha="right", va="center", color=INK, parse_math=False)  # fmt: skip
-    solid, hand = renderings.sources[0].solid, renderings.sources[0].file.hand
-    words = [hand_text(hand), *(renderings.labels if rows == 1 else [])]
-    heads = (
-        (short_text(str(solid["name"]), HEAD_MOST), 0.2, "bold"),
-        (short_text(", ".join(words), HEAD_MOST), 0.34, "normal"),
-    )
-    for text, down, weight in heads:
-        figure.text(EDGE / WIDTH, 1 - down / height, text, fontsize=8, fontweight=weight, parse_math=False)
-    top = TITLE + scenes + 0.05
-    handles = legend_handles(renderings.sources, batches, models, shown)
+    sources = renderings.sources
+    shown = [model for model in models if is_near(model, sources[0])]
+    handles = legend_handles(sources, [source.batch(int(i)) for source in sources for i in poses], models, shown)
+    extents = np.array([[extent_of(source, int(i), view) for i in poses] for source in sources])
+    layout = SceneLayout(len(sources), len(poses), extents, len(handles))
+    figure = Figure(figsize=(WIDTH, layout.height))
+    _draw_setting(figure, layout, renderings, poses, view, shown)
+    _draw_scenes(figure, layout, renderings, poses, view)
     figure.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 1 - top / height), ncols=LEGEND_COLUMNS,
-        frameon=False, fontsize=7.5, handlelength=2.2, columnspacing=1.6, borderaxespad=0, labelspacing=0.35,
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 1 - (layout.foot + 0.05) / layout.height),
+        ncols=LEGEND_COLUMNS, frameon=False, fontsize=7.5, handlelength=2.2, columnspacing=1.6, borderaxespad=0,
+        labelspacing=0.35,
     )  # fmt: skip
     wide = (WIDTH - 2 * EDGE - 1.1) / 2
-    under = top + batches_row - 0.05 + PLOT_TITLE
-    plots = [figure.add_axes(place(EDGE + 0.4 + k * (wide + 0.6), under, wide, PLOT)) for k in range(2)]
-    _draw_plots(plots, renderings, poses, sampling)
+    places = [layout.place(EDGE + 0.4 + k * (wide + 0.6), layout.plots, wide, PLOT) for k in range(2)]
+    _draw_plots([figure.add_axes(place) for place in places], renderings, poses, sampling)
     return figure
+
+
+def _draw_setting(
+    figure: Any, layout: SceneLayout, renderings: Renderings, poses: np.ndarray, view: SceneView, models: list
+) -> None:
+    """The overview, with what the picture is of over it."""
+    source = renderings.sources[0]
+    high = min(layout.foot - TITLE - HEADING, OVERVIEW_MOST)
+    axes = figure.add_axes(layout.place(EDGE, TITLE + HEADING, OVERVIEW, high))
+    draw_overview(axes, source, poses, view, models, OVERVIEW / high)
+    draw_scale(axes, SceneView(view.elevation, view.azimuth).basis() if view.follows_palm else None)
+    words = ", ".join([hand_text(source.file.hand), *(renderings.labels if layout.rows == 1 else [])])
+    for text, down, weight in ((str(source.solid["name"]), 0.2, "bold"), (words, 0.34, "normal")):
+        shown = short_text(text, HEAD_MOST)
+        figure.text(EDGE / WIDTH, 1 - down / layout.height, shown, fontsize=8, fontweight=weight, parse_math=False)
+
+
+def _draw_scenes(figure: Any, layout: SceneLayout, renderings: Renderings, poses: np.ndarray, view: SceneView) -> None:
+    """A row of scenes for each file."""
+    (middle, half), (width, height) = _limits(layout.extents), layout.scene
+    line_width = WIDTH_OF_LINES * min(1.0, max(width / WIDE, 0.55))
+    for r, source in enumerate(renderings.sources):
+        for c, index in enumerate(poses.tolist()):
+            axes = figure.add_axes(layout.scene_place(r, c))
+            set_limits(axes, middle[r, c], _fitted(half, width / height))
+            draw_scene(axes, source, index, view, line_width=line_width)
+            if r == 0:
+                axes.set_title(f"{letter(c)}   {renderings.moments.text(index)}", fontsize=8, loc="left", pad=4)
+            if r == 0 and c == 0:  # all scenes have this scale
+                draw_scale(axes, None if view.follows_palm else view.basis())
+            if c == 0 and layout.rows > 1:
+                look = {"rotation": 90, "fontsize": 8, "fontweight": "bold", "color": INK, "parse_math": False}
+                axes.text(-0.02, 0.5, renderings.labels[r], transform=axes.transAxes, ha="right", va="center", **look)
 
 
 def _limits(extents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -286,7 +215,7 @@ def _fitted(half: np.ndarray, aspect: float) -> np.ndarray:
 def _draw_plots(plots: list[Any], renderings: Renderings, poses: np.ndarray, sampling: SamplingStrategy) -> None:
     """Length and draw frequency over time, with the moments that are shown."""
     length_axes, frequency_axes = plots
-    across, timed = renderings.across, renderings.moments.time is not None
+    across = renderings.across
     for k, (label, length) in enumerate(zip(renderings.labels, renderings.lengths, strict=True)):
         look = {"lw": 0.9, "color": LINES[k % len(LINES)], "ls": DASHES[(k // len(LINES) + k) % len(DASHES)]}
         if len(length) < 3:
@@ -301,20 +230,25 @@ def _draw_plots(plots: list[Any], renderings: Renderings, poses: np.ndarray, sam
     length_axes.set_title("length of the contours [mm]", fontsize=8, loc="left")
     frequency_axes.set_title(f"draw frequency at {sampling.speed:g} m/s [Hz]", fontsize=8, loc="left")
     for axes in plots:
-        axes.set_xlabel("time [s]" if timed else "pose", labelpad=1)
+        axes.set_xlabel("pose" if renderings.moments.time is None else "time [s]", labelpad=1)
         axes.set_xlim(*_span(across))
-        for k, index in enumerate(poses.tolist()):
+        for index in poses:
             axes.axvline(across[index], color=FAINT, lw=0.6, ls=(0, (2, 2)), zorder=0)
-            if axes is length_axes:
-                axes.annotate(letter(k), (across[index], 1.0), (1.5, -1), xycoords=("data", "axes fraction"),
-                              textcoords="offset points", fontsize=7, va="top")  # fmt: skip
+    where = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    for k, index in enumerate(poses):
+        length_axes.annotate(letter(k), (across[index], 1.0), (1.5, -1), fontsize=7, va="top", **where)
     if len(renderings.labels) > 1:
-        legend = frequency_axes.legend(
-            *length_axes.get_legend_handles_labels(), loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False,
-            ncols=min(4, len(renderings.labels)), fontsize=7.5, handlelength=2.6, columnspacing=1.2, borderaxespad=0.1,
-        )  # fmt: skip
-        for text in legend.get_texts():
-            text.set_parse_math(False)  # names of files are no formulas; the ticks of the logarithmic axis are
+        _draw_line_legend(frequency_axes, *length_axes.get_legend_handles_labels())
+
+
+def _draw_line_legend(axes: Any, handles: list[Any], labels: list[str]) -> None:
+    """What the lines over time are of, over a diagram."""
+    legend = axes.legend(
+        handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=min(4, len(labels)),
+        fontsize=7.5, handlelength=2.6, columnspacing=1.2, borderaxespad=0.1,
+    )  # fmt: skip
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # names of files are no formulas; the ticks of the logarithmic axis are
 
 
 def shown_rows(length: np.ndarray, most: int = POINTS_MOST) -> np.ndarray:

@@ -15,15 +15,16 @@ HALO = 1.0  # [pt] of white beside lines, which sets them off from what is below
 LEVELS = 20  # of intensity that are shown: neighbours of one level are one line
 
 
-def draw_contours(axes: Any, batch: ContourBatch, place: Any, *, zorder: float = 3.0) -> list[Any]:
+def draw_contours(axes: Any, batch: ContourBatch, place: Any, *, zorder: float = 3.0, full: float = WIDTH) -> list[Any]:
     """Add the contours of a batch of one pose to axes; returns the artists.
 
-    place: function of points [m], shape [point, 3], that gives them in the picture, shape [point, 2].
+    place: function of points [m], shape [point, 3], that gives them in the picture, shape [point, 2]. full: width of
+    full intensity [pt].
     """
     from matplotlib.collections import LineCollection
 
     lines, kind, strength = intensity_runs(batch)
-    shown, width = [place(line) for line in lines], 0.4 + (WIDTH - 0.4) * strength**1.5
+    shown, width = [place(line) for line in lines], 0.4 + (full - 0.4) * strength**1.5
     colours = [(COLOURS[KIND_NAMES[k]], 0.25 + 0.75 * float(s)) for k, s in zip(kind, strength, strict=True)]
     ends = {"capstyle": "round", "joinstyle": "round"}
     artists: list[Any] = [

@@ -10,7 +10,7 @@ from ...datasets.rigid import rotate
 from ..contour_batch import ContourBatch
 from ..hands.hand import Hand, hand_from
 from ..hands.mesh_hand import MeshHand
-from .contour_lines import draw_contours
+from .contour_lines import WIDTH, draw_contours
 from .hand_silhouette import doubled_area, hand_surface, silhouette
 from .picture_style import COLOURS, FAINT, INK
 from .scene_view import SceneView, flat
@@ -123,18 +123,17 @@ def draw_hand(axes: Any, source: SceneSource, index: int, basis: np.ndarray) -> 
     return artists
 
 
-def draw_scene(axes: Any, source: SceneSource, index: int, view: SceneView) -> ContourBatch:
-    """Draw a pose's object, hand and contours; returns the contours."""
+def draw_scene(axes: Any, source: SceneSource, index: int, view: SceneView, *, line_width: float = WIDTH) -> None:
+    """Draw a pose's object, hand and contours; line_width: of full intensity [pt]."""
     basis = view.basis(source.pose[index])
     blank(axes)
     draw_object(axes, source.triangles(index), basis)
     draw_hand(axes, source, index, basis)
     batch = source.batch(index)
     if batch.point_count:
-        draw_contours(axes, batch, lambda points: flat(points, basis))
+        draw_contours(axes, batch, lambda points: flat(points, basis), full=line_width)
     else:
         axes.text(0.5, 0.02, "no contour", transform=axes.transAxes, ha="center", va="bottom", color=FAINT)
-    return batch
 
 
 def extent_of(source: SceneSource, index: int, view: SceneView) -> np.ndarray:

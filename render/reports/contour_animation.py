@@ -88,7 +88,7 @@ def draw_animation(
         renderings = opened(paths, stack)
         if len(renderings.sources) > FILES_MOST:
             raise StrategyError(f"an animated picture shows up to {FILES_MOST} files, not {len(renderings.sources)}")
-        frames = frames_of(renderings.moments, start, stop, frame_rate, str(renderings.sources[0].file.path))
+        frames = frames_of(renderings.moments, start, stop, frame_rate, renderings.sources[0].file.path.name)
         _require_done(renderings, frames.poses)
         stage = _Stage(renderings, frames, eye, width)
         content = _gif(stage, frames, progress)
@@ -216,7 +216,8 @@ class _Stage:
         handles = [own for own in legend_handles(sources, batches, [], []) if "shown" not in own.get_label()]
         self.figure.legend(
             handles=handles, loc="upper center", bbox_to_anchor=(0.5, top),
-            ncols=len(handles) if len(handles) < 5 else 3, frameon=False, fontsize=8, handlelength=1.8, columnspacing=1.2, borderaxespad=0,
+            ncols=len(handles) if len(handles) < 5 else 3, frameon=False,
+            fontsize=8, handlelength=1.8, columnspacing=1.2, borderaxespad=0,
         )  # fmt: skip
 
     def _draw_plot(self, poses: np.ndarray) -> None:

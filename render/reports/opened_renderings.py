@@ -84,7 +84,7 @@ def shown_poses(renderings: Renderings, times: Sequence[float] | None, view: Sce
     moments, lengths = renderings.moments, np.array(renderings.lengths)
     if times is None:
         return distinct_poses(_worth(lengths, moments.pose, view), moments, _contours_of(renderings), POSES_SHOWN)
-    name = str(renderings.sources[0].file.path)
+    name = renderings.sources[0].file.path.name
     poses = poses_at(times, moments, name)
     for source, length in zip(renderings.sources, lengths, strict=True):
         if len(missing := poses[np.isnan(length[poses])]):

@@ -17,7 +17,7 @@ from .contour_figure import shown_rows
 from .contour_lines import draw_contours
 from .figure_legend import legend_handles
 from .opened_renderings import Renderings, opened
-from .picture_style import DASHES, INK, LINES, require_picture, style, write_picture
+from .picture_style import COLOURS, DASHES, INK, LINES, require_picture, style, write_picture
 from .scene_drawing import SceneSource, blank, draw_hand, draw_object, draw_scale, extent_of, set_limits
 from .scene_view import SceneView, flat
 from .shown_moments import MotionMoments
@@ -30,9 +30,10 @@ WIDTH_USUAL, WIDTH_LEAST, WIDTH_MOST = 720, 240, 1280  # [pixel]
 FILES_MOST = 3
 INCHES = 7.2  # of width; fonts scale with the picture
 SCENE_MOST, SCENE_LEAST = 3.0, 1.6  # [inch] height of a scene
-TITLE, LEGEND, PLOT, FOOT = 0.34, 0.5, 0.5, 0.4  # [inch]
+TITLE, LEGEND, LEGEND_ROW, PLOT, FOOT = 0.34, 0.2, 0.19, 0.5, 0.4  # [inch]
 SAMPLED = 40  # frames whose extents and colours stand for all
-COLOURS_MOST, NEARLY_WHITE = 255, 246
+COLOURS_MOST, NEARLY_WHITE = 240, 246
+EXACT = (*COLOURS.values(), *LINES, INK)  # colours that a GIF has as they are
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,10 @@ class _Stage:
         self.still = not view.follows_palm and not renderings.sources[0].moves
         self._choose_limits(frames.poses)
         wide, tall = self._scene_size()
-        height = round(width / INCHES * (TITLE + tall + LEGEND + PLOT + FOOT)) * INCHES / width
+        handles = self._handles()
+        columns = len(handles) if len(handles) < 5 else 3
+        legend = LEGEND + LEGEND_ROW * -(-len(handles) // columns)
+        height = round(width / INCHES * (TITLE + tall + legend + PLOT + FOOT)) * INCHES / width
         self._refuse_large(len(frames.poses), width, round(width / INCHES * height), height)
         self.figure = Figure(figsize=(INCHES, height), dpi=width / INCHES)
         self.canvas = FigureCanvasAgg(self.figure)
@@ -157,7 +161,9 @@ class _Stage:
         self.scenes = [self.figure.add_axes((left, top, *share)) for left in lefts]
         self.plot = self.figure.add_axes((0.75 / INCHES, FOOT / height, 1 - 0.95 / INCHES, PLOT / height))
         self._draw_scenes()
-        self._draw_legend(top - 0.03 / height)
+        where = {"loc": "upper center", "bbox_to_anchor": (0.5, top - 0.03 / height), "borderaxespad": 0}
+        look = {"ncols": columns, "frameon": False, "fontsize": 8, "handlelength": 1.8, "columnspacing": 1.2}
+        self.figure.legend(handles=handles, **where, **look)
         self._draw_plot(frames.poses)
         self.canvas.draw()
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
@@ -208,17 +214,12 @@ class _Stage:
             look = {"fontsize": 9, "fontweight": "bold", "ha": "right", "va": "bottom", "parse_math": False}
             axes.text(0.98, 1.0, self.renderings.labels[k], transform=axes.transAxes, **look)
 
-    def _draw_legend(self, top: float) -> None:
-        """Explain the marks of the longest contours."""
+    def _handles(self) -> list[Any]:
+        """What explains the marks of the longest contours."""
         sources = self.renderings.sources
         longest = [int(np.argmax(np.nan_to_num(length))) for length in self.renderings.lengths]
         batches = [source.batch(i) for source, i in zip(sources, longest, strict=True)]
-        handles = [own for own in legend_handles(sources, batches, [], []) if "shown" not in own.get_label()]
-        self.figure.legend(
-            handles=handles, loc="upper center", bbox_to_anchor=(0.5, top),
-            ncols=len(handles) if len(handles) < 5 else 3, frameon=False,
-            fontsize=8, handlelength=1.8, columnspacing=1.2, borderaxespad=0,
-        )  # fmt: skip
+        return [own for own in legend_handles(sources, batches, [], []) if "shown" not in own.get_label()]
 
     def _draw_plot(self, poses: np.ndarray) -> None:
         """Length over the time that is shown."""
@@ -270,6 +271,7 @@ class _Stage:
 
 
 def _gif(stage: _Stage, frames: AnimationFrames, progress: Callable[[int, int], object] | None) -> memoryview:
+    from matplotlib.colors import to_rgb
     from PIL import Image
 
     some = frames.poses[np.linspace(0, len(frames.poses) - 1, min(8, len(frames.poses))).astype(int)]
@@ -277,8 +279,10 @@ def _gif(stage: _Stage, frames: AnimationFrames, progress: Callable[[int, int], 
     some = np.append(some, frames.poses[np.argmax(longest[frames.poses])])
     shown = Image.fromarray(np.concatenate([stage.pixels(int(i)) for i in some]))
     palette = shown.quantize(COLOURS_MOST, method=Image.Quantize.MEDIANCUT)
-    colours = np.array(palette.getpalette()).reshape(-1, 3)
+    colours = np.array(palette.getpalette()).reshape(-1, 3)[:COLOURS_MOST]
     colours[(colours >= NEARLY_WHITE).all(axis=1)] = 255  # the mean colours of boxes make the background grey
+    exact = [[round(255 * part) for part in to_rgb(colour)] for colour in EXACT]
+    colours = np.concatenate([colours, exact])
     palette.putpalette(colours.ravel().tolist())
     palette.load()  # without it, `quantize` still takes the colours from before
 

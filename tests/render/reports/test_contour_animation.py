@@ -134,3 +134,10 @@ def test_the_white_around_scenes_is_white_and_two_files_stand_side_by_side(file,
     left, right = np.split(pixels[30:150].min(axis=2) < 200, 2, axis=1)
     assert left.sum() == pytest.approx(right.sum(), rel=0.35)
     assert right.sum() > 500
+
+
+def test_contours_keep_their_colours_though_a_gif_has_few(file, tmp_path):
+    draw_animation([file], tmp_path / "a.gif", start=1.5, stop=1.7)
+    with Image.open(tmp_path / "a.gif") as gif:
+        pixels = np.asarray(gif.convert("RGB")).astype(int)
+    assert (pixels[20 : int(0.6 * len(pixels))] == RED).all(axis=2).sum() > 50

@@ -3,7 +3,9 @@
     python benchmarks/sweeps.py devices --devices cpu cpu > cpu.jsonl
     python benchmarks/sweeps.py devices --devices cuda:0 cuda:1 --poses 4000000000 > cuda.jsonl
     python benchmarks/sweeps.py parent                                   # seconds of the parent a part
-    python benchmarks/sweep_projection.py cpu.jsonl cuda.jsonl --parent 1e-4 --picture docs/measured/sweep-scaling.png
+    python benchmarks/sweep_projection.py cpu.jsonl cuda.jsonl --parent 1e-4 --picture scaling.png
+
+docs/pictures.py draws docs/measured/sweep-scaling.json in the same way.
 
 On paper a sweep of N poses on n devices takes start + max(N / (n rate), parts x parent): workers share nothing but the
 parent, which takes down every part, one after the other, while they go on. `rate` is one device's, measured;
@@ -13,6 +15,8 @@ what n of them lose to each other (a host's memory, its disk) is not in it, but 
 import argparse
 import json
 from pathlib import Path
+
+from matplotlib.figure import Figure
 
 from palpate.render.sweeps.make.task import CHUNK_POSES
 
@@ -36,26 +40,30 @@ def table(poses: float, lines: list[dict], parent: float) -> list[dict]:
     return rows
 
 
-def draw(measured: dict[str, list[dict]], poses: float, parent: float, picture: Path) -> None:
+def projection_figure(measured: dict[str, list[dict]], poses: float, parent: float) -> Figure:
     """Poses a second against devices: measured points, lines on paper."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
-    for color, (name, lines) in zip(("#2d2a45", "#c1121f", "#1f6fa8"), measured.items(), strict=False):
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    axes = figure.add_subplot()
+    looks = zip(("#2d2a45", "#c1121f", "#1f6fa8"), "os^", ("-", "--", ":"), strict=True)
+    for (color, marker, dash), (name, lines) in zip(looks, measured.items(), strict=False):
         rows = table(poses, lines, parent)
-        axes.plot(DEVICES, [row["poses_per_second"] for row in rows], color=color, label=f"{name}, on paper")
+        rates = [row["poses_per_second"] for row in rows]
+        axes.plot(DEVICES, rates, color=color, ls=dash, label=f"{name}, on paper")
         rates = [line["poses_per_second"] for line in lines]
-        axes.plot([line["devices"] for line in lines], rates, "o", color=color, label=f"{name}, measured")
-    axes.axhline(CHUNK_POSES / parent, color="0.6", linewidth=0.8, linestyle="--", label="what one parent takes down")
+        axes.plot([line["devices"] for line in lines], rates, marker, color=color, label=f"{name}, measured")
+    limit = CHUNK_POSES / parent
+    axes.axhline(limit, color="0.6", linewidth=0.8, linestyle=(0, (1, 1)), label="most that one parent can record")
     axes.set(xscale="log", yscale="log", xlabel="devices", ylabel="poses a second", title="tube, CC, metrics only")
     axes.set_xticks(DEVICES, [str(n) for n in DEVICES])
     axes.minorticks_off()
     axes.grid(color="0.9")
     axes.legend(frameon=False, fontsize=8)
-    figure.savefig(picture, dpi=140)
+    return figure
+
+
+def draw(measured: dict[str, list[dict]], poses: float, parent: float, picture: Path) -> None:
+    """Draw `projection_figure` into a picture."""
+    projection_figure(measured, poses, parent).savefig(picture, dpi=140)
 
 
 def main() -> None:

@@ -76,6 +76,7 @@ if TYPE_CHECKING:
     from .playback.file_playback import Connection, play_file
     from .playback.live import Instant
     from .playback.placed_arrays import PlacedArray, load_rig
+    from .reports.contour_animation import draw_animation
     from .reports.contour_figure import draw_figure
     from .reports.file_summary import summarise
     from .runtime.worker_devices import worker_devices
@@ -155,6 +156,7 @@ _ROOMS = {
     "playback.file_playback": "Connection play_file",
     "playback.live": "Instant",
     "playback.placed_arrays": "PlacedArray load_rig",
+    "reports.contour_animation": "draw_animation",
     "reports.contour_figure": "draw_figure",
     "reports.file_summary": "summarise",
     "runtime.worker_devices": "worker_devices",
@@ -251,6 +253,7 @@ __all__ = [
     "closed_contour",
     "cut_batch",
     "cylinder",
+    "draw_animation",
     "draw_figure",
     "drive_focus",
     "dwell_map",

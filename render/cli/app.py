@@ -22,6 +22,7 @@ try:
     )
     from .options.export import export
     from .options.field import field
+    from .options.figure import figure
     from .options.noise import noise
     from .options.output import Json, Overwrite, Quiet, run_job
     from .options.play import play
@@ -231,19 +232,23 @@ app.command(short_help="Permit code that files name, as it is now.")(trust)
 
 @app.command(short_help="List or draw intersection strategies, or print one as JSON.")
 def strategies(
-    name: Annotated[
-        str | None,
-        typer.Argument(metavar="[NAME|FILE]", help="A strategy, or a JSON file.", autocompletion=complete_strategy),
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME|FILE]", help="Strategies, or JSON files; several with -o.", autocompletion=complete_strategy
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="PICTURE", help="Draw them: PNG, SVG, PDF.")
+        Path | None, typer.Option("-o", "--out", metavar="PICTURE", help="Draw them, or all: PNG, SVG, PDF.")
     ] = None,
+    allow_code: AllowCode = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """List intersection strategies and their stages, or print one as the JSON that --strategy takes."""
-    run_job(".strategies_command", "run_strategies", name, out, overwrite, json=json, quiet=quiet)
+    """List strategies and their stages, print one as the JSON that --strategy takes, or draw some side by side."""
+    options = {"allow_code": allow_code, "overwrite": overwrite}
+    run_job(".strategies_command", "run_strategies", names or [], out, options, json=json, quiet=quiet)
 
 
 @app.command(short_help="Show what a file holds, or what is wrong with a mesh.")
@@ -278,16 +283,7 @@ def check(
     run_job(".file_commands", "run_check", files, json=json, quiet=quiet)
 
 
-@app.command(short_help="Draw contours, their length and draw frequency.")
-def figure(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Contour files of one object and motion.")],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="PICTURE", help="PNG, SVG or PDF to write.")],
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    json: Json = False,
-) -> None:
-    """Draw contours on the object, the palm, length and draw frequency over time."""
-    run_job(".file_commands", "run_figure", files, out, overwrite, json=json, quiet=quiet)
+app.command(short_help="Draw contours on hand and object, or animate them.")(figure)
 
 
 app.command(short_help="Show renderings in the browser.")(view)

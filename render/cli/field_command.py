@@ -23,8 +23,8 @@ from ..acoustics.transducers import PRESSURE_AT_1M, Resonance, TransducerSet
 from ..errors import StrategyError
 from ..playback.drive import Driver
 from ..playback.placed_arrays import PlacedArray, load_rig
-from ..reports.contour_figure import require_picture
 from ..reports.field_figure import draw_print, draw_volume
+from ..reports.picture_style import require_picture
 from ..runtime.warp_start import start_warp
 from ..sampling.contour_sampling import SamplingStrategy
 from ..terminal import bars, console

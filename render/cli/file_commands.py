@@ -21,7 +21,6 @@ from ..intersection.scene import is_exact
 from ..objects.mesh.placement import Placement
 from ..objects.mesh.summary import is_mesh_name, mesh_facts
 from ..playback.pose_insertion import insert_poses
-from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise, summarise_frames
 from ..runtime.warp_start import start_warp
 from ..runtime.worker_devices import worker_devices
@@ -260,12 +259,3 @@ def check_one(file: Path, *, as_json: bool) -> int:
     for sentence in unknown:
         console.warn(f"{file}: {sentence}, and nothing reads it")
     return console.FAILED if problems else console.DONE
-
-
-def run_figure(files: list[Path], out: Path, overwrite: bool, *, as_json: bool) -> None:
-    """Draw."""
-    for file in files:
-        refuse_object(file)
-    with bars.loading_bar(f"drawing {out}", quiet=as_json):
-        draw_figure({path.stem: path for path in files}, out, overwrite=overwrite)
-    console.show_values({"picture": str(out)}, as_json=as_json, title="figure")

@@ -15,8 +15,8 @@ from ..acoustics.wave_files import require_wave_file, write_wave_files
 from ..errors import StrategyError
 from ..playback.drive import DriveStrategy
 from ..playback.placed_arrays import load_rig
-from ..reports.contour_figure import require_picture
 from ..reports.noise_figure import draw_noise
+from ..reports.picture_style import require_picture
 from ..terminal import bars, console
 from ..validation import choose, refuse_object
 from .play_commands import require_device, sampling_of

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 from ..errors import StrategyError
-from ..reports.contour_figure import require_picture
-from ..reports.strategy_gallery import draw_gallery, strategy_rows
+from ..reports.picture_style import require_picture
+from ..reports.strategy_gallery import draw_gallery, draw_strategies, strategy_rows
 from ..runtime.warp_start import start_warp
 from ..stages.registry import ROLES, known_stages
 from ..strategies.intersection_strategy import load_strategy
@@ -13,20 +13,22 @@ from ..terminal import bars, console
 from ..terminal.foreign_text import write_output
 
 
-def run_strategies(name: str | None, out: Path | None, overwrite: bool, *, as_json: bool) -> None:
-    """Show one strategy as JSON, or list strategies and stages, and draw them if a picture is asked for."""
-    if name is not None:
-        if out is not None:
-            raise StrategyError(f"a picture shows all strategies, not {name} alone: leave out one of the two")
-        write_output(json.dumps(load_strategy(name).described(), indent=None if as_json else 1) + "\n")
+def run_strategies(names: list[str], out: Path | None, options: dict, *, as_json: bool) -> None:
+    """Show one strategy as JSON, draw some, or list strategies and stages, and draw them if a picture is asked for.
+
+    options: allow_code, overwrite.
+    """
+    if out is not None:
+        require_picture(out, overwrite=options["overwrite"])
+    if names:
+        _run_named(names, out, options, as_json=as_json)
         return
     stages = {role: {name: entry.line for name, entry in known_stages(role).items()} for role in ROLES}
     lists: dict = {"strategies": dict(strategy_rows()), "stages": stages}
     if out is not None:
-        require_picture(out, overwrite=overwrite)
         start_warp()
         with bars.loading_bar(f"drawing {out}", quiet=as_json):
-            draw_gallery(out, overwrite=overwrite)
+            draw_gallery(out, overwrite=options["overwrite"])
         lists["picture"] = str(out)
     if as_json:
         console.show_values(lists, as_json=True, title="strategies")
@@ -36,3 +38,21 @@ def run_strategies(name: str | None, out: Path | None, overwrite: bool, *, as_js
         console.show_values(stages[role], as_json=False, title=f"{role} stages")
     if out is not None:
         console.show_values({"picture": str(out)}, as_json=False, title="picture")
+
+
+def _run_named(names: list[str], out: Path | None, options: dict, *, as_json: bool) -> None:
+    """Print one strategy as JSON, or draw several beside their raw intersections."""
+    if out is None and len(names) > 1:
+        raise StrategyError("one strategy is printed at a time; with -o PICTURE several are drawn side by side")
+    loaded = {name: load_strategy(name, allow_code=options["allow_code"]) for name in dict.fromkeys(names)}
+    if out is None:
+        write_output(json.dumps(loaded[names[0]].described(), indent=None if as_json else 1) + "\n")
+        return
+    start_warp()
+    titles = {Path(name).stem if name.endswith(".json") else name: strategy for name, strategy in loaded.items()}
+    shown = titles if len(titles) == len(loaded) else loaded
+    with bars.loading_bar(f"drawing {out}", quiet=as_json):
+        draw_strategies(out, shown, overwrite=options["overwrite"])
+    strategies = {name: strategy.described() for name, strategy in shown.items()}
+    values = {"picture": str(out), "strategies": strategies if as_json else ", ".join(shown)}
+    console.show_values(values, as_json=as_json, title="strategies")

@@ -1,204 +1,269 @@
-"""A picture of what was rendered: contours on the object, the palm, length and draw frequency over time."""
+"""A picture of what was rendered: contours on hand and object at distinct moments, their length and draw frequency."""
 
-import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...datasets.contour_file.reader import ContourFile
-from ...datasets.errors import ContourFileError
-from ...datasets.rigid import rotate
-from ...datasets.storage.durable import write_file
-from ...datasets.storage.schema import KIND_NAMES
-from ..contour_batch import ContourBatch
-from ..errors import StrategyError
-from ..hands.hand import Hand, hand_from
-from ..hands.mesh_hand import MeshHand
+from ...device.array import ArrayModel
+from ..playback.placed_arrays import load_rig
 from ..sampling.contour_sampling import SamplingStrategy
-from ..terminal.foreign_text import visible
-from ..validation import require_path, value_text
+from ..validation import require_path
+from .array_overview import draw_overview, is_near, letter
+from .contour_lines import WIDTH as WIDTH_OF_LINES
+from .figure_legend import legend_handles
+from .opened_renderings import Renderings, opened, shown_poses
+from .picture_style import DASHES, FAINT, INK, LINES, picture_bytes, require_picture, style, write_picture
+from .rendering_labels import hand_text, short_text
+from .scene_drawing import draw_scale, draw_scene, extent_of, set_limits
+from .scene_view import SceneView
 
-COLOURS = {"object": "#c1121f", "hand": "#1d6fa5", "made": "#2a9d8f", "mesh": "#8d99ae", "palm": "#f4a261"}
-LINES = ("#2b2d42", "#2a9d8f", "#9b5de5", "#bc6c25")  # of lengths and frequencies: not those of the contours
-POSES_SHOWN = 3
-SUFFIXES = (".png", ".svg", ".pdf")
+POINTS_MOST = 6000  # of a line over time: more than pixels, and few enough for an SVG
 FREQUENCY_SHOWN = 1000.0  # [Hz]; contours of a few millimetres would stretch the axis a hundredfold
-ELEVATION, AZIMUTH = 22.0, -60.0  # [degree] of the eye
-
-
-def shown_poses(length: np.ndarray, normal: np.ndarray, count: int = POSES_SHOWN) -> np.ndarray:
-    """Poses to show: in each of `count` equal stretches the one of longest contour, as far as it faces the eye.
-
-    length: [m], shape [pose]; normal: of the palm, shape [pose, 3]. The first pose if none has a contour.
-    """
-    azimuth, elevation = np.radians([AZIMUTH, ELEVATION])
-    eye = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    seen = length * np.abs(normal @ eye)
-    best = [part[np.argmax(seen[part])] for part in np.array_split(np.arange(len(seen)), min(count, len(seen)))]
-    return np.array([i for i in best if seen[i] > 0] or [0])
-
-
-def require_picture(picture: Path, *, overwrite: bool, also: tuple[str, ...] = ()) -> None:
-    """Raise StrategyError for a name that is none of a picture, a file that is there unless `overwrite`, and no folder.
-
-    also: other suffixes that may be written.
-    """
-    if picture.suffix.lower() not in (*SUFFIXES, *also):
-        raise StrategyError(f"{picture}: must end in one of {', '.join((*SUFFIXES, *also))}")
-    if picture.exists() and not overwrite:
-        raise StrategyError(f"{picture}: exists; overwrite=True replaces it")
-    if not picture.parent.is_dir():
-        raise StrategyError(f"{picture}: cannot be written, as there is no folder {picture.parent}")
-
-
-def save_picture(figure: Any, picture: Path, *, dpi: int) -> None:
-    """Write a matplotlib figure whole or not at all; raises OSError."""
-    content = io.BytesIO()
-    figure.savefig(content, dpi=dpi, format=picture.suffix.lower().removeprefix("."))
-    write_file(picture, content.getbuffer())
+WIDTH = 9.6  # [inch]
+EDGE, OVERVIEW, GAP = 0.12, 2.1, 0.1  # [inch] margin, width of the overview, between scenes
+HEADING, OVERVIEW_MOST = 0.12, 3.2  # [inch] between its title and it, its height
+SCENE_MOST, SCENE_LEAST = 2.7, 1.5  # [inch] height of a scene
+TITLE, LEGEND_ROW, PLOT, PLOT_TITLE, PLOT_FOOT = 0.32, 0.2, 1.15, 0.3, 0.42  # [inch]
+LEGEND_COLUMNS = 4
+WIDE = 2.0  # [inch] of a scene whose contours are as thick as usual; narrower ones have thinner ones
+HEAD_MOST = 34  # characters over the overview
+FOOT = 0.09  # of a scene's height, below it, for the scale bar
+DPI = 150
 
 
 def draw_figure(
-    paths: dict[str, str | Path],
+    paths: Mapping[str, str | Path] | Sequence[str | Path],
     picture: str | Path,
     *,
     sampling: SamplingStrategy | None = None,
+    times: Sequence[float] | None = None,
+    view: str | Sequence[float] = "iso",
+    array: str | None = "emulator",
     overwrite: bool = False,
 ) -> None:
-    """Draw one picture of renderings of the same object and motion, by label, into a PNG, SVG or PDF.
+    """Draw one picture of renderings of the same object and motion into a PNG, SVG or PDF.
 
-    The contours shown are those of the last file. Raises StrategyError for another kind of picture, for one that is
-    there unless `overwrite`, and for files of different objects or motions; ContourFileError where a file cannot be
-    read, or the picture not be written.
+    paths: by label; a list of them gets labels that distinguish them (strategy, its options, hand, file). Each file has
+    a row of scenes, all at one scale. times: moments to show [s], or numbers of poses where the files have no times;
+    None: up to three distinct ones. view: iso, front, back, side, top, palm, or elevation and azimuth [degree]. array:
+    what stands below, as for `load_rig`; None: nothing.
+
+    Raises StrategyError for another kind of picture, for one that is there unless `overwrite`, for files of different
+    objects or motions, times outside the motion or without any contour, and an unknown view; DeviceError for an unknown
+    array; ContourFileError where a file cannot be read, a pose is not done yet, or the picture not be written.
 
     >>> from pathlib import Path
     >>> from palpate.render import draw_figure, render, static_pose
     >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
-    >>> draw_figure({"closed": path}, "cube.png", overwrite=True)
+    >>> draw_figure({"closed": path}, "cube.png", view="palm", overwrite=True)
     >>> [picture.name for picture in Path().glob("*.png")]
     ['cube.png']
     """
+    picture = require_path(picture, "the picture")
+    require_picture(picture, overwrite=overwrite)
+    figure = contour_figure(paths, sampling=sampling, times=times, view=view, array=array)
+    write_picture(picture_bytes(figure, picture.suffix.lower().removeprefix("."), dpi=DPI), picture)
+
+
+def contour_figure(
+    paths: Mapping[str, str | Path] | Sequence[str | Path],
+    *,
+    sampling: SamplingStrategy | None = None,
+    times: Sequence[float] | None = None,
+    view: str | Sequence[float] = "iso",
+    array: str | None = "emulator",
+) -> Any:
+    """The picture that `draw_figure` writes, as a matplotlib figure."""
     import matplotlib as mpl  # 0.7 s that only pictures cost
+
+    eye, models = SceneView.of(view), models_of(array)
+    with ExitStack() as stack, mpl.rc_context(style()):
+        renderings = opened(paths, stack)
+        poses = shown_poses(renderings, times, eye)
+        return _draw(renderings, poses, eye, models, sampling or SamplingStrategy())
+
+
+def models_of(array: str | None) -> list[ArrayModel]:
+    """The arrays by name or from a file; none for None."""
+    return [] if array is None else [placed.model for placed in load_rig(array)]
+
+
+@dataclass(frozen=True)
+class SceneLayout:
+    """Where the parts of a picture are [inch], and what its scenes show [mm]."""
+
+    rows: int
+    columns: int
+    extents: np.ndarray
+    """Lowest and highest places of what each scene shows [mm], shape [row, column, 2, 2]."""
+    legend_entries: int
+
+    @property
+    def left(self) -> float:
+        """Left side of the first scene."""
+        return EDGE + OVERVIEW + GAP + (0.15 if self.rows > 1 else 0.0)
+
+    @property
+    def scene(self) -> tuple[float, float]:
+        """Width and height of a scene."""
+        width = (WIDTH - self.left - EDGE - GAP * (self.columns - 1)) / self.columns
+        half = _limits(self.extents)[1]
+        return width, float(np.clip(width * half[1] / half[0], SCENE_LEAST, SCENE_MOST))
+
+    @property
+    def foot(self) -> float:
+        """Where the scenes end, from the top."""
+        return TITLE + self.rows * self.scene[1] + (self.rows - 1) * GAP
+
+    @property
+    def plots(self) -> float:
+        """Where the diagrams begin, from the top."""
+        return self.foot + -(-self.legend_entries // LEGEND_COLUMNS) * LEGEND_ROW + 0.1 + PLOT_TITLE
+
+    @property
+    def height(self) -> float:
+        """Of the picture."""
+        return self.plots + PLOT + PLOT_FOOT
+
+    def place(self, left: float, top: float, width: float, height: float) -> tuple[float, float, float, float]:
+        """A rectangle as matplotlib takes it."""
+        return left / WIDTH, 1 - (top + height) / self.height, width / WIDTH, height / self.height
+
+    def scene_place(self, row: int, column: int) -> tuple[float, float, float, float]:
+        """A scene's rectangle."""
+        width, height = self.scene
+        return self.place(self.left + column * (width + GAP), TITLE + row * (height + GAP), width, height)
+
+
+def _draw(
+    renderings: Renderings, poses: np.ndarray, view: SceneView, models: list[ArrayModel], sampling: SamplingStrategy
+) -> Any:
     from matplotlib.figure import Figure
 
-    if not isinstance(paths, Mapping):  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts give one path
-        raise StrategyError(f"files must be given by label, as in {{'closed': 'tube.h5'}}, not {value_text(paths)}")
-    picture, files = require_path(picture, "the picture"), {label: Path(path) for label, path in paths.items()}
-    require_picture(picture, overwrite=overwrite)
-    _refuse_unlike(list(files.values()))
-    sampling = sampling or SamplingStrategy()
-    with mpl.rc_context({"font.size": 8, "axes.spines.top": False, "axes.spines.right": False}):
-        figure = Figure(figsize=(9.6, 5.2), layout="constrained")
-        parts = figure.add_gridspec(2, 1, height_ratios=[1.7, 1])
-        top, bottom = figure.add_subfigure(parts[0]), figure.add_subfigure(parts[1])
-        length_axes, frequency_axes = bottom.subplots(1, 2, sharex=True)
-        time = None
-        for k, (label, path) in enumerate(files.items()):
-            with ContourFile(path) as file:
-                length = _lengths(file)
-                time = file.motion().get("time")
-                across = np.arange(len(length)) if time is None else time
-                if k == len(paths) - 1:
-                    _draw_scenes(top, file, length, across, "pose {:.0f}" if time is None else "{:.2f} s")
-            style = {
-                "lw": 0.9,
-                "label": visible(label),
-                "color": LINES[k % len(LINES)],
-                "marker": "." if len(length) < 3 else "",
-            }
-            length_axes.plot(across, 1e3 * length, **style)
-            frequency_axes.plot(across, sampling.draw_frequency(length), **style)
-        frequency_axes.set_yscale("log")
-        low, high = frequency_axes.get_ylim()
-        frequency_axes.set_ylim(min(low, 10.0), min(max(high, 100.0), FREQUENCY_SHOWN))
-        length_axes.set_title("length [mm]", fontsize=8, loc="left")
-        frequency_axes.set_title(f"draw frequency at {sampling.speed:g} m/s [Hz]", fontsize=8, loc="left")
-        for axes in (length_axes, frequency_axes):
-            axes.set_xlabel("pose" if time is None else "time [s]")
-        handles, labels = length_axes.get_legend_handles_labels()
-        legend = bottom.legend(handles, labels, loc="outside upper right", frameon=False, ncols=len(paths))
-        for text in legend.get_texts():
-            text.set_parse_math(False)  # names of files are no formulas; the ticks of the logarithmic axis are
-        try:
-            save_picture(figure, picture, dpi=120)
-        except OSError as error:
-            raise ContourFileError(f"{picture}: the picture cannot be written ({error.strerror or error})") from error
+    sources = renderings.sources
+    shown = [model for model in models if is_near(model, sources[0])]
+    handles = legend_handles(sources, [source.batch(int(i)) for source in sources for i in poses], models, shown)
+    extents = np.array([[extent_of(source, int(i), view) for i in poses] for source in sources])
+    layout = SceneLayout(len(sources), len(poses), extents, len(handles))
+    figure = Figure(figsize=(WIDTH, layout.height))
+    _draw_setting(figure, layout, renderings, poses, view, shown)
+    _draw_scenes(figure, layout, renderings, poses, view)
+    figure.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 1 - (layout.foot + 0.05) / layout.height),
+        ncols=LEGEND_COLUMNS, frameon=False, fontsize=7.5, handlelength=2.2, columnspacing=1.6, borderaxespad=0,
+        labelspacing=0.35,
+    )  # fmt: skip
+    wide = (WIDTH - 2 * EDGE - 1.1) / 2
+    places = [layout.place(EDGE + 0.4 + k * (wide + 0.6), layout.plots, wide, PLOT) for k in range(2)]
+    _draw_plots([figure.add_axes(place) for place in places], renderings, poses, sampling)
+    return figure
 
 
-def _refuse_unlike(paths: list[Path]) -> None:
-    """Refuse files whose lengths cannot stand in one diagram."""
-    recipes = []
-    for path in paths:
-        with ContourFile(path) as file:
-            recipes.append(file.recipe)
-    for path, recipe in zip(paths, recipes, strict=True):
-        for field in ("object", "representation", "motion", "object motion"):  # some files have only two of them
-            if recipe.get(field) != recipes[0].get(field):
-                raise StrategyError(f"{path} is of another {field} than {paths[0]}: they do not belong in one picture")
+def _draw_setting(
+    figure: Any, layout: SceneLayout, renderings: Renderings, poses: np.ndarray, view: SceneView, models: list
+) -> None:
+    """The overview, with what the picture is of over it."""
+    source = renderings.sources[0]
+    high = min(layout.foot - TITLE - HEADING, OVERVIEW_MOST)
+    axes = figure.add_axes(layout.place(EDGE, TITLE + HEADING, OVERVIEW, high))
+    draw_overview(axes, source, poses, view, models, OVERVIEW / high)
+    draw_scale(axes, SceneView(view.elevation, view.azimuth).basis() if view.follows_palm else None)
+    words = ", ".join([hand_text(source.file.hand), *(renderings.labels if layout.rows == 1 else [])])
+    for text, down, weight in ((str(source.solid["name"]), 0.2, "bold"), (words, 0.34, "normal")):
+        shown = short_text(text, HEAD_MOST)
+        figure.text(EDGE / WIDTH, 1 - down / layout.height, shown, fontsize=8, fontweight=weight, parse_math=False)
 
 
-def _lengths(file: ContourFile) -> np.ndarray:
-    """Length of each pose's contours [m]; NaN where a pose is not done yet."""
-    length = np.full(file.pose_count, np.nan)
-    for first, stop in file.done:
-        length[first:stop] = file.metrics(first, stop)["length"]
-    return length
+def _draw_scenes(figure: Any, layout: SceneLayout, renderings: Renderings, poses: np.ndarray, view: SceneView) -> None:
+    """A row of scenes for each file."""
+    (middle, half), (width, height) = _limits(layout.extents), layout.scene
+    line_width = WIDTH_OF_LINES * min(1.0, max(width / WIDE, 0.55))
+    for r, source in enumerate(renderings.sources):
+        for c, index in enumerate(poses.tolist()):
+            axes = figure.add_axes(layout.scene_place(r, c))
+            set_limits(axes, middle[r, c], _fitted(half, width / height))
+            draw_scene(axes, source, index, view, line_width=line_width)
+            if r == 0:
+                axes.set_title(f"{letter(c)}   {renderings.moments.text(index)}", fontsize=8, loc="left", pad=4)
+            if r == 0 and c == 0:  # all scenes have this scale
+                draw_scale(axes, None if view.follows_palm else view.basis())
+            if c == 0 and layout.rows > 1:
+                look = {"rotation": 90, "fontsize": 8, "fontweight": "bold", "color": INK, "parse_math": False}
+                axes.text(-0.02, 0.5, renderings.labels[r], transform=axes.transAxes, ha="right", va="center", **look)
 
 
-def _draw_scenes(figure, file: ContourFile, length: np.ndarray, across: np.ndarray, title: str) -> None:
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+def _limits(extents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Middles of the scenes [mm], shape [row, column, 2], and what all of them show to each side of it [mm].
 
-    solid, hand, pose = file.object(), hand_from(file.hand, file.hand_arrays()), file.motion()["pose"]
-    poses = shown_poses(np.nan_to_num(length), rotate(pose[:, 3:], np.array([0.0, 1.0, 0.0])))
-    drawn = np.nan_to_num(length)[poses] > 0
-    meshes = [1e3 * object_at(solid, int(i)) for i in poses]
-    skins = [1e3 * skin_at(hand, pose[i : i + 1], int(i)) for i in poses]
-    shown = [*meshes, *(skin for skin, is_drawn in zip(skins, drawn, strict=True) if is_drawn)]
-    extent = np.concatenate([polygons.reshape(-1, 3) for polygons in shown])
-    middle, reach = (extent.min(axis=0) + extent.max(axis=0)) / 2, 0.5 * np.ptp(extent, axis=0).max()
-    for k, (i, triangles, palm) in enumerate(zip(poses, meshes, skins, strict=True)):
-        axes = figure.add_subplot(1, len(poses), k + 1, projection="3d")
-        axes.computed_zorder = False  # contours over the palm over the object: sorting by depth hides them in turn
-        axes.add_collection3d(Poly3DCollection(triangles, facecolors=COLOURS["mesh"], alpha=0.1, shade=True, zorder=1))
-        if drawn[k]:
-            batch = ContourBatch.from_arrays(file.contours(int(i), int(i) + 1))
-            last = batch.polyline_start[1:] - 1
-            segment = np.setdiff1d(np.arange(batch.point_count), last)
-            ends = 1e3 * np.stack([batch.points[segment], batch.points[segment + 1]], axis=1)
-            colours = [COLOURS[KIND_NAMES[kind]] for kind in batch.kind[segment]]
-            skin = Poly3DCollection(list(palm), facecolor=COLOURS["palm"], edgecolor="none", alpha=0.4, zorder=2)
-            axes.add_collection3d(skin)
-            axes.add_collection3d(Line3DCollection(list(ends), colors=colours, lw=2.2, capstyle="round", zorder=3))
-        for name, m in zip("xyz", middle, strict=True):
-            getattr(axes, f"set_{name}lim")(m - reach, m + reach)
-        axes.set_box_aspect((1, 1, 1), zoom=1.35)
-        axes.view_init(elev=ELEVATION, azim=AZIMUTH)
-        axes.set_axis_off()
-        axes.set_title(title.format(across[i]) if drawn[k] else "no contour", fontsize=8)
-    if drawn.any():
-        from matplotlib.lines import Line2D
-
-        made = any(file.metrics(int(i), int(i) + 1)["length_made"][0] > 0 for i in poses[drawn])
-        names = ("object's contour", "hand's boundary inside it", "made of them")[: 3 if made else 2]
-        lines = [Line2D([], [], color=COLOURS[kind], lw=2.2) for kind in KIND_NAMES[: len(names)]]
-        figure.legend(lines, names, loc="outside lower center", ncols=len(names), frameon=False)
+    extents: lowest and highest places, shape [row, column, 2, 2].
+    """
+    foot = FOOT * np.ptp(extents[..., 1], axis=2)[..., None, None] * [[0.0, 1.0], [0.0, 0.0]]  # for the scale bar
+    held = extents - foot
+    return held.mean(axis=2), 1.03 * np.ptp(held, axis=2).reshape(-1, 2).max(axis=0) / 2
 
 
-def object_at(solid: dict, pose: int) -> np.ndarray:
-    """Triangles of a file's object at a pose [m], shape [face, 3, 3]."""
-    vertices = solid["vertices"]
-    if "moved" in solid:
-        middle = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64).mean(axis=0)
-        place = solid["moved"][pose].astype(np.float64)
-        vertices = place[:3] + rotate(place[3:], vertices - middle)
-    return vertices[solid["faces"]]
+def _fitted(half: np.ndarray, aspect: float) -> np.ndarray:
+    """Half extents that are as wide as `aspect` times their height, and hold those given."""
+    return np.array([max(half[0], half[1] * aspect), max(half[1], half[0] / aspect)])
 
 
-def skin_at(hand: Hand, pose: np.ndarray, row: int) -> np.ndarray:
-    """Polygons of the skin at a pose [m], shape [polygon, corner, 3]: patches that are there, or triangles."""
-    if isinstance(hand, MeshHand):
-        return hand.triangles(pose, row)[0]
-    patches = hand.corners(pose, row)[0]
-    return patches[np.isfinite(patches).all(axis=(1, 2))]
+def _draw_plots(plots: list[Any], renderings: Renderings, poses: np.ndarray, sampling: SamplingStrategy) -> None:
+    """Length and draw frequency over time, with the moments that are shown."""
+    length_axes, frequency_axes = plots
+    across = renderings.across
+    for k, (label, length) in enumerate(zip(renderings.labels, renderings.lengths, strict=True)):
+        look = {"lw": 0.9, "color": LINES[k % len(LINES)], "ls": DASHES[(k // len(LINES) + k) % len(DASHES)]}
+        if len(length) < 3:
+            look |= {"marker": "o", "ms": 3.5}
+        rows = shown_rows(length)
+        length_axes.plot(across[rows], 1e3 * length[rows], label=label, **look)
+        frequency_axes.plot(across[rows], sampling.draw_frequency(length[rows]), **look)
+    frequency_axes.set_yscale("log")
+    low, high = frequency_axes.get_ylim()
+    frequency_axes.set_ylim(min(low, 10.0), min(max(high, 100.0), FREQUENCY_SHOWN))
+    length_axes.set_ylim(bottom=0.0)
+    length_axes.set_title("length of the contours [mm]", fontsize=8, loc="left")
+    frequency_axes.set_title(f"draw frequency at {sampling.speed:g} m/s [Hz]", fontsize=8, loc="left")
+    for axes in plots:
+        axes.set_xlabel("pose" if renderings.moments.time is None else "time [s]", labelpad=1)
+        axes.set_xlim(*_span(across))
+        for index in poses:
+            axes.axvline(across[index], color=FAINT, lw=0.6, ls=(0, (2, 2)), zorder=0)
+    where = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    for k, index in enumerate(poses):
+        length_axes.annotate(letter(k), (across[index], 1.0), (1.5, -1), fontsize=7, va="top", **where)
+    if len(renderings.labels) > 1:
+        _draw_line_legend(frequency_axes, *length_axes.get_legend_handles_labels())
+
+
+def _draw_line_legend(axes: Any, handles: list[Any], labels: list[str]) -> None:
+    """What the lines over time are of, over a diagram."""
+    legend = axes.legend(
+        handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=min(4, len(labels)),
+        fontsize=7.5, handlelength=2.6, columnspacing=1.2, borderaxespad=0.1,
+    )  # fmt: skip
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # names of files are no formulas; the ticks of the logarithmic axis are
+
+
+def shown_rows(length: np.ndarray, most: int = POINTS_MOST) -> np.ndarray:
+    """The poses that a line over time has: all, or of many the shortest and the longest of equal ranges; in order."""
+    if len(length) <= most:
+        return np.arange(len(length))
+    known = np.isfinite(length)
+    starts = np.linspace(0, len(length), most // 2 + 1).astype(int)
+    ranges = [slice(a, b) for a, b in pairwise(starts.tolist())]
+    low = [part.start + np.argmin(np.where(known[part], length[part], np.inf)) for part in ranges]
+    high = [part.start + np.argmax(np.where(known[part], length[part], -np.inf)) for part in ranges]
+    return np.unique([*low, *high])
+
+
+def _span(across: np.ndarray) -> tuple[float, float]:
+    """What an axis of times or poses shows."""
+    beyond = 0.01 * float(across[-1] - across[0]) or 0.5
+    return float(across[0]) - beyond, float(across[-1]) + beyond

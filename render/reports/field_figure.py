@@ -9,7 +9,7 @@ import numpy as np
 from ...datasets.errors import ContourFileError
 from ..acoustics.sampled_places import SampledPlane
 from ..acoustics.skin_print import SkinPrint
-from .contour_figure import require_picture, save_picture
+from .picture_style import require_picture, save_picture
 
 COLOURS = "inferno"
 LINE = "#7fd6ff"  # stands out on dark and on bright

@@ -9,7 +9,7 @@ from ..acoustics.noise import NoiseSignal
 from ..acoustics.spectrum import RATE, NoiseSpectrum, resampled
 from ..errors import StrategyError
 from ..terminal.foreign_text import visible
-from .contour_figure import LINES, save_picture
+from .picture_style import LINES, save_picture
 
 SHOWN = (40.0, 12_000.0)  # [Hz]
 STEP = 0.1  # [s] of a level over time

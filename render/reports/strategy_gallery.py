@@ -1,15 +1,15 @@
 """Every intersection strategy side by side: a list of them, and a picture on the same object and palm."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...datasets.errors import ContourFileError
 from ...datasets.known_names import unknown_name
-from ..contour_batch import HAND, MADE, ContourBatch
+from ...datasets.storage.schema import KIND_NAMES
+from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..hands.hand import Palm, PatchFrames
 from ..hands.mesh_hand import MeshHand
@@ -18,15 +18,17 @@ from ..objects.mesh.solid_mesh import MeshObject
 from ..sampling.contour_sampling import SamplingStrategy
 from ..sampling.path import Path as ContourPath
 from ..sampling.track import lay_track
-from ..stages.polyline_arrays import divided
-from ..stages.registry import ROLES, first_line, known_stages
+from ..stages.registry import ROLES, find_stage, first_line, known_stages
 from ..strategies.intersection_strategy import PRESETS, IntersectionStrategy
-from .contour_figure import COLOURS, require_picture, save_picture
+from .contour_lines import WIDTH, draw_contours, varies
+from .picture_style import COLOURS, INK, picture_bytes, require_picture, style, write_picture
+from .rendering_labels import short_text
 
-MADE_COLOUR = "#6a4c93"
 COLUMNS = 5
 WRAPPED = 40  # characters of a line of text over a panel
-FINE = 1e-3  # [m] of the pieces that intensity is shown by
+NAME_MOST = 22  # characters of a title
+STRATEGIES_MOST = 12
+GREY, DPI = "#444444", 120
 POSE = np.array([[0.0, 0.0, 0.2, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]], np.float32)  # palm down, 20 cm high
 ANGLE = [(-60, -30), (32, -30), (32, 0), (0, 0), (0, 52), (-60, 52)]  # [mm]; two legs, wider than the palm
 HOLE, PEG = (12.0, (-22.0, 17.0)), (11.0, (24.0, 25.0))  # [mm] radius and middle
@@ -77,6 +79,14 @@ def shown_block(hand: Palm) -> MeshHand:
     return MeshHand(vertices.astype(np.float32), faces, glabrous=palm, name="block")
 
 
+class Panel(NamedTuple):
+    """One strategy of a picture."""
+
+    title: str
+    text: str
+    strategy: IntersectionStrategy
+
+
 def draw_gallery(
     picture: Path, *, names: Sequence[str] | None = None, device: str = "cpu", overwrite: bool = False
 ) -> None:
@@ -85,47 +95,105 @@ def draw_gallery(
     Raises StrategyError for another kind of picture, one that is there unless `overwrite`, or an unknown name;
     ContourFileError where it cannot be written.
     """
-    import matplotlib as mpl  # 0.7 s that only pictures cost
-    from matplotlib.figure import Figure
-
     require_picture(picture, overwrite=overwrite)
     lines = dict(strategy_rows())
     for name in names or ():
         if name not in lines:
             raise StrategyError(unknown_name("strategy", name, lines))
-    shown = list(names or lines)
+    panels = [Panel(name, lines[name], PRESETS[name]()) for name in names or lines]
+    _write(gallery_figure(panels, device=device), picture)
+
+
+def draw_strategies(
+    picture: Path, strategies: Mapping[str, IntersectionStrategy], *, device: str = "cpu", overwrite: bool = False
+) -> None:
+    """Draw strategies by name on the gallery's object and palm, each after the raw intersection that it begins with.
+
+    Raises StrategyError for no strategy, more than STRATEGIES_MOST, another kind of picture, and one that is there
+    unless `overwrite`; ContourFileError where it cannot be written.
+    """
+    require_picture(picture, overwrite=overwrite)
+    _write(strategies_figure(strategies, device=device), picture)
+
+
+def strategies_figure(strategies: Mapping[str, IntersectionStrategy], *, device: str = "cpu") -> Any:
+    """The picture that `draw_strategies` writes, as a matplotlib figure."""
+    if not 1 <= len(strategies) <= STRATEGIES_MOST:
+        raise StrategyError(f"a picture shows 1 to {STRATEGIES_MOST} strategies, not {len(strategies)}")
+    return gallery_figure(_with_raw(strategies), device=device)
+
+
+def _with_raw(strategies: Mapping[str, IntersectionStrategy]) -> list[Panel]:
+    """Strategies, each after its raw intersection unless a panel before shows that."""
+    panels: list[Panel] = []
+    for name, strategy in strategies.items():
+        raw = IntersectionStrategy(raw=strategy.raw_stage, step=strategy.step, modules=strategy.modules)
+        title = short_text(name, NAME_MOST)
+        if all(panel.strategy != raw for panel in panels):
+            line = find_stage("raw", raw.raw_stage.name).line
+            panels.append(Panel(title if strategy == raw else f"raw: {raw.raw_stage.name}", line, raw))
+        if strategy != raw:
+            panels.append(Panel(title, _stages_text(strategy), strategy))
+    return panels
+
+
+def _stages_text(strategy: IntersectionStrategy) -> str:
+    """The stages after the raw intersection, in words."""
+    parts = []
+    for role in ("prune", "transform"):
+        for stage in strategy.stages()[role]:
+            options = find_stage(role, stage.name).options
+            values = [f", {key} {_value_text(value)} {options[key].unit}" for key, value in stage.options.items()]
+            parts.append(stage.name + "".join(value.rstrip() for value in values))
+    return textwrap.shorten(short_text(" + ".join(parts), 400), 2 * WRAPPED, placeholder=" …")
+
+
+def _value_text(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def gallery_figure(panels: Sequence[Panel], *, device: str = "cpu") -> Any:
+    """Strategies side by side on the same object and palm, and what the marks mean, as a matplotlib figure."""
+    import matplotlib as mpl  # 0.7 s that only pictures cost
+    from matplotlib.figure import Figure
+
     solid, hand = shown_object(), Palm()
     frames = hand.frames(POSE)
     section = _flat(render(solid, hand, POSE, IntersectionStrategy(), device=device), frames)
-    rows = -(-(len(shown) + 1) // COLUMNS)
-    with mpl.rc_context({"font.size": 7, "text.parse_math": False}):
-        figure = Figure(figsize=(10.0, 2.2 * rows))
+    columns = min(COLUMNS, max(len(panels) + 1, 3))
+    rows = -(-(len(panels) + 1) // columns)
+    with mpl.rc_context(style(**{"font.size": 7, "text.parse_math": False})):
+        figure = Figure(figsize=(2.0 * columns, 2.2 * rows))
         figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.985))  # titles reach higher than it thinks
-        panels = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
-        for axes in panels:
+        places = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axes in places:
             axes.set_axis_off()
-        for axes, name in zip(panels, shown, strict=False):
+        batches = []
+        for axes, panel in zip(places, panels, strict=False):
             _draw_background(axes, section, frames)
-            strategy = PRESETS[name]()
-            needs_solid = strategy.raw_stage.name == "overlap"  # not for patches
-            batch = render(solid, shown_block(hand) if needs_solid else hand, POSE, strategy, device=device)
-            _draw_contours(axes, batch, frames)
+            needs_solid = panel.strategy.raw_stage.name == "overlap"  # not for patches
+            batch = render(solid, shown_block(hand) if needs_solid else hand, POSE, panel.strategy, device=device)
+            batches.append(batch)
+            _draw_panel(axes, batch, frames)
             if needs_solid:
                 note = f"the hand a block {1e3 * DEEP:g} mm deep, from above"
-                told_below = axes.text(
-                    0.0, -0.01, note, transform=axes.transAxes, fontsize=6, color="#444444", va="top"
-                )
-                told_below.set_in_layout(False)
-            told = textwrap.wrap(lines[name], WRAPPED)
-            told += [""] * (2 - len(told))
-            axes.set_title(name, fontsize=9, fontweight="bold", loc="left", pad=9 * len(told) + 3)
-            place = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "xytext": (0, 3), "textcoords": "offset points"}
-            axes.annotate("\n".join(told), **place, fontsize=6.5, color="#444444", va="bottom")
-        _draw_legend(panels[len(shown)])
-        try:
-            save_picture(figure, picture, dpi=110)
-        except OSError as error:
-            raise ContourFileError(f"{picture}: the picture cannot be written ({error.strerror or error})") from error
+                below = axes.text(0.0, -0.01, note, transform=axes.transAxes, fontsize=6, color=GREY, va="top")
+                below.set_in_layout(False)
+            _draw_title(axes, panel)
+        _draw_legend(places[len(panels)], batches)
+    return figure
+
+
+def _write(figure: Any, picture: Path) -> None:
+    write_picture(picture_bytes(figure, picture.suffix.lower().removeprefix("."), dpi=DPI), picture)
+
+
+def _draw_title(axes: Any, panel: Panel) -> None:
+    lines = textwrap.wrap(panel.text, WRAPPED)[:2]
+    lines += [""] * (2 - len(lines))
+    axes.set_title(panel.title, fontsize=9, fontweight="bold", loc="left", pad=9 * len(lines) + 3)
+    place = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "xytext": (0, 3), "textcoords": "offset points"}
+    axes.annotate("\n".join(lines), **place, fontsize=6.5, color=GREY, va="bottom")
 
 
 def _flat(batch: ContourBatch, frames: PatchFrames) -> list[np.ndarray]:
@@ -158,51 +226,47 @@ def _draw_background(axes: Any, section: list[np.ndarray], frames: PatchFrames) 
     axes.set_aspect("equal")
 
 
-def _draw_contours(axes: Any, batch: ContourBatch, frames: PatchFrames) -> None:
+def _draw_panel(axes: Any, batch: ContourBatch, frames: PatchFrames) -> None:
     """Contours by kind and intensity, pauses as dots, jumps dotted."""
-    from matplotlib.collections import LineCollection
-
-    path = ContourPath.of(batch, 0)
-    if path is None:
+    if not batch.point_count:
         axes.text(0, 0, "no contour", ha="center", va="center")
         return
-    fine = divided(batch, FINE)
-    last = fine.polyline_start[1:] - 1
-    here = np.setdiff1d(np.arange(fine.point_count), last)
-    flat = in_plane(fine.points, frames)
-    strength = np.ones(len(flat)) if fine.intensity is None else fine.intensity
-    strength = 0.5 * (strength[here] + strength[here + 1])
-    colours = [{HAND: COLOURS["hand"], MADE: MADE_COLOUR}.get(k, COLOURS["object"]) for k in fine.kind[here].tolist()]
-    ends = np.stack([flat[here], flat[here + 1]], axis=1)
-    axes.add_collection(
-        LineCollection(
-            list(ends), colors=colours, lw=0.4 + 2.0 * strength**1.5, alpha=0.25 + 0.75 * strength, capstyle="round"
-        )
-    )
-    if batch.dwell is not None:
-        rests = in_plane(batch.points[batch.dwell > 0], frames)
-        axes.plot(rests[:, 0], rests[:, 1], "o", ms=4.5, color="#222222", mec="white", mew=0.6, zorder=5)
+    draw_contours(axes, batch, lambda points: in_plane(points, frames))
+    for way in _jumps(batch, frames):
+        axes.plot(*way.T, ":", color=INK, lw=0.9, zorder=4)
+
+
+def _jumps(batch: ContourBatch, frames: PatchFrames) -> list[np.ndarray]:
+    """Ways of more than a millimetre that the focal point jumps [mm], each of shape [2, 2]."""
+    path = ContourPath.of(batch, 0)
+    if path is None:
+        return []
     track = lay_track(path, SamplingStrategy())
     jump = np.flatnonzero((np.diff(track.knot) <= 0) & (track.step != 0).any(axis=1))
-    ways = [track.points[i : i + 2] for i in jump] + [track.points[[-1, 0]]]
-    for way in ways:
-        x, y = in_plane(way, frames).T
-        if np.hypot(x[1] - x[0], y[1] - y[0]) > 1.0:
-            axes.plot(x, y, ":", color="#222222", lw=0.9, zorder=4)
+    ways = [in_plane(way, frames) for way in (*(track.points[i : i + 2] for i in jump), track.points[[-1, 0]])]
+    return [way for way in ways if np.linalg.norm(way[1] - way[0]) > 1.0]
 
 
-def _draw_legend(axes: Any) -> None:
+def _draw_legend(axes: Any, batches: Sequence[ContourBatch]) -> None:
+    """What the marks mean that are in the panels."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles = [
-        Line2D([], [], color=COLOURS["object"], lw=2.2, label="the object's edge"),
-        Line2D([], [], color=COLOURS["hand"], lw=2.2, label="the hand's edge"),
-        Line2D([], [], color=MADE_COLOUR, lw=2.2, label="made by a transformation"),
-        Line2D([], [], color="#666666", lw=0.7, alpha=0.6, label="thin and pale: weak"),
-        Line2D([], [], color="#222222", marker="o", ls="", ms=4.5, label="pause"),
-        Line2D([], [], color="#222222", ls=":", lw=0.9, label="jump, not drawn"),
-        Patch(facecolor=COLOURS["palm"], alpha=0.28, label="palm, 85 x 85 mm"),
+    kinds = {int(k) for batch in batches for k in batch.kind.tolist()}
+    frames = Palm().frames(POSE)
+    texts = ("the object's edge", "the hand's edge", "made by a transformation")
+    handles: list[Any] = [
+        Line2D([], [], color=COLOURS[KIND_NAMES[k]], lw=WIDTH, label=texts[k]) for k in range(3) if k in kinds
+    ]
+    if any(varies(batch) for batch in batches):
+        handles.append(Line2D([], [], color="#666666", lw=0.7, alpha=0.6, label="thin and pale: weak"))
+    if any(batch.dwell is not None and (batch.dwell > 0).any() for batch in batches):
+        handles.append(Line2D([], [], color=INK, marker="o", ls="", ms=4.5, mec="white", label="pause"))
+    if any(_jumps(batch, frames) for batch in batches):
+        handles.append(Line2D([], [], color=INK, ls=":", lw=0.9, label="jump, not drawn"))
+    u, v = 2e3 * frames.half[0]
+    handles += [
+        Patch(facecolor=COLOURS["palm"], alpha=0.28, label=f"palm, {u:g} x {v:g} mm"),
         Patch(facecolor=COLOURS["mesh"], alpha=0.3, label="section of the object"),
     ]
     axes.legend(handles=handles, loc="center left", frameon=False, fontsize=7.5)

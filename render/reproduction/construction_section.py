@@ -8,7 +8,7 @@ from ..contour_batch import HAND, OBJECT, ContourBatch
 from ..hands.hand import Palm, PatchFrames
 from ..intersection.batch_rendering import render
 from ..objects.mesh.solid_mesh import MeshObject
-from ..reports.contour_figure import COLOURS
+from ..reports.picture_style import COLOURS
 from ..reports.strategy_gallery import POSE, in_plane
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
 from .pictures import drawing, picture_uri

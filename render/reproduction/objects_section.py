@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..objects.mesh.solid_mesh import MeshObject
-from ..reports.contour_figure import AZIMUTH, ELEVATION
+from ..reports.scene_view import NAMED
 from .paper_numbers import OBJECTS
 from .pictures import drawing, picture_uri
 from .sections import ReportPicture, ReportRow, ReportSection
@@ -81,5 +81,5 @@ def _draw_object(axes: Any, triangles: np.ndarray) -> None:
     for name, m in zip("xyz", middle, strict=True):
         getattr(axes, f"set_{name}lim")(m - 65, m + 65)
     axes.set_box_aspect((1, 1, 1), zoom=1.1)
-    axes.view_init(elev=ELEVATION, azim=AZIMUTH)
+    axes.view_init(elev=NAMED["iso"][0], azim=NAMED["iso"][1])
     axes.set_axis_off()

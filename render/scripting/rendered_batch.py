@@ -1,6 +1,7 @@
 """A batch of contours that knows its object, hand, motion and strategy: it samples, plays, shows and saves itself."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +22,7 @@ from ..playback.drive import DriveStrategy
 from ..playback.file_playback import Connection, Playback, play_contours
 from ..playback.focus_source import ContourSource
 from ..playback.placed_arrays import load_rig
+from ..reports.contour_animation import draw_animation
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import draw_frequencies
 from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined
@@ -29,6 +31,7 @@ from ..validation import require_path
 from .batch_tables import point_frame, pose_dataset, pose_frame
 from .likely_members import OF_BATCHES, LikelyMembers
 from .sampled_contours import SampledContours
+from .shown_picture import ShownPicture
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -110,20 +113,68 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         save_contours(path, Collected(scene, self, self.removed), motion, overwrite=overwrite)
         return Path(path)
 
-    def figure(self, path: str | Path, *, overwrite: bool = False) -> Path:
+    def figure(
+        self,
+        path: str | Path,
+        *,
+        times: Sequence[float] | None = None,
+        view: str | Sequence[float] = "iso",
+        array: str | None = "emulator",
+        overwrite: bool = False,
+    ) -> Path:
         """Draw contours on object and hand, their length and draw frequency, into a PNG, SVG or PDF; returns its path.
 
-        A notebook shows the same picture of a batch that is a cell's result.
+        times, view, array: as for `draw_figure`. A notebook shows the same picture of a batch that is a cell's result;
+        `show` gives it other moments.
         Raises StrategyError for another kind of picture, and for one that is there unless `overwrite`.
         """
         require_path(path, "the picture")
-        if self.source is not None:
-            draw_figure({self.name: self.source}, path, overwrite=overwrite)
-            return Path(path)
-        with TemporaryDirectory(prefix="palpate-") as folder:
-            file = self.save(Path(folder) / "contours.h5")
-            draw_figure({self.name: file}, path, overwrite=overwrite)
+        with self._file() as file:
+            draw_figure([file], path, times=times, view=view, array=array, overwrite=overwrite)
         return Path(path)
+
+    def show(
+        self,
+        times: Sequence[float] | None = None,
+        *,
+        view: str | Sequence[float] = "iso",
+        array: str | None = "emulator",
+    ) -> ShownPicture:
+        """The picture that `figure` writes, for a notebook, which shows what ends a cell.
+
+        >>> from palpate.render import exploration, render
+        >>> batch = render("cube", "palm", exploration("cube", duration=1.0, seed=1), "cc")
+        >>> batch.show(view="palm")
+        ShownPicture(PNG of 1440 x 692 pixels)
+        """
+        with TemporaryDirectory(prefix="palpate-") as folder:
+            picture = self.figure(Path(folder) / "batch.png", times=times, view=view, array=array)
+            return ShownPicture(picture.read_bytes())
+
+    def animation(
+        self,
+        path: str | Path,
+        *,
+        start: float | None = None,
+        stop: float | None = None,
+        frame_rate: float | None = None,
+        view: str | Sequence[float] = "iso",
+        overwrite: bool = False,
+    ) -> Path:
+        """Draw contours on object and hand over time into a GIF, as `draw_animation` does; returns its path."""
+        require_path(path, "the picture")
+        with self._file() as file:
+            draw_animation([file], path, start=start, stop=stop, frame_rate=frame_rate, view=view, overwrite=overwrite)
+        return Path(path)
+
+    @contextmanager
+    def _file(self) -> Iterator[Path]:
+        """The file that the batch was read from, or one that is removed afterwards."""
+        if self.source is not None:
+            yield self.source
+            return
+        with TemporaryDirectory(prefix="palpate-") as folder:
+            yield self.save(Path(folder) / "contours.h5")
 
     def sample(
         self,
@@ -238,8 +289,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         is_drawable = self.source is not None or (self.scene is not None and self.scene.points == "array")
         if len(self) > SHOWN_MOST or not self.point_count or not is_drawable:
             return None
-        with TemporaryDirectory(prefix="palpate-") as folder:
-            return self.figure(Path(folder) / "batch.png").read_bytes()
+        return self.show()._repr_png_()
 
     def _moved(self) -> HandMotion:
         """Poses; raises StrategyError for a batch that lost them."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import SweepError
-from ...reports.contour_figure import SUFFIXES, save_picture
+from ...reports.picture_style import SUFFIXES, save_picture
 from .layout import Axis, FigureLayout, View, choose_views
 from .table import AXIS_UNITS, is_missing
 

@@ -24,6 +24,7 @@ SEVERAL_MEANINGS = {
     "--dry-run": "of a sweep, of pruning",
     "--duration": "of an exploration, of a playback, of a stimulus",
     "--kind": "of a volume that is read, of one that is made",
+    "--label": "a part of a volume, or a file in a picture",
     "--out": "what is written",
     "--poses": "which of a file, how many of a measurement",
     "--repeats": "of a playback, of a measurement",

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from implicit_functions import ball
@@ -19,7 +18,8 @@ from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.functions.expression import box, sphere
-from palpate.render.reports.contour_figure import draw_figure, object_at
+from palpate.render.reports.contour_figure import draw_figure
+from palpate.render.reports.scene_drawing import object_at
 from palpate.render.stages.registry import Stage
 
 TUBE, CC = MeshObject.load("tube"), closed_contour()
@@ -89,8 +89,7 @@ def test_a_still_and_a_moving_object_are_not_drawn_in_one_picture(tmp_path):
         with pytest.raises(StrategyError, match=f"{second}.h5 is of another object motion than .*{first}.h5"):
             draw_figure({first: paths[first], second: paths[second]}, tmp_path / "picture.png")
     names = {r"a$\frac$": "moving", "b$": "again"}  # of files, which are no formulas
-    with mpl.rc_context({"svg.fonttype": "none"}):
-        draw_figure({shown: paths[name] for shown, name in names.items()}, tmp_path / "text.svg")
+    draw_figure({shown: paths[name] for shown, name in names.items()}, tmp_path / "text.svg")
     assert all(shown in (tmp_path / "text.svg").read_text() for shown in names)
 
 

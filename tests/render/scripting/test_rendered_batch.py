@@ -1,6 +1,7 @@
 """Batches that know what they are of: the same numbers as by files, and the other libraries' own readings."""
 
 import pickle
+import re
 import warnings
 from base64 import b64encode
 from copy import copy
@@ -203,6 +204,20 @@ def test_a_notebook_shows_picture_and_facts(batch):
     assert "<td>tube" in page
     assert repr(batch) in page
     assert render("cube", Palm(), static_pose([0, 0, 0.9]), "cc")._repr_png_() is None
+
+
+def test_a_notebook_shows_other_moments_from_other_sides(batch, tmp_path):
+    longest = float(batch.motion.time[batch.length().argmax()])
+    shown = batch.show([longest], view="palm", array=None)
+    assert shown._repr_png_().startswith(b"\x89PNG")
+    assert shown._repr_png_() != batch.show([longest], view="top", array=None)._repr_png_()
+    assert re.fullmatch(r"ShownPicture\(PNG of 1440 x \d+ pixels\)", repr(shown))
+    kept = batch.figure(tmp_path / "same.png", times=[longest], view="palm", array=None)
+    assert kept.read_bytes() == shown._repr_png_()
+    with pytest.raises(StrategyError, match="is outside"):
+        batch.show([1e6])
+    moving = batch.animation(tmp_path / "a.gif", start=longest - 0.1, stop=longest + 0.1, frame_rate=10)
+    assert moving.read_bytes().startswith(b"GIF89a")
 
 
 def test_points_in_patches_are_not_taken_for_those_of_the_array(tube, motion, tmp_path):

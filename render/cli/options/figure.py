@@ -1,0 +1,49 @@
+"""The command line of `palpate figure`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .array import Array
+from .output import Json, Overwrite, Quiet, run_job
+
+
+def figure(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Contour files of one object and motion.")],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="PICTURE", help="PNG, SVG or PDF to write; with --animate GIF.")
+    ],
+    times: Annotated[
+        str | None,
+        typer.Option(metavar="T,T,..", help="Moments to show [s], or pose numbers if there are no times; else chosen."),
+    ] = None,
+    view: Annotated[
+        str, typer.Option(metavar="NAME|EL,AZ", help="iso, front, back, side, top, palm, or angles in degrees: 30,-45.")
+    ] = "iso",
+    array: Array = "emulator",
+    no_array: Annotated[bool, typer.Option("--no-array", help="Leave out the array.")] = False,
+    label: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TEXT", help="Name of a file in the picture: one for each file, in their order."),
+    ] = None,
+    animate: Annotated[bool, typer.Option("--animate", help="Draw contours over time, as a GIF.")] = False,
+    start: Annotated[
+        float | None, typer.Option("--from", metavar="SECONDS", help="With --animate: where it begins [s].")
+    ] = None,
+    stop: Annotated[
+        float | None, typer.Option("--to", metavar="SECONDS", help="With --animate: where it ends [s].")
+    ] = None,
+    frame_rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="With --animate: frames a second [Hz], by default up to 12.5.")
+    ] = None,
+    width: Annotated[
+        int | None, typer.Option(metavar="PIXELS", help="With --animate: width of the picture, by default 720.")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Draw contours on hand and object at some moments, their length and draw frequency; or over time."""
+    options = {name: value for name, value in locals().items() if name not in ("files", "quiet", "json")}
+    run_job(".figure_command", "run_figure", files, options, json=json, quiet=quiet)

@@ -1,0 +1,70 @@
+"""What pictures of contours share: colours, text that stays text, and files that are written whole or not at all."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+from ...datasets.errors import ContourFileError
+from ...datasets.storage.durable import write_file
+from ..errors import StrategyError
+
+COLOURS = {"object": "#b1121f", "hand": "#3d9be0", "made": "#6a4c93", "mesh": "#8d99ae", "palm": "#f4a261"}
+"""Of contours by kind: their greys differ, too (lightness 38, 62, 38), and `made` seldom meets `object`."""
+LINES = ("#2b2d42", "#2a9d8f", "#9b5de5", "#bc6c25")  # of lengths and frequencies: not those of the contours
+DASHES = ("-", (0, (4, 1.2)), (0, (1.2, 1)), (0, (5, 1, 1, 1)))  # the same lines in greyscale
+INK, FAINT = "#222222", "#6b7280"
+SUFFIXES = (".png", ".svg", ".pdf")
+RASTER = 300  # [dots per inch] of what a vector picture holds as pixels: meshes of many triangles
+
+
+def style(**changes: Any) -> dict[str, Any]:
+    """Settings of matplotlib for a picture: text stays text in SVG and PDF, and names are no formulas."""
+    return {
+        "font.family": "DejaVu Sans",  # matplotlib's own, so that every machine draws the same
+        "font.size": 8,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "svg.fonttype": "none",
+        "svg.hashsalt": "palpate",  # ids of an SVG are the same each time
+        "pdf.fonttype": 42,
+        **changes,
+    }
+
+
+def require_picture(
+    picture: Path, *, overwrite: bool, also: tuple[str, ...] = (), only: tuple[str, ...] = SUFFIXES
+) -> None:
+    """Raise StrategyError for a name that is none of a picture, a file that is there unless `overwrite`, and no folder.
+
+    also: other suffixes that may be written.
+    """
+    if picture.suffix.lower() not in (*only, *also):
+        raise StrategyError(f"{picture}: must end in one of {', '.join((*only, *also))}")
+    if picture.exists() and not overwrite:
+        raise StrategyError(f"{picture}: exists; overwrite=True replaces it")
+    if not picture.parent.is_dir():
+        raise StrategyError(f"{picture}: cannot be written, as there is no folder {picture.parent}")
+
+
+def save_picture(figure: Any, picture: Path, *, dpi: int) -> None:
+    """Write a matplotlib figure whole or not at all; raises OSError."""
+    write_file(picture, picture_bytes(figure, picture.suffix.lower().removeprefix("."), dpi=dpi))
+
+
+def picture_bytes(figure: Any, kind: str, *, dpi: int) -> memoryview:
+    """A matplotlib figure as a PNG, SVG or PDF, the same bytes each time; vector pictures keep text as text."""
+    import matplotlib as mpl
+
+    undated = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
+    content = io.BytesIO()
+    with mpl.rc_context({name: style()[name] for name in ("svg.fonttype", "svg.hashsalt", "pdf.fonttype")}):
+        figure.savefig(content, dpi=dpi if kind == "png" else RASTER, format=kind, metadata=undated)
+    return content.getbuffer()
+
+
+def write_picture(content: bytes | memoryview, picture: Path) -> None:
+    """Write a picture's bytes whole or not at all; raises ContourFileError with the system's reason."""
+    try:
+        write_file(picture, content)
+    except OSError as error:
+        raise ContourFileError(f"{picture}: the picture cannot be written ({error.strerror or error})") from error

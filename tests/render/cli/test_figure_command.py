@@ -1,0 +1,148 @@
+"""`palpate figure` and `palpate strategies -o`: options, what is written, and a sentence for every mistake."""
+
+import json
+from pathlib import Path
+
+import pytest
+from command_line import MISUSED, answer, refused, run
+from PIL import Image
+
+from palpate.datasets.motions.hand_motion import exploration
+from palpate.render import MeshObject, render
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """OC, CC and a hatched contact of a cube that a palm explores for 2 s."""
+    folder = tmp_path_factory.mktemp("explored")
+    cube = MeshObject.load("cube")
+    motion = exploration(cube.bounds, duration=2.0, rate=30.0, seed=1)
+    return [render(cube, "palm", motion, name).save(folder / f"{name}.h5") for name in ("oc", "cc", "hatch")]
+
+
+def test_a_picture_has_the_times_views_labels_and_array_asked_for(files, tmp_path):
+    out = tmp_path / "a.svg"
+    options = (
+        "--times",
+        "0.4,0.6",
+        "--view",
+        "palm",
+        "--label",
+        "open one",
+        "--label",
+        "closed one",
+        "--array",
+        "pat16",
+    )
+    assert answer("figure", *files[:2], "-o", out, *options) == {"picture": str(out)}
+    content = out.read_text()
+    for text in ("open one", "closed one", "0.40 s", "0.60 s", "pat16, 256 transducers", "50 mm"):
+        assert text in content, text
+    refused(MISUSED, "exists", "figure", files[0], "-o", out)
+    answer("figure", *files, "-o", out, "--overwrite", "--no-array", "--view", "-30,45")
+    content = out.read_text()
+    assert "transducers" not in content
+    for text in ("oc", "cc", "hatch", "made by a stage"):
+        assert f">{text}<" in content, text
+
+
+def test_an_animated_picture_says_how_long_and_how_large_it_is(files, tmp_path):
+    out = tmp_path / "a.gif"
+    words = (
+        "figure",
+        files[1],
+        "-o",
+        out,
+        "--animate",
+        "--from",
+        "0.2",
+        "--to",
+        "1",
+        "--frame-rate",
+        "5",
+        "--width",
+        "300",
+    )
+    told = answer(*words)
+    with Image.open(out) as gif:
+        assert gif.n_frames == told["frames"] == 5
+        assert gif.size[0] == 300
+    assert told["duration"] == pytest.approx(1.0)
+    assert told["bytes"] == out.stat().st_size
+    refused(MISUSED, "exists", *words)
+
+
+MISTAKES = {
+    "--times 9": "time 9 s is outside",
+    "--times 0.4,x": "--times must be numbers with commas between",
+    "--times 0,0.01": "shows pose 0 again",
+    "--view upside": "unknown view 'upside'",
+    "--view 100,0": "between -90 and 90 degrees",
+    "--array nosuch": "unknown array 'nosuch'",
+    "--label one": "--label must be given once for each file: 1 for 2 files",
+    "--label one --label one": "two files are named alike",
+    "--from 1": "--from is of an animated picture: add --animate",
+    "--width 300": "--width is of an animated picture",
+    "--animate": "must end in one of .gif",
+}
+
+
+@pytest.mark.parametrize("options", MISTAKES)
+def test_mistakes_are_one_sentence_and_nothing_is_written(files, tmp_path, options):
+    refused(MISUSED, MISTAKES[options], "figure", *files[:2], "-o", tmp_path / "a.png", *options.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+ANIMATED = {
+    "--times 1": "--times is of a still picture",
+    "--to 3": "time 3 s is outside",
+    "--from 1 --to 0.5": "must end after it begins",
+    "--frame-rate 500": "frame rate must lie in 0.5..50 Hz",
+    "--width 9": "width must lie in 240..1280",
+}
+
+
+@pytest.mark.parametrize("options", ANIMATED)
+def test_mistakes_of_animated_pictures_too(files, tmp_path, options):
+    refused(MISUSED, ANIMATED[options], "figure", files[0], "--animate", "-o", tmp_path / "a.gif", *options.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+MINE = {"prune": ["outside"], "transform": ["close", {"stage": "inset", "distance": 0.004}, "hatch"]}
+
+
+def test_ones_own_strategy_is_drawn_beside_its_raw_intersection(tmp_path):
+    mine, out = tmp_path / "mine.json", tmp_path / "mine.svg"
+    mine.write_text(json.dumps(MINE))
+    told = answer("strategies", mine, "cc", "-o", out)
+    assert told["picture"] == str(out)
+    assert list(told["strategies"]) == ["mine", "cc"]
+    assert told["strategies"]["mine"]["transform"] == MINE["transform"]
+    content = out.read_text()
+    assert content.count(">raw: section<") == 1  # both begin with it
+    for text in (">mine<", ">cc<", "inset, distance 0.004", "made by a transformation"):
+        assert text in content, text
+    assert "pause" not in content  # a mark that is not there is not explained
+    refused(MISUSED, "exists", "strategies", mine, "-o", out)
+
+
+def test_strategies_are_printed_one_at_a_time_and_unknown_ones_refused(tmp_path):
+    assert json.loads(run("strategies", "cc", "--json").stdout)["transform"] == ["close"]
+    refused(MISUSED, "one strategy is printed at a time", "strategies", "cc", "oc")
+    refused(MISUSED, "unknown strategy 'cz'", "strategies", "cz", "-o", tmp_path / "a.png")
+    refused(MISUSED, "must end in one of", "strategies", "cc", "-o", tmp_path / "a.gif")
+    assert not Path(tmp_path / "a.png").exists()
+
+
+def test_code_of_ones_own_strategy_runs_only_with_permission(tmp_path):
+    (tmp_path / "own_stage.py").write_text(
+        "from palpate.render import register_transform\n"
+        "@register_transform('halved')\n"
+        "def halved(batch, scene):\n"
+        "    '''The same.'''\n"
+        "    return batch\n"
+    )
+    mine = tmp_path / "mine.json"
+    mine.write_text(json.dumps({**MINE, "transform": ["close", "halved"], "modules": ["own_stage"]}))
+    refused(MISUSED, "--allow-code", "strategies", mine, "-o", tmp_path / "a.png")
+    assert not (tmp_path / "a.png").exists()

@@ -6,13 +6,14 @@ from pathlib import Path
 
 from ...datasets.contour_file.reader import ContourFile
 from ..errors import StrategyError
+from ..exports.pose_choice import seconds_of
 from ..reports.contour_animation import WIDTH_USUAL, draw_animation
 from ..reports.contour_figure import draw_figure
 from ..reports.picture_style import SUFFIXES, require_picture
 from ..terminal import bars, console
 from ..validation import refuse_object
 
-ANIMATION_ONLY = {"start": "--from", "stop": "--to", "frame_rate": "--frame-rate", "width": "--width"}
+ANIMATION_ONLY = {"seconds": "--seconds", "frame_rate": "--frame-rate", "width": "--width"}
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,7 @@ class FigureJob:
     no_array: bool
     label: list[str] | None
     animate: bool
-    start: float | None
-    stop: float | None
+    seconds: str | None
     frame_rate: float | None
     width: int | None
     overwrite: bool
@@ -35,7 +35,7 @@ class FigureJob:
     def __post_init__(self) -> None:
         """Raise StrategyError for options that exclude each other, and for an output that cannot be written."""
         if self.animate and self.times is not None:
-            raise StrategyError("--times is of a still picture: --from and --to choose what --animate shows")
+            raise StrategyError("--times is of a still picture: --seconds chooses what --animate shows")
         given = [option for name, option in ANIMATION_ONLY.items() if getattr(self, name) is not None]
         if given and not self.animate:
             raise StrategyError(f"{given[0]} is of an animated picture: add --animate")
@@ -87,12 +87,13 @@ def _draw(files: list[Path], job: FigureJob, *, as_json: bool) -> dict:
 
 
 def _animate(files: list[Path], job: FigureJob, *, as_json: bool) -> dict:
+    start, stop = (None, None) if job.seconds is None else seconds_of(job.seconds)
     with bars.progress_bar(f"drawing {job.out}", quiet=as_json) as bar:
         frames = draw_animation(
             job.labelled(files),
             job.out,
-            start=job.start,
-            stop=job.stop,
+            start=start,
+            stop=stop,
             frame_rate=job.frame_rate,
             view=job.view,
             width=WIDTH_USUAL if job.width is None else job.width,

@@ -28,11 +28,8 @@ def figure(
         typer.Option(metavar="TEXT", help="Name of a file in the picture: one for each file, in their order."),
     ] = None,
     animate: Annotated[bool, typer.Option("--animate", help="Draw contours over time, as a GIF.")] = False,
-    start: Annotated[
-        float | None, typer.Option("--from", metavar="SECONDS", help="With --animate: where it begins [s].")
-    ] = None,
-    stop: Annotated[
-        float | None, typer.Option("--to", metavar="SECONDS", help="With --animate: where it ends [s].")
+    seconds: Annotated[
+        str | None, typer.Option(metavar="START:STOP", help="Only the poses of this time [s]; as 1.5:3 or :3.")
     ] = None,
     frame_rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="With --animate: frames a second [Hz], by default up to 12.5.")

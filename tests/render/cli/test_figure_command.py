@@ -54,10 +54,8 @@ def test_an_animated_picture_says_how_long_and_how_large_it_is(files, tmp_path):
         "-o",
         out,
         "--animate",
-        "--from",
-        "0.2",
-        "--to",
-        "1",
+        "--seconds",
+        "0.2:1",
         "--frame-rate",
         "5",
         "--width",
@@ -81,7 +79,7 @@ MISTAKES = {
     "--array nosuch": "unknown array 'nosuch'",
     "--label one": "--label must be given once for each file: 1 for 2 files",
     "--label one --label one": "two files are named alike",
-    "--from 1": "--from is of an animated picture: add --animate",
+    "--seconds 1:2": "--seconds is of an animated picture: add --animate",
     "--width 300": "--width is of an animated picture",
     "--animate": "must end in one of .gif",
 }
@@ -95,8 +93,8 @@ def test_mistakes_are_one_sentence_and_nothing_is_written(files, tmp_path, optio
 
 ANIMATED = {
     "--times 1": "--times is of a still picture",
-    "--to 3": "time 3 s is outside",
-    "--from 1 --to 0.5": "must end after it begins",
+    "--seconds :3": "time 3 s is outside",
+    "--seconds 1:0.5": "must end after it begins",
     "--frame-rate 500": "frame rate must lie in 0.5..50 Hz",
     "--width 9": "width must lie in 240..1280",
 }

@@ -6,8 +6,8 @@ import numpy as np
 
 from ...datasets.contour_file.pose_rows import hand_at
 from ...datasets.contour_file.reader import ContourFile
-from ...datasets.errors import ShapeError
-from ...datasets.hand_model.shape import HandShape, hand_shape
+from ...datasets.hand_model.cage import BREADTH, LENGTH
+from ...datasets.hand_model.shape import BREADTHS, LENGTHS, HandShape, hand_shape
 from ...datasets.rigid import rotate, unit
 from .hand import Palm, hand_from
 from .plane_hand import PlaneHand
@@ -49,7 +49,7 @@ class HandLooks:
             self._rest = arrays["skin_vertices"]
             self.faces, self.glabrous = arrays["skin_faces"], arrays["skin_glabrous"] > 0
         elif self._rigid is not None:
-            shape = _hand_around(self._rigid)
+            shape = hand_around(_width_of(self._rigid))
             self._rest, self.faces, self.glabrous = shape.vertices, shape.faces, shape.glabrous
 
     @property
@@ -79,12 +79,13 @@ def _placed(vertices: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return (pose[:3] + rotate(unit(pose[3:]), vertices.astype(np.float64))).astype(np.float32)
 
 
-def _hand_around(hand: object) -> HandShape:
-    """A whole hand as broad as a palm is, or of usual size where no hand has that breadth."""
+def hand_around(width: float, detail: int = DETAIL) -> HandShape:
+    """palpate's own right hand, as broad as a palm is wide [m], or as the nearest breadth that a hand can have."""
+    breadth = min(max(width, BREADTHS[0]), BREADTHS[1])
+    return hand_shape(breadth=breadth, length=min(LENGTH * breadth / BREADTH, LENGTHS[1]), detail=detail)
+
+
+def _width_of(hand: object) -> float:
+    """Of the palm [m], or of the usual hand where there is none."""
     palm = hand if isinstance(hand, Palm) else next((p for p in getattr(hand, "patches", ()) if p.name == "palm"), None)
-    if palm is None:
-        return hand_shape(detail=DETAIL)
-    try:
-        return hand_shape(breadth=palm.width, detail=DETAIL)
-    except ShapeError:
-        return hand_shape(detail=DETAIL)
+    return BREADTH if palm is None else palm.width

@@ -1,14 +1,12 @@
 """A hand in a picture: palpate's own around a palm, or the mesh that was rendered, as an outline with its folds."""
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from ...datasets.hand_model.cage import BREADTH, LENGTH
-from ...datasets.hand_model.shape import BREADTHS, LENGTHS, hand_shape
 from ...datasets.rigid import rotate
 from ..hands.hand import Hand, Palm
+from ..hands.hand_look import hand_around
 from ..hands.mesh_hand import MeshHand
 from .scene_view import flat
 
@@ -33,19 +31,12 @@ def hand_surface(hand: Hand, pose: np.ndarray, row: int) -> tuple[np.ndarray, np
     if isinstance(hand, MeshHand):
         vertices, faces = hand.vertices[0 if hand.pose_count is None else row], hand.faces
     elif isinstance(hand, Palm):
-        breadth = min(max(hand.width, BREADTHS[0]), BREADTHS[1])
-        vertices, faces = _own_hand(round(breadth, 4))
+        shape = hand_around(round(hand.width, 4), DETAIL)
+        vertices, faces = shape.vertices, shape.faces
     else:
         return None
     pose = np.asarray(pose, np.float64)
     return pose[:3] + rotate(pose[3:], np.asarray(vertices, np.float64)), faces
-
-
-@lru_cache(maxsize=4)
-def _own_hand(breadth: float) -> tuple[np.ndarray, np.ndarray]:
-    length = min(LENGTH * breadth / BREADTH, LENGTHS[1])
-    shape = hand_shape(breadth=breadth, length=length, detail=DETAIL)
-    return shape.vertices, shape.faces
 
 
 def silhouette(vertices: np.ndarray, faces: np.ndarray, basis: np.ndarray) -> Silhouette:

@@ -5,8 +5,8 @@ import tempfile
 from pathlib import Path
 
 import nbformat
-from jupyter_client.manager import AsyncKernelManager
 from nbclient import NotebookClient
+from traitlets.config import Config
 
 TIME_MOST = 300  # of a cell [s]
 
@@ -18,8 +18,9 @@ def run(path: Path) -> dict[str, str | bytes]:
     """
     book = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
-        kernel = AsyncKernelManager(transport="ipc", ip=f"{folder}/kernel")  # sockets in the folder: no port is open
-        NotebookClient(book, km=kernel, timeout=TIME_MOST, resources={"metadata": {"path": folder}}).execute()
+        sockets = {"transport": "ipc", "ip": f"{folder}/kernel"}  # files in the folder: no port is open
+        settings = Config({"KernelManager": sockets})
+        NotebookClient(book, config=settings, timeout=TIME_MOST, resources={"metadata": {"path": folder}}).execute()
     files: dict[str, str | bytes] = {}
     parts = []
     for cell in book.cells:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[1]
@@ -21,6 +22,7 @@ import option_table  # noqa: E402
 PACKAGES = ("kernels", "datasets", "device", "render")
 
 
+@event_priority(100)  # before mkdocstrings reads it
 def on_config(config: MkDocsConfig) -> None:
     """Give mkdocstrings a folder in which the packages lie as they are imported; an editable install has none."""
     names = Path(tempfile.mkdtemp(prefix="palpate-docs-")) / "palpate"
@@ -52,7 +54,7 @@ def names_of(package: str) -> str:
     purpose = (module.__doc__ or "").partition("\n")[0]
     listed = "\n".join(f"| `{name}` | {(found[name].__doc__ or '').partition(chr(10))[0]} |" for name in errors)
     return (
-        f"# Names in {package}\n\n{purpose}\n\n`from {package} import NAME`; a name links to itself.\n\n"
+        f"# Names in {package}\n\n{purpose}\n\n`from {package} import NAME`\n\n"
         + "\n\n".join(places)
         + (f"\n\n## Errors and warnings\n\n| name | means |\n|---|---|\n{listed}\n" if errors else "\n")
     )

@@ -1,7 +1,7 @@
 """Shows examples in docstrings as code; mkdocs.yml names this file as an extension of Griffe.
 
-Griffe takes `>>>` for code only under a heading `Examples:`, which this project's docstrings do not have. Without this, a
-result such as [0, 1] would be read as a link.
+Griffe takes `>>>` for code only under a heading `Examples:`, which this project's docstrings do not have. Without this,
+a result such as [0, 1] would be read as a link.
 """
 
 import re

@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from documents import PAGES, ROOT, blocks_of, command_lines, fill, run_page, spans_of, write_named_blocks
+from page_blocks import PAGES, ROOT, blocks_of, command_lines, spans_of
+from page_run import fill, run_page, write_named_blocks
 from typer.main import get_command
 
 from palpate.datasets import load_recording, read_ptlist
@@ -28,6 +29,7 @@ NOT_HERE = {  # command lines that no test runs, and why
     r"^(pytest|ruff|pyright|tests/|PALPATE_OPENMPD)": "is how this project is tested",
     r"^(dask |CUDA_VISIBLE)": "is a program of Dask that does not end by itself",
     r"--device cuda": "needs a GPU",
+    r"--scheduler": "tests/render/sweeps/run/test_dask_engine.py has schedulers",
     r"^palpate selftest --acceptance": "asks a person; tests/render/selftest/test_acceptance.py answers",
     r"^palpate bench": "takes minutes; tests/render/bench/ runs it small",
 }
@@ -36,8 +38,7 @@ ELSEWHERE = {  # what stands in a page -> what stands for it on this machine
     r"s3://": "file://FOLDER/",
     r"file:///mnt": "file://FOLDER/mnt",
     r" /shared": " FOLDER/shared",
-    r"tcp://[\d.:]+": "local",
-    r"(palpate sweep (?:objects|study)\.toml)": r"\1 --set motion.duration=1.0",  # seconds instead of a minute
+    r"(palpate sweep (?:objects|study)\.toml)": r"\1 --set motion.duration=1.0 --set motion.seed=1",  # not a minute
 }
 REFUSED = {"--same-results": 2}  # there are no results of another code version, as the page says
 
@@ -50,8 +51,10 @@ def here(line, folder):
     if any(re.search(pattern, line) for pattern in NOT_HERE):
         return None
     if line.startswith("palpate play"):
-        line += " --emulate" * ("--array pat16" in line and "--emulate" not in line)
+        if "--array pat16" in line and "--emulate" not in line:
+            line = line.replace(" --watchdog", "") + " --emulate"  # which guards real boards
         line += " --clock virtual" * ("--clock" not in line)
+        line += " --duration 2" * ("--duration" not in line)  # of the playback
     return line, max(code if option in line else 0 for option, code in REFUSED.items())
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from documents import ROOT, blocks_of
+from page_blocks import ROOT, blocks_of
 
 from palpate.render import MeshObject
 

@@ -1,77 +1,19 @@
-"""Blocks of code of the documents, found as Markdown has them, and the files that pages take for granted."""
+"""Runs a page of the documents from top to bottom, in a folder with the files that it takes for granted."""
 
 import os
-import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from acceptance_script import answers_of
 from board_file_cases import board_lines, write
-from markdown_it import MarkdownIt
+from page_blocks import blocks_of, commands_in
 
 from palpate.datasets import HandMotion, write_sample
 from palpate.render import MeshObject, Palm, closed_contour, record
-
-ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-SHELL = ("sh", "bash")  # languages of blocks whose lines are commands, as those of indented blocks are
-NAMED = re.compile(r'\btitle="([^"]+)"')
-
-
-class Block(NamedTuple):
-    """A fenced or indented block of code."""
-
-    page: Path
-    line: int
-    language: str
-    marks: str
-    text: str
-    indented: bool
-
-    @property
-    def name(self) -> str | None:
-        """The file that this block is: its title, or a first line `# NAME.py`."""
-        if titled := NAMED.search(self.marks):
-            return titled[1]
-        first = re.match(r"# (\w+\.\w+)\n", self.text)
-        return first[1] if first else None
-
-    @property
-    def place(self) -> str:
-        """For messages and names of tests."""
-        return f"{self.page.relative_to(ROOT)}:{self.line}"
-
-
-def blocks_of(page: Path) -> list[Block]:
-    """All blocks of a page, also those within lists and quotations."""
-    found = []
-    for token in MarkdownIt().parse(page.read_text()):
-        if token.type in ("fence", "code_block"):
-            language, _, marks = token.info.strip().partition(" ")
-            found.append(Block(page, token.map[0] + 1, language, marks, token.content, token.type == "code_block"))
-    return found
-
-
-def commands_in(block: Block) -> list[str]:
-    """Lines of a block that one types into a shell."""
-    lines = block.text.splitlines() if block.indented or block.language in SHELL else []
-    return [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
-
-
-def command_lines(page: Path) -> list[str]:
-    """Lines of a page that one types into a shell."""
-    return [line for block in blocks_of(page) for line in commands_in(block)]
-
-
-def spans_of(page: Path) -> list[str]:
-    """Code within the sentences of a page, each on one line."""
-    inline = [token for token in MarkdownIt("commonmark").enable("table").parse(page.read_text()) if token.children]
-    return [child.content for token in inline for child in token.children if child.type == "code_inline"]
 
 
 def fill(folder: Path) -> Path:
@@ -126,7 +68,7 @@ def run_page(page: Path, folder: Path, here: Callable[[str, Path], tuple[str, in
             program.append(block.text)
         for line in commands_in(block):
             if command := here(line, folder):
-                program.append("__import__('documents').run_command({!r}, {!r})".format(*command))
+                program.append("__import__('page_run').run_command({!r}, {!r})".format(*command))
     path = folder / "document.py"
     path.write_text("\n\n".join(program))
     done = subprocess.run(

@@ -41,7 +41,8 @@ def site(tmp_path_factory):
     pytest.importorskip("mkdocstrings", reason="the extra docs is not installed")
     pytest.importorskip("nbclient", reason="the extra docs is not installed")
     folder = tmp_path_factory.mktemp("site")
-    quiet = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    nowhere = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
+    quiet = os.environ | nowhere | {"NO_MKDOCS_2_WARNING": "1"}  # a request of the build would fail
     words = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     done = subprocess.run(words, cwd=ROOT, env=quiet, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

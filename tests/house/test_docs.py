@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from page_blocks import PAGES, ROOT, blocks_of, command_lines, spans_of
-from page_run import fill, run_page, write_named_blocks
+from page_run import fill, fill_inputs, run_page, write_named_blocks
 from typer.main import get_command
 
 from palpate.datasets import load_recording, read_ptlist
@@ -130,16 +130,21 @@ def is_data(block):
 
 
 DATA = [block for page in PAGES for block in blocks_of(page) if is_data(block)]
+SLOW = [pytest.mark.exhaustive]  # a strategy that names a module is loaded by a process of its own
 
 
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory):
     """A folder with a reader's files."""
-    return fill(tmp_path_factory.mktemp("reader"))
+    folder = tmp_path_factory.mktemp("reader")
+    fill_inputs(folder)
+    return folder
 
 
 @pytest.mark.filterwarnings("ignore:the hand is nowhere in front of the array")  # one frame, without an alignment
-@pytest.mark.parametrize("block", DATA, ids=lambda block: block.place)
+@pytest.mark.parametrize(
+    "block", [pytest.param(b, id=b.place, marks=SLOW if '"modules"' in b.text else []) for b in DATA]
+)
 def test_data_of_a_page_is_what_palpate_loads(block, reader):
     for other in blocks_of(block.page):
         if "\nregister_" in other.text:  # the module of a strategy that names one

@@ -92,6 +92,7 @@ def test_a_notebook_is_committed_without_what_it_showed(path):
         assert cell.get("execution_count") is None
 
 
+@pytest.mark.exhaustive
 def test_concept_figures_are_what_palpate_draws():
     sys.path.insert(0, str(ROOT / "docs"))
     try:

@@ -16,11 +16,16 @@ from palpate.datasets import HandMotion, write_sample
 from palpate.render import MeshObject, Palm, closed_contour, record
 
 
-def fill(folder: Path) -> Path:
-    """Put the files there that pages name as the reader's own."""
+def fill(folder: Path) -> None:
+    """Put the files there that pages name as the reader's own, a rendering among them."""
     tube = MeshObject.load("tube")
     pose = np.tile(np.array([*tube.bounds.mean(axis=0), 0.7071068, 0, 0, 0.7071068], np.float32), (200, 1))
     record(folder / "tube.h5", tube, Palm(), HandMotion(np.arange(200) / 90, pose), closed_contour())
+    fill_inputs(folder)
+
+
+def fill_inputs(folder: Path) -> None:
+    """Put meshes, volumes, recordings, boards and plans there."""
     for name in ("board", "board_7", "left", "right"):
         write(folder / f"{name}.pat", board_lines(np.random.default_rng(len(name)))[0])
     write_sample("leap", folder / "hand.json")
@@ -39,7 +44,6 @@ def fill(folder: Path) -> Path:
     save_mesh(folder / "skull.stl", 1000.0)  # in mm
     np.save(folder / "volumes" / "ball.npy", np.hypot(*np.mgrid[-20:21, -20:21])[None].repeat(20, 0) < 15)
     (folder / "strategies" / "mine.json").write_text('{"raw": "section"}')
-    return folder
 
 
 def save_mesh(path: Path, scale: float) -> None:

@@ -4,6 +4,7 @@ The commands as their --help shows them, the public names of the packages as the
 which run for it: a notebook that fails ends the build.
 """
 
+import ast
 import sys
 import tempfile
 from importlib import import_module
@@ -37,6 +38,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     made: dict[str, str | bytes] = {"reference/commands.md": commands()}
     for package in ("render", "datasets", "device"):
         made[f"reference/{package}.md"] = names_of(f"palpate.{package}")
+    made["reference/kernels.md"] = kernels()
     for path in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")):
         made |= {f"notebooks/{name}": content for name, content in notebook_pages.run(path).items()}
     for name, content in made.items():
@@ -58,6 +60,19 @@ def names_of(package: str) -> str:
         + "\n\n".join(places)
         + (f"\n\n## Errors and warnings\n\n| name | means |\n|---|---|\n{listed}\n" if errors else "\n")
     )
+
+
+def kernels() -> str:
+    """A page of the host functions of the kernels, read and not imported."""
+    rows = []
+    for path in sorted((ROOT / "kernels").rglob("[!_]*.py")):
+        name = "palpate." + ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for node in ast.parse(path.read_text()).body:
+            text = isinstance(node, ast.FunctionDef) and not node.decorator_list and ast.get_docstring(node)
+            if text and not node.name.startswith("_"):
+                rows.append(_row(f"`{name}.{node.name}`", text.split("\n\n")[0]))
+    text = "Functions that launch Warp kernels: arrays in, arrays out, on the device of what they are given."
+    return f"# Kernels\n\n{text}\n\n| function | does |\n|---|---|\n" + "\n".join(rows) + "\n"
 
 
 def commands() -> str:

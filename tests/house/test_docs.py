@@ -33,12 +33,13 @@ NOT_HERE = {  # command lines that no test runs, and why
     r"^palpate selftest --acceptance": "asks a person; tests/render/selftest/test_acceptance.py answers",
     r"^palpate bench": "takes minutes; tests/render/bench/ runs it small",
 }
+FEW = "--set motion.duration=1.0 --set motion.seed=1 --set object.source=tube"
 ELSEWHERE = {  # what stands in a page -> what stands for it on this machine
-    r"^python3 -m venv .* && \.venv/bin/(palpate demo)": r"\1",
+    r"^python3 -m venv .* && \.venv/bin/(palpate demo)": r"\1 --clock virtual",
     r"s3://": "file://FOLDER/",
     r"file:///mnt": "file://FOLDER/mnt",
     r" /shared": " FOLDER/shared",
-    r"(palpate sweep (?:objects|study)\.toml)": r"\1 --set motion.duration=1.0 --set motion.seed=1",  # not a minute
+    r"(palpate sweep (?:objects|study)\.toml)": rf"\1 {FEW}",  # seconds instead of a minute
 }
 REFUSED = {"--same-results": 2}  # there are no results of another code version, as the page says
 

@@ -1,83 +1,203 @@
-"""Python blocks of the documents run as they stand, one after the other, and what they name is what there is."""
+"""Every block of code of the documents runs as it stands: commands, then Python; data are loaded as what they show."""
 
+import json
 import re
 import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
+from page_blocks import PAGES, ROOT, blocks_of, command_lines, spans_of
+from page_run import fill, fill_inputs, run_page, write_named_blocks
+from typer.main import get_command
 
-from palpate.datasets import HandMotion
-from palpate.render import MeshObject, Palm, closed_contour, record
+from palpate.datasets import load_recording, read_ptlist
+from palpate.datasets.errors import RecordingError
+from palpate.render import load_plans, load_rig, load_strategy
+from palpate.render.cli.app import app
+from palpate.render.sampling.presets import load_sampling
 
-ROOT = Path(__file__).parents[2]
-BLOCK = re.compile(r"^```python([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-NOT_RUN = {
-    "boards.md": "needs a board and its file",
-    "emulator.md": "an outline with gaps",
-    "sampling.md": "plays in real time",
+README = ROOT / "README.md"
+NO_RUN = {  # pages with blocks that are marked `no-run`, and what runs them instead
+    "docs/develop/add-a-hand.md": "test_add_pages.py, with the page's own change of the source",
+    "docs/develop/add-a-stage.md": "the same",
+    "docs/develop/add-an-object.md": "the same",
+    "docs/guide/sweep-cluster.md": "test_dask_engine.py, with other jobs for want of SLURM",
 }
-WITH_PYTHON = [p for p in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))] if BLOCK.search(p.read_text())]
+NOT_HERE = {  # command lines that no test runs, and why
+    r"^(python3 -m venv|pip install|apt-get)": "changes the machine; .ci/run runs README's two",
+    r"^(pytest|ruff|pyright|tests/|PALPATE_OPENMPD)": "is how this project is tested",
+    r"^(dask |CUDA_VISIBLE)": "is a program of Dask that does not end by itself",
+    r"--device cuda": "needs a GPU",
+    r"--scheduler": "tests/render/sweeps/run/test_dask_engine.py has schedulers",
+    r"^palpate selftest --acceptance": "asks a person; tests/render/selftest/test_acceptance.py answers",
+    r"^palpate bench": "takes minutes; tests/render/bench/ runs it small",
+}
+FEW = "--set motion.duration=1.0 --set motion.seed=1 --set object.source=tube"
+ELSEWHERE = {  # what stands in a page -> what stands for it on this machine
+    r"^python3 -m venv .* && \.venv/bin/(palpate demo)": r"\1 --clock virtual",
+    r"s3://": "file://FOLDER/",
+    r"file:///mnt": "file://FOLDER/mnt",
+    r" /shared": " FOLDER/shared",
+    r"(palpate sweep (?:objects|study)\.toml)": rf"\1 {FEW}",  # seconds instead of a minute
+}
+REFUSED = {"--same-results": 2}  # there are no results of another code version, as the page says
 
-DOCUMENTS = [path for path in WITH_PYTHON if path.name not in {*NOT_RUN, "README.md"}]
+
+def here(line, folder):
+    """The command as it runs here, without a board and in no real time, and its exit code; None if it does not."""
+    line = re.sub(r"\s+#.*", "", line)
+    for pattern, instead in ELSEWHERE.items():
+        line = re.sub(pattern, instead.replace("FOLDER", str(folder)), line)
+    if any(re.search(pattern, line) for pattern in NOT_HERE):
+        return None
+    if line.startswith("palpate play"):
+        if "--array pat16" in line and "--emulate" not in line:
+            line = line.replace(" --watchdog", "") + " --emulate"  # which guards real boards
+        line += " --clock virtual" * ("--clock" not in line)
+        line += " --duration 2" * ("--duration" not in line)  # of the playback
+    return line, max(code if option in line else 0 for option, code in REFUSED.items())
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """A folder with the one file that documents take for granted."""
-    tube = MeshObject.load("tube")
-    pose = np.tile(np.array([*tube.bounds.mean(axis=0), 0.7071068, 0, 0, 0.7071068], np.float32), (200, 1))
-    record(tmp_path / "tube.h5", tube, Palm(), HandMotion(np.arange(200) / 90, pose), closed_contour())
-    return tmp_path
+def has_python(page):
+    return any(block.language == "python" and "no-run" not in block.marks for block in blocks_of(page))
+
+
+RUN = [page for page in PAGES if has_python(page) or any(here(line, ROOT) for line in command_lines(page))]
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_python_in_documents_runs(document, folder):
-    """All blocks as one program; one that begins with `# NAME.py` is that file, one marked `no-run` is left out."""
-    run_document(document, folder)
+@pytest.mark.parametrize("page", RUN, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_and_python_of_a_page_run(page, tmp_path):
+    """From top to bottom, in a folder with the page's own files and those that it takes for granted."""
+    if page != README:  # a newcomer has no files
+        fill(tmp_path)
+    write_named_blocks(page, tmp_path)
+    run_page(page, tmp_path, here)
 
 
 def test_the_readmes_python_is_a_page_that_a_newcomer_can_guess_and_runs(tmp_path):
     """At most twelve lines, names of one module, and nothing of Warp."""
-    ((_, code),) = BLOCK.findall((ROOT / "README.md").read_text())
+    (code,) = [block.text for block in blocks_of(README) if block.language == "python"]
     assert len(code.splitlines()) <= 12
     assert re.findall(r"^(?:from|import) .*", code, re.MULTILINE) == [code.splitlines()[0]]
     assert code.startswith("from palpate.render import ")
-    said, warned = run_document(ROOT / "README.md", tmp_path)
+    said, warned = run_page(README, tmp_path, lambda line, folder: None)
     assert [line.split("(")[0] for line in said.splitlines()] == ["RenderedBatch", "SampledContours", "Playback"]
     assert warned == ""
     assert {"tube.h5", "tube.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
-def run_document(document, folder):
-    """Standard output and standard error of a document's program."""
-    program = []
-    for mark, code in BLOCK.findall(document.read_text()):
-        if named := re.match(r"# (\w+\.py)\n", code):
-            (folder / named[1]).write_text(code)
-        elif "no-run" not in mark:
-            program.append(code)
-    path = folder / "document.py"
-    path.write_text("\n\n".join(program))
-    done = subprocess.run(
-        [sys.executable, "-P", path.name], cwd=folder, capture_output=True, text=True, timeout=120, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout, done.stderr
+def test_blocks_that_do_not_run_are_those_that_are_argued():
+    marked = {str(b.page.relative_to(ROOT)) for page in PAGES for b in blocks_of(page) if "no-run" in b.marks}
+    assert marked == set(NO_RUN)
+    lines = [line.strip() for page in PAGES for line in command_lines(page)]
+    assert [pattern for pattern in NOT_HERE if not any(re.search(pattern, line) for line in lines)] == []
+
+
+# Data
+
+
+def load_json(value, path):
+    """What a JSON file is, by its keys; loading raises where it is refused."""
+    if isinstance(value, list):
+        return load_rig(str(path))
+    keys = set(value)
+    if keys == {"position", "orientation"} or keys == {"matrix"}:
+        return load_recording(path.parent / "hand.json", alignment=path)
+    if "frames" in keys:
+        return load_recording(path)
+    if "modules" in keys:  # whose stages no other test of this process should know
+        code = f"from palpate.render import load_strategy; load_strategy({str(path)!r}, allow_code=True)"
+        return subprocess.run([sys.executable, "-c", code], check=True)
+    if keys & {"prune", "transform", "raw"}:
+        return load_strategy(str(path))
+    assert keys & {"speed", "pace", "gap"}, f"no loader is known for JSON with {sorted(keys)}"
+    return load_sampling(str(path))
+
+
+def load(block, folder):
+    """Load a block of data as palpate does; raises where palpate refuses it."""
+    path = folder / (block.name or f"block.{block.language}")
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(block.text)
+    if path.suffix == ".toml":
+        return load_plans([path])
+    return load_json(json.loads(block.text), path) if path.suffix == ".json" else read_ptlist(path)
+
+
+def is_data(block):
+    return block.language in ("json", "toml") or Path(block.name or "").suffix in (".json", ".toml", ".ptlist")
+
+
+DATA = [block for page in PAGES for block in blocks_of(page) if is_data(block)]
+SLOW = [pytest.mark.exhaustive]  # a strategy that names a module is loaded by a process of its own
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory):
+    """A folder with a reader's files."""
+    folder = tmp_path_factory.mktemp("reader")
+    fill_inputs(folder)
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore:the hand is nowhere in front of the array")  # one frame, without an alignment
+@pytest.mark.parametrize(
+    "block", [pytest.param(b, id=b.place, marks=SLOW if '"modules"' in b.text else []) for b in DATA]
+)
+def test_data_of_a_page_is_what_palpate_loads(block, reader):
+    for other in blocks_of(block.page):
+        if "\nregister_" in other.text:  # the module of a strategy that names one
+            (reader / "my_stages.py").write_text(other.text)
+    assert load(block, reader) is not None
+
+
+def test_a_broken_example_would_be_found(reader):
+    """Such as a recording whose fields are left out, as this project's own pages once had them."""
+    for block in DATA:
+        if '"thumb"' in block.text and block.language == "json":
+            with pytest.raises(RecordingError, match="thumb"):
+                load(block._replace(text=re.sub(r'"proximal": \{.*?\}', '"proximal": {}', block.text, count=1)), reader)
+            return
+    pytest.fail("no page has a recording of a thumb")
+
+
+# Words in the text
+
+
+FORMATS = {"contours", "table", "shard", "recipe", "code"}  # `palpate table 1`: a file's format, and no command
+
+
+def known_options():
+    """Names of commands -> their options."""
+    found = {"help": set()}
+    for name, command in get_command(app).commands.items():
+        parts = command.commands if hasattr(command, "commands") else {"": command}
+        found[name] = {option for part in parts.values() for own in part.params for option in own.opts} | {"--help"}
+    return found
+
+
+def test_commands_in_the_text_have_names_and_options_that_there_are():
+    known, wrong, count = known_options(), [], 0
+    for page in PAGES:
+        for text in [*spans_of(page), *command_lines(page)]:
+            for name, rest in re.findall(r"(?:^|&& )\s*palpate ([a-z]+)([^#&]*)", text):
+                count += 1
+                if name not in FORMATS and (
+                    name not in known or set(re.findall(r"(?<=\s)--[a-z-]+", rest)) - known[name]
+                ):
+                    wrong.append(f"{page.name}: palpate {name}{rest}")
+    assert wrong == []
+    assert count > 100
 
 
 def test_what_a_shell_would_take_apart_is_quoted():
-    for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "render").rglob("*.py")]:
+    for path in [README, *(ROOT / "docs").rglob("*.md"), *(ROOT / "render").rglob("*.py")]:
         assert not re.findall(r"--set [\w.]+=[^\s`'\"]*[{\[].*", path.read_text()), path.name
 
 
 def test_what_needs_a_board_is_not_in_a_block_to_copy():
-    copied = [line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("    palpate")]
+    copied = [line for line in command_lines(README) if line.startswith("palpate")]
     assert copied
     assert not [line for line in copied if "--calibration" in line]
-
-
-def test_documents_that_are_not_run_are_there():
-    assert set(NOT_RUN) <= {path.name for path in WITH_PYTHON}

@@ -141,7 +141,7 @@ def test_optuna_finds_the_known_best(tmp_path, monkeypatch):
     pytest.importorskip("optuna", reason="Optuna is not installed")
     text = GUIDE.read_text()
     monkeypatch.chdir(tmp_path)
-    toml = re.findall(r"^```toml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    toml = re.findall(r"^```toml[^\n]*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     Path("height.toml").write_text(next(block for block in toml if "a hand that turns about" in block))
     search = next(block for block in re.findall(r"^```python[^\n]*\n(.*?)^```", text, re.M | re.S) if "optuna" in block)
     names = {}

@@ -11,6 +11,7 @@ figure again and compares that, with a tolerance. Pixels are not compared: they 
 import argparse
 import io
 import json
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -41,8 +42,8 @@ SHOWN = ("OC", "CC")
 
 def block(page: str, language: str, number: int = 0) -> str:
     """A block of code of a page."""
-    parts = (DOCS / page).read_text().split(f"```{language}\n")
-    return parts[number + 1].split("```")[0]
+    blocks = re.findall(rf"^```{language}\b[^\n]*\n(.*?)^```", (DOCS / page).read_text(), re.MULTILINE | re.DOTALL)
+    return blocks[number]
 
 
 def dog() -> Figure:
@@ -96,8 +97,8 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-ELSEWHERE: tuple[str, ...] = ()
-"""Pictures of pages that other commands make."""
+ELSEWHERE: tuple[str, ...] = ("concepts/intersection.svg", "concepts/sampling.svg", "concepts/pose-to-wire.svg")
+"""Pictures of pages that `python docs/concept_figures.py` makes."""
 
 
 def write(name: str) -> None:

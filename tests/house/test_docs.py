@@ -22,6 +22,7 @@ NO_RUN = {  # pages with blocks that are marked `no-run`, and what runs them ins
     "docs/develop/add-a-hand.md": "test_add_pages.py, with the page's own change of the source",
     "docs/develop/add-a-stage.md": "the same",
     "docs/develop/add-an-object.md": "the same",
+    "docs/formats/exports.md": "tests/render/exports/test_vtkhdf_file.py, where PyVista is installed",
     "docs/guide/sweep-cluster.md": "test_dask_engine.py, with other jobs for want of SLURM",
 }
 NOT_HERE = {  # command lines that no test runs, and why

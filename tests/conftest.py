@@ -2,6 +2,10 @@
 
 import gc
 import os
+
+if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy starts its threads: a worker has one core
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import signal
 from collections import Counter
 from importlib.metadata import PackageNotFoundError

@@ -102,6 +102,7 @@ def test_a_home_that_cannot_be_written_is_named(folder):
     assert b"standard output" not in done.stderr
 
 
+@pytest.mark.exhaustive
 def test_an_object_whose_name_is_no_text_is_rendered(folder):
     trimesh.creation.box((0.1, 0.1, 0.1)).export(folder / "box.stl")
     word = os.fsdecode(b"b\xffx.stl")

@@ -206,6 +206,7 @@ def test_a_notebook_shows_picture_and_facts(batch):
     assert render("cube", Palm(), static_pose([0, 0, 0.9]), "cc")._repr_png_() is None
 
 
+@pytest.mark.exhaustive
 def test_a_notebook_shows_other_moments_from_other_sides(batch, tmp_path):
     longest = float(batch.motion.time[batch.length().argmax()])
     shown = batch.show([longest], view="palm", array=None)

@@ -47,6 +47,7 @@ def content(folder):
     return {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in folder.rglob("*")}
 
 
+@pytest.mark.exhaustive
 def test_tables_and_baselines_come_from_it(store, tmp_path):
     before = content(store)
     out = tmp_path / "out.h5"

@@ -84,6 +84,7 @@ def test_a_limit_below_the_script_itself_says_so(tube, tmp_path):
         export_page(tube, tmp_path / "tube.html", limit=0.1)
 
 
+@pytest.mark.exhaustive
 def test_two_files_of_one_object_hold_it_once(tube, tmp_path):
     single = export_page(tube, tmp_path / "one.html")["bytes"]
     facts = export_page([tube, tube], tmp_path / "two.html")

@@ -23,7 +23,7 @@ from browser import Browser
 
 from palpate.render.view.live.session import view_files
 
-DATA_BYTES = 2000  # of a message in base64; those about inputs are shorter
+DATA_BYTES = 500  # of a message in base64: the numbers of a pose alone are longer
 PLAYED = 3.0  # [s]
 
 
@@ -69,7 +69,7 @@ def measure(paths: Sequence[str | Path], steps: int = 100, pause: float = 0.1) -
     try:
         with tempfile.TemporaryDirectory() as folder, WatchedBrowser(folder) as browser:
             browser.call("Page.navigate", url=address[0])
-            while not browser.run("document.body.innerText.includes('of 0..')"):
+            while not browser.run("document.body?.innerText.includes('of 0..') ?? false"):
                 browser.settle(0.2)
                 browser.watch_workers()
             browser.settle(5.0)

@@ -95,9 +95,9 @@ def files(tmp_path_factory):
 
 
 def shown_length(browser):
-    return [
-        float(text) for text in re.findall(r"([\d.]+) mm", browser.run("document.body.innerText").split("height")[0])
-    ]
+    """Lengths in the row of contours [mm]."""
+    row = re.search(r"^contours(.*)$", browser.run("document.body.innerText"), re.MULTILINE)
+    return [float(text) for text in re.findall(r"([\d.]+) mm", row[1])]
 
 
 def test_a_file_is_shown_and_scrubbed(tmp_path, files):

@@ -2,13 +2,14 @@
 
 import io
 import wave
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from ...datasets.storage.durable import write_file
 from ..errors import StrategyError
+from ..output_file import require_output
 from .noise import NoiseSignal
 from .spectrum import RATE, SETTLING, resampled
 
@@ -39,14 +40,11 @@ def write_wave_files(signals: Mapping[Path, NoiseSignal], *, overwrite: bool = F
         _write(path, np.rint(samples * (PEAK * 32767 / loudest)).astype("<i2"))
 
 
-def require_wave_file(path: Path, *, overwrite: bool) -> None:
-    """Refuse another suffix, a file that is there unless `overwrite`, and a folder that is not."""
+def require_wave_file(path: Path, *, overwrite: bool, sources: Iterable[Path] = ()) -> None:
+    """Refuse another suffix, and what `require_output` refuses; sources: files that the sound is made from."""
     if path.suffix.lower() != ".wav":
         raise StrategyError(f"{path}: must end in .wav")
-    if path.exists() and not overwrite:
-        raise StrategyError(f"{path} exists already: overwrite=True replaces it")
-    if not path.parent.is_dir():
-        raise StrategyError(f"{path}: there is no folder {path.parent}")
+    require_output(path, overwrite=overwrite, sources=sources)
 
 
 def _settled(signal: NoiseSignal) -> np.ndarray:

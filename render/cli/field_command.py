@@ -21,6 +21,7 @@ from ..acoustics.sampled_places import sample_plane, sample_volume
 from ..acoustics.skin_print import CELLS, SkinPrint, points_along, print_on, unevenness
 from ..acoustics.transducers import PRESSURE_AT_1M, Resonance, TransducerSet
 from ..errors import StrategyError
+from ..output_file import require_output
 from ..playback.drive import Driver
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..reports.field_figure import draw_print, draw_volume
@@ -99,6 +100,8 @@ def run_field(path: Path, options: dict, *, as_json: bool) -> None:
     """Compute, draw or write, report."""
     refuse_object(path)
     job = FieldJob(**options)
+    if job.out is not None:
+        require_output(job.out, overwrite=job.overwrite, sources=[path])
     job = replace(job, where=choose("where", job.where, PLACES), average=choose("average", job.average, AVERAGES))
     start_warp()
     arrays = load_rig(job.array, calibration=job.calibration)

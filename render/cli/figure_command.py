@@ -23,7 +23,7 @@ class FigureJob:
     out: Path
     times: str | None
     view: str
-    array: str
+    array: str | None
     no_array: bool
     label: list[str] | None
     animate: bool
@@ -34,8 +34,13 @@ class FigureJob:
 
     def __post_init__(self) -> None:
         """Raise StrategyError for options that exclude each other, and for an output that cannot be written."""
+        if self.animate and (self.no_array or self.array is not None):
+            option = "--no-array" if self.no_array else "--array"
+            raise StrategyError(f"{option} is of a still picture: --animate shows no array")
         if self.animate and self.times is not None:
             raise StrategyError("--times is of a still picture: --seconds chooses what --animate shows")
+        if self.no_array and self.array is not None:
+            raise StrategyError("--array and --no-array exclude each other: one shows an array, the other none")
         given = [option for name, option in ANIMATION_ONLY.items() if getattr(self, name) is not None]
         if given and not self.animate:
             raise StrategyError(f"{given[0]} is of an animated picture: add --animate")
@@ -58,6 +63,8 @@ class FigureJob:
             return files
         if len(self.label) != len(files):
             raise StrategyError(f"--label must be given once for each file: {len(self.label)} for {len(files)} files")
+        if not all(label.strip() for label in self.label):
+            raise StrategyError("--label must be a name, not an empty text")
         if len(set(self.label)) < len(files):
             raise StrategyError(f"--label: two files are named alike, in {self.label}")
         return dict(zip(self.label, files, strict=True))
@@ -80,7 +87,7 @@ def _draw(files: list[Path], job: FigureJob, *, as_json: bool) -> dict:
             job.out,
             times=job.moments(),
             view=job.view,
-            array=None if job.no_array else job.array,
+            array=None if job.no_array else job.array or "emulator",
             overwrite=job.overwrite,
         )
     return {}

@@ -29,7 +29,7 @@ def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
     waves = _wave_files(files, options)
     out = options["out"]
     if out is not None:
-        require_picture(out, overwrite=options["overwrite"])
+        require_picture(out, overwrite=options["overwrite"], sources=files)
     signals = _signals(files, options, as_json=as_json)
     spectra = {file: NoiseSpectrum.of(signal) for file, signal in signals.items()}
     for file, spectrum in spectra.items():
@@ -114,5 +114,5 @@ def _wave_files(files: list[Path], options: dict) -> dict[Path, Path]:
     if len(set(waves.values())) != len(waves):
         raise StrategyError(f"{', '.join(map(str, files))}: two files would have one WAV; rename one")
     for path in waves.values():
-        require_wave_file(path, overwrite=options["overwrite"])
+        require_wave_file(path, overwrite=options["overwrite"], sources=files)
     return waves

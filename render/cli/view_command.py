@@ -71,5 +71,5 @@ def _export(files: list[Path], options: dict[str, Any], *, as_json: bool) -> Non
 
 def _refuse_given(options: dict[str, Any], names: tuple[str, ...], belonging: str) -> None:
     for name in names:
-        if options[name] not in (None, False):
+        if options[name] is not None and options[name] is not False:  # 0 is given
             raise StrategyError(f"--{name.replace('_', '-')} is {belonging}")

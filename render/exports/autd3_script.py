@@ -5,6 +5,7 @@ does.
 """
 
 import base64
+import re
 import textwrap
 import zlib
 from importlib.metadata import version
@@ -48,8 +49,7 @@ def write_script(path: Path, source: Path, sampled: SampledFocus) -> int:
     intensity = np.where(lost, np.float32(0), focus.intensity)
     rows = np.column_stack([focus.position, intensity]).astype("<f4")
     data = base64.b64encode(zlib.compress(rows.tobytes(), 9)).decode()
-    text = _SCRIPT
-    for name, value in {
+    values = {
         "VERSION": version("palpate"),
         "SOURCE": ascii(str(source)),
         "COUNT": str(len(rows)),
@@ -58,8 +58,8 @@ def write_script(path: Path, source: Path, sampled: SampledFocus) -> int:
         "SOUND_SPEED": repr(DriveStrategy().sound_speed),
         "CORNER": repr(list(CORNER)),
         "DATA": "\n".join(textwrap.wrap(data, _LINE)),
-    }.items():
-        text = text.replace(f"@{name}@", value)
+    }
+    text = re.sub(r"@([A-Z_]+)@", lambda found: values[found[1]], _SCRIPT)  # in one pass: a source's name may hold one
     write_temporary(path, memoryview(text.encode()))
     return int(np.count_nonzero(lost))
 

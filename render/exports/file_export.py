@@ -1,6 +1,5 @@
 """Export a contour file, or a range of it, to a file of a format that other programs open."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +9,7 @@ from ...datasets.errors import ContourFileError
 from ...datasets.focus_files.ptlist import write_ptlist
 from ...datasets.storage.durable import whole_file
 from ..errors import StrategyError
+from ..output_file import require_output
 from ..sampling.contour_sampling import SamplingStrategy
 from ..user_warnings import warn_user
 from ..validation import choose, refuse_object, require_number, require_path
@@ -76,9 +76,7 @@ def export_file(
     name = format_of(out, to)
     own, asked = ContourFields(scene, gzip), SamplingFields(sampling, speed, update_rate, duration)
     _require_options(name, own, asked)
-    require_new(out, overwrite=overwrite)
-    if path.exists() and out.exists() and path.samefile(out):
-        raise StrategyError(f"{out}: is the file to export, which an export never replaces")
+    require_output(out, overwrite=overwrite, sources=[path])
     refuse_object(path)
     if name in OF_FOCUS:
         return _export_focus(path, out, name, (poses, seconds, every), asked, overwrite, watch or _unwatched)
@@ -104,16 +102,6 @@ def format_of(out: Path, to: str | None) -> str:
     if meant not in (None, name):
         raise StrategyError(f"{out}: ends in {out.suffix}, but to={name} asks for another format")
     return name
-
-
-def require_new(out: Path, *, overwrite: bool) -> None:
-    """Refuse a file that is there, unless `overwrite`, and a folder that is not."""
-    if os.path.lexists(out) and not overwrite:
-        raise StrategyError(f"{out}: exists; overwrite=True replaces it")
-    if out.is_dir():
-        raise StrategyError(f"{out}: is a folder, not a file to write")
-    if not out.parent.is_dir():
-        raise StrategyError(f"{out}: cannot be written, as there is no folder {out.parent}")
 
 
 def _require_options(name: str, own: ContourFields, asked: SamplingFields) -> None:

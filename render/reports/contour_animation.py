@@ -16,7 +16,7 @@ from ..validation import require_number, require_path
 from .contour_figure import shown_rows
 from .contour_lines import draw_contours
 from .figure_legend import legend_handles
-from .opened_renderings import Renderings, opened
+from .opened_renderings import Renderings, files_of, opened
 from .picture_style import COLOURS, DASHES, INK, LINES, require_picture, style, write_picture
 from .scene_drawing import SceneSource, blank, draw_hand, draw_object, draw_scale, extent_of, set_limits
 from .scene_view import SceneView, flat
@@ -82,7 +82,7 @@ def draw_animation(
     import matplotlib as mpl
 
     picture = require_path(picture, "the picture")
-    require_picture(picture, overwrite=overwrite, only=(".gif",))
+    require_picture(picture, overwrite=overwrite, only=(".gif",), sources=files_of(paths))
     require_number("width", width, WIDTH_LEAST, WIDTH_MOST, unit="pixels", whole=True)
     eye = SceneView.of(view)
     with ExitStack() as stack, mpl.rc_context(style()):

@@ -16,7 +16,7 @@ from ..validation import require_path
 from .array_overview import draw_overview, is_near, letter
 from .contour_lines import WIDTH as WIDTH_OF_LINES
 from .figure_legend import legend_handles
-from .opened_renderings import Renderings, opened, shown_poses
+from .opened_renderings import Renderings, files_of, opened, shown_poses
 from .picture_style import DASHES, FAINT, INK, LINES, picture_bytes, require_picture, style, write_picture
 from .rendering_labels import hand_text, short_text
 from .scene_drawing import draw_scale, draw_scene, extent_of, set_limits
@@ -65,7 +65,7 @@ def draw_figure(
     ['cube.png']
     """
     picture = require_path(picture, "the picture")
-    require_picture(picture, overwrite=overwrite)
+    require_picture(picture, overwrite=overwrite, sources=files_of(paths))
     figure = contour_figure(paths, sampling=sampling, times=times, view=view, array=array)
     write_picture(picture_bytes(figure, picture.suffix.lower().removeprefix("."), dpi=DPI), picture)
 

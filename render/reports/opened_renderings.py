@@ -40,11 +40,7 @@ class Renderings:
 
 def opened(paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitStack) -> Renderings:
     """Open files, which `stack` closes; raises StrategyError for none, too many, and files that do not fit together."""
-    if isinstance(paths, str | Path) or not paths:
-        raise StrategyError(f"files must be given by label, as in {{'closed': 'tube.h5'}}, not {value_text(paths)}")
-    files = [
-        stack.enter_context(ContourFile(path)) for path in (paths.values() if isinstance(paths, Mapping) else paths)
-    ]
+    files = [stack.enter_context(ContourFile(path)) for path in files_of(paths)]
     if len(files) > FILES_MOST:
         raise StrategyError(f"a picture shows up to {FILES_MOST} files, not {len(files)}: draw several pictures")
     _refuse_unlike(files)
@@ -55,6 +51,13 @@ def opened(paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitSt
     motion = files[0].motion()
     moments = MotionMoments(motion["pose"], motion.get("time"))
     return Renderings(labels, [SceneSource.of(file) for file in files], [_lengths(file) for file in files], moments)
+
+
+def files_of(paths: Mapping[str, str | Path] | Sequence[str | Path]) -> list[Path]:
+    """The files that are given in a list or by label; raises StrategyError for none, and for a text."""
+    if isinstance(paths, str | Path) or not paths:
+        raise StrategyError(f"files must be given by label, as in {{'closed': 'tube.h5'}}, not {value_text(paths)}")
+    return [Path(path) for path in (paths.values() if isinstance(paths, Mapping) else paths)]
 
 
 def _refuse_unlike(files: list[ContourFile]) -> None:

@@ -1,12 +1,14 @@
 """What pictures of contours share: colours, text that stays text, and files that are written whole or not at all."""
 
 import io
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from ...datasets.errors import ContourFileError
 from ...datasets.storage.durable import write_file
 from ..errors import StrategyError
+from ..output_file import require_output
 
 COLOURS = {"object": "#b1121f", "hand": "#3d9be0", "made": "#6a4c93", "mesh": "#8d99ae", "palm": "#f4a261"}
 """Of contours by kind: their greys differ, too (lightness 38, 62, 38), and `made` seldom meets `object`."""
@@ -32,18 +34,20 @@ def style(**changes: Any) -> dict[str, Any]:
 
 
 def require_picture(
-    picture: Path, *, overwrite: bool, also: tuple[str, ...] = (), only: tuple[str, ...] = SUFFIXES
+    picture: Path,
+    *,
+    overwrite: bool,
+    also: tuple[str, ...] = (),
+    only: tuple[str, ...] = SUFFIXES,
+    sources: Iterable[Path] = (),
 ) -> None:
-    """Raise StrategyError for a name that is none of a picture, a file that is there unless `overwrite`, and no folder.
+    """Raise StrategyError for a name that is none of a picture, and for what `require_output` refuses.
 
-    also: other suffixes that may be written.
+    also: other suffixes that may be written. sources: files that the picture is made from.
     """
     if picture.suffix.lower() not in (*only, *also):
         raise StrategyError(f"{picture}: must end in one of {', '.join((*only, *also))}")
-    if picture.exists() and not overwrite:
-        raise StrategyError(f"{picture}: exists; overwrite=True replaces it")
-    if not picture.parent.is_dir():
-        raise StrategyError(f"{picture}: cannot be written, as there is no folder {picture.parent}")
+    require_output(picture, overwrite=overwrite, sources=sources)
 
 
 def save_picture(figure: Any, picture: Path, *, dpi: int) -> None:

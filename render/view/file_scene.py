@@ -9,6 +9,7 @@ import numpy as np
 
 from ...datasets.contour_file.pose_rows import object_pose_at
 from ...datasets.contour_file.reader import ContourFile
+from ...datasets.errors import ContourFileError
 from ...datasets.rigid import rotate, unit
 from ..contour_batch import ContourBatch
 from ..hands.hand_look import HandLook, HandLooks
@@ -109,9 +110,16 @@ class FileScene:
         return sum(stop - first for first, stop in self._file.done)
 
     def refresh(self) -> None:
-        """Open an unfinished file again, so that poses done meanwhile have contours."""
+        """Open an unfinished file again, so that poses done meanwhile have contours.
+
+        Raises ContourFileError if another rendering is there by now.
+        """
         if not self._file.sealed:
-            before, self._file = self._file, ContourFile(self.path)
+            before, file = self._file, ContourFile(self.path)
+            if file.recipe != before.recipe:
+                file.close()
+                raise ContourFileError(f"{self.path}: is another rendering now; open it again")
+            self._file = file
             before.close()
             self.looks = HandLooks(self._file)
 
@@ -158,11 +166,19 @@ class FileScene:
             is_done=is_done,
         )
 
+    def _object_moves(self) -> bool:
+        return object_pose_at(self._file, 0) is not None
+
     def bounds(self) -> np.ndarray:
         """Box of the object and of the palm's places in some poses [m], shape [2, 3]."""
         poses = np.unique(np.linspace(0, self.pose_count - 1, 200).astype(np.int64))
         places = np.concatenate([self._file.motion(int(i), int(i) + 1)["pose"][:, :3] for i in poses])
-        points = np.concatenate([self.vertices, places])
+        if self._object_moves():
+            moved = [object_pose_at(self._file, int(i)) for i in poses]
+            reach = np.linalg.norm(self.vertices - self.middle, axis=1).max(initial=0.0)
+            middles = np.array([pose[:3] for pose in moved if pose is not None])
+            places = np.concatenate([places, middles - reach, middles + reach])
+        points = np.concatenate([places, self.vertices])
         return np.stack([points.min(axis=0), points.max(axis=0)]).astype(np.float64)
 
 

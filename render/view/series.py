@@ -24,11 +24,17 @@ class Overview:
     """Length of the contours of a whole file, in bins of consecutive poses."""
 
     time: np.ndarray
-    """When each bin begins [s], or its first pose's number; float64, shape [bin]."""
+    """When each bin begins [s], or its first pose's number where poses have no times; float64, shape [bin]."""
+    pose: np.ndarray
+    """Number of each bin's first pose, int64, shape [bin]."""
     longest: np.ndarray
     """Longest length in each bin [m]; NaN where no pose is rendered yet; float64, shape [bin]."""
     mean: np.ndarray
     """Mean length in each bin [m], shape [bin]."""
+
+    def places(self, *, by_time: bool) -> np.ndarray:
+        """Where the bins stand on an axis of times [s], or of numbers of poses."""
+        return self.time if by_time else self.pose.astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +51,10 @@ class PoseWindow:
     """How often they are drawn in a second [Hz]; NaN without contours; shape [pose]."""
     tilt: np.ndarray
     """Angle between the palm's skin and the array's face [rad], shape [pose]."""
+
+    def places(self, *, by_time: bool) -> np.ndarray:
+        """Where the poses stand on an axis of times [s], or of their numbers."""
+        return self.time if by_time else np.arange(self.first, self.first + len(self.time), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +82,20 @@ def overview_of(scene: FileScene, bins: int = BINS) -> Overview:
             np.add.at(poses, number, 1)
     mean = np.divide(total, poses, out=np.full(count, np.nan), where=poses > 0)
     time = np.concatenate([scene.times(int(i), int(i) + 1) for i in edge[:-1]])
-    return Overview(time, longest, mean)
+    return Overview(time, edge[:-1], longest, mean)
+
+
+def longest_pose(scene: FileScene, overview: Overview) -> int:
+    """Number of the pose of the longest contours, read from its bin alone; 0 where there are none."""
+    if not (overview.longest > 0).any():
+        return 0
+    number = int(np.nanargmax(overview.longest))
+    first = int(overview.pose[number])
+    stop = int(overview.pose[number + 1]) if number + 1 < len(overview.pose) else scene.pose_count
+    done = [(max(first, low), min(stop, high)) for low, high in scene.file.done if max(first, low) < min(stop, high)]
+    lengths = [(scene.file.metrics(low, high)["length"], low) for low, high in done]
+    length, low = max(lengths, key=lambda part: float(part[0].max()))
+    return low + int(length.argmax())
 
 
 def window_around(scene: FileScene, index: int, seconds: float, poses_most: int = POSES_MOST) -> PoseWindow:

@@ -42,7 +42,8 @@ class SweepRows:
     @cached_property
     def axes(self) -> list[str]:
         """Columns that say what was varied."""
-        return [name for name in self.columns if is_axis(name) and self._varies(name)] or ["object"]
+        axes = [name for name in self.columns if is_axis(name) and name not in HIDDEN]
+        return [name for name in axes if self._varies(name)] or axes[:1]
 
     @cached_property
     def metrics(self) -> list[str]:
@@ -70,7 +71,7 @@ class SweepRows:
 
     def title(self, row: int) -> str:
         """What a row is of: the values of the axes that vary."""
-        return ", ".join(f"{name} {cell_text(self.columns[name][row])}" for name in self.axes)
+        return ", ".join(f"{name} {cell_text(self.columns[name][row])}" for name in self.axes) or f"row {row}"
 
     def file_of(
         self,

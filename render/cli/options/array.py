@@ -7,14 +7,14 @@ import typer
 
 from .completion import complete_array
 
-Array = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME|RIG",
-        help="emulator, pat16 (openmpd), sonicsurface, autd3, or a JSON file of several and their poses.",
-        autocompletion=complete_array,
-    ),
-]
+_ARRAY = typer.Option(
+    metavar="NAME|RIG",
+    help="emulator, pat16 (openmpd), sonicsurface, autd3, or a JSON file of several and their poses.",
+    autocompletion=complete_array,
+)
+Array = Annotated[str, _ARRAY]
+OptionalArray = Annotated[str | None, _ARRAY]
+"""The same where a command must know whether it was given."""
 Serial = Annotated[
     str | None,
     typer.Option(

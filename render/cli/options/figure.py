@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .array import Array
+from .array import OptionalArray
 from .output import Json, Overwrite, Quiet, run_job
 
 
@@ -21,7 +21,7 @@ def figure(
     view: Annotated[
         str, typer.Option(metavar="NAME|EL,AZ", help="iso, front, back, side, top, palm, or angles in degrees: 30,-45.")
     ] = "iso",
-    array: Array = "emulator",
+    array: OptionalArray = None,
     no_array: Annotated[bool, typer.Option("--no-array", help="Leave out the array.")] = False,
     label: Annotated[
         list[str] | None,

@@ -6,13 +6,12 @@ import numpy as np
 import viser
 from viser import uplot
 
+from ...reports.picture_style import LINES
 from ..series import Overview, PoseWindow, Steps
 
-LINES = ("#c1121f", "#1d6fa5")
-"""Of the first file and the second."""
 NOW, JUMP, HOP = "#111111", "#d628a0", "#f77f00"
 HEIGHT = 130  # [pixel]
-POINTS = 8  # [pixel] of markers
+POINTS, DOTS = 8, 3  # [pixel] of markers, and of what lines are made of
 MILLIMETRES = 1e3
 FREQUENCY_SHOWN = 500.0  # [Hz]; contours of a few millimetres would stretch the axis a hundredfold
 
@@ -20,11 +19,14 @@ FREQUENCY_SHOWN = 500.0  # [Hz]; contours of a few millimetres would stretch the
 class OverviewPlot:
     """Longest contours of each stretch of the whole files, and where the shown moment is."""
 
-    def __init__(self, server: viser.ViserServer, overviews: Sequence[Overview], labels: Sequence[str]) -> None:
+    def __init__(
+        self, server: viser.ViserServer, overviews: Sequence[Overview], labels: Sequence[str], *, by_time: bool
+    ) -> None:
         self._now: float | None = None
-        self._time, self._lines = _lines_in(overviews)
-        series = [uplot.Series(label="s"), *_lines_of(labels), _marker("now", NOW)]
-        axes = (uplot.Axis(label="time [s]"), uplot.Axis(label="length [mm]"))
+        self._by_time = by_time
+        self._time, self._lines = self._lines_in(overviews)
+        series = [uplot.Series(label=_unit(by_time)), *_lines_of(labels), _marker("now", NOW)]
+        axes = (uplot.Axis(label="time [s]" if by_time else "pose"), uplot.Axis(label="length [mm]"))
         self._plot = server.gui.add_uplot(
             (self._time, *self._lines, np.full(len(self._time), np.nan)),
             series=tuple(series),
@@ -37,11 +39,14 @@ class OverviewPlot:
 
     def replace(self, overviews: Sequence[Overview]) -> None:
         """Show other lines of the same files, of which more poses are done."""
-        self._time, self._lines = _lines_in(overviews)
+        self._time, self._lines = self._lines_in(overviews)
         self.mark(self._time[0] if self._now is None else self._now)
 
+    def _lines_in(self, overviews: Sequence[Overview]) -> tuple[np.ndarray, list[np.ndarray]]:
+        return on_one_axis([(each.places(by_time=self._by_time), (MILLIMETRES * each.longest,)) for each in overviews])
+
     def mark(self, now: float) -> None:
-        """Mark a time [s]."""
+        """Mark a time [s], or a pose's number."""
         self._now = now
         bin_number = max(0, int(np.searchsorted(self._time, now, side="right")) - 1)
         marker = np.full(len(self._time), np.nan)
@@ -53,24 +58,30 @@ class OverviewPlot:
 class WindowPlots:
     """Length (with jumps and hops), draw frequency and tilt of every pose around the shown moment."""
 
-    def __init__(self, server: viser.ViserServer, labels: Sequence[str]) -> None:
-        self._count = len(labels)
-        empty = (np.zeros(1), *(np.full(1, np.nan),) * (self._count + 1))
+    def __init__(self, server: viser.ViserServer, labels: Sequence[str], *, by_time: bool) -> None:
+        self._by_time = by_time
+        empty = (np.zeros(1), *(np.full(1, np.nan),) * (len(labels) + 1))
         marks = (_marker("now", NOW),)
         steps = (_marker("jump", JUMP), _marker("hop", HOP))
-        self._length = _plot(server, "length [mm]", (*_lines_of(labels), *marks, *steps), (*empty, empty[1], empty[1]))
-        self._frequency = _plot(server, "draw frequency [Hz]", (*_lines_of(labels), *marks), empty)
-        self._tilt = _plot(server, "tilt to the array [degree]", (*_lines_of(labels), *marks), empty)
+        self._length = _plot(
+            server, "length [mm]", (*_lines_of(labels), *marks, *steps), (*empty, empty[1], empty[1]), by_time=by_time
+        )
+        self._frequency = _plot(server, "draw frequency [Hz]", (*_lines_of(labels), *marks), empty, by_time=by_time)
+        self._tilt = _plot(server, "tilt to the array [degree]", (*_lines_of(labels), *marks), empty, by_time=by_time)
 
     def show(self, windows: Sequence[PoseWindow], steps: Sequence[Steps], now: float) -> None:
-        """Show windows of the files around a time [s], and the steps of the first file's focal point."""
+        """Show windows of the files around a time [s], or a pose's number; and the steps of the first file."""
         columns = [
-            (each.time, (MILLIMETRES * each.length, each.draw_frequency, np.degrees(each.tilt))) for each in windows
+            (
+                each.places(by_time=self._by_time),
+                (MILLIMETRES * each.length, each.draw_frequency, np.degrees(each.tilt)),
+            )
+            for each in windows
         ]
         time, lines = on_one_axis(columns)
         length, frequency, tilt = (lines[k::3] for k in range(3))
         now_at = max(0, int(np.searchsorted(time, now, side="right")) - 1)
-        marked = [_values_at(time, times, length[0]) for times in (steps[0].jump, steps[0].hop)]
+        marked = [_values_at(windows[0].time, times, length[0]) for times in (steps[0].jump, steps[0].hop)]
         _fill(self._length, time, [*length, _at(time, now_at, length[0]), *marked])
         _fill(self._frequency, time, [*frequency, _at(time, now_at, frequency[0])], FREQUENCY_SHOWN)
         _fill(self._tilt, time, [*tilt, _at(time, now_at, tilt[0])])
@@ -81,16 +92,12 @@ def level_plot(
 ) -> viser.GuiUplotHandle:
     """Levels of noise over time, one line for each file; lines: times [s], and levels [dB]."""
     time, levels = on_one_axis(lines)
-    plot = _plot(server, "noise [dB(A)]", _lines_of(labels), (time, *levels))
+    plot = _plot(server, "noise [dB(A)]", _lines_of(labels), (time, *levels), by_time=True)
     known = np.concatenate(levels)
     known = known[np.isfinite(known)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     plot.scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(range=(low - 3.0, high + 3.0))}
     return plot
-
-
-def _lines_in(overviews: Sequence[Overview]) -> tuple[np.ndarray, list[np.ndarray]]:
-    return on_one_axis([(each.time, (MILLIMETRES * each.longest,)) for each in overviews])
 
 
 def on_one_axis(
@@ -107,21 +114,32 @@ def on_one_axis(
 
 
 def _lines_of(labels: Sequence[str]) -> tuple[uplot.Series, ...]:
-    return tuple(uplot.Series(label=label, stroke=LINES[k % len(LINES)], width=1.2) for k, label in enumerate(labels))
+    """Lines of dots: where there is no value there is none, while uPlot would join what is before to what follows."""
+    return tuple(_marker(label, LINES[k % len(LINES)], DOTS) for k, label in enumerate(labels))
 
 
-def _marker(label: str, colour: str) -> uplot.Series:
+def _marker(label: str, colour: str, size: float = POINTS) -> uplot.Series:
     return uplot.Series(
-        label=label, stroke=colour, width=0, points={"show": True, "size": POINTS, "fill": colour, "stroke": colour}
+        label=label, stroke=colour, width=0, points={"show": True, "size": size, "fill": colour, "stroke": colour}
     )
 
 
+def _unit(by_time: bool) -> str:
+    """What the axis of plots shows."""
+    return "s" if by_time else "pose"
+
+
 def _plot(
-    server: viser.ViserServer, title: str, series: tuple[uplot.Series, ...], data: tuple[np.ndarray, ...]
+    server: viser.ViserServer,
+    title: str,
+    series: tuple[uplot.Series, ...],
+    data: tuple[np.ndarray, ...],
+    *,
+    by_time: bool,
 ) -> viser.GuiUplotHandle:
     return server.gui.add_uplot(
         data,
-        series=(uplot.Series(label="s"), *series),
+        series=(uplot.Series(label=_unit(by_time)), *series),
         title=title,
         scales={"x": uplot.Scale(time=False)},
         axes=(uplot.Axis(), uplot.Axis()),

@@ -100,13 +100,13 @@ class Predictions:
         model = NoiseModel(sources=SOURCES)
         signals = [predict_noise(row, array=self._arrays, model=model) for row in rows if row is not None]
         levels = [signal.spectrum().a_weighted for signal in signals]
-        span = windows[0].time[-1] - windows[0].time[0]
+        begin, end = windows[0].time[[0, -1]]
         lines = [
             f"{safe(label)}: <b>{level - levels[0]:+.1f} dB(A)</b>" for label, level in zip(labels, levels, strict=True)
         ]
         text = "<br>".join(lines) if len(lines) > 1 else f"{safe(labels[0])}: <b>{levels[0]:.1f} dB(A)</b>"
         told = "against the first file" if len(lines) > 1 else "in units of its own: compare two files"
-        self._controls.noise.content = f'<div style="{STYLE}">{text}<br>{span:.1f} s, {told}</div>'
+        self._controls.noise.content = f'<div style="{STYLE}">{text}<br>{begin:.2f} to {end:.2f} s, {told}</div>'
         self._show_levels(windows, [levels_over_time(signal) for signal in signals], labels)
 
     def _show_levels(

@@ -5,16 +5,17 @@ from typing import Any
 
 import numpy as np
 
+from ....datasets.storage.schema import KIND_NAMES
 from ....device.array import ArrayModel
 from ...contour_batch import ContourBatch
+from ...reports.picture_style import COLOURS
 from ...sampling.path import Path as ContourPath
 from ..file_scene import FileScene, Moment
 from ..focal_path import FocalPath
 from .guarded_server import GuardedServer
 
-COLOURS = {"object": (193, 18, 31), "hand": (29, 111, 165), "made": (42, 157, 143)}
+KIND_COLOURS = np.array([[int(COLOURS[kind][k : k + 2], 16) for k in (1, 3, 5)] for kind in KIND_NAMES], np.float64)
 """Of contours by kind, as in pictures."""
-KIND_COLOURS = np.array(list(COLOURS.values()), np.float64)
 SKIN, PALM, SOLID, METAL = (232, 190, 172), (244, 162, 97), (141, 153, 174), (90, 96, 104)
 FOCUS, JUMP, HOP = (20, 20, 20), (214, 40, 160), (247, 127, 0)
 LAYERS = ("object", "hand", "skin", "contours", "focal point", "jumps", "array", "zone")

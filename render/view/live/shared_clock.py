@@ -17,6 +17,7 @@ class SharedClock:
 
     def __init__(self, scenes: Sequence[FileScene]) -> None:
         self._scenes = scenes
+        self._are_timed = all(scene.has_time for scene in scenes)
         first = scenes[0]
         self.begin = self.time_of(0)
         """When the first pose begins [s]."""
@@ -43,8 +44,7 @@ class SharedClock:
             first = self._sought if self.now == self._sought_time else self._pose_in(self._scenes[0])
             self._poses = [first]
             for scene in self._scenes[1:]:
-                same = scene.has_time and self._scenes[0].has_time
-                self._poses.append(self._pose_in(scene) if same else min(first, scene.pose_count - 1))
+                self._poses.append(self._pose_in(scene) if self._are_timed else min(first, scene.pose_count - 1))
             self._pose_time = self.now
         return self._poses
 
@@ -66,6 +66,8 @@ class SharedClock:
 
     def share_of(self, file: int) -> float:
         """How far the shown pose of a file has gone, 0 to 1."""
+        if file and not self._are_timed:
+            return self.share_of(0)
         scene, pose = self._scenes[file], self.poses()[file]
         start = scene.time_of(pose)
         start = STILL * pose if start is None else start

@@ -11,6 +11,7 @@ from ....datasets.errors import DatasetError
 from ....device.errors import DeviceError
 from ...errors import RenderError
 from ...playback.placed_arrays import PlacedArray
+from ...sweeps.report.table import column_units
 from ...trust.permission import AllowCode
 from ..file_scene import FileScene
 from ..sweep_rows import SweepRows, cell_text, default_metrics
@@ -20,6 +21,8 @@ from .viewer import Viewer
 
 PAGE_ROWS = 15
 UNSORTED = "as in the table"
+PROBLEMS = (RenderError, DatasetError, DeviceError, OSError)
+"""What is said on the page, and does not end it."""
 
 
 class SweepPage:
@@ -54,6 +57,8 @@ class SweepPage:
                 self._tasks.get(timeout=0.2)()
             except queue.Empty:
                 continue
+            except PROBLEMS as error:
+                self._message.content = failure_html(str(error))
 
     def _build(self) -> None:
         gui, put = self._server.gui, self._tasks.put
@@ -66,7 +71,7 @@ class SweepPage:
         columns = gui.add_dropdown("also show", ("-", *self._rows.metrics), initial_value="-")
         self._table = gui.add_html("")
         turn = gui.add_button_group("page", ("first", "back", "next", "last"))
-        numbers = gui.add_text("rows to open", "", hint="The number of one row, or of two with a comma between")
+        numbers = gui.add_text("rows to open", "", hint="The number of one row, or of two with a comma between, as 3,5")
         open_rows = gui.add_button("open")
         self._message = gui.add_html("")
 
@@ -134,7 +139,7 @@ class SweepPage:
                 Viewer(self._server, scenes, [f"row {number}" for number in numbers], self._arrays, titles).run(
                     stop, back
                 )
-        except (RenderError, DatasetError, DeviceError, OSError) as error:
+        except PROBLEMS as error:
             message.content = failure_html(str(error))
             while not (back.wait(0.2) or stop.is_set()):
                 continue
@@ -142,7 +147,9 @@ class SweepPage:
 
 def table_html(rows: SweepRows, numbers: Sequence[int], columns: Sequence[str]) -> str:
     """Rows of a table as HTML."""
-    head = "".join(f"<th style='text-align:left'>{safe(name.replace('_', ' '))}</th>" for name in ("row", *columns))
+    units = column_units(columns)
+    heads = [name.replace("_", " ") + (f" [{units[name]}]" if units.get(name, "1") != "1" else "") for name in columns]
+    head = "".join(f"<th style='text-align:left'>{safe(text)}</th>" for text in ("row", *heads))
     lines = [
         f"<tr><td><b>{number}</b></td>"
         + "".join(f"<td>{safe(cell_text(rows.columns[name][number]))}</td>" for name in columns)

@@ -15,7 +15,7 @@ from ...runtime.warp_start import start_warp
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene, Moment
 from ..focal_path import FocalPath, focal_path
-from ..series import overview_of, steps_in, window_around
+from ..series import longest_pose, overview_of, steps_in, window_around
 from .controls import Actions, Controls
 from .guarded_server import GuardedServer
 from .numbers import facts_html, failure_html, moment_html
@@ -29,6 +29,8 @@ REST = 0.2  # [s] after the last change, before slower things are computed for w
 REFRESH = 1.0  # [s] between looks at a file that is still being written
 WINDOW = 2.0  # [s] of plots before and after the shown moment
 GAP = 0.06  # [m] between two files' scenes
+FIELD_OF_VIEW = np.radians(12.0)  # as by a long lens
+SIGHT = np.array([0.2, -0.85, 0.45])  # from the scenes to the eye
 
 
 class Viewer:
@@ -50,13 +52,16 @@ class Viewer:
         self._tasks: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._sought: int | None = None
         self.clock = SharedClock(scenes)
+        self._by_time = all(scene.has_time for scene in scenes)
         self._nodes = self._place_scenes(arrays)
         self._facts = server.gui.add_html(facts_html(scenes, labels, titles))
         self._numbers = server.gui.add_html("")
         self._controls = Controls(server, scenes[0].pose_count, self._actions())
         with self._controls.plots:
-            self._plots = WindowPlots(server, labels)
-            self._overview = OverviewPlot(server, [overview_of(scene) for scene in scenes], labels)
+            overviews = [overview_of(scene) for scene in scenes]
+            self._plots = WindowPlots(server, labels, by_time=self._by_time)
+            self._overview = OverviewPlot(server, overviews, labels, by_time=self._by_time)
+        self.clock.seek(longest_pose(scenes[0], overviews[0]))  # a hand that touches nothing shows little
         self._message = server.gui.add_html("")
         self._predictions = Predictions(server, scenes, arrays, self._controls, self._offsets)
         self._moments: list[Moment] = []
@@ -79,10 +84,19 @@ class Viewer:
                 above = (0.0, 0.0, float(boxes[k][1, 2]) + 0.05)
                 self._server.scene.add_label(f"/file{k}/label", visible(label), position=above)
         look = np.mean([box.mean(axis=0) + off for box, off in zip(boxes, self._offsets, strict=True)], axis=0)
-        away = 0.1 + step * (0.8 if len(boxes) == 1 else 1.15)
-        self._server.initial_camera.position = look + away * np.array([0.25 if len(boxes) == 1 else 0.0, -0.85, 0.45])
-        self._server.initial_camera.look_at = look
+        self._look_at(look, step * (0.9 if len(boxes) == 1 else 1.35))
         return nodes
+
+    def _look_at(self, middle: np.ndarray, width: float) -> None:
+        """Show a width [m] around a middle from far away: nearly from the same side for scenes that stand side by side.
+
+        The scenes are left of the page's middle, since the panel covers its right.
+        """
+        away = width / (2.0 * np.tan(FIELD_OF_VIEW / 2.0))
+        camera, aside = self._server.initial_camera, np.array([0.14 * width, 0.0, 0.0])
+        camera.fov = FIELD_OF_VIEW
+        camera.position = middle + aside + away * SIGHT / np.linalg.norm(SIGHT)
+        camera.look_at = middle + aside
 
     def _actions(self) -> Actions:
         put = self._tasks.put
@@ -195,9 +209,10 @@ class Viewer:
         poses = self.clock.poses()
         windows = [window_around(scene, pose, WINDOW) for scene, pose in zip(self._scenes, poses, strict=True)]
         steps = [steps_in(self._scenes[0], windows[0])]
+        now = self.clock.now if self._by_time else float(poses[0])
         with self._server.atomic():
-            self._plots.show(windows, steps, self.clock.now if self._scenes[0].has_time else float(poses[0]))
-            self._overview.mark(self.clock.now if self._scenes[0].has_time else float(poses[0]))
+            self._plots.show(windows, steps, now)
+            self._overview.mark(now)
         self._predictions.show_pressure(self._moments)
 
 

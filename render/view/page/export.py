@@ -14,10 +14,12 @@ from ....datasets.storage.durable import write_file
 from ....device.array import ArrayModel
 from ...errors import StrategyError, ViewError
 from ...exports.pose_choice import Ends, choose_poses
+from ...output_file import require_output
 from ...playback.placed_arrays import PlacedArray, load_rig
 from ...reports.rendering_labels import labels_of
 from ...sampling.contour_sampling import SamplingStrategy
 from ...terminal.foreign_text import visible
+from ...user_warnings import warn_user
 from ...validation import require_number, require_path, value_text
 from ..file_scene import FileScene
 from .document import document
@@ -61,7 +63,8 @@ def export_page(
     >>> facts["poses"], facts["bytes"] < 1_500_000
     ([1], True)
     """
-    paths, page = _paths(files), _page(out, overwrite=overwrite)
+    paths = _paths(files)
+    page = _page(out, paths, overwrite=overwrite)
     require_number("limit", limit, 0.001, 1e6, unit="MB")
     models = [placed.model for placed in (load_rig(array) if isinstance(array, str) else array)]
     with ExitStack() as opened:
@@ -69,6 +72,7 @@ def export_page(
         chosen = [
             choose_poses(scene.file, poses, every=1 if every is None else every, may_lack=True) for scene in scenes
         ]
+        _require_done(scenes, chosen)
 
         def made(rows: list[list[int]]) -> bytes:
             return _document(scenes, rows, models, title, sampling).encode()
@@ -79,6 +83,19 @@ def export_page(
     except OSError as error:
         raise ViewError(f"{page}: the page cannot be written ({error.strerror or error})") from error
     return {"page": str(page), "bytes": len(content), "poses": [len(rows) for rows in chosen]}
+
+
+def _require_done(scenes: list[FileScene], chosen: list[range]) -> None:
+    """Refuse a file of whose chosen poses none is rendered; warn of one that is not finished."""
+    for scene, rows in zip(scenes, chosen, strict=True):
+        if scene.is_sealed:
+            continue
+        done = sum(scene.is_done(row) for row in rows)
+        if not done:
+            raise StrategyError(
+                f"{scene.path}: none of the chosen poses is rendered yet; palpate render --resume goes on"
+            )
+        warn_user(f"{scene.path}: is not finished: the page shows contours of {done} of {len(rows)} chosen poses")
 
 
 def _fitting(made: Callable[[list[list[int]]], bytes], chosen: list[range], limit: int, page: Path) -> bytes:
@@ -113,7 +130,10 @@ def _document(
     sampling: SamplingStrategy | None,
 ) -> str:
     packer = Packer()
-    names = _names([scene.path for scene in scenes])
+    names = [
+        name if scene.is_sealed else f"{name} (unfinished: {scene.done_count} of {scene.pose_count} poses are rendered)"
+        for name, scene in zip(_names([scene.path for scene in scenes]), scenes, strict=True)
+    ]
     packed = [
         pack_file(scene, list(poses), packer, name=name, sampling=sampling)
         for scene, poses, name in zip(scenes, rows, names, strict=True)
@@ -176,12 +196,9 @@ def _paths(files: str | Path | Sequence[str | Path]) -> list[Path]:
     return [require_path(path, "a contour file") for path in listed]
 
 
-def _page(out: str | Path, *, overwrite: bool) -> Path:
+def _page(out: str | Path, sources: list[Path], *, overwrite: bool) -> Path:
     page = require_path(out, "the page")
     if page.suffix.lower() not in (".html", ".htm"):
         raise StrategyError(f"{page}: must end in .html or .htm, not {value_text(page.suffix)}")
-    if page.exists() and not overwrite:
-        raise StrategyError(f"{page}: exists; overwrite=True replaces it")
-    if not page.parent.is_dir():
-        raise StrategyError(f"{page}: cannot be written, as there is no folder {page.parent}")
+    require_output(page, overwrite=overwrite, sources=sources)
     return page

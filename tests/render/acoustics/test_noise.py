@@ -230,7 +230,7 @@ def test_waves_share_one_gain(files, tmp_path):
         assert len(samples) == pytest.approx(signal.duration * 44_100, abs=2)
         peak[path] = np.abs(samples.astype(int)).max()
     assert max(peak.values()) == pytest.approx(0.9 * 32767, abs=1)
-    with pytest.raises(StrategyError, match="exists already"):
+    with pytest.raises(StrategyError, match="exists"):
         write_wave_files(heard)
     with pytest.raises(StrategyError, match=r"must end in \.wav"):
         write_wave_files({tmp_path / "a.mp3": next(iter(heard.values()))})

@@ -77,6 +77,8 @@ MISTAKES = {
     "--view upside": "unknown view 'upside'",
     "--view 100,0": "between -90 and 90 degrees",
     "--array nosuch": "unknown array 'nosuch'",
+    "--label= --label two": "--label must be a name, not an empty text",
+    "--no-array --array emulator": "--array and --no-array exclude each other",
     "--label one": "--label must be given once for each file: 1 for 2 files",
     "--label one --label one": "two files are named alike",
     "--seconds 1:2": "--seconds is of an animated picture: add --animate",
@@ -92,6 +94,8 @@ def test_mistakes_are_one_sentence_and_nothing_is_written(files, tmp_path, optio
 
 
 ANIMATED = {
+    "--array pat16": "--array is of a still picture",
+    "--no-array": "--no-array is of a still picture",
     "--times 1": "--times is of a still picture",
     "--seconds :3": "time 3 s is outside",
     "--seconds 1:0.5": "must end after it begins",

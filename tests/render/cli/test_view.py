@@ -57,6 +57,8 @@ def test_it_serves_until_ctrl_c(file):
         (["nothing.h5"], 2, "nothing.h5 does not exist"),
         (["FILE", "--port", "70000"], 2, "--port must be 1 to 65535, not 70000"),
         (["FILE", "FILE", "FILE"], 2, "one file, or 2 side by side, not 3"),
+        (["FILE", "--every", "0"], 2, "--every is of a page that --export writes"),
+        (["FILE", "--export", "a.html", "--port", "0"], 2, "--port is of a page that is served"),
         (["FILE", "--every", "2"], 2, "--every is of a page that --export writes"),
         (["tube"], 2, "tube is an object, not a file"),
         (["FILE", "--array", "no-such"], 2, "no-such"),

@@ -1,5 +1,6 @@
 """The script for an AUTD3, run as it stands: what the vendor's emulated array plays are palpate's own focal points."""
 
+import ast
 import runpy
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.device.registry import array_model
-from palpate.render import FocalPoints, drive_focus
+from palpate.render import FocalPoints, drive_focus, exploration, export_file, render
 from palpate.render.errors import StrategyError
 from palpate.render.exports.autd3_script import AUTD3, CAPACITY, require_rate, write_script
 from palpate.render.exports.focal_points import SampledFocus
@@ -151,3 +152,13 @@ def test_rates_and_counts_that_the_array_does_not_take_are_refused(tmp_path):
             require_rate(rate)
     with pytest.raises(StrategyError, match=r"1 focal point, but .* plays 2 at least"):
         written(tmp_path / "a.py", circle(1))
+
+
+def test_a_source_named_as_a_place_of_the_script_is_only_named(tmp_path):
+    """Names of what the script's text has places for; @DATA@ once broke it."""
+    path = render("tube", "palm", exploration("tube", duration=0.2, seed=1), "cc").save(tmp_path / "@DATA@ @COUNT@.h5")
+    out = tmp_path / "a.py"
+    export_file(path, out, update_rate=8000.0)
+    compile(out.read_text(), str(out), "exec")
+    (line,) = [line for line in out.read_text().splitlines() if line.startswith("SOURCE")]
+    assert ast.literal_eval(line.partition("=")[2].partition("  #")[0].strip()) == str(path)

@@ -92,7 +92,7 @@ MISTAKES = {
     "cube.h5 -o new.py --duration 30": "--duration 6.553 fits",
     "tube.h5 -o nowhere/new.csv": "there is no folder nowhere",
     "tube.h5 -o cube.h5 --to csv": "cube.h5: exists; --overwrite replaces it",
-    "tube.h5 -o tube.h5 --to csv --overwrite": "is the file to export",
+    "tube.h5 -o tube.h5 --to csv --overwrite": "is the file to read",
     "nosuch.h5 -o new.csv": "nosuch.h5 does not exist",
     "tube -o new.csv": "palpate render tube exploration -o tube.h5 makes one",
 }

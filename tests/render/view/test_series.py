@@ -7,7 +7,7 @@ from palpate.render import ContourFile, exploration, render, static_pose
 from palpate.render.playback.focus_source import ContourSource
 from palpate.render.sampling.contour_sampling import Sampler
 from palpate.render.view.file_scene import FileScene
-from palpate.render.view.series import overview_of, steps_in, window_around, window_rows
+from palpate.render.view.series import longest_pose, overview_of, steps_in, window_around, window_rows
 
 
 @pytest.fixture(scope="module")
@@ -63,3 +63,23 @@ def test_windows_of_poses_without_times_have_no_steps(tmp_path):
         assert window.time.tolist() == [0.0]
         assert window_rows(one, window) is None
         assert steps_in(one, window).jump.size == 0
+
+
+def test_places_are_times_or_numbers(scene):
+    window, overview = window_around(scene, 200, 0.5), overview_of(scene, bins=50)
+    np.testing.assert_array_equal(window.places(by_time=True), window.time)
+    assert window.places(by_time=False)[0] == window.first
+    assert len(window.places(by_time=False)) == len(window.time)
+    np.testing.assert_array_equal(scene.times(0, 360)[overview.places(by_time=False).astype(int)], overview.time)
+
+
+@pytest.mark.parametrize("bins", [1, 7, 50, 1000])
+def test_the_longest_pose_is_that_of_the_whole_file(scene, bins):
+    with ContourFile(scene.path) as file:
+        assert longest_pose(scene, overview_of(scene, bins)) == file.metrics()["length"].argmax()
+
+
+def test_a_file_without_contours_begins_at_its_first_pose(tmp_path):
+    path = render("tube", "palm", static_pose([0, 0.4, 0.2]), "oc").save(tmp_path / "a.h5")
+    with FileScene(path) as none:
+        assert longest_pose(none, overview_of(none)) == 0

@@ -75,3 +75,11 @@ def test_a_store_without_a_table_is_refused(tmp_path):
 
 def test_values_in_few_characters():
     assert [cell_text(v) for v in (0.123456, float("nan"), 3, "tube", np.True_)] == ["0.1235", "", "3", "tube", "True"]
+
+
+def test_a_table_that_names_no_object_has_rows_by_their_numbers(store, monkeypatch):
+    rows = SweepRows(store)
+    monkeypatch.setattr(rows, "columns", {"recipe": rows.columns["recipe"], "length_mean": rows.columns["length_mean"]})
+    assert rows.axes == []
+    assert rows.title(3) == "row 3"
+    assert rows.ordered(containing="row 3").tolist() == [3]

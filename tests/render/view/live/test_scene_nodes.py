@@ -6,7 +6,9 @@ import pytest
 pytest.importorskip("viser")
 
 from palpate.render import render, static_pose  # after the skip
-from palpate.render.view.live.scene_nodes import COLOURS, box_edges, contour_segments
+from palpate.render.view.live.scene_nodes import box_edges, contour_segments
+
+COLOURS = {"object": [0xB1, 0x12, 0x1F], "hand": [0x3D, 0x9B, 0xE0]}  # what docs/guide/view.md calls red and blue
 
 
 def test_segments_have_the_length_and_the_kinds_of_the_contours():

@@ -182,3 +182,29 @@ def test_a_full_disk_leaves_no_page_and_no_rest(tube, tmp_path, monkeypatch):
     with pytest.raises(ViewError, match="the page cannot be written"):
         export_page(tube, tmp_path / "tube.html", poses=":2")
     assert list(tmp_path.iterdir()) == []
+
+
+class StopError(Exception):
+    """Ends a rendering half way."""
+
+
+def test_an_unfinished_file_is_told_and_refused_where_nothing_is_rendered(tmp_path):
+    from palpate.render import exploration, record
+    from palpate.render.errors import PalpateWarning
+
+    def stop_at_once(done, _):
+        if done:
+            raise StopError
+
+    path, out = tmp_path / "a.h5", tmp_path / "a.html"
+    with pytest.raises(StopError):
+        record(path, "tube", "palm", exploration("tube", duration=120.0), "cc", memory=5_000_000, progress=stop_at_once)
+    with ContourFile(path) as file:
+        done = file.done[0][1]
+        assert done < file.pose_count
+    with pytest.raises(StrategyError, match="none of the chosen poses is rendered"):
+        module.export_page(path, out, poses=f"{done}:", every=500)
+    assert not out.exists()
+    with pytest.warns(PalpateWarning, match="is not finished"):
+        module.export_page(path, out, every=500)
+    assert f"unfinished: {done} of 10800 poses are rendered" in out.read_text()

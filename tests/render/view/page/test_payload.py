@@ -19,6 +19,7 @@ from palpate.render import (
     render,
     static_pose,
 )
+from palpate.render.errors import PalpateWarning
 from palpate.render.view.file_scene import FileScene
 from palpate.render.view.focal_path import focal_path
 from palpate.render.view.page.payload import FOCUS_MOST
@@ -179,7 +180,8 @@ def test_a_pose_that_is_not_rendered_yet_has_no_length_and_no_contours(depth, tm
     with ContourFile(depth) as file, ContourWriter(begun, file.header()) as writer:
         length = file.metrics()["length"]
         writer.write(0, 50, file.contours(0, 50), file.metrics(0, 50))
-    packed = page_of(begun)
+    with pytest.warns(PalpateWarning, match="contours of 50 of"):
+        packed = page_of(begun)
     assert packed["poses"]["length"][:50].tolist() == length[:50].tolist()
     assert np.isnan(packed["poses"]["length"][50:]).all()
     assert np.isnan(packed["poses"]["draw_frequency"][50:]).all()

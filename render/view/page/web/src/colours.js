@@ -1,7 +1,7 @@
 // Colours of what is shown: of contours as in palpate's pictures.
 
-export const KINDS = ["#c1121f", "#1d6fa5", "#2a9d8f"]; // object, hand, made
-export const KIND_NAMES = ["object's contour", "hand's boundary inside it", "made of them"];
+export const KINDS = ["#b1121f", "#3d9be0", "#6a4c93"]; // object, hand, made
+export const KIND_NAMES = ["object's contour", "hand's boundary inside it", "made by a stage"];
 export const FILES = ["#2b2d42", "#2a9d8f"]; // lines of the plots
 export const SOLID = "#8d99ae";
 export const PALM = "#f4a261";

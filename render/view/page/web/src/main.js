@@ -45,8 +45,17 @@ async function start() {
   else run(clock, focus, [], { draw: () => {} });
   readouts.show();
   lines.showTime();
-  clock.seek(clock.time);
+  clock.seek(longestMoment(recordings[0]));
   host.dataset.ready = "true";
+}
+
+// When the longest contours of a file are shown: a hand that touches nothing shows little.
+function longestMoment({ clock, poses }) {
+  let [longest, most] = [0, 0];
+  poses.length.forEach((length, pose) => {
+    if (length > most) [longest, most] = [pose, length]; // a pose that is not rendered has none
+  });
+  return clock[longest];
 }
 
 function makeStage(scene, recordings, page) {

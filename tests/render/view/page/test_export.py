@@ -189,7 +189,7 @@ class StopError(Exception):
 
 
 def test_an_unfinished_file_is_told_and_refused_where_nothing_is_rendered(tmp_path):
-    from palpate.render import exploration, record
+    from palpate.render import ContourFile, record
     from palpate.render.errors import PalpateWarning
 
     def stop_at_once(done, _):

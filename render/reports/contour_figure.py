@@ -1,5 +1,6 @@
 """A picture of what was rendered: contours on hand and object at distinct moments, their length and draw frequency."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ from .scene_view import SceneView
 
 POINTS_MOST = 6000  # of a line over time: more than pixels, and few enough for an SVG
 FREQUENCY_SHOWN = 1000.0  # [Hz]; contours of a few millimetres would stretch the axis a hundredfold
+ROW_LABEL = 24  # characters of a line of a row's label
+BESIDE_TITLE = 36  # characters of all files' names that fit beside a diagram's title
 WIDTH = 9.6  # [inch]
 EDGE, OVERVIEW, GAP = 0.12, 2.1, 0.1  # [inch] margin, width of the overview, between scenes
 HEADING, OVERVIEW_MOST = 0.12, 3.2  # [inch] between its title and it, its height
@@ -194,7 +197,8 @@ def _draw_scenes(figure: Any, layout: SceneLayout, renderings: Renderings, poses
                 draw_scale(axes, None if view.follows_palm else view.basis())
             if c == 0 and layout.rows > 1:
                 look = {"rotation": 90, "fontsize": 8, "fontweight": "bold", "color": INK, "parse_math": False}
-                axes.text(-0.02, 0.5, renderings.labels[r], transform=axes.transAxes, ha="right", va="center", **look)
+                text = textwrap.fill(renderings.labels[r], ROW_LABEL)  # no longer than the scene is high
+                axes.text(-0.02, 0.5, text, transform=axes.transAxes, ha="right", va="center", ma="center", **look)
 
 
 def _limits(extents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -242,10 +246,12 @@ def _draw_plots(plots: list[Any], renderings: Renderings, poses: np.ndarray, sam
 
 
 def _draw_line_legend(axes: Any, handles: list[Any], labels: list[str]) -> None:
-    """What the lines over time are of, over a diagram."""
+    """What the lines over time are of: beside a diagram's title, or above it where names are long."""
+    is_long = sum(map(len, labels)) > BESIDE_TITLE
     legend = axes.legend(
-        handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=min(4, len(labels)),
-        fontsize=7.5, handlelength=2.6, columnspacing=1.2, borderaxespad=0.1,
+        handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.12 if is_long else 1.0), frameon=False,
+        ncols=min(2 if is_long else 4, len(labels)), fontsize=7.5, handlelength=2.6, columnspacing=1.2,
+        borderaxespad=0.1,
     )  # fmt: skip
     for text in legend.get_texts():
         text.set_parse_math(False)  # names of files are no formulas; the ticks of the logarithmic axis are

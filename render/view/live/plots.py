@@ -11,6 +11,7 @@ from ..series import Overview, PoseWindow, Steps
 
 NOW, JUMP, HOP = "#111111", "#d628a0", "#f77f00"
 HEIGHT = 130  # [pixel]
+HOP_HEIGHT = 0.07  # of a plot of lengths
 POINTS, DOTS = 8, 3  # [pixel] of markers, and of what lines are made of
 MILLIMETRES = 1e3
 FREQUENCY_SHOWN = 500.0  # [Hz]; contours of a few millimetres would stretch the axis a hundredfold
@@ -62,7 +63,7 @@ class WindowPlots:
         self._by_time = by_time
         empty = (np.zeros(1), *(np.full(1, np.nan),) * (len(labels) + 1))
         marks = (_marker("now", NOW),)
-        steps = (_marker("jump", JUMP), _marker("hop", HOP))
+        steps = (_marker("jump", JUMP, DOTS), _marker("hop", HOP, DOTS))
         self._length = _plot(
             server, "length [mm]", (*_lines_of(labels), *marks, *steps), (*empty, empty[1], empty[1]), by_time=by_time
         )
@@ -81,7 +82,11 @@ class WindowPlots:
         time, lines = on_one_axis(columns)
         length, frequency, tilt = (lines[k::3] for k in range(3))
         now_at = max(0, int(np.searchsorted(time, now, side="right")) - 1)
-        marked = [_values_at(windows[0].time, times, length[0]) for times in (steps[0].jump, steps[0].hop)]
+        top = float(np.nanmax(length[0], initial=0.0))
+        marked = [
+            _marks(windows[0].time, times, height * top)  # below the line, which they would hide
+            for times, height in ((steps[0].jump, 0.0), (steps[0].hop, HOP_HEIGHT))
+        ]
         _fill(self._length, time, [*length, _at(time, now_at, length[0]), *marked])
         _fill(self._frequency, time, [*frequency, _at(time, now_at, frequency[0])], FREQUENCY_SHOWN)
         _fill(self._tilt, time, [*tilt, _at(time, now_at, tilt[0])])
@@ -165,10 +170,9 @@ def _at(time: np.ndarray, row: int, line: np.ndarray) -> np.ndarray:
     return marker
 
 
-def _values_at(time: np.ndarray, times: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """The line at the rows that times fall into, NaN elsewhere."""
+def _marks(time: np.ndarray, times: np.ndarray, height: float) -> np.ndarray:
+    """A height at the rows that times fall into, NaN elsewhere."""
     marker = np.full(len(time), np.nan)
     row = np.unique(np.searchsorted(time, times, side="right") - 1)
-    row = row[(row >= 0) & (row < len(time))]
-    marker[row] = line[row]
+    marker[row[(row >= 0) & (row < len(time))]] = height
     return marker

@@ -40,14 +40,14 @@ class SceneNodes:
             vertices=scene.vertices - scene.middle.astype(np.float32),
             faces=scene.faces,
             color=SOLID,
-            opacity=0.3,
+            opacity=0.16,
             side="double",
             position=scene.middle,
         )
         self._add_hand()
         empty = np.zeros((0, 2, 3), np.float32)
         lines = server.scene.add_line_segments
-        self._contours = self._add("contours", lines, "contours", empty, empty, thickness=4.0, thickness_units="screen")
+        self._contours = self._add("contours", lines, "contours", empty, empty, thickness=5.0, thickness_units="screen")
         self._trail = self._add("focal point", lines, "trail", empty, empty, thickness=3.0, thickness_units="screen")
         self._focus = self._add(
             "focal point", server.scene.add_icosphere, "focus", radius=FOCUS_RADIUS, color=FOCUS, visible=False

@@ -95,7 +95,8 @@ class Viewer:
         away = width / (2.0 * np.tan(FIELD_OF_VIEW / 2.0))
         camera, aside = self._server.initial_camera, np.array([0.14 * width, 0.0, 0.0])
         camera.fov = FIELD_OF_VIEW
-        camera.position = middle + aside + away * SIGHT / np.linalg.norm(SIGHT)
+        sight = SIGHT if len(self._scenes) == 1 else SIGHT * [0.0, 1.0, 1.0]  # equally far from both
+        camera.position = middle + aside + away * sight / np.linalg.norm(sight)
         camera.look_at = middle + aside
 
     def _actions(self) -> Actions:

@@ -9,7 +9,7 @@ from palpate.render import ContourFile, HandMotion, MeshObject, exploration, exp
 
 pytestmark = pytest.mark.exhaustive
 
-OBJECT_RED, HAND_BLUE, MADE_GREEN = (0xC1, 0x12, 0x1F), (0x1D, 0x6F, 0xA5), (0x2A, 0x9D, 0x8F)
+OBJECT_RED, HAND_BLUE, MADE_VIOLET = (0xB1, 0x12, 0x1F), (0x3D, 0x9B, 0xE0), (0x6A, 0x4C, 0x93)
 READOUTS = "[...document.querySelectorAll('.readout output')].map((output) => output.value)"
 
 
@@ -35,7 +35,7 @@ def shown(tmp_path):
     """Opens files as a page: the browser, when all is drawn."""
     opened = []
 
-    def show(files, *, flags=(), prepare=lambda browser: None, **options):
+    def show(files, *, flags=(), prepare=lambda browser: None, begin="Home", **options):
         page = tmp_path / "page.html"
         export_page(files, page, overwrite=True, **options)
         browser = Browser(tmp_path, flags=flags)
@@ -43,6 +43,8 @@ def shown(tmp_path):
         prepare(browser)
         browser.open(page.as_uri())
         browser.wait("document.querySelector('[data-ready]')")
+        if begin:
+            browser.press(begin)
         browser.settle(0.5)
         assert browser.errors == []
         assert browser.requested == [page.as_uri()]
@@ -92,6 +94,12 @@ def test_each_pose_has_the_numbers_of_the_file(shown, tube):
     assert len(browser.requested) == 1
 
 
+def test_a_page_begins_at_the_longest_contours(shown, tube):
+    browser = shown(tube, begin=None)
+    with ContourFile(tube) as file:
+        assert browser.run(READOUTS)[0] == numbers_text(file, int(file.metrics()["length"].argmax()))[0]
+
+
 def test_contours_are_drawn_in_their_colours_and_layers_hide_them(shown, tube):
     browser = shown(tube)
     with ContourFile(tube) as file:
@@ -101,7 +109,7 @@ def test_contours_are_drawn_in_their_colours_and_layers_hide_them(shown, tube):
     pixels = scene_of(browser)
     assert near(pixels, OBJECT_RED) > 100
     assert near(pixels, HAND_BLUE) > 100
-    assert near(pixels, MADE_GREEN) == 0
+    assert near(pixels, MADE_VIOLET) == 0
     browser.click("input[name=layer-contours]")
     browser.settle(0.5)
     hidden = scene_of(browser)
@@ -202,8 +210,8 @@ def test_two_files_have_one_clock(shown, tube, hatch):
     pixels = scene_of(browser)
     half = pixels.shape[1] // 2
     assert near(pixels[:-40, :half], HAND_BLUE) + near(pixels[:-40, :half], OBJECT_RED) > 50
-    assert near(pixels[:-40, half:], MADE_GREEN) > 50
-    assert near(pixels[:-40, :half], MADE_GREEN) == 0
+    assert near(pixels[:-40, half:], MADE_VIOLET) > 50
+    assert near(pixels[:-40, :half], MADE_VIOLET) == 0
 
 
 def test_both_views_have_one_camera(shown, tube):
@@ -262,6 +270,7 @@ def test_without_webgl_a_sentence_stands_instead_and_numbers_work(tmp_path, tube
         browser.open((tmp_path / "page.html").as_uri())
         browser.wait("document.querySelector('[data-ready]')")
         assert "cannot draw in three dimensions" in browser.run("document.querySelector('.scene').innerText")
+        browser.press("Home")
         browser.press("ArrowRight")
         with ContourFile(tube) as file:
             assert browser.run(READOUTS)[0] == numbers_text(file, 1)[0]

@@ -100,6 +100,12 @@ def shown_length(browser):
     return [float(text) for text in re.findall(r"([\d.]+) mm", row[1])]
 
 
+def reds(pixels):
+    """How many pixels are red, also through a pale object."""
+    red, green, blue = pixels.astype(int).transpose(2, 0, 1)
+    return int(((red - green > 70) & (red - blue > 60) & (red > 140)).sum())
+
+
 def test_a_file_is_shown_and_scrubbed(tmp_path, files):
     with ContourFile(files[0]) as file:
         length = 1e3 * file.metrics()["length"]
@@ -108,12 +114,14 @@ def test_a_file_is_shown_and_scrubbed(tmp_path, files):
         for pose in (54, 70, 12):
             go_to(browser, pose)
             assert shown_length(browser) == [pytest.approx(length[pose], abs=0.051)]
-        go_to(browser, 54)
-        browser.settle(3)
-        pixels = browser.pixels()
-    red = (pixels[..., 0] > 150) & (pixels[..., 1] < 100) & (pixels[..., 2] < 110)
-    assert red.sum() > 100  # the object's contour
-    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 500  # shaded: object, hand, array
+        pixels = {}
+        for pose in (0, 54):  # without contours, and with the longest
+            go_to(browser, pose)
+            browser.settle(3)
+            pixels[pose] = browser.pixels()
+    assert length[0] == 0
+    assert reds(pixels[54]) > reds(pixels[0]) + 300  # the object's contour; the browser's own notice is red, too
+    assert len(np.unique(pixels[54].reshape(-1, 3), axis=0)) > 500  # shaded: object, hand, array
 
 
 def test_two_files_with_one_clock(tmp_path, files):

@@ -87,6 +87,8 @@ def export_file(
     with ContourFile(path) as file:
         chosen = choose_poses(file, poses, seconds, every)
         counts = _written(out, lambda new: _write_contours(name, file, chosen, new, own, watch or _unwatched))
+    if not counts["polylines"]:
+        warn_user(f"{path} holds no contour in the poses that {out} is of ({len(chosen)})")
     return {"format": name, "poses": len(chosen), **counts, "bytes": out.stat().st_size, "path": str(out)}
 
 

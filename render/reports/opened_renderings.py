@@ -48,6 +48,8 @@ def opened(paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitSt
     for file in files:
         if not file.done:
             raise StrategyError(f"{file.path}: no pose is done yet; palpate render --resume goes on")
+        if not file.polyline_count:
+            warn_user(f"{file.path} holds no contour: the picture shows object and hand only")
     motion = files[0].motion()
     moments = MotionMoments(motion["pose"], motion.get("time"))
     return Renderings(labels, [SceneSource.of(file) for file in files], [_lengths(file) for file in files], moments)

@@ -31,6 +31,12 @@ TITLES: dict[str, tuple[str, str]] = {
 }
 """Metrics shown, the first that there are: title and unit."""
 
+REMARKS = {
+    "length_mean": "Length: mean over all poses; one without contact counts as 0.",
+    "draw_frequency_actual": "Draw frequency: mean over poses with contours; few short contours can dominate it.",
+}
+"""Of metrics shown: what a reader of the picture would not guess."""
+
 LOG_FROM = 40.0  # greatest over least from which an axis is logarithmic
 SINGLE_MOST = 40  # results of a point that are drawn one by one
 BANDS_CLEAR = 4  # series of which a reader can distinguish the spreads
@@ -328,6 +334,7 @@ def _label(figure: Any, views: Sequence[View], table: Mapping[str, Sequence[Any]
     parts += sorted({str(maker).partition(COMMA)[0] for maker in table.get("maker", ())})[:2]
     figure.suptitle(shown_name(name, TITLE_MOST), x=0.01, ha="left", fontsize=11, fontweight="bold")
     notes = caption(views, total - len(table["recipe_hash"]), int(18 * figure.get_figwidth()))
+    notes += [REMARKS[metric] for view in views for metric in view.metrics if metric in REMARKS]
     figure.supxlabel("\n".join([COMMA.join(parts), *notes]), x=0.01, ha="left", fontsize=7, color="#555555")
 
 

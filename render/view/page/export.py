@@ -73,6 +73,9 @@ def export_page(
             choose_poses(scene.file, poses, every=1 if every is None else every, may_lack=True) for scene in scenes
         ]
         _require_done(scenes, chosen)
+        for scene in scenes:
+            if not scene.file.polyline_count:
+                warn_user(f"{scene.path} holds no contour: the page shows object and hand only")
 
         def made(rows: list[list[int]]) -> bytes:
             return _document(scenes, rows, models, title, sampling).encode()

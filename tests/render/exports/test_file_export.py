@@ -113,6 +113,13 @@ def test_focal_points_are_no_contours(here):
     assert answer("export", "new.ptlist", "-o", "new.py")["points"] == len(points.intensity)
 
 
+@pytest.mark.parametrize("suffix", [".vtkhdf", ".csv", ".npz"])
+def test_an_export_without_a_contour_is_warned_of(suffix, tmp_path):
+    path = render("cube", "palm", static_pose([0, 0, 0.6]), "cc").save(tmp_path / "away.h5")
+    with pytest.warns(PalpateWarning, match=rf"away\.h5 holds no contour in the poses that .*{suffix} is of \(1\)"):
+        assert export_file(path, tmp_path / f"new{suffix}")["polylines"] == 0
+
+
 def test_an_unfinished_file_says_what_of_it_can_be_exported(tmp_path):
     with ContourWriter(tmp_path / "a.h5", make_header(40)) as writer:
         write_ranges(writer, mostly_empty(40), [(0, 12)])

@@ -148,8 +148,12 @@ def test_a_moment_without_contour_is_warned_of_and_refused_if_it_is_the_only_one
 
 def test_a_hand_that_never_meets_the_object_is_drawn_as_it_is(tmp_path):
     path = render("cube", Palm(), static_pose([0, 0, 0.6]), "cc").save(tmp_path / "away.h5")
-    assert "no contour" in texts(contour_figure([path]))
-    with pytest.raises(StrategyError, match="the hand never meets the object"):
+    with pytest.warns(PalpateWarning, match=r"away\.h5 holds no contour"):
+        assert "no contour" in texts(contour_figure([path]))
+    with (
+        pytest.warns(PalpateWarning, match="holds no contour"),
+        pytest.raises(StrategyError, match="the hand never meets the object"),
+    ):
         contour_figure([path], times=[0])
 
 

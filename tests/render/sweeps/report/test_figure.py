@@ -192,6 +192,12 @@ def test_an_axis_that_nothing_depends_on_has_no_place():
         assert caption([view], 0, 80) == ["The same for every array."]
 
 
+def test_the_picture_says_over_which_poses_its_means_are():
+    (under,) = [text for text in texts(sweep_figure(swept(strategy=TWO, speed=SPEEDS), name="x")) if "recipes" in text]
+    assert "Length: mean over all poses; one without contact counts as 0." in under
+    assert "few short contours can dominate it" in under
+
+
 ODD = ["a$^$b", "$", r"\$x$", "two\nlines", "$" * 7, "long " * 30]
 
 

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from page_oracle import elements_of, read_page
 
+from palpate.datasets import static_pose
 from palpate.device import array_model
 from palpate.render import (
     ContourFileError,
     MeshObject,
+    PalpateWarning,
     PlacedArray,
     StrategyError,
     ViewError,
@@ -35,6 +37,12 @@ def test_two_hundred_poses_of_fifteen_planes_take_less_than_one_and_a_half_megab
     facts = export_page(path, tmp_path / "planes.html")
     assert facts["poses"] == [200]
     assert facts["bytes"] == (tmp_path / "planes.html").stat().st_size < 1_500_000
+
+
+def test_a_page_without_a_contour_is_warned_of(tmp_path):
+    path = render("cube", "palm", static_pose([0, 0, 0.6]), "cc").save(tmp_path / "away.h5")
+    with pytest.warns(PalpateWarning, match=r"away\.h5 holds no contour: the page shows object and hand only"):
+        export_page(path, tmp_path / "away.html")
 
 
 def test_the_same_files_give_the_same_bytes(tube, tmp_path):
@@ -127,7 +135,7 @@ def test_names_that_look_like_html_are_text(tmp_path):
     mesh = MeshObject(
         trimesh.creation.box((0.1, 0.1, 0.1)), at=(0, 0, 0.2), name="</script><script>alert(1)</script>\u202e"
     )
-    path = render(mesh, "palm", exploration("cube", duration=0.2, seed=1), "cc").save(tmp_path / "<img src=x>.h5")
+    path = render(mesh, "palm", static_pose([0, 0, 0.2]), "cc").save(tmp_path / "<img src=x>.h5")
     plain = tmp_path / "plain.html"
     export_page(path, plain, title="<b>\u2066title")
     elements = elements_of(plain.read_text())

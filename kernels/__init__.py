@@ -45,6 +45,7 @@ FOLLOWING_STAGES = (
 MOTION_STAGES = ("metrics.contour_shift",)  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 SWEEP_STAGES = (
+    "motions.over_array",
     "metrics.facing",
     "metrics.random_pose",
     "metrics.histogram",

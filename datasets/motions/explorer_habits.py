@@ -1,6 +1,7 @@
 """Persons who explore objects over an array: the size of the hand and the habits of each, by number."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -78,7 +79,12 @@ def explorer_habits(explorer: int) -> ExplorerHabits:
     ['right', 'right', 'left', 'above', 'above']
     """
     require_explorer(explorer)
-    key = (int(explorer), PERSON_KEY)
+    return _habits(int(explorer))
+
+
+@lru_cache(maxsize=4096)  # a sweep asks for the same persons again and again
+def _habits(explorer: int) -> ExplorerHabits:
+    key = (explorer, PERSON_KEY)
     first = uniform(key, 0)
     mean, deviation = BREADTHS[int(2.0 * first[0])]
     width = mean + deviation * float(bell(key, 1))

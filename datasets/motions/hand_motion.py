@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
 from ..shapes.built_in import shape
 from ..user_warnings import warn_user
 from .exploration import Progress, unheard
-from .exploration_options import EXPLORATION_MODELS, POSE_BYTES, SECOND_BYTES, check_options
+from .exploration_options import EXPLORATION_MODELS, POSE_BYTES, SECOND_BYTES, ExplorationOptions, check_options
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
@@ -225,6 +225,35 @@ def exploration(
     >>> exploration([[-0.06, -0.06, 0.14], [0.06, 0.06, 0.26]], duration=2.0)
     HandMotion(180 poses, 2 s at 90 Hz)
     """
+    checked = check_exploration(
+        bounds, duration, rate=rate, seed=seed, model=model, explorer=explorer, facing=facing, workspace=workspace
+    )
+    time = np.arange(checked.pose_count) / rate
+    made = checked.options.provenance(float(duration), float(rate), seed)
+    return _motion(time, checked.options.path(checked.box, time, seed, progress), seed=seed, provenance=made)
+
+
+class CheckedExploration(NamedTuple):
+    """What `exploration` makes poses of."""
+
+    options: ExplorationOptions
+    box: NDArray[np.float64]
+    """The object's smallest and largest x y z [m], shape [2, 3]."""
+    pose_count: int
+
+
+def check_exploration(
+    bounds: ArrayLike | HasBounds | str,
+    duration: float,
+    *,
+    rate: float,
+    seed: int,
+    model: str = EXPLORATION_MODELS[0],
+    explorer: int | None = None,
+    facing: float | None = None,
+    workspace: ArrayLike | None = None,
+) -> CheckedExploration:
+    """Check the arguments of `exploration` and raise what it raises, without making a pose."""
     box = _numbers(_bounds_of(bounds), "bounds", (2, 3))
     if not (np.abs(box) <= BOUNDS_FARTHEST).all() or (box[0] > box[1]).any():
         raise MotionError(
@@ -237,10 +266,7 @@ def exploration(
             raise MotionError(f"{name} must be finite and greater than 0, got {value!r}")
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= SEED_MOST:  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts pass floats
         raise MotionError(f"seed must be an integer of 0 to {SEED_MOST}, got {seed!r}")
-    count = _pose_count(duration, rate, options.model)
-    time = np.arange(count) / rate
-    made = options.provenance(float(duration), float(rate), seed)
-    return _motion(time, options.path(box, time, seed, progress), seed=seed, provenance=made)
+    return CheckedExploration(options, box, _pose_count(duration, rate, options.model))
 
 
 def _pose_count(duration: float, rate: float, model: str) -> int:

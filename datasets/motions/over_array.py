@@ -32,6 +32,7 @@ from ..rigid import quaternion_product, rotate
 from .counter_random import bell, uniform
 from .exploration import Progress
 from .explorer_habits import PITCH_SD, PREFERENCE, ROLL_SD, SIDES, YAW_SD, ExplorerHabits
+from .portable_angles import arc_tangent, hyperbolic_tangent, sine_cosine, sine_of_turns
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -58,7 +59,8 @@ SWAY_SPACE = 0.0013  # that waypoints keep from the workspace's sides [m]: two s
 # What a counter's third word means; the fourth numbers the draws of a trial, 1 for those of no visit.
 _PLACE, _PITCH, _ROLL, _YAW, _SPEED, _PAUSE, _VISIT = range(7)
 _BLOCK = 1 << 11  # poses evaluated at once: bounds the memory of long motions
-_VISITS = 64  # drawn at once
+_VISITS = 64  # drawn at once, if the time takes so many
+_VISIT_SECONDS = 8.0  # that a visit takes, about
 
 
 @dataclass(frozen=True)
@@ -165,8 +167,9 @@ def _strokes_until(trial: ExplorerTrial, end: float) -> tuple[ExplorerStrokes, A
     parts: list[ExplorerStrokes] = []
     lasting: list[Integers] = []
     total = 0
-    for first in range(0, 1 << 62, _VISITS):
-        visit = np.arange(first, first + _VISITS, dtype=np.int64)
+    at_once = min(_VISITS, 2 + int(end / _VISIT_SECONDS))
+    for first in range(0, 1 << 62, at_once):
+        visit = np.arange(first, first + at_once, dtype=np.int64)
         count = stroke_counts(trial, visit)
         within = np.arange(count.sum(), dtype=np.int64) - np.repeat(np.cumsum(count) - count, count)
         parts.append(make_strokes(trial, np.repeat(visit, count), within))
@@ -194,14 +197,14 @@ def _cut(strokes: ExplorerStrokes, rows: slice) -> ExplorerStrokes:
 def _poses(trial: ExplorerTrial, strokes: ExplorerStrokes, begins: Array, number: Integers, time: Array) -> Array:
     """Poses at times, each on the stroke of its number, shape [pose, 7]."""
     s = np.clip((time - begins[number]) / (strokes.moving[number] / 1e3), 0.0, 1.0)[:, None]
-    s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)  # minimum jerk
+    s = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)  # minimum jerk
     (start, turned), (goal, turning) = strokes.start, strokes.goal
     position = start[number] + s * (goal - start)[number] + _sway(trial, time)
     yaw, pitch, roll = (turned[number] + s * (turning - turned)[number]).T
     half, sum_half, difference_half = np.pi / 4.0 + pitch / 2.0, (yaw + roll) / 2.0, (yaw - roll) / 2.0
-    sine, cosine = np.sin(half), np.cos(half)  # z by yaw, x by a right angle and the pitch, z by roll
-    columns = [sine * np.cos(difference_half), sine * np.sin(difference_half)]
-    columns += [cosine * np.sin(sum_half), cosine * np.cos(sum_half)]
+    (sine, cosine), summed, difference = map(sine_cosine, (half, sum_half, difference_half))
+    # z by yaw, x by a right angle and the pitch, z by roll
+    columns = [sine * difference[1], sine * difference[0], cosine * summed[0], cosine * summed[1]]
     return np.hstack([position, _faced(position, np.stack(columns, axis=1), trial.facing)])
 
 
@@ -211,7 +214,7 @@ def _sway(trial: ExplorerTrial, time: Array) -> Array:
     for wave in range(6):
         draw = uniform(trial.key, wave, 0, 0, 1)
         rate = SWAY_RATES[0] + (SWAY_RATES[1] - SWAY_RATES[0]) * draw[0]
-        out[:, wave % 3] += SWAY * np.sin(2.0 * np.pi * (rate * time + draw[1]))
+        out[:, wave % 3] += SWAY * sine_of_turns(rate * time + draw[1])
     return out
 
 
@@ -223,15 +226,13 @@ def _faced(position: Array, quaternion: Array, limit: float) -> Array:
     skin = rotate(quaternion, np.broadcast_to([0.0, -1.0, 0.0], position.shape))
     axis = np.cross(position, skin)  # from the skin's normal to the direction of the array
     across = np.sqrt((axis * axis).sum(axis=1))
-    angle = np.arctan2(across, -(skin * position).sum(axis=1))
+    angle = arc_tangent(across, -(skin * position).sum(axis=1))
     rows = np.flatnonzero(angle > KNEE * limit)
     if not len(rows):
         return quaternion
     beyond, room = angle[rows] - KNEE * limit, (1.0 - KNEE) * limit
-    turn = 0.5 * (beyond - room * np.tanh(beyond / room))
+    sine, cosine = sine_cosine(0.5 * (beyond - room * hyperbolic_tangent(beyond / room)))
     unit = axis[rows] / np.maximum(across[rows], 1e-12)[:, None]
     out = quaternion.copy()
-    out[rows] = quaternion_product(
-        np.concatenate([np.sin(turn)[:, None] * unit, np.cos(turn)[:, None]], axis=1), quaternion[rows]
-    )
+    out[rows] = quaternion_product(np.concatenate([sine[:, None] * unit, cosine[:, None]], axis=1), quaternion[rows])
     return out

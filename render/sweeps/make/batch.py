@@ -15,6 +15,7 @@ from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
 from ...sampling.contour_sampling import SamplingStrategy
 from ..plan.recipe import Recipe, is_user_metric
 from .metrics import Measured
+from .poses import ExploredPoses, explored_rows
 from .rendering import Rendering, sampling_of
 from .task import CHUNK_POSES, SPAN
 from .user_metrics import UserMetric
@@ -163,7 +164,11 @@ def take_batch(left: Sequence[PoseRange], capacity: int) -> tuple[list[PoseRange
 
 def poses_of(batch: Sequence[PoseRange], device: str) -> np.ndarray | wp.array:
     """Poses of all ranges, one after the other: on the host if all are there, else on the device."""
-    rows = [s.chunk.rendering.poses.rows(s.first, s.stop, device) for s in join_ranges(batch, lambda c: c.rendering)]
+    ranges = [(s.chunk.rendering.poses, s.first, s.stop) for s in join_ranges(batch, lambda c: c.rendering)]
+    explored = [(poses, first, stop) for poses, first, stop in ranges if isinstance(poses, ExploredPoses)]
+    if len(explored) == len(ranges):  # as a rule: one launch instead of one for each motion
+        return explored_rows(explored, device)
+    rows = [poses.rows(first, stop, device) for poses, first, stop in ranges]
     if len(rows) == 1:
         return rows[0]
     if all(isinstance(own, np.ndarray) for own in rows):

@@ -2,21 +2,24 @@
 
 | motion | number of poses | rows |
 |---|---|---|
-| exploration | from duration and rate | on the host |
+| exploration over the array | from duration and rate | made on the device where they are used |
+| exploration around an object | from duration and rate | on the host |
 | random | given | made on the device where they are used |
 | file of poses | from the file's header (HDF5) or its lines | on the host |
 | recording of a hand | from its frames, resampled and held as the hand needs them | on the host |
 """
 
 import math
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from ....datasets.motions.hand_motion import HandMotion
+from ....datasets.motions.explorer_habits import SIDES, explorer_habits
+from ....datasets.motions.hand_motion import CheckedExploration, HandMotion, check_exploration, exploration
 from ....datasets.storage.hdf5 import Hdf5Reader
 from ...errors import SweepError
 from ..plan.recipe import Recipe, digest_source
@@ -70,7 +73,50 @@ class RandomPoses:
         return HandMotion(None, self.rows(0, self.count, "cpu").numpy())
 
 
-Poses = HostPoses | RandomPoses
+@dataclass(frozen=True, eq=False)
+class ExploredPoses:
+    """An exploration over the array: its poses are the same bits on every device, and those of `exploration`."""
+
+    arguments: Mapping[str, Any]
+    """Of `exploration`."""
+    checked: CheckedExploration
+
+    @classmethod
+    def of(cls, arguments: Mapping[str, Any]) -> Self:
+        """Check the arguments of `exploration`, whose model is "over-array"; raises MotionError as it does."""
+        return cls(arguments, check_exploration(**arguments))
+
+    @property
+    def count(self) -> int:
+        """Number of poses."""
+        return self.checked.pose_count
+
+    def rows(self, first: int, stop: int, device: str) -> Any:
+        """Poses first..stop, wp.transform on the device, shape [pose]."""
+        return explored_rows([(self, first, stop)], device)
+
+    def trial(self, first: int, stop: int) -> dict[str, Any]:
+        """Poses first..stop as the kernels know them."""
+        options, seed = self.checked.options, self.arguments["seed"]
+        habits = asdict(explorer_habits(options.explorer or 0))
+        own = {"workspace": options.workspace, "facing": options.facing, "explorer": options.explorer, "seed": seed}
+        range_ = {"rate": self.arguments["rate"], "first": first, "stop": stop}
+        return {**habits, **own, **range_, "side": SIDES.index(habits["side"])}
+
+    @cached_property
+    def motion(self) -> HandMotion:
+        """All of them on the host, with times."""
+        return exploration(**self.arguments)
+
+
+def explored_rows(ranges: Sequence[tuple[ExploredPoses, int, int]], device: str) -> Any:
+    """Poses first..stop of several explorations, one after the other, by one launch: wp.transform, shape [pose]."""
+    from ....kernels.motions.over_array import place_explorers, trials_of
+
+    return place_explorers(trials_of([poses.trial(first, stop) for poses, first, stop in ranges]), device=device)
+
+
+Poses = HostPoses | RandomPoses | ExploredPoses
 
 
 def pose_count(recipe: Recipe) -> int:

@@ -12,9 +12,11 @@ from pathlib import Path
 from threading import RLock
 from typing import Any, Generic, TypeVar
 
-from ....datasets.motions.hand_motion import EXPLORATION_OPTIONS, RANDOM_AT, RANDOM_SIZE
+from ....datasets.errors import MotionError
+from ....datasets.motions.exploration_options import OVER_ARRAY
+from ....datasets.motions.hand_motion import EXPLORATION_DEFAULTS, EXPLORATION_OPTIONS, RANDOM_AT, RANDOM_SIZE
 from ....device.array import ArrayModel
-from ...errors import SweepError
+from ...errors import StrategyError, SweepError
 from ...hands.hand import Hand
 from ...intersection.named_inputs import (
     is_recording,
@@ -34,13 +36,14 @@ from ...strategies.intersection_strategy import IntersectionStrategy, read_strat
 from ...strategies.user_stage_sources import has_own_stages, stage_sources
 from ...trust.permission import AllowCode
 from ..plan.recipe import PARTS, Recipe, RecipePart, model_of
-from .poses import ARTICULATED, EXPLORATION, RANDOM, HostPoses, Poses, RandomPoses, require_unchanged
+from .poses import ARTICULATED, EXPLORATION, RANDOM, ExploredPoses, HostPoses, Poses, RandomPoses, require_unchanged
 
 Thing = TypeVar("Thing")
 THINGS_KEPT = 8
 HANDS_KEPT = 16
 BYTES_KEPT = 256_000_000  # of motions, posed hands with them; and of the posed hands of scenes
 SCENE_BYTES = BYTES_KEPT // 16  # that a scene counts for, so that there are not too many
+POSE_BYTES = 36  # a pose and its time on the host
 POSES_BYTES = BYTES_KEPT // 65536  # that any motion counts for: numbers of random poses are small, but many
 
 
@@ -133,6 +136,8 @@ class RecipeCache:
         options = {name: motion.get(name) for name in EXPLORATION_OPTIONS} | {"model": model_of(motion)}
         if not is_recording(source):
             options = options if source == EXPLORATION else {}
+            if options.get("model") == OVER_ARRAY:
+                return self._rigid(recipe), explored_poses_of(thing, options)
             return self._rigid(recipe), HostPoses(load_motion(source, thing, options))
         alignment = motion.get("alignment")
         if alignment is not None:
@@ -183,6 +188,15 @@ def title_of(recipe: Recipe) -> str:
     seed = recipe.motion.get("seed")
     motion = recipe.motion["name"] if seed is None else f"{recipe.motion['name']} of seed {seed}"
     return f"{recipe.thing['name']}, {recipe.hand['name']}, {motion}, {recipe.strategy['name']}"
+
+
+def explored_poses_of(thing: Solid, options: dict[str, Any]) -> ExploredPoses:
+    """Poses of an exploration over the array, by its options; raises StrategyError as `load_motion` does."""
+    given = {name: value for name, value in options.items() if value is not None}
+    try:
+        return ExploredPoses.of({"bounds": thing.bounds, **EXPLORATION_DEFAULTS, **given})
+    except MotionError as error:
+        raise StrategyError(f"{EXPLORATION}: {error}") from error
 
 
 def random_poses_of(motion: dict[str, Any]) -> RandomPoses:
@@ -271,5 +285,7 @@ def _pose_bytes(kept: tuple[Hand, Poses]) -> int:
     hand, poses = kept
     if isinstance(poses, RandomPoses):
         return POSES_BYTES + hand_bytes(hand)
+    if isinstance(poses, ExploredPoses):  # its motion is made where something needs it on the host
+        return POSES_BYTES + hand_bytes(hand) + POSE_BYTES * poses.count
     time = poses.motion.time
     return POSES_BYTES + hand_bytes(hand) + poses.motion.pose.nbytes + (0 if time is None else time.nbytes)

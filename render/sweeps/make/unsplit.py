@@ -26,7 +26,7 @@ from .keep import (
     keep_contours,
     set_aside,
 )
-from .poses import HostPoses
+from .poses import RandomPoses
 from .rendering import Rendering, sampling_of
 from .sampling import NUMBERS, sample_recipe, why_not_sampled
 
@@ -70,7 +70,7 @@ def make_unsplit(
     sampled = {place: recipe for place, recipe in wanted.items() if place not in kept}
     if not sampled:
         return made
-    motion = rendering.poses.motion if isinstance(rendering.poses, HostPoses) else None
+    motion = None if isinstance(rendering.poses, RandomPoses) else rendering.poses.motion
     reason = why_not_sampled(motion)
     if reason is not None or motion is None:
         return made | {place: _nothing(place, reason or "") for place in sampled}

@@ -1,0 +1,1 @@
+"""Motions of hands, made where they are used."""

@@ -1,0 +1,42 @@
+"""Poses of recipes: those made on a device are those on the host, alone and with others."""
+
+import numpy as np
+import pytest
+
+from palpate.datasets import exploration
+from palpate.datasets.errors import MotionError
+from palpate.render import MeshObject
+from palpate.render.sweeps.make.poses import ExploredPoses, RandomPoses, explored_rows
+
+OPTIONS = {"duration": 3.0, "rate": 90.0, "model": "over-array"}
+
+
+def explored(**options):
+    return ExploredPoses.of({"bounds": MeshObject.load("cube").bounds, "seed": 1, **OPTIONS, **options})
+
+
+def test_poses_of_explorations_are_made_together(device):
+    ranges = [(explored(), 0, 270), (explored(seed=2, explorer=5), 100, 130), (explored(facing=0.4), 269, 270)]
+    rows = explored_rows(ranges, device).numpy()
+    np.testing.assert_array_equal(rows, np.concatenate([poses.motion.pose[a:b] for poses, a, b in ranges]))
+
+
+def test_the_motion_is_that_of_exploration():
+    poses = explored(seed=3)
+    motion = exploration(MeshObject.load("cube").bounds, 3.0, rate=90.0, seed=3)
+    assert poses.count == len(poses.motion) == 270
+    np.testing.assert_array_equal(poses.motion.pose, motion.pose)
+    np.testing.assert_array_equal(poses.motion.time, motion.time)
+    np.testing.assert_array_equal(poses.rows(5, 9, "cpu").numpy(), motion.pose[5:9])
+
+
+def test_what_exploration_refuses_is_refused_before_a_pose_is_made():
+    with pytest.raises(MotionError, match="does not meet the workspace"):
+        explored(bounds=[[5, 5, 5], [6, 6, 6]])
+    with pytest.raises(MotionError, match="duration must be finite and greater than 0"):
+        explored(duration=-1.0)
+
+
+def test_random_poses_on_the_host_are_those_of_the_device(device):
+    poses = RandomPoses(50, 3, 0.13, (0.0, 0.0, 0.2))
+    np.testing.assert_array_equal(poses.rows(0, 50, device).numpy(), poses.motion.pose)

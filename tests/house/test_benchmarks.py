@@ -20,6 +20,9 @@ from scaling import measure as measure_scaling
 from solvers import SEVERAL, SINGLE, focal_points
 from solvers import measure as measure_solvers
 from throughput import CASES, compare, measure
+from transforms import PRESETS, measure_explorations, numbers_of
+from transforms import compare as compare_numbers
+from transforms import measure as measure_transforms
 
 from palpate.render import MeshObject
 
@@ -97,3 +100,22 @@ def test_pressure_cases_measure_the_same_field(device):
     for figure in measure_pressure(cases, random_points(100), device, 1):
         assert figure.error < 1e-4, figure.case
         assert figure.nanoseconds_a_pair > 0
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_transforms_case_measures_what_it_renders(preset, device):
+    poses = random_poses(60)
+    (figures,) = measure_transforms([preset], device, poses, chunk=25, rounds=1)
+    assert figures["us"] > 0
+    numbers = numbers_of(preset, device, poses)
+    same = compare_numbers(numbers, numbers)
+    assert (same["blocks"], same["blocks_of_equal_bits"], same["points_apart"], same["length_apart"]) == (1, 1, 0, 0.0)
+    assert compare_numbers(numbers, numbers + np.array([0, 2, 0.5, 1])) == {
+        "blocks": 1, "blocks_of_equal_bits": 0, "polylines_apart": 0, "points_apart": 2, "length_apart": 0.5
+    }  # fmt: skip
+
+
+@pytest.mark.exhaustive
+def test_explorations_are_measured(device):
+    assert measure_explorations(device, 3, rounds=1)["us"] > 0

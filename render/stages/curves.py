@@ -6,7 +6,8 @@ import numpy as np
 
 from ...kernels.stages.simplify import gather_rows, simplify_polylines
 from ..contour_batch import ContourBatch
-from .polyline_arrays import divided, without_repeats
+from .point_insertion import divide_batch
+from .polyline_arrays import without_repeats
 from .registry import Option, Setting, transform_stage
 from .vertex_spacing import LEVEL, RESAMPLED
 
@@ -45,7 +46,7 @@ def simplify_contours(batch: ContourBatch, setting: Setting, *, tolerance: float
     )
 
 
-@transform_stage("resample", spacing=Option(None, 1e-4, 1.0, "m", widths=RESAMPLED))
+@transform_stage("resample", on="device", spacing=Option(None, 1e-4, 1.0, "m", widths=RESAMPLED))
 def resample_contours(batch: ContourBatch, setting: Setting, *, spacing: float) -> ContourBatch:
     """More vertices along the same contours, so that later stages act between the old vertices too.
 
@@ -53,7 +54,7 @@ def resample_contours(batch: ContourBatch, setting: Setting, *, spacing: float) 
     are, with their pauses. Intensity goes on linearly. Put it before a stage that acts at vertices, such as a function
     of position, and not before "simplify", which leaves the new vertices out again.
     """
-    return divided(batch, spacing, setting.point_limit)
+    return divide_batch(batch, spacing, setting.point_limit)
 
 
 @transform_stage(

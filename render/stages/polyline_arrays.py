@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...kernels.offsets import PointLimitError
 from ..contour_batch import MADE, ContourBatch
 
 
@@ -139,25 +138,6 @@ def without_repeats(batch: ContourBatch) -> ContourBatch:
     keep[1:] = (batch.points[1:] != batch.points[:-1]).any(axis=1)
     keep[batch.polyline_start[:-1][np.diff(batch.polyline_start) > 0]] = True
     return batch if keep.all() else without_points(batch, keep)
-
-
-def divided(batch: ContourBatch, longest: float, point_limit: int | None = None) -> ContourBatch:
-    """A batch whose segments are at most so long [m]: longer ones fall into equal parts.
-
-    Parts are longer by the rounding of their ends to float32 at most, and dividing again changes nothing.
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
-    """
-    _, length = segment_lengths(batch)
-    spacing = np.spacing(np.abs(batch.points).max(axis=1, initial=0.0)).astype(np.float64)
-    spacing[:-1] = np.maximum(spacing[:-1], spacing[1:])
-    rounding = np.sqrt(3.0) * spacing  # of a part's length: both ends move by half a spacing along each axis
-    new = np.maximum(np.ceil((length - 2.0 * rounding) / longest), 1.0) - 1.0
-    if point_limit is not None and (count := int(len(new) + new.sum())) > point_limit:
-        raise PointLimitError(count, point_limit)
-    new = new.astype(np.int64)
-    segment = np.repeat(np.arange(len(new)), new)
-    turn = np.arange(len(segment)) - np.repeat(np.cumsum(new) - new, new)
-    return with_points(batch, segment, (turn + 1) / (new[segment] + 1))[0]
 
 
 def levelled(batch: ContourBatch, level: np.ndarray, ramp: float) -> ContourBatch:

@@ -39,7 +39,9 @@ FOLLOWING_STAGES = (
     "stages.prune",
     "stages.prune_crowded",
     "stages.prune_hidden",
+    "stages.repeats",
     "stages.simplify",
+    "stages.smooth",
     "solids.depth",
     "solids.nearest",
 )

@@ -222,15 +222,10 @@ def insert_points(
     place = offsets_of(stay)
     total = last_of(place)
     old = vertices_of(points, kind, intensity, dwell)
-    new = vertices_of(
-        wp.empty(total, dtype=wp.vec3, device=device),
-        wp.empty(total, dtype=wp.uint8, device=device),
-        None if intensity is None else wp.empty(total, dtype=wp.float32, device=device),
-        None if dwell is None else wp.empty(total, dtype=wp.float32, device=device),
-    )
-    wp.launch(_insert_points, count, inputs=[old, *rows, place], outputs=[new], device=device, block_dim=BLOCK)
-    weights = (None if intensity is None else new.intensity, None if dwell is None else new.dwell)
-    return Inserted(new.points, new.kind, move_offsets(polyline_start, place), *weights, place)
+    written = empty_vertices(total, device, intensity is not None, dwell is not None)
+    wp.launch(_insert_points, count, inputs=[old, *rows, place], outputs=[written], device=device, block_dim=BLOCK)
+    weights = (None if intensity is None else written.intensity, None if dwell is None else written.dwell)
+    return Inserted(written.points, written.kind, move_offsets(polyline_start, place), *weights, place)
 
 
 def vertices_of(points: wp.array, kind: wp.array, intensity: wp.array | None, dwell: wp.array | None) -> Vertices:
@@ -239,4 +234,14 @@ def vertices_of(points: wp.array, kind: wp.array, intensity: wp.array | None, dw
     out.points, out.kind = points, kind
     out.intensity = wp.empty(0, dtype=wp.float32, device=points.device) if intensity is None else intensity
     out.dwell = wp.empty(0, dtype=wp.float32, device=points.device) if dwell is None else dwell
+    return out
+
+
+def empty_vertices(count: int, device: wp.Device, has_intensity: bool, has_dwell: bool) -> Vertices:
+    """Room for points, with what they have."""
+    out = Vertices()
+    out.points = wp.empty(count, dtype=wp.vec3, device=device)
+    out.kind = wp.empty(count, dtype=wp.uint8, device=device)
+    out.intensity = wp.empty(count if has_intensity else 0, dtype=wp.float32, device=device)
+    out.dwell = wp.empty(count if has_dwell else 0, dtype=wp.float32, device=device)
     return out

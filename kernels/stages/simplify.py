@@ -155,7 +155,7 @@ def _gather_rows(
     out[i] = source[index[i]]
 
 
-for _row in (wp.vec3, wp.uint8, wp.float32):  # else the module would be compiled again for each type it meets
+for _row in (wp.vec3, wp.uint8, wp.int32, wp.float32):  # else the module would be compiled again for each type it meets
     wp.overload(_gather_rows, {"source": wp.array(dtype=_row), "out": wp.array(dtype=_row)})
 
 

@@ -1,4 +1,4 @@
-"""Polylines of a whole batch at once: arc lengths, points put in, points left out, intensities by segment."""
+"""Polylines of a whole batch at once: arc lengths, points put in, intensities by segment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -112,32 +112,6 @@ def with_points(
     start = np.searchsorted(base, batch.polyline_start).astype(np.int64)
     out = replace(batch, points=points, kind=batch.kind[base], polyline_start=start, intensity=intensity, dwell=dwell)
     return out, base, part
-
-
-def without_points(batch: ContourBatch, keep: np.ndarray) -> ContourBatch:
-    """A batch without some points, and without polylines of which one point is left or none; keep: bool, [point]."""
-    line = np.repeat(np.arange(batch.polyline_count), np.diff(batch.polyline_start))
-    keep = keep & (np.bincount(line, weights=keep, minlength=batch.polyline_count) > 1)[line]
-    count = np.bincount(line[keep], minlength=batch.polyline_count)
-    lines = np.concatenate([[0], np.cumsum(count > 0)])
-    return ContourBatch(
-        points=batch.points[keep],
-        kind=batch.kind[keep],
-        polyline_start=np.concatenate([[0], np.cumsum(count[count > 0])]).astype(np.int64),
-        polyline_patch=batch.polyline_patch[count > 0],
-        polyline_closed=batch.polyline_closed[count > 0],
-        pose_start=lines[batch.pose_start].astype(np.int64),
-        intensity=None if batch.intensity is None else batch.intensity[keep],
-        dwell=None if batch.dwell is None else batch.dwell[keep],
-    )
-
-
-def without_repeats(batch: ContourBatch) -> ContourBatch:
-    """A batch without segments of no length."""
-    keep = np.ones(batch.point_count, bool)
-    keep[1:] = (batch.points[1:] != batch.points[:-1]).any(axis=1)
-    keep[batch.polyline_start[:-1][np.diff(batch.polyline_start) > 0]] = True
-    return batch if keep.all() else without_points(batch, keep)
 
 
 def levelled(batch: ContourBatch, level: np.ndarray, ramp: float) -> ContourBatch:

@@ -38,6 +38,15 @@ def random_batch(rng, pose_count, *, line_most=4, point_most=12, spread=0.04, pa
     )
 
 
+def weighted_batch(rng, pose_count):
+    """Random polylines with intensities, and pauses at some points, which agree at seams."""
+    batch = random_batch(rng, pose_count)
+    dwell = rng.random(batch.point_count) * (rng.random(batch.point_count) < 0.3)
+    loop = np.flatnonzero(batch.polyline_closed)
+    dwell[batch.polyline_start[loop + 1] - 1] = dwell[batch.polyline_start[loop]]
+    return replace(batch, dwell=dwell.astype(np.float32))
+
+
 def degenerate_batch(rng, pose_count, *, weighted=True):
     """Polylines of 0 to 9 points, of which many repeat, stand alone, turn back or lie on a line; some poses are empty.
 

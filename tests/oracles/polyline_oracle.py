@@ -113,21 +113,36 @@ def with_points(
     return out, base, part
 
 
-def without_points(batch: ContourBatch, keep: np.ndarray) -> ContourBatch:
-    """A batch without some points, and without polylines of which one point is left or none; keep: bool, [point]."""
-    line = np.repeat(np.arange(batch.polyline_count), np.diff(batch.polyline_start))
-    keep = keep & (np.bincount(line, weights=keep, minlength=batch.polyline_count) > 1)[line]
-    count = np.bincount(line[keep], minlength=batch.polyline_count)
-    lines = np.concatenate([[0], np.cumsum(count > 0)])
-    return ContourBatch(
-        points=batch.points[keep],
-        kind=batch.kind[keep],
-        polyline_start=np.concatenate([[0], np.cumsum(count[count > 0])]).astype(np.int64),
-        polyline_patch=batch.polyline_patch[count > 0],
-        polyline_closed=batch.polyline_closed[count > 0],
-        pose_start=lines[batch.pose_start].astype(np.int64),
-        intensity=None if batch.intensity is None else batch.intensity[keep],
-        dwell=None if batch.dwell is None else batch.dwell[keep],
+def selected(batch: ContourBatch, keep: np.ndarray) -> ContourBatch:
+    """A batch without some points, and without polylines of which one point is left or none; keep: bool, [point].
+
+    Last points then have the kind of the point before, and those of loops the values of the first.
+    """
+    index, count, lines = [], [], []
+    for k, (a, b) in enumerate(pairwise(batch.polyline_start.tolist())):
+        own = a + np.flatnonzero(keep[a:b])
+        if len(own) > 1:
+            index.append(own)
+            count.append(len(own))
+            lines.append(k)
+    chosen = np.concatenate([*index, np.zeros(0, np.int64)])
+    by_point = {
+        name: values[chosen]
+        for name, values in batch.by_name().items()
+        if name in ("points", "kind", "intensity", "dwell")
+    }
+    for k, end in enumerate(np.cumsum(count)):
+        by_point["kind"][end - 1] = by_point["kind"][end - 2]
+        for name in ("intensity", "dwell"):
+            if batch.polyline_closed[lines[k]] and name in by_point:
+                by_point[name][end - 1] = by_point[name][end - count[k]]
+    return replace(
+        batch,
+        **by_point,
+        polyline_start=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
+        polyline_patch=batch.polyline_patch[lines],
+        polyline_closed=batch.polyline_closed[lines],
+        pose_start=np.searchsorted(lines, batch.pose_start).astype(np.int64),
     )
 
 
@@ -136,7 +151,7 @@ def without_repeats(batch: ContourBatch) -> ContourBatch:
     keep = np.ones(batch.point_count, bool)
     keep[1:] = (batch.points[1:] != batch.points[:-1]).any(axis=1)
     keep[batch.polyline_start[:-1][np.diff(batch.polyline_start) > 0]] = True
-    return batch if keep.all() else without_points(batch, keep)
+    return selected(batch, keep)
 
 
 def divided(batch: ContourBatch, longest: float) -> ContourBatch:

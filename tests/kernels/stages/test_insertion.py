@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from contour_random import bare, degenerate_batch, random_batch
+from contour_random import bare, degenerate_batch, random_batch, weighted_batch
 from polyline_oracle import Lines, divided, with_points
 from transform_cases import assert_equal, assert_valid
 
@@ -31,18 +31,9 @@ def inserted(batch, segment, part, device="cpu"):
     return out.numpy(), new.place.numpy()
 
 
-def weighted(rng, pose_count):
-    """Random polylines with intensities, and pauses at some points."""
-    batch = random_batch(rng, pose_count)
-    dwell = rng.random(batch.point_count) * (rng.random(batch.point_count) < 0.3)
-    loop = np.flatnonzero(batch.polyline_closed)
-    dwell[batch.polyline_start[loop + 1] - 1] = dwell[batch.polyline_start[loop]]
-    return ContourBatch(**{**batch.by_name(), "dwell": dwell.astype(np.float32)})
-
-
 @pytest.mark.parametrize("longest", [1e-4, 0.00137, 0.005, 0.5])
 def test_segments_are_divided_as_the_oracle_divides_them(longest, device, rng):
-    for batch in (weighted(rng, 20), degenerate_batch(rng, 100), bare(random_batch(rng, 20))):
+    for batch in (weighted_batch(rng, 20), degenerate_batch(rng, 100), bare(random_batch(rng, 20))):
         assert_equal(divide_batch(batch.to(device), longest).numpy(), divided(batch, longest))
         assert_equal(divide_batch(batch, longest), divided(batch, longest))
 
@@ -69,7 +60,7 @@ def test_batches_without_polylines_or_without_points_stay_as_they_are(pose_count
 
 
 def test_points_put_in_split_segments_as_the_oracle_splits_them_and_leave_the_rest(device, rng):
-    for batch in (weighted(rng, 30), degenerate_batch(rng, 60), bare(degenerate_batch(rng, 60))):
+    for batch in (weighted_batch(rng, 30), degenerate_batch(rng, 60), bare(degenerate_batch(rng, 60))):
         segment = rng.integers(0, batch.point_count, 400)
         segment = segment[Lines.of(batch).is_segment[segment]]
         part = rng.random(len(segment)).round(1)  # several at one place, some at ends
@@ -90,7 +81,7 @@ def test_points_put_in_split_segments_as_the_oracle_splits_them_and_leave_the_re
 
 
 def test_points_put_in_leave_no_segment_without_length(device, rng):
-    batch = weighted(rng, 30)
+    batch = weighted_batch(rng, 30)
     segment = np.flatnonzero(Lines.of(batch).is_segment).repeat(8)
     part = rng.choice([1e-9, 1e-12, 1 / 3, 1 / 3 + 1e-9, 1 / 3 + 1e-12, 1 - 1e-9, 0.0, 1.0], len(segment))
     out, _ = inserted(batch, segment, part, device)

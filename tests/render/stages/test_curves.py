@@ -29,7 +29,6 @@ from palpate.render import (
     render,
 )
 from palpate.render.stages.point_insertion import divide_batch
-from palpate.render.stages.polyline_arrays import without_points
 
 SQUARE = 0.02 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
@@ -360,20 +359,6 @@ def test_a_pose_is_as_deep_as_its_deepest_patch():
     assert by_patch[:5] == pytest.approx(0.75, abs=1e-4)
     assert not by_patch[5:].any()
     assert by_pose == pytest.approx(0.75, abs=1e-4)
-
-
-def test_polylines_of_which_nothing_is_left_go(rng):
-    batch, _, _ = random_regions(rng)
-    keep = np.ones(batch.point_count, bool)
-    gone = batch.polyline_start[[0, 3]]
-    for first in gone:
-        keep[first : batch.polyline_start[np.searchsorted(batch.polyline_start, first) + 1] - 1] = False
-    out = without_points(batch, keep)
-    assert_valid(out, batch.pose_count)
-    line_pose = np.repeat(np.arange(batch.pose_count), np.diff(batch.pose_start))
-    left = np.delete(np.arange(batch.polyline_count), [0, 3])
-    assert np.diff(out.pose_start).tolist() == np.bincount(line_pose[left], minlength=batch.pose_count).tolist()
-    assert np.diff(out.polyline_start).tolist() == np.diff(batch.polyline_start)[left].tolist()
 
 
 def test_pauses_at_ends_of_open_contours_stay_when_corners_are_cut():

@@ -367,11 +367,3 @@ def test_pauses_at_ends_of_open_contours_stay_when_corners_are_cut():
     out = run_stage("smooth", replace(batch, dwell=dwell), setting)
     assert out.dwell[[0, -1]] == pytest.approx([0.01, 0.03])
     assert out.dwell.sum() == pytest.approx(0.06)
-
-
-def test_places_along_a_closed_polyline_go_round():
-    batch, _ = one_loop(SQUARE)
-    lines = Lines.of(batch)
-    assert lines.total[0] == pytest.approx(0.16)
-    there = lines.at(np.zeros(3, np.int64), np.array([-0.01, 0.15, 0.31]))
-    np.testing.assert_allclose(there, np.repeat(there[1:2], 3, axis=0), atol=1e-8)

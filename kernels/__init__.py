@@ -33,12 +33,19 @@ FIELD_STAGES = (
 )  # of others
 POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths through points
 FOLLOWING_STAGES = (
+    "stages.arc_length",
+    "stages.corner_ramps",
+    "stages.corners",
     "stages.cut",
+    "stages.edges",
+    "stages.insertion",
     "stages.joint",
     "stages.prune",
     "stages.prune_crowded",
     "stages.prune_hidden",
+    "stages.repeats",
     "stages.simplify",
+    "stages.smooth",
     "solids.depth",
     "solids.nearest",
 )

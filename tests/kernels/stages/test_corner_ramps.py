@@ -1,0 +1,85 @@
+"""Ramps of intensity at corners and pauses there, against the NumPy way."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contour_random import bare, degenerate_batch, random_batch, weighted_batch
+from emphasis_oracle import emphasise_corners
+from transform_cases import a_setting, assert_equal, random_poses, run_stage
+
+from palpate.kernels.offsets import PointLimitError
+from palpate.kernels.stages.corner_ramps import pause_at_corners, ramp_rows, weigh_corners
+from palpate.kernels.stages.corners import find_corners
+from palpate.kernels.stages.insertion import insert_points
+from palpate.render import ContourBatch, MeshObject, Palm, exploration, render
+
+OPTIONS = [
+    {},
+    {"window": 0.001, "reach": 0.08, "level": 0.1, "dwell": 0.5},  # ramps that go around loops several times
+    {"angle": 0.0, "window": 0.002, "reach": 0.003, "level": 0.0},
+    {"angle": 2.0, "window": 0.03, "reach": 0.02, "level": 1.0, "dwell": 0.02},
+    {"angle": np.pi, "level": 0.25, "dwell": 0.01},  # no corner at all
+]
+
+
+def emphasised(batch, device, **options):
+    setting = a_setting(random_poses(np.random.default_rng(0), batch.pose_count), device=device)
+    return run_stage("corners", batch, setting, **options)
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_corners_are_emphasised_as_the_oracle_does(options, device, rng):
+    for batch in (weighted_batch(rng, 40), bare(random_batch(rng, 40)), random_batch(rng, 0)):
+        assert_equal(emphasised(batch, device, **options), emphasise_corners(batch, **options))
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_corners_of_degenerate_polylines_are_emphasised_as_the_oracle_does(options, device, rng):
+    for weighted in (True, False):
+        batch = degenerate_batch(rng, 150, weighted=weighted)
+        assert_equal(emphasised(batch, device, **options), emphasise_corners(batch, **options))
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_corners_of_real_contours_are_emphasised_as_the_oracle_does(options, device):
+    tube = MeshObject.load("tube")
+    batch = render(tube, Palm(), exploration(tube, duration=5.0, rate=50.0, seed=2), "cc")
+    assert_equal(emphasised(batch, device, **options), emphasise_corners(batch, **options))
+
+
+def test_corners_are_emphasised_alike_wherever_a_batch_is_split(device, rng):
+    batch = degenerate_batch(rng, 40)
+    whole = emphasised(batch, device, **OPTIONS[1])
+    for first, stop in ((0, 13), (13, 14), (14, 40)):
+        assert_equal(emphasised(batch.select(first, stop), device, **OPTIONS[1]), whole.select(first, stop))
+
+
+def test_an_open_corner_has_its_ramps_and_its_pause(device):
+    """A right angle with sides of 20 mm: full intensity for 5 mm from the corner, then 5 mm of ramp."""
+    batch = ContourBatch(
+        np.array([[0.02, 0, 0], [0, 0, 0], [0, 0.02, 0]], np.float32), np.zeros(3, np.uint8), np.array([0, 3]),
+        np.zeros(1, np.int32), np.zeros(1, np.uint8), np.array([0, 1]),
+    )  # fmt: skip
+    there = batch.to(device)
+    lines = (there.polyline_start, there.polyline_closed)
+    corners = find_corners(there.points, *lines, angle=1.0, window=0.005)
+    rows = ramp_rows(corners, 0.01)
+    new = insert_points(there.points, there.kind, there.polyline_start, *rows)
+    way = [0.02, 0.01, 0.005, 0, 0.005, 0.01, 0.02]
+    np.testing.assert_allclose(new.points.numpy().sum(axis=1), way, atol=1e-8)
+    intensity = weigh_corners(new, corners, reach=0.01, level=0.2).numpy()
+    np.testing.assert_allclose(intensity, [0.2, 0.2, 1, 1, 1, 0.2, 0.2], atol=1e-6)
+    assert pause_at_corners(new, corners, 0.5).numpy().tolist() == [0, 0, 0, 0.5, 0, 0, 0]
+
+
+def test_more_points_than_the_limit_are_refused(device, rng):
+    batch = bare(random_batch(rng, 10))
+    setting = a_setting(random_poses(rng, 10), device=device)
+    count = run_stage("corners", batch, setting).point_count
+    assert count > batch.point_count
+    enough = replace(setting, point_limit=count)
+    assert run_stage("corners", batch, enough).point_count == count
+    with pytest.raises(PointLimitError) as refused:
+        run_stage("corners", batch, replace(setting, point_limit=count - 1))
+    assert refused.value.count == count

@@ -35,9 +35,12 @@ POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths thro
 FOLLOWING_STAGES = (
     "stages.cut",
     "stages.joint",
+    "stages.lift",
+    "stages.patch_frames",
     "stages.prune",
     "stages.prune_crowded",
     "stages.prune_hidden",
+    "stages.regions",
     "stages.simplify",
     "solids.depth",
     "solids.nearest",

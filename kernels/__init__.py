@@ -34,6 +34,7 @@ FIELD_STAGES = (
 POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths through points
 FOLLOWING_STAGES = (
     "stages.cut",
+    "stages.insertion",
     "stages.joint",
     "stages.lift",
     "stages.ovals",
@@ -43,7 +44,9 @@ FOLLOWING_STAGES = (
     "stages.prune_hidden",
     "stages.region_moments",
     "stages.regions",
+    "stages.repeats",
     "stages.simplify",
+    "stages.smooth",
     "solids.depth",
     "solids.nearest",
 )

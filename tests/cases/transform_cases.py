@@ -2,9 +2,11 @@
 
 import numpy as np
 import shapely
+from contour_random import random_batch
 
 from palpate.kernels.section.row_walker import HAND, MADE, OBJECT
-from palpate.render import ContourBatch, Palm
+from palpate.render import ContourBatch, MeshObject, Palm, Scene
+from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages.registry import Setting, Stage, find_stage
 
 FOCAL_WIDTH = 0.01
@@ -88,6 +90,54 @@ def random_regions(rng, count=8):
         loops.append(own)
         polygons.append(shapes)
     return batch_of_loops(loops, setting.frames, rng), setting, polygons
+
+
+def nested_loops(rng, setting, pose_count):
+    """Loops in loops, each pose's in any order: holes in holes' islands, holes without a loop around, lone loops."""
+    poses = []
+    for _ in range(pose_count):
+        loops = []
+        for side in range(rng.integers(0, 4)):
+            middle = np.array([0.05 * side, rng.uniform(-0.01, 0.01)])
+            for level, radius in enumerate((0.02, 0.012, 0.006, 0.003)[: rng.integers(1, 5)]):
+                loops.append(star(rng, middle, radius, rng.integers(3, 30))[:: 1 - 2 * (level % 2)])
+            if rng.random() < 0.3:
+                loops = loops[1:]  # a hole without its loop
+        poses.append([loops[k] for k in rng.permutation(len(loops))])
+    return batch_of_loops(poses, setting.frames, rng)
+
+
+def region_batches(rng, device):
+    """Batches and settings: regions with holes, nested loops, lines on many patches, and several kinds of nothing."""
+    batch, setting, _ = random_regions(rng, 9)
+    yield batch, a_setting(setting.pose, device=device)
+    setting = a_setting(random_poses(rng, 40), device=device)
+    nested = nested_loops(rng, setting, 40)
+    yield nested, setting
+    hand = flat_hand()
+    lines = random_batch(rng, 30, patch_count=hand.patch_count)
+    yield lines, a_setting(random_poses(rng, 30), hand=hand, device=device)
+    yield nested.select(3, 3), a_setting(setting.pose[3:3], device=device)
+    yield random_batch(rng, 5, line_most=0), a_setting(random_poses(rng, 5), device=device)
+
+
+def near_poses(rng, count, spread=0.02):
+    pose = random_poses(rng, count)
+    pose[:, :3] = spread * rng.normal(size=(count, 3)) + [0, 0, 0.2]
+    return pose
+
+
+def rendered(rng, device, *, thing="tube", hand=None, moved=False, count=25):
+    """Contours of some poses, and their setting, with intensities and an object that has moved if asked."""
+    solid, hand, pose = MeshObject.load(thing), hand or Palm(), near_poses(rng, count)
+    batch, _ = Scene.of(solid, hand, "cc").contours(pose, 0, device)
+    batch = batch.numpy()
+    intensity = rng.uniform(0.2, 1.0, batch.point_count).astype(np.float32)
+    intensity[batch.polyline_start[1:] - 1] = intensity[batch.polyline_start[:-1]]
+    batch = ContourBatch(**{**batch.by_name(), "intensity": intensity})
+    return batch, a_setting(
+        pose, thing=solid, hand=hand, device=device, moved=near_poses(rng, count) if moved else None
+    )
 
 
 def assert_valid(batch, pose_count):

@@ -34,6 +34,8 @@ FIELD_STAGES = (
 POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths through points
 FOLLOWING_STAGES = (
     "stages.cut",
+    "stages.hatch",
+    "stages.hatch_crossings",
     "stages.joint",
     "stages.prune",
     "stages.prune_crowded",

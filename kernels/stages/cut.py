@@ -367,7 +367,7 @@ def measure_removed(
     return removed
 
 
-def launch(kernel: wp.Kernel, count: int, inputs: list, outputs: list) -> None:
+def launch(kernel: wp.Kernel, count: int | tuple[int, ...], inputs: list, outputs: list) -> None:
     """Launch on the device of the arrays, in blocks as everywhere."""
     device = next(value.device for value in [*inputs, *outputs] if isinstance(value, wp.array))
     wp.launch(kernel, count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)

@@ -21,7 +21,7 @@ import warp as wp
 
 from ...kernels.stages.cut import cut_contours, divide_segments, gather_values, measure_removed, spread_keep
 from ...kernels.stages.joint import divide_joints, side_pairs
-from ...kernels.stages.prune import Patches, keep_long, keep_patches, part_off_skin
+from ...kernels.stages.prune import keep_long, keep_patches, part_off_skin
 from ...kernels.stages.prune_crowded import Beside, thin_contours
 from ...kernels.stages.prune_hidden import Aperture, see_past_mesh, see_past_patches
 from ..contour_batch import ContourBatch
@@ -78,15 +78,6 @@ def cut_batch(batch: ContourBatch, keep: Any, *, parts: Any = None) -> tuple[Con
     return (out.numpy() if on_host else out), removed
 
 
-def patches_on(frames: PatchFrames, device: str) -> Any:
-    """A hand's patches at every pose on a device, as kernels take them."""
-    patches = Patches()
-    for name in ("origin", "u", "v", "n"):
-        setattr(patches, name, wp.array(getattr(frames, name).astype(np.float64), dtype=wp.vec3d, device=device))
-    patches.half = wp.array(frames.half.astype(np.float64), dtype=wp.vec2d, device=device)
-    return patches
-
-
 @prune_stage("off-skin", on="device", radius=Option(None, 0.0, 1.0, "m", widths=0.5))
 def prune_off_skin(batch: ContourBatch, setting: Setting, *, radius: float) -> Pruned:
     """Remove what lies farther than a focal radius from every patch of the hand.
@@ -95,8 +86,7 @@ def prune_off_skin(batch: ContourBatch, setting: Setting, *, radius: float) -> P
     """
     if is_mesh(setting):
         return batch, np.zeros(batch.pose_count, np.float32)
-    patches = patches_on(setting.frames, setting.device)
-    parts, keep = part_off_skin(batch.points, batch.polyline_start, batch.pose_start, patches, radius)
+    parts, keep = part_off_skin(batch.points, batch.polyline_start, batch.pose_start, setting.patches, radius)
     return cut_batch(batch, keep, parts=parts)
 
 
@@ -191,8 +181,7 @@ def prune_hidden(
             *where, batch.pose_start, parts, hand.vertices[rows], hand.faces, setting.pose, face, least
         )
     else:
-        patches = patches_on(setting.frames, setting.device)
-        keep = see_past_patches(*where, batch.pose_start, parts, patches, face, least)
+        keep = see_past_patches(*where, batch.pose_start, parts, setting.patches, face, least)
     return cut_batch(batch, keep, parts=parts)
 
 

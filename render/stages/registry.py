@@ -32,6 +32,7 @@ from ..objects.solid import Solid
 from ..user_warnings import warn_user
 from ..validation import require_choice
 from .option import Option, Value, options_of
+from .patch_frames import place_hand
 from .user_code_digest import caller_file, digest_of, file_digests, innermost, place_of
 from .vertex_spacing import LEVEL, RESAMPLED, length_least, warn_of_bends
 
@@ -182,6 +183,11 @@ class Setting:
     def frames(self) -> "PatchFrames":
         """The hand's patches at each pose, in the array frame."""
         return self.hand.frames(self.pose, self.first)
+
+    @cached_property
+    def patches(self) -> Any:
+        """The same on `device`, as kernels take them: `kernels.stages.prune.Patches`."""
+        return place_hand(self)
 
     def warn_once(self, name: str, message: str) -> None:
         """Warn the user, unless a batch of this rendering has warned under this name."""

@@ -21,7 +21,7 @@ def flat_frames(origins, half=((0.0425, 0.0425),)):
 
 def a_setting(frames, device="cpu", **other):
     count = len(frames.origin)
-    hand = SimpleNamespace(frames=lambda pose, first: frames, **other)
+    hand = SimpleNamespace(frames=lambda pose, first: frames, **{"pose_count": count, **other})
     pose = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (count, 1))
     return Setting(None, hand, pose, 0, device, FOCAL_WIDTH, FOCAL_WIDTH / 4)
 

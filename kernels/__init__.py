@@ -34,6 +34,7 @@ FIELD_STAGES = (
 POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths through points
 FOLLOWING_STAGES = (
     "stages.cut",
+    "stages.filled",
     "stages.hatch",
     "stages.hatch_crossings",
     "stages.joint",

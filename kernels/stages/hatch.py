@@ -229,7 +229,7 @@ def join_spans(o: Outlines, c: RowCrossings, *, connected: bool) -> SpanSequence
     return s
 
 
-def hatch_regions(
+def draw_hatch(
     points: wp.array,
     polyline_start: wp.array,
     region_start: wp.array,

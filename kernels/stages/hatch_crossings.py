@@ -237,7 +237,7 @@ def find_rows(
     spacing: float,
     angle: float,
 ) -> Outlines:
-    """Regions as rows at an angle [rad] cross them; arguments as for `hatch_regions`."""
+    """Regions as rows at an angle [rad] cross them; arguments as for `draw_hatch`."""
     device, o = points.device, Outlines()
     o.polyline_start, o.region_start, o.region_line, o.spacing = polyline_start, region_start, region_line, spacing
     o.points = wp.empty(points.shape[0], dtype=wp.vec2d, device=device)

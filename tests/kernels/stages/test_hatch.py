@@ -7,13 +7,13 @@ from hatch_oracle import hatch_lines
 from transform_cases import star
 
 from palpate.kernels.offsets import PointLimitError
-from palpate.kernels.stages.hatch import hatch_regions
+from palpate.kernels.stages.hatch import draw_hatch
 
 SQUARE = 0.02 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
 
 
 def device_arrays(regions, device, *, order=None, filled=None):
-    """Arguments of `hatch_regions`; regions: a list of loops each; order: where the loops of all lie in the batch."""
+    """Arguments of `draw_hatch`; regions: a list of loops each; order: where the loops of all lie in the batch."""
     loops = [np.reshape(loop, (-1, 2)) for region in regions for loop in region]
     order = np.arange(len(loops)) if order is None else order
     place = np.empty(len(loops), np.int32)
@@ -47,7 +47,7 @@ def lines_of(hatch):
 def assert_hatched(regions, device, *, filled=None, order=None, spacing=0.003, angle=0.0, connected=True):
     """The kernel's lines are the oracle's, bit by bit, in their order; how many there are."""
     options = {"spacing": spacing, "angle": angle, "connected": connected}
-    got = lines_of(hatch_regions(*device_arrays(regions, device, order=order, filled=filled), **options))
+    got = lines_of(draw_hatch(*device_arrays(regions, device, order=order, filled=filled), **options))
     want = [
         (k, line)
         for k, loops in enumerate(regions)
@@ -110,7 +110,7 @@ def test_a_comb_that_one_row_crosses_many_times_is_filled(connected, device, rng
 def test_a_region_between_two_rows_gets_one_through_its_middle(device):
     thin = np.array([[-0.02, 0.004], [0.02, 0.004], [0.02, 0.006], [-0.02, 0.006]])
     arrays = device_arrays([[thin]], device)
-    ((_, line),) = lines_of(hatch_regions(*arrays, spacing=0.02, angle=0.0, connected=True))
+    ((_, line),) = lines_of(draw_hatch(*arrays, spacing=0.02, angle=0.0, connected=True))
     np.testing.assert_allclose(line, [[-0.02, 0.005], [0.02, 0.005]], atol=1e-12)
     assert assert_hatched([[thin], [SQUARE], [thin + 0.02]], device, spacing=0.02) == 3
 
@@ -118,7 +118,7 @@ def test_a_region_between_two_rows_gets_one_through_its_middle(device):
 def test_lines_go_to_and_fro_and_around_a_hole(device):
     def hatched(*loops):
         arrays = device_arrays([loops], device)
-        return [line for _, line in lines_of(hatch_regions(*arrays, spacing=0.006, angle=0.0, connected=True))]
+        return [line for _, line in lines_of(draw_hatch(*arrays, spacing=0.006, angle=0.0, connected=True))]
 
     # on one side of the hole, then on the other, four rows each
     assert [len(line) for line in hatched(SQUARE, 0.25 * SQUARE[::-1])] == [8, 8]
@@ -130,13 +130,13 @@ def test_lines_go_to_and_fro_and_around_a_hole(device):
 def test_a_region_has_the_same_lines_in_every_batch(connected, device, rng):
     regions = random_stars(rng, 12)
     options = {"spacing": 0.002, "angle": 0.3, "connected": connected}
-    together = lines_of(hatch_regions(*device_arrays(regions, device), **options))
+    together = lines_of(draw_hatch(*device_arrays(regions, device), **options))
     count = sum(len(region) for region in regions)
-    shuffled = lines_of(hatch_regions(*device_arrays(regions, device, order=rng.permutation(count)), **options))
+    shuffled = lines_of(draw_hatch(*device_arrays(regions, device, order=rng.permutation(count)), **options))
     alone = [
         (k, line)
         for k, region in enumerate(regions)
-        for _, line in lines_of(hatch_regions(*device_arrays([region], device), **options))
+        for _, line in lines_of(draw_hatch(*device_arrays([region], device), **options))
     ]
     for other in (shuffled, alone):
         assert [k for k, _ in other] == [k for k, _ in together]
@@ -158,20 +158,20 @@ def test_polylines_that_enclose_nothing_have_no_lines(device):
     assert assert_hatched([[point], [two], [flat]], device) == 0
     assert assert_hatched([[point], [SQUARE], [flat, SQUARE]], device) == 2
     none = [np.zeros((0, 2))]  # no points at all, not even the one that is repeated
-    got = lines_of(hatch_regions(*device_arrays([none, [SQUARE]], device), spacing=0.01, angle=0.0, connected=True))
+    got = lines_of(draw_hatch(*device_arrays([none, [SQUARE]], device), spacing=0.01, angle=0.0, connected=True))
     assert [k for k, _ in got] == [1]
 
 
 def test_more_points_than_the_limit_are_refused_with_their_number(device):
     arrays, options = device_arrays([[SQUARE]] * 3, device), {"spacing": 0.006, "angle": 0.0, "connected": True}
-    count = hatch_regions(*arrays, **options).points.shape[0]
+    count = draw_hatch(*arrays, **options).points.shape[0]
     assert count == 3 * 14
-    assert hatch_regions(*arrays, **options, point_limit=count).points.shape[0] == count
+    assert draw_hatch(*arrays, **options, point_limit=count).points.shape[0] == count
     with pytest.raises(PointLimitError) as caught:
-        hatch_regions(*arrays, **options, point_limit=count - 1)
+        draw_hatch(*arrays, **options, point_limit=count - 1)
     assert caught.value.count == count
     # a vertex between the third and the fourth of 7 rows, where the line turns round it, is a point, too
     corner = device_arrays([[np.array([[-0.02, -0.02], [0.02, -0.003], [-0.02, 0.02]])]], device)
     with pytest.raises(PointLimitError) as caught:
-        hatch_regions(*corner, **options, point_limit=14)
+        draw_hatch(*corner, **options, point_limit=14)
     assert caught.value.count == 15

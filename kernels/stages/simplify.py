@@ -155,7 +155,7 @@ def _gather_rows(
     out[i] = source[index[i]]
 
 
-for _row in (wp.vec3, wp.uint8, wp.float32):  # else the module would be compiled again for each type it meets
+for _row in (wp.vec3, wp.uint8, wp.int32, wp.float32):  # else the module would be compiled again for each type it meets
     wp.overload(_gather_rows, {"source": wp.array(dtype=_row), "out": wp.array(dtype=_row)})
 
 
@@ -164,6 +164,26 @@ def gather_rows(source: wp.array, index: wp.array) -> wp.array:
     out = wp.empty(index.shape[0], dtype=source.dtype, device=source.device)
     wp.launch(_gather_rows, len(index), inputs=[source, index], outputs=[out], device=source.device, block_dim=BLOCK)
     return out
+
+
+def number_kept(keep: wp.array) -> tuple[wp.array, wp.array]:
+    """Numbers of the rows whose `keep` is 1, int64, and how many of them come before each row, int64 [row + 1].
+
+    keep: 1 or 0, int64, shape [row + 1]; the last must be 0.
+    """
+    place = offsets_of(keep)
+    index = wp.empty(last_of(place), dtype=wp.int64, device=keep.device)
+    inputs = [keep, place]
+    wp.launch(_gather_points, place.shape[0] - 1, inputs=inputs, outputs=[index], device=keep.device, block_dim=BLOCK)
+    return index, place
+
+
+def move_offsets(start: wp.array, place: wp.array) -> wp.array:
+    """Offsets into rows after each row has gone to its `place`, int64 [row + 1]."""
+    moved = wp.empty_like(start)
+    inputs = [start, place]
+    wp.launch(_move_offsets, moved.shape[0], inputs=inputs, outputs=[moved], device=start.device, block_dim=BLOCK)
+    return moved
 
 
 def simplify_polylines(
@@ -189,21 +209,14 @@ def simplify_polylines(
     strokes.intensity = wp.empty(0, dtype=wp.float32, device=device) if intensity is None else intensity
     strokes.dwell = wp.empty(0, dtype=wp.float32, device=device) if dwell is None else dwell
     strokes.tolerance, strokes.level = wp.float64(tolerance), wp.float64(level)
-    count, line_count = points.shape[0], polyline_closed.shape[0]
-    keep = wp.zeros(count + 1, dtype=wp.int64, device=device)
+    keep = wp.zeros(points.shape[0] + 1, dtype=wp.int64, device=device)
     wp.launch(
         _simplify_polylines,
-        line_count,
+        polyline_closed.shape[0],
         inputs=[strokes, polyline_start, polyline_closed],
         outputs=[keep],
         device=device,
         block_dim=BLOCK,
     )
-    place = offsets_of(keep)
-    index = wp.empty(last_of(place), dtype=wp.int64, device=device)
-    wp.launch(_gather_points, count, inputs=[keep, place], outputs=[index], device=device, block_dim=BLOCK)
-    moved = wp.empty_like(polyline_start)
-    wp.launch(
-        _move_offsets, line_count + 1, inputs=[polyline_start, place], outputs=[moved], device=device, block_dim=BLOCK
-    )
-    return index, moved
+    index, place = number_kept(keep)
+    return index, move_offsets(polyline_start, place)

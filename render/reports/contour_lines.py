@@ -6,7 +6,7 @@ import numpy as np
 
 from ...datasets.storage.schema import KIND_NAMES
 from ..contour_batch import ContourBatch
-from ..stages.polyline_arrays import divided
+from ..stages.point_insertion import divide_batch
 from .picture_style import COLOURS, INK
 
 FINE = 1e-3  # [m] of the pieces by which varying intensity is shown
@@ -47,7 +47,7 @@ def varies(batch: ContourBatch) -> bool:
 
 def intensity_runs(batch: ContourBatch) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """Lines [m] of one kind and one intensity each, their kinds, and their intensities; finely cut where it varies."""
-    fine = divided(batch, FINE) if varies(batch) else batch
+    fine = divide_batch(batch, FINE) if varies(batch) else batch
     count = fine.point_count
     last = np.zeros(count, bool)
     last[fine.polyline_start[1:] - 1] = True

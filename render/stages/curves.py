@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-import numpy as np
-
+from ...kernels.stages.repeats import find_distinct, match_ends
 from ...kernels.stages.simplify import gather_rows, simplify_polylines
+from ...kernels.stages.smooth import cut_corners, relax_points
 from ..contour_batch import ContourBatch
-from .polyline_arrays import divided, without_repeats
+from .point_insertion import divide_batch
 from .registry import Option, Setting, transform_stage
 from .vertex_spacing import LEVEL, RESAMPLED
 
@@ -45,7 +45,7 @@ def simplify_contours(batch: ContourBatch, setting: Setting, *, tolerance: float
     )
 
 
-@transform_stage("resample", spacing=Option(None, 1e-4, 1.0, "m", widths=RESAMPLED))
+@transform_stage("resample", on="device", spacing=Option(None, 1e-4, 1.0, "m", widths=RESAMPLED))
 def resample_contours(batch: ContourBatch, setting: Setting, *, spacing: float) -> ContourBatch:
     """More vertices along the same contours, so that later stages act between the old vertices too.
 
@@ -53,11 +53,12 @@ def resample_contours(batch: ContourBatch, setting: Setting, *, spacing: float) 
     are, with their pauses. Intensity goes on linearly. Put it before a stage that acts at vertices, such as a function
     of position, and not before "simplify", which leaves the new vertices out again.
     """
-    return divided(batch, spacing, setting.point_limit)
+    return divide_batch(batch, spacing, setting.point_limit)
 
 
 @transform_stage(
     "smooth",
+    on="device",
     method=Option("chaikin", choices=("chaikin", "laplace")),
     rounds=Option(3, 1, 100),
     reach=Option(None, 1e-5, 1.0, "m", widths=1.0),
@@ -72,64 +73,40 @@ def smooth_contours(
     most (each doubles the vertices): the curve stays within the hull of the old one. "laplace" moves every vertex
     towards the middle of its neighbours by `strength`, `rounds` times.
     """
-    for _ in range(min(rounds, 6) if method == "chaikin" else rounds):
-        batch = _chaikin(batch, reach) if method == "chaikin" else _relaxed(batch, strength)
-    return without_repeats(batch)
-
-
-def _chaikin(batch: ContourBatch, reach: float) -> ContourBatch:
-    """Every segment without a quarter at each end, at most `reach`; those at ends of open polylines keep that end.
-
-    The cut at a corner is of the kind of the segment before it, a pause there comes behind the cut.
-    """
-    count = np.diff(batch.polyline_start)
-    line = np.repeat(np.arange(batch.polyline_count), count)
-    is_segment = np.ones(batch.point_count, bool)
-    is_segment[batch.polyline_start[1:] - 1] = False
-    here = np.flatnonzero(is_segment)
-    closed = batch.polyline_closed.astype(bool)
-    first = ~closed[line[here]] & (here == batch.polyline_start[line[here]])
-    last = ~closed[line[here]] & (here == batch.polyline_start[line[here] + 1] - 2)
-    points = batch.points.astype(np.float64)
-    cutoff = np.minimum(0.25, reach / np.maximum(np.linalg.norm(points[here + 1] - points[here], axis=1), 1e-30))
-    part = np.stack([np.where(first, 0.0, cutoff), np.where(last, 1.0, 1.0 - cutoff)], axis=1)
-    cut = points[here][:, None] + part[..., None] * (points[here + 1] - points[here])[:, None]
-    new = np.maximum(2 * (count - 1) + closed, 0)
-    start = np.concatenate([[0], np.cumsum(new)]).astype(np.int64)
-    seam = start[1:][closed] - 1
-    place = np.ones(start[-1], bool)
-    place[seam] = False
-
-    def laid(values: np.ndarray) -> np.ndarray:
-        """Values of both cuts of each segment, and at each seam those of its loop's first."""
-        out = np.empty((start[-1], *values.shape[2:]), values.dtype)
-        out[place] = values.reshape(-1, *values.shape[2:])
-        out[seam] = out[start[:-1][closed]]
-        return out
-
-    kind = laid(np.stack([batch.kind[here], batch.kind[here]], axis=1))
-    kind[seam] = kind[seam - 1]
-    intensity, dwell = batch.intensity, batch.dwell
-    if intensity is not None:
-        step = (intensity[here + 1] - intensity[here])[:, None]
-        intensity = laid((intensity[here][:, None] + part * step).astype(np.float32))
-    if dwell is not None:
-        end = np.where(last, dwell[here + 1], 0.0)
-        dwell = laid(np.stack([dwell[here], end], axis=1).astype(np.float32))
-    return replace(
-        batch, points=laid(cut.astype(np.float32)), kind=kind, polyline_start=start, intensity=intensity, dwell=dwell
+    lines = (batch.polyline_start, batch.polyline_closed)
+    if method == "laplace":
+        moved = relax_points(batch.points, *lines, strength=strength, rounds=rounds)
+        return drop_repeats(replace(batch, points=moved))
+    points, kind, start, intensity, dwell = cut_corners(
+        batch.points,
+        batch.kind,
+        *lines,
+        reach=reach,
+        rounds=min(rounds, 6),
+        intensity=batch.intensity,
+        dwell=batch.dwell,
+        point_limit=setting.point_limit,
     )
+    cut = replace(batch, points=points, kind=kind, polyline_start=start, intensity=intensity, dwell=dwell)
+    return drop_repeats(cut)
 
 
-def _relaxed(batch: ContourBatch, strength: float) -> ContourBatch:
-    """Every vertex but open ends moved towards the middle of its neighbours."""
-    count = batch.point_count
-    before, after = np.arange(count) - 1, np.arange(count) + 1
-    first, last = batch.polyline_start[:-1], batch.polyline_start[1:] - 1
-    closed = batch.polyline_closed.astype(bool) & (last > first)
-    before[first[closed]], after[last[closed]] = last[closed] - 1, first[closed] + 1
-    before[first[~closed]], after[first[~closed]] = first[~closed], first[~closed]
-    before[last[~closed]], after[last[~closed]] = last[~closed], last[~closed]
-    points = batch.points.astype(np.float64)
-    moved = points + strength * (0.5 * (points[before] + points[after]) - points)
-    return replace(batch, points=moved.astype(np.float32))
+def drop_repeats(batch: ContourBatch) -> ContourBatch:
+    """A batch on a device without segments of no length, and without polylines of which one point is left or none."""
+    left = find_distinct(batch.points, batch.polyline_start, batch.pose_start)
+    by_point = {
+        name: gather_rows(values, left.point)
+        for name in ("points", "kind", "intensity", "dwell")
+        if (values := getattr(batch, name)) is not None
+    }
+    closed = gather_rows(batch.polyline_closed, left.polyline)
+    weights = (by_point.get("intensity"), by_point.get("dwell"))
+    match_ends(left.polyline_start, closed, by_point["kind"], *weights)
+    return replace(
+        batch,
+        polyline_start=left.polyline_start,
+        polyline_patch=gather_rows(batch.polyline_patch, left.polyline),
+        polyline_closed=closed,
+        pose_start=left.pose_start,
+        **by_point,
+    )

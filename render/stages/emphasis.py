@@ -12,7 +12,8 @@ from ...kernels.solids.depth import measure_depth, mesh_for_depth
 from ..contour_batch import HAND, MADE, OBJECT, ContourBatch
 from ..objects.moving_object import back_to
 from ..objects.solid import Solid
-from .polyline_arrays import Lines, divided, levelled, times, with_points
+from .point_insertion import divide_batch
+from .polyline_arrays import Lines, levelled, times, with_points
 from .registry import Option, Setting, transform_stage
 
 STRAIGHT = math.radians(5.0)  # a straight edge turns by less from segment to segment
@@ -222,7 +223,7 @@ def weigh_by_depth(
         deep = shallow + 1e-9
     line_pose = np.repeat(np.arange(batch.pose_count), np.diff(batch.pose_start))
     if at == "point":
-        batch = divided(batch, spacing)
+        batch = divide_batch(batch, spacing)
         depth = _depth(setting, batch.points, np.repeat(line_pose, np.diff(batch.polyline_start)))
     else:
         deepest = _deepest(setting, grid)

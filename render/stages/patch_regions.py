@@ -92,23 +92,6 @@ class Sections:
         parts += (mixed, (y * y + y * q + q * q) / 12)
         return self._summed(line, np.stack([cross * part for part in parts], axis=1))
 
-    @cached_property
-    def strokes(self) -> np.ndarray:
-        """The same of the lines themselves: length [m], first [m2], second moments [m3], shape [polyline, 6]."""
-        a, b, line = self._segments
-        (x, y), (p, q) = a[:, :2].T, b[:, :2].T
-        length = np.hypot(p - x, q - y)
-        parts = (1.0, (x + p) / 2, (y + q) / 2, (x * x + x * p + p * p) / 3)
-        mixed = (2 * x * y + x * q + p * y + 2 * p * q) / 6
-        parts += (mixed, (y * y + y * q + q * q) / 3)
-        return self._summed(line, np.stack([length * part for part in parts], axis=1))
-
-    @cached_property
-    def heights(self) -> np.ndarray:
-        """Length times mean height above the patch's plane [m2], shape [polyline]."""
-        a, b, line = self._segments
-        return self._summed(line, np.linalg.norm(b - a, axis=1) * (a[:, 2] + b[:, 2]) / 2)
-
     def groups(self, per: str) -> list[np.ndarray]:
         """Polylines that belong together, by pose and patch; per "region": an outer loop with its holes, or "patch".
 
@@ -161,43 +144,3 @@ def windings(loop: np.ndarray, points: np.ndarray) -> np.ndarray:
     up = (a[..., 1] <= y) & (b[..., 1] > y) & (left > 0)
     down = (a[..., 1] > y) & (b[..., 1] <= y) & (left < 0)
     return np.count_nonzero(up, axis=1) - np.count_nonzero(down, axis=1)
-
-
-@dataclass(frozen=True)
-class Moments:
-    """Where a group of polylines is and how it spreads."""
-
-    pose: int
-    patch: int
-    middle: np.ndarray
-    """In the patch's plane [m], shape [2]."""
-    height: float
-    """Mean of the contours above the plane [m]."""
-    area: float
-    """[m2]; 0 where nothing is enclosed, and the rest is that of the lines."""
-    spread: np.ndarray
-    """Variances along the main axes [m2], the larger first, shape [2]."""
-    axis: np.ndarray
-    """Unit vector of the larger, shape [2]."""
-
-
-def moments_of(sections: Sections, group: np.ndarray, of: str) -> Moments | None:
-    """Moments of the area a group encloses, or of its lines, of "line" or where it encloses none; None: no length."""
-    total = sections.areas[group].sum(axis=0)
-    stroke = sections.strokes[group].sum(axis=0)
-    area = float(total[0])
-    if of == "line" or area <= 1e-9 * stroke[0] ** 2:  # a sliver that is all rounding
-        area, total = max(area, 0.0), stroke
-    if stroke[0] <= 0 or total[0] <= 0:
-        return None
-    middle = total[1:3] / total[0]
-    xx, xy, yy = total[3:] / total[0]
-    tensor = np.array([[xx, xy], [xy, yy]]) - np.outer(middle, middle)
-    value, vector = np.linalg.eigh(tensor)
-    axis = vector[:, 1]
-    axis = -axis if (axis[0] < 0 or (axis[0] == 0 and axis[1] < 0)) else axis
-    height = float(sections.heights[group].sum() / stroke[0])
-    line = int(group[0])
-    spread = np.maximum(value[::-1], 0.0)
-    patch = int(sections.batch.polyline_patch[line])
-    return Moments(int(sections.pose[line]), patch, middle, height, area, spread, axis)

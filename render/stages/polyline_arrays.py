@@ -1,4 +1,4 @@
-"""Polylines of a whole batch at once: arc lengths, points put in, points left out, intensities by segment."""
+"""Polylines of a whole batch at once: arc lengths, points put in, intensities by segment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...kernels.offsets import PointLimitError
 from ..contour_batch import MADE, ContourBatch
 
 
@@ -113,51 +112,6 @@ def with_points(
     start = np.searchsorted(base, batch.polyline_start).astype(np.int64)
     out = replace(batch, points=points, kind=batch.kind[base], polyline_start=start, intensity=intensity, dwell=dwell)
     return out, base, part
-
-
-def without_points(batch: ContourBatch, keep: np.ndarray) -> ContourBatch:
-    """A batch without some points, and without polylines of which one point is left or none; keep: bool, [point]."""
-    line = np.repeat(np.arange(batch.polyline_count), np.diff(batch.polyline_start))
-    keep = keep & (np.bincount(line, weights=keep, minlength=batch.polyline_count) > 1)[line]
-    count = np.bincount(line[keep], minlength=batch.polyline_count)
-    lines = np.concatenate([[0], np.cumsum(count > 0)])
-    return ContourBatch(
-        points=batch.points[keep],
-        kind=batch.kind[keep],
-        polyline_start=np.concatenate([[0], np.cumsum(count[count > 0])]).astype(np.int64),
-        polyline_patch=batch.polyline_patch[count > 0],
-        polyline_closed=batch.polyline_closed[count > 0],
-        pose_start=lines[batch.pose_start].astype(np.int64),
-        intensity=None if batch.intensity is None else batch.intensity[keep],
-        dwell=None if batch.dwell is None else batch.dwell[keep],
-    )
-
-
-def without_repeats(batch: ContourBatch) -> ContourBatch:
-    """A batch without segments of no length."""
-    keep = np.ones(batch.point_count, bool)
-    keep[1:] = (batch.points[1:] != batch.points[:-1]).any(axis=1)
-    keep[batch.polyline_start[:-1][np.diff(batch.polyline_start) > 0]] = True
-    return batch if keep.all() else without_points(batch, keep)
-
-
-def divided(batch: ContourBatch, longest: float, point_limit: int | None = None) -> ContourBatch:
-    """A batch whose segments are at most so long [m]: longer ones fall into equal parts.
-
-    Parts are longer by the rounding of their ends to float32 at most, and dividing again changes nothing.
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
-    """
-    _, length = segment_lengths(batch)
-    spacing = np.spacing(np.abs(batch.points).max(axis=1, initial=0.0)).astype(np.float64)
-    spacing[:-1] = np.maximum(spacing[:-1], spacing[1:])
-    rounding = np.sqrt(3.0) * spacing  # of a part's length: both ends move by half a spacing along each axis
-    new = np.maximum(np.ceil((length - 2.0 * rounding) / longest), 1.0) - 1.0
-    if point_limit is not None and (count := int(len(new) + new.sum())) > point_limit:
-        raise PointLimitError(count, point_limit)
-    new = new.astype(np.int64)
-    segment = np.repeat(np.arange(len(new)), new)
-    turn = np.arange(len(segment)) - np.repeat(np.cumsum(new) - new, new)
-    return with_points(batch, segment, (turn + 1) / (new[segment] + 1))[0]
 
 
 def levelled(batch: ContourBatch, level: np.ndarray, ramp: float) -> ContourBatch:

@@ -1,5 +1,7 @@
 """Random batches of contours for tests of stages, and what must hold of what stages leave of them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from palpate.render import ContourBatch
@@ -34,6 +36,53 @@ def random_batch(rng, pose_count, *, line_most=4, point_most=12, spread=0.04, pa
         pose_start=np.concatenate([[0], np.cumsum(lines)]).astype(np.int64),
         intensity=intensity,
     )
+
+
+def weighted_batch(rng, pose_count):
+    """Random polylines with intensities, and pauses at some points, which agree at seams."""
+    batch = random_batch(rng, pose_count)
+    dwell = rng.random(batch.point_count) * (rng.random(batch.point_count) < 0.3)
+    loop = np.flatnonzero(batch.polyline_closed)
+    dwell[batch.polyline_start[loop + 1] - 1] = dwell[batch.polyline_start[loop]]
+    return replace(batch, dwell=dwell.astype(np.float32))
+
+
+def degenerate_batch(rng, pose_count, *, weighted=True):
+    """Polylines of 0 to 9 points, of which many repeat, stand alone, turn back or lie on a line; some poses are empty.
+
+    Coordinates are multiples of 5 mm, kinds run over a few segments; closed polylines agree at their seams.
+    """
+    points, closed, lines = [], [], rng.integers(0, 4, pose_count)
+    for _ in range(lines.sum()):
+        own = 0.005 * rng.integers(-2, 3, (rng.integers(0, 9), 3)) * rng.integers(0, 2, 3) + [0, 0, 0.2]
+        closed.append(rng.random() < 0.5)
+        repeats = closed[-1] and (len(own) > 1 or rng.random() < 0.5)
+        points.append((np.vstack([own, own[:1]]) if repeats else own).astype(np.float32))
+    start = np.concatenate([[0], np.cumsum([len(own) for own in points])]).astype(np.int64)
+    kind = np.repeat(rng.integers(0, 3, start[-1] // 3 + 1), 3)[: start[-1]].astype(np.uint8)
+    weights = {}
+    if weighted:
+        weights = {"intensity": rng.random(start[-1]), "dwell": rng.random(start[-1]) * (rng.random(start[-1]) < 0.3)}
+        weights = {name: value.astype(np.float32) for name, value in weights.items()}
+    for a, b, loop in zip(start[:-1], start[1:], closed, strict=True):
+        if b - a > 1:
+            kind[b - 1] = kind[b - 2]
+        for value in weights.values() if loop and b > a else ():
+            value[b - 1] = value[a]
+    return ContourBatch(
+        points=np.concatenate([*points, np.zeros((0, 3), np.float32)]),
+        kind=kind,
+        polyline_start=start,
+        polyline_patch=rng.integers(0, 3, len(closed)).astype(np.int32),
+        polyline_closed=np.array(closed, np.uint8),
+        pose_start=np.concatenate([[0], np.cumsum(lines)]).astype(np.int64),
+        **weights,
+    )
+
+
+def bare(batch):
+    """A batch without intensity and dwell."""
+    return replace(batch, intensity=None, dwell=None)
 
 
 def kinds_agree(part, whole, tolerance=1e-6):

@@ -2,9 +2,11 @@
 
 import numpy as np
 import shapely
+from contour_random import random_batch
 
 from palpate.kernels.section.row_walker import HAND, MADE, OBJECT
 from palpate.render import ContourBatch, Palm
+from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages.registry import Setting, Stage, find_stage
 
 FOCAL_WIDTH = 0.01
@@ -88,6 +90,35 @@ def random_regions(rng, count=8):
         loops.append(own)
         polygons.append(shapes)
     return batch_of_loops(loops, setting.frames, rng), setting, polygons
+
+
+def nested_loops(rng, setting, pose_count):
+    """Loops in loops, each pose's in any order: holes in holes' islands, holes without a loop around, lone loops."""
+    poses = []
+    for _ in range(pose_count):
+        loops = []
+        for side in range(rng.integers(0, 4)):
+            middle = np.array([0.05 * side, rng.uniform(-0.01, 0.01)])
+            for level, radius in enumerate((0.02, 0.012, 0.006, 0.003)[: rng.integers(1, 5)]):
+                loops.append(star(rng, middle, radius, rng.integers(3, 30))[:: 1 - 2 * (level % 2)])
+            if rng.random() < 0.3:
+                loops = loops[1:]  # a hole without its loop
+        poses.append([loops[k] for k in rng.permutation(len(loops))])
+    return batch_of_loops(poses, setting.frames, rng)
+
+
+def region_batches(rng, device):
+    """Batches and settings: regions with holes, nested loops, lines on many patches, and several kinds of nothing."""
+    batch, setting, _ = random_regions(rng, 9)
+    yield batch, a_setting(setting.pose, device=device)
+    setting = a_setting(random_poses(rng, 40), device=device)
+    nested = nested_loops(rng, setting, 40)
+    yield nested, setting
+    hand = flat_hand()
+    lines = random_batch(rng, 30, patch_count=hand.patch_count)
+    yield lines, a_setting(random_poses(rng, 30), hand=hand, device=device)
+    yield nested.select(3, 3), a_setting(setting.pose[3:3], device=device)
+    yield random_batch(rng, 5, line_most=0), a_setting(random_poses(rng, 5), device=device)
 
 
 def assert_valid(batch, pose_count):

@@ -4,17 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from contour_random import random_batch
 from regions_oracle import FlatLines, holds
-from transform_cases import a_setting, batch_of_loops, random_poses, random_regions, star
+from transform_cases import a_setting, batch_of_loops, random_poses, random_regions, region_batches, star
 
 from palpate.kernels.stages.regions import find_local_points, measure_areas
 from palpate.render import Palm
 from palpate.render.contour_batch import join_batches
-from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages.patch_regions import regions_of
-
-PATCHES = flat_hand().patch_count
 
 
 def found(batch, setting, per="region"):
@@ -26,43 +22,16 @@ def groups_of(regions):
     return [line[a:b].tolist() for a, b in pairwise(start)]
 
 
-def nested_loops(rng, setting, pose_count):
-    """Loops in loops, each pose's in any order: holes in holes' islands, holes without a loop around, lone loops."""
-    poses = []
-    for _ in range(pose_count):
-        loops = []
-        for side in range(rng.integers(0, 4)):
-            middle = np.array([0.05 * side, rng.uniform(-0.01, 0.01)])
-            for level, radius in enumerate((0.02, 0.012, 0.006, 0.003)[: rng.integers(1, 5)]):
-                loops.append(star(rng, middle, radius, rng.integers(3, 30))[:: 1 - 2 * (level % 2)])
-            if rng.random() < 0.3:
-                loops = loops[1:]  # a hole without its loop
-        poses.append([loops[k] for k in rng.permutation(len(loops))])
-    return batch_of_loops(poses, setting.frames, rng)
-
-
-def some_batches(rng, device):
-    """Batches and settings: regions with holes, nested loops, lines on many patches, and several kinds of nothing."""
-    batch, setting, _ = random_regions(rng, 9)
-    yield batch, a_setting(setting.pose, device=device)
-    setting = a_setting(random_poses(rng, 40), device=device)
-    nested = nested_loops(rng, setting, 40)
-    yield nested, setting
-    yield random_batch(rng, 30, patch_count=PATCHES), a_setting(random_poses(rng, 30), hand=flat_hand(), device=device)
-    yield nested.select(3, 3), a_setting(setting.pose[3:3], device=device)
-    yield random_batch(rng, 5, line_most=0), a_setting(random_poses(rng, 5), device=device)
-
-
 @pytest.mark.parametrize("per", ["region", "patch"])
 def test_regions_are_those_of_the_oracle(per, device, rng):
-    for batch, setting in some_batches(rng, device):
+    for batch, setting in region_batches(rng, device):
         flat, regions = FlatLines(batch, setting), found(batch, setting, per)
         assert groups_of(regions) == [group.tolist() for group in flat.groups(per)]
         np.testing.assert_array_equal(regions.line_pose.numpy(), flat.pose)
 
 
 def test_local_points_and_areas_have_the_bits_of_the_oracle(device, rng):
-    for batch, setting in some_batches(rng, device):
+    for batch, setting in region_batches(rng, device):
         flat, regions = FlatLines(batch, setting), found(batch, setting)
         np.testing.assert_array_equal(regions.local.numpy().reshape(-1, 3), flat.local)
         np.testing.assert_array_equal(regions.area.numpy().reshape(-1, 6), flat.areas)

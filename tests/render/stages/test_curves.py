@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from polyline_oracle import Lines
 from transform_cases import (
     a_setting,
     assert_equal,
@@ -15,7 +16,7 @@ from transform_cases import (
     run_stage,
 )
 
-from palpate.kernels.section.row_walker import HAND, MADE, OBJECT
+from palpate.kernels.section.row_walker import OBJECT
 from palpate.kernels.stages.simplify import simplify_polylines
 from palpate.render import (
     ContourBatch,
@@ -27,7 +28,7 @@ from palpate.render import (
     Stage,
     render,
 )
-from palpate.render.stages.polyline_arrays import Lines, divided, with_points, without_points
+from palpate.render.stages.point_insertion import divide_batch
 
 SQUARE = 0.02 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
@@ -230,7 +231,7 @@ def test_intensity_falls_with_the_way_from_a_corner(reach, rng):
     level = 0.25
     out = run_stage("corners", batch, setting, reach=reach, level=level)
     assert_valid(out, 1)
-    fine = divided(out, 2e-4)
+    fine = divide_batch(out, 2e-4)
     flat = flattened(fine.points, setting.frames, 0)
     away = np.abs(flat[:, None] - SQUARE).sum(axis=2).min(axis=1)  # along the sides
     want = level + (1 - level) * np.clip(2 * (1 - away / reach), 0, 1)
@@ -267,7 +268,7 @@ def test_edges_have_the_intensity_of_their_kind_and_change_within_a_millimetre(r
 def test_short_runs_of_the_object_are_curved():
     batch, setting = one_loop(rounded(0.004, 8))
     out = run_stage("edges", batch, setting, shortest=0.02, curved=0.1)
-    fine = divided(out, 5e-4)
+    fine = divide_batch(out, 5e-4)
     flat = np.abs(flattened(fine.points, setting.frames, 0))
     straight = (flat.min(axis=1) < 0.015) & (flat.max(axis=1) > 0.0199)
     assert fine.intensity[straight].min() > 0.99
@@ -310,43 +311,6 @@ def test_depth_turns_about_the_pivot_that_contours_do(device):
     placed = replace(a_setting(setting.pose, thing=Block(), device=device, moved=moved), object_centre=pivot)
     out = run_stage("depth", batch, placed, at="patch", deep=0.04, lowest=0.0)
     assert out.intensity == pytest.approx(0.25, abs=1e-4)  # the block is 20 mm lower then, the palm 10 mm deep in it
-
-
-def test_points_put_in_split_segments_and_leave_the_rest(rng):
-    batch = with_weights(random_regions(rng)[0], rng)
-    segment = rng.integers(0, batch.point_count, 300)
-    segment = segment[Lines.of(batch).is_segment[segment]]
-    part = rng.random(len(segment))
-    part[:20], part[20:40] = 1e-12, 1 - 1e-12  # as near as none
-    out, _, way = with_points(batch, segment, part)
-    assert_valid(out, batch.pose_count)
-    old = way == 0
-    for name in ("points", "kind", "intensity", "dwell"):
-        np.testing.assert_array_equal(getattr(out, name)[old], getattr(batch, name), err_msg=name)
-    assert not out.dwell[~old].any()
-    np.testing.assert_allclose(out.lengths(), batch.lengths(), rtol=1e-5)
-    assert (np.diff(out.polyline_start).sum() - batch.point_count) == np.count_nonzero(~old)
-    longest = divided(batch, 1e-3)
-    assert Lines.of(longest).length.max() < 1e-3 + 1e-7
-    assert {OBJECT, HAND, MADE} >= set(out.kind.tolist())
-
-
-@pytest.mark.exhaustive
-def test_points_are_put_in_alike_wherever_in_a_batch_a_polyline_is():
-    x = np.linspace(0, 0.1, 5, dtype=np.float32)
-    one = np.stack([x, 0 * x, 0 * x], axis=1)
-    for part in (1 / 3 + 1e-9, 1e-12, 1 - 1e-12):
-        found = []
-        for count in (1, 100_000):
-            start, lines = np.arange(0, 5 * count + 1, 5), np.zeros(count)
-            values = (np.tile(one, (count, 1)), np.zeros(5 * count, np.uint8), start, lines.astype(np.int32))
-            batch = ContourBatch(*values, lines.astype(np.uint8), np.arange(count + 1))
-            out, _, _ = with_points(batch, np.array([5 * count - 4] * 2), np.array([part, part]))
-            found.append(out.points[out.polyline_start[-2] :])
-            there = Lines.of(batch).at(np.array([count - 1]), np.array([0.0333333]))
-            assert (there == Lines.of(batch).at(np.array([0]), np.array([0.0333333]))).all()
-        np.testing.assert_array_equal(*found)
-        assert len(found[0]) == (6 if 1e-9 < part < 0.9 else 5)
 
 
 @pytest.mark.parametrize("options", [{"method": "chaikin", "rounds": 6}, {"method": "laplace", "rounds": 30}])
@@ -395,20 +359,6 @@ def test_a_pose_is_as_deep_as_its_deepest_patch():
     assert by_patch[:5] == pytest.approx(0.75, abs=1e-4)
     assert not by_patch[5:].any()
     assert by_pose == pytest.approx(0.75, abs=1e-4)
-
-
-def test_polylines_of_which_nothing_is_left_go(rng):
-    batch, _, _ = random_regions(rng)
-    keep = np.ones(batch.point_count, bool)
-    gone = batch.polyline_start[[0, 3]]
-    for first in gone:
-        keep[first : batch.polyline_start[np.searchsorted(batch.polyline_start, first) + 1] - 1] = False
-    out = without_points(batch, keep)
-    assert_valid(out, batch.pose_count)
-    line_pose = np.repeat(np.arange(batch.pose_count), np.diff(batch.pose_start))
-    left = np.delete(np.arange(batch.polyline_count), [0, 3])
-    assert np.diff(out.pose_start).tolist() == np.bincount(line_pose[left], minlength=batch.pose_count).tolist()
-    assert np.diff(out.polyline_start).tolist() == np.diff(batch.polyline_start)[left].tolist()
 
 
 def test_pauses_at_ends_of_open_contours_stay_when_corners_are_cut():

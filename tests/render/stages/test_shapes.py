@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+from polyline_oracle import divided
 from transform_cases import (
     FOCAL_WIDTH,
     a_setting,
@@ -18,7 +19,6 @@ from transform_cases import (
 from palpate.kernels.section.row_walker import MADE
 from palpate.render.errors import PalpateWarning, StrategyError
 from palpate.render.stages.fill import inset_loops
-from palpate.render.stages.polyline_arrays import divided
 
 OVALS = ("ellipse", "circle", "centroid")
 MAKERS = (*OVALS, "hatch", "inset")

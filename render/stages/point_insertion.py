@@ -1,0 +1,22 @@
+"""Contours into whose segments points are put, on the device or on the host as the batch."""
+
+from dataclasses import replace
+
+from ...kernels.stages.insertion import divide_rows, insert_points
+from ..contour_batch import ContourBatch
+
+
+def divide_batch(batch: ContourBatch, longest: float, point_limit: int | None = None) -> ContourBatch:
+    """A batch whose segments are at most so long [m]: longer ones fall into equal parts.
+
+    Parts are longer by the rounding of their ends to float32 at most, and dividing again changes nothing. Intensity is
+    linear along a segment, new points have no dwell.
+    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    """
+    there = batch if batch.on_device else batch.to("cpu")
+    rows = divide_rows(there.points, there.polyline_start, longest, point_limit)
+    weights = {"intensity": there.intensity, "dwell": there.dwell}
+    new = insert_points(there.points, there.kind, there.polyline_start, *rows, **weights)
+    values = {"points": new.points, "kind": new.kind, "intensity": new.intensity, "dwell": new.dwell}
+    out = replace(there, polyline_start=new.polyline_start, **values)
+    return out if batch.on_device else out.numpy()

@@ -1,0 +1,140 @@
+"""Ovals on a device against those that NumPy, LAPACK and least squares make, region by region."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from ovals_oracle import oval_batch
+from transform_cases import (
+    a_setting,
+    assert_equal,
+    assert_valid,
+    batch_of_loops,
+    random_poses,
+    region_batches,
+    run_stage,
+)
+
+from palpate.kernels.offsets import PointLimitError
+from palpate.kernels.stages.ovals import draw_ovals, find_centroids
+from palpate.render import MeshObject, Palm, Scene
+from palpate.render.stages.patch_regions import regions_of
+
+TOLERANCE = 1e-6  # [m]
+LENGTHS = {"scale": 1.2, "smallest": 0.0025}
+CASES = [
+    *(("ellipse", {"of": of, "points": 24, **LENGTHS}) for of in ("area", "moments", "line")),
+    *(("circle", {"of": of, "points": 17, **LENGTHS}) for of in ("area", "line")),
+    ("centroid", {"radius": 0.003}),
+]
+
+
+def assert_near(got, want):
+    """The same polylines, each point within the tolerance."""
+    for name, values in want.by_name().items():
+        if name != "points":
+            np.testing.assert_array_equal(getattr(got, name), values, err_msg=name)
+    np.testing.assert_allclose(got.points, want.points, atol=TOLERANCE, rtol=0)
+
+
+@pytest.mark.parametrize("per", ["region", "patch"])
+@pytest.mark.parametrize(("name", "options"), CASES)
+def test_ovals_are_those_of_the_oracle(name, options, per, device, rng):
+    for batch, setting in region_batches(rng, device):
+        got = run_stage(name, batch, setting, per=per, **options)
+        assert_valid(got, batch.pose_count)
+        assert_near(got, oval_batch(name, batch, setting, per=per, **options))
+
+
+@pytest.mark.parametrize(("name", "options"), CASES)
+def test_ovals_of_renderings_are_those_of_the_oracle(name, options, device, rng):
+    pose = random_poses(rng, 60)
+    pose[:, :3] = 0.02 * rng.normal(size=(60, 3)) + [0, 0, 0.2]
+    for thing in ("tube", "dog"):
+        raw, _ = Scene.of(MeshObject.load(thing), Palm(), "cc").contours(pose, 0, device)
+        setting, raw = a_setting(pose, device=device), raw.numpy()
+        got = run_stage(name, raw, setting, per="region", **options)
+        assert got.polyline_count > 30
+        assert_near(got, oval_batch(name, raw, setting, per="region", **options))
+
+
+def ovals_of_loops(name, loops, setting, *, closed=True, **options):
+    """The ovals of loops of one pose, each flat in the palm's plane."""
+    out = run_stage(name, batch_of_loops([loops], setting.frames, closed=closed), setting, **options)
+    off = out.points.astype(np.float64) - setting.frames.origin[0, 0]
+    flat = off @ np.stack([setting.frames.u[0, 0], setting.frames.v[0, 0]], axis=1)
+    return np.split(flat, out.polyline_start[1:-1])
+
+
+@pytest.mark.parametrize("corners", [3, 4, 6, 64])
+def test_an_oval_of_equal_axes_begins_on_u_wherever_its_outline_does(corners, device, rng):
+    """Any axis is right for a regular polygon; the outline's first corner and rounding must not choose it."""
+    setting = a_setting(random_poses(rng, 1), device=device)
+    shift = np.array([0.01, -0.02])
+    for first in rng.uniform(0, 2 * np.pi, 5):
+        angle = first + 2 * np.pi * np.arange(corners) / corners
+        loop = 0.02 * np.stack([np.cos(angle), np.sin(angle)], axis=1) + shift
+        (oval,) = ovals_of_loops("ellipse", [loop], setting)
+        reach = math.sqrt(0.02**2 * 0.5 * corners * math.sin(2 * math.pi / corners) / math.pi)  # of the same area
+        assert np.linalg.norm(oval - shift, axis=1) == pytest.approx(reach, rel=2e-3)
+        np.testing.assert_allclose(oval[0] - shift, [np.linalg.norm(oval[0] - shift), 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5 * math.pi, math.pi, 2.5])
+def test_an_oblong_begins_at_the_end_of_its_longer_axis_with_u_above_0(turn, device, rng):
+    setting = a_setting(random_poses(rng, 1), device=device)
+    c, s = math.cos(turn), math.sin(turn)
+    box = np.array([[-0.03, -0.01], [0.03, -0.01], [0.03, 0.01], [-0.03, 0.01]]) @ np.array([[c, s], [-s, c]])
+    (oval,) = ovals_of_loops("ellipse", [box], setting)
+    end = math.sqrt(0.06 * 0.02 / math.pi * 3) * np.array([c, s])
+    end = -end if end[0] < -1e-9 else end
+    assert min(np.linalg.norm(oval[0] - way * end) for way in ((1,) if abs(end[0]) > 1e-9 else (1, -1))) < 1e-4
+    assert shapely.Polygon(oval).exterior.is_ccw
+
+
+def test_lines_that_are_straight_or_nearly_get_a_circle_around_them(device, rng):
+    setting = a_setting(random_poses(rng, 1), device=device)
+    x = np.linspace(-0.03, 0.03, 21)
+    straight = np.stack([x, 0 * x], axis=1)
+    slight = np.stack([x, 0.5 * x**2], axis=1)  # of a circle of 1 m
+    for line in (straight, slight, 10 * straight):
+        (oval,) = ovals_of_loops("circle", [line], setting, closed=False)
+        deviation = np.sqrt((line[:, 0] ** 2).mean() * 20 / 22)  # of a uniform line, by the trapezium rule's weights
+        assert np.linalg.norm(oval - oval[:-1].mean(axis=0), axis=1).mean() == pytest.approx(
+            min(math.sqrt(2) * deviation, 0.1), rel=2e-2
+        )
+
+
+def test_lines_of_no_length_have_no_oval(device, rng):
+    setting = a_setting(random_poses(rng, 1), device=device)
+    dot = np.full((3, 2), 0.01)
+    arc = 0.01 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    for name in ("ellipse", "circle", "centroid"):
+        out = run_stage(name, batch_of_loops([[dot, arc]], setting.frames, closed=False), setting, per="region")
+        assert out.polyline_count == 1
+        assert run_stage(name, batch_of_loops([[dot]], setting.frames), setting).polyline_count == 0
+
+
+def test_an_oval_does_not_depend_on_the_batch_its_pose_is_in(device, rng):
+    setting = a_setting(random_poses(rng, 30), device=device)
+    (_, _), (batch, _), *_ = region_batches(rng, device)
+    batch = batch.select(0, 30)
+    for name, options in CASES:
+        whole = run_stage(name, batch, setting, **options)
+        for first, stop in ((0, 7), (7, 8), (8, 8), (8, 30)):
+            part = run_stage(
+                name, batch.select(first, stop), a_setting(setting.pose[first:stop], device=device), **options
+            )
+            assert_equal(part, whole.select(first, stop))
+
+
+def test_more_points_than_the_limit_are_refused(device, rng):
+    batch, setting = next(iter(region_batches(rng, device)))
+    ovals = find_centroids(regions_of(batch.to(device), setting, "region"), 0.003)
+    whole = draw_ovals(ovals, 16, setting.patches, 9)
+    count = whole.points.shape[0]
+    assert draw_ovals(ovals, 16, setting.patches, 9, point_limit=count).points.shape[0] == count
+    for limit in (count - 1, 3):
+        with pytest.raises(PointLimitError):
+            draw_ovals(ovals, 16, setting.patches, 9, point_limit=limit)

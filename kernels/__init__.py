@@ -34,9 +34,6 @@ FIELD_STAGES = (
 POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths through points
 FOLLOWING_STAGES = (
     "stages.cut",
-    "stages.filled",
-    "stages.hatch",
-    "stages.hatch_crossings",
     "stages.insertion",
     "stages.joint",
     "stages.lift",
@@ -53,6 +50,7 @@ FOLLOWING_STAGES = (
     "solids.depth",
     "solids.nearest",
 )
+FILLING_STAGES = ("fillings.filled", "fillings.hatch", "fillings.hatch_crossings")  # of what contours enclose
 MOTION_STAGES = ("metrics.contour_shift",)  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 SWEEP_STAGES = (
@@ -74,6 +72,7 @@ STAGES = (
     *FIELD_STAGES,
     *POINT_STAGES,
     *FOLLOWING_STAGES,
+    *FILLING_STAGES,
     *MOTION_STAGES,
     *OBJECT_STAGES,
     *SWEEP_STAGES,

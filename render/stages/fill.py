@@ -5,8 +5,8 @@ import math
 import numpy as np
 import warp as wp
 
-from ...kernels.stages.filled import find_filled, locate_lines
-from ...kernels.stages.hatch import draw_hatch
+from ...kernels.fillings.filled import find_filled, locate_lines
+from ...kernels.fillings.hatch import draw_hatch
 from ...kernels.stages.lift import lift_polylines
 from ...kernels.stages.regions import Regions
 from ..contour_batch import ContourBatch

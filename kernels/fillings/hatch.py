@@ -12,7 +12,7 @@ import warp as wp
 
 from ..offsets import PointLimitError, last_of, offsets_of
 from ..patch import EXACT
-from .cut import launch
+from ..stages.cut import launch
 from .hatch_crossings import Outlines, RowCrossings, find_crossings, find_rows, row_height
 
 wp.set_module_options(EXACT)

@@ -2,36 +2,13 @@
 
 import numpy as np
 import pytest
-import warp as wp
 from hatch_oracle import hatch_lines
-from transform_cases import star
+from transform_cases import plane_arrays, random_stars
 
+from palpate.kernels.fillings.hatch import draw_hatch
 from palpate.kernels.offsets import PointLimitError
-from palpate.kernels.stages.hatch import draw_hatch
 
 SQUARE = 0.02 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
-
-
-def device_arrays(regions, device, *, order=None, filled=None):
-    """Arguments of `draw_hatch`; regions: a list of loops each; order: where the loops of all lie in the batch."""
-    loops = [np.reshape(loop, (-1, 2)) for region in regions for loop in region]
-    order = np.arange(len(loops)) if order is None else order
-    place = np.empty(len(loops), np.int32)
-    place[order] = np.arange(len(loops))
-    closed = [np.vstack([loops[k], loops[k][:1]]) for k in order]
-    points = np.concatenate([*closed, np.zeros((0, 2))])
-    filled = np.ones(len(regions)) if filled is None else filled
-    return (
-        wp.array(np.column_stack([points, np.zeros(len(points))]), dtype=wp.vec3d, device=device),
-        offsets([len(loop) for loop in closed], device),
-        offsets([len(region) for region in regions], device),
-        wp.array(place, dtype=wp.int32, device=device),
-        wp.array(np.asarray(filled), dtype=wp.uint8, device=device),
-    )
-
-
-def offsets(counts, device):
-    return wp.array(np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), dtype=wp.int64, device=device)
 
 
 def lines_of(hatch):
@@ -47,7 +24,7 @@ def lines_of(hatch):
 def assert_hatched(regions, device, *, filled=None, order=None, spacing=0.003, angle=0.0, connected=True):
     """The kernel's lines are the oracle's, bit by bit, in their order; how many there are."""
     options = {"spacing": spacing, "angle": angle, "connected": connected}
-    got = lines_of(draw_hatch(*device_arrays(regions, device, order=order, filled=filled), **options))
+    got = lines_of(draw_hatch(*plane_arrays(regions, device, order=order, filled=filled), **options))
     want = [
         (k, line)
         for k, loops in enumerate(regions)
@@ -58,19 +35,6 @@ def assert_hatched(regions, device, *, filled=None, order=None, spacing=0.003, a
     for (_, line), (_, other) in zip(got, want, strict=True):
         np.testing.assert_array_equal(line, other)
     return len(got)
-
-
-def random_stars(rng, count):
-    """Regions at random places, most with a hole or two."""
-    regions = []
-    for _ in range(count):
-        middle, radius = rng.uniform(-0.05, 0.05, 2), 10 ** rng.uniform(-3.5, -1.2)
-        loops = [star(rng, middle, radius, int(rng.integers(5, 80)))]
-        for side in range(int(rng.integers(0, 3))):
-            away = radius * np.array([0.3 * (2 * side - 1), rng.uniform(-0.1, 0.1)])
-            loops.append(star(rng, middle + away, 0.2 * radius, int(rng.integers(3, 30)))[::-1])
-        regions.append(loops)
-    return regions
 
 
 def lattice_loops(rng, count, spacing):
@@ -109,7 +73,7 @@ def test_a_comb_that_one_row_crosses_many_times_is_filled(connected, device, rng
 
 def test_a_region_between_two_rows_gets_one_through_its_middle(device):
     thin = np.array([[-0.02, 0.004], [0.02, 0.004], [0.02, 0.006], [-0.02, 0.006]])
-    arrays = device_arrays([[thin]], device)
+    arrays = plane_arrays([[thin]], device)
     ((_, line),) = lines_of(draw_hatch(*arrays, spacing=0.02, angle=0.0, connected=True))
     np.testing.assert_allclose(line, [[-0.02, 0.005], [0.02, 0.005]], atol=1e-12)
     assert assert_hatched([[thin], [SQUARE], [thin + 0.02]], device, spacing=0.02) == 3
@@ -117,7 +81,7 @@ def test_a_region_between_two_rows_gets_one_through_its_middle(device):
 
 def test_lines_go_to_and_fro_and_around_a_hole(device):
     def hatched(*loops):
-        arrays = device_arrays([loops], device)
+        arrays = plane_arrays([loops], device)
         return [line for _, line in lines_of(draw_hatch(*arrays, spacing=0.006, angle=0.0, connected=True))]
 
     # on one side of the hole, then on the other, four rows each
@@ -130,13 +94,13 @@ def test_lines_go_to_and_fro_and_around_a_hole(device):
 def test_a_region_has_the_same_lines_in_every_batch(connected, device, rng):
     regions = random_stars(rng, 12)
     options = {"spacing": 0.002, "angle": 0.3, "connected": connected}
-    together = lines_of(draw_hatch(*device_arrays(regions, device), **options))
+    together = lines_of(draw_hatch(*plane_arrays(regions, device), **options))
     count = sum(len(region) for region in regions)
-    shuffled = lines_of(draw_hatch(*device_arrays(regions, device, order=rng.permutation(count)), **options))
+    shuffled = lines_of(draw_hatch(*plane_arrays(regions, device, order=rng.permutation(count)), **options))
     alone = [
         (k, line)
         for k, region in enumerate(regions)
-        for _, line in lines_of(draw_hatch(*device_arrays([region], device), **options))
+        for _, line in lines_of(draw_hatch(*plane_arrays([region], device), **options))
     ]
     for other in (shuffled, alone):
         assert [k for k, _ in other] == [k for k, _ in together]
@@ -158,12 +122,12 @@ def test_polylines_that_enclose_nothing_have_no_lines(device):
     assert assert_hatched([[point], [two], [flat]], device) == 0
     assert assert_hatched([[point], [SQUARE], [flat, SQUARE]], device) == 2
     none = [np.zeros((0, 2))]  # no points at all, not even the one that is repeated
-    got = lines_of(draw_hatch(*device_arrays([none, [SQUARE]], device), spacing=0.01, angle=0.0, connected=True))
+    got = lines_of(draw_hatch(*plane_arrays([none, [SQUARE]], device), spacing=0.01, angle=0.0, connected=True))
     assert [k for k, _ in got] == [1]
 
 
 def test_more_points_than_the_limit_are_refused_with_their_number(device):
-    arrays, options = device_arrays([[SQUARE]] * 3, device), {"spacing": 0.006, "angle": 0.0, "connected": True}
+    arrays, options = plane_arrays([[SQUARE]] * 3, device), {"spacing": 0.006, "angle": 0.0, "connected": True}
     count = draw_hatch(*arrays, **options).points.shape[0]
     assert count == 3 * 14
     assert draw_hatch(*arrays, **options, point_limit=count).points.shape[0] == count
@@ -171,7 +135,7 @@ def test_more_points_than_the_limit_are_refused_with_their_number(device):
         draw_hatch(*arrays, **options, point_limit=count - 1)
     assert caught.value.count == count
     # a vertex between the third and the fourth of 7 rows, where the line turns round it, is a point, too
-    corner = device_arrays([[np.array([[-0.02, -0.02], [0.02, -0.003], [-0.02, 0.02]])]], device)
+    corner = plane_arrays([[np.array([[-0.02, -0.02], [0.02, -0.003], [-0.02, 0.02]])]], device)
     with pytest.raises(PointLimitError) as caught:
         draw_hatch(*corner, **options, point_limit=14)
     assert caught.value.count == 15

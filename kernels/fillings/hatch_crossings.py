@@ -11,7 +11,7 @@ import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
 from ..patch import EXACT
-from .cut import launch
+from ..stages.cut import launch
 
 wp.set_module_options(EXACT)
 

@@ -3,8 +3,8 @@
 import warp as wp
 
 from ..patch import EXACT
-from .cut import launch
-from .regions import Regions
+from ..stages.cut import launch
+from ..stages.regions import Regions
 
 wp.set_module_options(EXACT)
 

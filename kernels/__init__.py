@@ -34,11 +34,7 @@ FIELD_STAGES = (
 POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths through points
 FOLLOWING_STAGES = (
     "stages.arc_length",
-    "stages.corner_ramps",
-    "stages.corners",
     "stages.cut",
-    "stages.edges",
-    "stages.depth",
     "stages.insertion",
     "stages.joint",
     "stages.lift",
@@ -54,6 +50,8 @@ FOLLOWING_STAGES = (
     "stages.smooth",
     "solids.nearest",
 )
+EMPHASIS_STAGES = ("emphasis.corners", "emphasis.corner_ramps", "emphasis.edges", "emphasis.depth")  # strong and weak
+FILLING_STAGES = ("fillings.filled", "fillings.hatch", "fillings.hatch_crossings")  # of what contours enclose
 MOTION_STAGES = ("metrics.contour_shift",)  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 SWEEP_STAGES = (
@@ -76,6 +74,8 @@ STAGES = (
     *FIELD_STAGES,
     *POINT_STAGES,
     *FOLLOWING_STAGES,
+    *EMPHASIS_STAGES,
+    *FILLING_STAGES,
     *MOTION_STAGES,
     *OBJECT_STAGES,
     *SWEEP_STAGES,

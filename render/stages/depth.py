@@ -7,8 +7,8 @@ from threading import Lock
 import numpy as np
 import warp as wp
 
+from ...kernels.emphasis.depth import find_deepest, make_ramp, place_body, weigh_by_patch, weigh_by_point
 from ...kernels.solids.depth import mesh_for_depth
-from ...kernels.stages.depth import find_deepest, make_ramp, place_body, weigh_by_patch, weigh_by_point
 from ..contour_batch import ContourBatch
 from ..objects.solid import Solid
 from .point_insertion import divide_batch

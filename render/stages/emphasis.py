@@ -3,14 +3,11 @@
 import math
 from dataclasses import replace
 
-import numpy as np
-
-from ...kernels.stages.corner_ramps import pause_at_corners, ramp_rows, weigh_corners
-from ...kernels.stages.corners import find_corners
-from ...kernels.stages.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
+from ...kernels.emphasis.corner_ramps import pause_at_corners, ramp_rows, weigh_corners
+from ...kernels.emphasis.corners import find_corners
+from ...kernels.emphasis.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
 from ...kernels.stages.insertion import insert_points
 from ..contour_batch import ContourBatch
-from .polyline_arrays import times
 from .registry import Option, Setting, transform_stage
 
 STRAIGHT = math.radians(5.0)  # a straight edge turns by less from segment to segment

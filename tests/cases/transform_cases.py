@@ -2,6 +2,7 @@
 
 import numpy as np
 import shapely
+import warp as wp
 from contour_random import random_batch
 
 from palpate.kernels.section.row_walker import HAND, MADE, OBJECT
@@ -173,3 +174,38 @@ def assert_equal(got, want):
     assert got.by_name().keys() == want.by_name().keys()
     for name, values in want.by_name().items():
         np.testing.assert_array_equal(getattr(got, name), values, err_msg=name)
+
+
+def plane_arrays(regions, device, *, order=None, filled=None):
+    """Arguments of `draw_hatch` for regions in a plane, each a list of loops; order: that of all loops in the batch."""
+    loops = [np.reshape(loop, (-1, 2)) for region in regions for loop in region]
+    order = np.arange(len(loops)) if order is None else order
+    place = np.empty(len(loops), np.int32)
+    place[order] = np.arange(len(loops))
+    closed = [np.vstack([loops[k], loops[k][:1]]) for k in order]
+    points = np.concatenate([*closed, np.zeros((0, 2))])
+    filled = np.ones(len(regions)) if filled is None else filled
+    return (
+        wp.array(np.column_stack([points, np.zeros(len(points))]), dtype=wp.vec3d, device=device),
+        offsets_on([len(loop) for loop in closed], device),
+        offsets_on([len(region) for region in regions], device),
+        wp.array(place, dtype=wp.int32, device=device),
+        wp.array(np.asarray(filled), dtype=wp.uint8, device=device),
+    )
+
+
+def offsets_on(counts, device):
+    return wp.array(np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), dtype=wp.int64, device=device)
+
+
+def random_stars(rng, count):
+    """Regions at random places, most with a hole or two."""
+    regions = []
+    for _ in range(count):
+        middle, radius = rng.uniform(-0.05, 0.05, 2), 10 ** rng.uniform(-3.5, -1.2)
+        loops = [star(rng, middle, radius, int(rng.integers(5, 80)))]
+        for side in range(int(rng.integers(0, 3))):
+            away = radius * np.array([0.3 * (2 * side - 1), rng.uniform(-0.1, 0.1)])
+            loops.append(star(rng, middle + away, 0.2 * radius, int(rng.integers(3, 30)))[::-1])
+        regions.append(loops)
+    return regions

@@ -18,7 +18,7 @@ from transform_cases import (
 
 from palpate.kernels.section.row_walker import MADE
 from palpate.render.errors import PalpateWarning, StrategyError
-from palpate.render.stages.fill import hatch_lines, inset_loops
+from palpate.render.stages.fill import inset_loops
 
 OVALS = ("ellipse", "circle", "centroid")
 MAKERS = (*OVALS, "hatch", "inset")
@@ -150,20 +150,6 @@ def test_connected_hatch_needs_fewer_jumps(rng):
     batch, setting, _ = random_regions(rng)
     apart, joined = (run_stage("hatch", batch, setting, spacing=0.003, connect=c) for c in ("jump", "boundary"))
     assert joined.polyline_count < 0.5 * apart.polyline_count
-
-
-def test_a_region_between_two_lines_gets_one_through_its_middle():
-    thin = np.array([[-0.02, 0.004], [0.02, 0.004], [0.02, 0.006], [-0.02, 0.006]])
-    (line,) = hatch_lines([thin], 0.02, 0.0, connected=True)
-    np.testing.assert_allclose(line, [[-0.02, 0.005], [0.02, 0.005]], atol=1e-12)
-
-
-def test_hatch_goes_to_and_fro_and_around_a_hole():
-    square = 0.02 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    lines = hatch_lines([square, 0.25 * square[::-1]], 0.006, 0.0, connected=True)
-    assert [len(line) for line in lines] == [8, 8]  # on one side of the hole, then on the other, four rows each
-    (one,) = hatch_lines([square], 0.006, 0.0, connected=True)
-    assert np.sign(np.diff(one[:, 0])[::2]).tolist() == [1, -1, 1, -1, 1, -1, 1]
 
 
 @pytest.mark.parametrize("distance", [0.001, 0.004, 0.03])

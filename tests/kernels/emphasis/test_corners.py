@@ -6,7 +6,7 @@ from contour_random import degenerate_batch, random_batch, weighted_batch
 from emphasis_oracle import find_corners as slow_find_corners
 from polyline_oracle import Lines
 
-from palpate.kernels.stages.corners import find_corners
+from palpate.kernels.emphasis.corners import find_corners
 from palpate.render import ContourBatch, MeshObject, Palm, exploration, render
 
 RULES = [

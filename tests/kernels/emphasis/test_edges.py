@@ -11,8 +11,8 @@ from emphasis_oracle import RAMP, STRAIGHT, emphasise_edges, straight_runs
 from polyline_oracle import Lines, levelled
 from transform_cases import a_setting, assert_equal, random_poses, run_stage
 
+from palpate.kernels.emphasis.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
 from palpate.kernels.offsets import PointLimitError
-from palpate.kernels.stages.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
 from palpate.render import ContourBatch, MeshObject, Palm, exploration, render
 
 OPTIONS = [

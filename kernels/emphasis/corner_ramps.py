@@ -8,9 +8,9 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .arc_length import MeasuredLines, arc_on, first_beyond, is_loop, measure_lines, part_at
+from ..stages.arc_length import MeasuredLines, arc_on, first_beyond, is_loop, measure_lines, part_at
+from ..stages.insertion import Inserted, rows_from
 from .corners import PolylineCorners, sort_values
-from .insertion import Inserted, rows_from
 
 wp.set_module_options(EXACT)
 

@@ -11,8 +11,8 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT, to_float64
-from .arc_length import SHORTEST, MeasuredLines, is_loop, measure_lines, point_along
-from .simplify import move_offsets, number_kept
+from ..stages.arc_length import SHORTEST, MeasuredLines, is_loop, measure_lines, point_along
+from ..stages.simplify import move_offsets, number_kept
 
 wp.set_module_options(EXACT)
 

@@ -14,9 +14,9 @@ import warp as wp
 from ..offsets import last_of, offsets_of
 from ..patch import EXACT, to_float32, to_float64
 from ..solids.depth import distance_within, is_within
-from .cut import launch
-from .patch_frames import turn_by
-from .prune import Patches
+from ..stages.cut import launch
+from ..stages.patch_frames import turn_by
+from ..stages.prune import Patches
 
 wp.set_module_options(EXACT)
 

@@ -7,9 +7,9 @@ import warp as wp
 from ..offsets import BLOCK
 from ..patch import EXACT, to_float64
 from ..section.row_walker import HAND, MADE, OBJECT
-from .arc_length import SHORTEST
-from .cut import segment_length
-from .insertion import Inserted, insert_points, rows_from
+from ..stages.arc_length import SHORTEST
+from ..stages.cut import segment_length
+from ..stages.insertion import Inserted, insert_points, rows_from
 
 wp.set_module_options(EXACT)
 

@@ -8,9 +8,9 @@ from contour_random import bare, degenerate_batch, random_batch, weighted_batch
 from emphasis_oracle import emphasise_corners
 from transform_cases import a_setting, assert_equal, random_poses, run_stage
 
+from palpate.kernels.emphasis.corner_ramps import pause_at_corners, ramp_rows, weigh_corners
+from palpate.kernels.emphasis.corners import find_corners
 from palpate.kernels.offsets import PointLimitError
-from palpate.kernels.stages.corner_ramps import pause_at_corners, ramp_rows, weigh_corners
-from palpate.kernels.stages.corners import find_corners
 from palpate.kernels.stages.insertion import insert_points
 from palpate.render import ContourBatch, MeshObject, Palm, exploration, render
 

@@ -7,9 +7,9 @@ import warp as wp
 from depth_oracle import grid_points
 from transform_cases import a_setting, near_poses, random_regions, rendered, run_stage
 
+from palpate.kernels.emphasis.depth import find_deepest, make_ramp, place_body
 from palpate.kernels.patch import EXACT
 from palpate.kernels.solids.depth import distance_within, is_within
-from palpate.kernels.stages.depth import find_deepest, make_ramp, place_body
 from palpate.render import MeshObject, Palm
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.objects.moving_object import back_to

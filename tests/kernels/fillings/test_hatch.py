@@ -1,0 +1,141 @@
+"""Hatch lines over regions: the same lines as plain NumPy draws, bit by bit, whatever the regions and the batch."""
+
+import numpy as np
+import pytest
+from hatch_oracle import hatch_lines
+from transform_cases import plane_arrays, random_stars
+
+from palpate.kernels.fillings.hatch import draw_hatch
+from palpate.kernels.offsets import PointLimitError
+
+SQUARE = 0.02 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
+
+
+def lines_of(hatch):
+    """(region, points [m]) of each line, on the host."""
+    points, start = hatch.points.numpy().reshape(-1, 2), hatch.line_start.numpy()
+    assert (start[0], start[-1], len(start)) == (0, len(points), hatch.line_region.shape[0] + 1)
+    return [
+        (int(region), points[a:b])
+        for region, a, b in zip(hatch.line_region.numpy(), start[:-1], start[1:], strict=True)
+    ]
+
+
+def assert_hatched(regions, device, *, filled=None, order=None, spacing=0.003, angle=0.0, connected=True):
+    """The kernel's lines are the oracle's, bit by bit, in their order; how many there are."""
+    options = {"spacing": spacing, "angle": angle, "connected": connected}
+    got = lines_of(draw_hatch(*plane_arrays(regions, device, order=order, filled=filled), **options))
+    want = [
+        (k, line)
+        for k, loops in enumerate(regions)
+        if filled is None or filled[k]
+        for line in hatch_lines(loops, spacing, angle, connected=connected)
+    ]
+    assert [k for k, _ in got] == [k for k, _ in want]
+    for (_, line), (_, other) in zip(got, want, strict=True):
+        np.testing.assert_array_equal(line, other)
+    return len(got)
+
+
+def lattice_loops(rng, count, spacing):
+    """Loops that cross themselves and each other, with vertices and edges on rows, and vertices that coincide."""
+    return [
+        [spacing * rng.integers(-3, 4, (int(rng.integers(3, 12)), 2)) for _ in range(int(rng.integers(1, 4)))]
+        for _ in range(count)
+    ]
+
+
+@pytest.mark.parametrize("connected", [True, False])
+@pytest.mark.parametrize("angle", [0.0, 0.6, -2.5])
+def test_random_regions_have_the_lines_of_the_oracle(angle, connected, device, rng):
+    regions = random_stars(rng, 60)
+    assert assert_hatched(regions, device, angle=angle, connected=connected) > 60
+
+
+@pytest.mark.parametrize("connected", [True, False])
+@pytest.mark.parametrize("spacing", [0.003, 0.25])
+def test_loops_that_cross_and_touch_on_rows_have_the_lines_of_the_oracle(spacing, connected, device, rng):
+    regions = lattice_loops(rng, 300, spacing)
+    assert assert_hatched(regions, device, spacing=spacing, connected=connected) > 300
+    assert assert_hatched(regions, device, spacing=spacing, connected=connected, angle=np.pi / 2) > 300
+
+
+@pytest.mark.parametrize("connected", [True, False])
+def test_a_comb_that_one_row_crosses_many_times_is_filled(connected, device, rng):
+    x = np.linspace(-0.5, 0.5, 4001)
+    teeth = np.stack([x, np.where(np.arange(len(x)) % 2, 0.01, rng.uniform(-0.01, -0.001, len(x)))], axis=1)
+    comb = np.vstack([[[-0.5, -0.02], [0.5, -0.02]], teeth[::-1]])
+    # 4,000 crossings of one row, in the order of the comb and in random order
+    assert assert_hatched([[comb]], device, spacing=0.02, connected=connected) == 2000
+    shuffled = np.stack([rng.permutation(x), teeth[:, 1]], axis=1)
+    assert assert_hatched([[shuffled]], device, spacing=0.02, connected=connected) > 1
+
+
+def test_a_region_between_two_rows_gets_one_through_its_middle(device):
+    thin = np.array([[-0.02, 0.004], [0.02, 0.004], [0.02, 0.006], [-0.02, 0.006]])
+    arrays = plane_arrays([[thin]], device)
+    ((_, line),) = lines_of(draw_hatch(*arrays, spacing=0.02, angle=0.0, connected=True))
+    np.testing.assert_allclose(line, [[-0.02, 0.005], [0.02, 0.005]], atol=1e-12)
+    assert assert_hatched([[thin], [SQUARE], [thin + 0.02]], device, spacing=0.02) == 3
+
+
+def test_lines_go_to_and_fro_and_around_a_hole(device):
+    def hatched(*loops):
+        arrays = plane_arrays([loops], device)
+        return [line for _, line in lines_of(draw_hatch(*arrays, spacing=0.006, angle=0.0, connected=True))]
+
+    # on one side of the hole, then on the other, four rows each
+    assert [len(line) for line in hatched(SQUARE, 0.25 * SQUARE[::-1])] == [8, 8]
+    (one,) = hatched(SQUARE)
+    assert np.sign(np.diff(one[:, 0])[::2]).tolist() == [1, -1, 1, -1, 1, -1, 1]
+
+
+@pytest.mark.parametrize("connected", [True, False])
+def test_a_region_has_the_same_lines_in_every_batch(connected, device, rng):
+    regions = random_stars(rng, 12)
+    options = {"spacing": 0.002, "angle": 0.3, "connected": connected}
+    together = lines_of(draw_hatch(*plane_arrays(regions, device), **options))
+    count = sum(len(region) for region in regions)
+    shuffled = lines_of(draw_hatch(*plane_arrays(regions, device, order=rng.permutation(count)), **options))
+    alone = [
+        (k, line)
+        for k, region in enumerate(regions)
+        for _, line in lines_of(draw_hatch(*plane_arrays([region], device), **options))
+    ]
+    for other in (shuffled, alone):
+        assert [k for k, _ in other] == [k for k, _ in together]
+        for (_, line), (_, same) in zip(other, together, strict=True):
+            np.testing.assert_array_equal(line, same)
+
+
+def test_regions_that_are_left_out_have_no_lines(device, rng):
+    regions = random_stars(rng, 20)
+    filled = rng.integers(0, 2, 20)
+    assert assert_hatched(regions, device, filled=filled) > 0
+    assert assert_hatched(regions, device, filled=np.zeros(20)) == 0
+
+
+def test_polylines_that_enclose_nothing_have_no_lines(device):
+    point, two = np.array([[0.001, 0.003]]), np.array([[-0.01, -0.01], [0.01, 0.01]])
+    flat = np.array([[-0.01, 0.003], [0.0, 0.003], [0.01, 0.003]])
+    assert assert_hatched([], device) == 0
+    assert assert_hatched([[point], [two], [flat]], device) == 0
+    assert assert_hatched([[point], [SQUARE], [flat, SQUARE]], device) == 2
+    none = [np.zeros((0, 2))]  # no points at all, not even the one that is repeated
+    got = lines_of(draw_hatch(*plane_arrays([none, [SQUARE]], device), spacing=0.01, angle=0.0, connected=True))
+    assert [k for k, _ in got] == [1]
+
+
+def test_more_points_than_the_limit_are_refused_with_their_number(device):
+    arrays, options = plane_arrays([[SQUARE]] * 3, device), {"spacing": 0.006, "angle": 0.0, "connected": True}
+    count = draw_hatch(*arrays, **options).points.shape[0]
+    assert count == 3 * 14
+    assert draw_hatch(*arrays, **options, point_limit=count).points.shape[0] == count
+    with pytest.raises(PointLimitError) as caught:
+        draw_hatch(*arrays, **options, point_limit=count - 1)
+    assert caught.value.count == count
+    # a vertex between the third and the fourth of 7 rows, where the line turns round it, is a point, too
+    corner = plane_arrays([[np.array([[-0.02, -0.02], [0.02, -0.003], [-0.02, 0.02]])]], device)
+    with pytest.raises(PointLimitError) as caught:
+        draw_hatch(*corner, **options, point_limit=14)
+    assert caught.value.count == 15

@@ -83,8 +83,9 @@ class TwoPatches:
     """Two planes at right angles that move together."""
 
     patch_count = 2
+    pose_count = None
 
-    def frames(self, pose, first):
+    def frames(self, pose, first=0):
         one = a_setting(pose).frames
         half = np.array([[0.04, 0.04], [0.03, 0.03]])
         return PatchFrames(

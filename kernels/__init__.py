@@ -34,6 +34,7 @@ FIELD_STAGES = (
 POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths through points
 FOLLOWING_STAGES = (
     "stages.cut",
+    "stages.depth",
     "stages.insertion",
     "stages.joint",
     "stages.lift",
@@ -47,7 +48,6 @@ FOLLOWING_STAGES = (
     "stages.repeats",
     "stages.simplify",
     "stages.smooth",
-    "solids.depth",
     "solids.nearest",
 )
 FILLING_STAGES = (

@@ -6,7 +6,7 @@ import warp as wp
 from contour_random import random_batch
 
 from palpate.kernels.section.row_walker import HAND, MADE, OBJECT
-from palpate.render import ContourBatch, Palm
+from palpate.render import ContourBatch, MeshObject, Palm, Scene
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages.registry import Setting, Stage, find_stage
 
@@ -120,6 +120,25 @@ def region_batches(rng, device):
     yield lines, a_setting(random_poses(rng, 30), hand=hand, device=device)
     yield nested.select(3, 3), a_setting(setting.pose[3:3], device=device)
     yield random_batch(rng, 5, line_most=0), a_setting(random_poses(rng, 5), device=device)
+
+
+def near_poses(rng, count, spread=0.02):
+    pose = random_poses(rng, count)
+    pose[:, :3] = spread * rng.normal(size=(count, 3)) + [0, 0, 0.2]
+    return pose
+
+
+def rendered(rng, device, *, thing="tube", hand=None, moved=False, count=25):
+    """Contours of some poses, and their setting, with intensities and an object that has moved if asked."""
+    solid, hand, pose = MeshObject.load(thing), hand or Palm(), near_poses(rng, count)
+    batch, _ = Scene.of(solid, hand, "cc").contours(pose, 0, device)
+    batch = batch.numpy()
+    intensity = rng.uniform(0.2, 1.0, batch.point_count).astype(np.float32)
+    intensity[batch.polyline_start[1:] - 1] = intensity[batch.polyline_start[:-1]]
+    batch = ContourBatch(**{**batch.by_name(), "intensity": intensity})
+    return batch, a_setting(
+        pose, thing=solid, hand=hand, device=device, moved=near_poses(rng, count) if moved else None
+    )
 
 
 def assert_valid(batch, pose_count):

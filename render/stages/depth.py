@@ -1,0 +1,84 @@
+"""Emphasis by depth: contours are the stronger the deeper the skin is in the object."""
+
+from collections import OrderedDict
+from dataclasses import replace
+from threading import Lock
+
+import numpy as np
+import warp as wp
+
+from ...kernels.solids.depth import mesh_for_depth
+from ...kernels.stages.depth import find_deepest, make_ramp, place_body, weigh_by_patch, weigh_by_point
+from ..contour_batch import ContourBatch
+from ..objects.solid import Solid
+from .point_insertion import divide_batch
+from .registry import Option, Setting, transform_stage
+
+MESHES_KEPT = 4  # of objects whose depth was asked last
+_MESHES: OrderedDict[tuple[str, str], wp.Mesh] = OrderedDict()
+_LOCK = Lock()
+
+
+def mesh_of(solid: Solid, device: str) -> wp.Mesh:
+    """The object's outline on a device, kept for the next batch."""
+    key = (solid.described()["hash"], device)
+    with _LOCK:
+        mesh = _MESHES.get(key)
+        if mesh is None:
+            mesh = _MESHES[key] = mesh_for_depth(*solid.outline_mesh(), device)
+        _MESHES.move_to_end(key)
+        while len(_MESHES) > MESHES_KEPT:
+            _MESHES.popitem(last=False)
+        return mesh
+
+
+@transform_stage(
+    "depth",
+    on="device",
+    needs_closed=True,
+    at=Option("patch", choices=("point", "patch", "pose")),
+    shallow=Option(0.0, 0.0, 1.0, "m"),
+    deep=Option(0.02, 1e-6, 1.0, "m"),
+    lowest=Option(0.3, 0.0, 1.0),
+    grid=Option(9, 2, 65),
+    spacing=Option(None, 1e-4, 1.0, "m", widths=0.5),
+)
+def weigh_by_depth(
+    batch: ContourBatch,
+    setting: Setting,
+    *,
+    at: str,
+    shallow: float,
+    deep: float,
+    lowest: float,
+    grid: int,
+    spacing: float,
+) -> ContourBatch:
+    """Intensity by how deep the skin is in the object.
+
+    It grows from `lowest` at the depth `shallow` [m] to 1 at `deep` [m]; depth is the distance to the object's surface.
+    at "patch": all contours of a patch by the deepest of grid x grid points of it, "pose": by that of the whole hand;
+    "point": each point by its own depth, segments divided to at most `spacing` [m]. The object's own contours have the
+    depth 0, so "point" is for what runs inside: hand edges, "hatch", "ellipse".
+    """
+    if deep <= shallow:  # one step, at `shallow`
+        deep = shallow + 1e-9
+    ramp, mesh = make_ramp(shallow, deep, lowest), mesh_of(setting.solid, setting.device)
+    body = place_body(mesh, *_body_poses(setting))
+    if at == "point":
+        batch = divide_batch(batch, spacing, setting.point_limit)
+        lines = (batch.points, batch.polyline_start, batch.pose_start)
+        return replace(batch, intensity=weigh_by_point(*lines, body, ramp, batch.intensity))
+    where = (batch.polyline_patch, batch.pose_start)
+    depth = find_deepest(*where, body, setting.patches, ramp, grid=grid, whole=at == "pose")
+    weights = (depth, ramp, batch.point_count, batch.intensity)
+    return replace(batch, intensity=weigh_by_patch(batch.polyline_start, *where, *weights))
+
+
+def _body_poses(setting: Setting) -> tuple[wp.array | None, np.ndarray | None]:
+    """Where the object is at each pose, on the device, and its centre as placed [m]; None: it stands still."""
+    if setting.object_pose is None:
+        return None, None
+    pose = np.ascontiguousarray(setting.object_pose, np.float32)
+    centre = setting.solid.bounds.mean(axis=0) if setting.object_centre is None else setting.object_centre
+    return wp.array(pose, dtype=wp.transform, device=setting.device), centre

@@ -1,0 +1,79 @@
+"""The stage "depth" against every triangle, grid point and point in NumPy, wherever the object and the hand are."""
+
+import numpy as np
+import pytest
+from depth_oracle import weighed
+from transform_cases import a_setting, assert_equal, near_poses, random_regions, rendered, run_stage
+
+from palpate.render import MeshObject, Palm, PlaneHand, Scene
+from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.stages.depth import MESHES_KEPT, mesh_of
+
+DEFAULTS = {"shallow": 0.0, "deep": 0.02, "lowest": 0.3, "grid": 9, "spacing": 0.004}
+RAMPS = [{}, {"shallow": 0.003, "deep": 0.009, "lowest": 0.0}, {"shallow": 0.007, "deep": 0.001}]
+
+
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize("at", ["patch", "pose", "point"])
+@pytest.mark.parametrize("ramp", RAMPS)
+def test_intensities_are_those_of_the_oracle(ramp, at, moved, device, rng):
+    spread = []
+    for hand, thing, count in ((Palm(), "tube", 10), (flat_hand(), "dog", 4)):
+        batch, setting = rendered(rng, device, thing=thing, hand=hand, moved=moved, count=count)
+        options = {**DEFAULTS, **ramp, "at": at}
+        got, want = run_stage("depth", batch, setting, **options), weighed(batch, setting, **options)
+        assert got.by_name().keys() == want.by_name().keys()
+        np.testing.assert_array_equal(got.points, want.points)
+        off = np.abs(got.intensity.astype(np.float64) - want.intensity)
+        if ramp.get("deep") == 0.001:  # a step: a micrometre decides at its edge
+            assert np.count_nonzero(off > 1e-6) <= 0.01 * len(off)
+        else:
+            assert off.max() < 1e-6 / (options["deep"] - options["shallow"])  # of intensity for a micrometre
+        spread.append(np.ptp(want.intensity))
+    assert max(spread) > 0.1
+
+
+@pytest.mark.parametrize("at", ["patch", "pose", "point"])
+def test_a_patch_that_is_absent_has_no_depth(at, device, rng):
+    hand = flat_hand()
+    own = near_poses(rng, 6 * hand.patch_count).reshape(6, hand.patch_count, 7)
+    own[:, 0] = np.nan
+    own[3] = np.nan
+    hand = PlaneHand(hand.patches, patch_pose=own)
+    pose = np.tile(np.array([0, 0, 0, 0, 0, 0, 1], np.float32), (6, 1))
+    solid = MeshObject.load("tube")
+    raw, _ = Scene.of(solid, hand, "cc").contours(pose, 0, device)
+    batch, setting = raw.numpy(), a_setting(pose, thing=solid, hand=hand, device=device)
+    got = run_stage("depth", batch, setting, **DEFAULTS, at=at)
+    np.testing.assert_allclose(got.intensity, weighed(batch, setting, **DEFAULTS, at=at).intensity, atol=1e-4)
+    assert np.diff(got.pose_start)[3] == 0
+
+
+@pytest.mark.parametrize("at", ["patch", "pose", "point"])
+def test_depth_does_not_depend_on_the_batch_a_pose_is_in(at, device, rng):
+    batch, setting = rendered(rng, device, moved=True, count=24)
+    whole = run_stage("depth", batch, setting, **DEFAULTS, at=at)
+    for first, stop in ((0, 5), (5, 6), (6, 6), (6, 24)):
+        own = a_setting(
+            setting.pose[first:stop], thing=setting.solid, device=device, moved=setting.object_pose[first:stop]
+        )
+        part = run_stage("depth", batch.select(first, stop), own, **DEFAULTS, at=at)
+        assert_equal(part, whole.select(first, stop))
+
+
+@pytest.mark.parametrize("at", ["patch", "pose", "point"])
+def test_a_batch_without_contours_stays_one(at, device, rng):
+    batch, setting, _ = random_regions(rng)
+    empty = batch.select(0, 1)
+    setting = a_setting(setting.pose[:1], thing=MeshObject.load("tube"), device=device)
+    out = run_stage("depth", empty, setting, **DEFAULTS, at=at)
+    assert (out.pose_count, out.point_count, len(out.intensity)) == (1, 0, 0)
+
+
+def test_a_mesh_is_made_once_for_an_object_and_the_oldest_go(device):
+    solids = [MeshObject.load("cube", at=(0, 0, 0.2 + 0.01 * k)) for k in range(MESHES_KEPT + 1)]
+    first = mesh_of(solids[0], device)
+    assert mesh_of(MeshObject.load("cube", at=(0, 0, 0.2)), device) is first
+    for solid in solids[1:]:
+        mesh_of(solid, device)
+    assert mesh_of(solids[0], device) is not first

@@ -51,7 +51,14 @@ FOLLOWING_STAGES = (
     "solids.nearest",
 )
 EMPHASIS_STAGES = ("emphasis.corners", "emphasis.corner_ramps", "emphasis.edges", "emphasis.depth")  # strong and weak
-FILLING_STAGES = ("fillings.filled", "fillings.hatch", "fillings.hatch_crossings")  # of what contours enclose
+FILLING_STAGES = (
+    "fillings.filled",
+    "fillings.hatch",
+    "fillings.hatch_crossings",
+    "fillings.inset",
+    "fillings.inset_edges",
+    "fillings.inset_pieces",
+)  # of what contours enclose
 MOTION_STAGES = ("metrics.contour_shift",)  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 SWEEP_STAGES = (

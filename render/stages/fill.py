@@ -7,13 +7,13 @@ import warp as wp
 
 from ...kernels.fillings.filled import find_filled, locate_lines
 from ...kernels.fillings.hatch import draw_hatch
+from ...kernels.fillings.inset import Inset, draw_inset
 from ...kernels.stages.lift import lift_polylines
 from ...kernels.stages.regions import Regions
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..user_warnings import warn_user
-from .patch_regions import Sections, batch_of_lifted, regions_of
-from .polyline_arrays import Drawn, batch_of
+from .patch_regions import batch_of_lifted, regions_of
 from .registry import Option, Setting, transform_stage
 
 UNIT = 1e-3  # [m] that polygons are handed to manifold3d in: it works to 1e-8 of its unit
@@ -77,7 +77,7 @@ def hatch_regions(batch: ContourBatch, setting: Setting, *, spacing: float, angl
     return batch_of_lifted(lift_polylines(*lines, setting.patches, batch.pose_count, point_limit=limit))
 
 
-@transform_stage("inset", needs_closed=True, distance=Option(None, 1e-6, 0.5, "m", widths=0.5))
+@transform_stage("inset", on="device", needs_closed=True, distance=Option(None, 1e-6, 0.5, "m", widths=0.5))
 def inset_regions(batch: ContourBatch, setting: Setting, *, distance: float) -> ContourBatch:
     """Outlines moved inwards, so that the focal point's width stays inside.
 
@@ -85,14 +85,43 @@ def inset_regions(batch: ContourBatch, setting: Setting, *, distance: float) -> 
     Loops are counter-clockwise around what is left, of kind "made", and start near where the region's outline did.
     Open contours enclose nothing: they are left out with a warning. Not for hand meshes.
     """
-    require_planes("inset", setting)
-    sections, drawn = Sections(batch, setting), []
-    for group in sections.filled("inset"):
-        loops = [sections.loop(int(line)) for line in group]
-        pose, patch = int(sections.pose[group[0]]), int(batch.polyline_patch[group[0]])
-        for flat in inset_loops(loops, distance):
-            drawn.append(Drawn(pose, patch, sections.lifted(pose, patch, flat, 0.0), True))
-    return batch_of(drawn, batch.pose_count)
+    regions, filled = find_filled_regions("inset", batch, setting)
+    limit = setting.point_limit
+    inset = draw_inset(
+        regions.local,
+        regions.polyline_start,
+        regions.region_start,
+        regions.region_line,
+        filled,
+        distance=distance,
+        point_limit=limit,
+    )
+    points, line_start, line_region = with_missing_loops(inset, regions, distance)
+    pose, patch = locate_lines(regions, line_region)
+    closed = wp.full(line_region.shape[0], 1, dtype=wp.uint8, device=points.device)
+    lines = (points, line_start, pose, patch, closed)
+    return batch_of_lifted(lift_polylines(*lines, setting.patches, batch.pose_count, point_limit=limit))
+
+
+def with_missing_loops(inset: Inset, regions: Regions, distance: float) -> tuple[wp.array, wp.array, wp.array]:
+    """Points, offsets and regions of all loops: those of regions that failed on the device are found on the host."""
+    failed = np.flatnonzero(inset.failed.numpy())
+    if len(failed) == 0:
+        return inset.points, inset.line_start, inset.line_region
+    local, start = regions.local.numpy(), regions.polyline_start.numpy()
+    entry, line = regions.region_start.numpy(), regions.region_line.numpy()
+    points, at = inset.points.numpy(), inset.line_start.numpy()
+    found = [(int(k), points[at[i] : at[i + 1]]) for i, k in enumerate(inset.line_region.numpy())]
+    for k in failed.tolist():
+        loops = [local[start[i] : start[i + 1] - 1, :2] for i in line[entry[k] : entry[k + 1]]]
+        found += [(k, loop) for loop in inset_loops(loops, distance)]
+    found.sort(key=lambda one: one[0])
+    device, counts = regions.local.device, [len(loop) for _, loop in found]
+    return (
+        wp.array(np.concatenate([np.zeros((0, 2)), *[loop for _, loop in found]]), dtype=wp.vec2d, device=device),
+        wp.array(np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), dtype=wp.int64, device=device),
+        wp.array(np.array([k for k, _ in found], np.int32), dtype=wp.int32, device=device),
+    )
 
 
 def inset_loops(loops: list[np.ndarray], distance: float) -> list[np.ndarray]:

@@ -6,7 +6,6 @@ import numpy as np
 import warp as wp
 
 from ..contour_batch import ContourBatch
-from .polyline_arrays import segment_lengths
 from .user_code_digest import innermost
 
 if TYPE_CHECKING:
@@ -50,3 +49,14 @@ def warn_of_bends(
 def _name_of(func: Any) -> str:
     """The name of a Warp function."""
     return getattr(innermost(func), "__name__", repr(func))
+
+
+def segment_lengths(batch: ContourBatch) -> tuple[np.ndarray, np.ndarray]:
+    """Whether a segment starts at each point, and its length [m], 0 where none does; for a batch on the host."""
+    points = batch.points.astype(np.float64)
+    is_segment = np.ones(len(points), bool)
+    is_segment[batch.polyline_start[1:][np.diff(batch.polyline_start) > 0] - 1] = False
+    length = np.zeros(len(points))
+    here = np.flatnonzero(is_segment)
+    length[here] = np.linalg.norm(points[here + 1] - points[here], axis=1)
+    return is_segment, length

@@ -18,7 +18,7 @@ PACKAGES = ("kernels", "render", "device", "datasets")
 ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"kernels", "datasets", "device"}}
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 MODULES_MOST = 20
-SHARED = {"Box", "Chunk", "Cursor", "Field", "Frame", "Lattice", "Parts", "Sections", "Step", "Surface"}
+SHARED = {"Box", "Chunk", "Cursor", "Field", "Frame", "Lattice", "Parts", "Step", "Surface"}
 """Class names that still stand in two folders, each a term of both fields; no name may join them."""
 ROW = re.compile(r"^\| `([a-z_0-9/]+)` \| (\d+) \| [^|]+ \| ([^|]*) \|$", re.MULTILINE)
 

@@ -1,0 +1,371 @@
+"""Insets: what of a region in a plane is at least a distance away from its outlines, as loops around it.
+
+The loops are made of the pieces of offsets (`inset_pieces`). A piece goes on with the next offset of its polyline where
+neither is cut; where one is, with the piece that begins nearest to its end, if that is mutual. Where a region's pieces
+do not all go on so, or its outlines cross each other, it has failed, and its loops must be found by other means.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..patch import EXACT
+from ..stages.cut import launch
+from .inset_edges import InsetEdges, cross_of, edges_of, find_edges, has_arc, left_of, offset_end, offset_point
+from .inset_pieces import OffsetPieces, find_pieces
+
+wp.set_module_options(EXACT)
+
+JOINED = wp.constant(wp.float64(2e-5))  # [m]; ends of pieces this near may be one: two offsets that touch are cut apart
+THINNEST = wp.constant(wp.float64(1e-7))  # [m]; a loop that is thinner is rounding
+ROUND = 64  # segments of a full turn around a corner
+
+
+class Inset(NamedTuple):
+    """Device arrays of the loops inside regions, in the order of the regions, outer loops first, the largest first."""
+
+    points: wp.array  # vec2d, along u and v [m], shape [point]; a first point is not repeated
+    line_start: wp.array  # int64, offsets into points, shape [line + 1]
+    line_region: wp.array  # int32, shape [line]
+    failed: wp.array  # int32, 1 where a region's loops are not known, shape [region]
+
+
+@wp.struct
+class PieceLinks:
+    """For each piece the one that goes on at its end, and the one that leads to it; -1: not known."""
+
+    after: wp.array[wp.int32]
+    before: wp.array[wp.int32]
+
+
+@wp.struct
+class ArcSteps:
+    """Corners of an arc's polygon, from its start on."""
+
+    parameter: wp.array[wp.float64]
+    direction: wp.array[wp.vec2d]  # along the normal and the way of the arc's edge
+
+
+@wp.struct
+class InsetLoop:
+    """A loop and the point at which it starts."""
+
+    piece: wp.int32  # the piece on which it starts
+    step: wp.int32  # the corner of that piece's arc at which it starts, -1: where the piece begins
+    count: wp.int64  # its points
+    area: wp.float64  # [m2]
+    length: wp.float64  # [m]
+    start: wp.vec2d  # [m]
+
+
+@wp.func
+def piece_end(edges: InsetEdges, pieces: OffsetPieces, i: int):
+    """The point at which a piece ends [m]."""
+    return offset_point(edges, pieces.offset[i], pieces.end[i])
+
+
+@wp.func
+def piece_begin(edges: InsetEdges, pieces: OffsetPieces, i: int):
+    """The point at which a piece begins [m]."""
+    return offset_point(edges, pieces.offset[i], pieces.begin[i])
+
+
+@wp.kernel
+def _link_uncut(
+    # In:
+    edges: InsetEdges,
+    pieces: OffsetPieces,
+    # Out:
+    links: PieceLinks,  # all -1
+):
+    """Link each piece that ends where its offset does to the piece with which the next offset starts."""
+    i = wp.tid()
+    offset = pieces.offset[i]
+    if pieces.end[i] == offset_end(edges, offset):
+        following = 2 * edges.after[offset // 2]
+        if offset % 2 == 0 and has_arc(edges, offset // 2):
+            following = offset + 1
+        k = int(pieces.start[following])
+        if wp.int64(k) < pieces.start[following + 1]:
+            if pieces.begin[k] == wp.float64(0.0):
+                if wp.length(piece_begin(edges, pieces, k) - piece_end(edges, pieces, i)) < JOINED:
+                    links.after[i] = k
+                    links.before[k] = i
+
+
+@wp.kernel
+def _link_cut(
+    # In:
+    edges: InsetEdges,
+    pieces: OffsetPieces,
+    uncut: PieceLinks,
+    # Out:
+    links: PieceLinks,
+):
+    """Link the ends that are left to the nearest begin of a piece that is left, and the begins to the nearest end."""
+    i = wp.tid()
+    first, stop = edges_of(edges, edges.region[pieces.offset[i] // 2])
+    links.after[i] = uncut.after[i]
+    links.before[i] = uncut.before[i]
+    begin = piece_begin(edges, pieces, i)
+    end = piece_end(edges, pieces, i)
+    least_begin = JOINED
+    least_end = JOINED
+    for k in range(int(pieces.start[2 * first]), int(pieces.start[2 * stop])):
+        if uncut.after[i] < 0 and uncut.before[k] < 0:
+            gap = wp.length(piece_begin(edges, pieces, k) - end)
+            if gap < least_end:
+                least_end = gap
+                links.after[i] = k
+        if uncut.before[i] < 0 and uncut.after[k] < 0:
+            gap = wp.length(piece_end(edges, pieces, k) - begin)
+            if gap < least_begin:
+                least_begin = gap
+                links.before[i] = k
+
+
+@wp.func
+def next_corner(pieces: OffsetPieces, links: PieceLinks, steps: ArcSteps, i: int, step: int):
+    """The piece and the corner of its arc that follow on a loop; corner -1 is where the piece begins."""
+    size = steps.parameter.shape[0]
+    k = step + 1
+    if pieces.offset[i] % 2 == 0:
+        k = size
+    elif step < 0:
+        while k < size and steps.parameter[k] <= pieces.begin[i]:
+            k += 1
+    piece = links.after[i]
+    corner = int(-1)
+    if k < size and steps.parameter[k] < pieces.end[i]:
+        piece = i
+        corner = k
+    return piece, corner
+
+
+@wp.func
+def corner_point(edges: InsetEdges, pieces: OffsetPieces, steps: ArcSteps, i: int, step: int):
+    """The point of a corner [m]."""
+    out = piece_begin(edges, pieces, i)
+    if step >= 0:
+        e = pieces.offset[i] // 2
+        way = edges.way[e]
+        direction = steps.direction[step]
+        out = edges.origin[edges.after[e]] + edges.distance * (direction[0] * left_of(way) + direction[1] * way)
+    return out
+
+
+@wp.func
+def measure_loop(
+    edges: InsetEdges,
+    pieces: OffsetPieces,
+    links: PieceLinks,
+    steps: ArcSteps,
+    begin: int,
+    origin: wp.vec2d,
+    visited: wp.array[wp.uint8],
+):
+    """The loop that a piece is on, starting at its point that is nearest to an origin."""
+    loop = InsetLoop()
+    base = piece_begin(edges, pieces, begin)
+    before = base
+    nearest = wp.float64(wp.inf)
+    i = begin
+    step = int(-1)
+    while i != begin or step >= 0 or loop.count == wp.int64(0):
+        visited[i] = wp.uint8(1)
+        x = corner_point(edges, pieces, steps, i, step)
+        loop.count += wp.int64(1)
+        loop.area += wp.float64(0.5) * cross_of(before - base, x - base)
+        loop.length += wp.length(x - before)
+        if wp.length(x - origin) < nearest:
+            nearest = wp.length(x - origin)
+            loop.piece = i
+            loop.step = step
+            loop.start = x
+        before = x
+        following, corner = next_corner(pieces, links, steps, i, step)
+        i = following
+        step = corner
+    loop.length += wp.length(base - before)
+    return loop
+
+
+@wp.func
+def winding_of(edges: InsetEdges, region: int, x: wp.vec2d):
+    """How often the outlines of a region go around a point."""
+    first, stop = edges_of(edges, region)
+    turns = int(0)
+    for e in range(first, stop):
+        a = edges.origin[e]
+        b = edges.origin[edges.after[e]]
+        if (a[1] <= x[1]) != (b[1] <= x[1]):
+            left = cross_of(b - a, x - a)
+            if a[1] <= x[1] and left > wp.float64(0.0):
+                turns += 1
+            elif a[1] > x[1] and left < wp.float64(0.0):
+                turns -= 1
+    return turns
+
+
+@wp.func
+def is_linked(links: PieceLinks, first: int, stop: int):
+    """Whether each of some pieces goes on with one that it leads to."""
+    out = int(1)
+    for i in range(first, stop):
+        after = links.after[i]
+        if after < 0 or links.before[i] < 0:
+            out = int(0)
+        elif links.before[after] != i:
+            out = int(0)
+    return out != 0
+
+
+@wp.func
+def comes_first(a: InsetLoop, b: InsetLoop):
+    """Whether a loop comes before another one: by area, the largest first, then by its start."""
+    out = a.start[1] < b.start[1]
+    if a.area != b.area:
+        out = a.area > b.area
+    elif a.start[0] != b.start[0]:
+        out = a.start[0] < b.start[0]
+    return out
+
+
+@wp.func
+def put_loop(loops: wp.array[InsetLoop], first: int, count: int, loop: InsetLoop):
+    """Insert a loop into sorted ones."""
+    k = first + count
+    while k > first and comes_first(loop, loops[wp.max(k - 1, 0)]):
+        loops[k] = loops[k - 1]
+        k -= 1
+    loops[k] = loop
+
+
+@wp.kernel
+def _find_loops(
+    # In:
+    edges: InsetEdges,
+    pieces: OffsetPieces,
+    links: PieceLinks,
+    steps: ArcSteps,
+    visited: wp.array[wp.uint8],  # scratch, by piece, 0
+    # Out:
+    failed: wp.array[wp.int32],
+    loops: wp.array[InsetLoop],  # a region's are first in the places of its pieces
+    point_count: wp.array[wp.int64],  # of each loop, 0, shape [piece + 1]
+    used: wp.array[wp.int64],  # 1: there is a loop in that place, 0, shape [piece + 1]
+):
+    """Find the loops of each region, sorted."""
+    region = wp.tid()
+    begin, end = edges_of(edges, region)
+    first = int(pieces.start[2 * begin])
+    stop = int(pieces.start[2 * end])
+    if failed[region] != 0 or first == stop:
+        return
+    if not is_linked(links, first, stop):
+        failed[region] = 1
+        return
+    count = int(0)
+    for i in range(first, stop):
+        if visited[i] == wp.uint8(0):
+            loop = measure_loop(edges, pieces, links, steps, i, edges.origin[begin], visited)
+            if wp.float64(2.0) * wp.abs(loop.area) > THINNEST * loop.length:
+                if winding_of(edges, region, loop.start) > 0:
+                    put_loop(loops, first, count, loop)
+                    count += 1
+    for k in range(first, first + count):
+        point_count[k] = loops[k].count
+        used[k] = wp.int64(1)
+
+
+@wp.kernel
+def _draw_loops(
+    # In:
+    edges: InsetEdges,
+    pieces: OffsetPieces,
+    links: PieceLinks,
+    steps: ArcSteps,
+    loops: wp.array[InsetLoop],
+    point_place: wp.array[wp.int64],  # offsets of each loop's points
+    line_place: wp.array[wp.int64],  # loops before each
+    # Out:
+    points: wp.array[wp.vec2d],  # [m]
+    line_start: wp.array[wp.int64],
+    line_region: wp.array[wp.int32],
+):
+    """Write the points of each loop."""
+    k = wp.tid()
+    if line_place[k + 1] == line_place[k]:
+        return
+    line_start[line_place[k]] = point_place[k]
+    line_region[line_place[k]] = edges.region[pieces.offset[k] // 2]
+    i = loops[k].piece
+    step = loops[k].step
+    for at in range(int(point_place[k + 1] - point_place[k])):
+        points[point_place[k] + wp.int64(at)] = corner_point(edges, pieces, steps, i, step)
+        following, corner = next_corner(pieces, links, steps, i, step)
+        i = following
+        step = corner
+
+
+def arc_steps(device: str) -> ArcSteps:
+    """Corners of an arc of half a turn after its start, at every 64th part of a turn."""
+    angle = 2.0 * np.pi * np.arange(1, ROUND // 2) / ROUND
+    x, y = np.cos(angle), np.sin(angle)
+    steps, size = ArcSteps(), np.abs(x) + y
+    steps.parameter = wp.array(np.where(x < 0, 2.0 - y / size, y / size), dtype=wp.float64, device=device)
+    steps.direction = wp.array(np.stack([x, y], axis=1), dtype=wp.vec2d, device=device)
+    return steps
+
+
+def link_pieces(edges: InsetEdges, pieces: OffsetPieces) -> PieceLinks:
+    """How pieces go on."""
+    device, count = edges.origin.device, pieces.offset.shape[0]
+    uncut, links = PieceLinks(), PieceLinks()
+    for name in ("after", "before"):
+        setattr(uncut, name, wp.full(count, -1, dtype=wp.int32, device=device))
+        setattr(links, name, wp.empty(count, dtype=wp.int32, device=device))
+    wp.launch(_link_uncut, count, inputs=[edges, pieces], outputs=[uncut], device=device, block_dim=BLOCK)
+    wp.launch(_link_cut, count, inputs=[edges, pieces, uncut], outputs=[links], device=device, block_dim=BLOCK)
+    return links
+
+
+def draw_inset(
+    points: wp.array,
+    polyline_start: wp.array,
+    region_start: wp.array,
+    region_line: wp.array,
+    filled: wp.array,
+    *,
+    distance: float,
+    point_limit: int | None = None,
+) -> Inset:
+    """Loops around what is at least `distance` [m] inside regions, counter-clockwise around it, clockwise around holes.
+
+    Other arguments as for `draw_hatch`. A loop starts near the region's first point. Corners of the outline that point
+    inwards are rounded, by 64 segments a turn. Raises PointLimitError before memory is taken for more points than
+    `point_limit`.
+    """
+    device, region_count = points.device, region_start.shape[0] - 1
+    edges, failed = find_edges(points, polyline_start, region_start, region_line, filled, distance)
+    pieces, steps = find_pieces(edges, failed), arc_steps(device)
+    links, count = link_pieces(edges, pieces), pieces.offset.shape[0]
+    loops = wp.empty(count, dtype=InsetLoop, device=device)
+    point_count, used = (wp.zeros(count + 1, dtype=wp.int64, device=device) for _ in range(2))
+    visited = wp.zeros(count, dtype=wp.uint8, device=device)
+    found = [edges, pieces, links, steps]
+    launch(_find_loops, region_count, [*found, visited], [failed, loops, point_count, used])
+    point_place, line_place = offsets_of(point_count), offsets_of(used)
+    total, line_count = last_of(point_place), last_of(line_place)
+    if point_limit is not None and total > point_limit:
+        raise PointLimitError(total, point_limit)
+    out = Inset(
+        wp.empty(total, dtype=wp.vec2d, device=device),
+        wp.full(line_count + 1, total, dtype=wp.int64, device=device),
+        wp.empty(line_count, dtype=wp.int32, device=device),
+        failed,
+    )
+    launch(_draw_loops, count, [*found, loops, point_place, line_place], list(out[:3]))
+    return out

@@ -1,0 +1,223 @@
+"""Edges of regions in a plane, and the lines and arcs at a distance inside of them: *offsets*.
+
+A region's edges run with the inside on their left. Edge e has two offsets: number 2 e is the edge moved to its left,
+and number 2 e + 1 is the arc around the edge's end, there only where the outline turns right. The parameter of a moved
+edge is the way along it [m]; that of an arc grows with the angle (`diamond_angle`), and needs sums, products and roots
+only, so that every device gives the same bits.
+"""
+
+import warp as wp
+
+from ..offsets import BLOCK, last_of, offsets_of
+from ..patch import EXACT
+from ..stages.cut import launch
+
+wp.set_module_options(EXACT)
+
+SLACK = 1e-9  # [m]; what is nearer to an edge than the distance by less is not too near: offsets touch their neighbours
+STRAIGHT_BACK = wp.constant(wp.float64(1e-9))  # sine of the turn at a vertex below which an outline turns straight back
+
+
+@wp.struct
+class InsetEdges:
+    """Edges by region, and within it by polyline as it runs."""
+
+    region_start: wp.array[wp.int64]  # offsets of each region's entries
+    start: wp.array[wp.int64]  # offsets of each entry's edges
+    origin: wp.array[wp.vec2d]  # where an edge starts [m]
+    way: wp.array[wp.vec2d]  # unit vector along it
+    length: wp.array[wp.float64]  # [m]
+    before: wp.array[wp.int32]  # the edge before it on its polyline
+    after: wp.array[wp.int32]
+    region: wp.array[wp.int32]
+    distance: wp.float64  # [m]
+    radius: wp.float64  # distance less SLACK [m]
+
+
+@wp.func
+def left_of(a: wp.vec2d):
+    """The vector turned left by a right angle."""
+    return wp.vec2d(-a[1], a[0])
+
+
+@wp.func
+def cross_of(a: wp.vec2d, b: wp.vec2d):
+    """The sine of the angle from a to b, times their lengths."""
+    return a[0] * b[1] - a[1] * b[0]
+
+
+@wp.func
+def diamond_angle(x: wp.float64, y: wp.float64):
+    """A number 0..4 that grows with the angle of (x, y), 1 a right angle."""
+    size = wp.abs(x) + wp.abs(y)
+    turn = y / size
+    if x < wp.float64(0.0):
+        turn = wp.float64(2.0) - turn
+    elif y < wp.float64(0.0):
+        turn = wp.float64(4.0) + turn
+    return turn
+
+
+@wp.func
+def has_arc(edges: InsetEdges, e: int):
+    """Whether the outline turns right at the end of an edge."""
+    return cross_of(edges.way[e], edges.way[edges.after[e]]) < wp.float64(0.0)
+
+
+@wp.func
+def offset_end(edges: InsetEdges, offset: int):
+    """The parameter at which an offset ends; it starts at 0."""
+    e = offset // 2
+    out = edges.length[e]
+    if offset % 2 != 0:
+        way = edges.way[e]
+        other = edges.way[edges.after[e]]
+        out = diamond_angle(wp.dot(way, other), -cross_of(way, other))
+    return out
+
+
+@wp.func
+def offset_point(edges: InsetEdges, offset: int, t: wp.float64):
+    """The point of an offset at a parameter [m]."""
+    e = offset // 2
+    way = edges.way[e]
+    normal = left_of(way)
+    out = edges.origin[e] + edges.distance * normal + t * way
+    if offset % 2 != 0:
+        x = wp.float64(1.0) - t
+        y = wp.min(t, wp.float64(2.0) - t)
+        size = edges.distance / wp.sqrt(x * x + y * y)
+        out = edges.origin[edges.after[e]] + (size * x) * normal + (size * y) * way
+    return out
+
+
+@wp.func
+def edges_of(edges: InsetEdges, region: int):
+    """First edge of a region, and the one after its last."""
+    return (
+        int(edges.start[edges.region_start[region]]),
+        int(edges.start[edges.region_start[region + 1]]),
+    )
+
+
+@wp.kernel
+def _count_edges(
+    # In:
+    polyline_start: wp.array[wp.int64],
+    region_start: wp.array[wp.int64],
+    region_line: wp.array[wp.int32],
+    filled: wp.array[wp.uint8],
+    # Out:
+    count: wp.array[wp.int64],  # shape [entry + 1]
+):
+    """Count the edges of each polyline of a region that is filled."""
+    region = wp.tid()
+    for entry in range(int(region_start[region]), int(region_start[region + 1])):
+        line = region_line[entry]
+        size = wp.max(polyline_start[line + 1] - polyline_start[line] - wp.int64(1), wp.int64(0))
+        count[entry] = wp.where(filled[region] != wp.uint8(0), size, wp.int64(0))
+
+
+@wp.kernel
+def _write_edges(
+    # In:
+    points: wp.array[wp.vec3d],  # coordinates along u, v and n [m]
+    polyline_start: wp.array[wp.int64],
+    region_line: wp.array[wp.int32],
+    # Out:
+    edges: InsetEdges,
+    failed: wp.array[wp.int32],  # 1: an edge of the region has no length
+):
+    """Write the edges of each region."""
+    region = wp.tid()
+    for entry in range(int(edges.region_start[region]), int(edges.region_start[region + 1])):
+        base = polyline_start[region_line[entry]]
+        first = int(edges.start[entry])
+        count = int(edges.start[entry + 1]) - first
+        for k in range(count):
+            a = points[base + wp.int64(k)]
+            b = points[base + wp.int64(k + 1)]
+            way = wp.vec2d(b[0] - a[0], b[1] - a[1])
+            length = wp.sqrt(way[0] * way[0] + way[1] * way[1])
+            edges.origin[first + k] = wp.vec2d(a[0], a[1])
+            edges.length[first + k] = length
+            edges.way[first + k] = way / wp.max(length, wp.float64(1e-30))
+            edges.before[first + k] = first + (k + count - 1) % count
+            edges.after[first + k] = first + (k + 1) % count
+            edges.region[first + k] = region
+            if length <= wp.float64(1e-12):
+                failed[region] = 1
+
+
+@wp.func
+def side_of(edges: InsetEdges, e: int, x: wp.vec2d):
+    """Distance of a point to the left of an edge's line [m]."""
+    return cross_of(edges.way[e], x - edges.origin[e])
+
+
+@wp.func
+def edges_cross(edges: InsetEdges, e: int, j: int):
+    """Whether two edges cross each other at an inner point of both."""
+    a = side_of(edges, e, edges.origin[j]) * side_of(edges, e, edges.origin[edges.after[j]])
+    b = side_of(edges, j, edges.origin[e]) * side_of(edges, j, edges.origin[edges.after[e]])
+    return a < wp.float64(0.0) and b < wp.float64(0.0)
+
+
+@wp.kernel
+def _find_crossed_regions(
+    # In:
+    edges: InsetEdges,
+    # Out:
+    failed: wp.array[wp.int32],  # 1: the region's outline crosses itself or turns straight back
+):
+    """Find regions whose left side is not everywhere inside."""
+    e = wp.tid()
+    region = edges.region[e]
+    _first, stop = edges_of(edges, region)
+    a = edges.origin[e]
+    b = edges.origin[edges.after[e]]
+    low = wp.min(a, b)
+    high = wp.max(a, b)
+    crossed = int(0)
+    for j in range(e + 1, stop):
+        p = edges.origin[j]
+        q = edges.origin[edges.after[j]]
+        apart = wp.min(p[0], q[0]) > high[0] or wp.max(p[0], q[0]) < low[0]
+        apart = apart or wp.min(p[1], q[1]) > high[1] or wp.max(p[1], q[1]) < low[1]
+        if not apart:
+            if edges_cross(edges, e, j):
+                crossed = int(1)
+    way = edges.way[e]
+    other = edges.way[edges.after[e]]
+    if wp.abs(cross_of(way, other)) < STRAIGHT_BACK and wp.dot(way, other) < wp.float64(0.0):
+        crossed = int(1)
+    if crossed != 0:
+        failed[region] = 1
+
+
+def find_edges(
+    points: wp.array,
+    polyline_start: wp.array,
+    region_start: wp.array,
+    region_line: wp.array,
+    filled: wp.array,
+    distance: float,
+) -> tuple[InsetEdges, wp.array]:
+    """Edges of the regions that are filled, and which regions have an outline that is no simple one, int32 [region].
+
+    Arguments as for `draw_inset`.
+    """
+    device, region_count, edges = points.device, region_start.shape[0] - 1, InsetEdges()
+    failed = wp.zeros(region_count, dtype=wp.int32, device=device)
+    count = wp.zeros(region_line.shape[0] + 1, dtype=wp.int64, device=device)
+    launch(_count_edges, region_count, [polyline_start, region_start, region_line, filled], [count])
+    edges.region_start, edges.start = region_start, offsets_of(count)
+    edges.distance, edges.radius = wp.float64(distance), wp.float64(distance - SLACK)
+    total = last_of(edges.start)
+    for name, dtype in (("origin", wp.vec2d), ("way", wp.vec2d), ("length", wp.float64)):
+        setattr(edges, name, wp.empty(total, dtype=dtype, device=device))
+    for name in ("before", "after", "region"):
+        setattr(edges, name, wp.empty(total, dtype=wp.int32, device=device))
+    launch(_write_edges, region_count, [points, polyline_start, region_line], [edges, failed])
+    wp.launch(_find_crossed_regions, total, inputs=[edges], outputs=[failed], device=device, block_dim=BLOCK)
+    return edges, failed

@@ -1,0 +1,67 @@
+"""Pieces of offsets: what of each is at least the distance away from all edges, by a look at points along it."""
+
+import numpy as np
+import shapely
+import warp as wp
+from transform_cases import plane_arrays, random_stars
+
+from palpate.kernels.fillings.inset_edges import InsetEdges, find_edges, has_arc, offset_end, offset_point
+from palpate.kernels.fillings.inset_pieces import find_pieces
+
+SHARES = 41
+
+
+@wp.kernel
+def _sample_offsets(
+    # In:
+    edges: InsetEdges,
+    # Out:
+    parameter: wp.array2d[wp.float64],  # -1 where there is no arc
+    point: wp.array2d[wp.vec2d],
+):
+    """Points along each offset."""
+    offset, k = wp.tid()
+    parameter[offset, k] = wp.float64(-1.0)
+    if offset % 2 == 0 or has_arc(edges, offset // 2):
+        t = (wp.float64(k) + wp.float64(0.5)) / wp.float64(41.0) * offset_end(edges, offset)
+        parameter[offset, k] = t
+        point[offset, k] = offset_point(edges, offset, t)
+
+
+def test_pieces_are_what_of_offsets_is_far_enough_from_all_edges(device, rng):
+    regions, distance = random_stars(rng, 40), 0.004
+    edges, failed = find_edges(*plane_arrays(regions, device), distance)
+    pieces = find_pieces(edges, failed)
+    count, region = 2 * edges.origin.shape[0], edges.region.numpy()
+    parameter = wp.empty((count, SHARES), dtype=wp.float64, device=device)
+    point = wp.zeros((count, SHARES), dtype=wp.vec2d, device=device)
+    wp.launch(_sample_offsets, (count, SHARES), inputs=[edges], outputs=[parameter, point], device=device)
+    start, begin, end = pieces.start.numpy(), pieces.begin.numpy(), pieces.end.numpy()
+    np.testing.assert_array_equal(pieces.offset.numpy(), np.repeat(np.arange(count), np.diff(start)))
+    boundary = [shapely.MultiLineString([np.vstack([loop, loop[:1]]) for loop in loops]) for loops in regions]
+    kept = 0
+    for offset in range(count):
+        own = slice(start[offset], start[offset + 1])
+        assert (begin[own] < end[own]).all()
+        assert (end[own][:-1] <= begin[own][1:]).all()
+        if failed.numpy()[region[offset // 2]]:
+            continue
+        for t, x in zip(parameter.numpy()[offset], point.numpy()[offset], strict=True):
+            away = boundary[region[offset // 2]].distance(shapely.Point(x))
+            inside = bool(((begin[own] <= t) & (t <= end[own])).any())
+            if t < 0:
+                assert not inside
+            elif abs(away - distance) > 2e-9 or away >= distance:
+                assert inside == (away > distance - 1e-9), (offset, t, away)
+            kept += inside
+    assert 0.1 < kept / (parameter.numpy() >= 0).sum() < 0.9
+
+
+def test_regions_that_have_failed_have_no_pieces(device, rng):
+    regions = random_stars(rng, 10)
+    edges, _ = find_edges(*plane_arrays(regions, device), 0.0001)
+    failed = wp.array(np.arange(10) % 2, dtype=wp.int32, device=device)
+    pieces = find_pieces(edges, failed)
+    has = np.unique(edges.region.numpy()[pieces.offset.numpy() // 2])
+    assert len(has) > 3
+    assert (has % 2 == 0).all()

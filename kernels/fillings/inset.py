@@ -1,8 +1,8 @@
 """Insets: what of a region in a plane is at least a distance away from its outlines, as loops around it.
 
 The loops are made of the pieces of offsets (`inset_pieces`). A piece goes on with the next offset of its polyline where
-neither is cut; where one is, with the piece that begins nearest to its end, if that is mutual. Where a region's pieces
-do not all go on so, or its outlines cross each other, it has failed, and its loops must be found by other means.
+neither is cut, or both are at one point; else with the piece that begins nearest to its end, if that is mutual. Where a
+region's pieces do not all go on so, or its outlines cross each other, it has failed: its loops must be found otherwise.
 """
 
 from typing import NamedTuple
@@ -13,12 +13,13 @@ import warp as wp
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
 from ..patch import EXACT
 from ..stages.cut import launch
-from .inset_edges import InsetEdges, cross_of, edges_of, find_edges, has_arc, left_of, offset_end, offset_point
+from .inset_edges import InsetEdges, cross_of, edges_of, find_edges, has_arc, left_of, offset_end
 from .inset_pieces import OffsetPieces, find_pieces
 
 wp.set_module_options(EXACT)
 
 JOINED = wp.constant(wp.float64(2e-5))  # [m]; ends of pieces this near may be one: two offsets that touch are cut apart
+SAME = wp.constant(wp.float64(1e-6))  # [m]; ends of neighbours that cut each other this near are one
 THINNEST = wp.constant(wp.float64(1e-7))  # [m]; a loop that is thinner is rounding
 ROUND = 64  # segments of a full turn around a corner
 
@@ -60,69 +61,58 @@ class InsetLoop:
     start: wp.vec2d  # [m]
 
 
-@wp.func
-def piece_end(edges: InsetEdges, pieces: OffsetPieces, i: int):
-    """The point at which a piece ends [m]."""
-    return offset_point(edges, pieces.offset[i], pieces.end[i])
-
-
-@wp.func
-def piece_begin(edges: InsetEdges, pieces: OffsetPieces, i: int):
-    """The point at which a piece begins [m]."""
-    return offset_point(edges, pieces.offset[i], pieces.begin[i])
-
-
 @wp.kernel
-def _link_uncut(
+def _link_neighbours(
     # In:
     edges: InsetEdges,
     pieces: OffsetPieces,
     # Out:
     links: PieceLinks,  # all -1
 ):
-    """Link each piece that ends where its offset does to the piece with which the next offset starts."""
+    """Link the last piece of each offset to the first of the next one, if neither is cut or both are at one point."""
     i = wp.tid()
     offset = pieces.offset[i]
-    if pieces.end[i] == offset_end(edges, offset):
-        following = 2 * edges.after[offset // 2]
-        if offset % 2 == 0 and has_arc(edges, offset // 2):
-            following = offset + 1
-        k = int(pieces.start[following])
-        if wp.int64(k) < pieces.start[following + 1]:
-            if pieces.begin[k] == wp.float64(0.0):
-                if wp.length(piece_begin(edges, pieces, k) - piece_end(edges, pieces, i)) < JOINED:
-                    links.after[i] = k
-                    links.before[k] = i
+    following = 2 * edges.after[offset // 2]
+    if offset % 2 == 0 and has_arc(edges, offset // 2):
+        following = offset + 1
+    k = int(pieces.start[following])
+    if wp.int64(i + 1) == pieces.start[offset + 1] and wp.int64(k) < pieces.start[following + 1]:
+        uncut = pieces.end[i] == offset_end(edges, offset) and pieces.begin[k] == wp.float64(0.0)
+        if wp.length(pieces.first[k] - pieces.last[i]) < wp.where(uncut, JOINED, SAME):
+            links.after[i] = k
+            links.before[k] = i
 
 
 @wp.kernel
-def _link_cut(
+def _link_nearest(
     # In:
     edges: InsetEdges,
     pieces: OffsetPieces,
-    uncut: PieceLinks,
+    neighbours: PieceLinks,
     # Out:
     links: PieceLinks,
 ):
     """Link the ends that are left to the nearest begin of a piece that is left, and the begins to the nearest end."""
     i = wp.tid()
-    first, stop = edges_of(edges, edges.region[pieces.offset[i] // 2])
-    links.after[i] = uncut.after[i]
-    links.before[i] = uncut.before[i]
-    begin = piece_begin(edges, pieces, i)
-    end = piece_end(edges, pieces, i)
-    least_begin = JOINED
-    least_end = JOINED
-    for k in range(int(pieces.start[2 * first]), int(pieces.start[2 * stop])):
-        if uncut.after[i] < 0 and uncut.before[k] < 0:
-            gap = wp.length(piece_begin(edges, pieces, k) - end)
-            if gap < least_end:
-                least_end = gap
+    begin, end = edges_of(edges, edges.region[pieces.offset[i] // 2])
+    after = neighbours.after[i]
+    before = neighbours.before[i]
+    links.after[i] = after
+    links.before[i] = before
+    if after >= 0 and before >= 0:
+        return
+    least_first = JOINED
+    least_last = JOINED
+    for k in range(int(pieces.start[2 * begin]), int(pieces.start[2 * end])):
+        if after < 0 and neighbours.before[k] < 0:
+            gap = wp.length(pieces.first[k] - pieces.last[i])
+            if gap < least_last:
+                least_last = gap
                 links.after[i] = k
-        if uncut.before[i] < 0 and uncut.after[k] < 0:
-            gap = wp.length(piece_end(edges, pieces, k) - begin)
-            if gap < least_begin:
-                least_begin = gap
+        if before < 0 and neighbours.after[k] < 0:
+            gap = wp.length(pieces.last[k] - pieces.first[i])
+            if gap < least_first:
+                least_first = gap
                 links.before[i] = k
 
 
@@ -147,7 +137,7 @@ def next_corner(pieces: OffsetPieces, links: PieceLinks, steps: ArcSteps, i: int
 @wp.func
 def corner_point(edges: InsetEdges, pieces: OffsetPieces, steps: ArcSteps, i: int, step: int):
     """The point of a corner [m]."""
-    out = piece_begin(edges, pieces, i)
+    out = pieces.first[i]
     if step >= 0:
         e = pieces.offset[i] // 2
         way = edges.way[e]
@@ -168,7 +158,7 @@ def measure_loop(
 ):
     """The loop that a piece is on, starting at its point that is nearest to an origin."""
     loop = InsetLoop()
-    base = piece_begin(edges, pieces, begin)
+    base = pieces.first[begin]
     before = base
     nearest = wp.float64(wp.inf)
     i = begin
@@ -323,12 +313,12 @@ def arc_steps(device: str) -> ArcSteps:
 def link_pieces(edges: InsetEdges, pieces: OffsetPieces) -> PieceLinks:
     """How pieces go on."""
     device, count = edges.origin.device, pieces.offset.shape[0]
-    uncut, links = PieceLinks(), PieceLinks()
+    neighbours, links = PieceLinks(), PieceLinks()
     for name in ("after", "before"):
-        setattr(uncut, name, wp.full(count, -1, dtype=wp.int32, device=device))
+        setattr(neighbours, name, wp.full(count, -1, dtype=wp.int32, device=device))
         setattr(links, name, wp.empty(count, dtype=wp.int32, device=device))
-    wp.launch(_link_uncut, count, inputs=[edges, pieces], outputs=[uncut], device=device, block_dim=BLOCK)
-    wp.launch(_link_cut, count, inputs=[edges, pieces, uncut], outputs=[links], device=device, block_dim=BLOCK)
+    wp.launch(_link_neighbours, count, inputs=[edges, pieces], outputs=[neighbours], device=device, block_dim=BLOCK)
+    wp.launch(_link_nearest, count, inputs=[edges, pieces, neighbours], outputs=[links], device=device, block_dim=BLOCK)
     return links
 
 

@@ -14,6 +14,7 @@ from ..stages.cut import launch
 
 wp.set_module_options(EXACT)
 
+BLOCK_EDGES = wp.constant(16)  # edges that share a box, so that those far away are passed over together
 SLACK = 1e-9  # [m]; what is nearer to an edge than the distance by less is not too near: offsets touch their neighbours
 STRAIGHT_BACK = wp.constant(wp.float64(1e-9))  # sine of the turn at a vertex below which an outline turns straight back
 
@@ -30,6 +31,8 @@ class InsetEdges:
     before: wp.array[wp.int32]  # the edge before it on its polyline
     after: wp.array[wp.int32]
     region: wp.array[wp.int32]
+    low: wp.array[wp.vec2d]  # box of every 16 edges, shape [block] [m]
+    high: wp.array[wp.vec2d]
     distance: wp.float64  # [m]
     radius: wp.float64  # distance less SLACK [m]
 
@@ -100,6 +103,48 @@ def edges_of(edges: InsetEdges, region: int):
     )
 
 
+@wp.func
+def square_distance(edges: InsetEdges, j: int, x: wp.vec2d):
+    """Square of a point's distance from an edge [m2]."""
+    away = x - edges.origin[j]
+    part = wp.clamp(wp.dot(away, edges.way[j]), wp.float64(0.0), edges.length[j])
+    rest = away - part * edges.way[j]
+    return wp.dot(rest, rest)
+
+
+@wp.struct
+class Reach:
+    """A box in which edges are looked for [m]."""
+
+    low: wp.vec2d
+    high: wp.vec2d
+
+
+@wp.func
+def reach_of(a: wp.vec2d, b: wp.vec2d, away: wp.float64):
+    """A box around two points, and so far beyond them."""
+    reach = Reach()
+    reach.low = wp.vec2d(wp.min(a[0], b[0]) - away, wp.min(a[1], b[1]) - away)
+    reach.high = wp.vec2d(wp.max(a[0], b[0]) + away, wp.max(a[1], b[1]) + away)
+    return reach
+
+
+@wp.func
+def next_edge(edges: InsetEdges, reach: Reach, j: int, stop: int):
+    """The first edge from j on, before `stop`, whose block's box meets another box; `stop` if there is none."""
+    out = j
+    going = int(1)
+    while out < stop and going != 0:
+        low = edges.low[out // BLOCK_EDGES]
+        high = edges.high[out // BLOCK_EDGES]
+        apart = low[0] > reach.high[0] or high[0] < reach.low[0]
+        if apart or low[1] > reach.high[1] or high[1] < reach.low[1]:
+            out = (out // BLOCK_EDGES + 1) * BLOCK_EDGES
+        else:
+            going = int(0)
+    return wp.min(out, stop)
+
+
 @wp.kernel
 def _count_edges(
     # In:
@@ -149,6 +194,27 @@ def _write_edges(
                 failed[region] = 1
 
 
+@wp.kernel
+def _find_boxes(
+    # In:
+    edges: InsetEdges,
+    # Out:
+    low: wp.array[wp.vec2d],
+    high: wp.array[wp.vec2d],
+):
+    """Find the box of each block of edges."""
+    block = wp.tid()
+    first = block * BLOCK_EDGES
+    lowest = edges.origin[first]
+    highest = edges.origin[first]
+    for e in range(first, wp.min(first + BLOCK_EDGES, edges.origin.shape[0])):
+        end = edges.origin[edges.after[e]]
+        lowest = wp.min(lowest, wp.min(edges.origin[e], end))
+        highest = wp.max(highest, wp.max(edges.origin[e], end))
+    low[block] = lowest
+    high[block] = highest
+
+
 @wp.func
 def side_of(edges: InsetEdges, e: int, x: wp.vec2d):
     """Distance of a point to the left of an edge's line [m]."""
@@ -174,19 +240,13 @@ def _find_crossed_regions(
     e = wp.tid()
     region = edges.region[e]
     _first, stop = edges_of(edges, region)
-    a = edges.origin[e]
-    b = edges.origin[edges.after[e]]
-    low = wp.min(a, b)
-    high = wp.max(a, b)
+    reach = reach_of(edges.origin[e], edges.origin[edges.after[e]], wp.float64(0.0))
     crossed = int(0)
-    for j in range(e + 1, stop):
-        p = edges.origin[j]
-        q = edges.origin[edges.after[j]]
-        apart = wp.min(p[0], q[0]) > high[0] or wp.max(p[0], q[0]) < low[0]
-        apart = apart or wp.min(p[1], q[1]) > high[1] or wp.max(p[1], q[1]) < low[1]
-        if not apart:
-            if edges_cross(edges, e, j):
-                crossed = int(1)
+    j = next_edge(edges, reach, e + 1, stop)
+    while j < stop:
+        if edges_cross(edges, e, j):
+            crossed = int(1)
+        j = next_edge(edges, reach, j + 1, stop)
     way = edges.way[e]
     other = edges.way[edges.after[e]]
     if wp.abs(cross_of(way, other)) < STRAIGHT_BACK and wp.dot(way, other) < wp.float64(0.0):
@@ -218,6 +278,9 @@ def find_edges(
         setattr(edges, name, wp.empty(total, dtype=dtype, device=device))
     for name in ("before", "after", "region"):
         setattr(edges, name, wp.empty(total, dtype=wp.int32, device=device))
+    block_count = -(-total // int(BLOCK_EDGES))
+    edges.low, edges.high = (wp.empty(block_count, dtype=wp.vec2d, device=device) for _ in range(2))
     launch(_write_edges, region_count, [points, polyline_start, region_line], [edges, failed])
+    launch(_find_boxes, block_count, [edges], [edges.low, edges.high])
     wp.launch(_find_crossed_regions, total, inputs=[edges], outputs=[failed], device=device, block_dim=BLOCK)
     return edges, failed

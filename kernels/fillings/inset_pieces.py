@@ -8,8 +8,8 @@ import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
 from ..patch import EXACT
-from .inset_edges import InsetEdges, edges_of, has_arc, offset_end, offset_point
-from .stadium import put_arc_crossings, square_distance, stadium_interval
+from .inset_edges import InsetEdges, edges_of, has_arc, next_edge, offset_end, offset_point, reach_of, square_distance
+from .stadium import put_arc_crossings, stadium_interval
 
 wp.set_module_options(EXACT)
 
@@ -26,6 +26,8 @@ class OffsetPieces:
     offset: wp.array[wp.int32]  # which offset a piece is of
     begin: wp.array[wp.float64]  # parameter at which it begins
     end: wp.array[wp.float64]
+    first: wp.array[wp.vec2d]  # the points there [m]
+    last: wp.array[wp.vec2d]
 
 
 @wp.func
@@ -33,13 +35,25 @@ def is_too_near(edges: InsetEdges, offset: int, x: wp.vec2d):
     """Whether a point of an arc is in the stadium of an edge other than the two that meet in its middle."""
     e = offset // 2
     first, stop = edges_of(edges, edges.region[e])
+    reach = reach_of(x, x, edges.distance)
     out = int(0)
-    j = first
+    j = next_edge(edges, reach, first, stop)
     while j < stop and out == 0:
         if j != e and j != edges.after[e] and square_distance(edges, j, x) < edges.radius * edges.radius:
             out = int(1)
-        j += 1
+        j = next_edge(edges, reach, j + 1, stop)
     return out != 0
+
+
+@wp.func
+def reach_of_offset(edges: InsetEdges, offset: int):
+    """A box that meets every edge whose stadium an offset can meet."""
+    a = offset_point(edges, offset, wp.float64(0.0))
+    b = offset_point(edges, offset, offset_end(edges, offset))
+    away = edges.distance
+    if offset % 2 != 0:
+        away += wp.float64(0.5) * wp.length(b - a)  # an arc of half a turn or less is no farther from its chord
+    return reach_of(a, b, away)
 
 
 @wp.kernel
@@ -57,8 +71,9 @@ def _count_bounds(
     if failed[edges.region[e]] != 0 or (offset % 2 != 0 and not has_arc(edges, e)):
         return
     first, stop = edges_of(edges, edges.region[e])
+    reach = reach_of_offset(edges, offset)
     total = int(0)
-    j = first
+    j = next_edge(edges, reach, first, stop)
     while j < stop:
         if offset % 2 == 0 and j != e:
             span = stadium_interval(edges, e, j)
@@ -69,7 +84,7 @@ def _count_bounds(
                 j = stop
         elif offset % 2 != 0 and j != e and j != edges.after[e]:
             total = put_arc_crossings(edges, offset, j, none, wp.int64(0), total)
-        j += 1
+        j = next_edge(edges, reach, j + 1, stop)
     count[offset] = wp.int64(total + 2)
 
 
@@ -77,8 +92,10 @@ def _count_bounds(
 def sort_intervals(edges: InsetEdges, e: int, bounds: wp.array[wp.float64], base: wp.int64):
     """Write the intervals of a moved edge inside stadiums, sorted, behind the first place; how many there are."""
     first, stop = edges_of(edges, edges.region[e])
+    reach = reach_of_offset(edges, 2 * e)
     count = int(0)
-    for j in range(first, stop):
+    j = next_edge(edges, reach, first, stop)
+    while j < stop:
         if j != e:
             span = stadium_interval(edges, e, j)
             if span[0] < span[1]:
@@ -90,6 +107,7 @@ def sort_intervals(edges: InsetEdges, e: int, bounds: wp.array[wp.float64], base
                 bounds[base + wp.int64(2 * k + 1)] = span[0]
                 bounds[base + wp.int64(2 * k + 2)] = span[1]
                 count += 1
+        j = next_edge(edges, reach, j + 1, stop)
     return count
 
 
@@ -126,10 +144,13 @@ def keep_outside(edges: InsetEdges, e: int, bounds: wp.array[wp.float64], base: 
 def keep_far(edges: InsetEdges, offset: int, bounds: wp.array[wp.float64], base: wp.int64):
     """Write begin and end of each piece of an arc; their number."""
     first, stop = edges_of(edges, edges.region[offset // 2])
+    reach = reach_of_offset(edges, offset)
     count = int(0)
-    for j in range(first, stop):
+    j = next_edge(edges, reach, first, stop)
+    while j < stop:
         if j != offset // 2 and j != edges.after[offset // 2]:
             count = put_arc_crossings(edges, offset, j, bounds, base + wp.int64(1), count)
+        j = next_edge(edges, reach, j + 1, stop)
     pieces = int(0)
     at = wp.float64(0.0)
     begin = wp.float64(-1.0)
@@ -174,6 +195,7 @@ def _keep_pieces(
 @wp.kernel
 def _gather_pieces(
     # In:
+    edges: InsetEdges,
     place: wp.array[wp.int64],
     bounds: wp.array[wp.float64],
     # Out:
@@ -183,9 +205,14 @@ def _gather_pieces(
     offset = wp.tid()
     first = pieces.start[offset]
     for k in range(int(pieces.start[offset + 1] - first)):
-        pieces.offset[first + wp.int64(k)] = offset
-        pieces.begin[first + wp.int64(k)] = bounds[place[offset] + wp.int64(2 * k)]
-        pieces.end[first + wp.int64(k)] = bounds[place[offset] + wp.int64(2 * k + 1)]
+        i = first + wp.int64(k)
+        begin = bounds[place[offset] + wp.int64(2 * k)]
+        end = bounds[place[offset] + wp.int64(2 * k + 1)]
+        pieces.offset[i] = offset
+        pieces.begin[i] = begin
+        pieces.end[i] = end
+        pieces.first[i] = offset_point(edges, offset, begin)
+        pieces.last[i] = offset_point(edges, offset, end)
 
 
 @wp.kernel
@@ -204,9 +231,12 @@ def _find_doubtful_regions(
         first, stop = edges_of(edges, edges.region[e])
         x = offset_point(edges, offset, wp.float64(0.5) * (pieces.begin[i] + pieces.end[i]))
         most = edges.distance + DOUBTFUL
-        for j in range(first, stop):
+        reach = reach_of(x, x, most)
+        j = next_edge(edges, reach, first, stop)
+        while j < stop:
             if wp.dot(edges.way[e], edges.way[j]) < OPPOSITE and square_distance(edges, j, x) < most * most:
                 failed[edges.region[e]] = 1
+            j = next_edge(edges, reach, j + 1, stop)
 
 
 def find_pieces(edges: InsetEdges, failed: wp.array) -> OffsetPieces:
@@ -224,6 +254,7 @@ def find_pieces(edges: InsetEdges, failed: wp.array) -> OffsetPieces:
     total = last_of(pieces.start)
     pieces.offset = wp.empty(total, dtype=wp.int32, device=device)
     pieces.begin, pieces.end = (wp.empty(total, dtype=wp.float64, device=device) for _ in range(2))
-    wp.launch(_gather_pieces, offset_count, inputs=[place, bounds], outputs=[pieces], **options)
+    pieces.first, pieces.last = (wp.empty(total, dtype=wp.vec2d, device=device) for _ in range(2))
+    wp.launch(_gather_pieces, offset_count, inputs=[edges, place, bounds], outputs=[pieces], **options)
     wp.launch(_find_doubtful_regions, total, inputs=[edges, pieces], outputs=[failed], **options)
     return pieces

@@ -6,7 +6,7 @@ stadium for one interval of its parameter, since a stadium is convex; an arc cro
 
 import warp as wp
 
-from .inset_edges import InsetEdges, cross_of, diamond_angle, left_of, offset_end, side_of
+from .inset_edges import InsetEdges, cross_of, diamond_angle, left_of, offset_end, side_of, square_distance
 
 TOUCH = wp.constant(wp.float64(1e-9))  # [m]; crossings this far beyond a rectangle's end are crossings, too
 
@@ -132,15 +132,6 @@ def put_pair(
         out = put_crossing(edges, offset, j, cosine * axis + across, cap, bounds, base, out)
         out = put_crossing(edges, offset, j, cosine * axis - across, cap, bounds, base, out)
     return out
-
-
-@wp.func
-def square_distance(edges: InsetEdges, j: int, x: wp.vec2d):
-    """Square of a point's distance from an edge [m2]."""
-    away = x - edges.origin[j]
-    part = wp.clamp(wp.dot(away, edges.way[j]), wp.float64(0.0), edges.length[j])
-    rest = away - part * edges.way[j]
-    return wp.dot(rest, rest)
 
 
 @wp.func

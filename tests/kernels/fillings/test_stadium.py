@@ -5,8 +5,8 @@ import shapely
 import warp as wp
 from transform_cases import plane_arrays
 
-from palpate.kernels.fillings.inset_edges import InsetEdges, find_edges
-from palpate.kernels.fillings.stadium import square_distance, stadium_interval
+from palpate.kernels.fillings.inset_edges import InsetEdges, find_edges, square_distance
+from palpate.kernels.fillings.stadium import stadium_interval
 
 
 @wp.kernel

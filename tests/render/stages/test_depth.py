@@ -13,6 +13,7 @@ DEFAULTS = {"shallow": 0.0, "deep": 0.02, "lowest": 0.3, "grid": 9, "spacing": 0
 RAMPS = [{}, {"shallow": 0.003, "deep": 0.009, "lowest": 0.0}, {"shallow": 0.007, "deep": 0.001}]
 
 
+@pytest.mark.exhaustive(after=6)
 @pytest.mark.parametrize("moved", [False, True])
 @pytest.mark.parametrize("at", ["patch", "pose", "point"])
 @pytest.mark.parametrize("ramp", RAMPS)

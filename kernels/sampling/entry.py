@@ -267,12 +267,12 @@ def _enter_poses(
     pose = int(schedule.motion_start[motion])
     stop = int(schedule.motion_start[motion + 1])
     while pose < stop:
+        entries[pose].before = place.pose
         if schedule.count[pose] > wp.int64(0):
             earlier = PoseTrack()
             if place.pose >= wp.int64(0):
                 earlier = tracks[place.pose]
             track = lay_track(c, plan, rows, nodes, motion, pose, place.pose, earlier)
-            entries[pose].before = place.pose
             if track.count < 0:
                 left[motion] = 1
                 clear_entries(schedule, motion, entries)

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT, rotate, to_float32
+from ..patch import EXACT, to_float32
 from .cursor import (
     BLOCK_SAMPLES,
     DrawnTracks,
@@ -47,12 +47,21 @@ class StepCount:
 
 
 @wp.func
+def turned(q: wp.quatd, x: wp.vec3d):
+    """A vector rotated by a quaternion, as by `rotate` of datasets/rigid.py: one of norm 1 but for rounding."""
+    axis = wp.vec3d(q[0], q[1], q[2])
+    across = wp.cross(axis, x)
+    return x + TWO * (q[3] * across + wp.cross(axis, across))
+
+
+@wp.func
 def circle_offset(plan: SamplingPlan, pose: wp.transformd, number: wp.int64):
     """From a focal point to where a small circle moves it at a sample [m]."""
     angle = FULL_TURN * wp.mod(wp.float64(number) * plan.circle_turns, ONE)
     q = wp.transform_get_rotation(pose)
-    along = wp.vec3d(plan.circle_radius * wp.cos(angle), ZERO, -plan.circle_radius * wp.sin(angle))
-    return rotate(wp.vec3d(q[0], q[1], q[2]), q[3], along)
+    u = turned(q, wp.vec3d(plan.circle_radius, ZERO, ZERO))
+    v = turned(q, wp.vec3d(ZERO, ZERO, -plan.circle_radius))
+    return wp.cos(angle) * u + wp.sin(angle) * v
 
 
 @wp.func
@@ -220,6 +229,18 @@ def rest(
             row += wp.int64(1)
 
 
+@wp.func
+def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.float64):
+    """Samples of a pose at which it is older than `hold` [s]."""
+    count = wp.int64(0)
+    sample = wp.int64(0)
+    while sample < schedule.count[pose]:
+        gain, held = gain_at(plan, schedule, pose, sample, hold)
+        count += held
+        sample += wp.int64(1)
+    return count
+
+
 @wp.kernel
 def _draw_samples(
     # In:
@@ -240,6 +261,7 @@ def _draw_samples(
     if entry.drawn == 0:
         rest(plan, schedule, d, pose, position, intensity)
         count.silent = total
+        count.held = held_of(plan, schedule, pose, pose_hold[pose])
         counts[pose] = count
         return
     track = d.tracks[pose]

@@ -8,6 +8,7 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT, to_float32
+from .course import way_piece
 from .cursor import (
     BLOCK_SAMPLES,
     DrawnTracks,
@@ -44,6 +45,16 @@ class StepCount:
     hops: wp.vec4l
     hops_longest: wp.vec4d  # [m]
     step_longest: wp.float64  # [m]
+    felt: wp.int64  # samples before a fade ends
+    absence: wp.int64  # most samples from one on a piece to the next on it
+
+
+@wp.struct
+class PiecePassages:
+    """Which samples of a pose are on each of its drawn pieces, by the pieces' rows; -1: none."""
+
+    first: wp.array[wp.int64]
+    last: wp.array[wp.int64]
 
 
 @wp.func
@@ -241,6 +252,34 @@ def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.floa
     return count
 
 
+@wp.func
+def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: int, sample: wp.int64):
+    """Note that a sample is on a way of a pose's track; samples since the last one on the same piece, 0: none was."""
+    track = d.tracks[pose]
+    piece = int(0)
+    if track.single == 0:
+        piece = way_piece(d.nodes, track.first + wp.int64(wp.min(way, track.count - 2)))
+    since = wp.int64(0)
+    if piece >= 0:
+        row = d.line[pose] + wp.int64(piece)
+        if passages.first[row] < wp.int64(0):
+            passages.first[row] = sample
+        else:
+            since = sample - passages.last[row]
+        passages.last[row] = sample
+    return since
+
+
+@wp.func
+def point_before(
+    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, focus: int
+):
+    """Where a focal point was at the sample before [m]."""
+    if sample > wp.int64(0):
+        return sample_point(plan, schedule, d, wp.int64(pose), sample - wp.int64(1), focus)
+    return shown_before(plan, schedule, d, pose, focus)
+
+
 @wp.kernel
 def _draw_samples(
     # In:
@@ -249,6 +288,7 @@ def _draw_samples(
     d: DrawnTracks,
     pose_hold: wp.array[wp.float64],  # age at which a pose fades [s], shape [pose]
     # Out:
+    passages: PiecePassages,  # -1 everywhere
     position: wp.array2d[wp.vec3],  # [m], shape [sample, focus]
     intensity: wp.array2d[wp.float32],  # shape [sample, focus]
     counts: wp.array[StepCount],  # shape [pose]
@@ -256,49 +296,47 @@ def _draw_samples(
     """Draw the samples of a pose and count its steps."""
     pose = wp.tid()
     count = StepCount()
-    total = schedule.count[pose]
-    entry = d.entries[pose]
-    if entry.drawn == 0:
+    if d.entries[pose].drawn == 0:
         rest(plan, schedule, d, pose, position, intensity)
-        count.silent = total
+        count.silent = schedule.count[pose]
         count.held = held_of(plan, schedule, pose, pose_hold[pose])
         counts[pose] = count
         return
     track = d.tracks[pose]
-    silent = entry.silent == 1
+    silent = d.entries[pose].silent == 1
     drawn_before = bool(False)  # a dynamic variable for Warp
     way = int(0)
     previous = shown_before(plan, schedule, d, pose, 0)
     sample = wp.int64(0)
-    while sample < total:
+    while sample < schedule.count[pose]:
         gain, held = gain_at(plan, schedule, pose, sample, pose_hold[pose])
         count.held += held
         drawn = is_drawn(plan, schedule, d, pose, sample, gain)
-        wave = wave_at(plan, schedule.number[pose] + sample)
+        number = schedule.number[pose] + sample
+        wave = wave_at(plan, number)
         first = sample % BLOCK_SAMPLES == wp.int64(0)
         if first and sample > wp.int64(0):
             silent = not drawn_before
-        if not drawn:
-            count.silent += wp.int64(1)
+        count.silent += wp.where(drawn, wp.int64(0), wp.int64(1))
+        count.felt += wp.where(gain > ZERO, wp.int64(1), wp.int64(0))
         for focus in range(plan.foci):
             knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
             way = way_from(d.nodes.knot, track.first, track.count, knot, way)
             point = point_on(d.nodes, track, way, knot)
-            level = level_on(d.nodes, track, way, knot) * gain * wave
             if plan.circle_radius > ZERO:
-                point += circle_offset(plan, d.pose[pose], schedule.number[pose] + sample)
+                point += circle_offset(plan, d.pose[pose], number)
             if plan.foci > 1:
-                previous = shown_before(plan, schedule, d, pose, focus)
-                if sample > wp.int64(0):
-                    previous = sample_point(plan, schedule, d, wp.int64(pose), sample - wp.int64(1), focus)
+                previous = point_before(plan, schedule, d, pose, sample, focus)
             row = schedule.row[pose] + sample
             position[row, focus] = to_float32(point)
-            intensity[row, focus] = wp.float32(level)
+            intensity[row, focus] = wp.float32(level_on(d.nodes, track, way, knot) * gain * wave)
             length = wp.sqrt(squared(point - previous))
-            if first and silent and drawn and (entry.before >= wp.int64(0) or sample > wp.int64(0)):
-                count = add_step(plan, count, RE_ENTRY, length, entry.ordinary)
+            if first and silent and drawn and (d.entries[pose].before >= wp.int64(0) or sample > wp.int64(0)):
+                count = add_step(plan, count, RE_ENTRY, length, d.entries[pose].ordinary)
             length = counted_length(length, drawn, drawn_before, first, silent)
             count = count_step(plan, schedule, d, count, pose, sample, focus, length)
+            if gain > ZERO:
+                count.absence = wp.max(count.absence, pass_piece(passages, d, pose, way, sample))
             previous = point
         drawn_before = drawn
         sample += wp.int64(1)
@@ -312,14 +350,19 @@ def draw_samples(
     pose_hold: wp.array,
     position: wp.array,
     intensity: wp.array,
-    counts: wp.array,
-) -> None:
-    """Draw the focal points of all poses and count their steps; one thread a pose."""
+) -> tuple[wp.array, PiecePassages]:
+    """Draw the focal points of all poses; one thread a pose. Returns what each pose is counted as, StepCount."""
+    device, lines = position.device, tracks.routes.shape[0]
+    passages = PiecePassages()
+    passages.first = wp.full(lines, -1, dtype=wp.int64, device=device)
+    passages.last = wp.full(lines, -1, dtype=wp.int64, device=device)
+    counts = wp.empty(pose_hold.shape[0], dtype=StepCount, device=device)
     wp.launch(
         _draw_samples,
         counts.shape[0],
         inputs=[plan, schedule, tracks, pose_hold],
-        outputs=[position, intensity, counts],
-        device=counts.device,
+        outputs=[passages, position, intensity, counts],
+        device=device,
         block_dim=BLOCK,
     )
+    return counts, passages

@@ -13,7 +13,7 @@ import warp as wp
 
 from ...kernels.sampling.cursor import PoseSchedule
 from ...kernels.sampling.entry import enter_poses
-from ...kernels.sampling.focus import StepCount, draw_samples
+from ...kernels.sampling.focus import draw_samples
 from ...kernels.sampling.layout import PoseContours, SamplingPlan
 from ...kernels.sampling.sums import sum_counts
 from ..contour_batch import ContourBatch, require_seams
@@ -268,13 +268,12 @@ def _drawn_by_kernels(
     hands = wp.array(np.ascontiguousarray(pose, np.float64), dtype=wp.transformd, device=device)
     tracks, left = enter_poses(_contours_of(batch), plan, when, hands)
     pose_hold = wp.array(schedule.hold[schedule.motion], dtype=wp.float64, device=device)
-    counts = wp.zeros(len(pose), dtype=StepCount, device=device)
-    draw_samples(plan, when, tracks, pose_hold, position, intensity, counts)
-    sums = sum_counts(plan, when, tracks, counts).numpy()
-    return [counted_of(row) for row in sums], left.numpy() != 0
+    counts, passages = draw_samples(plan, when, tracks, pose_hold, position, intensity)
+    sums = sum_counts(plan, when, tracks, counts, passages).numpy()
+    return [counted_of(row, strategy) for row in sums], left.numpy() != 0
 
 
-def counted_of(row: np.void) -> SamplingCount:
+def counted_of(row: np.void, strategy: SamplingStrategy) -> SamplingCount:
     """The counts of a motion from a row of MotionCount."""
     steps = row["steps"]
 
@@ -290,6 +289,7 @@ def counted_of(row: np.void) -> SamplingCount:
         step_longest=float(steps["step_longest"]),
         hops=by_cause("hops"),
         hops_longest=by_cause("hops_longest"),
+        absence_max=max(int(row["absence"]) - 1, 0) * (1.0 / strategy.update_rate),
         drawn=int(row["drawn"]),
         cycles=float(row["cycles"]),
     )

@@ -36,7 +36,7 @@ from .layout import (
     product,
     squared,
 )
-from .pieces import collect_pieces, match_pieces
+from .pieces import collect_pieces, mark_pieces, match_pieces
 from .route import lay_route
 
 wp.set_module_options(EXACT)
@@ -229,6 +229,8 @@ def lay_track(
     if least < ZERO:
         track.count = -1
         return track
+    if pieces < 2 and count > 1:  # they were not marked as the batch has them
+        mark_pieces(c, plan, rows.drawn, first, count)
     track = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
     track.least = least
     return track

@@ -6,6 +6,7 @@ from ..patch import to_float64
 from .layout import (
     AS_GIVEN,
     BEGUN,
+    HALF,
     INFINITE,
     ONE,
     REVERSED,
@@ -144,25 +145,40 @@ def collect_pieces(c: PoseContours, rows: RouteRows, pose: int):
 
 
 @wp.func
-def mark_of(c: PoseContours, plan: SamplingPlan, line: wp.int64):
-    """Middle of a polyline and the root of its mean squared distance from there [m]; every part counts by length."""
-    size = size_of(c, plan, line)
+def mark_of(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece):
+    """Middle of a piece and the root of its mean squared distance from there [m]; every way counts by its length.
+
+    A loop that begins between two vertices has one way more, so its mark is not that of the polyline.
+    """
+    size = size_of(c, plan, piece.line)
+    count = drawn_size(c, plan, piece)
     total = ZERO
     middle = wp.vec3d(ZERO, ZERO, ZERO)
-    for i in range(1, size):
-        a = vertex(c, line, i - 1)
-        step = vertex(c, line, i) - a
+    for i in range(1, count):
+        a = drawn_vertex(c, piece, size, i - 1)
+        step = drawn_vertex(c, piece, size, i) - a
         length = wp.sqrt(squared(step))
         total += length
-        middle += length * (a + wp.float64(0.5) * step)
+        middle += length * (a + HALF * step)
     total = wp.max(total, TINY)
     middle = middle / total
     square = ZERO
-    for i in range(1, size):
-        a = vertex(c, line, i - 1)
-        step = vertex(c, line, i) - a
-        square += wp.sqrt(squared(step)) * squared((a + wp.float64(0.5) * step) - middle)
+    for i in range(1, count):
+        a = drawn_vertex(c, piece, size, i - 1)
+        step = drawn_vertex(c, piece, size, i) - a
+        square += wp.sqrt(squared(step)) * squared((a + HALF * step) - middle)
     return wp.vec4d(middle[0], middle[1], middle[2], wp.sqrt(square / total))
+
+
+@wp.func
+def mark_pieces(
+    c: PoseContours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int
+):
+    """Mark pieces, by which the next pose's are recognised."""
+    for k in range(count):
+        piece = pieces[first + wp.int64(k)]
+        piece.mark = mark_of(c, plan, piece)
+        pieces[first + wp.int64(k)] = piece
 
 
 @wp.func
@@ -197,17 +213,12 @@ def match_pieces(
 ):
     """Mark the pieces of a pose and match them with the drawn ones of the pose before; returns how many it had.
 
-    first, before: row of the first piece of the pose, and of the pose before. before_count: 1: nothing is matched.
+    first, before: row of the first piece of the pose, and of the pose before. before_count: below 2 nothing is matched, nor marked.
     """
     known = int(0)
-    if count < 2 and before_count < 2:
-        return known
-    for k in range(count):
-        piece = rows.given[first + wp.int64(k)]
-        piece.mark = mark_of(c, plan, piece.line)
-        rows.given[first + wp.int64(k)] = piece
     if before_count < 2:
         return known
+    mark_pieces(c, plan, rows.given, first, count)
     for k in range(count):
         piece = rows.given[first + wp.int64(k)]
         other, square = nearest_mark(piece.mark, rows.drawn, before, before_count)

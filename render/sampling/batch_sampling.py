@@ -5,7 +5,7 @@ then one thread a pose draws its samples. What the kernels do not draw goes thro
 the same focal points and counts; `MotionSamples.on_host` says for which motions it did.
 """
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +16,12 @@ from ...kernels.sampling.entry import enter_poses
 from ...kernels.sampling.focus import draw_samples
 from ...kernels.sampling.layout import PoseContours, SamplingPlan
 from ...kernels.sampling.sums import sum_counts
+from ...kernels.sampling.visits import SkinSamples, count_revisits, skin_samples
 from ..contour_batch import ContourBatch, require_seams
 from ..errors import StrategyError
 from .contour_sampling import joined, sample_contours
 from .metrics import CAUSES, FocalPoints, SamplingCount
+from .revisits import PICK_INTERVAL, REVISIT_LIMIT
 from .sampler import Sampler, shown_order
 from .strategy import SamplingStrategy
 
@@ -80,7 +82,7 @@ def sample_motions(
     hold: np.ndarray | None = None,
     device: str = "cpu",
 ) -> MotionSamples:
-    """Focal points of whole motions, and what each is counted as, without revisits.
+    """Focal points of whole motions, and what each is counted as.
 
     batch: contours of all poses, on the host or on a device. pose: hand frame -> array frame, shape [pose, 7].
     time: of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses, shape
@@ -270,7 +272,30 @@ def _drawn_by_kernels(
     pose_hold = wp.array(schedule.hold[schedule.motion], dtype=wp.float64, device=device)
     counts, passages = draw_samples(plan, when, tracks, pose_hold, position, intensity)
     sums = sum_counts(plan, when, tracks, counts, passages).numpy()
-    return [counted_of(row, strategy) for row in sums], left.numpy() != 0
+    out = [counted_of(row, strategy) for row in sums]
+    revisits, waits = _revisits(schedule, strategy, skin_samples(when, hands, position, intensity))
+    for count, number, wait in zip(out, revisits.tolist(), waits.tolist(), strict=True):
+        count.revisits, count.revisit_time = number, wait
+    return out, left.numpy() != 0
+
+
+def _revisits(
+    schedule: MotionSchedule, strategy: SamplingStrategy, skin: SkinSamples
+) -> tuple[np.ndarray, np.ndarray]:
+    """Picked places that had been visited before, and how long all had waited [s], of each motion."""
+    device, rate = skin.point.device, strategy.update_rate
+    interval = max(1, round(PICK_INTERVAL * rate))
+    start = schedule.sample_start
+    picks = np.concatenate([[0], np.cumsum(-(-np.diff(start) // interval))])
+    revisits, waits = count_revisits(
+        skin,
+        wp.array(start, dtype=wp.int64, device=device),
+        wp.array(picks, dtype=wp.int64, device=device),
+        interval=interval,
+        limit=math.floor(REVISIT_LIMIT * rate),
+        rate=rate,
+    )
+    return revisits.numpy(), waits.numpy()
 
 
 def counted_of(row: np.void, strategy: SamplingStrategy) -> SamplingCount:

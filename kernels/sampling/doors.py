@@ -5,7 +5,18 @@ As `render/sampling/route.py` does it, with the same choice among routes of equa
 
 import warp as wp
 
-from .layout import AS_GIVEN, BEGUN, INFINITE, ZERO, DrawnPiece, PoseContours, RouteRows, SamplingPlan, distance, squared
+from .layout import (
+    AS_GIVEN,
+    BEGUN,
+    INFINITE,
+    ZERO,
+    DrawnPiece,
+    MotionContours,
+    RouteRows,
+    SamplingPlan,
+    distance,
+    squared,
+)
 from .pieces import end_of, is_loop, opposite, row_of, size_of, start_of, vertex
 
 DOORS = 64  # starts looked at, over all pieces of a search
@@ -17,7 +28,7 @@ NEAR = wp.constant(wp.float64(1e-9))  # [m]; vertices so near to a start are tha
 
 
 @wp.func
-def loop_length(c: PoseContours, line: wp.int64, size: int):
+def loop_length(c: MotionContours, line: wp.int64, size: int):
     """Length of a loop [m]."""
     arc = ZERO
     for i in range(1, size):
@@ -27,7 +38,7 @@ def loop_length(c: PoseContours, line: wp.int64, size: int):
 
 @wp.func
 def write_doors(
-    c: PoseContours, plan: SamplingPlan, rows: RouteRows, motion: int, line: wp.int64, share: int, first: int
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, line: wp.int64, share: int, first: int
 ):
     """Write the doors of a polyline into the motion's room from a place on; returns how many: `share` on a loop."""
     size = size_of(c, plan, line)
@@ -61,7 +72,7 @@ def write_doors(
 
 
 @wp.func
-def entered_at(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece, door: int, share: int):
+def entered_at(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, door: int, share: int):
     """A piece drawn from one of its doors on."""
     if door == 0:
         return piece
@@ -99,7 +110,7 @@ def entered_at(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece, door: int
 
 
 @wp.func
-def exit_of(c: PoseContours, plan: SamplingPlan, line: wp.int64, first: int, door: int):
+def exit_of(c: MotionContours, plan: SamplingPlan, line: wp.int64, first: int, door: int):
     """Door at which a piece is left that is entered at one; first: its first door."""
     if is_loop(c, plan, line) or plan.turns_back == 1:
         return door
@@ -137,7 +148,7 @@ def door_at(s: DoorSearch, place: int, k: int):
 
 @wp.func
 def way_between(
-    c: PoseContours, plan: SamplingPlan, rows: RouteRows, motion: int, s: DoorSearch, a: int, i: int, b: int, j: int
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, s: DoorSearch, a: int, i: int, b: int, j: int
 ):
     """Jump from the place a, entered at its i-th door, to the j-th door of the place b [m]."""
     if s.line[a] < wp.int64(0) or s.line[b] < wp.int64(0):
@@ -148,7 +159,13 @@ def way_between(
 
 @wp.func
 def try_order(
-    c: PoseContours, plan: SamplingPlan, rows: RouteRows, motion: int, s: DoorSearch, order: wp.vec4i, best: wp.float64
+    c: MotionContours,
+    plan: SamplingPlan,
+    rows: RouteRows,
+    motion: int,
+    s: DoorSearch,
+    order: wp.vec4i,
+    best: wp.float64,
 ):
     """The best doors of places in an order, if that is shorter than `best` [m]: dynamic programming."""
     out = s
@@ -190,7 +207,7 @@ def try_order(
 
 @wp.func
 def search_route(
-    c: PoseContours,
+    c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
     motion: int,
@@ -233,7 +250,7 @@ def place_in_turn(s: DoorSearch, k: int):
 
 @wp.func
 def found_piece(
-    c: PoseContours,
+    c: MotionContours,
     plan: SamplingPlan,
     s: DoorSearch,
     pieces: wp.array[DrawnPiece],
@@ -251,7 +268,7 @@ def found_piece(
 
 @wp.func
 def insertion_of(
-    c: PoseContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, piece: DrawnPiece
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, piece: DrawnPiece
 ):
     """Behind which of the drawn pieces another makes their route least longer, and the door that does."""
     doors = write_doors(c, plan, rows, motion, piece.line, STARTS_TRIED, 0)

@@ -44,7 +44,7 @@ def _count_cells(
     across: CellRow,  # along u = X of the hand frame
     along: CellRow,  # along v = -Z
     # Out:
-    cells: wp.array2d[wp.int32],  # drawn focal points in each cell, shape [motion, cell]; zero-initialised
+    cells: wp.array2d[wp.int32],  # drawn focal points in each cell, the last: in none; [motion, cell + 1]; zeros
 ):
     """Count the focal points of a pose by cell."""
     i = wp.tid()
@@ -61,8 +61,10 @@ def _count_cells(
                 skin = turned(back, off)
                 u = cell_of(across, skin[0])
                 v = cell_of(along, -skin[2])
+                cell = across.count * along.count
                 if u >= 0 and v >= 0:
-                    wp.atomic_add(cells, int(motion[i]), u * along.count + v, 1)
+                    cell = u * along.count + v
+                wp.atomic_add(cells, int(motion[i]), cell, 1)
         row += wp.int64(1)
 
 
@@ -82,9 +84,12 @@ def count_cells(
     across: CellRow,
     along: CellRow,
 ) -> wp.array:
-    """Drawn focal points in each cell of the palm's plane, int32, shape [motion, cell]; motion: of each pose."""
+    """Drawn focal points in each cell of the palm's plane, and beyond, int32, shape [motion, cell + 1].
+
+    motion: of each pose, int64.
+    """
     motions = schedule.motion_start.shape[0] - 1
-    cells = wp.zeros((motions, across.count * along.count), dtype=wp.int32, device=position.device)
+    cells = wp.zeros((motions, across.count * along.count + 1), dtype=wp.int32, device=position.device)
     wp.launch(
         _count_cells,
         pose.shape[0],

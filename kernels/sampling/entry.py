@@ -28,7 +28,7 @@ from .layout import (
     TINY,
     ZERO,
     DrawnPiece,
-    PoseContours,
+    MotionContours,
     PoseTrack,
     RouteRows,
     SamplingPlan,
@@ -78,7 +78,7 @@ def is_against(nodes: TrackNodes, at: wp.int64, direction: wp.vec3d):
 
 @wp.func
 def entered(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: FocusPlace, ordinary: wp.float64):
-    """Knot of a track at which drawing goes on: the nearest place, in the same direction if that is not much farther."""
+    """Knot at which drawing goes on: the nearest place, in the same direction if that is not much farther."""
     least = INFINITE
     for i in range(track.count - 1):
         cost, part = approach(nodes, track.first + wp.int64(i), place.point)
@@ -140,7 +140,7 @@ def is_silent_at_end(
 
 
 @wp.func
-def differ(c: PoseContours, a: wp.int64, b: wp.int64):
+def differ(c: MotionContours, a: wp.int64, b: wp.int64):
     """Whether two poses differ in their number of polylines, or in which of them are closed."""
     count = c.pose_start[a + wp.int64(1)] - c.pose_start[a]
     if count != c.pose_start[b + wp.int64(1)] - c.pose_start[b]:
@@ -156,7 +156,7 @@ def differ(c: PoseContours, a: wp.int64, b: wp.int64):
 
 @wp.func
 def enter_track(
-    c: PoseContours, plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, pose: int, place: FocusPlace
+    c: MotionContours, plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, pose: int, place: FocusPlace
 ):
     """Where drawing goes on along the contours of a new pose."""
     entry = PoseEntry()
@@ -198,7 +198,7 @@ def place_after(
 
 @wp.func
 def lay_track(
-    c: PoseContours,
+    c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
     nodes: TrackNodes,
@@ -250,7 +250,7 @@ def clear_entries(schedule: PoseSchedule, motion: int, entries: wp.array[PoseEnt
 @wp.kernel
 def _enter_poses(
     # In:
-    c: PoseContours,
+    c: MotionContours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
     # Out:
@@ -289,7 +289,7 @@ def _enter_poses(
         pose += 1
 
 
-def room_for(contours: PoseContours, plan: SamplingPlan, motion_count: int) -> tuple[RouteRows, TrackNodes]:
+def room_for(contours: MotionContours, plan: SamplingPlan, motion_count: int) -> tuple[RouteRows, TrackNodes]:
     """Memory for the routes and tracks of all poses, on the contours' device."""
     device = contours.points.device
     points, lines = contours.points.shape[0], contours.polyline_closed.shape[0]
@@ -308,7 +308,7 @@ def room_for(contours: PoseContours, plan: SamplingPlan, motion_count: int) -> t
 
 
 def enter_poses(
-    contours: PoseContours, plan: SamplingPlan, schedule: PoseSchedule, pose: wp.array
+    contours: MotionContours, plan: SamplingPlan, schedule: PoseSchedule, pose: wp.array
 ) -> tuple[DrawnTracks, wp.array]:
     """Tracks of all poses, and where drawing goes on along each; one thread a motion.
 

@@ -41,7 +41,9 @@ class StepCount:
     held: wp.int64
     jumps: wp.vec4l
     jump_lengths: wp.vec4d  # [m]
-    jump_first: wp.float64  # of jumps of the first sample to another polyline or out of order, not in `jump_lengths` [m]
+    jump_first: (
+        wp.float64
+    )  # of jumps of the first sample to another polyline or out of order, not in `jump_lengths` [m]
     hops: wp.vec4l
     hops_longest: wp.vec4d  # [m]
     step_longest: wp.float64  # [m]
@@ -88,7 +90,9 @@ def wave_at(plan: SamplingPlan, number: wp.int64):
 
 
 @wp.func
-def sample_knot(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, sample: wp.int64, focus: int):
+def sample_knot(
+    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, sample: wp.int64, focus: int
+):
     """Knot at which a focal point of a pose's sample is shown."""
     track = d.tracks[pose]
     entry = d.entries[pose]
@@ -197,9 +201,7 @@ def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: wp.in
 
 
 @wp.func
-def is_drawn(
-    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, gain: wp.float64
-):
+def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, gain: wp.float64):
     """Whether a focal point of a sample has an intensity above 0."""
     if d.nodes.intensity.shape[0] == 0:
         return gain > ZERO
@@ -246,7 +248,7 @@ def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.floa
     count = wp.int64(0)
     sample = wp.int64(0)
     while sample < schedule.count[pose]:
-        gain, held = gain_at(plan, schedule, pose, sample, hold)
+        _gain, held = gain_at(plan, schedule, pose, sample, hold)
         count += held
         sample += wp.int64(1)
     return count
@@ -271,9 +273,7 @@ def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: int, sam
 
 
 @wp.func
-def point_before(
-    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, focus: int
-):
+def point_before(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, focus: int):
     """Where a focal point was at the sample before [m]."""
     if sample > wp.int64(0):
         return sample_point(plan, schedule, d, wp.int64(pose), sample - wp.int64(1), focus)

@@ -50,7 +50,7 @@ class SamplingPlan:
 
 
 @wp.struct
-class PoseContours:
+class MotionContours:
     """Contours of all poses, as in a ContourBatch."""
 
     points: wp.array[wp.vec3]  # [m]

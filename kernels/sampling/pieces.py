@@ -1,4 +1,4 @@
-"""Pieces: polylines of a pose that have a length, vertex by vertex as they are drawn, and recognised from pose to pose."""
+"""Pieces: polylines of a pose that have a length, as they are drawn, and recognised from pose to pose."""
 
 import warp as wp
 
@@ -13,7 +13,7 @@ from .layout import (
     TINY,
     ZERO,
     DrawnPiece,
-    PoseContours,
+    MotionContours,
     RouteRows,
     SamplingPlan,
     squared,
@@ -23,13 +23,13 @@ NEARNESS = wp.constant(wp.float64(0.02**2))  # [m^2], as in render/sampling/cont
 
 
 @wp.func
-def is_loop(c: PoseContours, plan: SamplingPlan, line: wp.int64):
+def is_loop(c: MotionContours, plan: SamplingPlan, line: wp.int64):
     """Whether a polyline is drawn as a loop."""
     return int(c.polyline_closed[line]) != 0 or plan.closes == 1
 
 
 @wp.func
-def size_of(c: PoseContours, plan: SamplingPlan, line: wp.int64):
+def size_of(c: MotionContours, plan: SamplingPlan, line: wp.int64):
     """Vertices of a polyline, with the chord's end where it is closed by one."""
     count = int(c.polyline_start[line + wp.int64(1)] - c.polyline_start[line])
     if plan.closes == 1 and int(c.polyline_closed[line]) == 0:
@@ -38,7 +38,7 @@ def size_of(c: PoseContours, plan: SamplingPlan, line: wp.int64):
 
 
 @wp.func
-def row_of(c: PoseContours, line: wp.int64, i: int):
+def row_of(c: MotionContours, line: wp.int64, i: int):
     """Row of a polyline's vertex; the one behind the last is the first."""
     row = c.polyline_start[line] + wp.int64(i)
     if row == c.polyline_start[line + wp.int64(1)]:
@@ -47,13 +47,13 @@ def row_of(c: PoseContours, line: wp.int64, i: int):
 
 
 @wp.func
-def vertex(c: PoseContours, line: wp.int64, i: int):
+def vertex(c: MotionContours, line: wp.int64, i: int):
     """A vertex of a polyline [m]."""
     return to_float64(c.points[row_of(c, line, i)])
 
 
 @wp.func
-def drawn_size(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece):
+def drawn_size(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
     """Vertices of a piece as it is drawn."""
     count = size_of(c, plan, piece.line)
     if piece.mode == BEGUN:
@@ -79,7 +79,7 @@ def source_of(piece: DrawnPiece, size: int, i: int):
 
 
 @wp.func
-def drawn_vertex(c: PoseContours, piece: DrawnPiece, size: int, i: int):
+def drawn_vertex(c: MotionContours, piece: DrawnPiece, size: int, i: int):
     """The i-th vertex of a piece as drawn [m]."""
     k = source_of(piece, size, i)
     if k < 0:
@@ -88,7 +88,7 @@ def drawn_vertex(c: PoseContours, piece: DrawnPiece, size: int, i: int):
 
 
 @wp.func
-def drawn_level(c: PoseContours, piece: DrawnPiece, size: int, i: int):
+def drawn_level(c: MotionContours, piece: DrawnPiece, size: int, i: int):
     """Intensity at the i-th vertex of a piece as drawn."""
     k = source_of(piece, size, i)
     if k < 0:
@@ -97,13 +97,13 @@ def drawn_level(c: PoseContours, piece: DrawnPiece, size: int, i: int):
 
 
 @wp.func
-def start_of(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece):
+def start_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
     """Where a piece begins [m]."""
     return drawn_vertex(c, piece, size_of(c, plan, piece.line), 0)
 
 
 @wp.func
-def end_of(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece):
+def end_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
     """Where a piece ends [m]: where it begins, if it is a loop or drawn there and back."""
     if is_loop(c, plan, piece.line) or plan.turns_back == 1:
         return start_of(c, plan, piece)
@@ -122,7 +122,7 @@ def as_given(line: wp.int64):
 
 
 @wp.func
-def collect_pieces(c: PoseContours, rows: RouteRows, pose: int):
+def collect_pieces(c: MotionContours, rows: RouteRows, pose: int):
     """Write the pieces of a pose; returns how many there are, the length of all [m], and whether all have vertices."""
     first = c.pose_start[pose]
     count = int(0)
@@ -145,7 +145,7 @@ def collect_pieces(c: PoseContours, rows: RouteRows, pose: int):
 
 
 @wp.func
-def mark_of(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece):
+def mark_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
     """Middle of a piece and the root of its mean squared distance from there [m]; every way counts by its length.
 
     A loop that begins between two vertices has one way more, so its mark is not that of the polyline.
@@ -171,9 +171,7 @@ def mark_of(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece):
 
 
 @wp.func
-def mark_pieces(
-    c: PoseContours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int
-):
+def mark_pieces(c: MotionContours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
     """Mark pieces, by which the next pose's are recognised."""
     for k in range(count):
         piece = pieces[first + wp.int64(k)]
@@ -203,7 +201,7 @@ def nearest_mark(mark: wp.vec4d, pieces: wp.array[DrawnPiece], first: wp.int64, 
 
 @wp.func
 def match_pieces(
-    c: PoseContours,
+    c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
     first: wp.int64,
@@ -213,7 +211,8 @@ def match_pieces(
 ):
     """Mark the pieces of a pose and match them with the drawn ones of the pose before; returns how many it had.
 
-    first, before: row of the first piece of the pose, and of the pose before. before_count: below 2 nothing is matched, nor marked.
+    first, before: row of the first piece of the pose, and of the pose before. before_count: of its pieces; below 2
+    nothing is matched, nor marked.
     """
     known = int(0)
     if before_count < 2:
@@ -239,7 +238,7 @@ def opposite(piece: DrawnPiece):
 
 
 @wp.func
-def begun(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece, way: int, part: wp.float64):
+def begun(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, way: int, part: wp.float64):
     """A loop drawn from a point on: on the way from a vertex to the next, part 0..1."""
     out = piece
     size = size_of(c, plan, piece.line)

@@ -12,7 +12,7 @@ from .layout import (
     TINY,
     ZERO,
     DrawnPiece,
-    PoseContours,
+    MotionContours,
     PoseTrack,
     RouteRows,
     SamplingPlan,
@@ -29,7 +29,7 @@ JUMP_SLACK = wp.constant(wp.float64(5e-3))  # [m] by which a kept route may be l
 
 
 @wp.func
-def jumps_of(c: PoseContours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int):
+def jumps_of(c: MotionContours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int):
     """Length of the jumps from each drawn piece to the next, and from the last to the first of a cycle [m]."""
     jumps = count
     if plan.pendulum == 1:
@@ -42,7 +42,7 @@ def jumps_of(c: PoseContours, plan: SamplingPlan, rows: RouteRows, first: wp.int
 
 
 @wp.func
-def nearest_way(c: PoseContours, plan: SamplingPlan, line: wp.int64, point: wp.vec3d):
+def nearest_way(c: MotionContours, plan: SamplingPlan, line: wp.int64, point: wp.vec3d):
     """The way of a polyline from vertex to vertex that comes nearest to a point, and where on it, 0..1."""
     size = size_of(c, plan, line)
     best = int(0)
@@ -62,7 +62,7 @@ def nearest_way(c: PoseContours, plan: SamplingPlan, line: wp.int64, point: wp.v
 
 
 @wp.func
-def drawn_like(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece, start: wp.vec3d, end: wp.vec3d):
+def drawn_like(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, start: wp.vec3d, end: wp.vec3d):
     """A piece the same way round as between two ends [m]; a loop from the point nearest to the first of them."""
     if is_loop(c, plan, piece.line):
         way, part = nearest_way(c, plan, piece.line, start)
@@ -77,7 +77,7 @@ def drawn_like(c: PoseContours, plan: SamplingPlan, piece: DrawnPiece, start: wp
 
 @wp.func
 def keep_order(
-    c: PoseContours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int, before: wp.int64, earlier: int
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int, before: wp.int64, earlier: int
 ):
     """Draw the known pieces in the order of the pose before, and as then; returns how many there are."""
     known = int(0)
@@ -96,7 +96,7 @@ def keep_order(
 
 @wp.func
 def take_route(
-    c: PoseContours,
+    c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
     s: DoorSearch,
@@ -123,7 +123,7 @@ def take_route(
 
 @wp.func
 def insert_new(
-    c: PoseContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, known: int
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, known: int
 ):
     """Insert the new pieces into the route of the known ones, where they cost least."""
     drawn = known
@@ -141,7 +141,7 @@ def insert_new(
 
 @wp.func
 def search_again(
-    c: PoseContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, length: wp.float64
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, length: wp.float64
 ):
     """Take the shortest route of the drawn pieces where theirs, of a length [m], is longer by the margin.
 
@@ -171,7 +171,7 @@ def is_longer(plan: SamplingPlan, length: wp.float64, least: wp.float64):
 
 @wp.func
 def keep_route(
-    c: PoseContours,
+    c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
     motion: int,
@@ -196,7 +196,7 @@ def keep_route(
 
 @wp.func
 def lay_route(
-    c: PoseContours,
+    c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
     motion: int,

@@ -5,19 +5,22 @@ then one thread a pose draws its samples. What the kernels do not draw goes thro
 the same focal points and counts; `MotionSamples.on_host` says for which motions it did.
 """
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
+from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_rows
 from ...kernels.sampling.cursor import PoseSchedule
 from ...kernels.sampling.entry import enter_poses
 from ...kernels.sampling.focus import draw_samples
-from ...kernels.sampling.layout import PoseContours, SamplingPlan
+from ...kernels.sampling.layout import MotionContours, SamplingPlan
 from ...kernels.sampling.sums import sum_counts
 from ...kernels.sampling.visits import SkinSamples, count_revisits, skin_samples
-from ..contour_batch import ContourBatch, require_seams
+from ..contour_batch import ContourBatch, join_batches, require_seams
 from ..errors import StrategyError
 from .contour_sampling import joined, sample_contours
 from .metrics import CAUSES, FocalPoints, SamplingCount
@@ -43,11 +46,13 @@ class MotionSamples:
     """Of each motion."""
     on_host: np.ndarray
     """Motions that the host's sampler drew, bool, shape [motion]."""
+    poses: "DevicePoses"
+    """The poses at which they were drawn."""
 
     def __repr__(self) -> str:
         """One line."""
         motions, on_host = len(self.counts), int(self.on_host.sum())
-        return f"MotionSamples({self.sample_start[-1]} samples of {motions} motions, {on_host} of them on the host)"
+        return f"MotionSamples({self.sample_start[-1]} samples, {motions} motions, {on_host} of them drawn on the host)"
 
     def focus(self, motion: int) -> FocalPoints:
         """Focal points of one motion on the host."""
@@ -58,6 +63,18 @@ class MotionSamples:
         else:
             position, level = self.position[first:stop].numpy(), self.intensity[first:stop].numpy()
         return FocalPoints(position[:, 0], level[:, 0]) if foci == 1 else FocalPoints(position, level)
+
+
+@dataclass(frozen=True, eq=False)
+class DevicePoses:
+    """Poses of many motions on a device."""
+
+    schedule: PoseSchedule
+    """Which samples each has."""
+    pose: wp.array
+    """Hand frame -> array frame, transformd, shape [pose]."""
+    motion: wp.array
+    """Number of each one's motion, int64, shape [pose]."""
 
 
 def why_on_host(strategy: SamplingStrategy, batch: ContourBatch) -> str | None:
@@ -72,7 +89,7 @@ def why_on_host(strategy: SamplingStrategy, batch: ContourBatch) -> str | None:
 
 
 def sample_motions(
-    batch: ContourBatch,
+    batches: ContourBatch | Sequence[ContourBatch],
     pose: np.ndarray,
     time: np.ndarray,
     motion_start: np.ndarray,
@@ -84,10 +101,10 @@ def sample_motions(
 ) -> MotionSamples:
     """Focal points of whole motions, and what each is counted as.
 
-    batch: contours of all poses, on the host or on a device. pose: hand frame -> array frame, shape [pose, 7].
-    time: of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses, shape
-    [motion + 1]. duration: when the last pose of each motion ends [s]. hold: age at which a pose starts to fade [s],
-    shape [motion]; None: as for `sample_contours`.
+    batches: contours of all poses; motions may be cut anywhere between two. Those on a device are drawn there, those
+    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7]. time: of the poses, increasing within a
+    motion [s], shape [pose]. motion_start: offsets into poses, shape [motion + 1]. duration: when the last pose of
+    each motion ends [s]. hold: age at which a pose starts to fade [s], shape [motion]; None: as for `sample_contours`.
     Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first.
 
     >>> import numpy as np
@@ -95,30 +112,44 @@ def sample_motions(
     >>> from palpate.render.sampling.batch_sampling import sample_motions
     >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
     >>> sample_motions(batch, batch.motion.pose, np.zeros(1), np.array([0, 1]), np.array([0.2]), SamplingStrategy())
-    MotionSamples(2000 samples of 1 motions, 0 of them on the host)
+    MotionSamples(2000 samples, 1 motions, 0 of them drawn on the host)
     """
+    batch = batches if isinstance(batches, ContourBatch) else joined_batches(batches)
     schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)
     require_motions(batch, pose, schedule)
     device = str(batch.points.device) if batch.on_device else device
-    shape = int(schedule.sample_start[-1]), strategy.foci
-    position = wp.zeros(shape, dtype=wp.vec3, device=device)
-    intensity = wp.zeros(shape, dtype=wp.float32, device=device)
-    motion_count = len(motion_start) - 1
-    counts, on_host = [SamplingCount() for _ in range(motion_count)], np.ones(motion_count, bool)
-    if motion_count == 0:
-        return MotionSamples(position, intensity, schedule.sample_start, counts, on_host)
-    if why_on_host(strategy, batch) is None:
-        counts, on_host = _drawn_by_kernels(batch.to(device), pose, schedule, strategy, position, intensity)
-    if on_host.any():
-        host = batch.numpy()
-        for motion in np.flatnonzero(on_host).tolist():
-            focus, counts[motion] = _drawn_on_host(host, pose, schedule, motion, strategy)
-            first, stop = schedule.sample_start[motion : motion + 2].tolist()
-            if first < stop:
-                points, level = focus.position.reshape(-1, strategy.foci, 3), focus.intensity.reshape(-1, strategy.foci)
-                wp.copy(position[first:stop], wp.array(points, dtype=wp.vec3, device=device))
-                wp.copy(intensity[first:stop], wp.array(level, device=device))
-    return MotionSamples(position, intensity, schedule.sample_start, counts, on_host)
+    shape = int(schedule.row[-1]), strategy.foci
+    poses = DevicePoses(
+        schedule.on(device, strategy),
+        wp.array(np.asarray(pose, np.float64).reshape(-1, 7), dtype=wp.transformd, device=device),
+        wp.array(schedule.motion, dtype=wp.int64, device=device),
+    )
+    out = MotionSamples(
+        wp.zeros(shape, dtype=wp.vec3, device=device),
+        wp.zeros(shape, dtype=wp.float32, device=device),
+        schedule.sample_start,
+        [SamplingCount() for _ in schedule.duration],
+        np.ones(len(schedule.duration), bool),
+        poses,
+    )
+    if len(out.counts) > 0 and why_on_host(strategy, batch) is None:
+        _draw_by_kernels(batch.to(device), schedule, strategy, out)
+    if out.on_host.any():
+        _draw_on_host(batch.numpy(), np.asarray(pose), schedule, strategy, out)
+    return out
+
+
+def joined_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
+    """Join batches of consecutive poses, all on the host or all on one device."""
+    if len(batches) == 1 or not batches[0].on_device:
+        return join_batches(batches)
+    named = {name: [getattr(batch, name) for batch in batches] for name in batches[0].by_name()}
+    rows = {"polyline_start": [b.point_count for b in batches], "pose_start": [b.polyline_count for b in batches]}
+    arrays = {
+        name: concatenate_offsets(parts, rows[name]) if name in rows else concatenate_rows(parts)
+        for name, parts in named.items()
+    }
+    return ContourBatch(**arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +183,7 @@ class MotionSchedule:
         count = np.maximum(stop - first, 0)
         row = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
         if hold is None:
-            hold = np.array([_hold_of(time[a:b], strategy) for a, b in zip(start[:-1], start[1:], strict=True)])
+            hold = np.array([_hold_of(time[a:b], strategy) for a, b in itertools.pairwise(start.tolist())])
         return cls(start, time, duration, np.asarray(hold, np.float64), first, count, row)
 
     @property
@@ -169,7 +200,9 @@ class MotionSchedule:
         """The same on a device."""
         out = PoseSchedule()
         number = self.row[:-1] - self.sample_start[self.motion]
-        shown = np.zeros(0, np.int64) if strategy.pace.points is None else shown_order(strategy.order, strategy.pace.points)
+        shown = (
+            np.zeros(0, np.int64) if strategy.pace.points is None else shown_order(strategy.order, strategy.pace.points)
+        )
         values = {
             "motion_start": self.motion_start,
             "first": self.first,
@@ -194,7 +227,9 @@ def require_motions(batch: ContourBatch, pose: np.ndarray, schedule: MotionSched
     """Raise StrategyError unless contours, poses, times and motions are as many as each other."""
     counts = batch.pose_count, len(pose), len(schedule.time), int(schedule.motion_start[-1])
     if len(set(counts)) > 1 or len(schedule.motion_start) != len(schedule.duration) + 1:
-        raise StrategyError("contours, poses, times and motions must be of the same poses, not {}, {}, {}, {}".format(*counts))
+        raise StrategyError(
+            "contours, poses, times and motions must be of the same poses, not {}, {}, {}, {}".format(*counts)
+        )
 
 
 def plan_of(strategy: SamplingStrategy) -> SamplingPlan:
@@ -244,9 +279,9 @@ def _overlays_of(strategy: SamplingStrategy) -> dict[str, float]:
     return out
 
 
-def _contours_of(batch: ContourBatch) -> PoseContours:
+def _contours_of(batch: ContourBatch) -> MotionContours:
     """The arrays of a batch on a device."""
-    out = PoseContours()
+    out = MotionContours()
     out.points, out.polyline_start = batch.points, batch.polyline_start
     out.polyline_closed, out.pose_start = batch.polyline_closed, batch.pose_start
     none = wp.empty(0, dtype=wp.float32, device=batch.points.device)
@@ -254,34 +289,26 @@ def _contours_of(batch: ContourBatch) -> PoseContours:
     return out
 
 
-def _drawn_by_kernels(
-    batch: ContourBatch,
-    pose: np.ndarray,
-    schedule: MotionSchedule,
-    strategy: SamplingStrategy,
-    position: wp.array,
-    intensity: wp.array,
-) -> tuple[list[SamplingCount], np.ndarray]:
-    """Draw all motions of a batch on its device; counts, and which motions could not be drawn there."""
+def _draw_by_kernels(
+    batch: ContourBatch, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
+) -> None:
+    """Draw all motions of a batch on its device but those that cannot be drawn there."""
     if batch.intensity is not None:
         require_seams(batch.numpy(), "contours to be drawn")
-    device, plan = str(position.device), plan_of(strategy)
-    when = schedule.on(device, strategy)
-    hands = wp.array(np.ascontiguousarray(pose, np.float64), dtype=wp.transformd, device=device)
-    tracks, left = enter_poses(_contours_of(batch), plan, when, hands)
-    pose_hold = wp.array(schedule.hold[schedule.motion], dtype=wp.float64, device=device)
-    counts, passages = draw_samples(plan, when, tracks, pose_hold, position, intensity)
+    plan, when, pose = plan_of(strategy), out.poses.schedule, out.poses.pose
+    tracks, left = enter_poses(_contours_of(batch), plan, when, pose)
+    pose_hold = wp.array(schedule.hold[schedule.motion], dtype=wp.float64, device=pose.device)
+    counts, passages = draw_samples(plan, when, tracks, pose_hold, out.position, out.intensity)
     sums = sum_counts(plan, when, tracks, counts, passages).numpy()
-    out = [counted_of(row, strategy) for row in sums]
-    revisits, waits = _revisits(schedule, strategy, skin_samples(when, hands, position, intensity))
-    for count, number, wait in zip(out, revisits.tolist(), waits.tolist(), strict=True):
+    skin = skin_samples(when, pose, out.position, out.intensity)
+    revisits, waits = _revisits(schedule, strategy, skin)
+    out.counts[:] = [counted_of(row, strategy) for row in sums]
+    for count, number, wait in zip(out.counts, revisits.tolist(), waits.tolist(), strict=True):
         count.revisits, count.revisit_time = number, wait
-    return out, left.numpy() != 0
+    out.on_host[:] = left.numpy() != 0
 
 
-def _revisits(
-    schedule: MotionSchedule, strategy: SamplingStrategy, skin: SkinSamples
-) -> tuple[np.ndarray, np.ndarray]:
+def _revisits(schedule: MotionSchedule, strategy: SamplingStrategy, skin: SkinSamples) -> tuple[np.ndarray, np.ndarray]:
     """Picked places that had been visited before, and how long all had waited [s], of each motion."""
     device, rate = skin.point.device, strategy.update_rate
     interval = max(1, round(PICK_INTERVAL * rate))
@@ -320,17 +347,19 @@ def counted_of(row: np.void, strategy: SamplingStrategy) -> SamplingCount:
     )
 
 
-def _drawn_on_host(
-    batch: ContourBatch, pose: np.ndarray, schedule: MotionSchedule, motion: int, strategy: SamplingStrategy
-) -> tuple[FocalPoints, SamplingCount]:
-    """Focal points and counts of one motion by the host's sampler."""
-    first, stop = (int(k) for k in schedule.motion_start[motion : motion + 2])
-    sampler, hold = Sampler(strategy), float(schedule.hold[motion])
-    if first == stop:
-        return FocalPoints(np.zeros((0, 3), np.float32), np.zeros(0, np.float32)), sampler.count
-    time, duration = schedule.time[first:stop], float(schedule.duration[motion])
-    blocks = list(
-        sample_contours([batch.select(first, stop)], pose[first:stop], time, duration, sampler, hold=hold)
-    )
-    focus = joined(blocks) if blocks else FocalPoints(np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
-    return focus, sampler.count
+def _draw_on_host(
+    batch: ContourBatch, pose: np.ndarray, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
+) -> None:
+    """Draw by the host's sampler the motions that kernels do not draw."""
+    device = out.position.device
+    for motion in np.flatnonzero(out.on_host).tolist():
+        a, b = schedule.motion_start[motion : motion + 2].tolist()
+        first, stop = out.sample_start[motion : motion + 2].tolist()
+        sampler = Sampler(strategy)
+        if first < stop:
+            rows = batch.select(a, b), pose[a:b], schedule.time[a:b], float(schedule.duration[motion])
+            focus = joined(list(sample_contours([rows[0]], *rows[1:], sampler, hold=float(schedule.hold[motion]))))
+            points, level = focus.position.reshape(-1, strategy.foci, 3), focus.intensity.reshape(-1, strategy.foci)
+            wp.copy(out.position[first:stop], wp.array(points, dtype=wp.vec3, device=device))
+            wp.copy(out.intensity[first:stop], wp.array(level, device=device))
+        out.counts[motion] = sampler.count

@@ -69,6 +69,14 @@ SWEEP_STAGES = (
     "metrics.tally",
     "section.tally_undrawn",
 )  # poses made where they are used, and sums over them
+SAMPLING_STAGES = (
+    "sampling.concatenation",
+    "sampling.entry",
+    "sampling.focus",
+    "sampling.sums",
+    "sampling.visits",
+    "sampling.dwelling",
+)  # contours over time to focal points
 DRIVE_STAGES = ("driving.focus", "driving.solve", "driving.slew")  # focal points to phases
 ACOUSTIC_STAGES = (
     "acoustics.resonance",
@@ -86,6 +94,7 @@ STAGES = (
     *MOTION_STAGES,
     *OBJECT_STAGES,
     *SWEEP_STAGES,
+    *SAMPLING_STAGES,
     *DRIVE_STAGES,
     *ACOUSTIC_STAGES,
 )

@@ -116,24 +116,25 @@ class ContourSource:
         self._interval: float | None = None  # [s]; None for one static pose
         self.duration = self._duration(duration)
         """When the playing ends [s]."""
+        self.hold = None if self._interval is None else max(sampler.strategy.hold, 2.0 * self._interval)
+        """Age at which a pose starts to fade [s]; None for one static pose, which does not."""
         self.frame_count = frame_count(self.duration, sampler.strategy.update_rate, file.path)
 
     def __iter__(self) -> Iterator[FocalPoints]:
         """Blocks of focal points."""
-        if self._interval is None:
+        if self.hold is None:
             yield from self._static()
             return
-        hold = max(self._sampler.strategy.hold, 2.0 * self._interval)
         for first, stop in self._file.blocks(point_limit=POINTS_A_READ):
             # one time more than poses, so that the last of them knows how long it lasts
             time = self._file.motion(first, min(stop + 1, self._file.pose_count))["time"]
-            _require_increasing(time, self._file.path)
+            require_increasing(time, self._file.path)
             end = self.duration if len(time) == stop - first else min(float(time[-1]), self.duration)
             played = int(np.searchsorted(time[: stop - first], self.duration))
             if played == 0:
                 return
             batch, pose = self._read(first, first + played)
-            yield from sample_contours([batch], pose, time[:played], end, self._sampler, block=BLOCK, hold=hold)
+            yield from sample_contours([batch], pose, time[:played], end, self._sampler, block=BLOCK, hold=self.hold)
 
     def _read(self, first: int, stop: int) -> tuple[ContourBatch, np.ndarray]:
         batch = ContourBatch.from_arrays(self._file.contours(first, stop))
@@ -163,7 +164,7 @@ class ContourSource:
             if asked is None:
                 raise StrategyError(f"{path}: holds one static pose: say how long to play it with duration=SECONDS")
             return asked
-        _require_increasing(head["time"], path)
+        require_increasing(head["time"], path)
         self._interval = float(np.median(np.diff(head["time"])))
         end = float(self._file.motion(count - 1, count)["time"][0]) + self._interval
         if not np.isfinite(end):
@@ -207,7 +208,8 @@ def require_duration(duration: float | None) -> None:
         raise StrategyError(f"duration must be positive, not {duration} s")
 
 
-def _require_increasing(time: np.ndarray, path: Path) -> None:
+def require_increasing(time: np.ndarray, path: Path) -> None:
+    """Refuse times of poses that do not increase."""
     if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
         raise PoseError(f"{path}: /motion/time does not increase all the way; palpate check tells where")
 

@@ -116,3 +116,46 @@ def on_segment(x, a, b, tolerance):
     way = b - a
     share = np.clip(np.dot(x - a, way) / max(np.dot(way, way), 1e-30), 0, 1)
     return np.linalg.norm(a + share * way - x) <= tolerance
+
+
+def random_strokes(rng, pose_count, *, line_most=4, with_intensity=False):
+    """Polylines that stay from pose to pose and move by 2 mm, some of them of one place, a point or none; numbers of
+    polylines change now and then, and some poses are empty."""
+    middles, lines, count = rng.normal(size=(line_most, 3)) * 0.03, [], 0
+    poses = []
+    for _ in range(pose_count):
+        count = rng.integers(0, line_most + 1) if rng.random() < 0.2 else count
+        lines = [_stroke(rng, middles[k]) for k in range(0 if rng.random() < 0.15 else count)]
+        poses.append(lines)
+    strokes = [stroke for lines in poses for stroke in lines]
+    size = [len(points) for points, _ in strokes]
+    start = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
+    intensity = np.clip(rng.normal(size=start[-1]) + 0.3, 0.0, 1.0).astype(np.float32)
+    for k, (_, closed) in enumerate(strokes):
+        if rng.random() < 0.2:
+            intensity[start[k] : start[k + 1]] = 0.0
+        if closed:
+            intensity[start[k + 1] - 1] = intensity[start[k]]
+    return ContourBatch(
+        points=np.concatenate([np.zeros((0, 3)), *(points for points, _ in strokes)]).astype(np.float32),
+        kind=np.zeros(start[-1], np.uint8),
+        polyline_start=start,
+        polyline_patch=np.zeros(len(size), np.int32),
+        polyline_closed=np.array([closed for _, closed in strokes], np.uint8),
+        pose_start=np.concatenate([[0], np.cumsum([len(lines) for lines in poses])]).astype(np.int64),
+        intensity=intensity if with_intensity else None,
+    )
+
+
+def _stroke(rng, middle):
+    kind = rng.random()
+    if kind < 0.05:
+        return rng.normal(size=(1, 3)) * 0.03 + [0, 0, 0.2], 0
+    if kind < 0.1:
+        return np.tile(rng.normal(size=3) * 0.03 + np.array([0, 0, 0.2]), (3, 1)), int(rng.random() < 0.5)
+    steps = rng.normal(size=(rng.integers(2, 9), 3)) * rng.choice([1e-5, 1e-3, 1e-2])
+    points = middle + rng.normal(size=3) * 0.002 + np.cumsum(steps, axis=0) + [0, 0, 0.2]
+    if rng.random() < 0.3:
+        points = np.insert(points, 1, points[1], axis=0)
+    closed = int(rng.random() < 0.5)
+    return (np.vstack([points, points[:1]]) if closed else points), closed

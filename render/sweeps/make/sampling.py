@@ -15,10 +15,20 @@ from ...contour_batch import ContourBatch
 from ...hands.hand import Hand, Palm
 from ...intersection.batch_rendering import rendered_chunks
 from ...intersection.scene import Scene
-from ...playback.focus_source import ContourRows, ContourSource
-from ...sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy, dwell_map, sample_bounds
+from ...playback.focus_source import (
+    POINTS_A_READ,
+    ContourRows,
+    ContourSource,
+    FocusSource,
+    PointSource,
+    require_increasing,
+)
+from ...sampling.batch_dwell import dwell_maps
+from ...sampling.batch_sampling import MotionSamples, sample_motions
+from ...sampling.contour_sampling import DwellMap, FocalPoints, Sampler, SamplingStrategy, dwell_map, sample_bounds
 
 KEPT_BYTES = 256_000_000  # of a rendering's contours on the host, for whoever samples it next
+SAMPLES_AT_ONCE = 5_000_000  # 0.2 GB for one focal point; of a longer motion they are made block by block
 CELL = 1e-3  # of the dwell map [m]
 OTHER_HAND = (0.2, 0.25)  # of the dwell map of a hand that is no rectangle, around the palm's middle [m]
 CAUSES = {"jumps_polyline": "polyline", "jumps_order": "order", "jumps_pose": "pose", "jumps_reentry": "re-entry"}
@@ -111,22 +121,18 @@ def sample_recipe(
     started = perf_counter()
     sampler = Sampler(strategy)
     source = ContourSource(contours, sampler)
-    if not counted:
-        for _ in _taken(source, takers):
-            pass
-        return {"seconds": {"sampling": perf_counter() - started}}
     width, length = (hand.width, hand.length) if isinstance(hand, Palm) else OTHER_HAND
-    time = motion.time if motion.time is not None else np.zeros(len(motion))
-    dwell = dwell_map(
-        _taken(source, takers),
-        motion.pose,
-        sample_bounds(time, source.duration, strategy.update_rate),
-        strategy.update_rate,
-        width=width,
-        length=length,
-        cell=min(CELL, width, length),
-    )
-    count = sampler.count
+    cell = min(CELL, width, length)
+    if source.hold is not None and source.frame_count <= SAMPLES_AT_ONCE:
+        samples = _sampled_at_once(contours, source, strategy)
+        for _ in _taken(PointSource(samples.focus(0)), takers):
+            pass
+        count = samples.counts[0]
+        dwell = dwell_maps(samples, strategy.update_rate, width=width, length=length, cell=cell)[0] if counted else None
+    else:
+        count, dwell = sampler.count, _streamed(source, motion, strategy, takers, counted, (width, length, cell))
+    if dwell is None:
+        return {"seconds": {"sampling": perf_counter() - started}}
     seconds = count.samples / strategy.update_rate
     return {
         **{name: count.jumps[cause] for name, cause in CAUSES.items()},
@@ -144,7 +150,40 @@ def sample_recipe(
     }
 
 
-def _taken(source: ContourSource, takers: Sequence[FocusTaker]) -> Iterator[FocalPoints]:
+def _sampled_at_once(contours: ContourRows, source: ContourSource, strategy: SamplingStrategy) -> MotionSamples:
+    """All focal points of a motion, and what they are counted as."""
+    batches = [
+        ContourBatch.from_arrays(contours.contours(first, stop))
+        for first, stop in contours.blocks(point_limit=POINTS_A_READ)
+    ]
+    rows = contours.motion()
+    require_increasing(rows["time"], contours.path)
+    ends, holds = np.array([source.duration]), np.array([source.hold])
+    start = np.array([0, contours.pose_count])
+    return sample_motions(batches, rows["pose"], rows["time"], start, ends, strategy, hold=holds)
+
+
+def _streamed(
+    source: ContourSource,
+    motion: HandMotion,
+    strategy: SamplingStrategy,
+    takers: Sequence[FocusTaker],
+    counted: bool,
+    grid: tuple[float, float, float],
+) -> DwellMap | None:
+    """Go through more focal points than memory may hold; the dwell map, if they are to be counted."""
+    if not counted:
+        for _ in _taken(source, takers):
+            pass
+        return None
+    time = motion.time if motion.time is not None else np.zeros(len(motion))
+    bounds = sample_bounds(time, source.duration, strategy.update_rate)
+    width, length, cell = grid
+    focus = _taken(source, takers)
+    return dwell_map(focus, motion.pose, bounds, strategy.update_rate, width=width, length=length, cell=cell)
+
+
+def _taken(source: FocusSource, takers: Sequence[FocusTaker]) -> Iterator[FocalPoints]:
     """Focal points, once all takers have had them."""
     for focus in source:
         for taker in takers:

@@ -1,0 +1,288 @@
+"""Courses: nodes of a pose's cycle, and when each is reached; one thread lays the tracks of a motion in turn.
+
+As `lay_track` in render/sampling/track.py, without pauses and sections.
+"""
+
+import warp as wp
+
+from ..patch import to_float64
+from .layout import (
+    CAPPED,
+    FREQUENCY,
+    ONE,
+    STILL,
+    ZERO,
+    MotionContours,
+    PoseTrack,
+    RouteRows,
+    SamplingPlan,
+    TrackNodes,
+    distance,
+    samples_of,
+    squared,
+    sum_of,
+)
+from .pieces import drawn_level, drawn_size, drawn_vertex, is_loop, size_of
+from .route import PIECES_MOST
+
+SHARE_LEAST = wp.constant(wp.float64(1 / 8))  # of a step that a piece takes at least, as in drawing_turns.py
+NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: ways that take less say nothing of the speed
+
+
+@wp.func
+def first_node(c: MotionContours, plan: SamplingPlan, pose: int):
+    """First node of a pose's track; before it is room for every earlier pose's."""
+    line = c.pose_start[pose]
+    return wp.int64(plan.passes) * (c.polyline_start[line] + wp.int64(2) * line) + wp.int64(pose)
+
+
+@wp.func
+def has_short(c: MotionContours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int, length: wp.float64):
+    """Whether a piece is shorter than the way from sample to sample."""
+    step = length / wp.float64(samples_of(plan, length / plan.speed))
+    found = int(0)
+    for k in range(count):
+        if rows.span[first + wp.int64(k)] < step:
+            found = int(1)
+    return found
+
+
+@wp.func
+def is_plain(c: MotionContours, plan: SamplingPlan, rows: RouteRows, pose: int, count: int, length: wp.float64):
+    """Whether arc length alone decides when each vertex of a pose is reached."""
+    lines = c.pose_start[pose + 1] - c.pose_start[pose]
+    in_order = lines < wp.int64(2) or lines > wp.int64(PIECES_MOST) or plan.shortest == 0
+    if plan.plain == 0 or not in_order:
+        return False
+    return lines == wp.int64(1) or has_short(c, plan, rows, c.pose_start[pose], count, length) == 0
+
+
+@wp.func
+def lay_plain(c: MotionContours, plan: SamplingPlan, nodes: TrackNodes, pose: int):
+    """Write the vertices of a pose as nodes that are reached by arc length; returns how many there are."""
+    at = first_node(c, plan, pose)
+    count = int(0)
+    piece = int(-1)
+    arc = ZERO
+    line = c.pose_start[pose]
+    while line < c.pose_start[pose + 1]:
+        row = c.polyline_start[line]
+        begin = at
+        before = arc
+        while row < c.polyline_start[line + wp.int64(1)]:
+            point = to_float64(c.points[row])
+            if at > begin:
+                arc += wp.sqrt(squared(point - nodes.point[at - wp.int64(1)]))
+            nodes.point[at] = point
+            nodes.knot[at] = arc
+            if c.intensity.shape[0] > 0:
+                nodes.intensity[at] = wp.float64(c.intensity[row])
+            at += wp.int64(1)
+            count += 1
+            row += wp.int64(1)
+        if arc > before:
+            piece += 1
+        while begin < at:
+            nodes.piece[begin] = piece
+            begin += wp.int64(1)
+        line += wp.int64(1)
+    return count
+
+
+@wp.func
+def write_node(nodes: TrackNodes, at: wp.int64, point: wp.vec3d, level: wp.float64, piece: int, duration: wp.float64):
+    """Write a node and how long the way to it takes [s]."""
+    nodes.point[at] = point
+    nodes.piece[at] = piece
+    nodes.knot[at] = duration
+    if nodes.intensity.shape[0] > 0:
+        nodes.intensity[at] = level
+
+
+@wp.func
+def copy_node(nodes: TrackNodes, source: wp.int64, at: wp.int64, piece: int, duration: wp.float64):
+    """Write a node at the place of another."""
+    level = ONE
+    if nodes.intensity.shape[0] > 0:
+        level = nodes.intensity[source]
+    write_node(nodes, at, nodes.point[source], level, piece, duration)
+
+
+@wp.func
+def write_piece(
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, row: wp.int64, first: wp.int64, k: int
+):
+    """Write the nodes of a route's k-th piece, there and back if it is so drawn; returns how many there are."""
+    piece = rows.drawn[row]
+    size = size_of(c, plan, piece.line)
+    count = drawn_size(c, plan, piece)
+    for i in range(count):
+        at = first + wp.int64(i)
+        point = drawn_vertex(c, piece, size, i)
+        level = ONE
+        if c.intensity.shape[0] > 0:
+            level = drawn_level(c, piece, size, i)
+        duration = ZERO
+        if i > 0:
+            duration = distance(nodes.point[at - wp.int64(1)], point) / plan.speed
+        elif k > 0 and plan.returns == 1:
+            duration = distance(nodes.point[at - wp.int64(1)], point) / plan.return_speed
+        write_node(nodes, at, point, level, k, duration)
+    if plan.turns_back == 0 or is_loop(c, plan, piece.line):
+        return count
+    for i in range(1, count):
+        source = first + wp.int64(count - 1 - i)
+        duration = distance(nodes.point[source + wp.int64(1)], nodes.point[source]) / plan.speed
+        copy_node(nodes, source, first + wp.int64(count - 1 + i), k, duration)
+    return 2 * count - 1
+
+
+@wp.func
+def write_course(c: MotionContours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, pose: int, pieces: int):
+    """Write the drawn pieces of a pose as nodes with the duration of the way to each; returns how many there are."""
+    first = first_node(c, plan, pose)
+    count = int(0)
+    for k in range(pieces):
+        count += write_piece(c, plan, rows, nodes, c.pose_start[pose] + wp.int64(k), first + wp.int64(count), k)
+    last = first + wp.int64(count - 1)
+    if plan.pendulum == 1:
+        for i in range(1, count):
+            source = last - wp.int64(i)
+            way = nodes.knot[source + wp.int64(1)]
+            copy_node(nodes, source, last + wp.int64(i), nodes.piece[source], way)
+        count += count - 1
+    elif plan.returns == 1:
+        way = distance(nodes.point[last], nodes.point[first]) / plan.return_speed
+        copy_node(nodes, first, last + wp.int64(1), -1, way)
+        count += 1
+    return count
+
+
+@wp.func
+def way_piece(nodes: TrackNodes, at: wp.int64):
+    """Number of the piece that the way from a node to the next is on, -1: on none."""
+    piece = int(nodes.piece[at])
+    if piece != int(nodes.piece[at + wp.int64(1)]):
+        piece = int(-1)
+    return piece
+
+
+@wp.func
+def longest_passages(nodes: TrackNodes, rows: RouteRows, row: wp.int64, pieces: int, first: wp.int64, count: int):
+    """Write the time of the longest passage along each piece; 0 for one that has none. Returns the least that is none.
+
+    first: node. count: of nodes, each with the duration of the way to it.
+    """
+    for k in range(pieces):
+        rows.span[row + wp.int64(k)] = ZERO
+    i = int(0)
+    while i < count - 1:
+        piece = way_piece(nodes, first + wp.int64(i))
+        begin = i
+        i += 1
+        while i < count - 1 and way_piece(nodes, first + wp.int64(wp.min(i, count - 2))) == piece:
+            i += 1
+        if piece >= 0:
+            took = nodes.knot[first + wp.int64(begin + 1)]
+            if i > begin + 1:
+                took += sum_of(nodes.knot, first + wp.int64(begin + 2), i - begin - 1)
+            rows.span[row + wp.int64(piece)] = wp.max(rows.span[row + wp.int64(piece)], took)
+    least = wp.float64(1e300)
+    for k in range(pieces):
+        if rows.span[row + wp.int64(k)] > ZERO:
+            least = wp.min(least, rows.span[row + wp.int64(k)])
+    return least
+
+
+@wp.func
+def lengthen_short(nodes: TrackNodes, rows: RouteRows, row: wp.int64, first: wp.int64, count: int, least: wp.float64):
+    """Lengthen the durations on pieces whose passages take less than a least time."""
+    for i in range(count - 1):
+        piece = way_piece(nodes, first + wp.int64(i))
+        if piece >= 0:
+            longest = rows.span[row + wp.int64(piece)]
+            if longest > ZERO and longest < least:
+                nodes.knot[first + wp.int64(i + 1)] = nodes.knot[first + wp.int64(i + 1)] * (least / longest)
+
+
+@wp.func
+def draw_by_turns(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, row: wp.int64, track: PoseTrack):
+    """A track on whose samples every piece is drawn, some not in every cycle; see render/sampling/drawing_turns.py."""
+    out = track
+    ways = track.first + wp.int64(1)
+    least = longest_passages(nodes, rows, row, track.pieces, track.first, track.count)
+    samples = wp.float64(track.repeat)
+    step = sum_of(nodes.knot, ways, track.count - 1) / samples
+    if least >= step * (ONE - wp.float64(1e-9)):
+        return out
+    if least < SHARE_LEAST * step:
+        least = SHARE_LEAST * step
+        lengthen_short(nodes, rows, row, track.first, track.count, least)
+        step = sum_of(nodes.knot, ways, track.count - 1) / samples
+    turns = wp.int64(wp.ceil(step / least + ONE / samples))
+    more = wp.int64(1)
+    if plan.pace == CAPPED:
+        if plan.rate * wp.float64(turns) < plan.lowest * wp.float64(track.repeat * turns + wp.int64(1)):
+            more = wp.int64(-1)
+    out.turns = int(turns)
+    out.repeat = track.repeat * turns + more
+    return out
+
+
+@wp.func
+def lay_course(
+    c: MotionContours,
+    plan: SamplingPlan,
+    rows: RouteRows,
+    nodes: TrackNodes,
+    pose: int,
+    pieces: int,
+    plain: bool,
+    seconds: wp.float64,
+):
+    """The track of a pose whose route is drawn; seconds: what a plain cycle takes [s]."""
+    track = PoseTrack()
+    track.first = first_node(c, plan, pose)
+    track.pieces = pieces
+    track.turns = 1
+    if plain:
+        track.count = lay_plain(c, plan, nodes, pose)
+        track.single = wp.where(c.pose_start[pose + 1] - c.pose_start[pose] == wp.int64(1), 1, 0)
+        track.repeat = samples_of(plan, seconds)
+    else:
+        track.count = write_course(c, plan, rows, nodes, pose, pieces)
+        total = ZERO
+        for i in range(1, track.count):
+            total += nodes.knot[track.first + wp.int64(i)]
+        track.repeat = samples_of(plan, total)
+        if plan.points == wp.int64(0) and plan.pace != STILL and pieces > 1:
+            track = draw_by_turns(plan, nodes, rows, c.pose_start[pose], track)
+        sum_durations(nodes, track)
+    track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
+    track.one_sample = wp.float64(track.turns) * track.period / wp.float64(track.repeat)
+    return track
+
+
+@wp.func
+def sum_durations(nodes: TrackNodes, track: PoseTrack):
+    """Sum the durations of ways up to when each node is reached."""
+    knot = ZERO
+    nodes.knot[track.first] = knot
+    for i in range(1, track.count):
+        knot += nodes.knot[track.first + wp.int64(i)]
+        nodes.knot[track.first + wp.int64(i)] = knot
+
+
+@wp.func
+def longest_step(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
+    """Longest step between two samples on the same way of a track, small circles included [m]."""
+    if plan.pace != FREQUENCY and plan.pace != CAPPED:
+        return plan.ordinary
+    fastest = ZERO
+    for i in range(track.count - 1):
+        at = track.first + wp.int64(i)
+        took = nodes.knot[at + wp.int64(1)] - nodes.knot[at]
+        if took > NOISE_SHARE * track.one_sample:
+            step = nodes.point[at + wp.int64(1)] - nodes.point[at]
+            fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
+    return fastest * track.one_sample + plan.circle_step

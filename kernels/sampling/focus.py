@@ -1,0 +1,368 @@
+"""Focal points of all poses at once: one thread a pose draws its samples and counts jumps, hops and silence.
+
+As `Cursor.take` and `Sampler._count_jumps` in render/sampling.
+"""
+
+import numpy as np
+import warp as wp
+
+from ..offsets import BLOCK
+from ..patch import EXACT, to_float32
+from .course import way_piece
+from .cursor import (
+    BLOCK_SAMPLES,
+    DrawnTracks,
+    PoseSchedule,
+    age_of,
+    cycle_knot,
+    focus_knot,
+    gain_of,
+    level_on,
+    point_on,
+    shown_knot,
+    track_point,
+    way_at,
+    way_from,
+)
+from .layout import HALF, INFINITE, ONE, TWO, ZERO, SamplingPlan, distance, squared
+
+wp.set_module_options(EXACT)
+
+POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes of jumps, in the order of CAUSES
+REST_HEIGHT = wp.constant(wp.float64(0.2))  # [m] of the focal points before there were any
+FULL_TURN = wp.constant(wp.float64(2 * np.pi))
+
+
+@wp.struct
+class StepCount:
+    """What the samples of a pose are counted as; vectors are by cause."""
+
+    silent: wp.int64
+    held: wp.int64
+    jumps: wp.vec4l
+    jump_lengths: wp.vec4d  # [m]
+    jump_first: (
+        wp.float64
+    )  # of jumps of the first sample to another polyline or out of order, not in `jump_lengths` [m]
+    hops: wp.vec4l
+    hops_longest: wp.vec4d  # [m]
+    step_longest: wp.float64  # [m]
+    felt: wp.int64  # samples before a fade ends
+    absence: wp.int64  # most samples from one on a piece to the next on it
+
+
+@wp.struct
+class PiecePassages:
+    """Which samples of a pose are on each of its drawn pieces, by the pieces' rows; -1: none."""
+
+    first: wp.array[wp.int64]
+    last: wp.array[wp.int64]
+
+
+@wp.func
+def turned(q: wp.quatd, x: wp.vec3d):
+    """A vector rotated by a quaternion, as by `rotate` of datasets/rigid.py: one of norm 1 but for rounding."""
+    axis = wp.vec3d(q[0], q[1], q[2])
+    across = wp.cross(axis, x)
+    return x + TWO * (q[3] * across + wp.cross(axis, across))
+
+
+@wp.func
+def circle_offset(plan: SamplingPlan, pose: wp.transformd, number: wp.int64):
+    """From a focal point to where a small circle moves it at a sample [m]."""
+    angle = FULL_TURN * wp.mod(wp.float64(number) * plan.circle_turns, ONE)
+    q = wp.transform_get_rotation(pose)
+    u = turned(q, wp.vec3d(plan.circle_radius, ZERO, ZERO))
+    v = turned(q, wp.vec3d(ZERO, ZERO, -plan.circle_radius))
+    return wp.cos(angle) * u + wp.sin(angle) * v
+
+
+@wp.func
+def wave_at(plan: SamplingPlan, number: wp.int64):
+    """What amplitude modulation leaves of the intensity at a sample."""
+    if plan.wave == 0:
+        return ONE
+    turns = wp.mod(wp.float64(number) * plan.wave_turns, ONE)
+    low = HALF + HALF * wp.cos(FULL_TURN * turns)
+    if plan.wave == 2:
+        low = wp.where(turns < HALF, ONE, ZERO)
+    return ONE - plan.wave_depth * low
+
+
+@wp.func
+def sample_knot(
+    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, sample: wp.int64, focus: int
+):
+    """Knot at which a focal point of a pose's sample is shown."""
+    track = d.tracks[pose]
+    entry = d.entries[pose]
+    knot = cycle_knot(plan, track, entry.anchor, entry.index + sample)
+    return shown_knot(plan, schedule.shown, track, focus_knot(plan, track, knot, focus))
+
+
+@wp.func
+def sample_point(
+    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, sample: wp.int64, focus: int
+):
+    """A focal point of a pose's sample [m]."""
+    point = track_point(d.nodes, d.tracks[pose], sample_knot(plan, schedule, d, pose, sample, focus))
+    if plan.circle_radius > ZERO:
+        point += circle_offset(plan, d.pose[pose], schedule.number[pose] + sample)
+    return point
+
+
+@wp.func
+def shown_before(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, focus: int):
+    """Where a focal point was before a pose [m]."""
+    before = d.entries[pose].before
+    if before < wp.int64(0):
+        return wp.vec3d(ZERO, ZERO, REST_HEIGHT)
+    return sample_point(plan, schedule, d, before, schedule.count[before] - wp.int64(1), focus)
+
+
+@wp.func
+def below(x: wp.float64):
+    """The greatest number below a positive one."""
+    return wp.cast(wp.cast(x, wp.int64) - wp.int64(1), wp.float64)
+
+
+@wp.func
+def moved_by(plan: SamplingPlan, d: DrawnTracks, schedule: PoseSchedule, pose: int, focus: int):
+    """From where a focal point was to where it entered the contours of a pose [m]; infinite if anywhere."""
+    entry = d.entries[pose]
+    if entry.found == 0:
+        return INFINITE
+    track = d.tracks[pose]
+    then = d.tracks[entry.before]
+    other = d.entries[entry.before]
+    last = cycle_knot(plan, then, other.anchor, other.index + schedule.count[entry.before] - wp.int64(1))
+    point = track_point(d.nodes, then, focus_knot(plan, then, last, focus))
+    knot = focus_knot(plan, track, entry.anchor, focus)
+    behind = knot
+    if knot <= ZERO:
+        behind = track.period
+    return wp.min(
+        distance(point, track_point(d.nodes, track, knot)),  # at a jump, both its sides
+        distance(point, track_point(d.nodes, track, below(behind))),
+    )
+
+
+@wp.func
+def add_step(plan: SamplingPlan, count: StepCount, cause: int, length: wp.float64, ordinary: wp.float64):
+    """Count a step as a jump or a hop, if it is one."""
+    out = count
+    if length > plan.threshold:
+        out.jumps[cause] += wp.int64(1)
+        out.jump_lengths[cause] += length
+    elif length > TWO * ordinary:
+        out.hops[cause] += wp.int64(1)
+        out.hops_longest[cause] = wp.max(out.hops_longest[cause], length)
+    return out
+
+
+@wp.func
+def count_step(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    count: StepCount,
+    pose: int,
+    sample: wp.int64,
+    focus: int,
+    length: wp.float64,
+):
+    """Count a step to a sample by its cause."""
+    out = count
+    out.step_longest = wp.max(out.step_longest, length)
+    ordinary = d.entries[pose].ordinary
+    if length <= plan.threshold and length <= TWO * ordinary:
+        return out
+    cause = int(POLYLINE)
+    if plan.points > wp.int64(0):
+        cause = ORDER
+    if sample == wp.int64(0):
+        if TWO * moved_by(plan, d, schedule, pose, focus) >= length:  # else it is the way between two that is long
+            cause = POSE
+        elif length > plan.threshold:  # the host adds the first step by itself
+            out.jumps[cause] += wp.int64(1)
+            out.jump_first += length
+            return out
+    return add_step(plan, out, cause, length, ordinary)
+
+
+@wp.func
+def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: wp.int64, hold: wp.float64):
+    """What a fade leaves of a sample's intensity, and whether the pose is older than `hold` then, 0 or 1."""
+    age, block_end = age_of(plan, schedule, pose, sample)
+    held = wp.int64(0)
+    if block_end > hold and age > hold:
+        held = wp.int64(1)
+    return gain_of(plan, age, block_end, hold), held
+
+
+@wp.func
+def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, gain: wp.float64):
+    """Whether a focal point of a sample has an intensity above 0."""
+    if d.nodes.intensity.shape[0] == 0:
+        return gain > ZERO
+    track = d.tracks[pose]
+    most = ZERO
+    for focus in range(plan.foci):
+        knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
+        level = level_on(d.nodes, track, way_at(d.nodes.knot, track.first, track.count, knot), knot)
+        most = wp.max(most, level * gain)
+    return most > ZERO
+
+
+@wp.func
+def counted_length(length: wp.float64, drawn: bool, drawn_before: bool, first: bool, silent: bool):
+    """Length of a step [m]; 0 from or to silence. first: of its block; silent: the last sample before that is."""
+    if not drawn or (first and silent) or (not first and not drawn_before):
+        return ZERO
+    return length
+
+
+@wp.func
+def rest(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    pose: int,
+    position: wp.array2d[wp.vec3],
+    intensity: wp.array2d[wp.float32],
+):
+    """Silence where the focal points are."""
+    for focus in range(plan.foci):
+        point = to_float32(shown_before(plan, schedule, d, pose, focus))
+        row = schedule.row[pose]
+        stop = row + schedule.count[pose]
+        while row < stop:
+            position[row, focus] = point
+            intensity[row, focus] = 0.0
+            row += wp.int64(1)
+
+
+@wp.func
+def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.float64):
+    """Samples of a pose at which it is older than `hold` [s]."""
+    count = wp.int64(0)
+    sample = wp.int64(0)
+    while sample < schedule.count[pose]:
+        _gain, held = gain_at(plan, schedule, pose, sample, hold)
+        count += held
+        sample += wp.int64(1)
+    return count
+
+
+@wp.func
+def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: int, sample: wp.int64):
+    """Note that a sample is on a way of a pose's track; samples since the last one on the same piece, 0: none was."""
+    track = d.tracks[pose]
+    piece = int(0)
+    if track.single == 0:
+        piece = way_piece(d.nodes, track.first + wp.int64(wp.min(way, track.count - 2)))
+    since = wp.int64(0)
+    if piece >= 0:
+        row = d.line[pose] + wp.int64(piece)
+        if passages.first[row] < wp.int64(0):
+            passages.first[row] = sample
+        else:
+            since = sample - passages.last[row]
+        passages.last[row] = sample
+    return since
+
+
+@wp.func
+def point_before(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, focus: int):
+    """Where a focal point was at the sample before [m]."""
+    if sample > wp.int64(0):
+        return sample_point(plan, schedule, d, wp.int64(pose), sample - wp.int64(1), focus)
+    return shown_before(plan, schedule, d, pose, focus)
+
+
+@wp.kernel
+def _draw_samples(
+    # In:
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    pose_hold: wp.array[wp.float64],  # age at which a pose fades [s], shape [pose]
+    # Out:
+    passages: PiecePassages,  # -1 everywhere
+    position: wp.array2d[wp.vec3],  # [m], shape [sample, focus]
+    intensity: wp.array2d[wp.float32],  # shape [sample, focus]
+    counts: wp.array[StepCount],  # shape [pose]
+):
+    """Draw the samples of a pose and count its steps."""
+    pose = wp.tid()
+    count = StepCount()
+    if d.entries[pose].drawn == 0:
+        rest(plan, schedule, d, pose, position, intensity)
+        count.silent = schedule.count[pose]
+        count.held = held_of(plan, schedule, pose, pose_hold[pose])
+        counts[pose] = count
+        return
+    track = d.tracks[pose]
+    silent = d.entries[pose].silent == 1
+    drawn_before = bool(False)  # a dynamic variable for Warp
+    way = int(0)
+    previous = shown_before(plan, schedule, d, pose, 0)
+    sample = wp.int64(0)
+    while sample < schedule.count[pose]:
+        gain, held = gain_at(plan, schedule, pose, sample, pose_hold[pose])
+        count.held += held
+        drawn = is_drawn(plan, schedule, d, pose, sample, gain)
+        number = schedule.number[pose] + sample
+        wave = wave_at(plan, number)
+        first = sample % BLOCK_SAMPLES == wp.int64(0)
+        if first and sample > wp.int64(0):
+            silent = not drawn_before
+        count.silent += wp.where(drawn, wp.int64(0), wp.int64(1))
+        count.felt += wp.where(gain > ZERO, wp.int64(1), wp.int64(0))
+        for focus in range(plan.foci):
+            knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
+            way = way_from(d.nodes.knot, track.first, track.count, knot, way)
+            point = point_on(d.nodes, track, way, knot)
+            if plan.circle_radius > ZERO:
+                point += circle_offset(plan, d.pose[pose], number)
+            if plan.foci > 1:
+                previous = point_before(plan, schedule, d, pose, sample, focus)
+            row = schedule.row[pose] + sample
+            position[row, focus] = to_float32(point)
+            intensity[row, focus] = wp.float32(level_on(d.nodes, track, way, knot) * gain * wave)
+            length = wp.sqrt(squared(point - previous))
+            if first and silent and drawn and (d.entries[pose].before >= wp.int64(0) or sample > wp.int64(0)):
+                count = add_step(plan, count, RE_ENTRY, length, d.entries[pose].ordinary)
+            length = counted_length(length, drawn, drawn_before, first, silent)
+            count = count_step(plan, schedule, d, count, pose, sample, focus, length)
+            if gain > ZERO:
+                count.absence = wp.max(count.absence, pass_piece(passages, d, pose, way, sample))
+            previous = point
+        drawn_before = drawn
+        sample += wp.int64(1)
+    counts[pose] = count
+
+
+def draw_samples(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    tracks: DrawnTracks,
+    pose_hold: wp.array,
+    position: wp.array,
+    intensity: wp.array,
+) -> tuple[wp.array, PiecePassages]:
+    """Draw the focal points of all poses; one thread a pose. Returns what each pose is counted as, StepCount."""
+    device, lines = position.device, tracks.routes.shape[0]
+    passages = PiecePassages()
+    passages.first = wp.full(lines, -1, dtype=wp.int64, device=device)
+    passages.last = wp.full(lines, -1, dtype=wp.int64, device=device)
+    counts = wp.empty(pose_hold.shape[0], dtype=StepCount, device=device)
+    wp.launch(
+        _draw_samples,
+        counts.shape[0],
+        inputs=[plan, schedule, tracks, pose_hold],
+        outputs=[passages, position, intensity, counts],
+        device=device,
+        block_dim=BLOCK,
+    )
+    return counts, passages

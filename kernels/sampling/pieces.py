@@ -1,0 +1,265 @@
+"""Pieces: polylines of a pose that have a length, as they are drawn, and recognised from pose to pose."""
+
+import warp as wp
+
+from ..patch import to_float64
+from .layout import (
+    AS_GIVEN,
+    BEGUN,
+    HALF,
+    INFINITE,
+    ONE,
+    REVERSED,
+    TINY,
+    ZERO,
+    DrawnPiece,
+    MotionContours,
+    RouteRows,
+    SamplingPlan,
+    squared,
+)
+
+NEARNESS = wp.constant(wp.float64(0.02**2))  # [m^2], as in render/sampling/contour_matching.py
+
+
+@wp.func
+def is_loop(c: MotionContours, plan: SamplingPlan, line: wp.int64):
+    """Whether a polyline is drawn as a loop."""
+    return int(c.polyline_closed[line]) != 0 or plan.closes == 1
+
+
+@wp.func
+def size_of(c: MotionContours, plan: SamplingPlan, line: wp.int64):
+    """Vertices of a polyline, with the chord's end where it is closed by one."""
+    count = int(c.polyline_start[line + wp.int64(1)] - c.polyline_start[line])
+    if plan.closes == 1 and int(c.polyline_closed[line]) == 0:
+        count += 1
+    return count
+
+
+@wp.func
+def row_of(c: MotionContours, line: wp.int64, i: int):
+    """Row of a polyline's vertex; the one behind the last is the first."""
+    row = c.polyline_start[line] + wp.int64(i)
+    if row == c.polyline_start[line + wp.int64(1)]:
+        row = c.polyline_start[line]
+    return row
+
+
+@wp.func
+def vertex(c: MotionContours, line: wp.int64, i: int):
+    """A vertex of a polyline [m]."""
+    return to_float64(c.points[row_of(c, line, i)])
+
+
+@wp.func
+def drawn_size(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
+    """Vertices of a piece as it is drawn."""
+    count = size_of(c, plan, piece.line)
+    if piece.mode == BEGUN:
+        count = 2 + (count - piece.after) + wp.max(piece.before - 1, 0)
+    return count
+
+
+@wp.func
+def source_of(piece: DrawnPiece, size: int, i: int):
+    """Vertex of the polyline that is the i-th of the piece as drawn; -1: where a loop begins. size: of the polyline."""
+    if piece.mode == AS_GIVEN:
+        return i
+    if piece.mode == REVERSED:
+        return size - 1 - i
+    rest = size - piece.after
+    if i == 0:
+        return -1
+    if i <= rest:
+        return piece.after + i - 1
+    if i - rest < piece.before:
+        return i - rest
+    return -1
+
+
+@wp.func
+def drawn_vertex(c: MotionContours, piece: DrawnPiece, size: int, i: int):
+    """The i-th vertex of a piece as drawn [m]."""
+    k = source_of(piece, size, i)
+    if k < 0:
+        return piece.at
+    return vertex(c, piece.line, k)
+
+
+@wp.func
+def drawn_level(c: MotionContours, piece: DrawnPiece, size: int, i: int):
+    """Intensity at the i-th vertex of a piece as drawn."""
+    k = source_of(piece, size, i)
+    if k < 0:
+        return piece.level
+    return wp.float64(c.intensity[row_of(c, piece.line, k)])
+
+
+@wp.func
+def start_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
+    """Where a piece begins [m]."""
+    return drawn_vertex(c, piece, size_of(c, plan, piece.line), 0)
+
+
+@wp.func
+def end_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
+    """Where a piece ends [m]: where it begins, if it is a loop or drawn there and back."""
+    if is_loop(c, plan, piece.line) or plan.turns_back == 1:
+        return start_of(c, plan, piece)
+    size = size_of(c, plan, piece.line)
+    return drawn_vertex(c, piece, size, size - 1)
+
+
+@wp.func
+def as_given(line: wp.int64):
+    """A polyline as the batch has it."""
+    piece = DrawnPiece()
+    piece.line = line
+    piece.mode = AS_GIVEN
+    piece.earlier = -1
+    return piece
+
+
+@wp.func
+def collect_pieces(c: MotionContours, rows: RouteRows, pose: int):
+    """Write the pieces of a pose; returns how many there are, the length of all [m], and whether all have vertices."""
+    first = c.pose_start[pose]
+    count = int(0)
+    arc = ZERO
+    good = int(1)
+    line = first
+    while line < c.pose_start[pose + 1]:
+        begin = arc
+        size = int(c.polyline_start[line + wp.int64(1)] - c.polyline_start[line])
+        if size == 0:
+            good = 0
+        for i in range(1, size):
+            arc += wp.sqrt(squared(vertex(c, line, i) - vertex(c, line, i - 1)))
+        if arc > begin:
+            rows.given[first + wp.int64(count)] = as_given(line)
+            rows.span[first + wp.int64(count)] = arc - begin
+            count += 1
+        line += wp.int64(1)
+    return count, arc, good
+
+
+@wp.func
+def mark_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
+    """Middle of a piece and the root of its mean squared distance from there [m]; every way counts by its length.
+
+    A loop that begins between two vertices has one way more, so its mark is not that of the polyline.
+    """
+    size = size_of(c, plan, piece.line)
+    count = drawn_size(c, plan, piece)
+    total = ZERO
+    middle = wp.vec3d(ZERO, ZERO, ZERO)
+    for i in range(1, count):
+        a = drawn_vertex(c, piece, size, i - 1)
+        step = drawn_vertex(c, piece, size, i) - a
+        length = wp.sqrt(squared(step))
+        total += length
+        middle += length * (a + HALF * step)
+    total = wp.max(total, TINY)
+    middle = middle / total
+    square = ZERO
+    for i in range(1, count):
+        a = drawn_vertex(c, piece, size, i - 1)
+        step = drawn_vertex(c, piece, size, i) - a
+        square += wp.sqrt(squared(step)) * squared((a + HALF * step) - middle)
+    return wp.vec4d(middle[0], middle[1], middle[2], wp.sqrt(square / total))
+
+
+@wp.func
+def mark_pieces(c: MotionContours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
+    """Mark pieces, by which the next pose's are recognised."""
+    for k in range(count):
+        piece = pieces[first + wp.int64(k)]
+        piece.mark = mark_of(c, plan, piece)
+        pieces[first + wp.int64(k)] = piece
+
+
+@wp.func
+def apart(a: wp.vec4d, b: wp.vec4d):
+    """Square distance of two marks [m^2]."""
+    d = a - b
+    return ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) + d[3] * d[3]
+
+
+@wp.func
+def nearest_mark(mark: wp.vec4d, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
+    """Number of the piece with the nearest mark, the first of equals, and the square distance [m^2]."""
+    best = int(0)
+    least = INFINITE
+    for k in range(count):
+        square = apart(mark, pieces[first + wp.int64(k)].mark)
+        if square < least:
+            least = square
+            best = k
+    return best, least
+
+
+@wp.func
+def match_pieces(
+    c: MotionContours,
+    plan: SamplingPlan,
+    rows: RouteRows,
+    first: wp.int64,
+    count: int,
+    before: wp.int64,
+    before_count: int,
+):
+    """Mark the pieces of a pose and match them with the drawn ones of the pose before; returns how many it had.
+
+    first, before: row of the first piece of the pose, and of the pose before. before_count: of its pieces; below 2
+    nothing is matched, nor marked.
+    """
+    known = int(0)
+    if before_count < 2:
+        return known
+    mark_pieces(c, plan, rows.given, first, count)
+    for k in range(count):
+        piece = rows.given[first + wp.int64(k)]
+        other, square = nearest_mark(piece.mark, rows.drawn, before, before_count)
+        again, _square = nearest_mark(rows.drawn[before + wp.int64(other)].mark, rows.given, first, count)
+        if again == k and square <= NEARNESS:
+            piece.earlier = other
+            rows.given[first + wp.int64(k)] = piece
+            known += 1
+    return known
+
+
+@wp.func
+def opposite(piece: DrawnPiece):
+    """An open piece the other way round."""
+    out = piece
+    out.mode = REVERSED
+    return out
+
+
+@wp.func
+def begun(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, way: int, part: wp.float64):
+    """A loop drawn from a point on: on the way from a vertex to the next, part 0..1."""
+    out = piece
+    size = size_of(c, plan, piece.line)
+    k = way
+    share = part
+    if part >= ONE:
+        k = way + 1
+        share = ZERO
+    if share == ZERO and (k == 0 or k == size - 1):
+        return out
+    out.mode = BEGUN
+    a = vertex(c, piece.line, k)
+    out.at = a
+    out.after = k + 1
+    out.before = k
+    has_levels = c.intensity.shape[0] > 0
+    if has_levels:
+        out.level = wp.float64(c.intensity[row_of(c, piece.line, k)])
+    if share > ZERO:
+        out.before = k + 1
+        out.at = a + share * (vertex(c, piece.line, k + 1) - a)
+        if has_levels:
+            out.level += share * (wp.float64(c.intensity[row_of(c, piece.line, k + 1)]) - out.level)
+    return out

@@ -1,0 +1,127 @@
+"""Counts of motions: those of their poses, added in turn."""
+
+import warp as wp
+
+from ..offsets import BLOCK
+from ..patch import EXACT
+from .cursor import BLOCK_SAMPLES, DrawnTracks, PoseSchedule
+from .focus import ORDER, POLYLINE, PiecePassages, StepCount
+from .layout import STILL, SamplingPlan
+
+wp.set_module_options(EXACT)
+
+
+@wp.struct
+class MotionCount:
+    """What the samples of a motion are counted as."""
+
+    samples: wp.int64
+    drawn: wp.int64
+    cycles: wp.float64
+    steps: StepCount
+    absence: wp.int64  # most samples from one on a piece that is there from pose to pose to the next on it
+
+
+@wp.func
+def cycles_of(samples: wp.int64, turns: int, repeat: wp.int64, before: wp.float64):
+    """Cycles up to the end of a pose's samples, added block by block."""
+    cycles = before
+    left = samples
+    while left > wp.int64(0):
+        count = wp.min(left, BLOCK_SAMPLES)
+        cycles += wp.float64(wp.int64(turns) * count) / wp.float64(repeat)
+        left -= count
+    return cycles
+
+
+@wp.func
+def add_counts(a: StepCount, b: StepCount, cause: int):
+    """The sum of two counts, and the longest of both; cause: of jumps within a pose."""
+    out = a
+    out.silent += b.silent
+    out.held += b.held
+    out.jumps += b.jumps
+    out.jump_lengths[cause] += b.jump_first
+    out.jump_lengths += b.jump_lengths
+    out.hops += b.hops
+    out.hops_longest = wp.max(a.hops_longest, b.hops_longest)
+    out.step_longest = wp.max(a.step_longest, b.step_longest)
+    return out
+
+
+@wp.func
+def wait_for_pieces(
+    d: DrawnTracks, passages: PiecePassages, pose: wp.int64, clock: wp.int64, lost: bool, felt: wp.int64
+):
+    """Most samples that a piece of a pose waits to be drawn; clock: samples before; lost: no piece is known any more.
+
+    Afterwards, `last` of each piece is the sample, of all, in which it was drawn last or before which it appeared.
+    """
+    most = wp.int64(1)
+    first = d.line[pose]
+    for k in range(d.tracks[pose].pieces):
+        row = first + wp.int64(k)
+        since = clock - wp.int64(1)
+        earlier = d.routes[row].earlier
+        if earlier >= 0 and not lost:
+            since = passages.last[d.line[d.entries[pose].before] + wp.int64(earlier)]
+        if passages.first[row] >= wp.int64(0):
+            most = wp.max(most, clock + passages.first[row] - since)
+            since = clock + passages.last[row]
+        if felt > wp.int64(0):
+            most = wp.max(most, clock + felt - since)
+        passages.last[row] = since
+    return most
+
+
+@wp.kernel
+def _sum_counts(
+    # In:
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    counts: wp.array[StepCount],  # shape [pose]
+    # Out:
+    passages: PiecePassages,
+    sums: wp.array[MotionCount],  # shape [motion]
+):
+    """Sum the counts of a motion's poses."""
+    motion = wp.tid()
+    cause = wp.where(plan.points > wp.int64(0), ORDER, POLYLINE)
+    out = MotionCount()
+    lost = bool(True)  # a dynamic variable for Warp
+    pose = schedule.motion_start[motion]
+    while pose < schedule.motion_start[motion + 1]:
+        samples = schedule.count[pose]
+        out.steps = add_counts(out.steps, counts[pose], cause)
+        if d.entries[pose].drawn == 1:
+            out.drawn += samples
+            if plan.pace != STILL:
+                track = d.tracks[pose]
+                out.cycles = cycles_of(samples, track.turns, track.repeat, out.cycles)
+            felt = counts[pose].felt
+            out.absence = wp.max(out.absence, counts[pose].absence)
+            out.absence = wp.max(out.absence, wait_for_pieces(d, passages, pose, out.samples, lost, felt))
+            lost = felt < samples
+        elif samples > wp.int64(0):
+            lost = bool(True)
+        out.samples += samples
+        pose += wp.int64(1)
+    sums[motion] = out
+
+
+def sum_counts(
+    plan: SamplingPlan, schedule: PoseSchedule, tracks: DrawnTracks, counts: wp.array, passages: PiecePassages
+) -> wp.array:
+    """Counts of each motion, MotionCount, from those of its poses; `passages` are good for nothing afterwards."""
+    motion_count = schedule.motion_start.shape[0] - 1
+    sums = wp.empty(motion_count, dtype=MotionCount, device=counts.device)
+    wp.launch(
+        _sum_counts,
+        motion_count,
+        inputs=[plan, schedule, tracks, counts],
+        outputs=[passages, sums],
+        device=counts.device,
+        block_dim=BLOCK,
+    )
+    return sums

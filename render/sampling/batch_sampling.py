@@ -1,0 +1,365 @@
+"""Focal points of many motions at once, on the device that their contours are on.
+
+Poses of a motion follow one another, motions do not: one thread a motion lays tracks and finds where drawing goes on,
+then one thread a pose draws its samples. What the kernels do not draw goes through the host's `Sampler`, which gives
+the same focal points and counts; `MotionSamples.on_host` says for which motions it did.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_rows
+from ...kernels.sampling.cursor import PoseSchedule
+from ...kernels.sampling.entry import enter_poses
+from ...kernels.sampling.focus import draw_samples
+from ...kernels.sampling.layout import MotionContours, SamplingPlan
+from ...kernels.sampling.sums import sum_counts
+from ...kernels.sampling.visits import SkinSamples, count_revisits, skin_samples
+from ..contour_batch import ContourBatch, join_batches, require_seams
+from ..errors import StrategyError
+from .contour_sampling import joined, sample_contours
+from .metrics import CAUSES, FocalPoints, SamplingCount
+from .revisits import PICK_INTERVAL, REVISIT_LIMIT
+from .sampler import Sampler, shown_order
+from .strategy import SamplingStrategy
+
+PACES = ("speed", "frequency", "capped", "still")
+WAVES = (None, "sine", "square")
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSamples:
+    """Focal points of many motions, one motion after the other, and what each was counted as."""
+
+    position: wp.array
+    """[m], array frame, vec3, shape [sample, focus]."""
+    intensity: wp.array
+    """Relative pressure amplitude 0..1, float32, shape [sample, focus]."""
+    sample_start: np.ndarray
+    """Offsets of motions into samples, int64, shape [motion + 1]."""
+    counts: list[SamplingCount]
+    """Of each motion."""
+    on_host: np.ndarray
+    """Motions that the host's sampler drew, bool, shape [motion]."""
+    poses: "DevicePoses"
+    """The poses at which they were drawn."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        motions, on_host = len(self.counts), int(self.on_host.sum())
+        return f"MotionSamples({self.sample_start[-1]} samples, {motions} motions, {on_host} of them drawn on the host)"
+
+    def focus(self, motion: int) -> FocalPoints:
+        """Focal points of one motion on the host."""
+        first, stop = self.sample_start[motion : motion + 2].tolist()
+        foci = self.intensity.shape[1]
+        if first == stop:
+            position, level = np.zeros((0, foci, 3), np.float32), np.zeros((0, foci), np.float32)
+        else:
+            position, level = self.position[first:stop].numpy(), self.intensity[first:stop].numpy()
+        return FocalPoints(position[:, 0], level[:, 0]) if foci == 1 else FocalPoints(position, level)
+
+
+@dataclass(frozen=True, eq=False)
+class DevicePoses:
+    """Poses of many motions on a device."""
+
+    schedule: PoseSchedule
+    """Which samples each has."""
+    pose: wp.array
+    """Hand frame -> array frame, transformd, shape [pose]."""
+    motion: wp.array
+    """Number of each one's motion, int64, shape [pose]."""
+
+
+def why_on_host(strategy: SamplingStrategy, batch: ContourBatch) -> str | None:
+    """Why the host draws every motion of a batch with a strategy; None where the kernels draw those that they can."""
+    if strategy.sections is not None:
+        return "the contours are drawn in sections"
+    if strategy.dwell.time > 0 or strategy.dwell.share > 0 or batch.dwell is not None:
+        return "the focal point pauses"
+    if strategy.continuity == "finish":
+        return "the polyline under way is finished before another pose's contours are drawn"
+    return None
+
+
+def sample_motions(
+    batches: ContourBatch | Sequence[ContourBatch],
+    pose: np.ndarray,
+    time: np.ndarray,
+    motion_start: np.ndarray,
+    duration: np.ndarray,
+    strategy: SamplingStrategy,
+    *,
+    hold: np.ndarray | None = None,
+    device: str = "cpu",
+) -> MotionSamples:
+    """Focal points of whole motions, and what each is counted as.
+
+    batches: contours of all poses; motions may be cut anywhere between two. Those on a device are drawn there, those
+    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7]. time: of the poses, increasing within a
+    motion [s], shape [pose]. motion_start: offsets into poses, shape [motion + 1]. duration: when the last pose of
+    each motion ends [s]. hold: age at which a pose starts to fade [s], shape [motion]; None: as for `sample_contours`.
+    Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first.
+
+    >>> import numpy as np
+    >>> from palpate.render import SamplingStrategy, render, static_pose
+    >>> from palpate.render.sampling.batch_sampling import sample_motions
+    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
+    >>> sample_motions(batch, batch.motion.pose, np.zeros(1), np.array([0, 1]), np.array([0.2]), SamplingStrategy())
+    MotionSamples(2000 samples, 1 motions, 0 of them drawn on the host)
+    """
+    batch = batches if isinstance(batches, ContourBatch) else joined_batches(batches)
+    schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)
+    require_motions(batch, pose, schedule)
+    device = str(batch.points.device) if batch.on_device else device
+    shape = int(schedule.row[-1]), strategy.foci
+    poses = DevicePoses(
+        schedule.on(device, strategy),
+        wp.array(np.asarray(pose, np.float64).reshape(-1, 7), dtype=wp.transformd, device=device),
+        wp.array(schedule.motion, dtype=wp.int64, device=device),
+    )
+    out = MotionSamples(
+        wp.zeros(shape, dtype=wp.vec3, device=device),
+        wp.zeros(shape, dtype=wp.float32, device=device),
+        schedule.sample_start,
+        [SamplingCount() for _ in schedule.duration],
+        np.ones(len(schedule.duration), bool),
+        poses,
+    )
+    if len(out.counts) > 0 and why_on_host(strategy, batch) is None:
+        _draw_by_kernels(batch.to(device), schedule, strategy, out)
+    if out.on_host.any():
+        _draw_on_host(batch.numpy(), np.asarray(pose), schedule, strategy, out)
+    return out
+
+
+def joined_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
+    """Join batches of consecutive poses, all on the host or all on one device."""
+    if len(batches) == 1 or not batches[0].on_device:
+        return join_batches(batches)
+    named = {name: [getattr(batch, name) for batch in batches] for name in batches[0].by_name()}
+    rows = {"polyline_start": [b.point_count for b in batches], "pose_start": [b.polyline_count for b in batches]}
+    arrays = {
+        name: concatenate_offsets(parts, rows[name]) if name in rows else concatenate_rows(parts)
+        for name, parts in named.items()
+    }
+    return ContourBatch(**arrays)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSchedule:
+    """Which samples the poses of motions have."""
+
+    motion_start: np.ndarray  # offsets into poses, int64, shape [motion + 1]
+    time: np.ndarray  # of poses [s]
+    duration: np.ndarray  # when the last pose of each motion ends [s]
+    hold: np.ndarray  # age at which a pose starts to fade [s], shape [motion]
+    first: np.ndarray  # first sample of each pose, counted from time 0 of its motion, int64
+    count: np.ndarray  # samples of each pose, int64
+    row: np.ndarray  # of a pose's first sample among those of all motions, int64, shape [pose + 1]
+
+    @classmethod
+    def of(
+        cls,
+        time: np.ndarray,
+        motion_start: np.ndarray,
+        duration: np.ndarray,
+        strategy: SamplingStrategy,
+        hold: np.ndarray | None,
+    ) -> "MotionSchedule":
+        """The samples of all poses, as `sample_bounds` gives them for each motion."""
+        time, start = np.asarray(time, np.float64), np.asarray(motion_start, np.int64)
+        duration = np.asarray(duration, np.float64)
+        first = np.ceil(time * strategy.update_rate - 1e-6).astype(np.int64)
+        last = np.flatnonzero(np.diff(start) > 0)
+        stop = np.append(first[1:], 0)[: len(first)]
+        stop[start[last + 1] - 1] = np.ceil(duration[last] * strategy.update_rate - 1e-6).astype(np.int64)
+        count = np.maximum(stop - first, 0)
+        row = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+        if hold is None:
+            hold = np.array([_hold_of(time[a:b], strategy) for a, b in itertools.pairwise(start.tolist())])
+        return cls(start, time, duration, np.asarray(hold, np.float64), first, count, row)
+
+    @property
+    def sample_start(self) -> np.ndarray:
+        """Offsets of motions into samples, int64, shape [motion + 1]."""
+        return self.row[self.motion_start]
+
+    @property
+    def motion(self) -> np.ndarray:
+        """Motion of each pose, int64."""
+        return np.repeat(np.arange(len(self.duration)), np.diff(self.motion_start))
+
+    def on(self, device: str, strategy: SamplingStrategy) -> PoseSchedule:
+        """The same on a device."""
+        out = PoseSchedule()
+        number = self.row[:-1] - self.sample_start[self.motion]
+        shown = (
+            np.zeros(0, np.int64) if strategy.pace.points is None else shown_order(strategy.order, strategy.pace.points)
+        )
+        values = {
+            "motion_start": self.motion_start,
+            "first": self.first,
+            "number": number,
+            "count": self.count,
+            "row": self.row[:-1],
+            "shown": shown.astype(np.int64),
+        }
+        for name, value in values.items():
+            setattr(out, name, wp.array(np.ascontiguousarray(value), dtype=wp.int64, device=device))
+        out.time = wp.array(self.time, dtype=wp.float64, device=device)
+        out.hold = wp.array(self.hold, dtype=wp.float64, device=device)
+        return out
+
+
+def _hold_of(time: np.ndarray, strategy: SamplingStrategy) -> float:
+    """Age at which the poses of a motion start to fade [s]."""
+    return max(strategy.hold, 2.0 * float(np.median(np.diff(time)))) if len(time) > 1 else np.inf
+
+
+def require_motions(batch: ContourBatch, pose: np.ndarray, schedule: MotionSchedule) -> None:
+    """Raise StrategyError unless contours, poses, times and motions are as many as each other."""
+    counts = batch.pose_count, len(pose), len(schedule.time), int(schedule.motion_start[-1])
+    if len(set(counts)) > 1 or len(schedule.motion_start) != len(schedule.duration) + 1:
+        raise StrategyError(
+            "contours, poses, times and motions must be of the same poses, not {}, {}, {}, {}".format(*counts)
+        )
+
+
+def plan_of(strategy: SamplingStrategy) -> SamplingPlan:
+    """A strategy as numbers."""
+    plan, pace, order, gap = SamplingPlan(), strategy.pace, strategy.order, strategy.gap
+    fewest, most = pace.samples_within(strategy.update_rate)
+    numbers = {
+        "speed": strategy.speed,
+        "rate": strategy.update_rate,
+        "pace": PACES.index(pace.kind),
+        "fixed": round(strategy.update_rate / pace.frequency),
+        "fewest": fewest,
+        "most": most,
+        "lowest": pace.lowest,
+        "points": pace.points or 0,
+        "points_least": (pace.points or 1) if order.kind in ("step", "random") else 0,
+        "foci": strategy.foci,
+        "threshold": strategy.jump_threshold,
+        "ordinary": strategy.step_ordinary,
+        "circle_step": strategy.circle_step,
+        "fade": max(strategy.fade, 1e-9),
+        "restarts": strategy.continuity == "jump",
+        "plain": strategy.plain,
+        "shortest": order.route == "shortest",
+        "margin": order.margin,
+        "closes": gap.kind == "close",
+        "turns_back": gap.kind == "pendulum",
+        "returns": gap.kind == "return",
+        "return_speed": gap.speed,
+        "pendulum": order.kind == "pendulum",
+        "passes": (2 if gap.kind == "pendulum" else 1) * (2 if order.kind == "pendulum" else 1),
+        **_overlays_of(strategy),
+    }
+    for name, value in numbers.items():
+        setattr(plan, name, int(value) if isinstance(value, bool) else value)
+    return plan
+
+
+def _overlays_of(strategy: SamplingStrategy) -> dict[str, float]:
+    """Modulations as numbers."""
+    am, lm, rate = strategy.am, strategy.lm, strategy.update_rate
+    out: dict[str, float] = {}
+    if lm is not None:
+        out |= {"circle_radius": lm.radius, "circle_turns": lm.frequency / rate}
+    if am is not None:
+        out |= {"wave": WAVES.index(am.wave), "wave_turns": am.frequency / rate, "wave_depth": am.depth}
+    return out
+
+
+def _contours_of(batch: ContourBatch) -> MotionContours:
+    """The arrays of a batch on a device."""
+    out = MotionContours()
+    out.points, out.polyline_start = batch.points, batch.polyline_start
+    out.polyline_closed, out.pose_start = batch.polyline_closed, batch.pose_start
+    none = wp.empty(0, dtype=wp.float32, device=batch.points.device)
+    out.intensity = none if batch.intensity is None else batch.intensity
+    return out
+
+
+def _draw_by_kernels(
+    batch: ContourBatch, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
+) -> None:
+    """Draw all motions of a batch on its device but those that cannot be drawn there."""
+    if batch.intensity is not None:
+        require_seams(batch.numpy(), "contours to be drawn")
+    plan, when, pose = plan_of(strategy), out.poses.schedule, out.poses.pose
+    tracks, left = enter_poses(_contours_of(batch), plan, when, pose)
+    pose_hold = wp.array(schedule.hold[schedule.motion], dtype=wp.float64, device=pose.device)
+    counts, passages = draw_samples(plan, when, tracks, pose_hold, out.position, out.intensity)
+    sums = sum_counts(plan, when, tracks, counts, passages).numpy()
+    skin = skin_samples(when, pose, out.position, out.intensity)
+    revisits, waits = _revisits(schedule, strategy, skin)
+    out.counts[:] = [counted_of(row, strategy) for row in sums]
+    for count, number, wait in zip(out.counts, revisits.tolist(), waits.tolist(), strict=True):
+        count.revisits, count.revisit_time = number, wait
+    out.on_host[:] = left.numpy() != 0
+
+
+def _revisits(schedule: MotionSchedule, strategy: SamplingStrategy, skin: SkinSamples) -> tuple[np.ndarray, np.ndarray]:
+    """Picked places that had been visited before, and how long all had waited [s], of each motion."""
+    device, rate = skin.point.device, strategy.update_rate
+    interval = max(1, round(PICK_INTERVAL * rate))
+    start = schedule.sample_start
+    picks = np.concatenate([[0], np.cumsum(-(-np.diff(start) // interval))])
+    revisits, waits = count_revisits(
+        skin,
+        wp.array(start, dtype=wp.int64, device=device),
+        wp.array(picks, dtype=wp.int64, device=device),
+        interval=interval,
+        limit=math.floor(REVISIT_LIMIT * rate),
+        rate=rate,
+    )
+    return revisits.numpy(), waits.numpy()
+
+
+def counted_of(row: np.void, strategy: SamplingStrategy) -> SamplingCount:
+    """The counts of a motion from a row of MotionCount."""
+    steps = row["steps"]
+
+    def by_cause(name: str) -> dict:
+        return dict(zip(CAUSES, steps[name].tolist(), strict=True))
+
+    return SamplingCount(
+        samples=int(row["samples"]),
+        silent=int(steps["silent"]),
+        held=int(steps["held"]),
+        jumps=by_cause("jumps"),
+        jump_lengths=by_cause("jump_lengths"),
+        step_longest=float(steps["step_longest"]),
+        hops=by_cause("hops"),
+        hops_longest=by_cause("hops_longest"),
+        absence_max=max(int(row["absence"]) - 1, 0) * (1.0 / strategy.update_rate),
+        drawn=int(row["drawn"]),
+        cycles=float(row["cycles"]),
+    )
+
+
+def _draw_on_host(
+    batch: ContourBatch, pose: np.ndarray, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
+) -> None:
+    """Draw by the host's sampler the motions that kernels do not draw."""
+    device = out.position.device
+    for motion in np.flatnonzero(out.on_host).tolist():
+        a, b = schedule.motion_start[motion : motion + 2].tolist()
+        first, stop = out.sample_start[motion : motion + 2].tolist()
+        sampler = Sampler(strategy)
+        if first < stop:
+            rows = batch.select(a, b), pose[a:b], schedule.time[a:b], float(schedule.duration[motion])
+            focus = joined(list(sample_contours([rows[0]], *rows[1:], sampler, hold=float(schedule.hold[motion]))))
+            points, level = focus.position.reshape(-1, strategy.foci, 3), focus.intensity.reshape(-1, strategy.foci)
+            wp.copy(out.position[first:stop], wp.array(points, dtype=wp.vec3, device=device))
+            wp.copy(out.intensity[first:stop], wp.array(level, device=device))
+        out.counts[motion] = sampler.count

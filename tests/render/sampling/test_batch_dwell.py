@@ -1,0 +1,28 @@
+"""Dwell maps of many motions are those of each motion's focal points."""
+
+import numpy as np
+import pytest
+
+from palpate.render import MeshObject, Palm, Scene, exploration
+from palpate.render.sampling.batch_dwell import dwell_maps
+from palpate.render.sampling.batch_sampling import sample_motions
+from palpate.render.sampling.contour_sampling import SamplingStrategy, dwell_map, preset, sample_bounds
+
+
+@pytest.mark.parametrize("strategy", [SamplingStrategy(), preset("multi-focus")], ids=["stm", "multi-focus"])
+def test_each_cell_has_the_time_that_its_focal_points_give_it(strategy, device):
+    motions = [exploration("tube", duration=2.0, rate=90.0, seed=seed) for seed in range(2)]
+    pose, time = (np.concatenate([getattr(motion, name) for motion in motions]) for name in ("pose", "time"))
+    batch = Scene.of(MeshObject.load("tube"), Palm(), "cc").contours(pose, 0, device)[0]
+    start = np.cumsum([0, *map(len, motions)])
+    samples = sample_motions(batch, pose, time, start, [2.0, 2.0], strategy)
+    grid = {"width": 0.08, "length": 0.06, "cell": 2e-3}
+    for k, found in enumerate(dwell_maps(samples, strategy.update_rate, **grid)):
+        bounds = sample_bounds(motions[k].time, 2.0, strategy.update_rate)
+        single = dwell_map([samples.focus(k)], motions[k].pose, bounds, strategy.update_rate, **grid)
+        assert (np.rint(found.time * 1e6) == np.rint(single.time * 1e6)).all()
+        assert single.time.any()
+        assert found.area == single.area
+        assert found.spread == pytest.approx(single.spread, rel=1e-9)
+        assert (found.outside, found.silent) == pytest.approx((single.outside, single.silent), abs=1e-9)
+        assert single.outside > 0

@@ -1,0 +1,239 @@
+"""Focal points of many motions at once are those of the host's sampler, to the bit, and so are their counts."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from contour_random import random_strokes
+from contour_shapes import batch_of, circle, square, still
+
+from palpate.render import ContourBatch, MeshObject, Palm, Scene, exploration
+from palpate.render.contour_batch import join_batches
+from palpate.render.errors import StrategyError
+from palpate.render.sampling.batch_sampling import sample_motions, why_on_host
+from palpate.render.sampling.contour_sampling import (
+    AmplitudeModulation,
+    Dwell,
+    Gap,
+    LateralModulation,
+    Order,
+    Pace,
+    Sampler,
+    SamplingStrategy,
+    Sections,
+    joined,
+    preset,
+    sample_contours,
+)
+
+SAMPLE_EXACTLY = (
+    "samples",
+    "silent",
+    "held",
+    "jumps",
+    "hops",
+    "drawn",
+    "cycles",
+    "absence_max",
+    "revisits",
+    "revisit_time",
+)
+LENGTHS = ("jump_lengths", "hops_longest")
+
+
+def by_host(batch, pose, time, duration, strategy, hold=None):
+    """Focal points and counts of one motion by the host's sampler; no focal points where it has none."""
+    sampler = Sampler(strategy)
+    blocks = list(sample_contours([batch], pose, time, duration, sampler, hold=hold)) if len(time) else []
+    return joined(blocks) if blocks else None, sampler.count
+
+
+def assert_same(samples, batch, pose, time, start, duration, strategy, hold=None):
+    """Assert that every motion is what the host draws; small circles are alike within rounding only."""
+    circles = strategy.lm is not None
+    for motion, (a, b) in enumerate(pairwise(np.asarray(start).tolist())):
+        own = None if hold is None else float(hold[motion])
+        focus, count = by_host(batch.select(a, b), pose[a:b], time[a:b], duration[motion], strategy, own)
+        drawn, counted = samples.focus(motion), samples.counts[motion]
+        assert len(drawn.intensity) == (0 if focus is None else len(focus.intensity))
+        if focus is not None:
+            assert drawn.position.shape == focus.position.shape
+            assert np.abs(drawn.position - focus.position).max() <= (1e-7 if circles else 0.0)
+            assert np.abs(drawn.intensity - focus.intensity).max() <= 0.0
+        for name in SAMPLE_EXACTLY:
+            assert getattr(counted, name) == getattr(count, name), name
+        for name in LENGTHS:  # sums of eight jumps and more are added in another order
+            close = pytest.approx(getattr(count, name), rel=1e-12, abs=1e-8 if circles else 0.0)
+            assert getattr(counted, name) == close, name
+        assert counted.step_longest == pytest.approx(count.step_longest, abs=1e-9 if circles else 0.0)
+
+
+def random_strategy(rng):
+    kind = str(rng.choice(["speed", "frequency", "capped", "still"], p=[0.5, 0.2, 0.2, 0.1]))
+    order, points = "loop", None
+    if kind != "still":
+        order = str(rng.choice(["loop", "pendulum", "step", "random"], p=[0.6, 0.2, 0.1, 0.1]))
+        points = int(rng.choice([7, 40])) if order in ("step", "random") or rng.random() < 0.2 else None
+    return SamplingStrategy(
+        speed=float(rng.choice([2.0, 7.0, 14.0])),
+        update_rate=float(rng.choice([1000.0, 10_000.0])),
+        fade=float(rng.choice([0.0, 0.005, 0.02])),
+        pace=Pace(kind, points=points, frequency=float(rng.choice([5.0, 70.0]))),
+        order=Order(
+            order, 3, int(rng.integers(5)), str(rng.choice(["shortest", "given"], p=[0.7, 0.3])), rng.choice([0.0, 0.2])
+        ),
+        gap=Gap(str(rng.choice(["jump", "return", "pendulum", "close"], p=[0.4, 0.2, 0.2, 0.2]))),
+        am=AmplitudeModulation() if rng.random() < 0.15 else None,
+        lm=LateralModulation() if rng.random() < 0.15 else None,
+        foci=int(rng.choice([1, 2, 5], p=[0.6, 0.2, 0.2])),
+        continuity=str(rng.choice(["nearest", "jump"], p=[0.7, 0.3])),
+    )
+
+
+def random_motions(rng, pose_count):
+    """Poses, times, offsets of motions, when each ends, and when its poses fade; some motions have no pose."""
+    start = [0, *np.sort(rng.integers(0, pose_count + 1, rng.integers(0, 4))).tolist(), pose_count]
+    time, duration = np.zeros(pose_count), []
+    for a, b in pairwise(start):
+        interval = rng.choice([0.011, 1e-4, 0.03, 0.15], size=b - a, p=[0.7, 0.1, 0.15, 0.05])
+        time[a:b] = np.cumsum(interval) - interval + (0.013 if rng.random() < 0.2 else 0.0)
+        duration.append(0.011 + (time[b - 1] if b > a else 0.0))
+    pose = rng.normal(size=(pose_count, 7))
+    pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+    hold = rng.choice([0.005, 0.05, np.inf], size=len(duration)) if rng.random() < 0.5 else None
+    return pose.astype(np.float32), time, np.array(start), np.array(duration), hold
+
+
+@pytest.mark.exhaustive(after=60)
+@pytest.mark.parametrize("seed", range(600))
+def test_random_motions_are_what_the_host_draws(seed, device):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 40))
+    line_most = int(rng.choice([1, 2, 3, 4, 6, 10]))
+    batch = random_strokes(rng, count, line_most=line_most, with_intensity=bool(rng.random() < 0.4))
+    pose, time, start, duration, hold = random_motions(rng, count)
+    strategy = random_strategy(rng)
+    samples = sample_motions(batch, pose, time, start, duration, strategy, hold=hold, device=device)
+    assert_same(samples, batch, pose, time, start, duration, strategy, hold)
+
+
+def explored(name, contours, seed=0, duration=4.0):
+    """Contours of an exploration, and its motion."""
+    motion = exploration(name, duration=duration, rate=90.0, seed=seed)
+    return Scene.of(MeshObject.load(name), Palm(), contours).contours(motion.pose, 0, "cpu")[0].numpy(), motion
+
+
+@pytest.mark.parametrize("contours", ["cc", "oc"])
+@pytest.mark.parametrize("name", ["cube", "tube", "dog"])
+def test_explorations_are_what_the_host_draws(name, contours, device):
+    batch, motion = explored(name, contours)
+    start, duration = np.array([0, len(motion)]), np.array([motion.duration])
+    for strategy in (SamplingStrategy(), preset("capped"), preset("fast-return")):
+        samples = sample_motions(batch, motion.pose, motion.time, start, duration, strategy, device=device)
+        assert not samples.on_host.any()
+        assert_same(samples, batch, motion.pose, motion.time, start, duration, strategy)
+
+
+def test_motions_may_be_cut_anywhere_among_batches_and_take_no_notice_of_each_other(device):
+    parts = [explored("tube", "oc", seed, duration=1.5) for seed in range(3)]
+    whole = join_batches([batch for batch, _ in parts])
+    pose, time = (np.concatenate([getattr(motion, name) for _, motion in parts]) for name in ("pose", "time"))
+    start = np.cumsum([0, *[len(motion) for _, motion in parts]])
+    duration = np.full(3, 1.5)
+    cuts = [0, 1, 77, int(start[1]), 300, whole.pose_count]
+    batches = [whole.select(a, b).to(device) for a, b in pairwise(cuts)]
+    together = sample_motions(batches, pose, time, start, duration, SamplingStrategy())
+    for k, (batch, motion) in enumerate(parts):
+        alone = sample_motions(
+            batch, motion.pose, motion.time, [0, len(motion)], [1.5], SamplingStrategy(), device=device
+        )
+        assert (together.focus(k).position == alone.focus(0).position).all()
+        assert (together.focus(k).intensity == alone.focus(0).intensity).all()
+        assert together.counts[k] == alone.counts[0]
+    assert {str(batch.points.device) for batch in batches} == {str(together.position.device)}
+
+
+def test_what_kernels_do_not_draw_is_drawn_by_the_host_and_counted(device):
+    many = [[(circle(0.004, (0.02 * k - 0.05, 0.02 * (k % 2), 0.2), 12), True) for k in range(6)]]
+    poses = [*many * 3, *[[(square(0.04), True)]] * 3]
+    batch, time, start = batch_of(poses), np.tile(np.arange(3) / 90, 2), np.array([0, 3, 6])
+    duration = np.full(2, 3 / 90)
+    samples = sample_motions(batch, still(6), time, start, duration, SamplingStrategy(), device=device)
+    assert samples.on_host.tolist() == [True, False]
+    assert "1 of them drawn on the host" in repr(samples)
+    assert_same(samples, batch, still(6), time, start, duration, SamplingStrategy())
+
+
+@pytest.mark.parametrize(
+    ("strategy", "reason"),
+    [
+        (preset("dtp"), "pauses"),
+        (SamplingStrategy(dwell=Dwell(time=0.001)), "pauses"),
+        (preset("stp"), "sections"),
+        (SamplingStrategy(pace=Pace("frequency"), sections=Sections(4)), "sections"),
+        (SamplingStrategy(continuity="finish"), "finished"),
+    ],
+)
+def test_strategies_that_the_host_draws_say_why(strategy, reason, device):
+    batch, time = batch_of([[(square(0.04), True)]] * 2), np.arange(2) / 90
+    assert reason in why_on_host(strategy, batch)
+    assert why_on_host(SamplingStrategy(), batch) is None
+    samples = sample_motions(batch, still(2), time, [0, 2], [2 / 90], strategy, device=device)
+    assert samples.on_host.tolist() == [True]
+    assert_same(samples, batch, still(2), time, [0, 2], [2 / 90], strategy)
+
+
+def test_contours_with_pauses_are_drawn_by_the_host(device):
+    plain = batch_of([[(square(0.04), True)]] * 2)
+    batch = replace(plain, dwell=np.full(plain.point_count, 1e-3, np.float32))
+    time = np.arange(2) / 90
+    samples = sample_motions(batch, still(2), time, [0, 2], [2 / 90], SamplingStrategy(), device=device)
+    assert samples.on_host.tolist() == [True]
+    assert_same(samples, batch, still(2), time, [0, 2], [2 / 90], SamplingStrategy())
+
+
+def test_no_motion_no_pose_and_poses_without_contours_are_drawn_as_silence(device):
+    empty = batch_of([])
+    nothing = sample_motions(empty, np.zeros((0, 7)), np.zeros(0), [0], [], SamplingStrategy(), device=device)
+    assert (len(nothing.counts), nothing.position.shape) == (0, (0, 1))
+    none = sample_motions(empty, np.zeros((0, 7)), np.zeros(0), [0, 0], [1.0], SamplingStrategy(), device=device)
+    assert (none.counts[0].samples, len(none.focus(0).intensity)) == (0, 0)
+    time = np.arange(3) / 90
+    silent = sample_motions(batch_of([[]] * 3), still(3), time, [0, 3], [3 / 90], SamplingStrategy(), device=device)
+    assert (silent.counts[0].silent, silent.counts[0].samples) == (334, 334)
+    assert (silent.focus(0).position == np.float32([0, 0, 0.2])).all()
+    assert silent.focus(0).intensity.max() == 0
+
+
+def test_a_pose_of_many_blocks_is_drawn_and_faded_as_the_host_does(device):
+    batch = batch_of(
+        [[(circle(0.03, count=64), True), (square(0.02, (0.05, 0, 0.2)), False)], [], [(square(0.03), True)]]
+    )
+    time = np.array([0.0, 0.7, 0.71])
+    hold = np.array([0.3])
+    strategy = SamplingStrategy(fade=0.25)
+    samples = sample_motions(batch, still(3), time, [0, 3], [1.5], strategy, hold=hold, device=device)
+    assert samples.counts[0].held > 3000
+    assert_same(samples, batch, still(3), time, [0, 3], [1.5], strategy, hold)
+
+
+def test_a_loop_whose_ends_differ_in_intensity_is_refused(device):
+    plain = batch_of([[(square(0.04), True)]])
+    batch = replace(plain, intensity=np.linspace(0, 1, plain.point_count, dtype=np.float32))
+    with pytest.raises(StrategyError, match="is closed"):
+        sample_motions(batch, still(1), np.zeros(1), [0, 1], [0.1], SamplingStrategy(), device=device)
+
+
+def test_contours_of_other_poses_than_the_motions_are_refused():
+    batch = batch_of([[(square(0.04), True)]])
+    with pytest.raises(StrategyError, match="of the same poses, not 1, 2, 2, 2"):
+        sample_motions(batch, still(2), np.arange(2.0), [0, 2], [2.0], SamplingStrategy())
+
+
+def test_contours_of_type_contour_batch_are_taken_alone():
+    batch = batch_of([[(square(0.04), True)]])
+    assert isinstance(batch, ContourBatch)
+    one = sample_motions(batch, still(1), np.zeros(1), [0, 1], [0.1], SamplingStrategy())
+    listed = sample_motions([batch], still(1), np.zeros(1), [0, 1], [0.1], SamplingStrategy())
+    assert (one.focus(0).position == listed.focus(0).position).all()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from batch_sampling import measure as measure_sampling
 from explorers import CASES as EXPLORER_CASES
 from explorers import measure as measure_explorers
 from paper_ratio import table
@@ -119,3 +120,11 @@ def test_transforms_case_measures_what_it_renders(preset, device):
 @pytest.mark.exhaustive
 def test_explorations_are_measured(device):
     assert measure_explorations(device, 3, rounds=1)["us"] > 0
+
+
+@pytest.mark.exhaustive
+def test_sampling_is_measured(device):
+    figures = measure_sampling("stm", device, 2, at_once=1, host=1)
+    assert figures["on_host"] == 0
+    assert figures["us"] > 0
+    assert figures["host_us"] > 0

@@ -1,4 +1,4 @@
-"""Tracks, routes and entries of random motions are the host's to the bit: pieces, doors, route, course and entry."""
+"""Tracks, routes and entries of random motions are the host's to the bit."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import warp as wp
 from contour_random import random_strokes
 from contour_shapes import still
 
-from palpate.kernels.sampling import course, cursor, doors, pieces, route
+from palpate.kernels.sampling import course, cursor, doors, pieces, route, search
 from palpate.kernels.sampling.entry import enter_poses
 from palpate.render.sampling import contour_matching, drawing_turns, sampler
 from palpate.render.sampling import route as host_route
@@ -44,7 +44,7 @@ def entered_by_host(batch, time, duration, strategy, monkeypatch):
 @pytest.mark.parametrize("seed", range(8))
 def test_tracks_and_entries_are_the_hosts_to_the_bit(seed, name, device, monkeypatch):
     rng, strategy = np.random.default_rng(seed), STRATEGIES[name]
-    batch = random_strokes(rng, 40, line_most=int(rng.integers(1, 4)), with_intensity=seed % 2 == 1)
+    batch = random_strokes(rng, 40, line_most=int(rng.integers(1, 8)), with_intensity=seed % 2 == 1)
     time, duration = np.arange(40) / 90, 40 / 90
     schedule = MotionSchedule.of(time, [0, 40], [duration], strategy, None)
     pose = wp.array(still(40), dtype=wp.transformd, device=device)
@@ -69,7 +69,9 @@ def test_tracks_and_entries_are_the_hosts_to_the_bit(seed, name, device, monkeyp
 
 def test_numbers_of_the_kernels_are_the_hosts():
     assert float(pieces.NEARNESS) == contour_matching.NEARNESS**2
-    assert (doors.DOORS, int(doors.STARTS_TRIED)) == (host_route.DOORS, host_route.STARTS_TRIED)
+    assert (int(search.STARTS), int(doors.STARTS_TRIED)) == (host_route.DOORS, host_route.STARTS_TRIED)
+    assert doors.DOORS == search.DOOR_ROOM > 2 * host_route.PIECES_MOST
+    assert int(search.SEARCHED_MOST) == host_route.SEARCHED_MOST
     assert (int(route.PIECES_MOST), int(route.INSERTED_MOST)) == (host_route.PIECES_MOST, host_route.INSERTED_MOST)
     assert float(route.JUMP_SLACK) == host_route.JUMP_SLACK
     assert float(course.SHARE_LEAST) == drawing_turns.SHARE_LEAST

@@ -110,19 +110,14 @@ def take_candidate(rows: RouteRows, first: wp.int64, count: int):
 
 
 @wp.func
-def append_new(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, known: int
-):
-    """Draw the new pieces behind the known ones, by a route of their own."""
+def append_new(rows: RouteRows, first: wp.int64, count: int, known: int):
+    """Draw the new pieces behind the known ones."""
     drawn = known
     for k in range(count):
         piece = rows.given[first + wp.int64(k)]
         if piece.earlier < 0:
             rows.drawn[first + wp.int64(drawn)] = piece
             drawn += 1
-    begin = first + wp.int64(known)
-    search_route(c, plan, rows, motion, rows.drawn, begin, count - known, 1)
-    take_candidate(rows, begin, count - known)
 
 
 @wp.func
@@ -150,33 +145,6 @@ def is_longer(plan: SamplingPlan, length: wp.float64, least: wp.float64):
 
 
 @wp.func
-def keep_route(
-    c: MotionContours,
-    plan: SamplingPlan,
-    rows: RouteRows,
-    motion: int,
-    first: wp.int64,
-    count: int,
-    before: wp.int64,
-    earlier: PoseTrack,
-):
-    """Draw pieces in the order of the pose before, if it is not too long; returns the least jumps known [m]."""
-    known = keep_order(c, plan, rows, first, count, before, earlier.pieces)
-    length = jumps_of(c, plan, rows, rows.drawn, first, known)
-    least = wp.min(earlier.least, length)
-    if is_longer(plan, length, least):
-        search_route(c, plan, rows, motion, rows.drawn, first, known, plan.pendulum)
-        least = jumps_of(c, plan, rows, rows.candidate, first, known)
-        if is_longer(plan, length, least):
-            take_candidate(rows, first, known)
-    if count - known > INSERTED_MOST:
-        append_new(c, plan, rows, motion, first, count, known)
-    else:
-        insert_new(c, plan, rows, motion, first, count, known)
-    return least
-
-
-@wp.func
 def lay_route(
     c: MotionContours,
     plan: SamplingPlan,
@@ -184,21 +152,54 @@ def lay_route(
     motion: int,
     first: wp.int64,
     count: int,
-    known: int,
+    matched: int,
     as_they_come: bool,
     before: wp.int64,
     earlier: PoseTrack,
 ):
     """Draw the pieces of a pose; returns the least jumps known [m].
 
-    first, before: row of the first piece of the pose, and of the pose before. known: pieces that it had.
+    first, before: row of the first piece of the pose, and of the pose before. matched: pieces that it had.
     """
     if as_they_come or plan.shortest == 0 or count < 2 or count > PIECES_MOST:
-        for k in range(count):
-            rows.drawn[first + wp.int64(k)] = rows.given[first + wp.int64(k)]
+        append_all(rows, first, count)
         return INFINITE
-    if known >= 2:
-        return keep_route(c, plan, rows, motion, first, count, before, earlier)
-    search_route(c, plan, rows, motion, rows.given, first, count, plan.pendulum)
-    take_candidate(rows, first, count)
-    return jumps_of(c, plan, rows, rows.drawn, first, count)
+    known = int(matched)
+    length = INFINITE
+    least = INFINITE
+    searched = int(0)  # pieces whose route is to be searched for, from `begin` on
+    if known < 2:  # there is no order to keep
+        known = count
+        append_all(rows, first, count)
+        searched = count
+    else:
+        keep_order(c, plan, rows, first, count, before, earlier.pieces)
+        length = jumps_of(c, plan, rows, rows.drawn, first, known)
+        least = wp.min(earlier.least, length)
+        if is_longer(plan, length, least):
+            searched = known
+    begin = int(0)
+    while begin < count:  # first the known pieces, then new ones if they are many: one search is compiled, not three
+        if searched > 0:
+            row = first + wp.int64(begin)
+            search_route(c, plan, rows, motion, row, searched, wp.where(begin > 0, 1, plan.pendulum))
+            if begin == 0:
+                least = jumps_of(c, plan, rows, rows.candidate, row, searched)
+            if begin > 0 or is_longer(plan, length, least):
+                take_candidate(rows, row, searched)
+        if begin > 0 or count - known <= INSERTED_MOST:
+            begin = count
+        else:
+            append_new(rows, first, count, known)
+            begin = known
+            searched = count - known
+    if known < count and count - known <= INSERTED_MOST:
+        insert_new(c, plan, rows, motion, first, count, known)
+    return least
+
+
+@wp.func
+def append_all(rows: RouteRows, first: wp.int64, count: int):
+    """Draw all pieces as the batch has them."""
+    for k in range(count):
+        rows.drawn[first + wp.int64(k)] = rows.given[first + wp.int64(k)]

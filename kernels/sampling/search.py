@@ -165,14 +165,26 @@ def copy_route(rows: RouteRows, s: RouteSearch, source: int, section: int):
 
 
 @wp.func
-def try_order(rows: RouteRows, s: RouteSearch, order: wp.vec4i, best: wp.float64):
-    """Keep the best doors of places in an order, if that is shorter than `best` [m]; the shorter length."""
-    for k in range(s.places):
-        note(rows, s, ROUTE, k, noted(rows, s, FIRST, order[k]))
-    length = best_doors(rows, s, ROUTE, best)
-    if length < best:
-        copy_route(rows, s, TRIAL, BEST)
-    return length
+def try_orders(rows: RouteRows, s: RouteSearch):
+    """Find the best doors of up to four places in any order, into BEST."""
+    orders = int(1)
+    if s.places == EXACT_MOST:
+        orders = int(3)
+    least = INFINITE
+    k = int(0)
+    while k < orders:  # a `for` over few would be unrolled, and compiled three times
+        order = wp.vec4i(0, 1, 2, 3)
+        if k == 1:
+            order = wp.vec4i(0, 1, 3, 2)
+        elif k == 2:
+            order = wp.vec4i(0, 2, 1, 3)
+        for i in range(s.places):
+            note(rows, s, ROUTE, i, noted(rows, s, FIRST, order[i]))
+        length = best_doors(rows, s, ROUTE, least)
+        if length < least:
+            least = length
+            copy_route(rows, s, TRIAL, BEST)
+        k += 1
 
 
 @wp.func
@@ -270,13 +282,17 @@ def uncross(rows: RouteRows, s: RouteSearch):
 
 @wp.func
 def improve_route(rows: RouteRows, s: RouteSearch):
-    """Improve the route by 2-opt and the best doors, twice; returns its length [m]."""
-    uncross(rows, s)
-    length = best_doors(rows, s, ROUTE, INFINITE)
-    copy_route(rows, s, TRIAL, ROUTE)
-    if uncross(rows, s) > 0:
-        length = best_doors(rows, s, ROUTE, INFINITE)
-        copy_route(rows, s, TRIAL, ROUTE)
+    """Improve the route by the best doors, and by 2-opt, twice, if not too long for that; returns its length [m]."""
+    length = INFINITE
+    rounds = int(0)
+    while rounds < 2:
+        turned = int(0)
+        if s.pieces <= SEARCHED_MOST:
+            turned = uncross(rows, s)
+        if turned > 0 or rounds == 0:
+            length = best_doors(rows, s, ROUTE, INFINITE)
+            copy_route(rows, s, TRIAL, ROUTE)
+        rounds += 1
     return length
 
 
@@ -292,20 +308,22 @@ def length_of(rows: RouteRows, s: RouteSearch):
 @wp.func
 def search_many(rows: RouteRows, s: RouteSearch):
     """Find a short route through more places than all orders are tried of, into BEST."""
-    nearest_route(rows, s)
-    if s.pieces <= SEARCHED_MOST:
-        length = improve_route(rows, s)
-    else:
-        length = best_doors(rows, s, ROUTE, INFINITE)
-        copy_route(rows, s, TRIAL, ROUTE)
-    copy_route(rows, s, ROUTE, BEST)
-    given_route(rows, s)
-    if s.pieces <= SEARCHED_MOST:
-        other = improve_route(rows, s)
-    else:
-        other = length_of(rows, s)
-    if other < length:
-        copy_route(rows, s, ROUTE, BEST)
+    least = INFINITE
+    k = int(0)
+    while k < 2:
+        length = ZERO
+        if k == 0:
+            nearest_route(rows, s)
+        else:
+            given_route(rows, s)
+        if k == 1 and s.pieces > SEARCHED_MOST:
+            length = length_of(rows, s)
+        else:
+            length = improve_route(rows, s)
+        if length < least:
+            least = length
+            copy_route(rows, s, ROUTE, BEST)
+        k += 1
 
 
 @wp.func
@@ -314,18 +332,14 @@ def search_route(
     plan: SamplingPlan,
     rows: RouteRows,
     motion: int,
-    pieces: wp.array[DrawnPiece],
     first: wp.int64,
     count: int,
     outside: int,
 ):
-    """Write the shortest route through 2..128 pieces into `candidate`, each as it is drawn."""
-    s = open_doors(c, plan, rows, motion, pieces, first, count, outside)
+    """Write the shortest route through 2..128 of the drawn pieces into `candidate`, each as it is drawn."""
+    s = open_doors(c, plan, rows, motion, rows.drawn, first, count, outside)
     if s.places <= EXACT_MOST:
-        length = try_order(rows, s, wp.vec4i(0, 1, 2, 3), INFINITE)
-        if s.places == EXACT_MOST:
-            length = try_order(rows, s, wp.vec4i(0, 1, 3, 2), length)
-            length = try_order(rows, s, wp.vec4i(0, 2, 1, 3), length)
+        try_orders(rows, s)
     else:
         search_many(rows, s)
     begin = int(0)  # the outside comes last
@@ -336,7 +350,7 @@ def search_route(
     for k in range(count):
         door = noted(rows, s, BEST, (begin + k) % s.places)
         place = noted(rows, s, PLACE, door)
-        piece = pieces[first + wp.int64(place)]
+        piece = rows.drawn[first + wp.int64(place)]
         piece.mode = AS_GIVEN
         entered = entered_at(c, plan, piece, door - noted(rows, s, FIRST, place), share)
         rows.candidate[first + wp.int64(k)] = entered

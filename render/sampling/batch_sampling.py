@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -20,7 +21,7 @@ from ...kernels.sampling.focus import draw_samples
 from ...kernels.sampling.layout import MotionContours, SamplingPlan
 from ...kernels.sampling.seams import has_open_seam
 from ...kernels.sampling.sums import sum_counts
-from ...kernels.sampling.visits import SkinSamples, count_revisits, skin_samples
+from ...kernels.sampling.visits import count_revisits, skin_samples
 from ..contour_batch import ContourBatch, join_batches, require_seams
 from ..errors import StrategyError
 from .contour_sampling import joined, sample_contours
@@ -70,8 +71,8 @@ class MotionSamples:
 class DevicePoses:
     """Poses of many motions on a device."""
 
-    schedule: PoseSchedule
-    """Which samples each has."""
+    schedule: Any
+    """Which samples each has: a PoseSchedule, which type checkers take for no class, as any struct of Warp's."""
     pose: wp.array
     """Hand frame -> array frame, transformd, shape [pose]."""
     motion: wp.array
@@ -198,7 +199,7 @@ class MotionSchedule:
         """Motion of each pose, int64."""
         return np.repeat(np.arange(len(self.duration)), np.diff(self.motion_start))
 
-    def on(self, device: str, strategy: SamplingStrategy) -> PoseSchedule:
+    def on(self, device: str, strategy: SamplingStrategy) -> Any:
         """The same on a device."""
         out = PoseSchedule()
         number = self.row[:-1] - self.sample_start[self.motion]
@@ -234,7 +235,7 @@ def require_motions(batch: ContourBatch, pose: np.ndarray, schedule: MotionSched
         )
 
 
-def plan_of(strategy: SamplingStrategy) -> SamplingPlan:
+def plan_of(strategy: SamplingStrategy) -> Any:
     """A strategy as numbers."""
     plan, pace, order, gap = SamplingPlan(), strategy.pace, strategy.order, strategy.gap
     fewest, most = pace.samples_within(strategy.update_rate)
@@ -281,7 +282,7 @@ def _overlays_of(strategy: SamplingStrategy) -> dict[str, float]:
     return out
 
 
-def contours_of(batch: ContourBatch) -> MotionContours:
+def contours_of(batch: ContourBatch) -> Any:
     """The arrays of a batch on a device."""
     out = MotionContours()
     out.points, out.polyline_start = batch.points, batch.polyline_start
@@ -310,7 +311,7 @@ def _draw_by_kernels(
     out.on_host[:] = left.numpy() != 0
 
 
-def _revisits(schedule: MotionSchedule, strategy: SamplingStrategy, skin: SkinSamples) -> tuple[np.ndarray, np.ndarray]:
+def _revisits(schedule: MotionSchedule, strategy: SamplingStrategy, skin: Any) -> tuple[np.ndarray, np.ndarray]:
     """Picked places that had been visited before, and how long all had waited [s], of each motion."""
     device, rate = skin.point.device, strategy.update_rate
     interval = max(1, round(PICK_INTERVAL * rate))

@@ -76,6 +76,7 @@ SAMPLING_STAGES = (
     "sampling.sums",
     "sampling.visits",
     "sampling.dwelling",
+    "sampling.seams",
 )  # contours over time to focal points
 DRIVE_STAGES = ("driving.focus", "driving.solve", "driving.slew")  # focal points to phases
 ACOUSTIC_STAGES = (

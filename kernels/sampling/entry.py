@@ -38,6 +38,7 @@ from .layout import (
 )
 from .pieces import collect_pieces, mark_pieces, match_pieces
 from .route import lay_route
+from .search import ROOM, SUMS
 
 wp.set_module_options(EXACT)
 
@@ -226,9 +227,6 @@ def lay_track(
         pieces = earlier.pieces
     known = match_pieces(c, plan, rows, first, count, row, pieces)
     least = lay_route(c, plan, rows, motion, first, count, known, plain, row, earlier)
-    if least < ZERO:
-        track.count = -1
-        return track
     if pieces < 2 and count > 1:  # they were not marked as the batch has them
         mark_pieces(c, plan, rows.drawn, first, count)
     track = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
@@ -297,6 +295,9 @@ def room_for(contours: MotionContours, plan: SamplingPlan, motion_count: int) ->
     rows, nodes = RouteRows(), TrackNodes()
     rows.given = wp.empty(lines, dtype=DrawnPiece, device=device)
     rows.drawn = wp.empty(lines, dtype=DrawnPiece, device=device)
+    rows.candidate = wp.empty(lines, dtype=DrawnPiece, device=device)
+    rows.room = wp.empty(motion_count * ROOM, dtype=wp.int32, device=device)
+    rows.sums = wp.empty(motion_count * SUMS, dtype=wp.float64, device=device)
     rows.span = wp.empty(lines, dtype=wp.float64, device=device)
     rows.door = wp.empty((motion_count, DOORS), dtype=wp.vec3d, device=device)
     count = plan.passes * (points + 2 * lines) + poses
@@ -313,8 +314,7 @@ def enter_poses(
     """Tracks of all poses, and where drawing goes on along each; one thread a motion.
 
     pose: hand frame -> array frame, transformd, shape [pose]. Also returns of each motion whether it is left to the
-    host, 1 or 0: for a route through more pieces than are searched for, or a polyline without vertices. Then none of
-    its poses is drawn.
+    host, 1 or 0: for a polyline without vertices. Then none of its poses is drawn.
     """
     device, motion_count = pose.device, schedule.motion_start.shape[0] - 1
     rows, nodes = room_for(contours, plan, motion_count)

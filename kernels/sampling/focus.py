@@ -30,6 +30,7 @@ wp.set_module_options(EXACT)
 
 POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes of jumps, in the order of CAUSES
 REST_HEIGHT = wp.constant(wp.float64(0.2))  # [m] of the focal points before there were any
+FOCI_MOST = 64  # as SamplingStrategy has it
 FULL_TURN = wp.constant(wp.float64(2 * np.pi))
 
 
@@ -272,14 +273,6 @@ def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: int, sam
     return since
 
 
-@wp.func
-def point_before(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, focus: int):
-    """Where a focal point was at the sample before [m]."""
-    if sample > wp.int64(0):
-        return sample_point(plan, schedule, d, wp.int64(pose), sample - wp.int64(1), focus)
-    return shown_before(plan, schedule, d, pose, focus)
-
-
 @wp.kernel
 def _draw_samples(
     # In:
@@ -306,7 +299,9 @@ def _draw_samples(
     silent = d.entries[pose].silent == 1
     drawn_before = bool(False)  # a dynamic variable for Warp
     way = int(0)
-    previous = shown_before(plan, schedule, d, pose, 0)
+    previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
+    for focus in range(plan.foci):
+        previous[focus] = shown_before(plan, schedule, d, pose, focus)
     sample = wp.int64(0)
     while sample < schedule.count[pose]:
         gain, held = gain_at(plan, schedule, pose, sample, pose_hold[pose])
@@ -325,19 +320,17 @@ def _draw_samples(
             point = point_on(d.nodes, track, way, knot)
             if plan.circle_radius > ZERO:
                 point += circle_offset(plan, d.pose[pose], number)
-            if plan.foci > 1:
-                previous = point_before(plan, schedule, d, pose, sample, focus)
             row = schedule.row[pose] + sample
             position[row, focus] = to_float32(point)
             intensity[row, focus] = wp.float32(level_on(d.nodes, track, way, knot) * gain * wave)
-            length = wp.sqrt(squared(point - previous))
+            length = wp.sqrt(squared(point - previous[focus]))
             if first and silent and drawn and (d.entries[pose].before >= wp.int64(0) or sample > wp.int64(0)):
                 count = add_step(plan, count, RE_ENTRY, length, d.entries[pose].ordinary)
             length = counted_length(length, drawn, drawn_before, first, silent)
             count = count_step(plan, schedule, d, count, pose, sample, focus, length)
             if gain > ZERO:
                 count.absence = wp.max(count.absence, pass_piece(passages, d, pose, way, sample))
-            previous = point
+            previous[focus] = point
         drawn_before = drawn
         sample += wp.int64(1)
     counts[pose] = count

@@ -80,8 +80,11 @@ class RouteRows:
 
     given: wp.array[DrawnPiece]  # as the batch has them
     drawn: wp.array[DrawnPiece]  # in the order in which they are drawn
+    candidate: wp.array[DrawnPiece]  # in the order of the route that was searched for
     span: wp.array[wp.float64]  # length, later duration, of a piece; room for sums
     door: wp.array2d[wp.vec3d]  # room for starts that are looked at [m], shape [motion, DOORS]
+    room: wp.array[wp.int32]  # room of a search, ROOM a motion
+    sums: wp.array[wp.float64]  # room of a search [m], SUMS a motion
 
 
 @wp.struct

@@ -5,7 +5,7 @@ As `steady_route` in render/sampling/route.py.
 
 import warp as wp
 
-from .doors import SEARCHED, STARTS_TRIED, DoorSearch, entered_at, found_piece, insertion_of, search_route
+from .doors import STARTS_TRIED, entered_at, insertion_of
 from .layout import (
     INFINITE,
     ONE,
@@ -22,6 +22,7 @@ from .layout import (
     sum_few,
 )
 from .pieces import begun, drawn_size, drawn_vertex, end_of, is_loop, opposite, size_of, start_of, vertex
+from .search import search_route
 
 PIECES_MOST = wp.constant(128)  # more are drawn in the batch's order
 INSERTED_MOST = wp.constant(16)  # new pieces that are inserted one by one
@@ -29,14 +30,21 @@ JUMP_SLACK = wp.constant(wp.float64(5e-3))  # [m] by which a kept route may be l
 
 
 @wp.func
-def jumps_of(c: MotionContours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int):
-    """Length of the jumps from each drawn piece to the next, and from the last to the first of a cycle [m]."""
+def jumps_of(
+    c: MotionContours,
+    plan: SamplingPlan,
+    rows: RouteRows,
+    pieces: wp.array[DrawnPiece],
+    first: wp.int64,
+    count: int,
+):
+    """Length of the jumps from each piece to the next, and from the last to the first of a cycle [m]."""
     jumps = count
     if plan.pendulum == 1:
         jumps -= 1
     for k in range(jumps):
-        end = end_of(c, plan, rows.drawn[first + wp.int64(k)])
-        start = start_of(c, plan, rows.drawn[first + wp.int64((k + 1) % count)])
+        end = end_of(c, plan, pieces[first + wp.int64(k)])
+        start = start_of(c, plan, pieces[first + wp.int64((k + 1) % count)])
         rows.span[first + wp.int64(k)] = distance(end, start)
     return sum_few(rows.span, first, jumps)
 
@@ -95,30 +103,21 @@ def keep_order(
 
 
 @wp.func
-def take_route(
-    c: MotionContours,
-    plan: SamplingPlan,
-    rows: RouteRows,
-    s: DoorSearch,
-    pieces: wp.array[DrawnPiece],
-    first: wp.int64,
-    count: int,
-):
-    """Draw the pieces, at most SEARCHED, as a search found them."""
-    one = found_piece(c, plan, s, pieces, first, count, 0)
-    two = found_piece(c, plan, s, pieces, first, count, 1)
-    three = two
-    four = two
-    if count > 2:
-        three = found_piece(c, plan, s, pieces, first, count, 2)
-    if count > 3:
-        four = found_piece(c, plan, s, pieces, first, count, 3)
-    rows.drawn[first] = one  # read all before: the pieces may stand here
-    rows.drawn[first + wp.int64(1)] = two
-    if count > 2:
-        rows.drawn[first + wp.int64(2)] = three
-    if count > 3:
-        rows.drawn[first + wp.int64(3)] = four
+def take_candidate(rows: RouteRows, first: wp.int64, count: int):
+    """Draw the pieces as the search found them."""
+    for k in range(count):
+        rows.drawn[first + wp.int64(k)] = rows.candidate[first + wp.int64(k)]
+
+
+@wp.func
+def append_new(rows: RouteRows, first: wp.int64, count: int, known: int):
+    """Draw the new pieces behind the known ones."""
+    drawn = known
+    for k in range(count):
+        piece = rows.given[first + wp.int64(k)]
+        if piece.earlier < 0:
+            rows.drawn[first + wp.int64(drawn)] = piece
+            drawn += 1
 
 
 @wp.func
@@ -140,58 +139,9 @@ def insert_new(
 
 
 @wp.func
-def search_again(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, length: wp.float64
-):
-    """Take the shortest route of the drawn pieces where theirs, of a length [m], is longer by the margin.
-
-    Returns the jumps of the shortest [m].
-    """
-    last = wp.int64(count - 1)
-    one = rows.drawn[first]
-    two = rows.drawn[first + wp.int64(1)]
-    three = rows.drawn[first + wp.min(wp.int64(2), last)]
-    four = rows.drawn[first + last]
-    s = search_route(c, plan, rows, motion, rows.drawn, first, count, plan.pendulum)
-    take_route(c, plan, rows, s, rows.drawn, first, count)
-    least = jumps_of(c, plan, rows, first, count)
-    if not is_longer(plan, length, least):
-        rows.drawn[first] = one
-        rows.drawn[first + wp.int64(1)] = two
-        rows.drawn[first + wp.min(wp.int64(2), last)] = three
-        rows.drawn[first + last] = four
-    return least
-
-
-@wp.func
 def is_longer(plan: SamplingPlan, length: wp.float64, least: wp.float64):
     """Whether jumps are longer than the least by more than the margin [m]."""
     return length > (ONE + plan.margin) * least + JUMP_SLACK
-
-
-@wp.func
-def keep_route(
-    c: MotionContours,
-    plan: SamplingPlan,
-    rows: RouteRows,
-    motion: int,
-    first: wp.int64,
-    count: int,
-    before: wp.int64,
-    earlier: PoseTrack,
-):
-    """Draw pieces in the order of the pose before; returns the least jumps [m], negative where a search is too long."""
-    known = keep_order(c, plan, rows, first, count, before, earlier.pieces)
-    length = jumps_of(c, plan, rows, first, known)
-    least = wp.min(earlier.least, length)
-    if is_longer(plan, length, least):
-        if known + plan.pendulum > SEARCHED:
-            return -ONE
-        least = search_again(c, plan, rows, motion, first, known, length)
-    if count - known > INSERTED_MOST:
-        return -ONE
-    insert_new(c, plan, rows, motion, first, count, known)
-    return least
 
 
 @wp.func
@@ -202,23 +152,54 @@ def lay_route(
     motion: int,
     first: wp.int64,
     count: int,
-    known: int,
+    matched: int,
     as_they_come: bool,
     before: wp.int64,
     earlier: PoseTrack,
 ):
-    """Draw the pieces of a pose; returns the least jumps [m], negative where a search would be too long.
+    """Draw the pieces of a pose; returns the least jumps known [m].
 
-    first, before: row of the first piece of the pose, and of the pose before. known: pieces that it had.
+    first, before: row of the first piece of the pose, and of the pose before. matched: pieces that it had.
     """
     if as_they_come or plan.shortest == 0 or count < 2 or count > PIECES_MOST:
-        for k in range(count):
-            rows.drawn[first + wp.int64(k)] = rows.given[first + wp.int64(k)]
+        append_all(rows, first, count)
         return INFINITE
-    if known >= 2:
-        return keep_route(c, plan, rows, motion, first, count, before, earlier)
-    if count + plan.pendulum > SEARCHED:
-        return -ONE
-    s = search_route(c, plan, rows, motion, rows.given, first, count, plan.pendulum)
-    take_route(c, plan, rows, s, rows.given, first, count)
-    return jumps_of(c, plan, rows, first, count)
+    known = int(matched)
+    length = INFINITE
+    least = INFINITE
+    searched = int(0)  # pieces whose route is to be searched for, from `begin` on
+    if known < 2:  # there is no order to keep
+        known = count
+        append_all(rows, first, count)
+        searched = count
+    else:
+        keep_order(c, plan, rows, first, count, before, earlier.pieces)
+        length = jumps_of(c, plan, rows, rows.drawn, first, known)
+        least = wp.min(earlier.least, length)
+        if is_longer(plan, length, least):
+            searched = known
+    begin = int(0)
+    while begin < count:  # first the known pieces, then new ones if they are many: one search is compiled, not three
+        if searched > 0:
+            row = first + wp.int64(begin)
+            search_route(c, plan, rows, motion, row, searched, wp.where(begin > 0, 1, plan.pendulum))
+            if begin == 0:
+                least = jumps_of(c, plan, rows, rows.candidate, row, searched)
+            if begin > 0 or is_longer(plan, length, least):
+                take_candidate(rows, row, searched)
+        if begin > 0 or count - known <= INSERTED_MOST:
+            begin = count
+        else:
+            append_new(rows, first, count, known)
+            begin = known
+            searched = count - known
+    if known < count and count - known <= INSERTED_MOST:
+        insert_new(c, plan, rows, motion, first, count, known)
+    return least
+
+
+@wp.func
+def append_all(rows: RouteRows, first: wp.int64, count: int):
+    """Draw all pieces as the batch has them."""
+    for k in range(count):
+        rows.drawn[first + wp.int64(k)] = rows.given[first + wp.int64(k)]

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -18,8 +19,9 @@ from ...kernels.sampling.cursor import PoseSchedule
 from ...kernels.sampling.entry import enter_poses
 from ...kernels.sampling.focus import draw_samples
 from ...kernels.sampling.layout import MotionContours, SamplingPlan
+from ...kernels.sampling.seams import has_open_seam
 from ...kernels.sampling.sums import sum_counts
-from ...kernels.sampling.visits import SkinSamples, count_revisits, skin_samples
+from ...kernels.sampling.visits import count_revisits, skin_samples
 from ..contour_batch import ContourBatch, join_batches, require_seams
 from ..errors import StrategyError
 from .contour_sampling import joined, sample_contours
@@ -69,8 +71,8 @@ class MotionSamples:
 class DevicePoses:
     """Poses of many motions on a device."""
 
-    schedule: PoseSchedule
-    """Which samples each has."""
+    schedule: Any
+    """Which samples each has: a PoseSchedule, which type checkers take for no class, as any struct of Warp's."""
     pose: wp.array
     """Hand frame -> array frame, transformd, shape [pose]."""
     motion: wp.array
@@ -105,6 +107,7 @@ def sample_motions(
     on the host on `device`. pose: hand frame -> array frame, shape [pose, 7]. time: of the poses, increasing within a
     motion [s], shape [pose]. motion_start: offsets into poses, shape [motion + 1]. duration: when the last pose of
     each motion ends [s]. hold: age at which a pose starts to fade [s], shape [motion]; None: as for `sample_contours`.
+    A sample takes 16 B of memory for each focal point, and 24 B more meanwhile.
     Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first.
 
     >>> import numpy as np
@@ -196,7 +199,7 @@ class MotionSchedule:
         """Motion of each pose, int64."""
         return np.repeat(np.arange(len(self.duration)), np.diff(self.motion_start))
 
-    def on(self, device: str, strategy: SamplingStrategy) -> PoseSchedule:
+    def on(self, device: str, strategy: SamplingStrategy) -> Any:
         """The same on a device."""
         out = PoseSchedule()
         number = self.row[:-1] - self.sample_start[self.motion]
@@ -232,7 +235,7 @@ def require_motions(batch: ContourBatch, pose: np.ndarray, schedule: MotionSched
         )
 
 
-def plan_of(strategy: SamplingStrategy) -> SamplingPlan:
+def plan_of(strategy: SamplingStrategy) -> Any:
     """A strategy as numbers."""
     plan, pace, order, gap = SamplingPlan(), strategy.pace, strategy.order, strategy.gap
     fewest, most = pace.samples_within(strategy.update_rate)
@@ -279,7 +282,7 @@ def _overlays_of(strategy: SamplingStrategy) -> dict[str, float]:
     return out
 
 
-def _contours_of(batch: ContourBatch) -> MotionContours:
+def contours_of(batch: ContourBatch) -> Any:
     """The arrays of a batch on a device."""
     out = MotionContours()
     out.points, out.polyline_start = batch.points, batch.polyline_start
@@ -293,10 +296,10 @@ def _draw_by_kernels(
     batch: ContourBatch, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
 ) -> None:
     """Draw all motions of a batch on its device but those that cannot be drawn there."""
-    if batch.intensity is not None:
+    if batch.intensity is not None and has_open_seam(batch.intensity, batch.polyline_start, batch.polyline_closed):
         require_seams(batch.numpy(), "contours to be drawn")
     plan, when, pose = plan_of(strategy), out.poses.schedule, out.poses.pose
-    tracks, left = enter_poses(_contours_of(batch), plan, when, pose)
+    tracks, left = enter_poses(contours_of(batch), plan, when, pose)
     pose_hold = wp.array(schedule.hold[schedule.motion], dtype=wp.float64, device=pose.device)
     counts, passages = draw_samples(plan, when, tracks, pose_hold, out.position, out.intensity)
     sums = sum_counts(plan, when, tracks, counts, passages).numpy()
@@ -308,7 +311,7 @@ def _draw_by_kernels(
     out.on_host[:] = left.numpy() != 0
 
 
-def _revisits(schedule: MotionSchedule, strategy: SamplingStrategy, skin: SkinSamples) -> tuple[np.ndarray, np.ndarray]:
+def _revisits(schedule: MotionSchedule, strategy: SamplingStrategy, skin: Any) -> tuple[np.ndarray, np.ndarray]:
     """Picked places that had been visited before, and how long all had waited [s], of each motion."""
     device, rate = skin.point.device, strategy.update_rate
     interval = max(1, round(PICK_INTERVAL * rate))

@@ -115,6 +115,7 @@ def test_random_motions_are_what_the_host_draws(seed, device):
     pose, time, start, duration, hold = random_motions(rng, count)
     strategy = random_strategy(rng)
     samples = sample_motions(batch, pose, time, start, duration, strategy, hold=hold, device=device)
+    assert not samples.on_host.any()
     assert_same(samples, batch, pose, time, start, duration, strategy, hold)
 
 
@@ -154,11 +155,29 @@ def test_motions_may_be_cut_anywhere_among_batches_and_take_no_notice_of_each_ot
     assert {str(batch.points.device) for batch in batches} == {str(together.position.device)}
 
 
+@pytest.mark.exhaustive(after=9)
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("line_most", [5, 6, 8, 12, 20, 31, 33, 50, 130])
+def test_routes_through_many_polylines_are_the_hosts(line_most, seed, device):
+    """Up to 4 places all orders are tried, up to 32 pieces the route is improved, and up to 128 it is searched for."""
+    rng = np.random.default_rng(seed)
+    batch = random_strokes(rng, 8, line_most=line_most)
+    time, start, duration = np.arange(8) / 90, np.array([0, 8]), np.array([8 / 90])
+    order = Order("pendulum" if seed % 2 else "loop", margin=0.0)
+    strategy = SamplingStrategy(order=order, gap=Gap(("jump", "pendulum", "close", "return")[seed]))
+    samples = sample_motions(batch, still(8), time, start, duration, strategy, device=device)
+    assert not samples.on_host.any()
+    assert_same(samples, batch, still(8), time, start, duration, strategy)
+
+
 def test_what_kernels_do_not_draw_is_drawn_by_the_host_and_counted(device):
-    many = [[(circle(0.004, (0.02 * k - 0.05, 0.02 * (k % 2), 0.2), 12), True) for k in range(6)]]
-    poses = [*many * 3, *[[(square(0.04), True)]] * 3]
-    batch, time, start = batch_of(poses), np.tile(np.arange(3) / 90, 2), np.array([0, 3, 6])
-    duration = np.full(2, 3 / 90)
+    plain = batch_of([[(square(0.04), True)] * 3] * 3 + [[(square(0.04), True)]] * 3)
+    size = np.diff(plain.polyline_start)
+    kept = np.repeat(np.arange(len(size)) != 1, size)  # one polyline has no vertices
+    size[1] = 0
+    start = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
+    batch = replace(plain, points=plain.points[kept], kind=plain.kind[kept], polyline_start=start)
+    time, start, duration = np.tile(np.arange(3) / 90, 2), np.array([0, 3, 6]), np.full(2, 3 / 90)
     samples = sample_motions(batch, still(6), time, start, duration, SamplingStrategy(), device=device)
     assert samples.on_host.tolist() == [True, False]
     assert "1 of them drawn on the host" in repr(samples)

@@ -1,0 +1,92 @@
+"""Tracks, routes and entries of random motions are the host's to the bit."""
+
+import numpy as np
+import pytest
+import warp as wp
+from contour_random import random_strokes
+from contour_shapes import still
+
+from palpate.kernels.sampling import course, cursor, doors, pieces, route, search
+from palpate.kernels.sampling.entry import enter_poses
+from palpate.render.sampling import contour_matching, drawing_turns, sampler
+from palpate.render.sampling import route as host_route
+from palpate.render.sampling import track as host_track
+from palpate.render.sampling.batch_sampling import MotionSchedule, contours_of, plan_of
+from palpate.render.sampling.contour_sampling import Gap, Order, Pace, Sampler, SamplingStrategy, sample_contours
+
+STRATEGIES = {
+    "stm": SamplingStrategy(),
+    "given": SamplingStrategy(order=Order(route="given")),
+    "no-margin": SamplingStrategy(order=Order(margin=0.0)),
+    "return": SamplingStrategy(gap=Gap("return")),
+    "close": SamplingStrategy(gap=Gap("close")),
+    "there-and-back": SamplingStrategy(gap=Gap("pendulum"), order=Order("pendulum")),
+    "capped": SamplingStrategy(pace=Pace("capped")),
+}
+
+
+def entered_by_host(batch, time, duration, strategy, monkeypatch):
+    """Track, knot and first sample of each pose that the host's sampler enters."""
+    found = []
+    enter = Sampler._enter
+
+    def noted(self, path, silent):
+        cursor = enter(self, path, silent)
+        found.append((cursor.track, cursor._anchor, cursor._index))
+        return cursor
+
+    monkeypatch.setattr(sampler.Sampler, "_enter", noted)
+    list(sample_contours([batch], still(len(time)), time, duration, Sampler(strategy)))
+    return found
+
+
+@pytest.mark.parametrize("name", STRATEGIES)
+@pytest.mark.parametrize("seed", range(8))
+def test_tracks_and_entries_are_the_hosts_to_the_bit(seed, name, device, monkeypatch):
+    rng, strategy = np.random.default_rng(seed), STRATEGIES[name]
+    batch = random_strokes(rng, 40, line_most=int(rng.integers(1, 8)), with_intensity=seed % 2 == 1)
+    time, duration = np.arange(40) / 90, 40 / 90
+    schedule = MotionSchedule.of(time, [0, 40], [duration], strategy, None)
+    pose = wp.array(still(40), dtype=wp.transformd, device=device)
+    drawn, left = enter_poses(contours_of(batch.to(device)), plan_of(strategy), schedule.on(device, strategy), pose)
+    assert left.numpy().tolist() == [0]
+    tracks, entries, nodes = drawn.tracks.numpy(), drawn.entries.numpy(), drawn.nodes
+    expected = entered_by_host(batch, time, duration, strategy, monkeypatch)
+    entered = np.flatnonzero(entries["drawn"])
+    assert len(entered) == len(expected) > 5
+    for pose, (track, knot, index) in zip(entered.tolist(), expected, strict=True):
+        rows = slice(int(tracks[pose]["first"]), int(tracks[pose]["first"] + tracks[pose]["count"]))
+        assert (nodes.knot.numpy()[rows] == track.knot).all()
+        assert (nodes.point.numpy()[rows] == track.points).all()
+        if track.intensity is not None:
+            assert (nodes.intensity.numpy()[rows] == track.intensity).all()
+        assert (tracks[pose]["one_sample"], tracks[pose]["repeat"]) == (track.one_sample, track.repeat_count)
+        assert (entries[pose]["anchor"], entries[pose]["index"]) == (knot, index)
+        first = int(batch.pose_start[pose])
+        routes = drawn.routes.numpy()[first : first + tracks[pose]["pieces"]]
+        assert routes["earlier"].tolist() == track.route.earlier.tolist()
+
+
+def test_numbers_of_the_kernels_are_the_hosts():
+    assert float(pieces.NEARNESS) == contour_matching.NEARNESS**2
+    assert (int(search.STARTS), int(doors.STARTS_TRIED)) == (host_route.DOORS, host_route.STARTS_TRIED)
+    assert doors.DOORS == search.DOOR_ROOM > 2 * host_route.PIECES_MOST
+    assert int(search.SEARCHED_MOST) == host_route.SEARCHED_MOST
+    assert (int(route.PIECES_MOST), int(route.INSERTED_MOST)) == (host_route.PIECES_MOST, host_route.INSERTED_MOST)
+    assert float(route.JUMP_SLACK) == host_route.JUMP_SLACK
+    assert float(course.SHARE_LEAST) == drawing_turns.SHARE_LEAST
+    assert float(course.NOISE_SHARE) == host_track.NOISE_SHARE
+    assert int(cursor.BLOCK_SAMPLES) == sample_contours.__kwdefaults__["block"]
+
+
+def test_a_motion_with_a_polyline_without_vertices_is_left_to_the_host(device):
+    batch = random_strokes(np.random.default_rng(0), 2, line_most=1)
+    contours = contours_of(batch.to(device))
+    contours.polyline_start = wp.zeros(2, dtype=wp.int64, device=device)
+    contours.polyline_closed = wp.zeros(1, dtype=wp.uint8, device=device)
+    contours.pose_start = wp.array([0, 1, 1], dtype=wp.int64, device=device)
+    schedule = MotionSchedule.of(np.arange(2.0), [0, 2], [2.0], SamplingStrategy(), None)
+    pose = wp.array(still(2), dtype=wp.transformd, device=device)
+    drawn, left = enter_poses(contours, plan_of(SamplingStrategy()), schedule.on(device, SamplingStrategy()), pose)
+    assert left.numpy().tolist() == [1]
+    assert drawn.entries.numpy()["before"].tolist() == [-1, -1]

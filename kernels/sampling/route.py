@@ -145,6 +145,43 @@ def is_longer(plan: SamplingPlan, length: wp.float64, least: wp.float64):
 
 
 @wp.func
+def search_in_turn(
+    c: MotionContours,
+    plan: SamplingPlan,
+    rows: RouteRows,
+    motion: int,
+    first: wp.int64,
+    count: int,
+    known: int,
+    to_search: int,
+    length: wp.float64,
+    known_least: wp.float64,
+):
+    """Search for the route of the known pieces, if asked to, then for that of new ones, if they are many.
+
+    length: of the known pieces' jumps [m]. known_least: the least known. Returns the least after the search [m].
+    """
+    searched = int(to_search)
+    least = known_least
+    begin = int(0)
+    while begin < count:  # first the known pieces, then new ones if they are many: one search is compiled, not three
+        if searched > 0:
+            row = first + wp.int64(begin)
+            search_route(c, plan, rows, motion, row, searched, wp.where(begin > 0, 1, plan.pendulum))
+            if begin == 0:
+                least = jumps_of(c, plan, rows, rows.candidate, row, searched)
+            if begin > 0 or is_longer(plan, length, least):
+                take_candidate(rows, row, searched)
+        if begin > 0 or count - known <= INSERTED_MOST:
+            begin = count
+        else:
+            append_new(rows, first, count, known)
+            begin = known
+            searched = count - known
+    return least
+
+
+@wp.func
 def lay_route(
     c: MotionContours,
     plan: SamplingPlan,
@@ -178,21 +215,7 @@ def lay_route(
         least = wp.min(earlier.least, length)
         if is_longer(plan, length, least):
             searched = known
-    begin = int(0)
-    while begin < count:  # first the known pieces, then new ones if they are many: one search is compiled, not three
-        if searched > 0:
-            row = first + wp.int64(begin)
-            search_route(c, plan, rows, motion, row, searched, wp.where(begin > 0, 1, plan.pendulum))
-            if begin == 0:
-                least = jumps_of(c, plan, rows, rows.candidate, row, searched)
-            if begin > 0 or is_longer(plan, length, least):
-                take_candidate(rows, row, searched)
-        if begin > 0 or count - known <= INSERTED_MOST:
-            begin = count
-        else:
-            append_new(rows, first, count, known)
-            begin = known
-            searched = count - known
+    least = search_in_turn(c, plan, rows, motion, first, count, known, searched, length, least)
     if known < count and count - known <= INSERTED_MOST:
         insert_new(c, plan, rows, motion, first, count, known)
     return least

@@ -31,6 +31,8 @@ from .sampler import Sampler, shown_order
 from .strategy import SamplingStrategy
 
 PACES = ("speed", "frequency", "capped", "still")
+ROWS_MOST = 2**31 - 1  # of an array: kernels number them in an int
+ROWS_A_POINT, ROWS_A_MOTION = 13, 2048  # of nodes, where a vertex is passed four times, and of what a search writes
 WAVES = (None, "sine", "square")
 
 
@@ -108,7 +110,8 @@ def sample_motions(
     motion [s], shape [pose]. motion_start: offsets into poses, shape [motion + 1]. duration: when the last pose of
     each motion ends [s]. hold: age at which a pose starts to fade [s], shape [motion]; None: as for `sample_contours`.
     A sample takes 16 B of memory for each focal point, and 24 B more meanwhile.
-    Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first.
+    Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, and
+    for more samples than a call can number (2**31).
 
     >>> import numpy as np
     >>> from palpate.render import SamplingStrategy, render, static_pose
@@ -233,6 +236,9 @@ def require_motions(batch: ContourBatch, pose: np.ndarray, schedule: MotionSched
         raise StrategyError(
             "contours, poses, times and motions must be of the same poses, not {}, {}, {}, {}".format(*counts)
         )
+    rows = ROWS_A_POINT * batch.point_count, ROWS_A_MOTION * len(schedule.duration), int(schedule.row[-1])
+    if max(rows) > ROWS_MOST:
+        raise StrategyError(f"{rows[2]} samples of {len(pose)} poses are too many for one call; divide the motions")
 
 
 def plan_of(strategy: SamplingStrategy) -> Any:

@@ -256,3 +256,9 @@ def test_contours_of_type_contour_batch_are_taken_alone():
     one = sample_motions(batch, still(1), np.zeros(1), [0, 1], [0.1], SamplingStrategy())
     listed = sample_motions([batch], still(1), np.zeros(1), [0, 1], [0.1], SamplingStrategy())
     assert (one.focus(0).position == listed.focus(0).position).all()
+
+
+def test_more_samples_than_a_call_can_number_are_refused():
+    batch = batch_of([[(square(0.04), True)]])
+    with pytest.raises(StrategyError, match="too many for one call"):
+        sample_motions(batch, still(1), np.zeros(1), [0, 1], [1e6], SamplingStrategy())

@@ -33,6 +33,21 @@ def rounded_to_bytes(delay: Turns, level: Turns) -> tuple[Frames, Turns]:
 
 
 @dataclass(frozen=True)
+class PulseGrid:
+    """Frames of a byte for the start of each transducer's pulse, in the order of the wire, then one for each width.
+
+    A pulse narrower than half a turn starts later by half of what it lacks, so its middle stays.
+    """
+
+    turn: int
+    """Starts in a turn."""
+    half: int
+    """Widths up to half a turn, the widest."""
+    mark: int
+    """Bits that the first byte of a frame has besides."""
+
+
+@dataclass(frozen=True)
 class Layout:
     """One board's frames: drives to bytes, and what bytes do. Everything is vectorised over frames.
 
@@ -58,6 +73,8 @@ class Layout:
     """Delay [turns], 0..1, shape [frame, transducer], and amplitude 0..1, shape [frame, 1], to the delay [turn / 256]
     and the amplitude that the board gives instead, of the same shapes: its steps, without its calibration. Predictions
     of pressure and noise use it."""
+    pulses: PulseGrid | None = None
+    """The grid of a board whose frames `PulseGrid` describes, so that kernels can pack them; None for others."""
 
     def __repr__(self) -> str:
         """One line."""

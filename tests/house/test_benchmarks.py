@@ -24,6 +24,7 @@ from throughput import CASES, compare, measure
 from transforms import PRESETS, measure_explorations, numbers_of
 from transforms import compare as compare_numbers
 from transforms import measure as measure_transforms
+from wire_bytes import measure as measure_bytes
 
 from palpate.render import MeshObject
 
@@ -128,3 +129,11 @@ def test_sampling_is_measured(device):
     assert figures["on_host"] == 0
     assert figures["us"] > 0
     assert figures["host_us"] > 0
+
+
+@pytest.mark.exhaustive
+def test_bytes_of_the_whole_chain_do_not_depend_on_how_many_motions_are_made_at_once(device):
+    one, two = (measure_bytes(device, 2, count) for count in (1, 2))
+    assert one["frames"] == two["frames"] == 600_000
+    assert (one["sum"], one["refused"]) == (two["sum"], two["refused"])
+    assert one["sum"] != 0

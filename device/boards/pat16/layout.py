@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UpdateRateError
-from ...wire_layout import Frames, Layout, Turns, any_of, mean_of, on_wire
+from ...wire_layout import Frames, Layout, PulseGrid, Turns, any_of, mean_of, on_wire
 
 _MARK = 0x80
 _DIVIDER_BYTE, _LOAD_BYTE = 26, 34
@@ -67,5 +67,11 @@ def _emitting(frames: Frames) -> NDArray[np.bool_]:
 
 
 LAYOUT = Layout(  # phases of silent pulses say nothing
-    _pack, _width, _emitting, amplitude_steps=64, off_bits=_MARK, rounded=_rounded
+    _pack,
+    _width,
+    _emitting,
+    amplitude_steps=64,
+    off_bits=_MARK,
+    rounded=_rounded,
+    pulses=PulseGrid(turn=128, half=64, mark=_MARK),
 )

@@ -216,10 +216,25 @@ def largest_error(batches: Sequence[ContourBatch]) -> float | None:
     return max(errors) if errors and len(errors) == len(batches) else None
 
 
+def with_values_of_all(batches: Sequence[ContourBatch]) -> list[ContourBatch]:
+    """Batches on the host that all have intensities, and pauses, if one of them has: 1, and 0, where one has none."""
+    out = list(batches)
+    for name, missing in (("intensity", 1.0), ("dwell", 0.0)):
+        if any(getattr(batch, name) is not None for batch in out):
+            out = [
+                replace(batch, **{name: np.full(batch.point_count, missing, np.float32)})
+                if getattr(batch, name) is None
+                else batch
+                for batch in out
+            ]
+    return out
+
+
 def join_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
     """Join batches of consecutive poses on the host."""
     if len(batches) == 1:
         return batches[0]
+    batches = with_values_of_all(batches)
 
     def joined(name: str) -> np.ndarray:
         return np.concatenate([getattr(b, name) for b in batches])

@@ -264,7 +264,7 @@ def _weigh_points(
     i = polyline_start[line] + (wp.int64(run) - run_start[line]) * RUN
     end = wp.min(i + RUN, polyline_start[line + 1])
     most = farthest_asked(ramp)
-    free = float(0.0)  # the surface is at least so far from the point before
+    free = float(-1.0e30)  # the surface is at least so far from the point before: there is none before the first
     within = bool(False)  # whether that is inside
     before_point = wp.vec3()
     while i < end:

@@ -22,7 +22,7 @@ from ...kernels.sampling.layout import MotionContours, SamplingPlan
 from ...kernels.sampling.seams import has_open_seam
 from ...kernels.sampling.sums import sum_counts
 from ...kernels.sampling.visits import count_revisits, skin_samples
-from ..contour_batch import ContourBatch, join_batches, require_seams
+from ..contour_batch import ContourBatch, join_batches, require_seams, with_values_of_all
 from ..errors import StrategyError
 from .contour_sampling import joined, sample_contours
 from .metrics import CAUSES, FocalPoints, SamplingCount
@@ -149,6 +149,9 @@ def joined_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
     """Join batches of consecutive poses, all on the host or all on one device."""
     if len(batches) == 1 or not batches[0].on_device:
         return join_batches(batches)
+    if len({frozenset(batch.by_name()) for batch in batches}) > 1:  # as a stage leaves an empty batch as it is
+        device = str(batches[0].points.device)
+        batches = [batch.to(device) for batch in with_values_of_all([batch.numpy() for batch in batches])]
     named = {name: [getattr(batch, name) for batch in batches] for name in batches[0].by_name()}
     rows = {"polyline_start": [b.point_count for b in batches], "pose_start": [b.polyline_count for b in batches]}
     arrays = {

@@ -3,7 +3,7 @@
 Contours are rendered as they are sampled, or read where they are kept.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
@@ -28,7 +28,8 @@ from ...sampling.batch_sampling import MotionSamples, sample_motions
 from ...sampling.contour_sampling import DwellMap, FocalPoints, Sampler, SamplingStrategy, dwell_map, sample_bounds
 
 KEPT_BYTES = 256_000_000  # of a rendering's contours on the host, for whoever samples it next
-SAMPLES_AT_ONCE = 5_000_000  # 0.2 GB for one focal point; of a longer motion they are made block by block
+FOCI_AT_ONCE = 5_000_000  # 0.2 GB of focal points; more are made block by block
+POINTS_AT_ONCE = 5_000_000  # 0.5 GB of contours and what is laid along them; with more, too
 CELL = 1e-3  # of the dwell map [m]
 OTHER_HAND = (0.2, 0.25)  # of the dwell map of a hand that is no rectangle, around the palm's middle [m]
 CAUSES = {"jumps_polyline": "polyline", "jumps_order": "order", "jumps_pose": "pose", "jumps_reentry": "re-entry"}
@@ -113,18 +114,20 @@ def sample_recipe(
     takers: Sequence[FocusTaker] = (),
     *,
     counted: bool = True,
+    tick: Callable[[], object] = lambda: None,
 ) -> dict[str, Any]:
     """Go once through all focal points of a motion; returns `NUMBERS`, if they are to be counted, and the seconds.
 
-    takers: who else takes the focal points. Raises what rendering and sampling raise.
+    takers: who else takes the focal points. tick: called after every block of poses, as a sign of progress. Raises what
+    rendering and sampling raise.
     """
     started = perf_counter()
     sampler = Sampler(strategy)
     source = ContourSource(contours, sampler)
     width, length = (hand.width, hand.length) if isinstance(hand, Palm) else OTHER_HAND
     cell = min(CELL, width, length)
-    if source.hold is not None and source.frame_count <= SAMPLES_AT_ONCE:
-        samples = _sampled_at_once(contours, source, strategy)
+    samples = _sampled_at_once(contours, source, strategy, tick)
+    if samples is not None:
         for _ in _taken(PointSource(samples.focus(0)), takers):
             pass
         count = samples.counts[0]
@@ -150,12 +153,19 @@ def sample_recipe(
     }
 
 
-def _sampled_at_once(contours: ContourRows, source: ContourSource, strategy: SamplingStrategy) -> MotionSamples:
-    """All focal points of a motion, and what they are counted as."""
-    batches = [
-        ContourBatch.from_arrays(contours.contours(first, stop))
-        for first, stop in contours.blocks(point_limit=POINTS_A_READ)
-    ]
+def _sampled_at_once(
+    contours: ContourRows, source: ContourSource, strategy: SamplingStrategy, tick: Callable[[], object]
+) -> MotionSamples | None:
+    """All focal points of a motion, and what they are counted as; None where memory may not hold all at once."""
+    if source.hold is None or source.frame_count * strategy.foci > FOCI_AT_ONCE:
+        return None
+    batches, point_count = [], 0
+    for first, stop in contours.blocks(point_limit=POINTS_A_READ):
+        batches.append(ContourBatch.from_arrays(contours.contours(first, stop)))
+        point_count += batches[-1].point_count
+        if point_count > POINTS_AT_ONCE:
+            return None
+        tick()
     rows = contours.motion()
     require_increasing(rows["time"], contours.path)
     ends, holds = np.array([source.duration]), np.array([source.hold])

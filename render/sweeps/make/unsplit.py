@@ -182,7 +182,13 @@ def _walked(
             return dict(made)
         counted = any(place[0] == "sampling" for place in asked)
         numbers = sample_recipe(
-            contours, motion, scene.hand, strategy, [*keepers.values(), Ticker(tick)], counted=counted
+            contours,
+            motion,
+            scene.hand,
+            strategy,
+            [*keepers.values(), Ticker(tick)],
+            counted=counted,
+            tick=tick,
         )
         walking, counts = numbers["seconds"], {**numbers, "seconds": {}}
         for place in asked:

@@ -8,10 +8,10 @@ import pytest
 from contour_random import random_strokes
 from contour_shapes import batch_of, circle, square, still
 
-from palpate.render import ContourBatch, MeshObject, Palm, Scene, exploration
+from palpate.render import ContourBatch, MeshObject, Palm, Scene, exploration, render
 from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
-from palpate.render.sampling.batch_sampling import sample_motions, why_on_host
+from palpate.render.sampling.batch_sampling import joined_batches, sample_motions, why_on_host
 from palpate.render.sampling.contour_sampling import (
     AmplitudeModulation,
     Dwell,
@@ -262,3 +262,21 @@ def test_more_samples_than_a_call_can_number_are_refused():
     batch = batch_of([[(square(0.04), True)]])
     with pytest.raises(StrategyError, match="too many for one call"):
         sample_motions(batch, still(1), np.zeros(1), [0, 1], [1e6], SamplingStrategy())
+
+
+@pytest.mark.parametrize("on_device", [False, True])
+@pytest.mark.parametrize("bare", [0, 1, 2])
+def test_a_batch_without_intensity_among_others_that_have_it_has_all_of_it(bare, on_device, device):
+    """Such as an empty one, which a stage of a user's leaves as it is."""
+    whole = render("cube", "palm", exploration("cube", duration=0.3, rate=90.0), "cc")
+    parts = [whole.select(k, k + 9) for k in (0, 9, 18)]
+    levels = [np.full(part.point_count, 0.25, np.float32) for part in parts]
+    parts = [
+        part if k == bare else replace(part, intensity=level, dwell=0 * level)
+        for k, (part, level) in enumerate(zip(parts, levels, strict=True))
+    ]
+    joined = joined_batches([part.to(device) for part in parts] if on_device else parts).numpy()
+    levels[bare] = np.ones(parts[bare].point_count, np.float32)
+    np.testing.assert_array_equal(joined.intensity, np.concatenate(levels))
+    np.testing.assert_array_equal(joined.dwell, np.zeros(joined.point_count, np.float32))
+    np.testing.assert_array_equal(joined.points, whole.select(0, 27).points)

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import trimesh
 from depth_oracle import weighed
 from transform_cases import a_setting, assert_equal, near_poses, random_regions, rendered, run_stage
 
-from palpate.render import MeshObject, Palm, PlaneHand, Scene
+from palpate.render import MeshObject, Palm, PlaneHand, Scene, Stage, static_pose
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages.depth import MESHES_KEPT, mesh_of
+from palpate.render.strategies.presets import closed_then
 
 DEFAULTS = {"shallow": 0.0, "deep": 0.02, "lowest": 0.3, "grid": 9, "spacing": 0.004}
 RAMPS = [{}, {"shallow": 0.003, "deep": 0.009, "lowest": 0.0}, {"shallow": 0.007, "deep": 0.001}]
@@ -78,3 +80,19 @@ def test_a_mesh_is_made_once_for_an_object_and_the_oldest_go(device):
     for solid in solids[1:]:
         mesh_of(solid, device)
     assert mesh_of(solids[0], device) is not first
+
+
+@pytest.mark.filterwarnings("ignore:.*reaches behind the array")  # where its file has it
+@pytest.mark.parametrize("moved", [False, True])
+def test_points_near_the_origin_of_the_objects_file_have_their_depth(moved, device):
+    """An object that moves is mostly in a file round its own origin; the first point asked about may lie there."""
+    place = np.array([0, 0, 0.2])
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.06)
+    solid = MeshObject(ball if moved else ball.apply_translation(place))
+    object_pose = np.array([[*place, 0, 0, 0, 1]], np.float32) if moved else None
+    strategy = closed_then("centroid", Stage("depth", {"at": "point"}))
+    scene = Scene.of(solid, Palm(), strategy, object_pose=object_pose)
+    batch, _ = scene.contours(static_pose(place).pose, 0, device)
+    batch = batch.numpy()
+    assert np.linalg.norm(batch.points - place, axis=1).max() < 0.004
+    np.testing.assert_array_equal(batch.intensity, 1.0)  # 56 mm deep, where 20 are enough

@@ -207,7 +207,7 @@ def nearest_door(rows: RouteRows, s: RouteSearch, door: int, count: int):
                 free = int(0)
         if free == 1:
             length = jump_between(rows, s, door, d)
-            if length < least:
+            if length < least or best < 0:  # a jump to a point that is none has no length
                 least = length
                 best = d
     return best

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 import sweep_works
@@ -14,9 +15,11 @@ from sweep_recipes import random_motion, recipe_of, task_of
 
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.render.errors import PalpateWarning, StrategyError, SweepError
+from palpate.render.stages import registry
+from palpate.render.stages.registry import known_stages
 from palpate.render.sweeps.make.task import Chunk, Task
 from palpate.render.sweeps.run import worker_process as worker_process_module
-from palpate.render.sweeps.run.engine import InProcess, LocalEngine, choose_engine
+from palpate.render.sweeps.run.engine import InProcess, LocalEngine, _is_python, choose_engine
 from palpate.render.sweeps.run.messages import Frames, frame
 from palpate.render.sweeps.run.processes import DEATHS_MOST, Processes
 from palpate.render.sweeps.run.worker import attempt
@@ -420,7 +423,10 @@ def test_words_choose_the_engine():
 
 
 @pytest.mark.exhaustive
-def test_recipes_that_run_python_are_made_in_a_process_also_with_one_worker(tmp_path):
+def test_recipes_that_run_python_are_made_in_a_process_also_with_one_worker(tmp_path, monkeypatch):
+    on_host = replace(known_stages("transform")["hatch"], on="host")  # as stages of a user's run
+    monkeypatch.setattr(registry, "known_stages", lambda role: {**known_stages(role), "hatch": on_host})
+    _is_python.cache_clear()
     for strategy, name in (("cc", "in this process, on cpu"), ("hatch", "processes, 1 on cpu")):
         engine = LocalEngine(1)
         (store := tmp_path / strategy).mkdir()
@@ -429,6 +435,7 @@ def test_recipes_that_run_python_are_made_in_a_process_also_with_one_worker(tmp_
         assert [outcome.error for outcome in outcomes.values()] == [None]
         assert engine.name == name
         engine.close()
+    _is_python.cache_clear()
 
 
 def test_each_gpu_works_in_a_process_of_its_own(tmp_path):

@@ -323,6 +323,7 @@ def test_parts_stand_side_by_side_at_any_width(shown, tube, hatch, width, height
     assert boxes[".scene"][3] >= 250
 
 
+@pytest.mark.filterwarnings("ignore:.*holds no contour")
 def test_one_pose_without_time_and_without_contour_is_shown(shown, folder):
     path = render("cube", "palm", static_pose([0, 0, 0.45]), "cc").save(folder / "nothing.h5")
     browser = shown(path)

@@ -20,6 +20,7 @@ from .layout import (
 )
 
 NEARNESS = wp.constant(wp.float64(0.02**2))  # [m^2], as in render/sampling/contour_matching.py
+MARKS_A_METRE = wp.constant(wp.float64(1e7))  # as there
 
 
 @wp.func
@@ -145,8 +146,14 @@ def collect_pieces(c: MotionContours, rows: RouteRows, pose: int):
 
 
 @wp.func
+def rounded_mark(value: wp.float64):
+    """A number of a mark on its grid: else rounding would decide between pieces that lie on each other."""
+    return wp.rint(MARKS_A_METRE * value) / MARKS_A_METRE
+
+
+@wp.func
 def mark_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
-    """Middle of a piece and the root of its mean squared distance from there [m]; every way counts by its length.
+    """Middle of a piece and the root of its mean squared distance from there [m], to 1e-7; ways count by their length.
 
     A loop that begins between two vertices has one way more, so its mark is not that of the polyline.
     """
@@ -167,7 +174,9 @@ def mark_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
         a = drawn_vertex(c, piece, size, i - 1)
         step = drawn_vertex(c, piece, size, i) - a
         square += wp.sqrt(squared(step)) * squared((a + HALF * step) - middle)
-    return wp.vec4d(middle[0], middle[1], middle[2], wp.sqrt(square / total))
+    return wp.vec4d(
+        rounded_mark(middle[0]), rounded_mark(middle[1]), rounded_mark(middle[2]), rounded_mark(wp.sqrt(square / total))
+    )
 
 
 @wp.func

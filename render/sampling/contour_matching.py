@@ -2,11 +2,12 @@
 
 import numpy as np
 
+MARKS_A_METRE = 1e7  # to which marks are rounded: else rounding would decide between polylines that lie on each other
 NEARNESS = 0.02  # [m] a contour farther away than this, or larger by it, is another one: 1.8 m/s at 90 Hz
 
 
 def marks_of(lines: list[np.ndarray]) -> np.ndarray:
-    """Middle of each polyline and the root of its mean squared distance from there [m], shape [polyline, 4].
+    """Middle of each polyline and the root of its mean squared distance from there [m], to 1e-7, shape [polyline, 4].
 
     lines: vertices [m], each of shape [point, 3]. Every part counts by its length, so it does not matter where a loop
     starts, which way round it runs and how its vertices are spread; loops around the same middle differ in size.
@@ -23,7 +24,7 @@ def marks_of(lines: list[np.ndarray]) -> np.ndarray:
     middle = np.add.reduceat(length[:, None] * half, first) / total[:, None]
     off = half - np.repeat(middle, np.diff([*first, len(points)]), axis=0)
     square = np.add.reduceat(length * np.einsum("ij,ij->i", off, off), first) / total
-    return np.column_stack([middle, np.sqrt(square)])
+    return np.rint(MARKS_A_METRE * np.column_stack([middle, np.sqrt(square)])) / MARKS_A_METRE
 
 
 def matches_of(mark: np.ndarray, before: np.ndarray) -> np.ndarray:

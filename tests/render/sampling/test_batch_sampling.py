@@ -11,6 +11,7 @@ from contour_shapes import batch_of, circle, square, still
 from palpate.render import ContourBatch, MeshObject, Palm, Scene, exploration, render
 from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
+from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.sampling.batch_sampling import joined_batches, sample_motions, why_on_host
 from palpate.render.sampling.contour_sampling import (
     AmplitudeModulation,
@@ -280,3 +281,16 @@ def test_a_batch_without_intensity_among_others_that_have_it_has_all_of_it(bare,
     np.testing.assert_array_equal(joined.intensity, np.concatenate(levels))
     np.testing.assert_array_equal(joined.dwell, np.zeros(joined.point_count, np.float32))
     np.testing.assert_array_equal(joined.points, whole.select(0, 27).points)
+
+
+@pytest.mark.parametrize("name", ["tube", "dog"])
+def test_polylines_that_lie_on_each_other_are_recognised_as_the_host_does(name, device):
+    """The whole outline on each of 15 patches in one plane: rounding must not decide which copy is which."""
+    mesh = MeshObject.load(name)
+    motion = exploration(mesh.bounds, 2.0, rate=40.0, seed=3, model="around")
+    batch, _ = Scene.of(mesh, flat_hand(), "whole").contours(motion.pose, 0, device)
+    batch, start, duration = batch.numpy(), np.array([0, len(motion)]), np.array([2.0])
+    assert np.diff(batch.pose_start).max() >= 15
+    samples = sample_motions(batch, motion.pose, motion.time, start, duration, SamplingStrategy(), device=device)
+    assert not samples.on_host.any()
+    assert_same(samples, batch, motion.pose, motion.time, start, duration, SamplingStrategy())

@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from .objects.voxels.files import save_voxels
     from .objects.voxels.voxel_object import VoxelObject
     from .objects.voxels.voxeliser import voxelise
+    from .playback.device_frames import PulsePacker
     from .playback.drive import Driver, DriveStrategy, drive_focus
     from .playback.file_playback import Connection, play_file
     from .playback.live import Instant
@@ -80,6 +81,7 @@ if TYPE_CHECKING:
     from .reports.contour_figure import draw_figure
     from .reports.file_summary import summarise
     from .runtime.worker_devices import worker_devices
+    from .sampling.batch_sampling import MotionSamples, sample_motions
     from .sampling.contour_sampling import (
         Dwell,
         FocalPoints,
@@ -152,6 +154,7 @@ _ROOMS = {
     "objects.voxels.files": "save_voxels",
     "objects.voxels.voxel_object": "VoxelObject",
     "objects.voxels.voxeliser": "voxelise",
+    "playback.device_frames": "PulsePacker",
     "playback.drive": "Driver DriveStrategy drive_focus",
     "playback.file_playback": "Connection play_file",
     "playback.live": "Instant",
@@ -160,6 +163,7 @@ _ROOMS = {
     "reports.contour_figure": "draw_figure",
     "reports.file_summary": "summarise",
     "runtime.worker_devices": "worker_devices",
+    "sampling.batch_sampling": "MotionSamples sample_motions",
     "sampling.contour_sampling": "Dwell FocalPoints Gap Sampler SamplingStrategy dwell_map load_sampling preset "
     "sample_bounds sample_contours",
     "sampling.revisits": "revisit_rate",
@@ -209,6 +213,7 @@ __all__ = [
     "MeshHand",
     "MeshObject",
     "MotionError",
+    "MotionSamples",
     "NoiseListener",
     "NoiseModel",
     "NoiseSignal",
@@ -225,6 +230,7 @@ __all__ = [
     "PlayedFrames",
     "PoseError",
     "PressureMetrics",
+    "PulsePacker",
     "RecordingError",
     "RecordingWarning",
     "RenderError",
@@ -292,6 +298,7 @@ __all__ = [
     "run_sweep",
     "sample_bounds",
     "sample_contours",
+    "sample_motions",
     "save_voxels",
     "shape_names",
     "simplify",

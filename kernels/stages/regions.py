@@ -12,7 +12,7 @@ import warp as wp
 from ..offsets import last_of, offsets_of
 from ..patch import EXACT, to_float64
 from .cut import launch
-from .prune import Patches
+from .prune import Patches, find_poses
 
 wp.set_module_options(EXACT)
 
@@ -77,19 +77,6 @@ def holds_loop(local: wp.array[wp.vec3d], polyline_start: wp.array[wp.int64], ou
         left -= 1
         i += wp.int64(1)
     return lead > 0
-
-
-@wp.kernel
-def _find_line_poses(
-    # In:
-    pose_start: wp.array[wp.int64],
-    # Out:
-    line_pose: wp.array[wp.int32],
-):
-    """Write the pose of each polyline."""
-    pose = wp.tid()
-    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
-        line_pose[line] = pose
 
 
 @wp.kernel
@@ -248,13 +235,6 @@ def _write_regions(
             at += wp.int64(1)
 
 
-def find_line_poses(pose_start: wp.array, line_count: int) -> wp.array:
-    """Pose of each polyline, int32, shape [polyline]."""
-    line_pose = wp.empty(line_count, dtype=wp.int32, device=pose_start.device)
-    launch(_find_line_poses, pose_start.shape[0] - 1, [pose_start], [line_pose])
-    return line_pose
-
-
 def find_local_points(
     points: wp.array, polyline_start: wp.array, line_pose: wp.array, line_patch: wp.array, patches: Any
 ) -> wp.array:
@@ -288,7 +268,7 @@ def find_regions(
     region of its own. patches: `Patches`, on the device of the other arrays, which are those of a contour batch.
     """
     device, line_count = points.device, polyline_patch.shape[0]
-    line_pose = find_line_poses(pose_start, line_count)
+    line_pose = find_poses(pose_start, line_count)
     local = find_local_points(points, polyline_start, line_pose, polyline_patch, patches)
     area = measure_areas(local, polyline_start, polyline_closed)
     owner, first, region_line = (wp.empty(line_count, dtype=wp.int32, device=device) for _ in range(3))

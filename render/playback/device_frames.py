@@ -22,9 +22,10 @@ class PulsePacker:
     at the last point that was drawn.
 
     >>> import warp as wp
-    >>> from palpate.render.playback.device_frames import PulsePacker
+    >>> from palpate.render import PulsePacker
+    >>> packer = PulsePacker("pat16", device="cpu")
     >>> points = wp.array([[0.0, 0.0, 0.2], [0.0, 0.0, 9.0]], dtype=wp.vec3, device="cpu")  # the second is too far
-    >>> packed = PulsePacker("pat16", device="cpu").pack(points, wp.ones(2, dtype=wp.float32, device="cpu"))
+    >>> packed = packer.pack(points, wp.ones(2, dtype=wp.float32, device="cpu"))
     >>> packed.frame.shape, packed.refused, packed.frame.numpy()[:, 256:].max(axis=1).tolist()  # widths of pulses
     ((2, 512), 1, [64, 0])
     """
@@ -49,6 +50,11 @@ class PulsePacker:
         grid, per_metre = layout.pulses, model.carrier / strategy.sound_speed
         self._board = board_on(values, per_metre=per_metre, turn=grid.turn, mark=grid.mark, device=device)
         self._box = box_of(model, strategy)
+        self._name = model.name
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"PulsePacker({self._name!r})"
 
     def pack(self, position: wp.array, intensity: wp.array) -> PackedFrames:
         """Frames of focal points [m], vec3, with intensities 0..1, float32, both of shape [frame] on the device."""

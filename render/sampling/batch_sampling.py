@@ -38,7 +38,16 @@ WAVES = (None, "sine", "square")
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
-    """Focal points of many motions, one motion after the other, and what each was counted as."""
+    """Focal points of many motions, one motion after the other, and what each was counted as.
+
+    >>> import numpy as np
+    >>> from palpate.render import SamplingStrategy, render, sample_motions, static_pose
+    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
+    >>> time, start, end = np.zeros(1), np.array([0, 1]), np.array([0.2])  # of one motion, of one pose
+    >>> samples = sample_motions(batch, batch.motion.pose, time, start, end, SamplingStrategy())
+    >>> len(samples.focus(0).position), samples.counts[0].drawn  # in 0.2 s at 10 kHz
+    (2000, 2000)
+    """
 
     position: wp.array
     """[m], array frame, vec3, shape [sample, focus]."""
@@ -114,8 +123,7 @@ def sample_motions(
     for more samples than a call can number (2**31).
 
     >>> import numpy as np
-    >>> from palpate.render import SamplingStrategy, render, static_pose
-    >>> from palpate.render.sampling.batch_sampling import sample_motions
+    >>> from palpate.render import SamplingStrategy, render, sample_motions, static_pose
     >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
     >>> sample_motions(batch, batch.motion.pose, np.zeros(1), np.array([0, 1]), np.array([0.2]), SamplingStrategy())
     MotionSamples(2000 samples, 1 motions, 0 of them drawn on the host)

@@ -1,12 +1,15 @@
 """Poses of recipes: those made on a device are those on the host, alone and with others."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from palpate.datasets import exploration
 from palpate.datasets.errors import MotionError
 from palpate.render import MeshObject
-from palpate.render.sweeps.make.poses import ExploredPoses, RandomPoses, explored_rows
+from palpate.render.sweeps.make.batch import PoseRange, poses_of
+from palpate.render.sweeps.make.poses import ExploredPoses, HostPoses, RandomPoses, explored_rows
 
 OPTIONS = {"duration": 3.0, "rate": 90.0, "model": "over-array"}
 
@@ -40,3 +43,18 @@ def test_what_exploration_refuses_is_refused_before_a_pose_is_made():
 def test_random_poses_on_the_host_are_those_of_the_device(device):
     poses = RandomPoses(50, 3, 0.13, (0.0, 0.0, 0.2))
     np.testing.assert_array_equal(poses.rows(0, 50, device).numpy(), poses.motion.pose)
+
+
+def rows_of(poses, device):
+    """Poses of a batch of several renderings, a few of each."""
+    chunks = [SimpleNamespace(rendering=SimpleNamespace(poses=own)) for own in poses]
+    rows = poses_of([PoseRange(chunk, k, k + 10) for k, chunk in enumerate(chunks)], device)
+    return rows if isinstance(rows, np.ndarray) else rows.numpy()
+
+
+def test_a_batch_may_have_poses_of_every_kind(device):
+    random = RandomPoses(50, 3, 0.13, (0.0, 0.0, 0.2))
+    host = HostPoses(exploration(MeshObject.load("cube").bounds, 1.0, rate=90.0, model="around"))
+    for kinds in ([explored(), random, explored(seed=2), host], [explored(), explored(seed=2)], [host, host], [random]):
+        wanted = np.concatenate([own.motion.pose[k : k + 10] for k, own in enumerate(kinds)])
+        np.testing.assert_array_equal(rows_of(kinds, device), wanted)

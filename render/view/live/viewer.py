@@ -172,11 +172,11 @@ class Viewer:
             self._settle()
 
     def _refresh(self) -> None:
-        """Look whether more poses of unfinished files are done."""
-        before = [scene.done_count for scene in self._scenes]
+        """Look whether more poses of unfinished files are done, or whether a file is whole by now."""
+        before = [(scene.done_count, scene.is_sealed) for scene in self._scenes]
         for scene in self._scenes:
             scene.refresh()
-        if [scene.done_count for scene in self._scenes] != before:
+        if [(scene.done_count, scene.is_sealed) for scene in self._scenes] != before:
             self._facts.content = facts_html(self._scenes, self._labels, self._titles)
             self._overview.replace([overview_of(scene) for scene in self._scenes])
             self._shown = []

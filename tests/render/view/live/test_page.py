@@ -150,20 +150,23 @@ class StopError(Exception):
     """Ends a rendering half way."""
 
 
-def test_a_file_that_is_still_being_written(tmp_path):
+@pytest.mark.parametrize("is_all_done", [False, True])  # True: the last pose is written, the file not yet sealed
+def test_a_file_that_is_still_being_written(tmp_path, is_all_done):
     motion = exploration("tube", duration=60.0, seed=1)
     path = tmp_path / "growing.h5"
 
-    def stop_at_once(done, _):
-        if done:
+    def stop_early(done, total):
+        if done == total or (done and not is_all_done):
             raise StopError
 
     with pytest.raises(StopError):
-        record(path, "tube", "palm", motion, "cc", memory=5_000_000, progress=stop_at_once)
+        record(path, "tube", "palm", motion, "cc", memory=5_000_000, progress=stop_early)
     with opened(tmp_path, path) as browser:
         browser.wait("document.body.innerText.includes('still being written')")
+        assert browser.run("document.body.innerText.includes('5,400 of them done')") == is_all_done
         go_to(browser, 5399)
-        browser.wait("document.body.innerText.includes('not rendered yet')")
+        if not is_all_done:
+            browser.wait("document.body.innerText.includes('not rendered yet')")
         record(path, "tube", "palm", motion, "cc", mode="resume")
         browser.wait("!document.body.innerText.includes('still being written')", timeout=30)
         browser.wait("!document.body.innerText.includes('not rendered yet')")

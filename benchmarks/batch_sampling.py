@@ -17,11 +17,11 @@ import warp as wp
 from turns import seconds_by_turns
 
 from palpate.render import ContourBatch, MeshObject, Palm, SamplingStrategy, Scene
+from palpate.render.motions.poses import ExploredPoses, explored_rows
 from palpate.render.sampling.batch_sampling import MotionSamples, sample_motions
 from palpate.render.sampling.contour_sampling import sample_contours
 from palpate.render.sampling.presets import load_sampling
 from palpate.render.sampling.sampler import Sampler
-from palpate.render.sweeps.make.poses import ExploredPoses, explored_rows
 
 DURATION, RATE = 30.0, 90.0
 POSES = round(DURATION * RATE)  # of an exploration
@@ -32,7 +32,7 @@ def contours_of(first: int, stop: int, device: str, preset: str = "cc") -> tuple
     """Contours of explorations first..stop of the tube on a device, and their poses."""
     mesh = MeshObject.load("tube")
     given = {"duration": DURATION, "rate": RATE, "model": "over-array", "bounds": mesh.bounds}
-    trials = [ExploredPoses.of({**given, "seed": k, "explorer": 1 + k % 100}) for k in range(first, stop)]
+    trials = [ExploredPoses.of(**given, seed=k, explorer=1 + k % 100) for k in range(first, stop)]
     pose = explored_rows([(poses, 0, POSES) for poses in trials], device)
     batch, _ = Scene.of(mesh, Palm(), preset).contours(pose, 0, device)
     return batch.to(device), pose

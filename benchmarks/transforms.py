@@ -21,7 +21,7 @@ from poses import random_poses
 from turns import seconds_by_turns
 
 from palpate.render import ContourBatch, MeshObject, Palm, Scene
-from palpate.render.sweeps.make.poses import ExploredPoses, explored_rows
+from palpate.render.motions.poses import ExploredPoses, explored_rows
 
 PRESETS = (
     "simplified", "smooth", "corners", "edges", "depth", "ellipse", "circle", "centroid", "hatch", "inset",
@@ -62,7 +62,7 @@ def measure_explorations(device: str, count: int, rounds: int = 5) -> dict:
     """Figures of explorations of 30 s, made together."""
     bounds = MeshObject.load("tube").bounds
     given = {"duration": 30.0, "rate": 90.0, "model": "over-array", "bounds": bounds}
-    ranges = [(ExploredPoses.of({**given, "seed": k, "explorer": 1 + k % 100}), 0, EXPLORED) for k in range(count)]
+    ranges = [(ExploredPoses.of(**given, seed=k, explorer=1 + k % 100), 0, EXPLORED) for k in range(count)]
 
     def run() -> None:
         explored_rows(ranges, device)

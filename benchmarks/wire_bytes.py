@@ -1,10 +1,10 @@
 """Time from explorations to wire bytes of a pat16: poses, contours, focal points and frames, all on one device.
 
-    python benchmarks/wire_bytes.py --motions 4 --at-once 2
-    python benchmarks/wire_bytes.py --device cuda:0 --motions 1000 --at-once 100
+    python benchmarks/wire_bytes.py --motions 4
+    python benchmarks/wire_bytes.py --device cuda:0 --motions 1000
 
 Motions last 30 s at 90 Hz; focal points come at 10 kHz. Frames have 512 bytes, which are dropped after a checksum. One
-line of JSON, with the seconds of each part, which is waited for; the first group is made once before, which compiles.
+line of JSON, with the seconds of each part, which is waited for; one motion is made before, which compiles.
 It also runs small as a test (tests/house/test_benchmarks.py).
 """
 
@@ -15,12 +15,9 @@ from time import perf_counter
 from typing import Any
 
 import warp as wp
-from batch_sampling import POSES, contours_of, sample
 
-from palpate.render.playback.device_frames import PulsePacker
-from palpate.render.sampling.presets import load_sampling
-
-FRAMES_AT_ONCE = 1 << 22  # packed before they are dropped: 2 GB
+from palpate.render import ExploredPoses, PulsePacker, render_motions
+from palpate.render.motions.groups import MotionGroup
 
 
 @wp.kernel
@@ -48,12 +45,12 @@ def add_frames(frame: wp.array, total: wp.array) -> None:
         wp.launch(_add_words, stride, inputs=[words, stride], outputs=[total], device=frame.device)
 
 
-def measure(device: str, motions: int, at_once: int, sampling: str = "stm") -> dict[str, Any]:
+def measure(device: str, motions: int, memory: int | None = None, sampling: str = "stm") -> dict[str, Any]:
     """Figures of so many motions."""
-    strategy, packer = load_sampling(sampling), PulsePacker("pat16", device=device)
-    total = wp.zeros(1, dtype=wp.uint64, device=device)
+    packer = PulsePacker("pat16", device=device)
     seconds = {"poses and contours": 0.0, "focal points": 0.0, "frames": 0.0}
-    counts = {"frames": 0, "refused": 0}
+    counts = {"poses": 0, "frames": 0, "refused": 0, "groups": 0}
+    total = wp.zeros(1, dtype=wp.uint64, device=device)
 
     def timed(name: str, make: Callable[[], Any]) -> Any:
         started = perf_counter()
@@ -62,30 +59,28 @@ def measure(device: str, motions: int, at_once: int, sampling: str = "stm") -> d
         seconds[name] += perf_counter() - started
         return made
 
-    def pack(samples: Any) -> None:
-        points, levels = samples.position.flatten(), samples.intensity.flatten()
-        for first in range(0, points.shape[0], FRAMES_AT_ONCE):
-            part = slice(first, min(first + FRAMES_AT_ONCE, points.shape[0]))
-            packed = packer.pack(points[part], levels[part])
+    def pack(group: MotionGroup) -> None:
+        for packed in group.frames(packer):
             counts["refused"] += packed.refused
+            counts["frames"] += len(packed.frame)
             add_frames(packed.frame, total)
-        counts["frames"] += points.shape[0]
 
-    def run(first: int) -> None:
-        stop = min(first + at_once, motions)
-        batch, pose = timed("poses and contours", lambda: contours_of(first, stop, device))
-        rows = pose.numpy()
-        pack_of = timed("focal points", lambda: sample(batch, rows, strategy, device))
-        timed("frames", lambda: pack(pack_of))
+    def run(count: int) -> None:
+        trials = [ExploredPoses.of("tube", seed=k, explorer=1 + k % 100) for k in range(count)]
+        groups = render_motions("tube", "palm", trials, "cc", sampling, device=device, memory=memory)
+        while (group := timed("poses and contours", lambda: next(groups, None))) is not None:
+            counts["groups"] += 1
+            counts["poses"] += len(group.contours)
+            timed("focal points", lambda group=group: group.samples)
+            timed("frames", lambda group=group: pack(group))
 
-    run(0)
+    run(1)
     total.zero_()
     seconds.update(dict.fromkeys(seconds, 0.0))
     counts.update(dict.fromkeys(counts, 0))
-    for first in range(0, motions, at_once):
-        run(first)
+    run(motions)
     whole = sum(seconds.values())
-    figures = {"device": device, "motions": motions, "poses": motions * POSES, **counts, "seconds": whole}
+    figures = {"device": device, "motions": motions, **counts, "seconds": whole}
     return {**figures, **{f"seconds of {name}": value for name, value in seconds.items()}, "sum": int(total.numpy()[0])}
 
 
@@ -94,10 +89,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--motions", type=int, default=4)
-    parser.add_argument("--at-once", type=int, default=100)
+    parser.add_argument("--memory", type=int, help="of a group of motions [byte]")
     given = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
-    print(json.dumps(measure(given.device, given.motions, given.at_once)))
+    print(json.dumps(measure(given.device, given.motions, given.memory)))
 
 
 if __name__ == "__main__":

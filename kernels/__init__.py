@@ -70,6 +70,7 @@ SWEEP_STAGES = (
     "section.tally_undrawn",
 )  # poses made where they are used, and sums over them
 SAMPLING_STAGES = (
+    "motions.widening",
     "sampling.concatenation",
     "sampling.entry",
     "sampling.focus",

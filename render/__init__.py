@@ -62,6 +62,8 @@ if TYPE_CHECKING:
     from .intersection.overlap_tour import overlap_points
     from .intersection.patch_points import array_points
     from .intersection.scene import Scene
+    from .motions.groups import MotionGroup, render_motions
+    from .motions.poses import ExploredPoses
     from .objects.functions.expression import box, capsule, cylinder, half_space, sphere, torus
     from .objects.functions.expression_json import expression_from_json, expression_to_json, load_expression
     from .objects.functions.implicit_object import ImplicitObject
@@ -154,6 +156,8 @@ _ROOMS = {
     "objects.voxels.files": "save_voxels",
     "objects.voxels.voxel_object": "VoxelObject",
     "objects.voxels.voxeliser": "voxelise",
+    "motions.groups": "MotionGroup render_motions",
+    "motions.poses": "ExploredPoses",
     "playback.device_frames": "PulsePacker",
     "playback.drive": "Driver DriveStrategy drive_focus",
     "playback.file_playback": "Connection play_file",
@@ -196,6 +200,7 @@ __all__ = [
     "DriveStrategy",
     "Driver",
     "Dwell",
+    "ExploredPoses",
     "ExplorerHabits",
     "FocalPoints",
     "Gap",
@@ -213,6 +218,7 @@ __all__ = [
     "MeshHand",
     "MeshObject",
     "MotionError",
+    "MotionGroup",
     "MotionSamples",
     "NoiseListener",
     "NoiseModel",
@@ -294,6 +300,7 @@ __all__ = [
     "register_prune",
     "register_transform",
     "render",
+    "render_motions",
     "revisit_rate",
     "run_sweep",
     "sample_bounds",

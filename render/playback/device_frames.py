@@ -51,6 +51,8 @@ class PulsePacker:
         self._board = board_on(values, per_metre=per_metre, turn=grid.turn, mark=grid.mark, device=device)
         self._box = box_of(model, strategy)
         self._name = model.name
+        self.frame_bytes = model.frame_bytes
+        """Of a frame."""
 
     def __repr__(self) -> str:
         """One line."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ...kernels.motions.widening import widen_poses
 from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_rows
 from ...kernels.sampling.cursor import PoseSchedule
 from ...kernels.sampling.entry import enter_poses
@@ -90,11 +91,14 @@ class DevicePoses:
     """Number of each one's motion, int64, shape [pose]."""
 
 
-def why_on_host(strategy: SamplingStrategy, batch: ContourBatch) -> str | None:
-    """Why the host draws every motion of a batch with a strategy; None where the kernels draw those that they can."""
+def why_on_host(strategy: SamplingStrategy, batch: ContourBatch | None = None) -> str | None:
+    """Why the host draws every motion of a batch with a strategy; None where the kernels draw those that they can.
+
+    batch: None for any whose contours have no pauses of their own.
+    """
     if strategy.sections is not None:
         return "the contours are drawn in sections"
-    if strategy.dwell.time > 0 or strategy.dwell.share > 0 or batch.dwell is not None:
+    if strategy.dwell.time > 0 or strategy.dwell.share > 0 or (batch is not None and batch.dwell is not None):
         return "the focal point pauses"
     if strategy.continuity == "finish":
         return "the polyline under way is finished before another pose's contours are drawn"
@@ -103,7 +107,7 @@ def why_on_host(strategy: SamplingStrategy, batch: ContourBatch) -> str | None:
 
 def sample_motions(
     batches: ContourBatch | Sequence[ContourBatch],
-    pose: np.ndarray,
+    pose: np.ndarray | wp.array,
     time: np.ndarray,
     motion_start: np.ndarray,
     duration: np.ndarray,
@@ -115,9 +119,10 @@ def sample_motions(
     """Focal points of whole motions, and what each is counted as.
 
     batches: contours of all poses; motions may be cut anywhere between two. Those on a device are drawn there, those
-    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7]. time: of the poses, increasing within a
-    motion [s], shape [pose]. motion_start: offsets into poses, shape [motion + 1]. duration: when the last pose of
-    each motion ends [s]. hold: age at which a pose starts to fade [s], shape [motion]; None: as for `sample_contours`.
+    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7], or wp.transform [pose] on the device.
+    time: of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses, shape [motion +
+    1]. duration: when the last pose of each motion ends [s]. hold: age at which a pose starts to fade [s], shape
+    [motion]; None: as for `sample_contours`.
     A sample takes 16 B of memory for each focal point, and 24 B more meanwhile; a motion takes 15 KB.
     Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, and
     for more samples than a call can number (2**31).
@@ -135,7 +140,7 @@ def sample_motions(
     shape = int(schedule.row[-1]), strategy.foci
     poses = DevicePoses(
         schedule.on(device, strategy),
-        wp.array(np.asarray(pose, np.float64).reshape(-1, 7), dtype=wp.transformd, device=device),
+        widen_poses(pose, device),
         wp.array(schedule.motion, dtype=wp.int64, device=device),
     )
     out = MotionSamples(
@@ -149,7 +154,9 @@ def sample_motions(
     if len(out.counts) > 0 and why_on_host(strategy, batch) is None:
         _draw_by_kernels(batch.to(device), schedule, strategy, out)
     if out.on_host.any():
-        _draw_on_host(batch.numpy(), np.asarray(pose), schedule, strategy, out)
+        _draw_on_host(
+            batch.numpy(), pose.numpy() if isinstance(pose, wp.array) else np.asarray(pose), schedule, strategy, out
+        )
     return out
 
 

@@ -133,7 +133,8 @@ def test_sampling_is_measured(device):
 
 @pytest.mark.exhaustive
 def test_bytes_of_the_whole_chain_do_not_depend_on_how_many_motions_are_made_at_once(device):
-    one, two = (measure_bytes(device, 2, count) for count in (1, 2))
+    one, two = (measure_bytes(device, 2, memory) for memory in (2**24, 2**28))
+    assert (one["groups"], two["groups"]) == (2, 1)
     assert one["frames"] == two["frames"] == 600_000
     assert (one["sum"], one["refused"]) == (two["sum"], two["refused"])
     assert one["sum"] != 0

@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from ....kernels.offsets import PointLimitError
 from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
+from ...motions.groups import joined_rows
 from ...sampling.contour_sampling import SamplingStrategy
 from ..plan.recipe import Recipe, is_user_metric
 from .metrics import Measured
-from .poses import ExploredPoses, explored_rows
 from .rendering import Rendering, sampling_of
 from .task import CHUNK_POSES, SPAN
 from .user_metrics import UserMetric
@@ -164,22 +163,8 @@ def take_batch(left: Sequence[PoseRange], capacity: int) -> tuple[list[PoseRange
 
 def poses_of(batch: Sequence[PoseRange], device: str) -> np.ndarray | wp.array:
     """Poses of all ranges, one after the other: on the host if all are there, else on the device."""
-    ranges = [(s.chunk.rendering.poses, s.first, s.stop) for s in join_ranges(batch, lambda c: c.rendering)]
-    explored = [(poses, first, stop) for poses, first, stop in ranges if isinstance(poses, ExploredPoses)]
-    if len(explored) == len(ranges):  # as a rule: one launch instead of one for each motion
-        return explored_rows(explored, device)
-    rows = [poses.rows(first, stop, device) for poses, first, stop in ranges]
-    if len(rows) == 1:
-        return rows[0]
-    if all(isinstance(own, np.ndarray) for own in rows):
-        return np.concatenate(rows)
-    out = wp.empty(sum(len(own) for own in rows), dtype=wp.transform, device=device)
-    at = 0
-    for own in rows:
-        source = wp.array(own, dtype=wp.transform, device=device) if isinstance(own, np.ndarray) else own
-        wp.copy(out, source, dest_offset=at, count=len(own))
-        at += len(own)
-    return out
+    joined = join_ranges(batch, lambda chunk: chunk.rendering)
+    return joined_rows([(own.chunk.rendering.poses, own.first, own.stop) for own in joined], device)
 
 
 def spans_below(count: int) -> int:
@@ -202,12 +187,6 @@ def batch_capacity(pose_bytes: int, device: str) -> int:
 def point_limit(device: str) -> int:
     """Points of a batch of more than one span."""
     return batch_bytes(device) // POINT_BYTES
-
-
-def is_too_large(error: Exception) -> bool:
-    """Whether a smaller batch may do: too many points, or no memory for them."""
-    is_allocation = isinstance(error, RuntimeError) and "allocate" in str(error)
-    return isinstance(error, PointLimitError | MemoryError) or is_allocation
 
 
 class BatchSize:

@@ -10,18 +10,17 @@
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from ....datasets.motions.explorer_habits import SIDES, explorer_habits
-from ....datasets.motions.hand_motion import CheckedExploration, HandMotion, check_exploration, exploration
+from ....datasets.motions.hand_motion import HandMotion
 from ....datasets.storage.hdf5 import Hdf5Reader
 from ...errors import SweepError
+from ...motions.poses import ExploredPoses, HostPoses
 from ..plan.recipe import Recipe, digest_source
 from .task import CHUNK_POSES
 
@@ -30,22 +29,6 @@ ARTICULATED = ("planes", "skin")
 """Hands that a recording poses, row by row."""
 KEPT_MOST = 20_000_000  # random poses of a contour file, which holds them all: 4 GB while they are checked
 ROUNDING = 1e-9  # 0.1 s x 30 Hz is three poses, as `exploration` counts them
-
-
-@dataclass(frozen=True, eq=False)
-class HostPoses:
-    """Poses that are there already."""
-
-    motion: HandMotion
-
-    @property
-    def count(self) -> int:
-        """Number of poses."""
-        return len(self.motion)
-
-    def rows(self, first: int, stop: int, device: str) -> np.ndarray:
-        """Poses first..stop, float32, shape [pose, 7]."""
-        return self.motion.pose[first:stop]
 
 
 @dataclass(frozen=True)
@@ -58,6 +41,8 @@ class RandomPoses:
     """Side of the cube of the hands' places [m]."""
     at: tuple[float, float, float]
     """Its middle [m]."""
+    time = None
+    """They do not follow each other."""
 
     def rows(self, first: int, stop: int, device: str) -> Any:
         """Poses first..stop, wp.transform on the device, shape [pose]."""
@@ -71,49 +56,6 @@ class RandomPoses:
         if self.count > KEPT_MOST:
             raise SweepError(f"{self.count} random poses are too many for one contour file, which takes {KEPT_MOST}")
         return HandMotion(None, self.rows(0, self.count, "cpu").numpy())
-
-
-@dataclass(frozen=True, eq=False)
-class ExploredPoses:
-    """An exploration over the array: its poses are the same bits on every device, and those of `exploration`."""
-
-    arguments: Mapping[str, Any]
-    """Of `exploration`."""
-    checked: CheckedExploration
-
-    @classmethod
-    def of(cls, arguments: Mapping[str, Any]) -> Self:
-        """Check the arguments of `exploration`, whose model is "over-array"; raises MotionError as it does."""
-        return cls(arguments, check_exploration(**arguments))
-
-    @property
-    def count(self) -> int:
-        """Number of poses."""
-        return self.checked.pose_count
-
-    def rows(self, first: int, stop: int, device: str) -> Any:
-        """Poses first..stop, wp.transform on the device, shape [pose]."""
-        return explored_rows([(self, first, stop)], device)
-
-    def trial(self, first: int, stop: int) -> dict[str, Any]:
-        """Poses first..stop as the kernels know them."""
-        options, seed = self.checked.options, self.arguments["seed"]
-        habits = asdict(explorer_habits(options.explorer or 0))
-        own = {"workspace": options.workspace, "facing": options.facing, "explorer": options.explorer, "seed": seed}
-        range_ = {"rate": self.arguments["rate"], "first": first, "stop": stop}
-        return {**habits, **own, **range_, "side": SIDES.index(habits["side"])}
-
-    @cached_property
-    def motion(self) -> HandMotion:
-        """All of them on the host, with times."""
-        return exploration(**self.arguments)
-
-
-def explored_rows(ranges: Sequence[tuple[ExploredPoses, int, int]], device: str) -> Any:
-    """Poses first..stop of several explorations, one after the other, by one launch: wp.transform, shape [pose]."""
-    from ....kernels.motions.over_array import place_explorers, trials_of
-
-    return place_explorers(trials_of([poses.trial(first, stop) for poses, first, stop in ranges]), device=device)
 
 
 Poses = HostPoses | RandomPoses | ExploredPoses

@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeVar
 
 from ....datasets.errors import MotionError
 from ....datasets.motions.exploration_options import OVER_ARRAY
-from ....datasets.motions.hand_motion import EXPLORATION_DEFAULTS, EXPLORATION_OPTIONS, RANDOM_AT, RANDOM_SIZE
+from ....datasets.motions.hand_motion import EXPLORATION_OPTIONS, RANDOM_AT, RANDOM_SIZE
 from ....device.array import ArrayModel
 from ...errors import StrategyError, SweepError
 from ...hands.hand import Hand
@@ -27,6 +27,7 @@ from ...intersection.named_inputs import (
     simplified,
 )
 from ...intersection.scene import Scene
+from ...motions.poses import ExploredPoses, HostPoses
 from ...objects.mesh.placement import Placement
 from ...objects.solid import Solid
 from ...playback.drive import DriveStrategy
@@ -36,7 +37,7 @@ from ...strategies.intersection_strategy import IntersectionStrategy, read_strat
 from ...strategies.user_stage_sources import has_own_stages, stage_sources
 from ...trust.permission import AllowCode
 from ..plan.recipe import PARTS, Recipe, RecipePart, model_of
-from .poses import ARTICULATED, EXPLORATION, RANDOM, ExploredPoses, HostPoses, Poses, RandomPoses, require_unchanged
+from .poses import ARTICULATED, EXPLORATION, RANDOM, Poses, RandomPoses, require_unchanged
 
 Thing = TypeVar("Thing")
 THINGS_KEPT = 8
@@ -194,7 +195,7 @@ def explored_poses_of(thing: Solid, options: dict[str, Any]) -> ExploredPoses:
     """Poses of an exploration over the array, by its options; raises StrategyError as `load_motion` does."""
     given = {name: value for name, value in options.items() if value is not None}
     try:
-        return ExploredPoses.of({"bounds": thing.bounds, **EXPLORATION_DEFAULTS, **given})
+        return ExploredPoses.of(thing.bounds, **given)
     except MotionError as error:
         raise StrategyError(f"{EXPLORATION}: {error}") from error
 

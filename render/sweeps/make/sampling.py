@@ -12,9 +12,10 @@ import numpy as np
 
 from ....datasets.motions.hand_motion import HandMotion
 from ...contour_batch import ContourBatch
-from ...hands.hand import Hand, Palm
+from ...hands.hand import Hand
 from ...intersection.batch_rendering import rendered_chunks
 from ...intersection.scene import Scene
+from ...motions.numbers import dwell_grid, sampling_numbers
 from ...playback.focus_source import (
     POINTS_A_READ,
     ContourRows,
@@ -30,22 +31,6 @@ from ...sampling.contour_sampling import DwellMap, FocalPoints, Sampler, Samplin
 KEPT_BYTES = 256_000_000  # of a rendering's contours on the host, for whoever samples it next
 FOCI_AT_ONCE = 5_000_000  # 0.2 GB of focal points; more are made block by block
 POINTS_AT_ONCE = 5_000_000  # 0.5 GB of contours and what is laid along them; with more, too
-CELL = 1e-3  # of the dwell map [m]
-OTHER_HAND = (0.2, 0.25)  # of the dwell map of a hand that is no rectangle, around the palm's middle [m]
-CAUSES = {"jumps_polyline": "polyline", "jumps_order": "order", "jumps_pose": "pose", "jumps_reentry": "re-entry"}
-NUMBERS = (
-    *CAUSES,
-    "jump_length",
-    "jumps_per_second",
-    "hops_per_second",
-    "step_longest",
-    "silent_share",
-    "revisit_rate",
-    "draw_frequency",
-    "dwell_spread",
-    "dwell_area",
-)
-"""What the group "sampling" holds: docs/formats/sweep-files.md describes each."""
 
 
 class FocusTaker(Protocol):
@@ -124,33 +109,19 @@ def sample_recipe(
     started = perf_counter()
     sampler = Sampler(strategy)
     source = ContourSource(contours, sampler)
-    width, length = (hand.width, hand.length) if isinstance(hand, Palm) else OTHER_HAND
-    cell = min(CELL, width, length)
+    grid = dwell_grid(hand)
     samples = _sampled_at_once(contours, source, strategy, tick)
     if samples is not None:
         for _ in _taken(PointSource(samples.focus(0)), takers):
             pass
         count = samples.counts[0]
-        dwell = dwell_maps(samples, strategy.update_rate, width=width, length=length, cell=cell)[0] if counted else None
+        dwell = dwell_maps(samples, strategy.update_rate, **grid)[0] if counted else None
     else:
-        count, dwell = sampler.count, _streamed(source, motion, strategy, takers, counted, (width, length, cell))
+        count, dwell = sampler.count, _streamed(source, motion, strategy, takers, counted, grid)
     if dwell is None:
         return {"seconds": {"sampling": perf_counter() - started}}
-    seconds = count.samples / strategy.update_rate
-    return {
-        **{name: count.jumps[cause] for name, cause in CAUSES.items()},
-        "jump_length": count.jump_length,
-        "jumps_per_second": sum(count.jumps.values()) / seconds,
-        "hops_per_second": sum(count.hops.values()) / seconds,
-        "step_longest": count.step_longest,
-        "silent_share": count.silent / count.samples,
-        "revisit_rate": count.revisit_rate,
-        "draw_frequency": count.draw_frequency(strategy.update_rate),
-        "dwell_spread": dwell.spread if dwell.area else None,
-        "dwell_area": dwell.area,
-        "samples": count.samples,
-        "seconds": {"sampling": perf_counter() - started},
-    }
+    numbers = sampling_numbers(count, dwell, strategy.update_rate)
+    return {**numbers, "seconds": {"sampling": perf_counter() - started}}
 
 
 def _sampled_at_once(
@@ -179,7 +150,7 @@ def _streamed(
     strategy: SamplingStrategy,
     takers: Sequence[FocusTaker],
     counted: bool,
-    grid: tuple[float, float, float],
+    grid: dict[str, float],
 ) -> DwellMap | None:
     """Go through more focal points than memory may hold; the dwell map, if they are to be counted."""
     if not counted:
@@ -188,9 +159,7 @@ def _streamed(
         return None
     time = motion.time if motion.time is not None else np.zeros(len(motion))
     bounds = sample_bounds(time, source.duration, strategy.update_rate)
-    width, length, cell = grid
-    focus = _taken(source, takers)
-    return dwell_map(focus, motion.pose, bounds, strategy.update_rate, width=width, length=length, cell=cell)
+    return dwell_map(_taken(source, takers), motion.pose, bounds, strategy.update_rate, **grid)
 
 
 def _taken(source: FocusSource, takers: Sequence[FocusTaker]) -> Iterator[FocalPoints]:

@@ -12,6 +12,7 @@ from typing import Any
 from ....datasets.errors import ContourFileError
 from ....datasets.motions.hand_motion import HandMotion
 from ...intersection.scene import Scene
+from ...motions.numbers import NUMBERS
 from ...playback.focus_source import ContourRows, ContourSource
 from ...sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
 from ..plan.recipe import Recipe
@@ -28,7 +29,7 @@ from .keep import (
 )
 from .poses import RandomPoses
 from .rendering import Rendering, sampling_of
-from .sampling import NUMBERS, sample_recipe, why_not_sampled
+from .sampling import sample_recipe, why_not_sampled
 
 Place = tuple[str, str]
 """Group and key."""

@@ -26,6 +26,7 @@ from ....datasets.sweeps.shard import ShardRow, write_shard
 from ....device.errors import DeviceError
 from ....kernels.offsets import PointLimitError
 from ...errors import RenderError, SweepError
+from ...motions.groups import is_too_large
 from ..plan.code_version import code_version
 from ..plan.recipe import WHOLE_GROUPS, Recipe, is_user_metric
 from ..plan.user_metric import load_planned, shown_name
@@ -37,7 +38,6 @@ from .batch import (
     RenderingWants,
     Wants,
     batch_capacity,
-    is_too_large,
     join_ranges,
     point_limit,
     poses_of,
@@ -47,6 +47,7 @@ from .batch import (
 )
 from .metrics import ChunkSlice, measure_batch
 from .rendering import Rendering, read_recipe, recipe_cache
+from .sampling_groups import SampledAlike, UnsplitChunk, divide_chunks
 from .task import SPAN, FailedChunk, Outcome, Task, text_of
 from .unsplit import make_unsplit
 from .user_metrics import UserMetric
@@ -171,7 +172,7 @@ def _make(task: Task, work: TaskWork) -> None:
         str, tuple[Recipe, Rendering]
     ] = {}  # chunks of a recipe share a rendering, whose poses are made at once
     chunks: dict[tuple[str, int], RenderedChunk] = {}
-    unsplit: dict[str, list[tuple[int, Sequence[str], Recipe, Rendering]]] = {}
+    unsplit: list[UnsplitChunk] = []
     for place, chunk in enumerate(task.chunks):
         if time.perf_counter() > work.until and place:
             work.left.add(place)
@@ -189,7 +190,7 @@ def _make(task: Task, work: TaskWork) -> None:
         recipe, rendering = known[chunk.recipe]
         title = recipe.title
         if chunk.groups[0] in WHOLE_GROUPS:
-            unsplit.setdefault(rendering.key, []).append((place, chunk.groups, recipe, rendering))
+            unsplit.append(UnsplitChunk(place, chunk.groups, recipe, rendering))
         else:
             groups = [group for group in chunk.groups if _is_ready(group, place, title, task, work)]
             if groups:
@@ -200,7 +201,11 @@ def _make(task: Task, work: TaskWork) -> None:
         families.setdefault(own.rendering.family + alone, []).append(own)
     for family in families.values():
         _render_family(family, work)
-    for asked in unsplit.values():
+    alike, alone = divide_chunks(unsplit, work.store)
+    for shared in alike:
+        for chunk in _sample_alike(shared, work):
+            alone.setdefault(chunk.rendering.key, []).append(chunk)
+    for asked in alone.values():
         _make_unsplit(asked, work)
 
 
@@ -336,20 +341,43 @@ def _add_rows(chunk: RenderedChunk, wants: RenderingWants, work: TaskWork) -> No
         rendering = {}
 
 
-def _make_unsplit(asked: Sequence[tuple[int, Sequence[str], Recipe, Rendering]], work: TaskWork) -> None:
+def _sample_alike(shared: SampledAlike, work: TaskWork) -> list[UnsplitChunk]:
+    """Sampling metrics of motions in groups; returns the chunks that are left, after a group that failed as a whole."""
+    left = dict(shared.asked)
+    places = {chunk.place for chunks in left.values() for chunk in chunks}
+    work.progress(sorted(places))
+    try:
+        for group in shared.groups(work.device):
+            for chunks, payload in group:
+                key = chunks[0].recipe.key("sampling")
+                work.add(ShardRow("sampling", key, 0, payload))
+                work.pose_count += chunks[0].rendering.poses.count
+                del left[key]
+                places -= {chunk.place for chunk in chunks}
+            work.progress(sorted(places))
+            if work.is_over:
+                break
+    except Exception:  # of one motion, as making each alone tells
+        return [chunk for chunks in left.values() for chunk in chunks]
+    work.left |= places
+    return []
+
+
+def _make_unsplit(asked: Sequence[UnsplitChunk], work: TaskWork) -> None:
     """Groups of one rendering that cannot be split."""
-    asking = {place for place, *_ in asked}
+    asking = {chunk.place for chunk in asked}
     if work.is_over:
         work.left |= asking
         return
     work.progress(sorted(asking))
     wanted: dict[tuple[str, str], Recipe] = {}
     places: dict[tuple[str, str], set[int]] = {}
-    for place, groups, recipe, _ in asked:
-        for group in groups:
-            wanted.setdefault((group, recipe.key(group)), recipe)
-            places.setdefault((group, recipe.key(group)), set()).add(place)
-    rendering = asked[0][3]
+    for chunk in asked:
+        for group in chunk.groups:
+            key = group, chunk.recipe.key(group)
+            wanted.setdefault(key, chunk.recipe)
+            places.setdefault(key, set()).add(chunk.place)
+    rendering = asked[0].rendering
     is_rendered = False
     made = make_unsplit(rendering, wanted, work.store, work.device, tick=lambda: work.progress(None))
     for result, payload in made.items():

@@ -70,7 +70,7 @@ def test_a_plan_that_grows_reads_kept_contours_of_the_code_before(path, monkeypa
     sweep(path)
     change_code(monkeypatch)
     path.write_text(PLAN)
-    monkeypatch.setattr("palpate.render.sweeps.make.sampling.rendered_chunks", None)  # nothing is rendered
+    monkeypatch.setattr("palpate.render.intersection.scene.Scene.raw_contours", None)  # nothing is rendered
     told = sweep(path, "--same-results")
     assert told["recipes_failed"] == 0
     assert load_table(told["table"])["complete"].all()

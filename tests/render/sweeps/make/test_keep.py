@@ -20,7 +20,7 @@ from palpate.datasets.storage import hdf5_opening
 from palpate.datasets.storage.durable import FolderLock
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.device.registry import array_model
-from palpate.render import MeshObject, Palm, record
+from palpate.render import MeshObject, Palm, Scene, record
 from palpate.render.errors import PalpateWarning
 from palpate.render.playback.drive import Driver
 from palpate.render.playback.file_playback import Connection, play_file
@@ -29,7 +29,6 @@ from palpate.render.reports.file_summary import summarise
 from palpate.render.sampling.contour_sampling import Sampler, dwell_map, joined, sample_bounds
 from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make import keep as keep_module
-from palpate.render.sweeps.make import sampling as sampling_module
 from palpate.render.sweeps.make.rendering import recipe_cache
 from palpate.render.sweeps.make.rendering import sampling_of as sampling_strategy
 from palpate.render.sweeps.make.work import run_task
@@ -127,7 +126,7 @@ def test_contours_that_are_kept_are_read_and_not_rendered_again(tmp_path, render
     recipe, _ = rendered
     rendering = payload(tmp_path, recipe, "sampling")
     payload(tmp_path, recipe, "keep-contours")
-    monkeypatch.setattr(sampling_module, "rendered_chunks", None)
+    monkeypatch.setattr(Scene, "raw_contours", None)
     kept = payload(tmp_path, recipe, "sampling")
     assert kept | {"seconds": 0} == rendering | {"seconds": 0}
     monkeypatch.setattr(keep_module, "code_version", lambda: "other code")

@@ -8,14 +8,15 @@ import pytest
 from palpate.datasets import exploration
 from palpate.datasets.errors import MotionError
 from palpate.render import MeshObject
+from palpate.render.motions.poses import ExploredPoses, HostPoses, explored_rows
 from palpate.render.sweeps.make.batch import PoseRange, poses_of
-from palpate.render.sweeps.make.poses import ExploredPoses, HostPoses, RandomPoses, explored_rows
+from palpate.render.sweeps.make.poses import RandomPoses
 
 OPTIONS = {"duration": 3.0, "rate": 90.0, "model": "over-array"}
 
 
 def explored(**options):
-    return ExploredPoses.of({"bounds": MeshObject.load("cube").bounds, "seed": 1, **OPTIONS, **options})
+    return ExploredPoses.of(**{"bounds": MeshObject.load("cube").bounds, "seed": 1, **OPTIONS, **options})
 
 
 def test_poses_of_explorations_are_made_together(device):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from palpate.render import MeshObject, Palm, Scene, exploration
+from palpate.render.motions.numbers import NUMBERS
 from palpate.render.sampling.contour_sampling import SamplingStrategy, preset
 from palpate.render.sweeps.make import sampling
-from palpate.render.sweeps.make.sampling import NUMBERS, RenderedContours, sample_recipe
+from palpate.render.sweeps.make.sampling import RenderedContours, sample_recipe
 
 
 class Collector:

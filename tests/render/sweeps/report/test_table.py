@@ -14,7 +14,7 @@ from palpate.datasets.sweeps.pose_files import load_pose_table, write_pose_files
 from palpate.datasets.sweeps.shard import ShardRow, write_shard
 from palpate.datasets.sweeps.store import SweepStore
 from palpate.datasets.sweeps.table import load_table, write_table
-from palpate.render.sweeps.make.sampling import NUMBERS
+from palpate.render.motions.numbers import NUMBERS
 from palpate.render.sweeps.make.task import CHUNK_POSES
 from palpate.render.sweeps.report.table import (
     CONTOUR_METRICS,

@@ -1,0 +1,240 @@
+"""Groups of whole motions: rendered, sampled and packed together on one device, within a budget of memory.
+
+| of a group | where | made |
+|---|---|---|
+| poses, contours | on the device | before the group is given |
+| focal points, counts | on the device; counts on the host | when they are asked for |
+| numbers | on the host | when they are asked for |
+| frames of wire bytes | on the device | block by block, when they are asked for |
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from ...datasets.motions.hand_motion import HandMotion
+from ...kernels.driving.pulse_frames import PackedFrames
+from ...kernels.offsets import PointLimitError
+from ..contour_batch import ContourBatch
+from ..errors import PoseError, StrategyError
+from ..hands.hand import Hand
+from ..intersection.batch_rendering import MEMORY_DEFAULT, POINT_BYTES, checked_memory
+from ..intersection.named_inputs import hand_of, solid_of
+from ..intersection.scene import Scene
+from ..objects.solid import Solid
+from ..playback.device_frames import PulsePacker
+from ..playback.focus_source import INTERVALS_LOOKED_AT, require_increasing
+from ..runtime.span_workers import warp_device
+from ..sampling.batch_dwell import dwell_maps
+from ..sampling.batch_sampling import MotionSamples, sample_motions
+from ..sampling.presets import sampling_of
+from ..sampling.strategy import SamplingStrategy
+from ..strategies.intersection_strategy import IntersectionStrategy
+from .numbers import dwell_grid, sampling_numbers
+from .poses import ExploredPoses, HostPoses, PoseRows, TimedPoses, explored_rows
+
+GPU_SHARE = 4  # of a GPU's memory, a group takes a quarter unless told another
+POINTS_A_POSE = 32  # supposed
+SAMPLE_BYTES, FOCUS_BYTES, MOTION_BYTES = 24, 16, 15_000  # of what samples, their focal points and motions take
+FRAMES_SHARE = 16  # of the budget, a block of wire bytes takes a sixteenth
+
+
+@dataclass(frozen=True, eq=False)
+class MotionGroup:
+    """Motions that are rendered together; what is made of their contours is made when it is asked for, and kept.
+
+    >>> from palpate.render import ExploredPoses, PulsePacker, render_motions
+    >>> motions = [ExploredPoses.of("cube", duration=1.0, seed=seed) for seed in range(3)]
+    >>> (group,) = render_motions("cube", "palm", motions, "cc", "stm", device="cpu")
+    >>> group
+    MotionGroup(motions 0..3, 270 poses, 30000 samples, on cpu)
+    >>> [numbers["samples"] for numbers in group.numbers]
+    [10000, 10000, 10000]
+    >>> sum(len(packed.frame) for packed in group.frames(PulsePacker("pat16", device="cpu")))
+    30000
+    """
+
+    scene: Scene
+    motions: Sequence[TimedPoses]
+    sampling: SamplingStrategy
+    device: str
+    first: int = 0
+    """Number of its first motion among all."""
+    memory: int = MEMORY_DEFAULT
+    """Budget [byte]."""
+    contours: ContourBatch = field(init=False)
+    """Of all poses, one motion after the other; on the host where a stage of your own left them there."""
+
+    def __post_init__(self) -> None:
+        contours, _ = self.scene.contours(self.pose, 0, self.device, point_limit=self.memory // POINT_BYTES)
+        object.__setattr__(self, "contours", contours)
+
+    def __repr__(self) -> str:
+        """One line."""
+        samples = sum(sample_counts(self.motions, self.sampling))
+        return (
+            f"{type(self).__name__}(motions {self.first}..{self.stop}, {len(self.pose)} poses, {samples} samples, "
+            f"on {self.device})"
+        )
+
+    @property
+    def stop(self) -> int:
+        """The motion after its last."""
+        return self.first + len(self.motions)
+
+    @cached_property
+    def pose(self) -> wp.array:
+        """Hand frame -> array frame, wp.transform, shape [pose]."""
+        rows = joined_rows([(motion, 0, motion.count) for motion in self.motions], self.device)
+        return wp.array(rows, dtype=wp.transform, device=self.device) if isinstance(rows, np.ndarray) else rows
+
+    @cached_property
+    def samples(self) -> MotionSamples:
+        """Focal points of all motions and what each was counted as."""
+        clocks = [np.asarray(motion.time) for motion in self.motions]
+        ends, intervals = np.array([end_of(time) for time in clocks]).T
+        start = np.concatenate([[0], np.cumsum([len(time) for time in clocks])])
+        hold = np.maximum(self.sampling.hold, 2.0 * intervals)
+        time = np.concatenate(clocks)
+        given = (self.contours, self.pose, time, start, ends, self.sampling)
+        return sample_motions(*given, hold=hold, device=self.device)
+
+    @cached_property
+    def numbers(self) -> list[dict[str, float | int | None]]:
+        """Numbers of each motion: jumps, hops, silence, revisits, dwell, as sweeps have them (`sampling` metrics)."""
+        rate = self.sampling.update_rate
+        maps = dwell_maps(self.samples, rate, **dwell_grid(self.scene.hand))
+        return [sampling_numbers(*own, rate) for own in zip(self.samples.counts, maps, strict=True)]
+
+    def frames(self, packer: PulsePacker) -> Iterator[PackedFrames]:
+        """Wire bytes of all focal points, one motion after the other, block by block; sampled with one focal point."""
+        points, levels = self.samples.position.flatten(), self.samples.intensity.flatten()
+        if self.sampling.foci > 1:
+            raise StrategyError(f"sampling: {self.sampling.foci} focal points a frame cannot be packed on a device")
+        block = max(1, self.memory // (FRAMES_SHARE * packer.frame_bytes))
+        for first in range(0, points.shape[0], block):
+            part = slice(first, min(first + block, points.shape[0]))
+            yield packer.pack(points[part], levels[part])
+
+
+def render_motions(
+    solid: Solid | str | Path,
+    hand: Hand | str,
+    motions: Sequence[HandMotion | ExploredPoses],
+    strategy: IntersectionStrategy | str = "cc",
+    sampling: SamplingStrategy | str | Path = "stm",
+    *,
+    device: str = "cpu",
+    memory: int | None = None,
+) -> Iterator[MotionGroup]:
+    """Render many motions, as many at once as a budget allows, without going through the host between the steps.
+
+    solid, hand, strategy, sampling: objects, or names and files, as for `render`; the hand has one shape in all poses.
+    motions: with times, of two poses at least; explorations over the array are made on the device. memory: of a group,
+    what is made of it included [byte]; by default 512 MB on a CPU, a quarter of a GPU's. A motion is never divided:
+    where one alone takes more, it has a group of its own.
+    Results do not depend on how motions are grouped. Contours, focal points and wire bytes stay on the device; on GPUs
+    groups of hundreds of motions are many times as fast as single ones, as one thread goes through a motion.
+    Raises StrategyError for a hand of many shapes, an unknown device and too small a budget; PoseError, with the number
+    of the motion, for one without times; and what rendering and sampling raise.
+
+    >>> from palpate.render import ExploredPoses, render_motions
+    >>> motions = [ExploredPoses.of("tube", duration=1.0, explorer=person) for person in (1, 2, 3, 4, 5, 6)]
+    >>> groups = render_motions("tube", "palm", motions, "cc", "stm", memory=50_000_000)  # of some 12 MB for 30 s
+    >>> sum(len(group.contours) for group in groups)
+    540
+    """
+    device = warp_device(device)
+    scene, chosen = Scene.of(solid_of(solid), hand_of(hand), strategy), sampling_of(sampling)
+    if scene.hand.pose_count is not None:
+        raise StrategyError(f"{scene.hand!r} has a shape for each pose: render one motion with it, by `render`")
+    timed = [motion if isinstance(motion, ExploredPoses) else HostPoses(motion) for motion in motions]
+    for number, motion in enumerate(timed):
+        require_times(motion, number)
+    return motion_groups(scene, timed, chosen, device, memory=group_memory(device, memory))
+
+
+def motion_groups(
+    scene: Scene, motions: Sequence[TimedPoses], sampling: SamplingStrategy, device: str, *, memory: int
+) -> Iterator[MotionGroup]:
+    """Groups of motions that have times and a rigid hand, in order; see `render_motions`."""
+    first = 0
+    counts = sample_counts(motions, sampling)
+    sizes = [motion_bytes(scene, *own, sampling.foci) for own in zip(motions, counts, strict=True)]
+    while first < len(motions):
+        within = int(np.searchsorted(np.cumsum(sizes[first:]), memory, side="right"))
+        stop = first + max(1, within)
+        while True:
+            try:
+                group = MotionGroup(scene, motions[first:stop], sampling, device, first, memory)
+                break
+            except (PointLimitError, MemoryError, RuntimeError) as error:
+                if not is_too_large(error) or stop - first == 1:
+                    raise
+                stop = first + (stop - first) // 2
+        yield group
+        first = stop
+
+
+def group_memory(device: str, memory: int | None = None) -> int:
+    """Budget of a group of motions [byte]; raises StrategyError for one that is none or too small."""
+    place = wp.get_device(device)
+    if memory is None:
+        return MEMORY_DEFAULT if place.is_cpu else place.total_memory // GPU_SHARE
+    return checked_memory(memory, [device])
+
+
+def motion_bytes(scene: Scene, motion: TimedPoses, sample_count: int, foci: int) -> int:
+    """What a motion takes on a device, about [byte]."""
+    poses = motion.count * (scene.pose_bytes + POINT_BYTES * POINTS_A_POSE)
+    return poses + sample_count * (SAMPLE_BYTES + FOCUS_BYTES * foci) + MOTION_BYTES
+
+
+def sample_counts(motions: Sequence[TimedPoses], sampling: SamplingStrategy) -> list[int]:
+    """Samples of each motion."""
+    ends = [end_of(motion.time)[0] if motion.time is not None else 0.0 for motion in motions]
+    return [int(np.ceil(end * sampling.update_rate - 1e-6)) for end in ends]
+
+
+def end_of(time: np.ndarray) -> tuple[float, float]:
+    """When a motion ends, and the interval that its last pose lasts: the median, as `palpate play` has it [s]."""
+    interval = float(np.median(np.diff(time[: INTERVALS_LOOKED_AT + 1])))
+    return float(time[-1]) + interval, interval
+
+
+def require_times(motion: TimedPoses, number: int) -> None:
+    """Raise PoseError unless a motion has times that increase, of two poses at least."""
+    if motion.time is None:
+        raise PoseError(f"motion {number}: its {motion.count} poses have no times")
+    if motion.count < 2:
+        raise PoseError(f"motion {number}: has {motion.count} pose, and a motion has 2 at least")
+    require_increasing(motion.time, Path(f"motion {number}"))
+
+
+def joined_rows(ranges: Sequence[tuple[PoseRows, int, int]], device: str) -> np.ndarray | wp.array:
+    """Poses first..stop of several motions, one after the other: on the host if all are there, else on the device."""
+    explored = [(poses, first, stop) for poses, first, stop in ranges if isinstance(poses, ExploredPoses)]
+    if len(explored) == len(ranges):  # as a rule: one launch instead of one for each motion
+        return explored_rows(explored, device)
+    rows = [poses.rows(first, stop, device) for poses, first, stop in ranges]
+    if len(rows) == 1:
+        return rows[0]
+    if all(isinstance(own, np.ndarray) for own in rows):
+        return np.concatenate(rows)
+    out = wp.empty(sum(len(own) for own in rows), dtype=wp.transform, device=device)
+    at = 0
+    for own in rows:
+        source = wp.array(own, dtype=wp.transform, device=device) if isinstance(own, np.ndarray) else own
+        wp.copy(out, source, dest_offset=at, count=len(own))
+        at += len(own)
+    return out
+
+
+def is_too_large(error: Exception) -> bool:
+    """Whether a smaller batch may do: too many points, or no memory for them."""
+    is_allocation = isinstance(error, RuntimeError) and "allocate" in str(error)
+    return isinstance(error, PointLimitError | MemoryError) or is_allocation

@@ -1,0 +1,186 @@
+"""Groups of motions: the same contours, focal points and bytes as of each motion alone, however they are grouped."""
+
+import numpy as np
+import pytest
+
+from palpate.datasets import HandMotion, exploration
+from palpate.datasets.recordings.files import load_recording
+from palpate.datasets.recordings.sample import write_sample
+from palpate.device.codec import encode_frames
+from palpate.kernels.motions.widening import widen_poses
+from palpate.render import (
+    Driver,
+    ExploredPoses,
+    MeshObject,
+    Palm,
+    PoseError,
+    PulsePacker,
+    Sampler,
+    StrategyError,
+    dwell_map,
+    load_sampling,
+    render,
+    render_motions,
+    sample_bounds,
+    static_pose,
+)
+from palpate.render.intersection.named_inputs import load_hand
+from palpate.render.motions import groups as groups_module
+from palpate.render.motions.poses import HostPoses
+from palpate.render.playback.focus_source import ContourSource
+from palpate.render.sampling.contour_sampling import joined
+from palpate.render.sweeps.make.sampling import RenderedContours
+
+
+def trials(count=4, duration=1.0):
+    """Explorations that touch the tube within their first half second."""
+    return [ExploredPoses.of("tube", duration=duration, seed=seed, explorer=seed + 1) for seed in (5, 7, 4, 6)[:count]]
+
+
+def grouped(motions, strategy="cc", sampling="stm", **options):
+    return list(render_motions("tube", "palm", motions, strategy, sampling, **options))
+
+
+def played(motion, scene, sampling):
+    """What playback makes of a motion: its focal points, what was counted, and its dwell map."""
+    sampler = Sampler(sampling)
+    source = ContourSource(RenderedContours(scene, motion, "cpu"), sampler)
+    blocks = list(source)
+    bounds = sample_bounds(motion.time, source.duration, sampling.update_rate)
+    return joined(blocks), sampler.count, dwell_map(blocks, motion.pose, bounds, sampling.update_rate)
+
+
+@pytest.mark.parametrize("sampling", ["stm", "multi-focus", "dtp"])  # dtp: drawn on the host
+@pytest.mark.parametrize("strategy", ["oc", "hatch"])
+def test_a_group_has_the_focal_points_and_numbers_of_playback(strategy, sampling, device):
+    motions, chosen = trials(2), load_sampling(sampling)
+    (group,) = grouped(motions, strategy, chosen, device=device)
+    for k, motion in enumerate(motions):
+        focus, count, dwell = played(motion.motion, group.scene, chosen)
+        np.testing.assert_array_equal(group.samples.focus(k).position, focus.position)
+        np.testing.assert_array_equal(group.samples.focus(k).intensity, focus.intensity)
+        numbers = group.numbers[k]
+        assert numbers["samples"] == count.samples == 10_000
+        assert numbers["jumps_pose"] == count.jumps["pose"]
+        assert numbers["hops_per_second"] == sum(count.hops.values())
+        assert numbers["silent_share"] == count.silent / count.samples
+        assert numbers["revisit_rate"] == pytest.approx(count.revisit_rate, rel=1e-12)
+        assert numbers["dwell_area"] == pytest.approx(dwell.area, rel=1e-9)
+        assert numbers["dwell_spread"] == pytest.approx(dwell.spread, rel=1e-9)
+
+
+def test_groups_do_not_change_results(device):
+    motions = trials()
+    (whole,) = grouped(motions, device=device)
+    parts = grouped(motions, device=device, memory=2**20)
+    assert [(part.first, part.stop) for part in parts] == [(0, 1), (1, 2), (2, 3), (3, 4)]
+    assert [numbers for part in parts for numbers in part.numbers] == whole.numbers
+    points = np.concatenate([part.samples.position.numpy() for part in parts])
+    np.testing.assert_array_equal(points, whole.samples.position.numpy())
+
+
+def test_contours_are_those_of_render(device):
+    motions = trials(2)
+    (group,) = grouped(motions, device=device)
+    alone = render("tube", "palm", HandMotion(None, np.concatenate([own.motion.pose for own in motions])), "cc")
+    for name, values in group.contours.numpy().by_name().items():
+        np.testing.assert_array_equal(values, getattr(alone, name))
+
+
+def test_motions_of_the_host_and_of_the_device_may_be_mixed(device):
+    made, pose = trials(2), exploration("tube", 0.5, seed=9, model="around").pose
+    rigid = HandMotion(np.cumsum(np.linspace(0.001, 0.03, len(pose))), pose)  # at no rate, and not from 0 on
+    (group,) = grouped([made[0], rigid, made[1].motion], device=device)
+    assert [own["samples"] for own in group.numbers][::2] == [10_000, 10_000]
+    (alone,) = grouped([rigid], device=device)
+    assert group.numbers[1] == alone.numbers[0]
+    assert group.numbers[2] == grouped(made, device=device)[0].numbers[1]
+
+
+def test_a_group_that_does_not_fit_is_halved(monkeypatch, device):
+    (whole,) = grouped(trials(), device=device)
+    real = groups_module.MotionGroup.__post_init__
+
+    def scarce(group):
+        if len(group.motions) > 1:
+            raise RuntimeError("Failed to allocate 1 bytes")
+        real(group)
+
+    monkeypatch.setattr(groups_module.MotionGroup, "__post_init__", scarce)
+    parts = grouped(trials(), device=device)
+    assert [(part.first, part.stop) for part in parts] == [(0, 1), (1, 2), (2, 3), (3, 4)]
+    assert [numbers for part in parts for numbers in part.numbers] == whole.numbers
+
+
+def test_one_motion_that_does_not_fit_and_other_errors_are_raised(monkeypatch):
+    def fail(_):
+        raise RuntimeError("something else")
+
+    monkeypatch.setattr(groups_module.MotionGroup, "__post_init__", fail)
+    with pytest.raises(RuntimeError, match="something else"):
+        grouped(trials())
+    monkeypatch.setattr(groups_module.MotionGroup, "__post_init__", lambda _: (_ for _ in ()).throw(MemoryError()))
+    with pytest.raises(MemoryError):
+        grouped(trials(1))
+
+
+def test_frames_are_those_of_the_driver(device):
+    (group,) = grouped(trials(1, duration=0.5), device=device, memory=2**22)
+    packer = PulsePacker("pat16", device=device)
+    blocks = [packed.frame.numpy() for packed in group.frames(packer)]
+    frames = np.concatenate(blocks)
+    driver = Driver("pat16")
+    drives = driver.drive(group.samples.focus(0))
+    wanted = encode_frames(drives.delay, drives.amplitude, array=driver.arrays[0])
+    assert len(blocks) == 10  # of 512 frames each
+    assert frames.shape == wanted.shape == (5000, 512)
+    drawn = wanted[:, 256:].any(axis=1)
+    off = (frames[drawn, :256] & 127).astype(int) - (wanted[drawn, :256] & 127)
+    assert (np.minimum(off % 128, -off % 128) <= 1).all()
+    assert np.count_nonzero(off) < 1e-3 * off.size
+    np.testing.assert_array_equal(frames[:, 256:], wanted[:, 256:])
+
+
+def test_what_cannot_be_a_group_is_refused():
+    with pytest.raises(PoseError, match="motion 1: its 2 poses have no times"):
+        grouped([trials(1)[0], HandMotion(None, np.tile(static_pose([0, 0, 0.2]).pose, (2, 1)))])
+    with pytest.raises(PoseError, match="motion 0: has 1 pose, and a motion has 2 at least"):
+        grouped([ExploredPoses.of("tube", duration=0.01)])
+    with pytest.raises(StrategyError, match="no device 'cuda:7'"):
+        grouped(trials(1), device="cuda:7")
+    with pytest.raises(StrategyError, match="memory must be at least 1048576 bytes, not 10"):
+        grouped(trials(1), memory=10)
+    (group,) = grouped(trials(1), sampling="multi-focus")
+    with pytest.raises(StrategyError, match="2 focal points a frame"):
+        next(group.frames(PulsePacker("pat16", device="cpu")))
+
+
+def test_hands_of_many_shapes_are_refused(tmp_path):
+    hand = load_hand("planes", None, load_recording(write_sample("openxr", tmp_path / "hand.csv")).held())
+    with pytest.raises(StrategyError, match="has a shape for each pose"):
+        list(render_motions("tube", hand, trials(1)))
+
+
+def test_no_motions_make_no_group():
+    assert grouped([]) == []
+
+
+def test_times_of_explorations_are_those_of_the_host():
+    for duration, rate in ((1.0, 90.0), (0.1, 30.0), (2.0, 77.7)):
+        poses = ExploredPoses.of("cube", duration=duration, rate=rate)
+        motion = exploration(MeshObject.load("cube"), duration, rate=rate)
+        np.testing.assert_array_equal(poses.time, motion.time)
+        np.testing.assert_array_equal(HostPoses(motion).time, motion.time)
+
+
+def test_poses_are_widened_exactly(device):
+    rows = grouped(trials(1), device=device)[0].pose
+    wide = widen_poses(rows, device).numpy()
+    assert wide.dtype == np.float64
+    np.testing.assert_array_equal(wide, rows.numpy().astype(np.float64))
+
+
+def test_the_hand_decides_the_dwell_map():
+    (small,) = render_motions("tube", Palm(0.03, 0.05), trials(1), "cc")
+    (large,) = render_motions("tube", Palm(0.09, 0.15), trials(1), "cc")
+    assert small.numbers[0]["dwell_area"] < large.numbers[0]["dwell_area"]

@@ -22,7 +22,8 @@ from palpate.datasets import exploration
 from palpate.render import MeshObject, Palm, SamplingStrategy
 from palpate.render.bench.cases import bench_object
 from palpate.render.intersection.mesh_section import intersect
-from palpate.render.playback.live import POSE_INTERVAL, Instant, PoseContours
+from palpate.render.intersection.prepared_contours import PreparedContours
+from palpate.render.playback.live import POSE_INTERVAL, Instant
 from palpate.render.strategies.intersection_strategy import PRESETS
 
 BAR = 1000.0  # [us] p99
@@ -72,9 +73,9 @@ def measure(case: Case, pose_count: int, repeats: int) -> dict:
     motion = exploration(
         thing.bounds, duration=pose_count * POSE_INTERVAL, rate=1 / POSE_INTERVAL, seed=1, model="around"
     )
-    contours = PoseContours(thing, hand, strategy)
+    contours = PreparedContours(thing, hand, strategy)
     whole, part, ordinary = (Stopwatch([], []) for _ in range(3))
-    hit = np.array([part.time(contours.at, pose).point_count > 0 for pose in motion.pose])
+    hit = np.array([part.time(contours.at_checked, pose).point_count > 0 for pose in motion.pose])
     if not hit.any():
         raise SystemExit(f"none of {pose_count} poses of {case.thing} has contours: take more")
     for _ in range(repeats):

@@ -59,6 +59,7 @@ FILLING_STAGES = (
     "fillings.inset_edges",
     "fillings.inset_pieces",
 )  # of what contours enclose
+PREPARED_STAGES = ("section.graph_room",)  # batches of as many poses, again and again, on GPUs
 MOTION_STAGES = ("metrics.contour_shift",)  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 SWEEP_STAGES = (
@@ -93,6 +94,7 @@ STAGES = (
     *FOLLOWING_STAGES,
     *EMPHASIS_STAGES,
     *FILLING_STAGES,
+    *PREPARED_STAGES,
     *MOTION_STAGES,
     *OBJECT_STAGES,
     *SWEEP_STAGES,

@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from .intersection.file_recording import record
     from .intersection.overlap_tour import overlap_points
     from .intersection.patch_points import array_points
+    from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
     from .motions.groups import MotionGroup, render_motions
     from .motions.poses import ExploredPoses
@@ -145,6 +146,7 @@ _ROOMS = {
     "intersection.file_recording": "record",
     "intersection.overlap_tour": "overlap_points",
     "intersection.patch_points": "array_points",
+    "intersection.prepared_contours": "PreparedContours",
     "intersection.scene": "Scene",
     "objects.functions.expression": "box capsule cylinder half_space sphere torus",
     "objects.functions.expression_json": "expression_from_json expression_to_json load_expression",
@@ -235,6 +237,7 @@ __all__ = [
     "PlaneHand",
     "PlayedFrames",
     "PoseError",
+    "PreparedContours",
     "PressureMetrics",
     "PulsePacker",
     "RecordingError",

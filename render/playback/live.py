@@ -1,32 +1,23 @@
 """One pose to focal points, again and again, on the CPU: contours and focal points of a hand that moves now.
 
-The kernels are those of `render`, and so are the bits; what is saved is everything around them (`kernels.single`).
+The kernels are those of `render`, and so are the bits; what is saved is everything around them (`PreparedContours`).
 """
 
 import math
 
 import numpy as np
-import warp as wp
 
 from ...datasets.errors import MotionError
-from ...datasets.motions.hand_motion import PALM_DOWN
-from ...kernels.section.piece_search import method_for
-from ...kernels.section.single_pose import CPU, Room, RoomSize
 from ..contour_batch import ContourBatch
-from ..coordinate_spacing import warn_of_spacing
 from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
-from ..hands.hand import Hand, PatchHand
+from ..hands.hand import Hand
 from ..intersection.batch_rendering import check_poses
-from ..intersection.mesh_section import intersect, needs_regularising
-from ..intersection.named_inputs import hand_of, solid_of
-from ..intersection.resting import patches_for
-from ..intersection.scene import Scene
-from ..objects.mesh.solid_mesh import MeshObject
+from ..intersection.prepared_contours import PreparedContours
 from ..objects.solid import Solid
 from ..sampling.contour_sampling import FocalPoints, Path, Sampler, SamplingStrategy, joined, paths_of
 from ..sampling.presets import sampling_of
-from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
+from ..strategies.intersection_strategy import IntersectionStrategy
 
 POSE_INTERVAL = 1 / 90  # [s]; a headset's hand tracking
 INTERVAL_RANGE = (1e-4, 5.0)  # [s]
@@ -34,70 +25,6 @@ FAR = 1e30  # [m]; float32 ends beyond
 DRAWN_MOST = 10.0  # [s] in one go: 400,000 samples at 40 kHz
 DRAWN_AT_ONCE = 1024  # samples, as `sample_contours` does
 NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_poses`, however it rounds
-
-
-class PoseContours:
-    """Contours of one pose at a time: those of `render`, bit for bit.
-
-    solid, hand, strategy: as in `render`; the hand must be rigid. method: how contours are looked for, see
-    `find_pieces`. Sections of a mesh by planes take well under a millisecond: memory is taken when made, and anew,
-    twice as much, when a pose needs more. Anything else, meshes that cross themselves too, is rendered as `render`
-    does, in milliseconds. Not for two threads at once. Raises MeshError where the strategy needs a closed surface and
-    the object has none, StrategyError for an articulated hand, ValueError for a method that does not exist or not for
-    this object.
-    """
-
-    def __init__(
-        self,
-        solid: Solid | str,
-        hand: Hand | str,
-        strategy: IntersectionStrategy | str,
-        *,
-        method: str | None = None,
-        size: RoomSize | None = None,
-    ) -> None:
-        solid, hand = solid_of(solid), hand_of(hand)
-        if hand.pose_count is not None:
-            raise StrategyError(
-                f"the hand has {hand.pose_count} poses of its own: one pose at a time takes a rigid one"
-            )
-        strategy = strategy_of(strategy)
-        scene = Scene.of(solid, hand, strategy)
-        warn_of_spacing(solid.name, solid.bounds)
-        middle = np.array([*solid.bounds.mean(axis=0), *PALM_DOWN], np.float32)
-        self.grown = 0
-        """How often memory was taken anew."""
-        self._scene: Scene | None = scene
-        if not (
-            isinstance(solid, MeshObject) and isinstance(hand, PatchHand) and scene.is_raw and scene.exact
-        ) or needs_regularising(solid):
-            self.at(middle)
-            return
-        self._scene = None
-        pose = wp.array(hand.section_poses(middle[None]), dtype=wp.transform, device=CPU)
-        intersect(solid, hand, pose, strategy, method=method)  # refuses what cannot be done
-        surface, patch = solid.on(CPU), patches_for(hand, solid, strategy, CPU)
-        self._made_of = surface, patch
-        self._stages = {
-            "outside": "outside" in strategy.prune,
-            "close": "close" in strategy.transform,
-            "method": method or method_for(surface, wp.get_device(CPU)),
-        }
-        self._room = Room(*self._made_of, **self._stages, size=size or RoomSize())
-        self.at(middle)
-        self._room.warm()
-
-    def at(self, pose: np.ndarray) -> ContourBatch:
-        """Contours of a pose, on the host, in memory that the next call writes over: copy what shall last.
-
-        pose: x y z [m] and unit quaternion xyzw, float32, shape [7], as `check_poses` leaves it.
-        """
-        if self._scene is not None:
-            return self._scene.contours(pose[None], 0, CPU)[0].numpy()
-        while (needed := self._room.fill(pose)) is not None:
-            self._room = Room(*self._made_of, **self._stages, size=self._room.size.doubled_for(needed))
-            self.grown += 1
-        return ContourBatch(**self._room.contours())
 
 
 class Instant:
@@ -140,7 +67,7 @@ class Instant:
         """Its `count` has the number of samples drawn."""
         self.contours: ContourBatch | None = None
         """Of the last pose, on the host, in memory that the next pose writes over: copy what shall last."""
-        self._intersection = PoseContours(solid, hand, strategy)
+        self._intersection = PreparedContours(solid, hand, strategy)
         self._rate = sampling.update_rate
         self._hold = max(sampling.hold, 2.0 * interval)
         self._began = 0.0  # when the first pose came [s]
@@ -176,7 +103,7 @@ class Instant:
             raise MotionError(f"until {until!r} s is before {time!r} s of its pose")
         before, stop = self._samples_until(time, began), self._samples_until(until, began)
         late = self._samples(before) if before > self._drawn and not first else []
-        self.contours = self._intersection.at(row)
+        self.contours = self._intersection.at_checked(row)
         self._began, self._came, self._pose = began, time - began, row.astype(np.float64)
         self._path = next(paths_of(self.contours))
         return joined([*late, *self._samples(stop)])

@@ -7,8 +7,8 @@ import numpy as np
 from ..bench.clocks import OwnTurn, timed
 from ..hands.hand import Palm
 from ..intersection.batch_rendering import render
+from ..intersection.prepared_contours import PreparedContours
 from ..objects.mesh.solid_mesh import MeshObject
-from ..playback.live import PoseContours
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
 from .explorations import explorer_motion
 from .paper_numbers import CLOSE_SECONDS, PRUNE_SECONDS, RAW_SECONDS
@@ -48,7 +48,7 @@ def measure_steps(mesh: MeshObject, palm: Palm, *, live_poses: int, batch_poses:
     met = pose[render(mesh, palm, pose, closed_contour()).length() > 0.0]
     met = met if len(met) else pose
     few, many = np.resize(met, (live_poses, 7)), np.resize(met, (batch_poses, 7))
-    live = [_LiveTurn(PoseContours(mesh, palm, strategy), few) for strategy in STEPS.values()]
+    live = [_LiveTurn(PreparedContours(mesh, palm, strategy), few) for strategy in STEPS.values()]
     batch = [OwnTurn(mesh, palm, many, strategy, "cpu") for strategy in STEPS.values()]
     for call in (*live, *batch):
         call()
@@ -64,12 +64,12 @@ def measure_steps(mesh: MeshObject, palm: Palm, *, live_poses: int, batch_poses:
 class _LiveTurn:
     """Contours of poses, one after the other."""
 
-    def __init__(self, contours: PoseContours, pose: np.ndarray) -> None:
+    def __init__(self, contours: PreparedContours, pose: np.ndarray) -> None:
         self._contours, self._rows = contours, list(pose)
 
     def __call__(self) -> None:
         for row in self._rows:
-            self._contours.at(row)
+            self._contours.at_checked(row)
 
 
 def time_section(times: dict[str, StepTimes], cpu: str) -> tuple[ReportSection, dict]:

@@ -19,9 +19,9 @@ from palpate.datasets.shapes.built_in import shape
 from palpate.kernels.flush import resolve_flush
 from palpate.render import ImplicitObject, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.intersection.prepared_contours import PreparedContours
 from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.objects.functions.expression import box
-from palpate.render.playback.live import PoseContours
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*reaches behind the array:palpate.render.errors.PalpateWarning")
 
@@ -181,7 +181,7 @@ def test_one_pose_at_a_time_and_undrawn_sums_have_the_same_flush():
         thing = MeshObject(turn.apply(vertices) + place, faces)
         expected = render(thing, palm, pose[None], strategy)
         for method in METHODS:
-            points = PoseContours(thing, palm, strategy, method=method).at(pose).points
+            points = PreparedContours(thing, palm, strategy, method=method).at_checked(pose).points
             assert points.tobytes() == expected.points.tobytes()
         value, length = empty(1, "cpu")
         Scene.of(thing, palm, strategy).tally(PoseBlock(pose[None], 0, "cpu"), value, length)

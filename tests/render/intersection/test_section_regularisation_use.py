@@ -17,9 +17,9 @@ from palpate.render.errors import MeshError, StrategyError
 from palpate.render.hands.hand import rigid_poses
 from palpate.render.intersection import section_regularisation as regularisation
 from palpate.render.intersection.mesh_section import intersect, tally_intersection
+from palpate.render.intersection.prepared_contours import PreparedContours
 from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.intersection.section_regularisation import FILL_RULES, STEP, UNIT, Loops, Planes
-from palpate.render.playback.live import PoseContours
 
 OC, CC, WHOLE = open_contour(), closed_contour(), IntersectionStrategy()
 LEVEL = np.array([[*MIDDLE, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
@@ -109,9 +109,9 @@ def test_blocks_chunks_and_memory_change_no_bit(monkeypatch):
 def test_live_poses_have_the_contours_of_render_bit_for_bit():
     thing, poses = crossing(PRISMS["pentagram"]()), generic_poses(30, 3)
     for strategy in (OC, CC):
-        live, expected = PoseContours(thing, Palm(), strategy), render(thing, Palm(), poses, strategy)
+        live, expected = PreparedContours(thing, Palm(), strategy), render(thing, Palm(), poses, strategy)
         for row, pose in enumerate(poses):
-            assert_same_bits(live.at(pose), expected.select(row, row + 1))
+            assert_same_bits(live.at_checked(pose), expected.select(row, row + 1))
 
 
 def test_a_mesh_that_crosses_itself_is_drawn_to_be_measured():

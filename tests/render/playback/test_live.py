@@ -15,11 +15,13 @@ from scipy.spatial.transform import Rotation
 from palpate.datasets import HandMotion, exploration
 from palpate.datasets.errors import MotionError
 from palpate.datasets.motions.hand_motion import PALM_DOWN
+from palpate.kernels.section.kept_room import RoomSize
 from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, PoseError, StrategyError
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.batch_rendering import check_poses
-from palpate.render.playback.live import DRAWN_MOST, Instant, PoseContours, RoomSize, checked_pose
+from palpate.render.intersection.prepared_contours import PreparedContours
+from palpate.render.playback.live import DRAWN_MOST, Instant, checked_pose
 from palpate.render.sampling.contour_sampling import (
     AmplitudeModulation,
     LateralModulation,
@@ -87,10 +89,10 @@ def test_contours_are_those_of_render_bit_for_bit(name, strategy, method):
         return  # closed contours are not defined, or are refused
     thing, poses = thing_of(name), generic_poses(60, 3)
     expected = render(thing, PALM, poses, STRATEGIES[strategy])
-    contours = PoseContours(thing, PALM, STRATEGIES[strategy], method=method)
+    contours = PreparedContours(thing, PALM, STRATEGIES[strategy], method=method)
     assert expected.polyline_count > 5
     for i, pose in enumerate(poses):
-        assert_same_bits(contours.at(pose), expected.select(i, i + 1))
+        assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
 
 
 @pytest.mark.exhaustive(after=1)
@@ -101,14 +103,14 @@ def test_a_pose_that_needs_more_memory_gets_it_once(strategy, method, size):
     thing, poses = thing_of("comb"), crowded_poses(6)
     expected = render(thing, PALM, poses, STRATEGIES[strategy])
     assert np.diff(expected.pose_start).max() > (2 if strategy == "cc" else 8)
-    contours = PoseContours(thing, PALM, STRATEGIES[strategy], method=method, size=size)
+    contours = PreparedContours(thing, PALM, STRATEGIES[strategy], method=method, size=size)
     grown = []
     for _ in range(2):
         for i, pose in enumerate(poses):
-            assert_same_bits(contours.at(pose), expected.select(i, i + 1))
+            assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
             grown.append(contours.grown)
     assert 1 <= grown[len(poses) - 1] == grown[-1] <= 20
-    assert PoseContours(thing, PALM, STRATEGIES[strategy], method=method).grown == 0
+    assert PreparedContours(thing, PALM, STRATEGIES[strategy], method=method).grown == 0
 
 
 SAMPLINGS = {
@@ -280,9 +282,9 @@ def test_closed_contours_of_an_open_mesh_are_refused_when_made():
 @pytest.mark.exhaustive
 def test_a_method_that_there_is_not_is_refused_when_made():
     with pytest.raises(ValueError, match="guess"):
-        PoseContours(thing_of("tube"), PALM, closed_contour(), method="guess")
+        PreparedContours(thing_of("tube"), PALM, closed_contour(), method="guess")
     with pytest.raises(ValueError, match="no scan path"):
-        PoseContours(object_of("blob-100k"), PALM, closed_contour(), method="trace")
+        PreparedContours(object_of("blob-100k"), PALM, closed_contour(), method="trace")
 
 
 TWO_PALMS = PlaneHand((HandPatch("palm", 0.085, 0.085), HandPatch("over", 0.03, 0.1, (0.02, 0.015, -0.01, 0, 0, 0, 1))))
@@ -294,9 +296,9 @@ def test_every_patch_of_a_hand_is_drawn(method, size):
     thing, poses = thing_of("dog"), generic_poses(60, 5)
     expected = render(thing, TWO_PALMS, poses, closed_contour())
     assert set(expected.polyline_patch) == {0, 1}
-    contours = PoseContours(thing, TWO_PALMS, closed_contour(), method=method, size=size)
+    contours = PreparedContours(thing, TWO_PALMS, closed_contour(), method=method, size=size)
     for i, pose in enumerate(poses):
-        assert_same_bits(contours.at(pose), expected.select(i, i + 1))
+        assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
 
 
 @pytest.mark.exhaustive

@@ -1,7 +1,8 @@
-"""Contours of one pose, again and again, on the CPU: the same kernels, everything around them done once.
+"""Contours of a few poses, again and again, on the CPU: the same kernels, everything around them done once.
 
 For one pose of the tube the kernels take 5 us, but launching them, taking memory for them and asking how much is needed
 take 0.6 ms. Here launches are recorded once, memory stays, and what kernels leave behind is read where it lies.
+`graph_room` does the same on GPUs.
 """
 
 from typing import Any, NamedTuple, cast
@@ -9,15 +10,19 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import warp as wp
 
+from ..offsets import BLOCK
 from .clip_events import _clip_loops, room_for_events
 from .contour_writing import _draw_contours
 from .joining import _join_pieces, _join_single_pieces, room_to_join
-from .pieces import ContourPieces, with_slots
+from .pieces import SLOTS, ContourPieces, with_slots
 from .row_walker import LineArrays
 from .scan_search import _walk_first_loops, _walk_other_loops
 from .tree_search import _tree_search_pieces
 
-CPU = "cpu"  # a GPU takes 1.2 ms for its launches alone
+CPU = "cpu"
+FEW = 32  # patches of all poses that get the largest capacities
+EVENTS_MANY, POINTS_MANY = 24, 48  # of a patch
+PIECE_BYTES, EVENT_BYTES, POINT_BYTES = 120, 8, 13
 SEVERAL, LISTED, EXCESS = range(3)  # counters: patches with more loops, with more pieces to join, without room
 
 Launches = list[tuple[wp.Launch, int | None]]  # each with the counter that must not be 0 for it to do anything
@@ -31,44 +36,74 @@ class RoomSize(NamedTuple):
     events: int = 128
     """Of a patch; a room has never fewer than pieces, since `_clip_loops` calls too many events too many pieces."""
     points: int = 4096
+    """Of all poses."""
+
+    @classmethod
+    def for_rows(cls, row_count: int) -> "RoomSize":
+        """Capacities for so many patches of all poses: most of one alone, since memory is taken for each."""
+        return cls() if row_count <= FEW else cls(SLOTS, EVENTS_MANY, POINTS_MANY * row_count)
 
     def doubled_for(self, needed: "RoomSize") -> "RoomSize":
         """Twice what is needed, of what there is not enough."""
         return RoomSize(*(own if own >= need else 2 * need for own, need in zip(self, needed, strict=True)))
 
 
+def room_bytes(size: RoomSize, row_count: int) -> int:
+    """What the memory of a `Room` with so many patches of all poses takes, about [byte]."""
+    return row_count * (PIECE_BYTES * size.pieces + EVENT_BYTES * size.events) + POINT_BYTES * size.points
+
+
 class Room:
-    """Memory for the contours of one pose, and the launches that fill it.
+    """Memory for the contours of as many poses each time, and the launches that fill it.
 
     surface, patch: on the CPU. outside, close: whether contours end at the patch, and are closed along its boundary.
-    method: "trace" or "seek", see `find`. size: how much memory there is.
+    method: "trace" or "seek", see `find_pieces`. size: how much memory there is.
     """
 
+    device = CPU
+
     def __init__(
-        self, surface: Any, patch: wp.array, *, outside: bool, close: bool, method: str, size: RoomSize
+        self,
+        surface: Any,
+        patch: wp.array,
+        *,
+        outside: bool,
+        close: bool,
+        method: str,
+        size: RoomSize,
+        pose_count: int = 1,
     ) -> None:
         self.size = size._replace(events=max(size.events, size.pieces))
-        self._surface, self._patch, self._row_count = surface, patch, patch.shape[0]
+        self._surface, self._patch, self._pose_count = surface, patch, pose_count
+        self.row_count = pose_count * patch.shape[0]
         self._stages = [int(outside), int(close)]
-        self._pose, self._pose_rows = shared_zeros((1, 1), wp.transform)
-        self._counters, self._count = shared_zeros(3, wp.int32)
-        self._rest, _ = shared_zeros(self._row_count, wp.int32)
-        self._polylines, self._points = Offsets(self._row_count), Offsets(self._row_count)
+        self._pose = wp.full((pose_count, 1), wp.transform_identity(), dtype=wp.transform, device=self.device)
+        self._counters = wp.zeros(3, dtype=wp.int32, device=self.device)
+        self._rest = wp.zeros(self.row_count, dtype=wp.int32, device=self.device)
+        self._polylines, self._points = (Offsets(self.row_count, self.device) for _ in range(2))
         self._pieces = self._room_for_pieces()
-        self._events = room_for_events(self._row_count, self.size.events, wp.get_device(CPU))
+        self._events = room_for_events(self.row_count, self.size.events, wp.get_device(self.device))
         self._events.count.zero_()  # seeking leaves them so
-        self._lines, self._host = self._room_for_lines()
+        self._lines = self._room_for_lines()
         self._find = self._scan_search() if method == "trace" else self._tree_search()
         self._join, self._draw = self._joining_and_drawing()
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Look at the arrays where they lie, as they stay there."""
+        lines = self._lines
+        fields = ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed")
+        self._host = {field: getattr(lines, field).numpy() for field in fields}
+        self._pose_start = self._polylines.host[:: self._patch.shape[0]]
+        self._pose_rows, self._count = self._pose.numpy()[:, 0], self._counters.numpy()
 
     def fill(self, pose: np.ndarray) -> RoomSize | None:
-        """Draw the contours of a pose, shape [7]; returns None, or the size that they need if there is no room."""
-        self._pose_rows[0] = pose
+        """Draw the contours of poses, shape [pose, 7]; returns None, or the size that they need if there is no room."""
+        self._pose_rows[:] = pose
         self._count.fill(0)
         self._launch(self._find)
         if self._count.item(EXCESS):
-            pieces, events = int(self._pieces.count.numpy().max()), int(self._events.count.numpy().max())
-            return self.size._replace(pieces=pieces, events=events)
+            return self._size_needed()
         self._launch(self._join)
         self._polylines.scan()
         self._points.scan()
@@ -80,8 +115,12 @@ class Room:
             self._draw.launch()
         return None
 
+    def _size_needed(self) -> RoomSize:
+        pieces, events = int(self._pieces.count.numpy().max()), int(self._events.count.numpy().max())
+        return self.size._replace(pieces=pieces, events=events)
+
     def contours(self) -> dict[str, np.ndarray]:
-        """The contours of the last pose, without copying: arrays of a contour batch by name."""
+        """The contours of the last poses, without copying: arrays of a contour batch by name."""
         line_count, point_count, host = self._polylines.total, self._points.total, self._host
         return {
             "points": host["points"][:point_count],
@@ -89,7 +128,7 @@ class Room:
             "polyline_start": host["polyline_start"][: line_count + 1],
             "polyline_patch": host["polyline_patch"][:line_count],
             "polyline_closed": host["polyline_closed"][:line_count],
-            "pose_start": host["pose_start"],
+            "pose_start": self._pose_start,
         }
 
     def warm(self) -> None:
@@ -104,20 +143,21 @@ class Room:
                 launch.launch()
 
     def _room_for_pieces(self) -> Any:
-        room = self.size.pieces
+        room, rows = self.size.pieces, self.row_count
+        beside = self.device == CPU  # slots of a row beside each other; on a GPU equal slots of all rows
         pieces = ContourPieces()
-        pieces.section, _ = shared_zeros(0, wp.int32)
-        pieces.start = wp.array(np.arange(self._row_count) * room, dtype=wp.int64, device=CPU)
-        pieces.room = wp.full(self._row_count, room, dtype=wp.int32, device=CPU)
-        pieces.stride = 1
-        with_slots(pieces, self._row_count, self._row_count * room, CPU)
+        pieces.section = wp.empty(0, dtype=wp.int32, device=self.device)
+        pieces.start = wp.array(np.arange(rows) * (room if beside else 1), dtype=wp.int64, device=self.device)
+        pieces.room = wp.full(rows, room, dtype=wp.int32, device=self.device)
+        pieces.stride = 1 if beside else rows
+        with_slots(pieces, rows, rows * room, self.device)
         pieces.excess = self._counters[EXCESS:]
         return pieces
 
-    def _room_for_lines(self) -> tuple[Any, dict[str, np.ndarray]]:
-        """Allocate the output arrays of contours, shared by the kernel and NumPy."""
-        line_most = self._row_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
-        lines, host = LineArrays(), {}
+    def _room_for_lines(self) -> Any:
+        """Allocate the output arrays of contours."""
+        line_most = self.row_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
+        lines = LineArrays()
         for field, size, dtype in (
             ("points", self.size.points, wp.vec3),
             ("kind", self.size.points, wp.uint8),
@@ -125,9 +165,8 @@ class Room:
             ("polyline_patch", line_most, wp.int32),
             ("polyline_closed", line_most, wp.uint8),
         ):
-            array, host[field] = shared_zeros(size, dtype)
-            setattr(lines, field, array)
-        return lines, {**host, "pose_start": self._polylines.host[:: self._row_count]}
+            setattr(lines, field, wp.zeros(size, dtype=dtype, device=self.device))
+        return lines
 
     def _scan_search(self) -> Launches:
         section = [self._surface, self._pose, self._patch, self._stages[0], self._pieces.section]
@@ -143,7 +182,8 @@ class Room:
         return [(self._record(_tree_search_pieces, inputs, [self._pieces]), None)]
 
     def _joining_and_drawing(self) -> tuple[Launches, wp.Launch]:
-        ends, entries = room_to_join(self._pieces, CPU)
+        ends, entries = room_to_join(self._pieces, self.device)
+        self._entries = entries
         entries.polylines, entries.points = self._polylines.count, self._points.count
         rest = [self._rest, self._counters[LISTED:]]
         single = [self._pieces, self._stages[1]]
@@ -155,29 +195,25 @@ class Room:
         ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
 
     def _record(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
-        launch = wp.launch(kernel, self._row_count, inputs=inputs, outputs=outputs, device=CPU, record_cmd=True)
-        return cast(wp.Launch, launch)
+        options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
+        return cast(wp.Launch, wp.launch(kernel, self.row_count, inputs=inputs, outputs=outputs, **options))
 
 
 class Offsets:
     """Counts of sections, which kernels write, and their offsets, which they read."""
 
-    def __init__(self, section_count: int) -> None:
-        self.count, count = shared_zeros(section_count + 1, wp.int64)
-        self.start, self.host = shared_zeros(section_count + 1, wp.int64)
-        self._scanned = count[:-1], self.host[1:]
+    def __init__(self, section_count: int, device: str = CPU) -> None:
+        self.count = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
+        self.start = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
+        if device == CPU:
+            self.host = self.start.numpy()
+            self._scanned = self.count.numpy()[:-1], self.host[1:]
 
     def scan(self) -> None:
-        """Counts to offsets."""
+        """Counts to offsets, on the CPU."""
         np.cumsum(self._scanned[0], out=self._scanned[1])
 
     @property
     def total(self) -> int:
         """All of them."""
         return self.host.item(-1)
-
-
-def shared_zeros(size: int | tuple[int, ...], dtype: Any) -> tuple[wp.array, np.ndarray]:
-    """An array of zeros, for kernels and for NumPy."""
-    array = wp.zeros(size, dtype=dtype, device=CPU)
-    return array, array.numpy()

@@ -1,0 +1,84 @@
+"""Prepared contours: those of `render`, bit for bit, however often memory is taken anew, on every device."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from palpate.kernels.section import graph_room
+from palpate.kernels.section.kept_room import RoomSize
+from palpate.render import Palm, PoseError, PreparedContours, StrategyError, flat_hand, render, static_pose
+from palpate.render.bench.cases import random_poses
+from palpate.render.intersection import prepared_contours
+
+COUNT = 200
+TINY = RoomSize(pieces=1, events=2, points=8)
+
+
+def assert_same(batch, wanted):
+    for name, values in wanted.by_name().items():
+        np.testing.assert_array_equal(batch.numpy().by_name()[name], values, err_msg=name)
+
+
+@pytest.fixture(params=["room", "graph"])
+def rooms(request, monkeypatch):
+    """Both kinds of room; graphs are recorded on GPUs only, on the CPU their launches follow one another."""
+    if request.param == "graph":
+        monkeypatch.setattr(prepared_contours, "Room", graph_room.GraphRoom)
+
+
+@pytest.mark.parametrize("hand", [Palm(), flat_hand()])
+@pytest.mark.parametrize("strategy", ["oc", "cc"])
+@pytest.mark.parametrize(("thing", "method"), [("tube", "trace"), ("dog", "seek")])
+def test_batches_are_those_of_render(rooms, device, thing, method, strategy, hand):
+    prepared = PreparedContours(thing, hand, strategy, COUNT, device=device, method=method)
+    for seed in range(3):
+        poses = random_poses(COUNT, seed)
+        assert_same(prepared.at(poses), render(thing, hand, poses, strategy))
+        on_device = wp.array(poses, dtype=wp.transform, device=device)
+        if device != "cpu":
+            assert_same(prepared.at(on_device), render(thing, hand, poses, strategy))
+
+
+def test_memory_grows_until_a_batch_fits(rooms, device):
+    poses = random_poses(COUNT)
+    prepared = PreparedContours("dog", "palm", "cc", COUNT, device=device, size=TINY)
+    assert_same(prepared.at(poses), render("dog", "palm", poses, "cc"))
+    grown = prepared.grown
+    assert grown > 1
+    assert_same(prepared.at(poses), render("dog", "palm", poses, "cc"))
+    assert prepared.grown == grown
+
+
+def test_a_batch_that_needs_too_much_is_rendered_without_it(rooms, device, monkeypatch):
+    poses = random_poses(COUNT)
+    prepared = PreparedContours("dog", "palm", "cc", COUNT, device=device, size=RoomSize(1, 2, 4096))
+    grown = prepared.grown
+    monkeypatch.setattr(prepared_contours, "ROOM_MOST", 0)
+    assert_same(prepared.at(poses), render("dog", "palm", poses, "cc"))
+    assert prepared.grown == grown
+
+
+@pytest.mark.filterwarnings("ignore:no pose has a contour")
+def test_batches_without_contours_and_with_them_follow_each_other(rooms, device):
+    prepared = PreparedContours("tube", "palm", "cc", 3, device=device)
+    far = np.tile(static_pose([0, 0, 3.0]).pose, (3, 1))
+    for poses in (random_poses(3), far, random_poses(3, 5), far):
+        assert_same(prepared.at(poses), render("tube", "palm", poses, "cc"))
+
+
+def test_strategies_with_stages_are_rendered_as_usual(device):
+    poses = random_poses(5)
+    prepared = PreparedContours("tube", "palm", "smooth", 5, device=device)
+    assert_same(prepared.at(poses), render("tube", "palm", poses, "smooth"))
+
+
+def test_what_cannot_be_prepared_is_refused():
+    for count in (0, 1.5, "2", True, 2**20 + 1):
+        with pytest.raises(StrategyError, match=r"pose_count must be a whole number of 1\.\.1048576"):
+            PreparedContours("cube", "palm", "cc", count)
+    prepared = PreparedContours("cube", "palm", "cc", 2)
+    assert repr(prepared) == "PreparedContours(cube on Palm(width=0.085, length=0.085), 2 poses on cpu)"
+    with pytest.raises(PoseError, match="there must be 2 poses, for which this was prepared, not 3"):
+        prepared.at(random_poses(3))
+    with pytest.raises(PoseError, match="shape"):
+        prepared.at(np.zeros(7))

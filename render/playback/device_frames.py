@@ -1,5 +1,6 @@
 """Focal points on a device -> wire bytes there, for boards whose frames are pulses on a grid (`Layout.pulses`)."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from ...device.registry import array_model, kind_of
 from ...device.wire_layout import Layout
 from ...kernels.driving.pulse_frames import FocalBox, PackedFrames, board_on, pack_pulses
 from ..errors import StrategyError
+from ..sampling.contour_sampling import FocalPoints
 from .drive import INTENSITY_TOLERANCE, DriveStrategy
 
 
@@ -50,7 +52,7 @@ class PulsePacker:
         grid, per_metre = layout.pulses, model.carrier / strategy.sound_speed
         self._board = board_on(values, per_metre=per_metre, turn=grid.turn, mark=grid.mark, device=device)
         self._box = box_of(model, strategy)
-        self._name = model.name
+        self._name, self._device = model.name, device
 
     def __repr__(self) -> str:
         """One line."""
@@ -59,6 +61,18 @@ class PulsePacker:
     def pack(self, position: wp.array, intensity: wp.array) -> PackedFrames:
         """Frames of focal points [m], vec3, with intensities 0..1, float32, both of shape [frame] on the device."""
         return pack_pulses(position, intensity, self._board, self._box)
+
+    def pack_host(self, focus: FocalPoints) -> tuple[np.ndarray, int]:
+        """The same from focal points on the host, and back: frames, uint8, and how many points are silenced."""
+        position = wp.array(focus.position, dtype=wp.vec3, device=self._device)
+        frame, refused = self.pack(position, wp.array(focus.intensity, dtype=wp.float32, device=self._device))
+        return frame.numpy(), refused
+
+
+def packer_for(models: Sequence[ArrayModel], strategy: DriveStrategy, device: str) -> PulsePacker | None:
+    """What packs frames of these arrays on a device; None on the CPU, and where only `Driver` makes them."""
+    is_packed = len(models) == 1 and kind_of(models[0]).layout.pulses is not None and strategy.slew is None
+    return PulsePacker(models[0], strategy, device=device) if is_packed and wp.get_device(device).is_cuda else None
 
 
 def box_of(model: ArrayModel, strategy: DriveStrategy) -> Any:

@@ -114,6 +114,38 @@ def _pack_delays(
         frame[i, places + place] = wp.uint8(width)
 
 
+@wp.kernel
+def _unpack_pulses(
+    # In:
+    frame: wp.array2d[wp.uint8],  # of a board without calibration and mark, shape [frame, 2 places]
+    board: PulseBoard,
+    # Out:
+    delay: wp.array2d[wp.uint8],  # [turn / 256], shape [frame, transducer]
+    level: wp.array[wp.float32],
+):
+    """Middle of each pulse, and the amplitude of a frame, all of whose pulses are as wide."""
+    i, group = wp.tid()
+    places, half = board.position.shape[0], board.level_least.shape[0]
+    width = int(frame[i, places])
+    for k in range(PLACES):
+        place = group * PLACES + k
+        middle = (2 * int(frame[i, place]) - (half - width)) * 128 / int(board.turn)
+        delay[i, board.order[place]] = wp.uint8(middle & 255)
+    if group == 0:
+        level[i] = wp.sin(wp.float32(width) * wp.float32(wp.PI) / wp.float32(2 * half))
+
+
+class RoundedFrames(NamedTuple):
+    """Frames as a board plays them, its calibration aside."""
+
+    delay: wp.array
+    """[turn / 256], uint8, shape [frame, transducer]."""
+    level: wp.array
+    """Amplitude 0..1, float32, shape [frame]."""
+    refused: int
+    """Focal points that are silenced."""
+
+
 class PackedFrames(NamedTuple):
     """Wire bytes."""
 
@@ -141,6 +173,16 @@ def pack_delays(delay: wp.array, level: wp.array, board: PulseBoard) -> wp.array
     nearest to the delays. Raises ValueError for a number of transducers that is no multiple of PLACES.
     """
     return _packed(_pack_delays, delay, level, board)
+
+
+def unpack_pulses(packed: PackedFrames, board: PulseBoard) -> RoundedFrames:
+    """What frames of a board without offsets, gains and mark play: delays in the order of `board.order`."""
+    count, places = packed.frame.shape[0], board.position.shape[0]
+    delay = wp.empty((count, places), dtype=wp.uint8, device=packed.frame.device)
+    level = wp.empty(count, dtype=wp.float32, device=packed.frame.device)
+    groups, inputs = (count, places // PLACES), [packed.frame, board]
+    wp.launch(_unpack_pulses, groups, inputs=inputs, outputs=[delay, level], device=delay.device, block_dim=THREADS)
+    return RoundedFrames(delay, level, packed.refused)
 
 
 def _packed(kernel: wp.Kernel, source: wp.array, level: wp.array, board: PulseBoard) -> wp.array:

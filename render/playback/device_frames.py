@@ -10,7 +10,14 @@ from ...datasets.rigid import conjugate, matrix_of
 from ...device.array import ArrayModel
 from ...device.registry import array_model, kind_of
 from ...device.wire_layout import Layout
-from ...kernels.driving.pulse_frames import PackedFrames, board_on, pack_delays, pack_pulses
+from ...kernels.driving.pulse_frames import (
+    PackedFrames,
+    RoundedFrames,
+    board_on,
+    pack_delays,
+    pack_pulses,
+    unpack_pulses,
+)
 from ...kernels.driving.slew import Gauge
 from ...kernels.driving.solve import POINTS_MOST, solve_points
 from ...kernels.driving.weigh import FocalBox, hold_points
@@ -58,6 +65,8 @@ class PulsePacker:
         }  # fmt: skip
         grid, per_metre = layout.pulses, model.carrier / strategy.sound_speed
         self._board = board_on(values, per_metre=per_metre, turn=grid.turn, mark=grid.mark, device=device)
+        plain = {"offset": np.zeros(len(order)), "gain": np.ones(len(order))}
+        self._plain = board_on(values | plain, per_metre=per_metre, turn=grid.turn, mark=0, device=device)
         self._box = box_of(model, strategy)
         self._name, self._device = model.name, device
         self._strategy = strategy
@@ -79,25 +88,36 @@ class PulsePacker:
         Both have the shape [frame], or [frame, focus] with up to 8 focal points a frame, which are solved as the
         strategy says. Raises StrategyError for other shapes.
         """
+        return self._pack(position, intensity, self._board)
+
+    def rounded(self, position: wp.array, intensity: wp.array) -> RoundedFrames:
+        """The same as delays and amplitudes in the board's steps, its calibration aside, as predictions take them.
+
+        They are what `round_drives` makes on the host, with the differences of `pack`. Instead of `pack`, not beside
+        it: frames of several focal points depend on those before.
+        """
+        return unpack_pulses(self._pack(position, intensity, self._plain), self._plain)
+
+    def _pack(self, position: wp.array, intensity: wp.array, board: Any) -> PackedFrames:
         if position.shape != intensity.shape or position.ndim > 2:
             raise StrategyError(
                 f"position and intensity must be [frame] or [frame, focus], not {position.shape}, {intensity.shape}"
             )
         if position.ndim == 1 or position.shape[1] == 1:
-            return pack_pulses(position.flatten(), intensity.flatten(), self._board, self._box)
+            return pack_pulses(position.flatten(), intensity.flatten(), board, self._box)
         frame_count, count = position.shape
         if not 1 <= count <= POINTS_MOST:
             raise StrategyError(f"position must be [frame, 1..{POINTS_MOST}], not {position.shape}")
-        frame = wp.empty((frame_count, 2 * len(self._board.position)), dtype=wp.uint8, device=position.device)
+        frame = wp.empty((frame_count, 2 * len(board.position)), dtype=wp.uint8, device=position.device)
         refused = 0
         for first in range(0, frame_count, SOLVED_AT_ONCE):
             rows = slice(first, min(first + SOLVED_AT_ONCE, frame_count))
-            part, silenced = self._pack_several(position[rows], intensity[rows])
+            part, silenced = self._pack_several(position[rows], intensity[rows], board)
             wp.copy(frame[rows], part)
             refused += silenced
         return PackedFrames(frame, refused)
 
-    def _pack_several(self, position: wp.array, intensity: wp.array) -> PackedFrames:
+    def _pack_several(self, position: wp.array, intensity: wp.array, board: Any) -> PackedFrames:
         """The same of several focal points, a number of frames that fits into memory."""
         count, device = position.shape[1], position.device
         if self._held is None or len(self._held[0]) != count:
@@ -108,13 +128,18 @@ class PulsePacker:
         gs_pat, wgs = self._strategy.iterations
         delay = solve_points(held.point, held.target, self._transducers, gs_pat=gs_pat, wgs=wgs)
         self._gauge.lock(delay)
-        return PackedFrames(pack_delays(delay, held.level, self._board), held.refused)
+        return PackedFrames(pack_delays(delay, held.level, board), held.refused)
 
     def pack_host(self, focus: FocalPoints) -> tuple[np.ndarray, int]:
         """The same from focal points on the host, and back: frames, uint8, and how many points are silenced."""
-        position = wp.array(focus.position, dtype=wp.vec3, device=self._device)
-        frame, refused = self.pack(position, wp.array(focus.intensity, dtype=wp.float32, device=self._device))
+        frame, refused = self.pack(*focus_on(focus, self._device))
         return frame.numpy(), refused
+
+
+def focus_on(focus: FocalPoints, device: str) -> tuple[wp.array, wp.array]:
+    """Focal points of the host on a device: positions [m], vec3, and intensities, float32."""
+    position = wp.array(focus.position, dtype=wp.vec3, device=device)
+    return position, wp.array(focus.intensity, dtype=wp.float32, device=device)
 
 
 def packer_for(models: Sequence[ArrayModel], strategy: DriveStrategy, device: str) -> PulsePacker | None:

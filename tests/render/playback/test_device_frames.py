@@ -1,14 +1,17 @@
 """Frames packed on a device are those of the host's driver and codec."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
 
 from palpate.device import array_model, encode_frames
+from palpate.device.codec import round_drives
 from palpate.device.registry import kind_of
 from palpate.render import Driver, DriveStrategy, FocalPoints
 from palpate.render.errors import StrategyError
-from palpate.render.playback.device_frames import PulsePacker, levels_least
+from palpate.render.playback.device_frames import PulsePacker, focus_on, levels_least
 
 PLACE = np.array([0.02, -0.01, 0.05, 0.0, 0.17364818, 0.0, 0.98480775])
 
@@ -79,6 +82,24 @@ def test_frames_of_several_focal_points_are_those_of_the_host(foci, strategy, de
     if device == "cpu":
         assert apart.max() == 0
     assert np.mean(apart <= 1) > 0.99
+
+
+@pytest.mark.parametrize("foci", [1, 4])
+def test_rounded_frames_are_those_that_predictions_round_on_the_host(foci, device, rng):
+    """Of a board with offsets and gains, which predictions leave out."""
+    plain = array_model("pat16")
+    order = rng.permutation(256)
+    model = replace(plain, delay_offset=rng.random(256, np.float32), gain=plain.gain * 0.9, wire_order=order)
+    position, intensity = orbits(rng, foci)
+    focus = FocalPoints(position, intensity) if foci > 1 else FocalPoints(position[:, 0], intensity[:, 0])
+    drives = Driver(model).drive(focus)
+    delay, level = round_drives(drives.delay, drives.amplitude, array=model)
+    found = PulsePacker(model, device=device).rounded(*focus_on(focus, device))
+    np.testing.assert_allclose(found.level.numpy(), level, atol=1e-6)
+    apart = np.abs((found.delay.numpy().astype(int) - delay + 128) % 256 - 128)[level > 0]
+    assert found.refused == drives.refused
+    assert np.mean(apart <= 2) > 0.99  # a step of the board is 2 / 256 turn
+    assert np.mean(apart > 0) < (1e-3 if device == "cpu" or foci == 1 else 0.05)
 
 
 def test_one_focal_point_of_several_is_focused_exactly(device, rng):

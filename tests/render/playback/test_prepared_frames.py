@@ -121,12 +121,13 @@ def test_focal_points_of_a_file_are_prepared_too(tmp_path):
     assert (made.frames, playback.refused, playback.sampling) == (2500, 1, None)
 
 
-def test_the_device_packs_what_the_driver_makes(contours):
-    """As on a GPU, here on the CPU: starts within one step, widths and counts equal, several focal points refused."""
+@pytest.mark.parametrize("sampling", ["stm", "multi-focus"])
+def test_the_device_packs_what_the_driver_makes(contours, sampling):
+    """As on a GPU, here on the CPU: starts within one step, widths equal."""
     arrays, drive = (PlacedArray(array_model("pat16")),), DriveStrategy()
     blocks = []
     for packer in (None, PulsePacker("pat16", drive, device="cpu")):
-        with opened(contours, "stm", None, arrays) as source:
+        with opened(contours, sampling, None, arrays) as source:
             driver = Driver(arrays[0].model, drive, update_rate=source.update_rate)
             frames = FrameSource(source.source, driver, packer=packer)
             blocks.append(np.concatenate([np.frombuffer(block[0], np.uint8) for block in frames]).reshape(-1, 512))

@@ -66,6 +66,7 @@ def main() -> None:
     parser.add_argument("--stops", type=int, default=20, help="how often the latency of a stop is measured")
     parser.add_argument("--case", action="append", choices=[case.label for case in CASES], help="only this one")
     parser.add_argument("--poses", type=int, nargs="*", default=[2700, 100_000], help="of files, for the first frame")
+    parser.add_argument("--prepared", type=float, default=10.0, help="seconds of motion of prepared frames")
     parser.add_argument("--json", type=Path, help="where the figures go, too")
     chosen = parser.parse_args()
     figures = {
@@ -80,6 +81,13 @@ def main() -> None:
         print(
             f"file of {poses} poses ({row['bytes'] / 1e6:.1f} MB): first byte {row['first'] * 1e3:.0f} ms after the "
             f"call of play_file, {row['later'] * 1e3:.0f} ms at most when called again",
+            flush=True,
+        )
+    for name in ("emulator", "pat16"):
+        row = figures[f"prepared frames, {name}"] = prepared_costs(name, seconds=chosen.prepared)
+        print(
+            f"{name}, CPU us a frame: made of contours {row['made']:.2f}, copied {row['copied']:.2f}; played to the "
+            f"emulated board {row['contours_played']:.2f} and {row['frames_played']:.2f} ({row['frames']} frames)",
             flush=True,
         )
     if chosen.json:
@@ -130,11 +138,23 @@ def in_process_of_its_own(
 def first_frame_of_file(poses: int) -> dict[str, Any]:
     """How soon playing a CC file of the tube sends its first byte, in a loaded process [s]."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "tube.h5"
-        tube = MeshObject.load("tube")
-        motion = exploration(tube.bounds, duration=poses / POSE_RATE, rate=POSE_RATE, seed=1, model="around")
-        record(path, tube, Palm(), motion, closed_contour(), devices=["cpu"])
+        path = tube_file(Path(folder), poses / POSE_RATE)
         return {**worker({"file": str(path)}), "bytes": path.stat().st_size}
+
+
+def prepared_costs(name: str, *, seconds: float, rounds: int = 5) -> dict[str, Any]:
+    """CPU time a frame of playing a CC file of the tube, and its prepared frames, by turns in one process [us]."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = tube_file(Path(folder), seconds)
+        return worker({"contours": str(path), "array": name, "rounds": rounds})
+
+
+def tube_file(folder: Path, seconds: float) -> Path:
+    """A CC file of the tube, explored for so long."""
+    path, tube = folder / "tube.h5", MeshObject.load("tube")
+    motion = exploration(tube.bounds, duration=seconds, rate=POSE_RATE, seed=1, model="around")
+    record(path, tube, Palm(), motion, closed_contour(), devices=["cpu"])
+    return path
 
 
 def worker(options: dict[str, Any]) -> dict[str, Any]:

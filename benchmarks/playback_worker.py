@@ -26,7 +26,48 @@ STOP_AFTER = (0.2, 0.4)  # [s] of playing
 
 
 def main(options: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(first_frames(options["file"]) if "file" in options else measure(options)) + "\n")
+    if "contours" in options:
+        figures = frame_costs(options["contours"], options["array"], options["rounds"])
+    else:
+        figures = first_frames(options["file"]) if "file" in options else measure(options)
+    sys.stdout.write(json.dumps(figures) + "\n")
+
+
+def frame_costs(path: str, name: str, rounds: int) -> dict[str, float]:
+    """CPU time of this process [us a frame] of a contour file and of its prepared frames, by turns; medians.
+
+    made, copied: until the blocks are there; played: to the emulated board, whose own work counts, too.
+    """
+    from palpate.render import Driver, PlacedArray, play_file, prepare_frames
+    from palpate.render.playback.frame_source import FrameSource
+    from palpate.render.playback.opened_source import opened
+    from palpate.render.playback.prepared_frames import PreparedFrames
+
+    arrays, frames = (PlacedArray(array_model(name)),), str(Path(path).with_name("frames.h5"))
+    count = prepare_frames(path, frames, array=arrays).frames
+
+    def make() -> None:
+        with opened(Path(path), None, None, arrays) as source:
+            for _ in FrameSource(source.source, Driver(arrays[0].model)):
+                pass
+
+    def copy() -> None:
+        with PreparedFrames(frames) as prepared:
+            for _ in prepared:
+                pass
+
+    def play(file: str) -> None:
+        limits = Limits(on_time_max=None, duty_max=None)
+        play_file(file, array=arrays, limits=limits, emulate=True, clock="virtual")
+
+    works = {"made": make, "copied": copy, "contours_played": lambda: play(path), "frames_played": lambda: play(frames)}
+    costs: dict[str, list[float]] = {name: [] for name in works}
+    for _ in range(rounds):
+        for label, work in works.items():
+            started = time.process_time()
+            work()
+            costs[label].append((time.process_time() - started) / count * 1e6)
+    return {"frames": count, **{label: float(np.median(own)) for label, own in costs.items()}}
 
 
 def first_frames(path: str) -> dict[str, Any]:

@@ -150,6 +150,23 @@ class ArrayModel:
         digest.update(self.normal.astype("<f4").tobytes())
         return digest.hexdigest()
 
+    def wire_identity(self) -> str:
+        """SHA-256 of all that wire bytes depend on, hexadecimal: kind, geometry, pose, wiring, own delays and gains.
+
+        Frames play as they were meant on any array with the same. Poses are compared to 1e-6.
+
+        >>> from palpate.device import array_model
+        >>> model = array_model("emulator")
+        >>> model.wire_identity() == model.placed([0, 0, 0.4, 1, 0, 0, 0]).wire_identity()
+        False
+        """
+        own = self.unplaced or self
+        digest = hashlib.sha256(f"{self.name} {self.frame_bytes} {own.identity()}".encode())
+        digest.update((np.round(self.pose, 6) + 0.0).astype("<f8").tobytes())
+        digest.update(self.wire_order.astype("<i8").tobytes())
+        digest.update(np.concatenate([self.delay_offset, self.gain]).astype("<f4").tobytes())
+        return digest.hexdigest()
+
     def placed(self, pose: ArrayLike) -> ArrayModel:
         """The array standing at a pose in the common frame; one that was placed before is placed anew.
 

@@ -80,7 +80,13 @@ SAMPLING_STAGES = (
     "sampling.dwelling",
     "sampling.seams",
 )  # contours over time to focal points
-DRIVE_STAGES = ("driving.focus", "driving.solve", "driving.slew", "driving.pulse_frames")  # focal points to phases
+DRIVE_STAGES = (
+    "driving.focus",
+    "driving.solve",
+    "driving.slew",
+    "driving.weigh",
+    "driving.pulse_frames",
+)  # focal points to phases
 ACOUSTIC_STAGES = (
     "acoustics.resonance",
     "acoustics.propagation",

@@ -80,6 +80,7 @@ if TYPE_CHECKING:
     from .playback.file_playback import Connection, play_file
     from .playback.live import Instant
     from .playback.placed_arrays import PlacedArray, load_rig
+    from .playback.prepared_frames import prepare_frames
     from .reports.contour_animation import draw_animation
     from .reports.contour_figure import draw_figure
     from .reports.file_summary import summarise
@@ -165,6 +166,7 @@ _ROOMS = {
     "playback.file_playback": "Connection play_file",
     "playback.live": "Instant",
     "playback.placed_arrays": "PlacedArray load_rig",
+    "playback.prepared_frames": "prepare_frames",
     "reports.contour_animation": "draw_animation",
     "reports.contour_figure": "draw_figure",
     "reports.file_summary": "summarise",
@@ -294,6 +296,7 @@ __all__ = [
     "overlap_points",
     "play_file",
     "predict_noise",
+    "prepare_frames",
     "preset",
     "pressure_at",
     "pressure_metrics",

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Set
 from os import PathLike
 
 from ..errors import ContourFileError
-from ..focus_files.frame_reader import DRIVES, FOCAL_POINTS
+from ..focus_files.frame_reader import DRIVES, FOCAL_POINTS, WIRE_FRAMES
 from ..storage.digests import ATTRIBUTE
 from ..storage.hdf5 import Hdf5Reader
 from ..storage.schema import DIGESTS, FIELDS, FORMAT_NAME
@@ -42,6 +42,13 @@ _KNOWN: Mapping[str, Mapping[str, Set[str]]] = {
         "/drive": {"update_rate", "strategy"},
         "/array": {"names", "identities", "transducers", "carrier"},
         **dict.fromkeys(("/drive/delay", "/drive/amplitude", "/array/position", "/array/normal"), _OF_FIELDS),
+        **_PROOF,
+    },
+    WIRE_FRAMES: {
+        "/": {"format", "version", "sampling", "drive", "versions", "device", ATTRIBUTE},
+        "/wire": {"update_rate", "refused", "switched", "count"},
+        "/wire/frames": _OF_FIELDS,
+        "/array": {"names", "identities", "frame_bytes"},
         **_PROOF,
     },
 }

@@ -32,13 +32,20 @@ _BLOCK_ROWS = 256  # frames of a digest: reading one reads all of these
 
 @dataclass(frozen=True)
 class FrameField:
-    """A dataset with one row a frame, float32."""
+    """A dataset with one row a frame."""
 
     path: str
     """Within the file, as /focus/position."""
     row_shape: tuple[int, ...]
     """Of one frame."""
     units: str
+    dtype: str = "<f4"
+    """NumPy's name of the type of its values."""
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of one frame."""
+        return np.dtype(self.dtype).itemsize * int(np.prod(self.row_shape, dtype=np.int64))
 
 
 class FrameFile:
@@ -70,9 +77,10 @@ class FrameFile:
         self._file: Any = None
         self._datasets: dict[str, Any] = {}
         self._digesters = {field.path: BlockDigester(_BLOCK_ROWS) for field in fields}
-        self._attributes, self._arrays = attributes, arrays or {}
+        self._dtypes = {field.path: field.dtype for field in fields}
+        self._attributes, self._arrays = {name: dict(own) for name, own in attributes.items()}, arrays or {}
         image = _image(attributes, self._arrays)
-        rows = sum(4 * frame_count * int(np.prod(field.row_shape, dtype=np.int64)) for field in fields)
+        rows = frame_count * sum(field.row_bytes for field in fields)
         try:
             _remove_abandoned(path)
             write_temporary(self._temporary, memoryview(image))
@@ -87,7 +95,7 @@ class FrameFile:
 
     def _dataset(self, field: FrameField) -> Any:
         shape = (self.frame_count, *field.row_shape)
-        dataset: Any = self._file.create_dataset(field.path, shape=shape, dtype="<f4", track_times=False)
+        dataset: Any = self._file.create_dataset(field.path, shape=shape, dtype=field.dtype, track_times=False)
         dataset.attrs["units"] = field.units
         return dataset
 
@@ -99,13 +107,20 @@ class FrameFile:
             raise ValueError(f"{self.path}: frames up to {stop} of {sorted(rows)} do not fit {self.frame_count}")
         for name, values in rows.items():
             self._datasets[name][self._at : stop] = values
-            self._digesters[name].add(np.asarray(values, "<f4"))
+            self._digesters[name].add(np.asarray(values, self._dtypes[name]))
         self._at = stop
 
-    def publish(self) -> int:
-        """Have the file on the disk under its name; returns its bytes. Raises ValueError if frames are missing."""
+    def publish(self, attributes: Mapping[str, Mapping[str, Attribute]] | None = None) -> int:
+        """Have the file on the disk under its name; returns its bytes. Raises ValueError if frames are missing.
+
+        attributes: further ones of groups, which are known only now.
+        """
         if self._at != self.frame_count:
             raise ValueError(f"{self.path}: has {self._at} frames, {self.frame_count} were announced")
+        for name, values in (attributes or {}).items():
+            self._attributes.setdefault(name, {}).update(values)
+            group: Any = self._file.require_group(name)
+            group.attrs.update(values)
         self._write_digests()
         self._close()
         sync(self._temporary)

@@ -1,4 +1,7 @@
-"""Files of frames that a sweep keeps (docs/formats/sweep-files.md), read by frame range: focal points, and drives."""
+"""Files of frames, read by frame range: focal points and drives that a sweep keeps, and wire bytes of arrays.
+
+docs/formats/sweep-files.md and docs/formats/prepared-frames.md describe them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from ..errors import ContourFileError
 from ..json_text import parse_json
 from ..storage.hdf5 import Hdf5Reader, get_version
 
-FOCAL_POINTS, DRIVES = "palpate focal points", "palpate drives"
+FOCAL_POINTS, DRIVES, WIRE_FRAMES = "palpate focal points", "palpate drives", "palpate wire frames"
 VERSION_MAJOR = 1
 _BLOCK_ROWS = 1 << 16
 _SLACK = 1e-5  # by which rounding may lift a level above 1
@@ -30,17 +33,19 @@ class _Rows(NamedTuple):
     """Of a row's last dimension; None for any."""
     is_level: bool
     """Whether values lie in 0..1."""
+    dtype: str = "float32"
 
 
 _FIELDS: dict[str, tuple[_Rows, ...]] = {
     FOCAL_POINTS: (_Rows("/focus/position", 1, 3, False), _Rows("/focus/intensity", 0, None, True)),
     DRIVES: (_Rows("/drive/delay", 1, None, True), _Rows("/drive/amplitude", 0, None, True)),
+    WIRE_FRAMES: (_Rows("/wire/frames", 1, None, False, "uint8"),),
 }
-_GROUPS = {FOCAL_POINTS: "/focus", DRIVES: "/drive"}
+_GROUPS = {FOCAL_POINTS: "/focus", DRIVES: "/drive", WIRE_FRAMES: "/wire"}
 
 
 class FrameReader:
-    """A file of focal points or of drives opened for reading; use it in a `with`.
+    """A file of focal points, drives or wire bytes opened for reading; use it in a `with`.
 
     Raises:
         ContourFileError: From every method: missing, truncated, damaged or other files, a newer major version.
@@ -51,16 +56,18 @@ class FrameReader:
         self.path = self._file.path
         try:
             self.format = self._format()
+            """FOCAL_POINTS, DRIVES or WIRE_FRAMES."""
             self._file.require_attributes()
-            """FOCAL_POINTS or DRIVES."""
             self._fields = _FIELDS[self.format]
-            rows, levels = (self._shape(own) for own in self._fields)
+            shapes = [self._shape(own) for own in self._fields]
+            levels = shapes[-1][: len(shapes[-1]) - self._fields[-1].row_rank]
             self.frame_count = levels[0]
             """Number of frames."""
             self.foci = math.prod(levels[1:])
-            """Focal points of a frame; 1 for drives."""
-            if rows[: len(levels)] != levels:
-                raise ContourFileError(f"{self.path}: {self._fields[0].path} and {self._fields[1].path} do not fit")
+            """Focal points of a frame; 1 for drives and wire frames."""
+            if shapes[0][: len(levels)] != levels:
+                raise ContourFileError(f"{self.path}: {self._fields[0].path} and {self._fields[-1].path} do not fit")
+            self._ends = self._array_ends(shapes[0][-1]) if self.format == WIRE_FRAMES else []
             self.update_rate = self._update_rate()
             """[Hz]"""
         except BaseException:
@@ -90,6 +97,12 @@ class FrameReader:
         position, intensity = (self._file.read(rows.path, first, stop) for rows in self._fields)
         return position, intensity
 
+    def wire_frames(self, first: int, stop: int) -> list[NDArray[np.uint8]]:
+        """Wire bytes for each array, shape [frame, frame_bytes]."""
+        if self.format != WIRE_FRAMES:
+            raise ContourFileError(f"{self.path} holds {self.format.removeprefix('palpate ')}, no wire frames")
+        return np.split(self._file.read(self._fields[0].path, first, stop), self._ends[:-1], axis=1)
+
     def described(self, group: str, name: str) -> Any:
         """An attribute that is JSON (`recipe` of "/", `names` of "/array"), as its values; None if it is none."""
         try:
@@ -105,6 +118,10 @@ class FrameReader:
         if not isinstance(stored, dict):
             raise ContourFileError(f"{self.path}: attribute recipe of / is no JSON object")
         return cast("dict[str, Any]", stored)
+
+    def whole(self, group: str, name: str) -> int | None:
+        """An attribute that is a whole number; None if it is not there."""
+        return self._file.whole(group, name)
 
     def text(self, group: str, name: str) -> str | None:
         """A text attribute; None if it is not there."""
@@ -131,10 +148,20 @@ class FrameReader:
                 out.append(f"{rows.path}: {what} ({bad.size}, first {bad[0]})")
         return out
 
+    def _array_ends(self, row_bytes: int) -> list[int]:
+        """Where the bytes of each array end in a row; refuses a file that is not finished, or was cut."""
+        if self._file.digest_table is None:
+            raise ContourFileError(f"{self.path} has no digests: it is not finished, or palpate did not write it")
+        counts = self._file.attribute("/array", "frame_bytes")
+        sizes: list[Any] = counts.tolist() if isinstance(counts, np.ndarray) and counts.dtype.kind == "i" else []
+        if not sizes or min(sizes) < 1 or sum(sizes) != row_bytes:
+            raise ContourFileError(f"{self.path}: frame_bytes of /array are {sizes}, but a row has {row_bytes} bytes")
+        return np.cumsum(sizes).tolist()
+
     def _format(self) -> str:
         found = _format_version(self._file)
         if found is None:
-            raise ContourFileError(f"{self.path} holds neither focal points nor drives of a sweep")
+            raise ContourFileError(f"{self.path} holds no focal points, drives or wire frames")
         if (major := get_version(self._file)[0]) > VERSION_MAJOR:
             newer = f"newer than this palpate reads ({VERSION_MAJOR}.x)"
             raise ContourFileError(f"{self.path} has version {major}, {newer}")
@@ -144,7 +171,7 @@ class FrameReader:
         dtype, shape = self._file.layout(rows.path)
         several = self.format == FOCAL_POINTS and len(shape) == rows.row_rank + 2
         fits = len(shape) == rows.row_rank + 1 + several and rows.width in (None, shape[-1])
-        if dtype != np.float32 or not fits or 0 in shape:
+        if dtype != rows.dtype or not fits or 0 in shape:
             raise ContourFileError(f"{self.path}: {rows.path} is {dtype} {list(shape)}, which no frames are")
         return shape
 
@@ -157,7 +184,7 @@ class FrameReader:
 
 
 def frame_format(path: str | PathLike[str]) -> str | None:
-    """FOCAL_POINTS or DRIVES by the file's format attribute; None for any other file, or none."""
+    """FOCAL_POINTS, DRIVES or WIRE_FRAMES by the file's format attribute; None for any other file, or none."""
     try:
         with Hdf5Reader(path) as file:
             return _format_version(file)

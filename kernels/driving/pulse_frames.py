@@ -1,4 +1,4 @@
-"""Focal points, one a frame -> wire bytes of boards that switch their transducers: starts of pulses, then widths."""
+"""Focal points, or delays -> wire bytes of boards that switch their transducers: starts of pulses, then widths."""
 
 from typing import NamedTuple
 
@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from ..patch import EXACT
+from .weigh import FocalBox, weigh_points
 
 wp.set_module_options(EXACT)
 
@@ -20,55 +21,11 @@ class PulseBoard:
     position: wp.array[wp.vec3]  # [m]
     offset: wp.array[wp.float32]  # delay that each has of itself [turns]
     gain: wp.array[wp.float32]  # factor on its amplitude
+    order: wp.array[wp.int32]  # their columns among delays
     level_least: wp.array[wp.float32]  # least amplitude of each width from 1 on
     per_metre: wp.float32  # wavelengths a metre
     turn: wp.float32  # starts in a turn
     mark: wp.int32  # bits of a frame's first byte
-
-
-@wp.struct
-class FocalBox:
-    """Where an array can focus, and what it makes of intensities."""
-
-    turn: wp.mat33d  # common frame -> its own
-    middle: wp.vec3d  # of its face, common frame [m]
-    lateral: wp.float32  # bound of |x| and |y|, own frame [m]
-    low: wp.float32  # bounds of z [m]
-    high: wp.float32
-    intensity_most: wp.float32  # larger ones are refused
-    level_most: wp.float32  # amplitude of intensity 1
-    is_force: wp.int32  # 1: an intensity is a force, so its root is the pressure
-
-
-@wp.kernel
-def _weigh_points(
-    # In:
-    point: wp.array[wp.vec3],  # [m]
-    intensity: wp.array[wp.float32],
-    box: FocalBox,
-    # Out:
-    level: wp.array[wp.float32],  # amplitude 0..1
-    refused: wp.array[wp.int64],  # of one value: points that are silenced
-):
-    """Amplitude of each focal point; 0 for one that is out of reach, or whose intensity is none."""
-    i = wp.tid()
-    x = point[i]
-    own = box.turn * (wp.vec3d(wp.float64(x[0]), wp.float64(x[1]), wp.float64(x[2])) - box.middle)
-    a = wp.abs(wp.float32(own[0]))
-    b = wp.abs(wp.float32(own[1]))
-    z = wp.float32(own[2])
-    value = intensity[i]
-    # comparisons with NaN are false
-    if a <= box.lateral and b <= box.lateral and z >= box.low and z <= box.high:
-        if value >= 0.0 and value <= box.intensity_most:
-            value = wp.min(value, 1.0)
-            if box.is_force != 0:
-                value = wp.sqrt(value)
-            level[i] = value * box.level_most
-            return
-    level[i] = 0.0
-    if value != 0.0:
-        wp.atomic_add(refused, 0, wp.int64(1))
 
 
 @wp.func
@@ -86,17 +43,32 @@ def width_of(board: PulseBoard, level: wp.float32):
 
 
 @wp.func
-def start_of(board: PulseBoard, point: wp.vec3, place: int, width: int):
-    """Start of the pulse of a transducer that focuses at a point."""
-    d = point - board.position[place]
-    turns = -(wp.sqrt((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) * board.per_metre)
+def start_of(board: PulseBoard, delay: wp.float32, place: int, width: int):
+    """Start of the pulse of a transducer from its delay [turns]; the first of a frame is marked."""
+    turns = delay - board.offset[place]
     turns -= wp.floor(turns)
-    turns -= board.offset[place]
-    turns -= wp.floor(turns)
-    steps = int(board.turn * turns + wp.float32(board.level_least.shape[0] - width) * 0.5 + 0.5)
+    steps = int(board.turn * turns + (wp.float32(board.level_least.shape[0] - width) * 0.5 + 0.5))
     if steps >= int(board.turn):  # at most half a turn beyond
         steps -= int(board.turn)
-    return steps
+    if place == 0:
+        steps = steps | board.mark
+    return wp.uint8(steps)
+
+
+@wp.func
+def width_at(board: PulseBoard, place: int, level: wp.float32, whole: int):
+    """Width of a transducer's pulse; whole: that of one without a gain of its own."""
+    if board.gain[place] != 1.0:
+        return width_of(board, level * board.gain[place])
+    return whole
+
+
+@wp.func
+def delay_to(board: PulseBoard, point: wp.vec3, place: int):
+    """Delay of a transducer that focuses at a point [turns]."""
+    d = point - board.position[place]
+    turns = -(wp.sqrt((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) * board.per_metre)
+    return turns - wp.floor(turns)
 
 
 @wp.kernel
@@ -117,14 +89,61 @@ def _pack_pulses(
     whole = width_of(board, level[i])
     for k in range(PLACES):
         place = group * PLACES + k
-        width = whole
-        if board.gain[place] != 1.0:
-            width = width_of(board, level[i] * board.gain[place])
-        start = start_of(board, x, place, width)
-        if place == 0:
-            start = start | board.mark
-        frame[i, place] = wp.uint8(start)
+        width = width_at(board, place, level[i], whole)
+        frame[i, place] = start_of(board, delay_to(board, x, place), place, width)
         frame[i, places + place] = wp.uint8(width)
+
+
+@wp.kernel
+def _pack_delays(
+    # In:
+    delay: wp.array2d[wp.float32],  # [turns], 0..1, shape [frame, transducer]
+    level: wp.array[wp.float32],
+    board: PulseBoard,
+    # Out:
+    frame: wp.array2d[wp.uint8],  # shape [frame, 2 places]
+):
+    """Start and width of the pulses of 16 transducers of a frame."""
+    i, group = wp.tid()
+    places = board.position.shape[0]
+    whole = width_of(board, level[i])
+    for k in range(PLACES):
+        place = group * PLACES + k
+        width = width_at(board, place, level[i], whole)
+        frame[i, place] = start_of(board, delay[i, board.order[place]], place, width)
+        frame[i, places + place] = wp.uint8(width)
+
+
+@wp.kernel
+def _unpack_pulses(
+    # In:
+    frame: wp.array2d[wp.uint8],  # of a board without calibration and mark, shape [frame, 2 places]
+    board: PulseBoard,
+    # Out:
+    delay: wp.array2d[wp.uint8],  # [turn / 256], shape [frame, transducer]
+    level: wp.array[wp.float32],
+):
+    """Middle of each pulse, and the amplitude of a frame, all of whose pulses are as wide."""
+    i, group = wp.tid()
+    places, half = board.position.shape[0], board.level_least.shape[0]
+    width = int(frame[i, places])
+    for k in range(PLACES):
+        place = group * PLACES + k
+        middle = (2 * int(frame[i, place]) - (half - width)) * 128 / int(board.turn)
+        delay[i, board.order[place]] = wp.uint8(middle & 255)
+    if group == 0:
+        level[i] = wp.sin(wp.float32(width) * wp.float32(wp.PI) / wp.float32(2 * half))
+
+
+class RoundedFrames(NamedTuple):
+    """Frames as a board plays them, its calibration aside."""
+
+    delay: wp.array
+    """[turn / 256], uint8, shape [frame, transducer]."""
+    level: wp.array
+    """Amplitude 0..1, float32, shape [frame]."""
+    refused: int
+    """Focal points that are silenced."""
 
 
 class PackedFrames(NamedTuple):
@@ -143,26 +162,47 @@ def pack_pulses(point: wp.array, intensity: wp.array, board: PulseBoard, box: Fo
     those with intensities below 0, above `box.intensity_most` or not finite, are silenced and counted.
     Raises ValueError for a number of transducers that is no multiple of PLACES.
     """
-    count, places = point.shape[0], board.position.shape[0]
+    level, refused = weigh_points(point, intensity, box)
+    return PackedFrames(_packed(_pack_pulses, point, level, board), refused)
+
+
+def pack_delays(delay: wp.array, level: wp.array, board: PulseBoard) -> wp.array:
+    """Frames, uint8, shape [frame, frame_bytes], of delays and amplitudes on one device.
+
+    delay: [turns], 0..1, float32, shape [frame, transducer]; level: 0..1, float32, shape [frame]. Starts are the
+    nearest to the delays. Raises ValueError for a number of transducers that is no multiple of PLACES.
+    """
+    return _packed(_pack_delays, delay, level, board)
+
+
+def unpack_pulses(packed: PackedFrames, board: PulseBoard) -> RoundedFrames:
+    """What frames of a board without offsets, gains and mark play: delays in the order of `board.order`."""
+    count, places = packed.frame.shape[0], board.position.shape[0]
+    delay = wp.empty((count, places), dtype=wp.uint8, device=packed.frame.device)
+    level = wp.empty(count, dtype=wp.float32, device=packed.frame.device)
+    groups, inputs = (count, places // PLACES), [packed.frame, board]
+    wp.launch(_unpack_pulses, groups, inputs=inputs, outputs=[delay, level], device=delay.device, block_dim=THREADS)
+    return RoundedFrames(delay, level, packed.refused)
+
+
+def _packed(kernel: wp.Kernel, source: wp.array, level: wp.array, board: PulseBoard) -> wp.array:
+    """Frames by a kernel that takes points or delays."""
+    count, places = level.shape[0], board.position.shape[0]
     if places % PLACES:
         raise ValueError(f"transducers must be a multiple of {PLACES}, not {places}")
-    device = point.device
-    level = wp.empty(count, dtype=wp.float32, device=device)
-    refused = wp.zeros(1, dtype=wp.int64, device=device)
-    wp.launch(_weigh_points, count, inputs=[point, intensity, box], outputs=[level, refused], device=device)
-    frame = wp.empty((count, 2 * places), dtype=wp.uint8, device=device)
-    groups = places // PLACES
-    wp.launch(
-        _pack_pulses, (count, groups), inputs=[point, level, board], outputs=[frame], device=device, block_dim=THREADS
-    )
-    return PackedFrames(frame, int(refused.numpy()[0]))
+    frame = wp.empty((count, 2 * places), dtype=wp.uint8, device=level.device)
+    groups, inputs = places // PLACES, [source, level, board]
+    wp.launch(kernel, (count, groups), inputs=inputs, outputs=[frame], device=level.device, block_dim=THREADS)
+    return frame
 
 
 def board_on(values: dict[str, np.ndarray], *, per_metre: float, turn: int, mark: int, device: str) -> PulseBoard:
-    """A board on a device; values: the arrays of PulseBoard by name."""
+    """A board on a device; values: the arrays of PulseBoard by name; without `order` that of the wire."""
     board = PulseBoard()
     board.position = wp.array(values["position"].astype(np.float32), dtype=wp.vec3, device=device)
     for name in ("offset", "gain", "level_least"):
         setattr(board, name, wp.array(values[name].astype(np.float32), dtype=wp.float32, device=device))
+    order = values.get("order", np.arange(len(values["offset"])))
+    board.order = wp.array(order.astype(np.int32), dtype=wp.int32, device=device)
     board.per_metre, board.turn, board.mark = per_metre, float(turn), mark
     return board

@@ -75,6 +75,24 @@ def lock_gauge(delay: wp.array, *, before: wp.array, turned: float) -> float:
     return float(total[-1])
 
 
+class Gauge:
+    """Common phase of consecutive frames, locked block after block (`lock_gauge`).
+
+    A frame depends on the frames before it, not on their division into blocks.
+    """
+
+    def __init__(self) -> None:
+        self._before: wp.array | None = None  # last frame before it was turned [turns], shape [1, transducer]
+        self._turned = 0.0  # how far it was turned [turns]
+
+    def lock(self, delay: wp.array) -> None:
+        """Turn the next frames in place: delays [turns], float32, shape [frame, transducer], one frame at least."""
+        last = wp.clone(delay[-1:])
+        before = wp.clone(delay[:1]) if self._before is None else self._before
+        self._turned = lock_gauge(delay, before=before.flatten(), turned=self._turned)
+        self._before = last
+
+
 @wp.kernel
 def _limit_slew(
     # In:

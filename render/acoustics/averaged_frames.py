@@ -6,7 +6,7 @@ import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
 from ..errors import StrategyError
-from ..playback.file_playback import opened
+from ..playback.opened_source import opened
 from ..playback.placed_arrays import PlacedArray
 from ..sampling.contour_sampling import FocalPoints, SamplingStrategy, joined
 from ..validation import choose

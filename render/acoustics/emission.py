@@ -14,7 +14,7 @@ from ..playback.drive import Driver
 from ..sampling.contour_sampling import FocalPoints
 
 if TYPE_CHECKING:
-    from ..playback.file_playback import Opened
+    from ..playback.opened_source import Opened
 
 BYTES_MOST = 4 << 30  # of frames in memory: 7 minutes of 256 transducers at 40 kHz
 

@@ -250,11 +250,15 @@ class NoiseListener:
             raise StrategyError(f"{frames.duration:g} s are too short for a spectrum: {DURATION_LEAST:g} s are needed")
         delay = wp.array(np.ascontiguousarray(frames.delay), device=self._device, copy=False)
         level = wp.array(np.ascontiguousarray(frames.level), device=self._device, copy=False)
-        heard = self.hear(DeviceFrames(delay, level), frames.update_rate, progress)
+        return self.signal_of(DeviceFrames(delay, level), frames.update_rate, progress)
+
+    def signal_of(self, frames: DeviceFrames, update_rate: float, progress: Progress | None = None) -> NoiseSignal:
+        """The same of frames on the listener's device, which are not looked at."""
+        heard = self.hear(frames, update_rate, progress)
         return NoiseSignal(heard.numpy().astype(np.float64), self.transducers.carrier)
 
     def hear(self, frames: DeviceFrames, update_rate: float, progress: Progress | None = None) -> wp.array:
-        """The same of frames on the listener's device, left there: float32, a sample for each period of the carrier."""
+        """The signal of frames on the listener's device, left there: float32, a sample each period of the carrier."""
         rate = update_rate / self.transducers.carrier
         period_count = round(frames.level.shape[0] / rate)
         size = PERIODS["cuda" if self._device.is_cuda else "cpu"]

@@ -5,8 +5,8 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from ..playback.drive import Driver, DriveStrategy
-from ..playback.file_playback import opened, sampled
 from ..playback.focus_source import ContourRows
+from ..playback.opened_source import opened, sampled
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..sampling.contour_sampling import SamplingStrategy
 from .emission import PlayedFrames, played_frames, require_room

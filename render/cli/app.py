@@ -26,6 +26,7 @@ try:
     from .options.noise import noise
     from .options.output import Json, Overwrite, Quiet, run_job
     from .options.play import play
+    from .options.prepare import prepare
     from .options.reproduce import reproduce
     from .options.selftest import selftest
     from .options.sweep import SWEEP_HELP, sweep
@@ -61,7 +62,7 @@ FLUSH_HELP = (
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
 MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
-KEPT_HELP = "Contour file, or focal points or drives of a sweep."
+KEPT_HELP = "Contour file, prepared frames, or focal points or drives of a sweep."
 
 
 @app.command(short_help="Run the main job in one go, into palpate-demo/.")
@@ -266,7 +267,7 @@ def info(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Show what is in a contour file, in focal points or drives that a sweep keeps, or what is wrong with a mesh."""
+    """Show what is in contours, prepared frames, or what a sweep keeps, or what is wrong with a mesh."""
     options = {"scale": scale, "solid": solid, "weld": weld, "fill_holes": fill_holes}
     run_job(".file_commands", "run_info", files, options, pressure, json=json, quiet=quiet)
 
@@ -290,6 +291,9 @@ app.command(short_help="Show renderings in the browser.")(view)
 
 
 app.command(short_help="Sample a contour file and stream it to an array.")(play)
+
+
+app.command(short_help="Write wire bytes, which play only copies.")(prepare)
 
 
 app.command(short_help="Write files that other programs open.")(export)

@@ -1,4 +1,4 @@
-"""What `play`, `sampling` and `devices` do."""
+"""What `play`, `prepare`, `sampling` and `devices` do."""
 
 import json
 from dataclasses import asdict, replace
@@ -7,7 +7,7 @@ from typing import cast, get_args
 
 import warp as wp
 
-from ...datasets.focus_files.frame_reader import FOCAL_POINTS, frame_format
+from ...datasets.focus_files.frame_reader import FOCAL_POINTS, WIRE_FRAMES, FrameReader, frame_format
 from ...device.boards.discovery import find_arrays, find_serial_arrays, udev_rule
 from ...device.errors import NoBackendError
 from ...device.link import TransportKind
@@ -18,6 +18,7 @@ from ..errors import StrategyError
 from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
 from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
 from ..playback.placed_arrays import PlacedArray, load_rig
+from ..playback.prepared_frames import Making, prepare_frames
 from ..runtime.warp_start import start_warp
 from ..sampling.contour_sampling import SamplingStrategy, load_sampling, sets_rate
 from ..sampling.presets import LINES, PRESETS
@@ -32,6 +33,11 @@ SHOWN_OF_PLAYING = (
     "step_longest", "draw_frequency", "revisit_rate", "absence_max", "samples", "silent", "held", "refused",
     "switched", "duty", "on_time", "array", "serial", "clock", "transport", "short_writes", "stopped_by", "off_sent",
     "off_after", "off_confirmed", "may_emit", "off_doubt", "arrays",
+)  # fmt: skip
+SHOWN_OF_PREPARING = (
+    "arrays", "frames", "update_rate", "duration", "bytes", "jumps", "jumps_by_cause", "jump_length", "hops",
+    "hops_by_cause", "hop_speed_max", "step_longest", "draw_frequency", "revisit_rate", "absence_max", "samples",
+    "silent", "held", "refused", "switched", "device",
 )  # fmt: skip
 MODEL_LATE = (
     "this machine was busy, so the model waited {count} times for frames, {seconds:.3g} s in all. It has no queue such "
@@ -54,7 +60,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
             file,
             array=arrays,
             sampling=sampling_of(options, arrays, file),
-            drive=drive_of(options),
+            drive=asked_drive(options, file),
             duration=options["duration"],
             repeats=options["repeats"],
             limits=limits_of(options),
@@ -82,6 +88,30 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     return console.FAILED if warnings and options["strict"] else console.DONE
 
 
+def run_prepare(file: Path, out: Path, options: dict, *, as_json: bool) -> None:
+    """Write frames, and report what was counted and what a hand would miss."""
+    refuse_object(file)
+    arrays = load_rig(options["array"], calibration=options["calibration"], baud=options["baud"])
+    require_device(options["device"])
+    with bars.progress_bar(f"preparing {file}", quiet=as_json) as watch:
+        prepared = prepare_frames(
+            file,
+            out,
+            array=arrays,
+            sampling=sampling_of(options, arrays, file),
+            drive=drive_of(options),
+            duration=options["duration"],
+            device=options["device"],
+            overwrite=options["overwrite"],
+            watch=watch,
+        )
+    warnings = content_warnings(prepared.making, arrays)
+    values = prepared.as_dict() | {"warnings": warnings}
+    console.show_values(values, as_json=as_json, title=str(out), shown_names=SHOWN_OF_PREPARING)
+    for sentence in warnings:
+        console.warn(sentence)
+
+
 def model_notes(playback: Playback) -> list[str]:
     """What late frames mean where there is no board that they could be late for."""
     late = [report for report in playback.reports if report.is_late]
@@ -91,6 +121,12 @@ def model_notes(playback: Playback) -> list[str]:
 def warnings_of(playback: Playback, arrays: tuple[PlacedArray, ...], *, is_model: bool = False) -> list[str]:
     """What a hand would miss, a sentence each. is_model: whether late frames are those of models, see `model_notes`."""
     sentences = [console.late_warning(report) for report in playback.reports if report.is_late and not is_model]
+    return sentences + content_warnings(playback, arrays)
+
+
+def content_warnings(playback: Playback | Making, arrays: tuple[PlacedArray, ...]) -> list[str]:
+    """What a hand would miss whenever the frames are played, a sentence each."""
+    sentences = []
     zone = arrays[0].model.focal_zone
     if playback.refused:
         sentences.append(
@@ -124,10 +160,11 @@ def require_device(device: str) -> None:
 def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> SamplingStrategy | None:
     """The sampling strategy asked for: a preset or a file, with other fields where options say so."""
     changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
-    if file.suffix.lower() == ".ptlist" or frame_format(file) == FOCAL_POINTS:
+    if (kind := frame_format(file)) == WIRE_FRAMES:
+        return _sampling_of_frames(options, changes, file)
+    if file.suffix.lower() == ".ptlist" or kind == FOCAL_POINTS:
         if changes or options["sampling"] is not None:
-            named = [*(["sampling"] if options["sampling"] is not None else []), *sorted(changes)]
-            asked = ", ".join(f"--{name.replace('_', '-')}" for name in named)
+            asked = _sampling_names(options, changes)
             raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")
         return None
     source = "stm" if options["sampling"] is None else options["sampling"]
@@ -138,6 +175,30 @@ def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> S
     if "speed" in changes and sampling.pace.kind in ("frequency", "still"):
         raise StrategyError(f"speed changes nothing in sampling {source!r}: its pace.kind is {sampling.pace.kind!r}")
     return replace(sampling, **changes)
+
+
+def _sampling_names(options: dict, changes: dict) -> str:
+    """Options of sampling that were given."""
+    named = [*(["sampling"] if options["sampling"] is not None else []), *sorted(changes)]
+    return ", ".join(f"--{name.replace('_', '-')}" for name in named)
+
+
+def _sampling_of_frames(options: dict, changes: dict, file: Path) -> None:
+    """Refuse another rate than that of prepared frames, and anything else of sampling."""
+    rate = changes.pop("update_rate", None)
+    if changes or options["sampling"] is not None:
+        asked = _sampling_names(options, changes)
+        raise StrategyError(f"{file}: holds frames that were sampled before, so {asked} cannot be asked for")
+    if rate is not None:
+        with FrameReader(file) as frames:
+            if rate != frames.update_rate:
+                raise StrategyError(f"{file}: holds frames at {frames.update_rate:g} Hz, so not at {rate:g} Hz")
+
+
+def asked_drive(options: dict, file: Path) -> DriveStrategy | None:
+    """How focal points become drives; None for prepared frames if no option asks for anything but defaults."""
+    drive = drive_of(options)
+    return None if drive == DriveStrategy() and frame_format(file) == WIRE_FRAMES else drive
 
 
 def drive_of(options: dict) -> DriveStrategy:

@@ -53,12 +53,14 @@ class SampledFocus(NamedTuple):
 
 
 def holds_focus(path: Path) -> bool:
-    """Whether a file holds focal points instead of contours; raises StrategyError for one of drives."""
+    """Whether a file holds focal points instead of contours; raises StrategyError for one of drives or wire
+    frames."""
     if path.suffix.lower() == ".ptlist":
         return True
     kind = frame_format(path)
     if kind not in (None, FOCAL_POINTS):
-        raise StrategyError(f"{path} holds drives of one array, which no other format takes; palpate info shows them")
+        held = kind.removeprefix("palpate ")
+        raise StrategyError(f"{path} holds {held} of one array, which no other format takes; palpate info shows them")
     return kind is not None
 
 

@@ -8,6 +8,7 @@
 | frames of wire bytes | on the device | block by block, when they are asked for |
 """
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -111,14 +112,15 @@ class MotionGroup:
         return [sampling_numbers(*own, rate) for own in zip(self.samples.counts, maps, strict=True)]
 
     def frames(self, packer: PulsePacker) -> Iterator[PackedFrames]:
-        """Wire bytes of all focal points, one motion after the other, block by block; sampled with one focal point."""
-        points, levels = self.samples.position.flatten(), self.samples.intensity.flatten()
-        if self.sampling.foci > 1:
-            raise StrategyError(f"sampling: {self.sampling.foci} focal points a frame cannot be packed on a device")
+        """Wire bytes of all focal points, one motion after the other, block by block; each motion starts from rest."""
+        points, levels, starts = self.samples.position, self.samples.intensity, self.samples.sample_start
+        rests = starts.tolist() if self.sampling.foci > 1 else [0, int(starts[-1])]  # one depends on none before it
         block = max(1, self.memory // (FRAMES_SHARE * packer.frame_bytes))
-        for first in range(0, points.shape[0], block):
-            part = slice(first, min(first + block, points.shape[0]))
-            yield packer.pack(points[part], levels[part])
+        for begin, end in itertools.pairwise(rests):
+            packer.reset()
+            for first in range(begin, end, block):
+                part = slice(first, min(first + block, end))
+                yield packer.pack(points[part], levels[part])
 
 
 def render_motions(

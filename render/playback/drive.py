@@ -10,9 +10,10 @@ import warp as wp
 
 from ...device.array import ArrayModel
 from ...device.registry import array_model
-from ...kernels.driving.slew import limit_slew, lock_gauge
+from ...kernels.driving.slew import Gauge, limit_slew
 from ...kernels.driving.solve import POINTS_MOST, SIZES, solve_points
 from ...kernels.driving.wave import transducers_on
+from ...kernels.driving.weigh import TARGET_STEPS
 from ..errors import StrategyError
 from ..focal_spot import PISTON_RADIUS, SOUND_SPEED
 from ..sampling.contour_sampling import FocalPoints
@@ -21,7 +22,6 @@ from ..validation import read_fields, require_choice, require_number
 REST = (0.0, 0.0, 0.2)  # [m] aim of silent frames before the first focal point
 FRAMES_AT_ONCE = 512  # so that their distances to 256 transducers stay in the processor's cache
 INTENSITY_TOLERANCE = 1e-6  # by which rounding may raise an intensity above 1
-TARGET_STEPS = 1 << 16  # pressure ratios are rounded to 1 / this, so that modulated frames with equal ratios stay equal
 
 # Amplitudes: rms error of 4 foci, median over random frames. Change: of a transducer's delay from frame to frame for 4
 # foci at 7 m/s and 40 kHz, mean over transducers: 90 % quantile | maximum over frames. WGS solves each frame anew and
@@ -163,8 +163,7 @@ class Driver:
         """Forget the frames so far: the next one starts from rest."""
         self._held: np.ndarray | None = None  # [m], shape [focus, 3]
         self._target: np.ndarray | None = None  # targets of the last frame that was not silent, shape [focus]
-        self._unlocked: np.ndarray | None = None  # last frame before its gauge was locked [turns], shape [transducer]
-        self._turned = 0.0  # common phase by which it was turned [turns]
+        self._gauge = Gauge()
         self._now: np.ndarray | None = None  # last frame as it was driven [turns], shape [transducer]
 
     def _slew_step(self, carrier: float, update_rate: float | None) -> float | None:
@@ -253,23 +252,14 @@ class Driver:
 
     def _locked(self, delay: wp.array) -> np.ndarray:
         """Delays, with each frame's common phase turned to that of the frame before."""
-        last = delay[-1:].numpy()[0].copy()  # before it is turned in place
-        before = wp.array(delay[:1].numpy()[0] if self._unlocked is None else self._unlocked, device=self._device)
-        self._turned = lock_gauge(delay, before=before, turned=self._turned)
-        self._unlocked = last
+        self._gauge.lock(delay)
         return delay.numpy()
 
     def _solve(self, position: np.ndarray, target: np.ndarray) -> wp.array:
         """Delays for several points a frame."""
         if self._transducers is None:
-            self._transducers = transducers_on(
-                self._position,
-                np.concatenate([array.normal for array in self.arrays]),
-                wavelength=self._wavelength,
-                radius=self.strategy.piston_radius,
-                device=self._device,
-            )
-        size = next(size for size in SIZES if size >= position.shape[1])
+            self._transducers = transducers_of(self.arrays, self.strategy, self._device)
+        size = solved_size(position.shape[1])
         spare = size - position.shape[1]
         points = np.concatenate([position, np.repeat(position[:, :1], spare, axis=1)], axis=1)
         gs_pat, wgs = self.strategy.iterations
@@ -289,6 +279,22 @@ class Driver:
         limited = limit_slew(wp.array(delay, device=self._device), before=before, step=self._step).numpy()
         self._now = limited[-1].copy()
         return limited
+
+
+def transducers_of(arrays: Sequence[ArrayModel], strategy: DriveStrategy, device: str) -> Any:
+    """Transducers of arrays side by side, on a device, as solvers take them."""
+    return transducers_on(
+        np.concatenate([array.position for array in arrays]),
+        np.concatenate([array.normal for array in arrays]),
+        wavelength=strategy.sound_speed / arrays[0].carrier,
+        radius=strategy.piston_radius,
+        device=device,
+    )
+
+
+def solved_size(point_count: int) -> int:
+    """How many points a frame has when it is solved: the least of SIZES that holds them."""
+    return next(size for size in SIZES if size >= point_count)
 
 
 def focus_delays(position: np.ndarray, transducer: np.ndarray, wavelength: float) -> np.ndarray:

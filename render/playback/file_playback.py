@@ -3,17 +3,13 @@
 from __future__ import annotations  # array("B") takes no index at run time
 
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple, TypedDict, Unpack, get_args
+from typing import TypedDict, Unpack, get_args
 
-import numpy as np
-
-from ...datasets.contour_file.reader import ContourFile
-from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, frame_format
-from ...datasets.focus_files.ptlist import read_ptlist
+from ...datasets.focus_files.frame_reader import WIRE_FRAMES, frame_format
 from ...device.array_kind import Emulation
 from ...device.boards.discovery import open_link
 from ...device.clock import Clock, MonotonicClock, VirtualClock
@@ -26,23 +22,15 @@ from ...device.registry import emulated_backend, kind_of
 from ...device.report import LiveStatistics, PlayReport
 from ...device.transports.pyusb import Backend
 from ...device.transports.serial_line import SerialPorts
-from ...kernels.driving.solve import POINTS_MOST
 from ..errors import StrategyError
-from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy
-from ..sampling.presets import sampling_of, sets_rate
+from ..sampling.contour_sampling import SamplingCount, SamplingStrategy
 from ..validation import choose
 from .drive import Driver, DriveStrategy
-from .focus_source import (
-    ContourRows,
-    ContourSource,
-    FocusSource,
-    KeptSource,
-    PointSource,
-    frame_count,
-    require_duration,
-)
-from .frame_source import FrameSource
-from .placed_arrays import PlacedArray, load_rig
+from .focus_source import ContourRows
+from .frame_source import FrameSource, counted_values
+from .opened_source import Opened, opened, sampled, unchanged
+from .placed_arrays import PlacedArray, arrays_of
+from .prepared_frames import PreparedFrames
 
 CLOCKS: dict[str, Callable[[], Clock]] = {"monotonic": MonotonicClock, "virtual": VirtualClock}
 
@@ -98,28 +86,7 @@ class Playback:
         if len(self.reports) > 1:
             values["arrays"] = [report.as_dict() for report in self.reports]
         if self.sampling is not None and self.count is not None:
-            count, strategy = self.count, self.sampling
-            values |= {
-                "jumps": sum(count.jumps.values()),
-                "jumps_by_cause": count.jumps,
-                "jump_length": count.jump_length,
-                "jump_threshold": strategy.jump_threshold,
-                "hops": sum(count.hops.values()),
-                "hops_by_cause": count.hops,
-                "hop_speed_max": count.hop_longest * strategy.update_rate,
-                "hop_speed_max_by_cause": {
-                    cause: length * strategy.update_rate for cause, length in count.hops_longest.items()
-                },
-                "step_longest": count.step_longest,
-                "absence_max": count.absence_max,
-                "samples": count.samples,
-                "silent": count.silent,
-                "held": count.held,
-                "draw_frequency": count.draw_frequency(strategy.update_rate),
-                "draw_frequency_nominal": count.draw_frequency(strategy.update_rate),  # deprecated: its name of old
-                "revisit_rate": count.revisit_rate,
-                "sampling": strategy.described(),
-            }
+            values |= counted_values(self.count, self.sampling)
         return values | {"drive": asdict(self.drive)}
 
 
@@ -226,10 +193,11 @@ def play_file(
     watch: Callable[[LiveStatistics, int], object] | None = None,
     **fields: Unpack[ConnectionFields],
 ) -> Playback:
-    """Play a contour file, or focal points from a .PTLIST or a sweep; afterwards the arrays are off.
+    """Play a contour file, focal points from a .PTLIST or a sweep, or prepared frames; afterwards the arrays are off.
 
     Args:
-        path: the file.
+        path: the file. Prepared frames (`prepare_frames`) are played as they are: on the arrays that they were made
+            for, at their rate, to their end, with the counts of their making.
         array: name of an array, or several placed arrays (`load_rig`).
         sampling: conversion of contours to focal points; its update rate is that of the playback. A file of focal
             points has its own rate and takes none.
@@ -251,10 +219,14 @@ def play_file(
     >>> play_file(path, duration=0.01, clock="virtual")
     Playback(PlayReport(emulator EMU0001: 100 frames at 10000 Hz, 0 underruns, off), 0 jumps, 0 silenced)
     """
-    arrays = _arrays_of(array)
+    arrays = arrays_of(array)
     if connection is not None and fields:
         raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
     way = connection or Connection(**fields)
+    if frame_format(path) == WIRE_FRAMES:
+        with PreparedFrames(path, repeats=repeats) as prepared:
+            prepared.require_fitting(arrays, sampling, drive, duration)
+            return _play_prepared(prepared, arrays, limits, way, watch)
     with opened(Path(path), sampling, duration, arrays) as source:
         return _play(source, arrays, drive, repeats, limits, way, device, watch)
 
@@ -273,25 +245,9 @@ def play_contours(
     watch: Callable[[LiveStatistics, int], object] | None = None,
 ) -> Playback:
     """Play contours that are in memory; arguments and errors as for `play_file`."""
-    arrays = _arrays_of(array)
+    arrays = arrays_of(array)
     source = sampled(contours, sampling, duration, arrays)
     return _play(source, arrays, drive, repeats, limits, connection or Connection(), device, watch)
-
-
-def _arrays_of(array: str | Sequence[PlacedArray]) -> tuple[PlacedArray, ...]:
-    return load_rig(array) if isinstance(array, str) else tuple(array)
-
-
-class Opened(NamedTuple):
-    """What is played."""
-
-    source: FocusSource
-    sampler: Sampler | None
-    """Makes the focal points; None if they were there."""
-    update_rate: float
-    """[Hz]"""
-    file: ContourFile | FrameReader | None = None
-    """Read while it is played; None if all was read before."""
 
 
 def _play(
@@ -304,85 +260,53 @@ def _play(
     device: str,
     watch: Callable[[LiveStatistics, int], object] | None,
 ) -> Playback:
-    if repeats < 1:
-        raise StrategyError(f"repeats must be at least 1, not {repeats}")
     source, sampler, update_rate, file = opened
-    with ExitStack() as stack:
-        for placed in arrays:
-            placed.model.divider(update_rate)
-        driver = Driver([placed.model for placed in arrays], drive, update_rate=update_rate, device=device)
-        frames = FrameSource(source, driver, repeats=repeats, sampler=sampler)
-        links = stack.enter_context(connection.all_of(arrays))
-        reports = play_together(
-            links,
-            frames if file is None else unchanged(frames, file),
-            update_rate=update_rate,
-            limits=limits,
-            watch=None if watch is None else lambda live: watch(live, frames.frame_count),
-        )
-        return Playback(
-            tuple(reports),
-            None if sampler is None else sampler.strategy,
-            frames.counted if sampler is None or frames.counted is not None else sampler.count,
-            frames.refused,
-            frames.switched,
-            driver.strategy,
-            repeats,
-        )
+    driver = Driver([placed.model for placed in arrays], drive, update_rate=update_rate, device=device)
+    frames = FrameSource(source, driver, repeats=repeats, sampler=sampler)
+    blocks = frames if file is None else unchanged(frames, file)
+    reports = _send(blocks, frames.frame_count, update_rate, arrays, limits, connection, watch)
+    return Playback(
+        reports,
+        None if sampler is None else sampler.strategy,
+        frames.counted if sampler is None or frames.counted is not None else sampler.count,
+        frames.refused,
+        frames.switched,
+        driver.strategy,
+        repeats,
+    )
 
 
-@contextmanager
-def opened(
-    path: Path, sampling: SamplingStrategy | str | None, duration: float | None, arrays: Sequence[PlacedArray]
-) -> Iterator[Opened]:
-    """Open a file; by default the update rate is the first array's."""
-    if path.suffix.lower() == ".ptlist":
-        if sampling is not None:
-            raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
-        points = read_ptlist(path)
-        focus = FocalPoints(points.position, points.intensity * np.float32(points.intensity_peak))
-        require_duration(duration)
-        stop = None if duration is None else frame_count(duration, points.update_rate, path)
-        source = PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop]))
-        yield Opened(source, None, points.update_rate)
-        return
-    if frame_format(path) == FOCAL_POINTS:
-        if sampling is not None:
-            raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
-        with FrameReader(path) as kept:
-            _require_solvable(kept.foci)
-            yield Opened(KeptSource(kept, duration), None, kept.update_rate, kept)
-        return
-    with ContourFile(path) as file:
-        if not file.sealed:
-            raise StrategyError(f'{path}: is not finished and cannot be played; mode="resume" finishes it')
-        yield sampled(file, sampling, duration, arrays)._replace(file=file)
-
-
-def sampled(
-    contours: ContourRows,
-    sampling: SamplingStrategy | str | None,
-    duration: float | None,
+def _play_prepared(
+    prepared: PreparedFrames,
     arrays: Sequence[PlacedArray],
-) -> Opened:
-    """Focal points of contours; sampling: None and names take the first array's rate."""
-    if sampling is None or (isinstance(sampling, str) and not sets_rate(sampling)):
-        model = arrays[0].model
-        rate = model.update_rate(model.divider_default)
-        sampling = replace(sampling_of(sampling or "stm"), update_rate=rate)
-    strategy = sampling_of(sampling)
-    _require_solvable(strategy.foci)
-    sampler = Sampler(strategy)
-    return Opened(ContourSource(contours, sampler, duration), sampler, strategy.update_rate)
+    limits: Limits | None,
+    connection: Connection,
+    watch: Callable[[LiveStatistics, int], object] | None,
+) -> Playback:
+    reports = _send(prepared, prepared.frame_count, prepared.update_rate, arrays, limits, connection, watch)
+    made = prepared.making
+    return Playback(reports, made.sampling, made.count, made.refused, made.switched, made.drive, prepared.repeats)
 
 
-def unchanged(frames: FrameSource, file: ContourFile | FrameReader) -> Iterator[tuple[array[int], ...]]:
-    """Blocks of frames; raises ContourFileError if the file was truncated or changed before a block was read."""
-    for block in frames:
-        file.require_unchanged()
-        yield block
-
-
-def _require_solvable(foci: int) -> None:
-    if foci > POINTS_MOST:
-        raise StrategyError(f"foci must be at most {POINTS_MOST} to be solved for an array, not {foci}")
+def _send(
+    blocks: Iterable[tuple[array[int], ...]],
+    frame_count: int,
+    update_rate: float,
+    arrays: Sequence[PlacedArray],
+    limits: Limits | None,
+    connection: Connection,
+    watch: Callable[[LiveStatistics, int], object] | None,
+) -> tuple[PlayReport, ...]:
+    """Play frames, whatever they are made of: the player's limits and the watchdogs hold for all."""
+    for placed in arrays:
+        placed.model.divider(update_rate)
+    with connection.all_of(arrays) as links:
+        return tuple(
+            play_together(
+                links,
+                blocks,
+                update_rate=update_rate,
+                limits=limits,
+                watch=None if watch is None else lambda live: watch(live, frame_count),
+            )
+        )

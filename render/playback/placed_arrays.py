@@ -1,5 +1,6 @@
 """Arrays of a playback and their poses: one array by name, or several from a JSON file."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,6 +61,11 @@ def load_rig(
     if serial or calibration or baud:
         raise StrategyError(f"{path}: names its arrays' serial numbers, board files and baud rates itself")
     return tuple(_placed(entry, path, index) for index, entry in enumerate(entries))
+
+
+def arrays_of(array: str | Sequence[PlacedArray]) -> tuple[PlacedArray, ...]:
+    """Arrays that are given, or named as for `load_rig`."""
+    return load_rig(array) if isinstance(array, str) else tuple(array)
 
 
 def _placed(entry: object, path: Path, index: int) -> PlacedArray:

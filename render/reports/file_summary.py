@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
-from ...datasets.focus_files.frame_reader import DRIVES, FrameReader
+from ...datasets.focus_files.frame_reader import DRIVES, WIRE_FRAMES, FrameReader
 from ...datasets.motions.facing import SHARE_ANGLES, facing_angles
 from ...datasets.storage.schema import PRUNED_NAMES
 from ..sampling.contour_sampling import SamplingStrategy
@@ -136,7 +136,7 @@ def _times(file: ContourFile) -> np.ndarray | None:
 
 
 def summarise_frames(path: str | Path) -> dict:
-    """What a file of focal points or drives that a sweep keeps is: how many, at which rate, and of what.
+    """What a file of frames is: how many, at which rate, of what; of prepared frames also what their making counted.
 
     Raises ContourFileError for another file.
     """
@@ -150,9 +150,28 @@ def summarise_frames(path: str | Path) -> dict:
             "update_rate": file.update_rate,
             "duration": file.frame_count / file.update_rate,
         }
+        if file.format == WIRE_FRAMES:
+            return out | _wire_facts(file) | {"bytes": Path(path).stat().st_size}
         if file.format == DRIVES:
             out["arrays"] = file.described("/array", "names")
         else:
             out["foci"] = file.foci
         out |= {name: part["name"] for name, part in parts.items() if "name" in part}
         return out | {"maker": file.text("/", "maker"), "bytes": Path(path).stat().st_size}
+
+
+def _wire_facts(file: FrameReader) -> dict:
+    """Arrays of prepared frames, and how and with what result they were made."""
+    count = file.described("/wire", "count")
+    jumps = count.get("jumps") if isinstance(count, dict) else None
+    return {
+        "arrays": file.described("/array", "names"),
+        "identities": file.described("/array", "identities"),
+        "jumps": sum(jumps.values()) if isinstance(jumps, dict) else None,
+        "refused": file.whole("/wire", "refused"),
+        "switched": file.whole("/wire", "switched"),
+        "sampling": file.described("/", "sampling"),
+        "drive": file.described("/", "drive"),
+        "device": file.text("/", "device"),
+        "versions": file.described("/", "versions"),
+    }

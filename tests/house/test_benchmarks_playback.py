@@ -7,7 +7,7 @@ import pytest
 from umockdev_session import missing
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from playback import CASES, first_frame_of_file, line, measure
+from playback import CASES, first_frame_of_file, line, measure, prepared_costs
 
 
 @pytest.mark.exhaustive
@@ -29,3 +29,11 @@ def test_first_frame_of_a_file_is_timed():
     figures = first_frame_of_file(200)
     assert 0 < figures["first"] < figures["bytes"]
     assert figures["later"] > 0
+
+
+@pytest.mark.exhaustive
+def test_prepared_frames_cost_less_than_contours():
+    figures = prepared_costs("emulator", seconds=2.0, rounds=1)
+    assert figures["frames"] == 20_000
+    assert 0 < figures["copied"] < figures["made"]
+    assert 0 < figures["frames_played"] < figures["contours_played"]

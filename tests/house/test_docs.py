@@ -59,6 +59,7 @@ def here(line, folder):
         if "--array pat16" in line and "--emulate" not in line:
             line = line.replace(" --watchdog", "") + " --emulate"  # which guards real boards
         line += " --clock virtual" * ("--clock" not in line)
+    if line.startswith("palpate prepare") or (line.startswith("palpate play") and "frames.h5" not in line):
         line += " --duration 2" * ("--duration" not in line)  # of the playback
     return line, max(code if option in line else 0 for option, code in REFUSED.items())
 

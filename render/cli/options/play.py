@@ -6,12 +6,16 @@ from typing import Annotated
 import typer
 
 from .array import Array, Baud, Calibration, Clock, Emulate, Serial, Uncalibrated, Watchdog
+from .drive import Amplitude, LevelMax, Slew, Solver, SoundSpeed
 from .output import Json, Quiet, run_job
 from .sampling import Duration, Sampling, Speed, UpdateRate
 
 
 def play(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file, or focal points: .PTLIST, or a sweep's.")],
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="Contour file, focal points (.PTLIST, or a sweep's), or prepared frames."),
+    ],
     array: Array = "emulator",
     serial: Serial = None,
     calibration: Calibration = None,
@@ -22,19 +26,10 @@ def play(
     update_rate: UpdateRate = None,
     duration: Duration = None,
     repeats: Annotated[int, typer.Option(metavar="N", min=1, help="How often to play it.")] = 1,
-    amplitude: Annotated[
-        str, typer.Option(metavar="KIND", help="Whether intensity is pressure or force; for strength see --level-max.")
-    ] = "pressure",
-    solver: Annotated[
-        str, typer.Option(metavar="SOLVER", help="For several focal points at once: naive, gs-pat, wgs, gs-pat+wgs.")
-    ] = "gs-pat+wgs",
-    slew: Annotated[
-        float | None,
-        typer.Option(metavar="TURNS", help="Most that a phase changes in 25 us [turns]; 0.015625 quietens jumps."),
-    ] = None,
-    level_max: Annotated[
-        float, typer.Option(metavar="SHARE", help="Strength of intensity 1, as a share (0..1) of what the array can.")
-    ] = 1.0,
+    amplitude: Amplitude = "pressure",
+    solver: Solver = "gs-pat+wgs",
+    slew: Slew = None,
+    level_max: LevelMax = 1.0,
     on_time_max: Annotated[
         float, typer.Option(metavar="SECONDS", help="Longest emission without a pause of 1 s [s]; 0 lifts the limit.")
     ] = 120.0,
@@ -42,9 +37,7 @@ def play(
         float,
         typer.Option(metavar="SHARE", help="Highest mean duty over 10 min, 1 being full drive; 0 lifts the limit."),
     ] = 0.5,
-    sound_speed: Annotated[
-        float, typer.Option(metavar="M/S", help="Speed of sound [m/s]: 331.3 + 0.606 x degrees C.")
-    ] = 343.0,
+    sound_speed: SoundSpeed = 343.0,
     transport: Annotated[str, typer.Option(metavar="KIND", help="USB writes: queued, sync, or auto.")] = "auto",
     watchdog: Watchdog = False,
     uncalibrated: Uncalibrated = False,

@@ -175,7 +175,7 @@ def _walked(
                 keeper = KEEPERS[place[0]](recipe, place[1], store, strategy, frame_count)
                 stack.enter_context(keeper.file)
                 keepers[place] = keeper
-            elif place[0] == "noise":
+            elif place[0] == "noise":  # both on the CPU, whatever renders: the same bits by whichever worker
                 keepers[place] = NoiseMeter(recipe, strategy, frame_count, tick=tick)
             elif place[0] == "pressure":
                 made[place] = measure_pressure(contours, scene.hand, strategy, recipe, tick=tick)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.kernels.driving.pulse_frames import FocalBox, board_on, pack_pulses
+from palpate.kernels.driving.pulse_frames import board_on, pack_delays, pack_pulses
+from palpate.kernels.driving.weigh import FocalBox
 
 PER_METRE, TURN, HALF, MARK = 40_000.0 / 343.0, 128, 64, 0x80
 LEAST = np.sin((np.arange(1, HALF + 1) - 0.5) * np.pi / 128)  # of the width that is nearest to 128 / pi arcsin
@@ -81,3 +82,19 @@ def test_transducers_must_fill_whole_groups(device, rng):
     _, board = board_of(rng, device, places=20)
     with pytest.raises(ValueError, match="a multiple of 16, not 20"):
         packed(np.zeros((1, 3)), np.zeros(1), board, box_of(), device)
+
+
+@pytest.mark.parametrize("calibrated", [False, True])
+def test_starts_of_delays_are_the_nearest_in_the_order_of_the_wire(calibrated, device, rng):
+    values, _ = board_of(rng, device, calibrated=calibrated)
+    values["order"] = rng.permutation(32)
+    board = board_on(values, per_metre=PER_METRE, turn=TURN, mark=MARK, device=device)
+    delay, level = rng.uniform(0, 1, (200, 32)).astype(np.float32), rng.uniform(0, 1, 200).astype(np.float32)
+    delay[0], level[1] = 1.0, 0.0  # a full turn; silence
+    frame = pack_delays(wp.array(delay, device=device), wp.array(level, device=device), board).numpy().astype(int)
+    assert (frame[:, 0] & MARK).all()
+    frame[:, 0] &= 0x7F
+    assert np.abs(frame[:, 32:] - np.arcsin(level[:, None] * values["gain"]) * 128 / np.pi).max() < 0.5 + 1e-4
+    wanted = 128 * (delay[:, values["order"]] - values["offset"]) + (64 - frame[:, 32:]) / 2
+    off = (frame[:, :32] - wanted + 64) % 128 - 64
+    assert np.abs(off).max() < 0.5 + 1e-4

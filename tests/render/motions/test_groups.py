@@ -141,6 +141,17 @@ def test_frames_are_those_of_the_driver(device):
     np.testing.assert_array_equal(frames[:, 256:], wanted[:, 256:])
 
 
+def test_frames_of_several_focal_points_start_from_rest_at_each_motion(device):
+    (group,) = grouped(trials(2, duration=0.5), sampling="multi-focus", device=device, memory=2**25)
+    packer = PulsePacker("pat16", device=device)
+    frames = np.concatenate([packed.frame.numpy() for packed in group.frames(packer)])
+    for k in range(2):
+        (alone,) = grouped(trials(2, duration=0.5)[k : k + 1], sampling="multi-focus", device=device)
+        own = np.concatenate([packed.frame.numpy() for packed in alone.frames(packer)])
+        np.testing.assert_array_equal(frames[5000 * k : 5000 * (k + 1)], own)
+    assert len(frames) == 10_000
+
+
 def test_what_cannot_be_a_group_is_refused():
     with pytest.raises(PoseError, match="motion 1: its 2 poses have no times"):
         grouped([trials(1)[0], HandMotion(None, np.tile(static_pose([0, 0, 0.2]).pose, (2, 1)))])
@@ -150,9 +161,6 @@ def test_what_cannot_be_a_group_is_refused():
         grouped(trials(1), device="cuda:7")
     with pytest.raises(StrategyError, match="memory must be at least 1048576 bytes, not 10"):
         grouped(trials(1), memory=10)
-    (group,) = grouped(trials(1), sampling="multi-focus")
-    with pytest.raises(StrategyError, match="2 focal points a frame"):
-        next(group.frames(PulsePacker("pat16", device="cpu")))
 
 
 def test_hands_of_many_shapes_are_refused(tmp_path):

@@ -8,10 +8,12 @@ from sweep_recipes import explored, random_motion, recipe_of, recorded, sampling
 from palpate.datasets import HandMotion
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.datasets.sweeps.table import load_table
-from palpate.render import Palm, exploration, predict_noise, pressure_metrics, render
+from palpate.render import Palm, PulsePacker, exploration, predict_noise, pressure_metrics, render
 from palpate.render.sampling.metrics import FocalPoints
-from palpate.render.sweeps.make.acoustic_metrics import NoiseMeter
+from palpate.render.sweeps.make import acoustic_metrics
+from palpate.render.sweeps.make.acoustic_metrics import NoiseMeter, measure_pressure
 from palpate.render.sweeps.make.rendering import sampling_of as sampling_strategy
+from palpate.render.sweeps.make.sampling import RenderedContours
 from palpate.render.sweeps.make.unsplit import walks_of
 from palpate.render.sweeps.make.work import run_task
 from palpate.render.sweeps.report.table import METRICS
@@ -76,6 +78,47 @@ def test_silence_has_no_level():
     got = meter.publish()
     assert got.pop("seconds").keys() == {"noise"}
     assert got == dict.fromkeys(METRICS["noise"])
+
+
+def circles(count=4000):
+    """Focal points that draw a circle and switch off now and then."""
+    time = np.arange(count) / count
+    position = np.column_stack([0.04 * np.cos(180 * time), 0.04 * np.sin(180 * time), 0.2 + 0.02 * np.sin(9 * time)])
+    return FocalPoints(position.astype(np.float32), (np.sin(70 * time) > -0.7).astype(np.float32))
+
+
+@pytest.mark.parametrize("array", ["emulator", "pat16"])
+@pytest.mark.parametrize("packed", [False, True])
+def test_noise_on_a_device_is_that_of_the_cpu(array, packed, device, monkeypatch):
+    """packed: frames made where they are listened to, as on a GPU."""
+    if packed:
+
+        def pack(models, drive, device):
+            return None if array == "emulator" else PulsePacker(models[0], drive, device=device)
+
+    recipe, focus = recipe_of("cube", array=array), circles()
+    levels = []
+    for place in ("cpu", device):
+        if packed and levels:
+            monkeypatch.setattr(acoustic_metrics, "packer_for", pack)
+        meter = NoiseMeter(recipe, sampling_strategy(recipe.sampling), len(focus.intensity), device=place)
+        for first in range(0, 4000, 1024):
+            meter.take(FocalPoints(focus.position[first : first + 1024], focus.intensity[first : first + 1024]))
+        levels.append(meter.publish())
+    host, found = ({name: level for name, level in own.items() if name != "seconds"} for own in levels)
+    assert found == pytest.approx(host, abs=0.02)  # [dB]
+
+
+@pytest.mark.exhaustive
+def test_pressure_on_a_device_is_that_of_the_cpu(device):
+    recipe = recipe_of("cube", motion=explored(0.3, seed=3))
+    batch = render("cube", Palm(), exploration("cube", duration=0.3, seed=3), "cc")
+    rows = RenderedContours(batch.scene, batch.motion, "cpu", name="cube")
+    strategy = sampling_strategy(recipe.sampling)
+    found = [measure_pressure(rows, Palm(), strategy, recipe, device=place) for place in ("cpu", device)]
+    for name, value in found[0].items():
+        if name != "seconds":
+            assert found[1][name] == (None if value is None else pytest.approx(value, rel=1e-3))
 
 
 def test_predictions_are_timed_and_show_progress(tmp_path):

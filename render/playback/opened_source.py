@@ -1,0 +1,102 @@
+"""Open what is to be played: a contour file, contours in memory, or focal points, as focal points block by block."""
+
+from __future__ import annotations  # array("B") takes no index at run time
+
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from ...datasets.contour_file.reader import ContourFile
+from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, frame_format
+from ...datasets.focus_files.ptlist import read_ptlist
+from ...kernels.driving.solve import POINTS_MOST
+from ..errors import StrategyError
+from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
+from ..sampling.presets import sampling_of, sets_rate
+from .focus_source import (
+    ContourRows,
+    ContourSource,
+    FocusSource,
+    KeptSource,
+    PointSource,
+    frame_count,
+    require_duration,
+)
+from .placed_arrays import PlacedArray
+
+Block: TypeAlias = "tuple[array[int], ...]"
+"""Wire bytes of consecutive frames, for each array."""
+
+
+class Opened(NamedTuple):
+    """What is played."""
+
+    source: FocusSource
+    sampler: Sampler | None
+    """Makes the focal points; None if they were there."""
+    update_rate: float
+    """[Hz]"""
+    file: ContourFile | FrameReader | None = None
+    """Read while it is played; None if all was read before."""
+
+
+@contextmanager
+def opened(
+    path: Path, sampling: SamplingStrategy | str | None, duration: float | None, arrays: Sequence[PlacedArray]
+) -> Iterator[Opened]:
+    """Open a file; by default the update rate is the first array's."""
+    if path.suffix.lower() == ".ptlist":
+        if sampling is not None:
+            raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
+        points = read_ptlist(path)
+        focus = FocalPoints(points.position, points.intensity * np.float32(points.intensity_peak))
+        require_duration(duration)
+        stop = None if duration is None else frame_count(duration, points.update_rate, path)
+        source = PointSource(FocalPoints(focus.position[:stop], focus.intensity[:stop]))
+        yield Opened(source, None, points.update_rate)
+        return
+    if frame_format(path) == FOCAL_POINTS:
+        if sampling is not None:
+            raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
+        with FrameReader(path) as kept:
+            _require_solvable(kept.foci)
+            yield Opened(KeptSource(kept, duration), None, kept.update_rate, kept)
+        return
+    with ContourFile(path) as file:
+        if not file.sealed:
+            raise StrategyError(f'{path}: is not finished and cannot be played; mode="resume" finishes it')
+        yield sampled(file, sampling, duration, arrays)._replace(file=file)
+
+
+def sampled(
+    contours: ContourRows,
+    sampling: SamplingStrategy | str | None,
+    duration: float | None,
+    arrays: Sequence[PlacedArray],
+) -> Opened:
+    """Focal points of contours; sampling: None and names take the first array's rate."""
+    if sampling is None or (isinstance(sampling, str) and not sets_rate(sampling)):
+        model = arrays[0].model
+        rate = model.update_rate(model.divider_default)
+        sampling = replace(sampling_of(sampling or "stm"), update_rate=rate)
+    strategy = sampling_of(sampling)
+    _require_solvable(strategy.foci)
+    sampler = Sampler(strategy)
+    return Opened(ContourSource(contours, sampler, duration), sampler, strategy.update_rate)
+
+
+def unchanged(frames: Iterable[tuple[array[int], ...]], file: ContourFile | FrameReader) -> Iterator[Block]:
+    """Blocks of frames; raises ContourFileError if the file was truncated or changed before a block was read."""
+    for block in frames:
+        file.require_unchanged()
+        yield block
+
+
+def _require_solvable(foci: int) -> None:
+    if foci > POINTS_MOST:
+        raise StrategyError(f"foci must be at most {POINTS_MOST} to be solved for an array, not {foci}")

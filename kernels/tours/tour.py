@@ -207,16 +207,21 @@ def sweep_reversals(tour: Tour):
     """2-opt once around: reverse each range if that shortens the path; returns whether any did."""
     improved = int(0)
     for i in range(tour.length - 2):
+        a = at(tour, i)
+        b = at(tour, i + 1)
+        step = way(tour, a, b)
         for j in range(i + 2, tour.length):
             if i == 0 and j == tour.length - 1:
                 continue
-            a = at(tour, i)
-            b = at(tour, i + 1)
             c = at(tour, j)
             d = at(tour, j + 1)
-            if way(tour, a, b) + way(tour, c, d) - way(tour, a, c) - way(tour, b, d) > LEAST_GAIN:
-                reverse_places(tour, i + 1, j)
-                improved = int(1)
+            gain = step + way(tour, c, d) - way(tour, a, c)
+            if gain > LEAST_GAIN:  # seldom; the fourth way can only take from it
+                if gain - way(tour, b, d) > LEAST_GAIN:
+                    reverse_places(tour, i + 1, j)
+                    improved = int(1)
+                    b = at(tour, i + 1)
+                    step = way(tour, a, b)
     return improved
 
 
@@ -258,8 +263,12 @@ def sweep_runs(tour: Tour):
                     c = at(tour, k)
                     d = at(tour, k + 1)
                     gain = saved + way(tour, c, d)
-                    straight = gain - way(tour, c, a) - way(tour, b, d)
-                    around = gain - way(tour, c, b) - way(tour, a, d)
+                    straight = gain - way(tour, c, a)
+                    around = gain - way(tour, c, b)
+                    if straight > best:  # else it cannot be once all is taken off
+                        straight -= way(tour, b, d)
+                    if around > best:
+                        around -= way(tour, a, d)
                     if straight > best or around > best:
                         best = wp.max(straight, around)
                         place = k

@@ -20,8 +20,9 @@ from ...kernels.sampling.entry import enter_poses
 from ...kernels.sampling.focus import draw_samples
 from ...kernels.sampling.layout import MotionContours, SamplingPlan
 from ...kernels.sampling.seams import has_open_seam
+from ...kernels.sampling.skin_boxes import skin_samples
 from ...kernels.sampling.sums import sum_counts
-from ...kernels.sampling.visits import count_revisits, skin_samples
+from ...kernels.sampling.visits import count_revisits
 from ..contour_batch import ContourBatch, join_batches, require_seams, with_values_of_all
 from ..errors import StrategyError
 from .contour_sampling import joined, sample_contours
@@ -139,8 +140,8 @@ def sample_motions(
         wp.array(schedule.motion, dtype=wp.int64, device=device),
     )
     out = MotionSamples(
-        wp.zeros(shape, dtype=wp.vec3, device=device),
-        wp.zeros(shape, dtype=wp.float32, device=device),
+        wp.empty(shape, dtype=wp.vec3, device=device),
+        wp.empty(shape, dtype=wp.float32, device=device),
         schedule.sample_start,
         [SamplingCount() for _ in schedule.duration],
         np.ones(len(schedule.duration), bool),

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.kernels.sampling.visits import REVISIT_RADIUS, count_revisits, skin_samples
+from palpate.kernels.sampling.skin_boxes import REVISIT_RADIUS, skin_samples
+from palpate.kernels.sampling.visits import count_revisits
 from palpate.render.sampling import revisits
 from palpate.render.sampling.batch_sampling import MotionSchedule
 from palpate.render.sampling.contour_sampling import FocalPoints, SamplingCount, SamplingStrategy

@@ -77,6 +77,7 @@ SAMPLING_STAGES = (
     "sampling.visits",
     "sampling.dwelling",
     "sampling.seams",
+    "sampling.skin_boxes",
 )  # contours over time to focal points
 DRIVE_STAGES = ("driving.focus", "driving.solve", "driving.slew", "driving.pulse_frames")  # focal points to phases
 ACOUSTIC_STAGES = (

@@ -135,26 +135,6 @@ def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: i
 
 
 @wp.func
-def rest(
-    plan: SamplingPlan,
-    schedule: PoseSchedule,
-    d: DrawnTracks,
-    pose: int,
-    position: wp.array2d[wp.vec3],
-    intensity: wp.array2d[wp.float32],
-):
-    """Silence where the focal points are."""
-    for focus in range(plan.foci):
-        point = to_float32(shown_before(plan, schedule, d, pose, focus))
-        row = schedule.row[pose]
-        stop = row + schedule.count[pose]
-        while row < stop:
-            position[row, focus] = point
-            intensity[row, focus] = 0.0
-            row += wp.int64(1)
-
-
-@wp.func
 def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.float64):
     """Samples of a pose at which it is older than `hold` [s]."""
     count = wp.int64(0)
@@ -163,6 +143,31 @@ def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.floa
         _gain, held = gain_at(plan, schedule, pose, sample, hold)
         count += held
         sample += wp.int64(1)
+    return count
+
+
+@wp.func
+def rest(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    pose: int,
+    hold: wp.float64,
+    position: wp.array2d[wp.vec3],
+    intensity: wp.array2d[wp.float32],
+):
+    """Write silence where the focal points are; returns what it counts as."""
+    count = StepCount()
+    count.silent = schedule.count[pose]
+    count.held = held_of(plan, schedule, pose, hold)
+    for focus in range(plan.foci):
+        point = to_float32(shown_before(plan, schedule, d, pose, focus))
+        row = schedule.row[pose]
+        stop = row + schedule.count[pose]
+        while row < stop:
+            position[row, focus] = point
+            intensity[row, focus] = 0.0
+            row += wp.int64(1)
     return count
 
 
@@ -236,13 +241,10 @@ def _draw_samples(
 ):
     """Draw the samples of a pose and count its steps."""
     pose = wp.tid()
-    count = StepCount()
     if d.entries[pose].drawn == 0:
-        rest(plan, schedule, d, pose, position, intensity)
-        count.silent = schedule.count[pose]
-        count.held = held_of(plan, schedule, pose, pose_hold[pose])
-        counts[pose] = count
+        counts[pose] = rest(plan, schedule, d, pose, pose_hold[pose], position, intensity)
         return
+    count = StepCount()
     track = d.tracks[pose]
     rests = plan.pace == STILL and plan.circle_radius == ZERO
     last = wp.int64(0)  # sample that is felt, of those that repeat the first

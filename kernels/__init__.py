@@ -74,9 +74,10 @@ SAMPLING_STAGES = (
     "sampling.entry",
     "sampling.focus",
     "sampling.sums",
+    "sampling.tracks",
     "sampling.visits",
     "sampling.dwelling",
-    "sampling.seams",
+    "sampling.contour_faults",
     "sampling.skin_boxes",
 )  # contours over time to focal points
 DRIVE_STAGES = ("driving.focus", "driving.solve", "driving.slew", "driving.pulse_frames")  # focal points to phases

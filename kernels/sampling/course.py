@@ -1,4 +1,4 @@
-"""Courses: nodes of a pose's cycle, and when each is reached; one thread lays the tracks of a motion in turn.
+"""Courses: nodes of a pose's cycle, and when each is reached; one thread lays the track of a pose.
 
 As `lay_track` in render/sampling/track.py, without pauses and sections.
 """
@@ -230,6 +230,31 @@ def draw_by_turns(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, row: w
 
 
 @wp.func
+def sum_durations(nodes: TrackNodes, track: PoseTrack):
+    """Sum the durations of ways up to when each node is reached."""
+    knot = ZERO
+    nodes.knot[track.first] = knot
+    for i in range(1, track.count):
+        knot += nodes.knot[track.first + wp.int64(i)]
+        nodes.knot[track.first + wp.int64(i)] = knot
+
+
+@wp.func
+def longest_step(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
+    """Longest step between two samples on the same way of a track, small circles included [m]."""
+    if plan.pace != FREQUENCY and plan.pace != CAPPED:
+        return plan.ordinary
+    fastest = ZERO
+    for i in range(track.count - 1):
+        at = track.first + wp.int64(i)
+        took = nodes.knot[at + wp.int64(1)] - nodes.knot[at]
+        if took > NOISE_SHARE * track.one_sample:
+            step = nodes.point[at + wp.int64(1)] - nodes.point[at]
+            fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
+    return fastest * track.one_sample + plan.circle_step
+
+
+@wp.func
 def lay_course(
     c: MotionContours,
     plan: SamplingPlan,
@@ -260,29 +285,5 @@ def lay_course(
         sum_durations(nodes, track)
     track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
     track.one_sample = wp.float64(track.turns) * track.period / wp.float64(track.repeat)
+    track.ordinary = longest_step(plan, nodes, track)
     return track
-
-
-@wp.func
-def sum_durations(nodes: TrackNodes, track: PoseTrack):
-    """Sum the durations of ways up to when each node is reached."""
-    knot = ZERO
-    nodes.knot[track.first] = knot
-    for i in range(1, track.count):
-        knot += nodes.knot[track.first + wp.int64(i)]
-        nodes.knot[track.first + wp.int64(i)] = knot
-
-
-@wp.func
-def longest_step(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
-    """Longest step between two samples on the same way of a track, small circles included [m]."""
-    if plan.pace != FREQUENCY and plan.pace != CAPPED:
-        return plan.ordinary
-    fastest = ZERO
-    for i in range(track.count - 1):
-        at = track.first + wp.int64(i)
-        took = nodes.knot[at + wp.int64(1)] - nodes.knot[at]
-        if took > NOISE_SHARE * track.one_sample:
-            step = nodes.point[at + wp.int64(1)] - nodes.point[at]
-            fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
-    return fastest * track.one_sample + plan.circle_step

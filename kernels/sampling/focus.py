@@ -283,7 +283,7 @@ def _draw_samples(
             intensity[row, focus] = wp.float32(level_on(d.nodes, track, way, knot) * gain * wave)
             length = wp.sqrt(squared(point - previous[focus]))
             if first and silent and drawn and (d.entries[pose].before >= wp.int64(0) or sample > wp.int64(0)):
-                count = add_step(plan, count, RE_ENTRY, length, d.entries[pose].ordinary)
+                count = add_step(plan, count, RE_ENTRY, length, d.tracks[pose].ordinary)
             length = counted_length(length, drawn, drawn_before, first, silent)
             count = count_step(plan, schedule, d, count, pose, sample, focus, length)
             if gain > ZERO:

@@ -82,9 +82,9 @@ class RouteRows:
     drawn: wp.array[DrawnPiece]  # in the order in which they are drawn
     candidate: wp.array[DrawnPiece]  # in the order of the route that was searched for
     span: wp.array[wp.float64]  # length, later duration, of a piece; room for sums
-    door: wp.array2d[wp.vec3d]  # room for starts that are looked at [m], shape [motion, DOORS]
-    room: wp.array[wp.int32]  # room of a search, ROOM a motion
-    sums: wp.array[wp.float64]  # room of a search [m], SUMS a motion
+    door: wp.array2d[wp.vec3d]  # room for starts that are looked at [m], shape [run, DOORS]
+    room: wp.array[wp.int32]  # room of a search, ROOM a run
+    sums: wp.array[wp.float64]  # room of a search [m], SUMS a run
 
 
 @wp.struct
@@ -110,6 +110,7 @@ class PoseTrack:
     pieces: wp.int32  # in the route
     single: wp.int32  # 1: every sample is on piece 0
     least: wp.float64  # jumps of the shortest route known [m]
+    ordinary: wp.float64  # longest step along it, jumps left out [m]
 
 
 @wp.func

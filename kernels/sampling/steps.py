@@ -81,7 +81,7 @@ def count_step(
     """Count a step to a sample by its cause."""
     out = count
     out.step_longest = wp.max(out.step_longest, length)
-    ordinary = d.entries[pose].ordinary
+    ordinary = d.tracks[pose].ordinary
     if length <= plan.threshold and length <= TWO * ordinary:
         return out
     cause = int(POLYLINE)

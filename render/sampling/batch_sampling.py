@@ -15,26 +15,31 @@ import numpy as np
 import warp as wp
 
 from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_rows
+from ...kernels.sampling.contour_faults import find_faults
 from ...kernels.sampling.cursor import PoseSchedule
 from ...kernels.sampling.entry import enter_poses
 from ...kernels.sampling.focus import draw_samples
-from ...kernels.sampling.layout import MotionContours, SamplingPlan
-from ...kernels.sampling.seams import has_open_seam
 from ...kernels.sampling.skin_boxes import skin_samples
 from ...kernels.sampling.sums import sum_counts
 from ...kernels.sampling.visits import count_revisits
-from ..contour_batch import ContourBatch, join_batches, require_seams, with_values_of_all
+from ..contour_batch import (
+    ContourBatch,
+    join_batches,
+    require_finite,
+    require_seams,
+    with_values_of_all,
+    without_empty_polylines,
+)
 from ..errors import StrategyError
 from .contour_sampling import joined, sample_contours
+from .kernel_plan import contours_of, plan_of
 from .metrics import CAUSES, FocalPoints, SamplingCount
 from .revisits import PICK_INTERVAL, REVISIT_LIMIT
 from .sampler import Sampler, shown_order
 from .strategy import SamplingStrategy
 
-PACES = ("speed", "frequency", "capped", "still")
 ROWS_MOST = 2**31 - 1  # of an array: kernels number them in an int
 ROWS_A_POINT, ROWS_A_MOTION = 13, 2048  # of nodes, where a vertex is passed four times, and of what a search writes
-WAVES = (None, "sine", "square")
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +125,8 @@ def sample_motions(
     motion [s], shape [pose]. motion_start: offsets into poses, shape [motion + 1]. duration: when the last pose of
     each motion ends [s]. hold: age at which a pose starts to fade [s], shape [motion]; None: as for `sample_contours`.
     A sample takes 16 B of memory for each focal point; meanwhile 3 B more, 0.1 KB a pose and 15 KB a motion.
-    Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, and
-    for more samples than a call can number (2**31).
+    Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, for
+    points and intensities that are not finite, and for more samples than a call can number (2**31).
 
     >>> import numpy as np
     >>> from palpate.render import SamplingStrategy, render, sample_motions, static_pose
@@ -147,11 +152,23 @@ def sample_motions(
         np.ones(len(schedule.duration), bool),
         poses,
     )
+    batch = drawable_contours(batch.to(device))
     if len(out.counts) > 0 and why_on_host(strategy, batch) is None:
-        _draw_by_kernels(batch.to(device), schedule, strategy, out)
+        _draw_by_kernels(batch, schedule, strategy, out)
     if out.on_host.any():
         _draw_on_host(batch.numpy(), np.asarray(pose), schedule, strategy, out)
     return out
+
+
+def drawable_contours(batch: ContourBatch) -> ContourBatch:
+    """A batch on a device without polylines that have no point; raises StrategyError for faults that remain."""
+    faults = find_faults(contours_of(batch))
+    if not faults:
+        return batch
+    host, title = batch.numpy(), "contours to be drawn"
+    require_finite(host, title)
+    require_seams(host, title)
+    return without_empty_polylines(host).to(str(batch.points.device))
 
 
 def joined_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
@@ -253,71 +270,12 @@ def require_motions(batch: ContourBatch, pose: np.ndarray, schedule: MotionSched
         raise StrategyError(f"{rows[2]} samples of {len(pose)} poses are too many for one call; divide the motions")
 
 
-def plan_of(strategy: SamplingStrategy) -> Any:
-    """A strategy as numbers."""
-    plan, pace, order, gap = SamplingPlan(), strategy.pace, strategy.order, strategy.gap
-    fewest, most = pace.samples_within(strategy.update_rate)
-    numbers = {
-        "speed": strategy.speed,
-        "rate": strategy.update_rate,
-        "pace": PACES.index(pace.kind),
-        "fixed": round(strategy.update_rate / pace.frequency),
-        "fewest": fewest,
-        "most": most,
-        "lowest": pace.lowest,
-        "points": pace.points or 0,
-        "points_least": (pace.points or 1) if order.kind in ("step", "random") else 0,
-        "foci": strategy.foci,
-        "threshold": strategy.jump_threshold,
-        "ordinary": strategy.step_ordinary,
-        "circle_step": strategy.circle_step,
-        "fade": max(strategy.fade, 1e-9),
-        "restarts": strategy.continuity == "jump",
-        "plain": strategy.plain,
-        "shortest": order.route == "shortest",
-        "margin": order.margin,
-        "closes": gap.kind == "close",
-        "turns_back": gap.kind == "pendulum",
-        "returns": gap.kind == "return",
-        "return_speed": gap.speed,
-        "pendulum": order.kind == "pendulum",
-        "passes": (2 if gap.kind == "pendulum" else 1) * (2 if order.kind == "pendulum" else 1),
-        **_overlays_of(strategy),
-    }
-    for name, value in numbers.items():
-        setattr(plan, name, int(value) if isinstance(value, bool) else value)
-    return plan
-
-
-def _overlays_of(strategy: SamplingStrategy) -> dict[str, float]:
-    """Modulations as numbers."""
-    am, lm, rate = strategy.am, strategy.lm, strategy.update_rate
-    out: dict[str, float] = {}
-    if lm is not None:
-        out |= {"circle_radius": lm.radius, "circle_turns": lm.frequency / rate}
-    if am is not None:
-        out |= {"wave": WAVES.index(am.wave), "wave_turns": am.frequency / rate, "wave_depth": am.depth}
-    return out
-
-
-def contours_of(batch: ContourBatch) -> Any:
-    """The arrays of a batch on a device."""
-    out = MotionContours()
-    out.points, out.polyline_start = batch.points, batch.polyline_start
-    out.polyline_closed, out.pose_start = batch.polyline_closed, batch.pose_start
-    none = wp.empty(0, dtype=wp.float32, device=batch.points.device)
-    out.intensity = none if batch.intensity is None else batch.intensity
-    return out
-
-
 def _draw_by_kernels(
     batch: ContourBatch, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
 ) -> None:
     """Draw all motions of a batch on its device but those that cannot be drawn there."""
-    if batch.intensity is not None and has_open_seam(batch.intensity, batch.polyline_start, batch.polyline_closed):
-        require_seams(batch.numpy(), "contours to be drawn")
     plan, when, pose = plan_of(strategy), out.poses.schedule, out.poses.pose
-    tracks, left = enter_poses(contours_of(batch), plan, when, pose)
+    tracks = enter_poses(contours_of(batch), plan, when, pose)
     pose_hold = wp.array(schedule.hold[schedule.motion], dtype=wp.float64, device=pose.device)
     counts, passages = draw_samples(plan, when, tracks, pose_hold, out.position, out.intensity)
     sums = sum_counts(plan, when, tracks, counts, passages).numpy()
@@ -326,7 +284,7 @@ def _draw_by_kernels(
     out.counts[:] = [counted_of(row, strategy) for row in sums]
     for count, number, wait in zip(out.counts, revisits.tolist(), waits.tolist(), strict=True):
         count.revisits, count.revisit_time = number, wait
-    out.on_host[:] = left.numpy() != 0
+    out.on_host[:] = False
 
 
 def _revisits(

@@ -171,18 +171,21 @@ def test_routes_through_many_polylines_are_the_hosts(line_most, seed, device):
     assert_same(samples, batch, still(8), time, start, duration, strategy)
 
 
-def test_what_kernels_do_not_draw_is_drawn_by_the_host_and_counted(device):
-    plain = batch_of([[(square(0.04), True)] * 3] * 3 + [[(square(0.04), True)]] * 3)
-    size = np.diff(plain.polyline_start)
-    kept = np.repeat(np.arange(len(size)) != 1, size)  # one polyline has no vertices
-    size[1] = 0
-    start = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
-    batch = replace(plain, points=plain.points[kept], kind=plain.kind[kept], polyline_start=start)
-    time, start, duration = np.tile(np.arange(3) / 90, 2), np.array([0, 3, 6]), np.full(2, 3 / 90)
-    samples = sample_motions(batch, still(6), time, start, duration, SamplingStrategy(), device=device)
-    assert samples.on_host.tolist() == [True, False]
-    assert "1 of them drawn on the host" in repr(samples)
-    assert_same(samples, batch, still(6), time, start, duration, SamplingStrategy())
+@pytest.mark.parametrize("place", [0, 1, 3])
+def test_a_polyline_without_points_is_drawn_as_none(place, device):
+    lines = [(square(0.04), True)] * 3
+    batch = batch_of([[*lines[:place], (np.zeros((0, 3)), False), *lines[place:]]] * 2 + [lines[:1]])
+    time, start, duration = np.arange(3) / 90, np.array([0, 3]), np.full(1, 3 / 90)
+    samples = sample_motions(batch, still(3), time, start, duration, SamplingStrategy(), device=device)
+    assert samples.on_host.tolist() == [False]
+    assert_same(samples, batch, still(3), time, start, duration, SamplingStrategy())
+
+
+def test_contours_that_are_no_finite_numbers_are_refused_by_name_and_place(device):
+    batch = batch_of([[(square(0.04), True)], [], [(square(0.04), True), (square(0.02), True)]])
+    batch.points[11, 1] = np.nan
+    with pytest.raises(StrategyError, match=r"points\[11\] must be finite, not .*nan.* \(pose 2, polyline 2\)"):
+        sample_motions(batch, still(3), np.arange(3) / 90, [0, 3], [3 / 90], SamplingStrategy(), device=device)
 
 
 @pytest.mark.parametrize(

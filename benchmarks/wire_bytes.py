@@ -74,8 +74,7 @@ def measure(device: str, motions: int, at_once: int, sampling: str = "stm") -> d
     def run(first: int) -> None:
         stop = min(first + at_once, motions)
         batch, pose = timed("poses and contours", lambda: contours_of(first, stop, device))
-        rows = pose.numpy()
-        pack_of = timed("focal points", lambda: sample(batch, rows, strategy, device))
+        pack_of = timed("focal points", lambda: sample(batch, pose, strategy, device))
         timed("frames", lambda: pack(pack_of))
 
     run(0)

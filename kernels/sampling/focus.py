@@ -232,7 +232,7 @@ def _draw_samples(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
-    pose_hold: wp.array[wp.float64],  # age at which a pose fades [s], shape [pose]
+    motion: wp.array[wp.int64],  # number of each pose's motion
     # Out:
     passages: PiecePassages,  # -1 everywhere
     position: wp.array2d[wp.vec3],  # [m], shape [sample, focus]
@@ -241,8 +241,9 @@ def _draw_samples(
 ):
     """Draw the samples of a pose and count its steps."""
     pose = wp.tid()
+    hold = schedule.hold[motion[pose]]
     if d.entries[pose].drawn == 0:
-        counts[pose] = rest(plan, schedule, d, pose, pose_hold[pose], position, intensity)
+        counts[pose] = rest(plan, schedule, d, pose, hold, position, intensity)
         return
     count = StepCount()
     track = d.tracks[pose]
@@ -257,7 +258,7 @@ def _draw_samples(
         previous[focus] = shown_before(plan, schedule, d, pose, focus)
     sample = wp.int64(0)
     while sample < schedule.count[pose]:
-        gain, held = gain_at(plan, schedule, pose, sample, pose_hold[pose])
+        gain, held = gain_at(plan, schedule, pose, sample, hold)
         count.held += held
         drawn = is_drawn(plan, schedule, d, pose, sample, gain)
         number = schedule.number[pose] + sample
@@ -299,20 +300,23 @@ def draw_samples(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     tracks: DrawnTracks,
-    pose_hold: wp.array,
+    motion: wp.array,
     position: wp.array,
     intensity: wp.array,
 ) -> tuple[wp.array, PiecePassages]:
-    """Draw the focal points of all poses; one thread a pose. Returns what each pose is counted as, StepCount."""
+    """Draw the focal points of all poses; one thread a pose. Returns what each pose is counted as, StepCount.
+
+    motion: number of each pose's motion, int64.
+    """
     device, lines = position.device, tracks.routes.shape[0]
     passages = PiecePassages()
     passages.first = wp.full(lines, -1, dtype=wp.int64, device=device)
     passages.last = wp.full(lines, -1, dtype=wp.int64, device=device)
-    counts = wp.empty(pose_hold.shape[0], dtype=StepCount, device=device)
+    counts = wp.empty(motion.shape[0], dtype=StepCount, device=device)
     wp.launch(
         _draw_samples,
         counts.shape[0],
-        inputs=[plan, schedule, tracks, pose_hold],
+        inputs=[plan, schedule, tracks, motion],
         outputs=[passages, position, intensity, counts],
         device=device,
         block_dim=BLOCK,

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -109,7 +110,7 @@ def why_on_host(strategy: SamplingStrategy, batch: ContourBatch) -> str | None:
 
 def sample_motions(
     batches: ContourBatch | Sequence[ContourBatch],
-    pose: np.ndarray,
+    pose: np.ndarray | wp.array,
     time: np.ndarray,
     motion_start: np.ndarray,
     duration: np.ndarray,
@@ -121,9 +122,10 @@ def sample_motions(
     """Focal points of whole motions, and what each is counted as.
 
     batches: contours of all poses; motions may be cut anywhere between two. Those on a device are drawn there, those
-    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7]. time: of the poses, increasing within a
-    motion [s], shape [pose]. motion_start: offsets into poses, shape [motion + 1]. duration: when the last pose of
-    each motion ends [s]. hold: age at which a pose starts to fade [s], shape [motion]; None: as for `sample_contours`.
+    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7], or on a device transformd [pose]. time:
+    of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses, shape [motion + 1].
+    duration: when the last pose of each motion ends [s]. hold: age at which a pose starts to fade [s], shape [motion];
+    None: as for `sample_contours`.
     A sample takes 16 B of memory for each focal point; meanwhile 3 B more, 0.1 KB a pose and 15 KB a motion.
     Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, for
     points and intensities that are not finite, and for more samples than a call can number (2**31).
@@ -141,7 +143,7 @@ def sample_motions(
     shape = int(schedule.row[-1]), strategy.foci
     poses = DevicePoses(
         schedule.on(device, strategy),
-        wp.array(np.asarray(pose, np.float64).reshape(-1, 7), dtype=wp.transformd, device=device),
+        _poses_on(device, pose),
         wp.array(schedule.motion, dtype=wp.int64, device=device),
     )
     out = MotionSamples(
@@ -156,8 +158,15 @@ def sample_motions(
     if len(out.counts) > 0 and why_on_host(strategy, batch) is None:
         _draw_by_kernels(batch, schedule, strategy, out)
     if out.on_host.any():
-        _draw_on_host(batch.numpy(), np.asarray(pose), schedule, strategy, out)
+        _draw_on_host(batch.numpy(), out.poses.pose.numpy(), schedule, strategy, out)
     return out
+
+
+def _poses_on(device: str, pose: np.ndarray | wp.array) -> Any:
+    """Poses on a device, an array of transformd."""
+    if isinstance(pose, wp.array):
+        return pose.to(device)
+    return wp.array(np.asarray(pose, np.float64).reshape(-1, 7), dtype=wp.transformd, device=device)
 
 
 def drawable_contours(batch: ContourBatch) -> ContourBatch:
@@ -226,7 +235,7 @@ class MotionSchedule:
         """Offsets of motions into samples, int64, shape [motion + 1]."""
         return self.row[self.motion_start]
 
-    @property
+    @cached_property
     def motion(self) -> np.ndarray:
         """Motion of each pose, int64."""
         return np.repeat(np.arange(len(self.duration)), np.diff(self.motion_start))
@@ -258,7 +267,7 @@ def _hold_of(time: np.ndarray, strategy: SamplingStrategy) -> float:
     return max(strategy.hold, 2.0 * float(np.median(np.diff(time)))) if len(time) > 1 else np.inf
 
 
-def require_motions(batch: ContourBatch, pose: np.ndarray, schedule: MotionSchedule) -> None:
+def require_motions(batch: ContourBatch, pose: np.ndarray | wp.array, schedule: MotionSchedule) -> None:
     """Raise StrategyError unless contours, poses, times and motions are as many as each other."""
     counts = batch.pose_count, len(pose), len(schedule.time), int(schedule.motion_start[-1])
     if len(set(counts)) > 1 or len(schedule.motion_start) != len(schedule.duration) + 1:
@@ -276,8 +285,7 @@ def _draw_by_kernels(
     """Draw all motions of a batch on its device but those that cannot be drawn there."""
     plan, when, pose = plan_of(strategy), out.poses.schedule, out.poses.pose
     tracks = enter_poses(contours_of(batch), plan, when, pose)
-    pose_hold = wp.array(schedule.hold[schedule.motion], dtype=wp.float64, device=pose.device)
-    counts, passages = draw_samples(plan, when, tracks, pose_hold, out.position, out.intensity)
+    counts, passages = draw_samples(plan, when, tracks, out.poses.motion, out.position, out.intensity)
     sums = sum_counts(plan, when, tracks, counts, passages).numpy()
     skin = skin_samples(when, pose, out.position, out.intensity)
     revisits, waits = _revisits(schedule, strategy, when, skin)

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import warp as wp
 from contour_random import random_strokes
 from contour_shapes import batch_of, circle, square, still
 
@@ -169,6 +170,15 @@ def test_routes_through_many_polylines_are_the_hosts(line_most, seed, device):
     samples = sample_motions(batch, still(8), time, start, duration, strategy, device=device)
     assert not samples.on_host.any()
     assert_same(samples, batch, still(8), time, start, duration, strategy)
+
+
+def test_poses_may_be_on_a_device(device):
+    batch, motion = explored("tube", "cc", duration=1.0)
+    rows = motion.time, [0, len(motion)], [motion.duration], preset("lm")
+    pose = wp.array(motion.pose.astype(np.float64), dtype=wp.transformd, device=device)
+    there, here = (sample_motions(batch, which, *rows, device=device) for which in (pose, motion.pose))
+    assert (there.position.numpy() == here.position.numpy()).all()
+    assert there.counts == here.counts
 
 
 @pytest.mark.parametrize("place", [0, 1, 3])

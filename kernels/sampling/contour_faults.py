@@ -27,8 +27,12 @@ def _find_faults(
         found[EMPTY] = 1
         return
     weighed = c.intensity.shape[0] > 0
-    if weighed and int(c.polyline_closed[line]) != 0:
-        if c.intensity[first] != c.intensity[stop - wp.int64(1)]:
+    pauses = c.dwell.shape[0] > 0
+    if int(c.polyline_closed[line]) != 0:
+        last = stop - wp.int64(1)
+        if weighed and c.intensity[first] != c.intensity[last]:
+            found[OPEN_SEAM] = 1
+        if pauses and c.dwell[first] != c.dwell[last]:
             found[OPEN_SEAM] = 1
     row = first
     while row < stop:
@@ -36,6 +40,8 @@ def _find_faults(
         fine = wp.isfinite(p[0]) and wp.isfinite(p[1]) and wp.isfinite(p[2])
         if weighed:
             fine = fine and wp.isfinite(c.intensity[row])
+        if pauses:
+            fine = fine and wp.isfinite(c.dwell[row])
         if not fine:
             found[NOT_FINITE] = 1
         row += wp.int64(1)
@@ -44,8 +50,8 @@ def _find_faults(
 def find_faults(contours: MotionContours) -> frozenset[str]:
     """Which of `FAULTS` contours have.
 
-    open_seam: a closed polyline has another intensity at its last point than at its first, which are one place. empty:
-    a polyline has no point. not_finite: a point or an intensity is no finite number.
+    open_seam: a closed polyline has another intensity or pause at its last point than at its first, which are one
+    place. empty: a polyline has no point. not_finite: a point, intensity or pause is no finite number.
     """
     device = contours.points.device
     found = wp.zeros(len(FAULTS), dtype=wp.int32, device=device)

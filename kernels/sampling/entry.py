@@ -1,6 +1,6 @@
 """Motions gone through pose by pose: drawing goes on along each pose's track where the focal point is.
 
-As `Sampler` and `entered` in render/sampling, without pauses, sections and continuity "finish".
+As `Sampler` and `entered` in render/sampling, without sections and continuity "finish".
 """
 
 import warp as wp
@@ -25,6 +25,7 @@ from .layout import (
     ONE,
     TINY,
     ZERO,
+    FocusPlace,
     MotionContours,
     PoseTrack,
     SamplingPlan,
@@ -32,22 +33,13 @@ from .layout import (
     product,
     squared,
 )
+from .pauses import entered_by_pauses, place_by_pauses
 from .tracks import lay_tracks
 
 wp.set_module_options(EXACT)
 
 NEAR_STEPS = wp.constant(wp.float64(3.0))  # ordinary steps, as in render/sampling/track.py
 AGAINST = wp.constant(wp.float64(1e-9))  # share of a way by which it runs against a direction
-
-
-@wp.struct
-class FocusPlace:
-    """Where the focal point is, such that it can be found on another track."""
-
-    pose: wp.int64  # drawn last, -1: none
-    point: wp.vec3d  # [m]
-    direction: wp.vec3d  # of its motion; zero: none is known
-    silent: wp.int32  # 1: the last sample was
 
 
 @wp.func
@@ -95,7 +87,7 @@ def nearer(best: NearestWay, way: int, cost: wp.float64, part: wp.float64):
 def entered(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: FocusPlace):
     """Knot at which drawing goes on: the nearest place, in the same direction if that is not much farther.
 
-    Where a way is near, no direction is a reason for one that is not.
+    Where a way is near, no direction is a reason for one that is not, unless a pause could be left out or made twice.
     """
     near = NearestWay()
     near.cost = INFINITE
@@ -106,14 +98,15 @@ def entered(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: Focu
         cost = away
         if directed and away < INFINITE and is_against(nodes, track.first + wp.int64(i), place.direction):
             cost += plan.threshold
-        if away <= NEAR_STEPS * track.ordinary:
+        if track.pauses > 0 or away <= NEAR_STEPS * track.ordinary:
             near = nearer(near, i, cost, part)
         else:
             far = nearer(far, i, cost, part)
     if near.cost == INFINITE:
         near = far
     knot = nodes.knot[track.first + wp.int64(near.way)]
-    return knot + near.part * (nodes.knot[track.first + wp.int64(near.way + 1)] - knot)
+    knot += near.part * (nodes.knot[track.first + wp.int64(near.way + 1)] - knot)
+    return entered_by_pauses(plan, nodes, track, place, knot, near.cost)
 
 
 @wp.func
@@ -207,7 +200,8 @@ def place_after(
     place.point = point_on(nodes, track, way_at(nodes.knot, track.first, track.count, last), last)
     place.direction = direction_at(nodes, track, last)
     place.silent = is_silent_at_end(plan, schedule, nodes, track, pose, last, hold)
-    return place
+    place.rested = -ONE
+    return place_by_pauses(plan, nodes, track, place, last)
 
 
 @wp.kernel
@@ -227,6 +221,7 @@ def _enter_poses(
     place = FocusPlace()
     place.pose = wp.int64(-1)
     place.silent = 1
+    place.rested = -ONE
     pose = int(schedule.motion_start[motion])
     while pose < int(schedule.motion_start[motion + 1]):
         entries[pose].before = place.pose

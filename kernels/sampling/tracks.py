@@ -163,6 +163,9 @@ def room_for(contours: MotionContours, plan: SamplingPlan) -> tuple[RouteRows, T
     nodes.point = wp.empty(count, dtype=wp.vec3d, device=device)
     nodes.piece = wp.empty(count, dtype=wp.int32, device=device)
     nodes.intensity = wp.empty(count if contours.intensity.shape[0] > 0 else 0, dtype=wp.float64, device=device)
+    pauses = contours.dwell.shape[0] > 0 or plan.dwell_time > 0 or plan.dwell_ratio > 0
+    nodes.pause = wp.empty(count if pauses else 0, dtype=wp.float64, device=device)
+    nodes.corner = wp.empty(count if pauses else 0, dtype=wp.uint8, device=device)
     return rows, nodes
 
 

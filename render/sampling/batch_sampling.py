@@ -40,7 +40,7 @@ from .sampler import Sampler, shown_order
 from .strategy import SamplingStrategy
 
 ROWS_MOST = 2**31 - 1  # of an array: kernels number them in an int
-ROWS_A_POINT, ROWS_A_MOTION = 13, 2048  # of nodes, where a vertex is passed four times, and of what a search writes
+ROWS_A_POINT = 25  # nodes of a vertex that is passed four times, with a pause each time
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +97,10 @@ class DevicePoses:
     """Number of each one's motion, int64, shape [pose]."""
 
 
-def why_on_host(strategy: SamplingStrategy, batch: ContourBatch) -> str | None:
-    """Why the host draws every motion of a batch with a strategy; None where the kernels draw those that they can."""
+def why_on_host(strategy: SamplingStrategy) -> str | None:
+    """Why the host's sampler draws all motions with a strategy; None where the kernels draw them."""
     if strategy.sections is not None:
         return "the contours are drawn in sections"
-    if strategy.dwell.time > 0 or strategy.dwell.share > 0 or batch.dwell is not None:
-        return "the focal point pauses"
     if strategy.continuity == "finish":
         return "the polyline under way is finished before another pose's contours are drawn"
     return None
@@ -155,7 +153,7 @@ def sample_motions(
         poses,
     )
     batch = drawable_contours(batch.to(device))
-    if len(out.counts) > 0 and why_on_host(strategy, batch) is None:
+    if len(out.counts) > 0 and why_on_host(strategy) is None:
         _draw_by_kernels(batch, schedule, strategy, out)
     if out.on_host.any():
         _draw_on_host(batch.numpy(), out.poses.pose.numpy(), schedule, strategy, out)
@@ -274,16 +272,16 @@ def require_motions(batch: ContourBatch, pose: np.ndarray | wp.array, schedule: 
         raise StrategyError(
             "contours, poses, times and motions must be of the same poses, not {}, {}, {}, {}".format(*counts)
         )
-    rows = ROWS_A_POINT * batch.point_count, ROWS_A_MOTION * len(schedule.duration), int(schedule.row[-1])
+    rows = ROWS_A_POINT * batch.point_count, int(schedule.row[-1])
     if max(rows) > ROWS_MOST:
-        raise StrategyError(f"{rows[2]} samples of {len(pose)} poses are too many for one call; divide the motions")
+        raise StrategyError(f"{rows[1]} samples of {len(pose)} poses are too many for one call; divide the motions")
 
 
 def _draw_by_kernels(
     batch: ContourBatch, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
 ) -> None:
     """Draw all motions of a batch on its device but those that cannot be drawn there."""
-    plan, when, pose = plan_of(strategy), out.poses.schedule, out.poses.pose
+    plan, when, pose = plan_of(strategy, pauses=batch.dwell is not None), out.poses.schedule, out.poses.pose
     tracks = enter_poses(contours_of(batch), plan, when, pose)
     counts, passages = draw_samples(plan, when, tracks, out.poses.motion, out.position, out.intensity)
     sums = sum_counts(plan, when, tracks, counts, passages).numpy()

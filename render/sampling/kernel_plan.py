@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from ...kernels.sampling.layout import MotionContours, SamplingPlan
@@ -12,9 +13,10 @@ PACES = ("speed", "frequency", "capped", "still")
 WAVES = (None, "sine", "square")
 
 
-def plan_of(strategy: SamplingStrategy) -> Any:
-    """A strategy as numbers."""
+def plan_of(strategy: SamplingStrategy, *, pauses: bool = False) -> Any:
+    """A strategy as numbers. pauses: the contours have some of their own."""
     plan, pace, order, gap = SamplingPlan(), strategy.pace, strategy.order, strategy.gap
+    dwell, pauses = strategy.dwell, pauses or strategy.dwell.time > 0 or strategy.dwell.share > 0
     fewest, most = pace.samples_within(strategy.update_rate)
     numbers = {
         "speed": strategy.speed,
@@ -40,7 +42,10 @@ def plan_of(strategy: SamplingStrategy) -> Any:
         "returns": gap.kind == "return",
         "return_speed": gap.speed,
         "pendulum": order.kind == "pendulum",
-        "passes": (2 if gap.kind == "pendulum" else 1) * (2 if order.kind == "pendulum" else 1),
+        "passes": 2 ** [gap.kind == "pendulum", order.kind == "pendulum", pauses].count(True),
+        "dwell_time": dwell.time,
+        "dwell_ratio": dwell.share / (1.0 - dwell.share),
+        "corner_cosine": float(np.cos(dwell.angle)),
         **_overlays_of(strategy),
     }
     for name, value in numbers.items():
@@ -66,4 +71,5 @@ def contours_of(batch: ContourBatch) -> Any:
     out.polyline_closed, out.pose_start = batch.polyline_closed, batch.pose_start
     none = wp.empty(0, dtype=wp.float32, device=batch.points.device)
     out.intensity = none if batch.intensity is None else batch.intensity
+    out.dwell = none if batch.dwell is None else batch.dwell
     return out

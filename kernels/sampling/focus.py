@@ -249,7 +249,6 @@ def _draw_samples(
     track = d.tracks[pose]
     rests = plan.pace == STILL and plan.circle_radius == ZERO
     last = wp.int64(0)  # sample that is felt, of those that repeat the first
-    foci = int(plan.foci)
     silent = d.entries[pose].silent == 1
     drawn_before = bool(False)  # a dynamic variable for Warp
     ways = wp.zeros(shape=FOCI_MOST, dtype=int)
@@ -263,6 +262,7 @@ def _draw_samples(
         drawn = is_drawn(plan, schedule, d, pose, sample, gain)
         number = schedule.number[pose] + sample
         wave = wave_at(plan, number)
+        row = schedule.row[pose] + sample
         first = sample % BLOCK_SAMPLES == wp.int64(0)
         if first and sample > wp.int64(0):
             silent = not drawn_before
@@ -271,15 +271,13 @@ def _draw_samples(
         if rests and sample > wp.int64(0):
             repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
             last = wp.where(gain > ZERO, sample, last)
-            foci = 0
-        for focus in range(foci):
+        for focus in range(wp.where(rests and sample > wp.int64(0), 0, plan.foci)):
             knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
             way = way_from(d.nodes.knot, track.first, track.count, knot, ways[focus])
             ways[focus] = way
             point = point_on(d.nodes, track, way, knot)
             if plan.circle_radius > ZERO:
                 point += circle_offset(plan, d.pose[pose], number)
-            row = schedule.row[pose] + sample
             position[row, focus] = to_float32(point)
             intensity[row, focus] = wp.float32(level_on(d.nodes, track, way, knot) * gain * wave)
             length = wp.sqrt(squared(point - previous[focus]))

@@ -1,8 +1,8 @@
 """Focal points of many motions at once, on the device that their contours are on.
 
-Poses of a motion follow one another, motions do not: one thread a motion lays tracks and finds where drawing goes on,
-then one thread a pose draws its samples. What the kernels do not draw goes through the host's `Sampler`, which gives
-the same focal points and counts; `MotionSamples.on_host` says for which motions it did.
+One thread a pose lays its track; poses of several polylines in a row share one. Then one thread a motion finds where
+drawing goes on along each track, and one thread a pose draws its samples. Strategies that the kernels do not draw
+(`why_on_host`) go through the host's `Sampler`, which gives the same focal points and counts.
 """
 
 import itertools
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ...datasets.counted import counted
 from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_rows
 from ...kernels.sampling.contour_faults import find_faults
 from ...kernels.sampling.cursor import PoseSchedule
@@ -71,8 +72,8 @@ class MotionSamples:
 
     def __repr__(self) -> str:
         """One line."""
-        motions, on_host = len(self.counts), int(self.on_host.sum())
-        return f"MotionSamples({self.sample_start[-1]} samples, {motions} motions, {on_host} of them drawn on the host)"
+        samples, motions = counted(int(self.sample_start[-1]), "sample"), counted(len(self.counts), "motion")
+        return f"MotionSamples({samples}, {motions}, {int(self.on_host.sum())} of them drawn on the host)"
 
     def focus(self, motion: int) -> FocalPoints:
         """Focal points of one motion on the host."""
@@ -132,7 +133,7 @@ def sample_motions(
     >>> from palpate.render import SamplingStrategy, render, sample_motions, static_pose
     >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
     >>> sample_motions(batch, batch.motion.pose, np.zeros(1), np.array([0, 1]), np.array([0.2]), SamplingStrategy())
-    MotionSamples(2000 samples, 1 motions, 0 of them drawn on the host)
+    MotionSamples(2000 samples, 1 motion, 0 of them drawn on the host)
     """
     batch = batches if isinstance(batches, ContourBatch) else joined_batches(batches)
     schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)

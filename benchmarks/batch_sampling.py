@@ -38,7 +38,7 @@ def contours_of(first: int, stop: int, device: str, preset: str = "cc") -> tuple
     return batch.to(device), pose
 
 
-def sample(batch: ContourBatch, pose: np.ndarray, strategy: SamplingStrategy, device: str) -> MotionSamples:
+def sample(batch: ContourBatch, pose: wp.array, strategy: SamplingStrategy, device: str) -> MotionSamples:
     """All explorations of a batch at once."""
     count = len(pose) // POSES
     time = np.tile(np.arange(POSES) / RATE, count)
@@ -67,8 +67,7 @@ def measure(
     seconds, on_host = 0.0, 0
     for first in range(0, explorations, at_once):
         batch, pose = contours_of(first, min(first + at_once, explorations), device)
-        rows = pose.numpy()
-        run = partial(sample, batch, rows, strategy, device)
+        run = partial(sample, batch, pose, strategy, device)
         seconds += seconds_by_turns([run], device, rounds if explorations <= at_once else 1)[0]
         on_host += int(run().on_host.sum())
     figures = {"sampling": sampling, "device": device, "explorations": explorations, "on_host": on_host}

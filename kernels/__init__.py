@@ -31,7 +31,7 @@ FIELD_STAGES = (
     "fields.mesh_inside",
     "stages.move",
 )  # of others
-POINT_STAGES = ("tours.contact", "tours.overlap", "tours.tour")  # to paths through points
+POINT_STAGES = ("tours.contact", "tours.overlap", "tours.thinning", "tours.tour")  # to paths through points
 FOLLOWING_STAGES = (
     "stages.arc_length",
     "stages.cut",
@@ -76,9 +76,11 @@ SAMPLING_STAGES = (
     "sampling.entry",
     "sampling.focus",
     "sampling.sums",
+    "sampling.tracks",
     "sampling.visits",
     "sampling.dwelling",
-    "sampling.seams",
+    "sampling.contour_faults",
+    "sampling.skin_boxes",
 )  # contours over time to focal points
 DRIVE_STAGES = (
     "driving.focus",

@@ -168,7 +168,8 @@ class ContourBatch:
         if self.on_device:
             return measure_contours(self.points, self.kind, self.polyline_start, self.pose_start).numpy()
         segment = np.linalg.norm(np.diff(self.points.astype(np.float64), axis=0), axis=1)
-        segment[self.polyline_start[1:-1] - 1] = 0.0  # between polylines
+        first = self.polyline_start[1:-1]
+        segment[first[(first > 0) & (first < self.point_count)] - 1] = 0.0  # between polylines
         point_pose = np.repeat(np.arange(self.pose_count), np.diff(self.polyline_start[self.pose_start]))
         out = np.zeros((self.pose_count, 3))
         np.add.at(out, (point_pose[:-1], self.kind[:-1]), segment)
@@ -316,6 +317,37 @@ def object_part(batch: ContourBatch) -> ContourBatch:
         dwell=None if batch.dwell is None else batch.dwell[index],
         raw_error=batch.raw_error,
     )
+
+
+def without_empty_polylines(batch: ContourBatch) -> ContourBatch:
+    """A batch on the host without the polylines that have no point."""
+    kept = np.diff(batch.polyline_start) > 0
+    if kept.all():
+        return batch
+    return replace(
+        batch,
+        polyline_start=np.append(batch.polyline_start[:-1][kept], batch.polyline_start[-1]),
+        polyline_patch=batch.polyline_patch[kept],
+        polyline_closed=batch.polyline_closed[kept],
+        pose_start=np.append(0, np.cumsum(kept))[batch.pose_start],
+    )
+
+
+def require_finite(batch: ContourBatch, title: str) -> None:
+    """Raise StrategyError for a point, intensity or pause of a batch on the host that is no finite number.
+
+    title: begins the error message.
+    """
+    for name in ("points", "intensity", "dwell"):
+        value = getattr(batch, name)
+        if value is None or np.isfinite(value).all():
+            continue
+        k = int(np.argwhere(~np.isfinite(value))[0, 0])
+        line = int(np.searchsorted(batch.polyline_start, k, side="right")) - 1
+        pose = int(np.searchsorted(batch.pose_start, line, side="right")) - 1
+        raise StrategyError(
+            f"{title}: {name}[{k}] must be finite, not {value_text(value[k].tolist())} (pose {pose}, polyline {line})"
+        )
 
 
 def require_seams(batch: ContourBatch, title: str) -> None:

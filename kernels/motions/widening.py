@@ -25,9 +25,11 @@ def _widen_poses(
 
 
 def widen_poses(pose: np.ndarray | wp.array, device: str) -> wp.array:
-    """Poses on a device as transformd, shape [pose]. pose: wp.transform, shape [pose], or numbers, shape [pose, 7]."""
+    """Poses on a device as transformd, shape [pose]. pose: wp.transform or transformd, or numbers, shape [pose, 7]."""
     if not isinstance(pose, wp.array):
         return wp.array(np.asarray(pose, np.float64).reshape(-1, 7), dtype=wp.transformd, device=device)
+    if pose.dtype == wp.transformd:
+        return pose.to(device)
     wide = wp.empty(pose.shape[0], dtype=wp.transformd, device=device)
     wp.launch(_widen_poses, pose.shape[0], inputs=[pose.to(device)], outputs=[wide], device=device, block_dim=BLOCK)
     return wide

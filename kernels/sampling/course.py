@@ -1,6 +1,6 @@
-"""Courses: nodes of a pose's cycle, and when each is reached; one thread lays the tracks of a motion in turn.
+"""Courses: nodes of a pose's cycle, and when each is reached; one thread lays the track of a pose.
 
-As `lay_track` in render/sampling/track.py, without pauses and sections.
+As `lay_track` in render/sampling/track.py, without sections.
 """
 
 import warp as wp
@@ -22,6 +22,7 @@ from .layout import (
     squared,
     sum_of,
 )
+from .pauses import copy_pause, drawn_dwell, insert_pauses, mark_corners, no_pause
 from .pieces import drawn_level, drawn_size, drawn_vertex, is_loop, size_of
 from .route import PIECES_MOST
 
@@ -52,7 +53,7 @@ def is_plain(c: MotionContours, plan: SamplingPlan, rows: RouteRows, pose: int, 
     """Whether arc length alone decides when each vertex of a pose is reached."""
     lines = c.pose_start[pose + 1] - c.pose_start[pose]
     in_order = lines < wp.int64(2) or lines > wp.int64(PIECES_MOST) or plan.shortest == 0
-    if plan.plain == 0 or not in_order:
+    if plan.plain == 0 or c.dwell.shape[0] > 0 or not in_order:
         return False
     return lines == wp.int64(1) or has_short(c, plan, rows, c.pose_start[pose], count, length) == 0
 
@@ -97,6 +98,7 @@ def write_node(nodes: TrackNodes, at: wp.int64, point: wp.vec3d, level: wp.float
     nodes.knot[at] = duration
     if nodes.intensity.shape[0] > 0:
         nodes.intensity[at] = level
+    no_pause(nodes, at)
 
 
 @wp.func
@@ -106,6 +108,7 @@ def copy_node(nodes: TrackNodes, source: wp.int64, at: wp.int64, piece: int, dur
     if nodes.intensity.shape[0] > 0:
         level = nodes.intensity[source]
     write_node(nodes, at, nodes.point[source], level, piece, duration)
+    copy_pause(nodes, source, at)
 
 
 @wp.func
@@ -128,12 +131,17 @@ def write_piece(
         elif k > 0 and plan.returns == 1:
             duration = distance(nodes.point[at - wp.int64(1)], point) / plan.return_speed
         write_node(nodes, at, point, level, k, duration)
-    if plan.turns_back == 0 or is_loop(c, plan, piece.line):
+        if c.dwell.shape[0] > 0:
+            nodes.pause[at] = drawn_dwell(c, plan, piece, size, i)
+    loop = is_loop(c, plan, piece.line)
+    mark_corners(plan, nodes, first, count, loop)
+    if plan.turns_back == 0 or loop:
         return count
     for i in range(1, count):
         source = first + wp.int64(count - 1 - i)
         duration = distance(nodes.point[source + wp.int64(1)], nodes.point[source]) / plan.speed
         copy_node(nodes, source, first + wp.int64(count - 1 + i), k, duration)
+    no_pause(nodes, first)  # it is made when the piece ends there
     return 2 * count - 1
 
 
@@ -150,10 +158,12 @@ def write_course(c: MotionContours, plan: SamplingPlan, rows: RouteRows, nodes: 
             source = last - wp.int64(i)
             way = nodes.knot[source + wp.int64(1)]
             copy_node(nodes, source, last + wp.int64(i), nodes.piece[source], way)
+        no_pause(nodes, first)
         count += count - 1
     elif plan.returns == 1:
         way = distance(nodes.point[last], nodes.point[first]) / plan.return_speed
         copy_node(nodes, first, last + wp.int64(1), -1, way)
+        no_pause(nodes, last + wp.int64(1))
         count += 1
     return count
 
@@ -230,40 +240,6 @@ def draw_by_turns(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, row: w
 
 
 @wp.func
-def lay_course(
-    c: MotionContours,
-    plan: SamplingPlan,
-    rows: RouteRows,
-    nodes: TrackNodes,
-    pose: int,
-    pieces: int,
-    plain: bool,
-    seconds: wp.float64,
-):
-    """The track of a pose whose route is drawn; seconds: what a plain cycle takes [s]."""
-    track = PoseTrack()
-    track.first = first_node(c, plan, pose)
-    track.pieces = pieces
-    track.turns = 1
-    if plain:
-        track.count = lay_plain(c, plan, nodes, pose)
-        track.single = wp.where(c.pose_start[pose + 1] - c.pose_start[pose] == wp.int64(1), 1, 0)
-        track.repeat = samples_of(plan, seconds)
-    else:
-        track.count = write_course(c, plan, rows, nodes, pose, pieces)
-        total = ZERO
-        for i in range(1, track.count):
-            total += nodes.knot[track.first + wp.int64(i)]
-        track.repeat = samples_of(plan, total)
-        if plan.points == wp.int64(0) and plan.pace != STILL and pieces > 1:
-            track = draw_by_turns(plan, nodes, rows, c.pose_start[pose], track)
-        sum_durations(nodes, track)
-    track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
-    track.one_sample = wp.float64(track.turns) * track.period / wp.float64(track.repeat)
-    return track
-
-
-@wp.func
 def sum_durations(nodes: TrackNodes, track: PoseTrack):
     """Sum the durations of ways up to when each node is reached."""
     knot = ZERO
@@ -286,3 +262,42 @@ def longest_step(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
             step = nodes.point[at + wp.int64(1)] - nodes.point[at]
             fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
     return fastest * track.one_sample + plan.circle_step
+
+
+@wp.func
+def lay_course(
+    c: MotionContours,
+    plan: SamplingPlan,
+    rows: RouteRows,
+    nodes: TrackNodes,
+    pose: int,
+    pieces: int,
+    plain: bool,
+    seconds: wp.float64,
+):
+    """The track of a pose whose route is drawn; seconds: what a plain cycle takes [s]."""
+    track = PoseTrack()
+    track.first = first_node(c, plan, pose)
+    track.pieces = pieces
+    track.turns = 1
+    if plain:
+        track.count = lay_plain(c, plan, nodes, pose)
+        track.single = wp.where(c.pose_start[pose + 1] - c.pose_start[pose] == wp.int64(1), 1, 0)
+        track.repeat = samples_of(plan, seconds)
+    else:
+        moving = write_course(c, plan, rows, nodes, pose, pieces)
+        track.count = moving
+        if nodes.pause.shape[0] > 0:
+            track.count = insert_pauses(plan, nodes, track.first, moving)
+        track.pauses = track.count - moving
+        total = ZERO
+        for i in range(1, track.count):
+            total += nodes.knot[track.first + wp.int64(i)]
+        track.repeat = samples_of(plan, total)
+        if plan.points == wp.int64(0) and plan.pace != STILL and pieces > 1:
+            track = draw_by_turns(plan, nodes, rows, c.pose_start[pose], track)
+        sum_durations(nodes, track)
+    track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
+    track.one_sample = wp.float64(track.turns) * track.period / wp.float64(track.repeat)
+    track.ordinary = longest_step(plan, nodes, track)
+    return track

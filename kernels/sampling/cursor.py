@@ -35,7 +35,6 @@ class PoseEntry:
     found: wp.int32  # 1: drawing goes on from where it was; 0: from the start of the contours
     anchor: wp.float64  # knot that the samples are counted from
     index: wp.int64  # of the first sample
-    ordinary: wp.float64  # longest step along these contours [m]
 
 
 @wp.struct

@@ -34,13 +34,13 @@ def loop_length(c: MotionContours, line: wp.int64, size: int):
 
 @wp.func
 def write_doors(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, line: wp.int64, share: int, first: int
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, run: int, line: wp.int64, share: int, first: int
 ):
-    """Write the doors of a polyline into the motion's room from a place on; returns how many: `share` on a loop."""
+    """Write the doors of a polyline into the run's room from a place on; returns how many: `share` on a loop."""
     size = size_of(c, plan, line)
-    rows.door[motion, first] = vertex(c, line, 0)
+    rows.door[run, first] = vertex(c, line, 0)
     if not is_loop(c, plan, line):
-        rows.door[motion, first + 1] = vertex(c, line, size - 1)
+        rows.door[run, first + 1] = vertex(c, line, size - 1)
         return 2
     total = ZERO
     if share > 1:
@@ -60,7 +60,7 @@ def write_doors(
                 if at != arc:
                     slope = step / (end - arc)
                     point = slope * (at - arc) + a
-                rows.door[motion, first + k] = point
+                rows.door[run, first + k] = point
                 k += 1
                 inside = int(1)
         arc = end
@@ -115,10 +115,10 @@ def exit_of(c: MotionContours, plan: SamplingPlan, line: wp.int64, first: int, d
 
 @wp.func
 def insertion_of(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, piece: DrawnPiece
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, run: int, first: wp.int64, count: int, piece: DrawnPiece
 ):
     """Behind which of the drawn pieces another makes their route least longer, and the door that does."""
-    doors = write_doors(c, plan, rows, motion, piece.line, STARTS_TRIED, 0)
+    doors = write_doors(c, plan, rows, run, piece.line, STARTS_TRIED, 0)
     least = INFINITE
     best = int(0)
     best_door = int(0)
@@ -127,8 +127,8 @@ def insertion_of(
         following = start_of(c, plan, rows.drawn[first + wp.int64((k + 1) % count)])
         direct = distance(end, following)
         for d in range(doors):
-            to = distance(rows.door[motion, d], end)
-            on = distance(rows.door[motion, exit_of(c, plan, piece.line, 0, d)], following)
+            to = distance(rows.door[run, d], end)
+            on = distance(rows.door[run, exit_of(c, plan, piece.line, 0, d)], following)
             cost = (to + on) - direct
             if plan.pendulum == 1 and k == count - 1:
                 cost = to

@@ -24,32 +24,14 @@ from .cursor import (
     way_at,
     way_from,
 )
-from .layout import HALF, INFINITE, ONE, TWO, ZERO, SamplingPlan, distance, squared
+from .layout import HALF, ONE, STILL, TWO, ZERO, SamplingPlan, squared
+from .steps import RE_ENTRY, StepCount, add_step, count_step, counted_length
 
 wp.set_module_options(EXACT)
 
-POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes of jumps, in the order of CAUSES
 REST_HEIGHT = wp.constant(wp.float64(0.2))  # [m] of the focal points before there were any
 FOCI_MOST = 64  # as SamplingStrategy has it
 FULL_TURN = wp.constant(wp.float64(2 * np.pi))
-
-
-@wp.struct
-class StepCount:
-    """What the samples of a pose are counted as; vectors are by cause."""
-
-    silent: wp.int64
-    held: wp.int64
-    jumps: wp.vec4l
-    jump_lengths: wp.vec4d  # [m]
-    jump_first: (
-        wp.float64
-    )  # of jumps of the first sample to another polyline or out of order, not in `jump_lengths` [m]
-    hops: wp.vec4l
-    hops_longest: wp.vec4d  # [m]
-    step_longest: wp.float64  # [m]
-    felt: wp.int64  # samples before a fade ends
-    absence: wp.int64  # most samples from one on a piece to the next on it
 
 
 @wp.struct
@@ -122,76 +104,6 @@ def shown_before(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pos
 
 
 @wp.func
-def below(x: wp.float64):
-    """The greatest number below a positive one."""
-    return wp.cast(wp.cast(x, wp.int64) - wp.int64(1), wp.float64)
-
-
-@wp.func
-def moved_by(plan: SamplingPlan, d: DrawnTracks, schedule: PoseSchedule, pose: int, focus: int):
-    """From where a focal point was to where it entered the contours of a pose [m]; infinite if anywhere."""
-    entry = d.entries[pose]
-    if entry.found == 0:
-        return INFINITE
-    track = d.tracks[pose]
-    then = d.tracks[entry.before]
-    other = d.entries[entry.before]
-    last = cycle_knot(plan, then, other.anchor, other.index + schedule.count[entry.before] - wp.int64(1))
-    point = track_point(d.nodes, then, focus_knot(plan, then, last, focus))
-    knot = focus_knot(plan, track, entry.anchor, focus)
-    behind = knot
-    if knot <= ZERO:
-        behind = track.period
-    return wp.min(
-        distance(point, track_point(d.nodes, track, knot)),  # at a jump, both its sides
-        distance(point, track_point(d.nodes, track, below(behind))),
-    )
-
-
-@wp.func
-def add_step(plan: SamplingPlan, count: StepCount, cause: int, length: wp.float64, ordinary: wp.float64):
-    """Count a step as a jump or a hop, if it is one."""
-    out = count
-    if length > plan.threshold:
-        out.jumps[cause] += wp.int64(1)
-        out.jump_lengths[cause] += length
-    elif length > TWO * ordinary:
-        out.hops[cause] += wp.int64(1)
-        out.hops_longest[cause] = wp.max(out.hops_longest[cause], length)
-    return out
-
-
-@wp.func
-def count_step(
-    plan: SamplingPlan,
-    schedule: PoseSchedule,
-    d: DrawnTracks,
-    count: StepCount,
-    pose: int,
-    sample: wp.int64,
-    focus: int,
-    length: wp.float64,
-):
-    """Count a step to a sample by its cause."""
-    out = count
-    out.step_longest = wp.max(out.step_longest, length)
-    ordinary = d.entries[pose].ordinary
-    if length <= plan.threshold and length <= TWO * ordinary:
-        return out
-    cause = int(POLYLINE)
-    if plan.points > wp.int64(0):
-        cause = ORDER
-    if sample == wp.int64(0):
-        if TWO * moved_by(plan, d, schedule, pose, focus) >= length:  # else it is the way between two that is long
-            cause = POSE
-        elif length > plan.threshold:  # the host adds the first step by itself
-            out.jumps[cause] += wp.int64(1)
-            out.jump_first += length
-            return out
-    return add_step(plan, out, cause, length, ordinary)
-
-
-@wp.func
 def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: wp.int64, hold: wp.float64):
     """What a fade leaves of a sample's intensity, and whether the pose is older than `hold` then, 0 or 1."""
     age, block_end = age_of(plan, schedule, pose, sample)
@@ -202,45 +114,24 @@ def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: wp.in
 
 
 @wp.func
+def level_at(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, focus: int):
+    """Intensity of the contours at a focal point of a sample."""
+    if d.nodes.intensity.shape[0] == 0:
+        return ONE
+    track = d.tracks[pose]
+    knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
+    return level_on(d.nodes, track, way_at(d.nodes.knot, track.first, track.count, knot), knot)
+
+
+@wp.func
 def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, gain: wp.float64):
     """Whether a focal point of a sample has an intensity above 0."""
     if d.nodes.intensity.shape[0] == 0:
         return gain > ZERO
-    track = d.tracks[pose]
     most = ZERO
     for focus in range(plan.foci):
-        knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
-        level = level_on(d.nodes, track, way_at(d.nodes.knot, track.first, track.count, knot), knot)
-        most = wp.max(most, level * gain)
+        most = wp.max(most, level_at(plan, schedule, d, pose, sample, focus) * gain)
     return most > ZERO
-
-
-@wp.func
-def counted_length(length: wp.float64, drawn: bool, drawn_before: bool, first: bool, silent: bool):
-    """Length of a step [m]; 0 from or to silence. first: of its block; silent: the last sample before that is."""
-    if not drawn or (first and silent) or (not first and not drawn_before):
-        return ZERO
-    return length
-
-
-@wp.func
-def rest(
-    plan: SamplingPlan,
-    schedule: PoseSchedule,
-    d: DrawnTracks,
-    pose: int,
-    position: wp.array2d[wp.vec3],
-    intensity: wp.array2d[wp.float32],
-):
-    """Silence where the focal points are."""
-    for focus in range(plan.foci):
-        point = to_float32(shown_before(plan, schedule, d, pose, focus))
-        row = schedule.row[pose]
-        stop = row + schedule.count[pose]
-        while row < stop:
-            position[row, focus] = point
-            intensity[row, focus] = 0.0
-            row += wp.int64(1)
 
 
 @wp.func
@@ -252,6 +143,31 @@ def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.floa
         _gain, held = gain_at(plan, schedule, pose, sample, hold)
         count += held
         sample += wp.int64(1)
+    return count
+
+
+@wp.func
+def rest(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    pose: int,
+    hold: wp.float64,
+    position: wp.array2d[wp.vec3],
+    intensity: wp.array2d[wp.float32],
+):
+    """Write silence where the focal points are; returns what it counts as."""
+    count = StepCount()
+    count.silent = schedule.count[pose]
+    count.held = held_of(plan, schedule, pose, hold)
+    for focus in range(plan.foci):
+        point = to_float32(shown_before(plan, schedule, d, pose, focus))
+        row = schedule.row[pose]
+        stop = row + schedule.count[pose]
+        while row < stop:
+            position[row, focus] = point
+            intensity[row, focus] = 0.0
+            row += wp.int64(1)
     return count
 
 
@@ -273,13 +189,50 @@ def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: int, sam
     return since
 
 
+@wp.func
+def repeat_sample(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    pose: int,
+    sample: wp.int64,
+    gain: wp.float64,
+    wave: wp.float64,
+    position: wp.array2d[wp.vec3],
+    intensity: wp.array2d[wp.float32],
+):
+    """Draw a sample where the one before is."""
+    row = schedule.row[pose] + sample
+    for focus in range(plan.foci):
+        position[row, focus] = position[row - wp.int64(1), focus]
+        intensity[row, focus] = wp.float32(level_at(plan, schedule, d, pose, sample, focus) * gain * wave)
+
+
+@wp.func
+def pass_repeated(
+    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, passages: PiecePassages, pose: int, last: wp.int64
+):
+    """Note that the samples of a pose up to the last are on the pieces of the first; most samples between two of them.
+
+    last: the last sample before a fade ends; below 1 there is nothing to note.
+    """
+    most = wp.int64(0)
+    if last > wp.int64(0):
+        track = d.tracks[pose]
+        for focus in range(plan.foci):
+            knot = sample_knot(plan, schedule, d, wp.int64(pose), wp.int64(0), focus)
+            since = pass_piece(passages, d, pose, way_at(d.nodes.knot, track.first, track.count, knot), last)
+            most = wp.max(most, wp.min(since, wp.int64(1)))
+    return most
+
+
 @wp.kernel
 def _draw_samples(
     # In:
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
-    pose_hold: wp.array[wp.float64],  # age at which a pose fades [s], shape [pose]
+    motion: wp.array[wp.int64],  # number of each pose's motion
     # Out:
     passages: PiecePassages,  # -1 everywhere
     position: wp.array2d[wp.vec3],  # [m], shape [sample, focus]
@@ -288,44 +241,48 @@ def _draw_samples(
 ):
     """Draw the samples of a pose and count its steps."""
     pose = wp.tid()
-    count = StepCount()
+    hold = schedule.hold[motion[pose]]
     if d.entries[pose].drawn == 0:
-        rest(plan, schedule, d, pose, position, intensity)
-        count.silent = schedule.count[pose]
-        count.held = held_of(plan, schedule, pose, pose_hold[pose])
-        counts[pose] = count
+        counts[pose] = rest(plan, schedule, d, pose, hold, position, intensity)
         return
+    count = StepCount()
     track = d.tracks[pose]
+    rests = plan.pace == STILL and plan.circle_radius == ZERO
+    last = wp.int64(0)  # sample that is felt, of those that repeat the first
     silent = d.entries[pose].silent == 1
     drawn_before = bool(False)  # a dynamic variable for Warp
-    way = int(0)
+    ways = wp.zeros(shape=FOCI_MOST, dtype=int)
     previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
     for focus in range(plan.foci):
         previous[focus] = shown_before(plan, schedule, d, pose, focus)
     sample = wp.int64(0)
     while sample < schedule.count[pose]:
-        gain, held = gain_at(plan, schedule, pose, sample, pose_hold[pose])
+        gain, held = gain_at(plan, schedule, pose, sample, hold)
         count.held += held
         drawn = is_drawn(plan, schedule, d, pose, sample, gain)
         number = schedule.number[pose] + sample
         wave = wave_at(plan, number)
+        row = schedule.row[pose] + sample
         first = sample % BLOCK_SAMPLES == wp.int64(0)
         if first and sample > wp.int64(0):
             silent = not drawn_before
         count.silent += wp.where(drawn, wp.int64(0), wp.int64(1))
         count.felt += wp.where(gain > ZERO, wp.int64(1), wp.int64(0))
-        for focus in range(plan.foci):
+        if rests and sample > wp.int64(0):
+            repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
+            last = wp.where(gain > ZERO, sample, last)
+        for focus in range(wp.where(rests and sample > wp.int64(0), 0, plan.foci)):
             knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
-            way = way_from(d.nodes.knot, track.first, track.count, knot, way)
+            way = way_from(d.nodes.knot, track.first, track.count, knot, ways[focus])
+            ways[focus] = way
             point = point_on(d.nodes, track, way, knot)
             if plan.circle_radius > ZERO:
                 point += circle_offset(plan, d.pose[pose], number)
-            row = schedule.row[pose] + sample
             position[row, focus] = to_float32(point)
             intensity[row, focus] = wp.float32(level_on(d.nodes, track, way, knot) * gain * wave)
             length = wp.sqrt(squared(point - previous[focus]))
             if first and silent and drawn and (d.entries[pose].before >= wp.int64(0) or sample > wp.int64(0)):
-                count = add_step(plan, count, RE_ENTRY, length, d.entries[pose].ordinary)
+                count = add_step(plan, count, RE_ENTRY, length, d.tracks[pose].ordinary)
             length = counted_length(length, drawn, drawn_before, first, silent)
             count = count_step(plan, schedule, d, count, pose, sample, focus, length)
             if gain > ZERO:
@@ -333,6 +290,7 @@ def _draw_samples(
             previous[focus] = point
         drawn_before = drawn
         sample += wp.int64(1)
+    count.absence = wp.max(count.absence, pass_repeated(plan, schedule, d, passages, pose, last))
     counts[pose] = count
 
 
@@ -340,20 +298,23 @@ def draw_samples(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     tracks: DrawnTracks,
-    pose_hold: wp.array,
+    motion: wp.array,
     position: wp.array,
     intensity: wp.array,
 ) -> tuple[wp.array, PiecePassages]:
-    """Draw the focal points of all poses; one thread a pose. Returns what each pose is counted as, StepCount."""
+    """Draw the focal points of all poses; one thread a pose. Returns what each pose is counted as, StepCount.
+
+    motion: number of each pose's motion, int64.
+    """
     device, lines = position.device, tracks.routes.shape[0]
     passages = PiecePassages()
     passages.first = wp.full(lines, -1, dtype=wp.int64, device=device)
     passages.last = wp.full(lines, -1, dtype=wp.int64, device=device)
-    counts = wp.empty(pose_hold.shape[0], dtype=StepCount, device=device)
+    counts = wp.empty(motion.shape[0], dtype=StepCount, device=device)
     wp.launch(
         _draw_samples,
         counts.shape[0],
-        inputs=[plan, schedule, tracks, pose_hold],
+        inputs=[plan, schedule, tracks, motion],
         outputs=[passages, position, intensity, counts],
         device=device,
         block_dim=BLOCK,

@@ -46,7 +46,10 @@ class SamplingPlan:
     returns: wp.int32  # between pieces the focal point runs
     return_speed: wp.float64  # [m/s]
     pendulum: wp.int32  # the whole cycle is drawn there and back
-    passes: wp.int32  # how often a vertex is passed in a cycle at most
+    passes: wp.int32  # nodes of a cycle at a vertex at most: how often it is passed, twice that with pauses
+    dwell_time: wp.float64  # of each pause at a corner [s]; 0: pauses take a share of the cycle, or there are none
+    dwell_ratio: wp.float64  # of the time at corners to that between them
+    corner_cosine: wp.float64  # of the least angle of a corner
 
 
 @wp.struct
@@ -55,6 +58,7 @@ class MotionContours:
 
     points: wp.array[wp.vec3]  # [m]
     intensity: wp.array[wp.float32]  # of length 0 where it is 1 everywhere
+    dwell: wp.array[wp.float32]  # pause [s]; of length 0 where there is none
     polyline_start: wp.array[wp.int64]
     polyline_closed: wp.array[wp.uint8]
     pose_start: wp.array[wp.int64]
@@ -82,9 +86,9 @@ class RouteRows:
     drawn: wp.array[DrawnPiece]  # in the order in which they are drawn
     candidate: wp.array[DrawnPiece]  # in the order of the route that was searched for
     span: wp.array[wp.float64]  # length, later duration, of a piece; room for sums
-    door: wp.array2d[wp.vec3d]  # room for starts that are looked at [m], shape [motion, DOORS]
-    room: wp.array[wp.int32]  # room of a search, ROOM a motion
-    sums: wp.array[wp.float64]  # room of a search [m], SUMS a motion
+    door: wp.array2d[wp.vec3d]  # room for starts that are looked at [m], shape [run, DOORS]
+    room: wp.array[wp.int32]  # room of a search, ROOM a run
+    sums: wp.array[wp.float64]  # room of a search [m], SUMS a run
 
 
 @wp.struct
@@ -95,6 +99,8 @@ class TrackNodes:
     point: wp.array[wp.vec3d]  # [m]
     intensity: wp.array[wp.float64]  # of length 0 where it is 1 everywhere
     piece: wp.array[wp.int32]  # number of its piece in the route, -1: of none
+    pause: wp.array[wp.float64]  # room for the pause there [s]; of length 0 if there is none anywhere
+    corner: wp.array[wp.uint8]  # room for whether it is a corner to pause at
 
 
 @wp.struct
@@ -110,6 +116,20 @@ class PoseTrack:
     pieces: wp.int32  # in the route
     single: wp.int32  # 1: every sample is on piece 0
     least: wp.float64  # jumps of the shortest route known [m]
+    ordinary: wp.float64  # longest step along it, jumps left out [m]
+    pauses: wp.int32  # ways on which the focal point rests
+
+
+@wp.struct
+class FocusPlace:
+    """Where the focal point is, such that it can be found on another track."""
+
+    pose: wp.int64  # drawn last, -1: none
+    point: wp.vec3d  # [m]
+    direction: wp.vec3d  # of its motion; zero: none is known
+    silent: wp.int32  # 1: the last sample was
+    rested: wp.float64  # how much of a pause is over, 0..1; negative in motion
+    beside: wp.int32  # 1 shortly behind a pause, -1 shortly before one, else 0
 
 
 @wp.func

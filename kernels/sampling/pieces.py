@@ -124,17 +124,14 @@ def as_given(line: wp.int64):
 
 @wp.func
 def collect_pieces(c: MotionContours, rows: RouteRows, pose: int):
-    """Write the pieces of a pose; returns how many there are, the length of all [m], and whether all have vertices."""
+    """Write the pieces of a pose; returns how many there are, and the length of all [m]."""
     first = c.pose_start[pose]
     count = int(0)
     arc = ZERO
-    good = int(1)
     line = first
     while line < c.pose_start[pose + 1]:
         begin = arc
         size = int(c.polyline_start[line + wp.int64(1)] - c.polyline_start[line])
-        if size == 0:
-            good = 0
         for i in range(1, size):
             arc += wp.sqrt(squared(vertex(c, line, i) - vertex(c, line, i - 1)))
         if arc > begin:
@@ -142,7 +139,7 @@ def collect_pieces(c: MotionContours, rows: RouteRows, pose: int):
             rows.span[first + wp.int64(count)] = arc - begin
             count += 1
         line += wp.int64(1)
-    return count, arc, good
+    return count, arc
 
 
 @wp.func

@@ -122,14 +122,14 @@ def append_new(rows: RouteRows, first: wp.int64, count: int, known: int):
 
 @wp.func
 def insert_new(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, motion: int, first: wp.int64, count: int, known: int
+    c: MotionContours, plan: SamplingPlan, rows: RouteRows, run: int, first: wp.int64, count: int, known: int
 ):
     """Insert the new pieces into the route of the known ones, where they cost least."""
     drawn = known
     for k in range(count):
         piece = rows.given[first + wp.int64(k)]
         if piece.earlier < 0:
-            place, door = insertion_of(c, plan, rows, motion, first, drawn, piece)
+            place, door = insertion_of(c, plan, rows, run, first, drawn, piece)
             i = drawn
             while i > place + 1:
                 rows.drawn[first + wp.int64(i)] = rows.drawn[first + wp.int64(i - 1)]
@@ -149,7 +149,7 @@ def search_in_turn(
     c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
-    motion: int,
+    run: int,
     first: wp.int64,
     count: int,
     known: int,
@@ -167,7 +167,7 @@ def search_in_turn(
     while begin < count:  # first the known pieces, then new ones if they are many: one search is compiled, not three
         if searched > 0:
             row = first + wp.int64(begin)
-            search_route(c, plan, rows, motion, row, searched, wp.where(begin > 0, 1, plan.pendulum))
+            search_route(c, plan, rows, run, row, searched, wp.where(begin > 0, 1, plan.pendulum))
             if begin == 0:
                 least = jumps_of(c, plan, rows, rows.candidate, row, searched)
             if begin > 0 or is_longer(plan, length, least):
@@ -186,7 +186,7 @@ def lay_route(
     c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
-    motion: int,
+    run: int,
     first: wp.int64,
     count: int,
     matched: int,
@@ -215,9 +215,9 @@ def lay_route(
         least = wp.min(earlier.least, length)
         if is_longer(plan, length, least):
             searched = known
-    least = search_in_turn(c, plan, rows, motion, first, count, known, searched, length, least)
+    least = search_in_turn(c, plan, rows, run, first, count, known, searched, length, least)
     if known < count and count - known <= INSERTED_MOST:
-        insert_new(c, plan, rows, motion, first, count, known)
+        insert_new(c, plan, rows, run, first, count, known)
     return least
 
 

@@ -24,7 +24,7 @@ EXACT_MOST = wp.constant(4)  # places; all orders are tried of so many
 SEARCHED_MOST = wp.constant(32)  # pieces; a route through more is not improved
 STARTS = wp.constant(64)  # starts looked at, over all pieces
 GAIN_LEAST = wp.constant(wp.float64(1e-9))  # [m]; a route is not turned for less
-# Sections of a motion's room: of each door its place, the door of its way out and that of the other way round; of each
+# Sections of a run's room: of each door its place, the door of its way out and that of the other way round; of each
 # place its first door; four routes; the door before each door on the best way to it.
 DOOR_ROOM = 258
 PLACE_ROOM = 131
@@ -40,9 +40,9 @@ SUMS_SIZE = wp.constant(wp.int64(SUMS))
 class RouteSearch:
     """What is searched."""
 
-    room: wp.int64  # start of the motion's part of `RouteRows.room`
+    room: wp.int64  # start of the run's part of `RouteRows.room`
     sums: wp.int64  # of `RouteRows.sums`
-    motion: wp.int32
+    run: wp.int32
     pieces: wp.int32
     places: wp.int32  # pieces, and the outside where the route is no cycle
     doors: wp.int32
@@ -50,13 +50,13 @@ class RouteSearch:
 
 @wp.func
 def noted(rows: RouteRows, s: RouteSearch, section: int, i: int):
-    """A number in the motion's room."""
+    """A number in the run's room."""
     return int(rows.room[s.room + wp.int64(section + i)])
 
 
 @wp.func
 def note(rows: RouteRows, s: RouteSearch, section: int, i: int, value: int):
-    """Write a number into the motion's room."""
+    """Write a number into the run's room."""
     rows.room[s.room + wp.int64(section + i)] = value
 
 
@@ -66,7 +66,7 @@ def jump_between(rows: RouteRows, s: RouteSearch, a: int, b: int):
     out = noted(rows, s, WAY_OUT, a)
     if out < 0 or noted(rows, s, WAY_OUT, b) < 0:
         return ZERO
-    return distance(rows.door[s.motion, b], rows.door[s.motion, out])
+    return distance(rows.door[s.run, b], rows.door[s.run, out])
 
 
 @wp.func
@@ -74,7 +74,7 @@ def open_doors(
     c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
-    motion: int,
+    run: int,
     pieces: wp.array[DrawnPiece],
     first: wp.int64,
     count: int,
@@ -82,16 +82,16 @@ def open_doors(
 ):
     """Write the doors of all places."""
     s = RouteSearch()
-    s.room = wp.int64(motion) * ROOM_SIZE
-    s.sums = wp.int64(motion) * SUMS_SIZE
-    s.motion = motion
+    s.room = wp.int64(run) * ROOM_SIZE
+    s.sums = wp.int64(run) * SUMS_SIZE
+    s.run = run
     s.pieces = count
     s.places = count + outside
     share = wp.max(1, STARTS // count)
     at = int(0)
     for k in range(count):
         line = pieces[first + wp.int64(k)].line
-        doors = write_doors(c, plan, rows, motion, line, share, at)
+        doors = write_doors(c, plan, rows, run, line, share, at)
         loop = is_loop(c, plan, line)
         note(rows, s, FIRST, k, at)
         for i in range(doors):
@@ -331,13 +331,13 @@ def search_route(
     c: MotionContours,
     plan: SamplingPlan,
     rows: RouteRows,
-    motion: int,
+    run: int,
     first: wp.int64,
     count: int,
     outside: int,
 ):
     """Write the shortest route through 2..128 of the drawn pieces into `candidate`, each as it is drawn."""
-    s = open_doors(c, plan, rows, motion, rows.drawn, first, count, outside)
+    s = open_doors(c, plan, rows, run, rows.drawn, first, count, outside)
     if s.places <= EXACT_MOST:
         try_orders(rows, s)
     else:

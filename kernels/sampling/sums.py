@@ -5,8 +5,9 @@ import warp as wp
 from ..offsets import BLOCK
 from ..patch import EXACT
 from .cursor import BLOCK_SAMPLES, DrawnTracks, PoseSchedule
-from .focus import ORDER, POLYLINE, PiecePassages, StepCount
+from .focus import PiecePassages
 from .layout import STILL, SamplingPlan
+from .steps import ORDER, POLYLINE, StepCount
 
 wp.set_module_options(EXACT)
 

@@ -1,7 +1,8 @@
 """Revisits: how long picked places on the skin have waited since they were visited before; one thread a pick.
 
-As `RevisitWatch` in render/sampling/revisits.py. Sixteen samples in a row have a box: a pick looks only into boxes that
-are near to its place.
+As `RevisitWatch` in render/sampling/revisits.py. A pose has a box around the places of each focal point, and so have
+sixteen samples in a row: a pick looks only into boxes that are near to its place. A pose whose focal points rest is
+looked at once.
 """
 
 import numpy as np
@@ -10,26 +11,25 @@ import warp as wp
 from ..offsets import BLOCK
 from ..patch import EXACT
 from .cursor import PoseSchedule
-from .layout import INFINITE, ONE, TWO, ZERO
+from .layout import INFINITE, ONE, ZERO
+from .skin_boxes import (
+    FAR,
+    GROUP,
+    NEAR,
+    NEARBY,
+    SkinSamples,
+    first_box,
+    first_drawn,
+    frame_of,
+    nearness,
+    on_skin,
+    square_to,
+)
 
 wp.set_module_options(EXACT)
 
 GOLDEN = wp.constant(wp.float64((np.sqrt(5.0) - 1.0) / 2.0))
-REVISIT_RADIUS = 5e-3  # [m], as in render/sampling/revisits.py
-NEAR = wp.constant(wp.float64(REVISIT_RADIUS**2))  # [m^2]
-SURELY_NEAR = wp.constant(wp.float64((1.001 * REVISIT_RADIUS) ** 2))  # [m^2]; no rounding leaves a near sample out
-BOX = wp.constant(wp.int64(16))  # samples
 NONE, IN_VAIN, VISITED = (wp.constant(k) for k in range(3))  # results of a pick
-
-
-@wp.struct
-class SkinSamples:
-    """Focal points on the skin, and the boxes around them."""
-
-    point: wp.array2d[wp.vec3d]  # [m], hand frame, shape [sample, focus]
-    intensity: wp.array2d[wp.float32]
-    low: wp.array[wp.vec3d]  # of the drawn samples in a box [m]; above `high` where there are none
-    high: wp.array[wp.vec3d]
 
 
 @wp.struct
@@ -38,88 +38,6 @@ class PickRule:
 
     interval: wp.int64
     limit: wp.int64
-
-
-@wp.kernel
-def _move_to_skin(
-    # In:
-    schedule: PoseSchedule,
-    pose: wp.array[wp.transformd],
-    position: wp.array2d[wp.vec3],  # [m], array frame, shape [sample, focus]
-    # Out:
-    point: wp.array2d[wp.vec3d],  # [m], hand frame
-):
-    """Move the focal points of a pose into the hand frame."""
-    i = wp.tid()
-    q = wp.transform_get_rotation(pose[i])
-    at = wp.transform_get_translation(pose[i])
-    x = q[0]
-    y = q[1]
-    z = q[2]
-    w = q[3]
-    across = wp.vec3d(ONE - TWO * (y * y + z * z), TWO * (x * y + z * w), TWO * (x * z - y * w))
-    up = wp.vec3d(TWO * (x * y - z * w), ONE - TWO * (x * x + z * z), TWO * (y * z + x * w))
-    along = wp.vec3d(TWO * (x * z + y * w), TWO * (y * z - x * w), ONE - TWO * (x * x + y * y))
-    row = schedule.row[i]
-    stop = row + schedule.count[i]
-    while row < stop:
-        for focus in range(position.shape[1]):
-            p = position[row, focus]
-            off = wp.vec3d(wp.float64(p[0]) - at[0], wp.float64(p[1]) - at[1], wp.float64(p[2]) - at[2])
-            point[row, focus] = wp.vec3d(in_order(across, off), in_order(up, off), in_order(along, off))
-        row += wp.int64(1)
-
-
-@wp.func
-def in_order(a: wp.vec3d, b: wp.vec3d):
-    """Scalar product, summed in order."""
-    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
-
-
-@wp.kernel
-def _box_samples(
-    # In:
-    skin: SkinSamples,
-    # Out:
-    low: wp.array[wp.vec3d],
-    high: wp.array[wp.vec3d],
-):
-    """Put a box around samples in a row."""
-    box = wp.tid()
-    least = wp.vec3d(INFINITE, INFINITE, INFINITE)
-    most = -least
-    row = wp.int64(box) * BOX
-    stop = wp.min(row + BOX, wp.int64(skin.point.shape[0]))
-    while row < stop:
-        for focus in range(skin.point.shape[1]):
-            if skin.intensity[row, focus] > 0.0:
-                least = wp.min(least, skin.point[row, focus])
-                most = wp.max(most, skin.point[row, focus])
-        row += wp.int64(1)
-    low[box] = least
-    high[box] = most
-
-
-@wp.func
-def is_far(skin: SkinSamples, box: wp.int64, place: wp.vec3d):
-    """Whether no sample in a box is near a place."""
-    if skin.low[box][0] > skin.high[box][0]:
-        return True
-    off = wp.max(wp.max(skin.low[box] - place, place - skin.high[box]), wp.vec3d(ZERO, ZERO, ZERO))
-    return in_order(off, off) >= SURELY_NEAR
-
-
-@wp.func
-def square_to(skin: SkinSamples, row: wp.int64, place: wp.vec3d):
-    """Square distance of the nearest drawn focal point of a sample from a place [m^2]; negative if none is drawn."""
-    least = -ONE
-    for focus in range(skin.point.shape[1]):
-        if skin.intensity[row, focus] > 0.0:
-            off = skin.point[row, focus] - place
-            square = in_order(off, off)
-            if least < ZERO or square < least:
-                least = square
-    return least
 
 
 @wp.struct
@@ -157,49 +75,109 @@ def pass_sample(look: LookBack, row: wp.int64, square: wp.float64):
 
 
 @wp.func
-def look_back(skin: SkinSamples, rule: PickRule, begin: wp.int64, own: wp.int64, place: wp.vec3d):
-    """Walk back from a sample; begin: the first sample of the motion. Phase 4: the visit has lasted for too long."""
-    look = LookBack()
-    look.now_square = INFINITE
-    look.then_square = INFINITE
-    look.entered = own
-    row = own
-    while row >= begin and look.phase < 3:
+def pass_rest(
+    schedule: PoseSchedule, skin: SkinSamples, rule: PickRule, look: LookBack, pose: wp.int64, place: wp.vec3d
+):
+    """Go on by a pose whose focal points rest: by its first drawn sample within the limit."""
+    earliest = schedule.row[pose]
+    stop = earliest + schedule.count[pose]
+    if look.phase > 0:
+        earliest = wp.max(earliest, look.entered - rule.limit)
+    row = first_drawn(skin, earliest, stop)
+    if row >= stop:
+        return look
+    return pass_sample(look, row, square_to(skin, frame_of(skin.pose[pose]), row, place))
+
+
+@wp.func
+def pass_samples(
+    schedule: PoseSchedule,
+    skin: SkinSamples,
+    rule: PickRule,
+    before: LookBack,
+    pose: wp.int64,
+    last: wp.int64,
+    place: wp.vec3d,
+):
+    """Go on by the samples of a pose from `last` back; box by box, and in boxes nearby one by one."""
+    look = before
+    frame = frame_of(skin.pose[pose])
+    first = schedule.row[pose]
+    end = first + schedule.count[pose] - wp.int64(1)
+    row = last
+    while row >= first and look.phase < 3:
+        group = (row - first) / GROUP
+        begin = first + group * GROUP
+        near = int(NEARBY)
+        if row == wp.min(begin + GROUP - wp.int64(1), end):
+            near = nearness(skin, first_box(schedule, pose) + wp.int64(1) + group, place)
         if look.phase > 0 and row < look.entered - rule.limit:
-            row = begin - wp.int64(1)
-        elif row % BOX == BOX - wp.int64(1) and row - row % BOX >= begin and is_far(skin, row / BOX, place):
-            box = row / BOX
-            if skin.low[box][0] <= skin.high[box][0]:
+            row = first - wp.int64(1)
+        elif near != NEARBY:
+            if near == FAR:
                 look = pass_sample(look, row, INFINITE)
-            row = box * BOX - wp.int64(1)
+            row = begin - wp.int64(1)
         else:
-            square = square_to(skin, row, place)
+            square = square_to(skin, frame, row, place)
             if square >= ZERO:
                 look = pass_sample(look, row, square)
             row -= wp.int64(1)
-        if own - look.entered > rule.limit:
-            look.phase = 4
     return look
 
 
 @wp.func
-def wait_in_vain(skin: SkinSamples, first: wp.int64, entered: wp.int64):
-    """Samples from the first drawn one at or behind `first` until a visit."""
-    row = first
-    drawn = int(0)
-    while row < entered and drawn == 0:
-        for focus in range(skin.point.shape[1]):
-            if skin.intensity[row, focus] > 0.0:
-                drawn = int(1)
-        if drawn == 0:
-            row += wp.int64(1)
-    return entered - row
+def look_back(
+    schedule: PoseSchedule,
+    skin: SkinSamples,
+    rule: PickRule,
+    begin: wp.int64,
+    own: wp.int64,
+    own_pose: wp.int64,
+    place: wp.vec3d,
+):
+    """Walk back from a sample; begin: first pose of the motion. Phase 4: the visit has lasted for too long."""
+    look = LookBack()
+    look.now_square = INFINITE
+    look.then_square = INFINITE
+    look.entered = own
+    pose = own_pose
+    last = own
+    while pose >= begin and look.phase < 3:
+        near = nearness(skin, first_box(schedule, pose), place)
+        if look.phase > 0 and last < look.entered - rule.limit:
+            pose = begin
+        elif near == FAR:
+            look = pass_sample(look, last, INFINITE)
+        elif near == NEARBY and skin.rests[pose] == 1:
+            look = pass_rest(schedule, skin, rule, look, pose, place)
+        elif near == NEARBY:
+            look = pass_samples(schedule, skin, rule, look, pose, last, place)
+        if own - look.entered > rule.limit:
+            look.phase = 4
+        last = schedule.row[pose] - wp.int64(1)
+        pose -= wp.int64(1)
+    return look
+
+
+@wp.func
+def pose_of(schedule: PoseSchedule, motion: int, row: wp.int64):
+    """Number of the pose of a motion that a sample belongs to."""
+    low = schedule.motion_start[motion]
+    high = schedule.motion_start[motion + 1]
+    while high - low > wp.int64(1):
+        middle = (low + high) / wp.int64(2)
+        if schedule.row[middle] <= row:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 @wp.kernel
 def _look_back(
     # In:
     rule: PickRule,
+    schedule: PoseSchedule,
     skin: SkinSamples,
     sample_start: wp.array[wp.int64],  # offsets of motions into samples, shape [motion + 1]
     pick_start: wp.array[wp.int64],  # offsets of motions into picks, shape [motion + 1]
@@ -218,10 +196,12 @@ def _look_back(
     wait[i] = wp.int64(0)
     if own >= sample_start[motion + 1]:
         return
-    focus = int(pick % wp.int64(skin.point.shape[1]))
+    focus = int(pick % wp.int64(skin.intensity.shape[1]))
     if not skin.intensity[own, focus] > 0.0:
         return
-    look = look_back(skin, rule, begin, own, skin.point[own, focus])
+    pose = pose_of(schedule, motion, own)
+    place = on_skin(frame_of(skin.pose[pose]), skin.position[own, focus])
+    look = look_back(schedule, skin, rule, schedule.motion_start[motion], own, pose, place)
     if look.phase == 4:
         return
     earliest = look.entered - rule.limit
@@ -230,7 +210,7 @@ def _look_back(
         wait[i] = look.now - look.then
     elif earliest >= begin:
         result[i] = IN_VAIN
-        wait[i] = wait_in_vain(skin, earliest, look.entered)
+        wait[i] = look.entered - first_drawn(skin, earliest, look.entered)
 
 
 @wp.kernel
@@ -259,23 +239,15 @@ def _sum_waits(
     time[motion] = total
 
 
-def skin_samples(schedule: PoseSchedule, pose: wp.array, position: wp.array, intensity: wp.array) -> SkinSamples:
-    """Focal points in the hand frame, and the boxes around them."""
-    device, count = position.device, position.shape[0]
-    boxes = -(-count // 16)
-    skin = SkinSamples()
-    skin.intensity = intensity
-    skin.point = wp.empty(position.shape, dtype=wp.vec3d, device=device)
-    skin.low = wp.empty(boxes, dtype=wp.vec3d, device=device)
-    skin.high = wp.empty(boxes, dtype=wp.vec3d, device=device)
-    inputs = [schedule, pose, position]
-    wp.launch(_move_to_skin, pose.shape[0], inputs=inputs, outputs=[skin.point], device=device, block_dim=BLOCK)
-    wp.launch(_box_samples, boxes, inputs=[skin], outputs=[skin.low, skin.high], device=device, block_dim=BLOCK)
-    return skin
-
-
 def count_revisits(
-    skin: SkinSamples, sample_start: wp.array, pick_start: wp.array, *, interval: int, limit: int, rate: float
+    schedule: PoseSchedule,
+    skin: SkinSamples,
+    sample_start: wp.array,
+    pick_start: wp.array,
+    *,
+    interval: int,
+    limit: int,
+    rate: float,
 ) -> tuple[wp.array, wp.array]:
     """Picked places that had been visited before, and how long all had waited [s], of each motion.
 
@@ -288,7 +260,7 @@ def count_revisits(
     picks = int(pick_start[-1:].numpy()[0])
     result = wp.empty(picks, dtype=wp.int32, device=device)
     wait = wp.empty(picks, dtype=wp.int64, device=device)
-    inputs = [rule, skin, sample_start, pick_start]
+    inputs = [rule, schedule, skin, sample_start, pick_start]
     wp.launch(_look_back, picks, inputs=inputs, outputs=[result, wait], device=device, block_dim=BLOCK)
     revisits = wp.empty(motion_count, dtype=wp.int64, device=device)
     time = wp.empty(motion_count, dtype=wp.float64, device=device)

@@ -12,7 +12,8 @@ import warp as wp
 from ...kernels.section.contour_writing import Contours
 from ...kernels.skin.sign import Posed
 from ...kernels.tours.contact import inside_nodes, inside_vertices
-from ...kernels.tours.tour import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points, tour_points
+from ...kernels.tours.thinning import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points
+from ...kernels.tours.tour import tour_points
 from ..errors import MeshError, StrategyError
 from ..hands.hand import Hand, PatchHand
 from ..objects.solid import Solid

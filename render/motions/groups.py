@@ -40,7 +40,8 @@ from .poses import ExploredPoses, HostPoses, PoseRows, TimedPoses, explored_rows
 
 GPU_SHARE = 4  # of a GPU's memory, a group takes a quarter unless told another
 POINTS_A_POSE = 32  # supposed
-SAMPLE_BYTES, FOCUS_BYTES, MOTION_BYTES = 24, 16, 15_000  # of what samples, their focal points and motions take
+TRACK_BYTES = 4000  # of what is laid along a pose's contours
+SAMPLE_BYTES, FOCUS_BYTES, MOTION_BYTES = 3, 16, 15_000  # of what samples, their focal points and motions take
 FRAMES_SHARE = 16  # of the budget, a block of wire bytes takes a sixteenth
 
 
@@ -192,7 +193,7 @@ def group_memory(device: str, memory: int | None = None) -> int:
 
 def motion_bytes(scene: Scene, motion: TimedPoses, sample_count: int, foci: int) -> int:
     """What a motion takes on a device, about [byte]."""
-    poses = motion.count * (scene.pose_bytes + POINT_BYTES * POINTS_A_POSE)
+    poses = motion.count * (scene.pose_bytes + POINT_BYTES * POINTS_A_POSE + TRACK_BYTES)
     return poses + sample_count * (SAMPLE_BYTES + FOCUS_BYTES * foci) + MOTION_BYTES
 
 

@@ -1,40 +1,48 @@
 """Focal points of many motions at once, on the device that their contours are on.
 
-Poses of a motion follow one another, motions do not: one thread a motion lays tracks and finds where drawing goes on,
-then one thread a pose draws its samples. What the kernels do not draw goes through the host's `Sampler`, which gives
-the same focal points and counts; `MotionSamples.on_host` says for which motions it did.
+One thread a pose lays its track; poses of several polylines in a row share one. Then one thread a motion finds where
+drawing goes on along each track, and one thread a pose draws its samples. Strategies that the kernels do not draw
+(`why_on_host`) go through the host's `Sampler`, which gives the same focal points and counts.
 """
 
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from ...datasets.counted import counted
 from ...kernels.motions.widening import widen_poses
 from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_rows
+from ...kernels.sampling.contour_faults import find_faults
 from ...kernels.sampling.cursor import PoseSchedule
 from ...kernels.sampling.entry import enter_poses
 from ...kernels.sampling.focus import draw_samples
-from ...kernels.sampling.layout import MotionContours, SamplingPlan
-from ...kernels.sampling.seams import has_open_seam
+from ...kernels.sampling.skin_boxes import skin_samples
 from ...kernels.sampling.sums import sum_counts
-from ...kernels.sampling.visits import count_revisits, skin_samples
-from ..contour_batch import ContourBatch, join_batches, require_seams, with_values_of_all
+from ...kernels.sampling.visits import count_revisits
+from ..contour_batch import (
+    ContourBatch,
+    join_batches,
+    require_finite,
+    require_seams,
+    with_values_of_all,
+    without_empty_polylines,
+)
 from ..errors import StrategyError
 from .contour_sampling import joined, sample_contours
+from .kernel_plan import contours_of, plan_of
 from .metrics import CAUSES, FocalPoints, SamplingCount
 from .revisits import PICK_INTERVAL, REVISIT_LIMIT
 from .sampler import Sampler, shown_order
 from .strategy import SamplingStrategy
 
-PACES = ("speed", "frequency", "capped", "still")
 ROWS_MOST = 2**31 - 1  # of an array: kernels number them in an int
-ROWS_A_POINT, ROWS_A_MOTION = 13, 2048  # of nodes, where a vertex is passed four times, and of what a search writes
-WAVES = (None, "sine", "square")
+ROWS_A_POINT = 25  # nodes of a vertex that is passed four times, with a pause each time
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +73,8 @@ class MotionSamples:
 
     def __repr__(self) -> str:
         """One line."""
-        motions, on_host = len(self.counts), int(self.on_host.sum())
-        return f"MotionSamples({self.sample_start[-1]} samples, {motions} motions, {on_host} of them drawn on the host)"
+        samples, motions = counted(int(self.sample_start[-1]), "sample"), counted(len(self.counts), "motion")
+        return f"MotionSamples({samples}, {motions}, {int(self.on_host.sum())} of them drawn on the host)"
 
     def focus(self, motion: int) -> FocalPoints:
         """Focal points of one motion on the host."""
@@ -91,15 +99,10 @@ class DevicePoses:
     """Number of each one's motion, int64, shape [pose]."""
 
 
-def why_on_host(strategy: SamplingStrategy, batch: ContourBatch | None = None) -> str | None:
-    """Why the host draws every motion of a batch with a strategy; None where the kernels draw those that they can.
-
-    batch: None for any whose contours have no pauses of their own.
-    """
+def why_on_host(strategy: SamplingStrategy) -> str | None:
+    """Why the host's sampler draws all motions with a strategy; None where the kernels draw them."""
     if strategy.sections is not None:
         return "the contours are drawn in sections"
-    if strategy.dwell.time > 0 or strategy.dwell.share > 0 or (batch is not None and batch.dwell is not None):
-        return "the focal point pauses"
     if strategy.continuity == "finish":
         return "the polyline under way is finished before another pose's contours are drawn"
     return None
@@ -119,19 +122,19 @@ def sample_motions(
     """Focal points of whole motions, and what each is counted as.
 
     batches: contours of all poses; motions may be cut anywhere between two. Those on a device are drawn there, those
-    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7], or wp.transform [pose] on the device.
-    time: of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses, shape [motion +
-    1]. duration: when the last pose of each motion ends [s]. hold: age at which a pose starts to fade [s], shape
-    [motion]; None: as for `sample_contours`.
-    A sample takes 16 B of memory for each focal point, and 24 B more meanwhile; a motion takes 15 KB.
-    Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, and
-    for more samples than a call can number (2**31).
+    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7], or wp.transform or transformd [pose] on
+    the device. time: of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses,
+    shape [motion + 1]. duration: when the last pose of each motion ends [s]. hold: age at which a pose starts to fade
+    [s], shape [motion]; None: as for `sample_contours`.
+    A sample takes 16 B of memory for each focal point; meanwhile 3 B more, 0.1 KB a pose and 15 KB a motion.
+    Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, for
+    points and intensities that are not finite, and for more samples than a call can number (2**31).
 
     >>> import numpy as np
     >>> from palpate.render import SamplingStrategy, render, sample_motions, static_pose
     >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
     >>> sample_motions(batch, batch.motion.pose, np.zeros(1), np.array([0, 1]), np.array([0.2]), SamplingStrategy())
-    MotionSamples(2000 samples, 1 motions, 0 of them drawn on the host)
+    MotionSamples(2000 samples, 1 motion, 0 of them drawn on the host)
     """
     batch = batches if isinstance(batches, ContourBatch) else joined_batches(batches)
     schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)
@@ -144,20 +147,30 @@ def sample_motions(
         wp.array(schedule.motion, dtype=wp.int64, device=device),
     )
     out = MotionSamples(
-        wp.zeros(shape, dtype=wp.vec3, device=device),
-        wp.zeros(shape, dtype=wp.float32, device=device),
+        wp.empty(shape, dtype=wp.vec3, device=device),
+        wp.empty(shape, dtype=wp.float32, device=device),
         schedule.sample_start,
         [SamplingCount() for _ in schedule.duration],
         np.ones(len(schedule.duration), bool),
         poses,
     )
-    if len(out.counts) > 0 and why_on_host(strategy, batch) is None:
-        _draw_by_kernels(batch.to(device), schedule, strategy, out)
+    batch = drawable_contours(batch.to(device))
+    if len(out.counts) > 0 and why_on_host(strategy) is None:
+        _draw_by_kernels(batch, schedule, strategy, out)
     if out.on_host.any():
-        _draw_on_host(
-            batch.numpy(), pose.numpy() if isinstance(pose, wp.array) else np.asarray(pose), schedule, strategy, out
-        )
+        _draw_on_host(batch.numpy(), out.poses.pose.numpy(), schedule, strategy, out)
     return out
+
+
+def drawable_contours(batch: ContourBatch) -> ContourBatch:
+    """A batch on a device without polylines that have no point; raises StrategyError for faults that remain."""
+    faults = find_faults(contours_of(batch))
+    if not faults:
+        return batch
+    host, title = batch.numpy(), "contours to be drawn"
+    require_finite(host, title)
+    require_seams(host, title)
+    return without_empty_polylines(host).to(str(batch.points.device))
 
 
 def joined_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
@@ -215,7 +228,7 @@ class MotionSchedule:
         """Offsets of motions into samples, int64, shape [motion + 1]."""
         return self.row[self.motion_start]
 
-    @property
+    @cached_property
     def motion(self) -> np.ndarray:
         """Motion of each pose, int64."""
         return np.repeat(np.arange(len(self.duration)), np.diff(self.motion_start))
@@ -247,101 +260,44 @@ def _hold_of(time: np.ndarray, strategy: SamplingStrategy) -> float:
     return max(strategy.hold, 2.0 * float(np.median(np.diff(time)))) if len(time) > 1 else np.inf
 
 
-def require_motions(batch: ContourBatch, pose: np.ndarray, schedule: MotionSchedule) -> None:
+def require_motions(batch: ContourBatch, pose: np.ndarray | wp.array, schedule: MotionSchedule) -> None:
     """Raise StrategyError unless contours, poses, times and motions are as many as each other."""
     counts = batch.pose_count, len(pose), len(schedule.time), int(schedule.motion_start[-1])
     if len(set(counts)) > 1 or len(schedule.motion_start) != len(schedule.duration) + 1:
         raise StrategyError(
             "contours, poses, times and motions must be of the same poses, not {}, {}, {}, {}".format(*counts)
         )
-    rows = ROWS_A_POINT * batch.point_count, ROWS_A_MOTION * len(schedule.duration), int(schedule.row[-1])
+    rows = ROWS_A_POINT * batch.point_count, int(schedule.row[-1])
     if max(rows) > ROWS_MOST:
-        raise StrategyError(f"{rows[2]} samples of {len(pose)} poses are too many for one call; divide the motions")
-
-
-def plan_of(strategy: SamplingStrategy) -> Any:
-    """A strategy as numbers."""
-    plan, pace, order, gap = SamplingPlan(), strategy.pace, strategy.order, strategy.gap
-    fewest, most = pace.samples_within(strategy.update_rate)
-    numbers = {
-        "speed": strategy.speed,
-        "rate": strategy.update_rate,
-        "pace": PACES.index(pace.kind),
-        "fixed": round(strategy.update_rate / pace.frequency),
-        "fewest": fewest,
-        "most": most,
-        "lowest": pace.lowest,
-        "points": pace.points or 0,
-        "points_least": (pace.points or 1) if order.kind in ("step", "random") else 0,
-        "foci": strategy.foci,
-        "threshold": strategy.jump_threshold,
-        "ordinary": strategy.step_ordinary,
-        "circle_step": strategy.circle_step,
-        "fade": max(strategy.fade, 1e-9),
-        "restarts": strategy.continuity == "jump",
-        "plain": strategy.plain,
-        "shortest": order.route == "shortest",
-        "margin": order.margin,
-        "closes": gap.kind == "close",
-        "turns_back": gap.kind == "pendulum",
-        "returns": gap.kind == "return",
-        "return_speed": gap.speed,
-        "pendulum": order.kind == "pendulum",
-        "passes": (2 if gap.kind == "pendulum" else 1) * (2 if order.kind == "pendulum" else 1),
-        **_overlays_of(strategy),
-    }
-    for name, value in numbers.items():
-        setattr(plan, name, int(value) if isinstance(value, bool) else value)
-    return plan
-
-
-def _overlays_of(strategy: SamplingStrategy) -> dict[str, float]:
-    """Modulations as numbers."""
-    am, lm, rate = strategy.am, strategy.lm, strategy.update_rate
-    out: dict[str, float] = {}
-    if lm is not None:
-        out |= {"circle_radius": lm.radius, "circle_turns": lm.frequency / rate}
-    if am is not None:
-        out |= {"wave": WAVES.index(am.wave), "wave_turns": am.frequency / rate, "wave_depth": am.depth}
-    return out
-
-
-def contours_of(batch: ContourBatch) -> Any:
-    """The arrays of a batch on a device."""
-    out = MotionContours()
-    out.points, out.polyline_start = batch.points, batch.polyline_start
-    out.polyline_closed, out.pose_start = batch.polyline_closed, batch.pose_start
-    none = wp.empty(0, dtype=wp.float32, device=batch.points.device)
-    out.intensity = none if batch.intensity is None else batch.intensity
-    return out
+        raise StrategyError(f"{rows[1]} samples of {len(pose)} poses are too many for one call; divide the motions")
 
 
 def _draw_by_kernels(
     batch: ContourBatch, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
 ) -> None:
     """Draw all motions of a batch on its device but those that cannot be drawn there."""
-    if batch.intensity is not None and has_open_seam(batch.intensity, batch.polyline_start, batch.polyline_closed):
-        require_seams(batch.numpy(), "contours to be drawn")
-    plan, when, pose = plan_of(strategy), out.poses.schedule, out.poses.pose
-    tracks, left = enter_poses(contours_of(batch), plan, when, pose)
-    pose_hold = wp.array(schedule.hold[schedule.motion], dtype=wp.float64, device=pose.device)
-    counts, passages = draw_samples(plan, when, tracks, pose_hold, out.position, out.intensity)
+    plan, when, pose = plan_of(strategy, pauses=batch.dwell is not None), out.poses.schedule, out.poses.pose
+    tracks = enter_poses(contours_of(batch), plan, when, pose)
+    counts, passages = draw_samples(plan, when, tracks, out.poses.motion, out.position, out.intensity)
     sums = sum_counts(plan, when, tracks, counts, passages).numpy()
     skin = skin_samples(when, pose, out.position, out.intensity)
-    revisits, waits = _revisits(schedule, strategy, skin)
+    revisits, waits = _revisits(schedule, strategy, when, skin)
     out.counts[:] = [counted_of(row, strategy) for row in sums]
     for count, number, wait in zip(out.counts, revisits.tolist(), waits.tolist(), strict=True):
         count.revisits, count.revisit_time = number, wait
-    out.on_host[:] = left.numpy() != 0
+    out.on_host[:] = False
 
 
-def _revisits(schedule: MotionSchedule, strategy: SamplingStrategy, skin: Any) -> tuple[np.ndarray, np.ndarray]:
+def _revisits(
+    schedule: MotionSchedule, strategy: SamplingStrategy, when: Any, skin: Any
+) -> tuple[np.ndarray, np.ndarray]:
     """Picked places that had been visited before, and how long all had waited [s], of each motion."""
-    device, rate = skin.point.device, strategy.update_rate
+    device, rate = skin.position.device, strategy.update_rate
     interval = max(1, round(PICK_INTERVAL * rate))
     start = schedule.sample_start
     picks = np.concatenate([[0], np.cumsum(-(-np.diff(start) // interval))])
     revisits, waits = count_revisits(
+        when,
         skin,
         wp.array(start, dtype=wp.int64, device=device),
         wp.array(picks, dtype=wp.int64, device=device),

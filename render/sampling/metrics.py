@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...datasets.counted import counted
 from ...datasets.rigid import rotate
 from ..errors import StrategyError
 
@@ -33,7 +34,8 @@ class FocalPoints(NamedTuple):
     def __repr__(self) -> str:
         """One line."""
         foci = 1 if self.intensity.ndim == 1 else self.intensity.shape[1]
-        return f"FocalPoints({len(self.intensity)} samples of {foci} foci)"
+        each = "1 focus" if foci == 1 else f"{foci} foci"
+        return f"FocalPoints({counted(len(self.intensity), 'sample')} of {each})"
 
 
 @dataclass

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..contour_batch import ContourBatch, require_seams
+from ..contour_batch import ContourBatch, require_seams, without_empty_polylines
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -52,11 +52,12 @@ def interpolated(path: "Path", arc: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def paths_of(batch: ContourBatch) -> Iterator[Path | None]:
-    """The path of each pose of a batch on the host, None for poses without contours.
+    """The path of each pose of a batch on the host, None for poses without contours; polylines without points are none.
 
     Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first.
     """
     require_seams(batch, "contours to be drawn")
+    batch = without_empty_polylines(batch)
     points = batch.points.astype(np.float64)
     step = np.diff(points, axis=0)
     length = np.sqrt(np.einsum("ij,ij->i", step, step))

@@ -8,8 +8,9 @@ from contour_shapes import batch_of, circle, still
 from palpate.kernels.sampling.entry import enter_poses
 from palpate.kernels.sampling.focus import draw_samples
 from palpate.kernels.sampling.sums import sum_counts
-from palpate.render.sampling.batch_sampling import MotionSchedule, contours_of, plan_of
+from palpate.render.sampling.batch_sampling import MotionSchedule
 from palpate.render.sampling.contour_sampling import SamplingStrategy
+from palpate.render.sampling.kernel_plan import contours_of, plan_of
 
 RING = circle(0.03, count=720)
 
@@ -17,15 +18,15 @@ RING = circle(0.03, count=720)
 def drawn(poses, device, strategy=None):
     """Positions and intensities of a motion of 90 poses a second, and its counts."""
     strategy, count = strategy or SamplingStrategy(), len(poses)
-    schedule = MotionSchedule.of(np.arange(count) / 90, [0, count], [count / 90], strategy, None)
+    schedule = MotionSchedule.of(np.arange(count) / 90, [0, count], [count / 90], strategy, np.array([np.inf]))
     when, plan = schedule.on(device, strategy), plan_of(strategy)
     pose = wp.array(still(count), dtype=wp.transformd, device=device)
-    tracks, _ = enter_poses(contours_of(batch_of(poses).to(device)), plan, when, pose)
+    tracks = enter_poses(contours_of(batch_of(poses).to(device)), plan, when, pose)
     shape = int(schedule.row[-1]), strategy.foci
     position = wp.zeros(shape, dtype=wp.vec3, device=device)
     intensity = wp.zeros(shape, dtype=wp.float32, device=device)
-    hold = wp.array(np.full(count, np.inf), dtype=wp.float64, device=device)
-    counts, passages = draw_samples(plan, when, tracks, hold, position, intensity)
+    motion = wp.zeros(count, dtype=wp.int64, device=device)
+    counts, passages = draw_samples(plan, when, tracks, motion, position, intensity)
     return position.numpy(), intensity.numpy(), sum_counts(plan, when, tracks, counts, passages).numpy()[0]
 
 

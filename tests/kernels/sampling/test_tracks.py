@@ -11,8 +11,9 @@ from palpate.kernels.sampling.entry import enter_poses
 from palpate.render.sampling import contour_matching, drawing_turns, sampler
 from palpate.render.sampling import route as host_route
 from palpate.render.sampling import track as host_track
-from palpate.render.sampling.batch_sampling import MotionSchedule, contours_of, plan_of
+from palpate.render.sampling.batch_sampling import MotionSchedule
 from palpate.render.sampling.contour_sampling import Gap, Order, Pace, Sampler, SamplingStrategy, sample_contours
+from palpate.render.sampling.kernel_plan import contours_of, plan_of
 
 STRATEGIES = {
     "stm": SamplingStrategy(),
@@ -48,8 +49,7 @@ def test_tracks_and_entries_are_the_hosts_to_the_bit(seed, name, device, monkeyp
     time, duration = np.arange(40) / 90, 40 / 90
     schedule = MotionSchedule.of(time, [0, 40], [duration], strategy, None)
     pose = wp.array(still(40), dtype=wp.transformd, device=device)
-    drawn, left = enter_poses(contours_of(batch.to(device)), plan_of(strategy), schedule.on(device, strategy), pose)
-    assert left.numpy().tolist() == [0]
+    drawn = enter_poses(contours_of(batch.to(device)), plan_of(strategy), schedule.on(device, strategy), pose)
     tracks, entries, nodes = drawn.tracks.numpy(), drawn.entries.numpy(), drawn.nodes
     expected = entered_by_host(batch, time, duration, strategy, monkeypatch)
     entered = np.flatnonzero(entries["drawn"])
@@ -77,16 +77,3 @@ def test_numbers_of_the_kernels_are_the_hosts():
     assert float(course.SHARE_LEAST) == drawing_turns.SHARE_LEAST
     assert float(course.NOISE_SHARE) == host_track.NOISE_SHARE
     assert int(cursor.BLOCK_SAMPLES) == sample_contours.__kwdefaults__["block"]
-
-
-def test_a_motion_with_a_polyline_without_vertices_is_left_to_the_host(device):
-    batch = random_strokes(np.random.default_rng(0), 2, line_most=1)
-    contours = contours_of(batch.to(device))
-    contours.polyline_start = wp.zeros(2, dtype=wp.int64, device=device)
-    contours.polyline_closed = wp.zeros(1, dtype=wp.uint8, device=device)
-    contours.pose_start = wp.array([0, 1, 1], dtype=wp.int64, device=device)
-    schedule = MotionSchedule.of(np.arange(2.0), [0, 2], [2.0], SamplingStrategy(), None)
-    pose = wp.array(still(2), dtype=wp.transformd, device=device)
-    drawn, left = enter_poses(contours, plan_of(SamplingStrategy()), schedule.on(device, SamplingStrategy()), pose)
-    assert left.numpy().tolist() == [1]
-    assert drawn.entries.numpy()["before"].tolist() == [-1, -1]

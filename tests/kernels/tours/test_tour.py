@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.datasets.shapes.built_in import shape
-from palpate.kernels.tours.tour import thin_points, tour_points
+from palpate.kernels.tours.thinning import thin_points
+from palpate.kernels.tours.tour import tour_points
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, StrategyError
 from palpate.render.hands.hand import Palm

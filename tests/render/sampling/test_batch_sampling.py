@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import warp as wp
 from contour_random import random_strokes
 from contour_shapes import batch_of, circle, square, still
 
@@ -89,7 +90,23 @@ def random_strategy(rng):
         lm=LateralModulation() if rng.random() < 0.15 else None,
         foci=int(rng.choice([1, 2, 5], p=[0.6, 0.2, 0.2])),
         continuity=str(rng.choice(["nearest", "jump"], p=[0.7, 0.3])),
+        dwell=random_dwell(rng, kind),
     )
+
+
+def random_dwell(rng, pace):
+    kinds = ["none", "share"] if pace == "frequency" else ["none", "none", "time", "share"]
+    kind, angle = str(rng.choice(kinds)), float(rng.choice([0.3, 1.0, 2.5]))
+    time, share = float(rng.choice([2e-4, 0.005, 0.1])), float(rng.choice([0.1, 0.8]))
+    return Dwell(time if kind == "time" else 0.0, share if kind == "share" else 0.0, angle)
+
+
+def with_pauses(rng, batch):
+    """A batch with pauses at some points, which agree at seams."""
+    dwell = rng.choice([0.0, 1e-4, 0.003, 0.02], size=batch.point_count, p=[0.7, 0.1, 0.1, 0.1])
+    loop = np.flatnonzero(batch.polyline_closed)
+    dwell[batch.polyline_start[loop + 1] - 1] = dwell[batch.polyline_start[loop]]
+    return replace(batch, dwell=dwell.astype(np.float32))
 
 
 def random_motions(rng, pose_count):
@@ -113,6 +130,8 @@ def test_random_motions_are_what_the_host_draws(seed, device):
     count = int(rng.integers(1, 40))
     line_most = int(rng.choice([1, 2, 3, 4, 6, 10]))
     batch = random_strokes(rng, count, line_most=line_most, with_intensity=bool(rng.random() < 0.4))
+    if rng.random() < 0.25:
+        batch = with_pauses(rng, batch)
     pose, time, start, duration, hold = random_motions(rng, count)
     strategy = random_strategy(rng)
     samples = sample_motions(batch, pose, time, start, duration, strategy, hold=hold, device=device)
@@ -171,25 +190,35 @@ def test_routes_through_many_polylines_are_the_hosts(line_most, seed, device):
     assert_same(samples, batch, still(8), time, start, duration, strategy)
 
 
-def test_what_kernels_do_not_draw_is_drawn_by_the_host_and_counted(device):
-    plain = batch_of([[(square(0.04), True)] * 3] * 3 + [[(square(0.04), True)]] * 3)
-    size = np.diff(plain.polyline_start)
-    kept = np.repeat(np.arange(len(size)) != 1, size)  # one polyline has no vertices
-    size[1] = 0
-    start = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
-    batch = replace(plain, points=plain.points[kept], kind=plain.kind[kept], polyline_start=start)
-    time, start, duration = np.tile(np.arange(3) / 90, 2), np.array([0, 3, 6]), np.full(2, 3 / 90)
-    samples = sample_motions(batch, still(6), time, start, duration, SamplingStrategy(), device=device)
-    assert samples.on_host.tolist() == [True, False]
-    assert "1 of them drawn on the host" in repr(samples)
-    assert_same(samples, batch, still(6), time, start, duration, SamplingStrategy())
+def test_poses_may_be_on_a_device(device):
+    batch, motion = explored("tube", "cc", duration=1.0)
+    rows = motion.time, [0, len(motion)], [motion.duration], preset("lm")
+    pose = wp.array(motion.pose.astype(np.float64), dtype=wp.transformd, device=device)
+    there, here = (sample_motions(batch, which, *rows, device=device) for which in (pose, motion.pose))
+    assert (there.position.numpy() == here.position.numpy()).all()
+    assert there.counts == here.counts
+
+
+@pytest.mark.parametrize("place", [0, 1, 3])
+def test_a_polyline_without_points_is_drawn_as_none(place, device):
+    lines = [(square(0.04), True)] * 3
+    batch = batch_of([[*lines[:place], (np.zeros((0, 3)), False), *lines[place:]]] * 2 + [lines[:1]])
+    time, start, duration = np.arange(3) / 90, np.array([0, 3]), np.full(1, 3 / 90)
+    samples = sample_motions(batch, still(3), time, start, duration, SamplingStrategy(), device=device)
+    assert samples.on_host.tolist() == [False]
+    assert_same(samples, batch, still(3), time, start, duration, SamplingStrategy())
+
+
+def test_contours_that_are_no_finite_numbers_are_refused_by_name_and_place(device):
+    batch = batch_of([[(square(0.04), True)], [], [(square(0.04), True), (square(0.02), True)]])
+    batch.points[11, 1] = np.nan
+    with pytest.raises(StrategyError, match=r"points\[11\] must be finite, not .*nan.* \(pose 2, polyline 2\)"):
+        sample_motions(batch, still(3), np.arange(3) / 90, [0, 3], [3 / 90], SamplingStrategy(), device=device)
 
 
 @pytest.mark.parametrize(
     ("strategy", "reason"),
     [
-        (preset("dtp"), "pauses"),
-        (SamplingStrategy(dwell=Dwell(time=0.001)), "pauses"),
         (preset("stp"), "sections"),
         (SamplingStrategy(pace=Pace("frequency"), sections=Sections(4)), "sections"),
         (SamplingStrategy(continuity="finish"), "finished"),
@@ -197,20 +226,28 @@ def test_what_kernels_do_not_draw_is_drawn_by_the_host_and_counted(device):
 )
 def test_strategies_that_the_host_draws_say_why(strategy, reason, device):
     batch, time = batch_of([[(square(0.04), True)]] * 2), np.arange(2) / 90
-    assert reason in why_on_host(strategy, batch)
-    assert why_on_host(SamplingStrategy(), batch) is None
+    assert reason in why_on_host(strategy)
+    assert why_on_host(SamplingStrategy()) is None
     samples = sample_motions(batch, still(2), time, [0, 2], [2 / 90], strategy, device=device)
     assert samples.on_host.tolist() == [True]
     assert_same(samples, batch, still(2), time, [0, 2], [2 / 90], strategy)
 
 
-def test_contours_with_pauses_are_drawn_by_the_host(device):
-    plain = batch_of([[(square(0.04), True)]] * 2)
-    batch = replace(plain, dwell=np.full(plain.point_count, 1e-3, np.float32))
-    time = np.arange(2) / 90
-    samples = sample_motions(batch, still(2), time, [0, 2], [2 / 90], SamplingStrategy(), device=device)
-    assert samples.on_host.tolist() == [True]
-    assert_same(samples, batch, still(2), time, [0, 2], [2 / 90], SamplingStrategy())
+@pytest.mark.parametrize("contours", ["cc", "oc"])
+@pytest.mark.parametrize("name", ["cube", "tube"])
+def test_explorations_with_pauses_are_what_the_host_draws(name, contours, device):
+    batch, motion = explored(name, contours)
+    start, duration = np.array([0, len(motion)]), np.array([motion.duration])
+    rng = np.random.default_rng(0)
+    for strategy, drawn in (
+        (preset("dtp"), batch),
+        (SamplingStrategy(dwell=Dwell(time=0.002)), batch),
+        (SamplingStrategy(), with_pauses(rng, batch)),
+        (preset("dtp", gap=Gap("pendulum")), with_pauses(rng, batch)),
+    ):
+        samples = sample_motions(drawn, motion.pose, motion.time, start, duration, strategy, device=device)
+        assert not samples.on_host.any()
+        assert_same(samples, drawn, motion.pose, motion.time, start, duration, strategy)
 
 
 def test_no_motion_no_pose_and_poses_without_contours_are_drawn_as_silence(device):

@@ -1,0 +1,105 @@
+"""Steps of focal points: how long each is, and whether it counts as a jump or a hop, and of what cause.
+
+As `Sampler._count_jumps` in render/sampling.
+"""
+
+import warp as wp
+
+from .cursor import DrawnTracks, PoseSchedule, cycle_knot, focus_knot, track_point
+from .layout import INFINITE, TWO, ZERO, SamplingPlan, distance
+
+POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes of jumps, in the order of CAUSES
+
+
+@wp.struct
+class StepCount:
+    """What the samples of a pose are counted as; vectors are by cause."""
+
+    silent: wp.int64
+    held: wp.int64
+    jumps: wp.vec4l
+    jump_lengths: wp.vec4d  # [m]
+    jump_first: wp.float64  # of jumps of the first sample between polylines or out of order, not in `jump_lengths` [m]
+    hops: wp.vec4l
+    hops_longest: wp.vec4d  # [m]
+    step_longest: wp.float64  # [m]
+    felt: wp.int64  # samples before a fade ends
+    absence: wp.int64  # most samples from one on a piece to the next on it
+
+
+@wp.func
+def below(x: wp.float64):
+    """The greatest number below a positive one."""
+    return wp.cast(wp.cast(x, wp.int64) - wp.int64(1), wp.float64)
+
+
+@wp.func
+def moved_by(plan: SamplingPlan, d: DrawnTracks, schedule: PoseSchedule, pose: int, focus: int):
+    """From where a focal point was to where it entered the contours of a pose [m]; infinite if anywhere."""
+    entry = d.entries[pose]
+    if entry.found == 0:
+        return INFINITE
+    track = d.tracks[pose]
+    then = d.tracks[entry.before]
+    other = d.entries[entry.before]
+    last = cycle_knot(plan, then, other.anchor, other.index + schedule.count[entry.before] - wp.int64(1))
+    point = track_point(d.nodes, then, focus_knot(plan, then, last, focus))
+    knot = focus_knot(plan, track, entry.anchor, focus)
+    behind = knot
+    if knot <= ZERO:
+        behind = track.period
+    return wp.min(
+        distance(point, track_point(d.nodes, track, knot)),  # at a jump, both its sides
+        distance(point, track_point(d.nodes, track, below(behind))),
+    )
+
+
+@wp.func
+def add_step(plan: SamplingPlan, count: StepCount, cause: int, length: wp.float64, ordinary: wp.float64):
+    """Count a step as a jump or a hop, if it is one."""
+    out = count
+    if length > plan.threshold:
+        out.jumps[cause] += wp.int64(1)
+        out.jump_lengths[cause] += length
+    elif length > TWO * ordinary:
+        out.hops[cause] += wp.int64(1)
+        out.hops_longest[cause] = wp.max(out.hops_longest[cause], length)
+    return out
+
+
+@wp.func
+def count_step(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    count: StepCount,
+    pose: int,
+    sample: wp.int64,
+    focus: int,
+    length: wp.float64,
+):
+    """Count a step to a sample by its cause."""
+    out = count
+    out.step_longest = wp.max(out.step_longest, length)
+    ordinary = d.tracks[pose].ordinary
+    if length <= plan.threshold and length <= TWO * ordinary:
+        return out
+    cause = int(POLYLINE)
+    if plan.points > wp.int64(0):
+        cause = ORDER
+    if sample == wp.int64(0):
+        if TWO * moved_by(plan, d, schedule, pose, focus) >= length:  # else it is the way between two that is long
+            cause = POSE
+        elif length > plan.threshold:  # the host adds the first step by itself
+            out.jumps[cause] += wp.int64(1)
+            out.jump_first += length
+            return out
+    return add_step(plan, out, cause, length, ordinary)
+
+
+@wp.func
+def counted_length(length: wp.float64, drawn: bool, drawn_before: bool, first: bool, silent: bool):
+    """Length of a step [m]; 0 from or to silence. first: of its block; silent: the last sample before that is."""
+    if not drawn or (first and silent) or (not first and not drawn_before):
+        return ZERO
+    return length

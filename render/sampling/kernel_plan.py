@@ -1,0 +1,75 @@
+"""Strategies and contours as the kernels of sampling take them."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ...kernels.sampling.layout import MotionContours, SamplingPlan
+from ..contour_batch import ContourBatch
+from .strategy import SamplingStrategy
+
+PACES = ("speed", "frequency", "capped", "still")
+WAVES = (None, "sine", "square")
+
+
+def plan_of(strategy: SamplingStrategy, *, pauses: bool = False) -> Any:
+    """A strategy as numbers. pauses: the contours have some of their own."""
+    plan, pace, order, gap = SamplingPlan(), strategy.pace, strategy.order, strategy.gap
+    dwell, pauses = strategy.dwell, pauses or strategy.dwell.time > 0 or strategy.dwell.share > 0
+    fewest, most = pace.samples_within(strategy.update_rate)
+    numbers = {
+        "speed": strategy.speed,
+        "rate": strategy.update_rate,
+        "pace": PACES.index(pace.kind),
+        "fixed": round(strategy.update_rate / pace.frequency),
+        "fewest": fewest,
+        "most": most,
+        "lowest": pace.lowest,
+        "points": pace.points or 0,
+        "points_least": (pace.points or 1) if order.kind in ("step", "random") else 0,
+        "foci": strategy.foci,
+        "threshold": strategy.jump_threshold,
+        "ordinary": strategy.step_ordinary,
+        "circle_step": strategy.circle_step,
+        "fade": max(strategy.fade, 1e-9),
+        "restarts": strategy.continuity == "jump",
+        "plain": strategy.plain,
+        "shortest": order.route == "shortest",
+        "margin": order.margin,
+        "closes": gap.kind == "close",
+        "turns_back": gap.kind == "pendulum",
+        "returns": gap.kind == "return",
+        "return_speed": gap.speed,
+        "pendulum": order.kind == "pendulum",
+        "passes": 2 ** [gap.kind == "pendulum", order.kind == "pendulum", pauses].count(True),
+        "dwell_time": dwell.time,
+        "dwell_ratio": dwell.share / (1.0 - dwell.share),
+        "corner_cosine": float(np.cos(dwell.angle)),
+        **_overlays_of(strategy),
+    }
+    for name, value in numbers.items():
+        setattr(plan, name, int(value) if isinstance(value, bool) else value)
+    return plan
+
+
+def _overlays_of(strategy: SamplingStrategy) -> dict[str, float]:
+    """Modulations as numbers."""
+    am, lm, rate = strategy.am, strategy.lm, strategy.update_rate
+    out: dict[str, float] = {}
+    if lm is not None:
+        out |= {"circle_radius": lm.radius, "circle_turns": lm.frequency / rate}
+    if am is not None:
+        out |= {"wave": WAVES.index(am.wave), "wave_turns": am.frequency / rate, "wave_depth": am.depth}
+    return out
+
+
+def contours_of(batch: ContourBatch) -> Any:
+    """The arrays of a batch on a device."""
+    out = MotionContours()
+    out.points, out.polyline_start = batch.points, batch.polyline_start
+    out.polyline_closed, out.pose_start = batch.polyline_closed, batch.pose_start
+    none = wp.empty(0, dtype=wp.float32, device=batch.points.device)
+    out.intensity = none if batch.intensity is None else batch.intensity
+    out.dwell = none if batch.dwell is None else batch.dwell
+    return out

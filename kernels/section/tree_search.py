@@ -306,3 +306,34 @@ def tree_search_pieces(
     wp.launch(
         _tree_search_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK
     )
+
+
+@wp.kernel
+def _find_windings(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    closes: int,
+    # Out:
+    pieces: ContourPieces,
+):
+    """Winding number of the solid around corner 0 of each row's patch."""
+    row = wp.tid()
+    winding = int(0)
+    if closes == 1:
+        section = section_of(pieces, row)
+        f = section_frame(pose, patch, section)
+        side = half_extents(patch[section % patch.shape[0]], bounded)
+        g = coarse_frame(f, side, surface.reach)
+        halves = wp.zeros(shape=LISTED, dtype=wp.int32)
+        winding = winding_at_corner(surface, f, g, side, halves)
+    pieces.winding[row] = winding
+
+
+def find_windings(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
+    """Winding number of the solid around corner 0 of each row's patch, 0 unless contours are closed."""
+    inputs = [surface, pose, patch, int(bounded), int(closes)]
+    rows = pieces.count.shape[0]
+    wp.launch(_find_windings, rows, inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK)

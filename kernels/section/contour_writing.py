@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from ..lanes import lane_count
 from ..offsets import BLOCK
 from ..patch import EXACT, Patch, half_extents, output_point, section_frame
 from .half_edges import Surface
 from .joining import BOUNDARY, SLOT, Entries, Joined
-from .lanes import lane_count
 from .pieces import ContourPieces, section_of, start_of
 from .row_walker import LineArrays, PolylineWriter, draw_row, draw_row_ends
 from .triangle_walk import crossing_at, point_of

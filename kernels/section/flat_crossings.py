@@ -8,11 +8,11 @@ from typing import Any
 
 import warp as wp
 
+from ..lanes import lane_count, sync_lanes, take_row, vote_count, votes_before, votes_of
 from ..offsets import BLOCK
 from ..patch import EXACT, Coarse, Frame, Patch, coarse_frame, half_extents, section_frame
 from .edge_pairing import OPEN
 from .half_edges import LEAF, Surface
-from .lanes import lane_count, sync_lanes, take_row, vote_count, votes_before, votes_of
 from .pieces import section_at
 from .tree_search import Window, down_half, meets
 
@@ -30,6 +30,7 @@ class LaneSpace:
     word: wp.array[wp.int32]  # two halves of `most` each, shape [group * 2 * most]
     half: wp.array[wp.int32]  # half-edges of crossings, shape [group * most]
     state: wp.array[wp.int64]  # how far along its piece a crossing is (`flat_pieces`), shape [group * most]
+    point: wp.array[wp.vec4]  # its output point, and bits (`flat_links`), shape [group * most]
 
 
 @wp.struct

@@ -10,36 +10,29 @@ from typing import Any
 
 import warp as wp
 
+from ..lanes import lane_count, sync_lanes, take_row, votes_of
 from ..offsets import BLOCK
-from ..patch import EXACT, Frame, Patch, half_extents, outcode, output_point, section_frame
-from .edge_pairing import OPEN
+from ..patch import EXACT, Frame, Patch, coarse_frame, half_extents, section_frame
 from .flat_crossings import KEPT, CrossingLists, LaneSpace
+from .flat_links import (
+    ASTRAY,
+    FIRST,
+    LAST,
+    LOOP,
+    STEP,
+    CrossingSpan,
+    link_crossing,
+    place_crossing,
+    side_entered,
+)
 from .half_edges import Surface
-from .lanes import lane_count, sync_lanes, take_row, votes_of
 from .pieces import CLOSED, ContourPieces, room_of, section_of, start_of, store_piece
-from .segment_clipping import NONE, corners_left, segment_of
-from .triangle_walk import crossing_after, crossing_at, link_of, load_vec4, point_of
+from .segment_clipping import NONE
+from .triangle_walk import link_of, load_vec4
 
 wp.set_module_options(EXACT)
 
-ACTIVE = wp.constant(1)  # bits of a crossing: it lies on a piece
-FIRST = wp.constant(2)  # its piece begins with it
-LAST = wp.constant(4)  # its piece ends in the triangle that it enters
-STEP = wp.constant(8)  # the step from it to the next crossing inside the patch has non-zero length
-ASTRAY = wp.constant(16)  # nothing comes before it, yet no piece begins with it: it lies on none
-LOOP = wp.constant(32)  # it lies on a loop
 RANK_MOST = wp.constant(0x7FFFFFFF)
-
-
-@wp.struct
-class CrossingSpan:
-    """A section's crossings, and its group's memory for them."""
-
-    start: wp.int64  # in `CrossingLists.half`
-    count: int
-    bits: int  # start of the crossings' bits in `LaneSpace.word`
-    before: int  # start, in `LaneSpace.word`, of 2 * (place of the crossing before) + (length of the step not zero)
-    state: int  # start in `LaneSpace.state`
 
 
 @wp.func
@@ -58,58 +51,6 @@ def high_of(state: wp.int64):
 def low_of(state: wp.int64):
     """The second number of `packed`."""
     return int(state & wp.int64(RANK_MOST))
-
-
-@wp.func
-def place_of(lists: CrossingLists, s: CrossingSpan, half: int):
-    """Place of the crossing of the half-edge's triangle in a section's list; NONE if it is not listed."""
-    low = int(0)
-    high = int(s.count)
-    while low < high:
-        middle = (low + high) // 2
-        if lists.half[s.start + wp.int64(middle)] < half:
-            low = middle + 1
-        else:
-            high = middle
-    if low < s.count:
-        if lists.half[s.start + wp.int64(low)] == half:
-            return low
-    return NONE
-
-
-@wp.func
-def link_crossing(
-    surface: Surface, f: Frame, side: wp.vec2d, lists: CrossingLists, s: CrossingSpan, space: LaneSpace, i: int
-):
-    """Compute the bits of a crossing, and tell the next one what comes before it."""
-    half = lists.half[s.start + wp.int64(i)]
-    c = crossing_at(surface, f, half)
-    n = crossing_after(surface, f, c)
-    p = point_of(f, c, side)
-    q = point_of(f, n, side)
-    code_p = outcode(p, side)
-    code_q = outcode(q, side)
-    bits = int(0)
-    step = int(0)
-    if code_p == 0:
-        bits = ACTIVE
-        if link_of(load_vec4(surface.corner, half)) == OPEN:
-            bits = ACTIVE | FIRST
-        if code_q == 0 and not (output_point(f, p) == output_point(f, q)):
-            bits = bits | STEP
-            step = 1
-    elif (code_p & code_q) == 0:
-        if segment_of(code_p, code_q, corners_left(p, q, side)).enter != NONE:
-            bits = ACTIVE | FIRST
-    if bits != 0:
-        following = int(NONE)
-        if code_q == 0 and n.half != OPEN:
-            following = place_of(lists, s, n.half)
-        if following != NONE:
-            space.word[s.before + following] = 2 * i + step
-        else:
-            bits = bits | LAST
-    space.word[s.bits + i] = bits
 
 
 @wp.func
@@ -212,18 +153,6 @@ def open_loops(surface: Surface, lists: CrossingLists, s: CrossingSpan, space: L
 
 
 @wp.func
-def side_entered(surface: Surface, f: Frame, side: wp.vec2d, half: int, leaves: bool):
-    """The side by which the segment from a half-edge's crossing enters the patch, or leaves it; NONE for none."""
-    c = crossing_at(surface, f, half)
-    p = point_of(f, c, side)
-    q = point_of(f, crossing_after(surface, f, c), side)
-    clipped = segment_of(outcode(p, side), outcode(q, side), corners_left(p, q, side))
-    if leaves:
-        return clipped.leave
-    return clipped.enter
-
-
-@wp.func
 def store_ranked(
     surface: Surface,
     f: Frame,
@@ -319,6 +248,7 @@ def _rank_crossings(
         section = section_of(pieces, row)
         f = section_frame(pose, patch, section)
         side = half_extents(patch[section % patch.shape[0]], bounded)
+        g = coarse_frame(f, side, surface.reach)
         s = CrossingSpan()
         s.start = lists.start[block_row]
         s.count = lists.count[block_row]
@@ -329,7 +259,7 @@ def _rank_crossings(
             pieces.count[row] = 0
         i = int(lane)
         while i < s.count:
-            space.word[s.before + i] = NONE
+            place_crossing(surface, f, g, side, lists, s, space, i)
             i += lanes
         sync_lanes()
         i = lane

@@ -4,14 +4,14 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from ..lanes import group_count
 from .flat_crossings import KEPT, SPACE, USED, CrossingLists, LaneSpace, list_crossings
 from .flat_pieces import rank_crossings
-from .lanes import group_count
 from .tree_search import find_windings
 
 CROSSINGS_MOST = 2**25  # of a block of rows, about: lists take 8 bytes for each
 SPACE_BYTES = 2**28  # of all groups
-CROSSING_BYTES = 20  # in a group's space
+CROSSING_BYTES = 36  # in a group's space
 SHARE = 1.15  # of the crossings that the block before suggests
 
 
@@ -101,6 +101,7 @@ def space_for(groups: int, most: int, device: Any) -> Any:
     space.word = wp.empty(groups * 2 * most, dtype=wp.int32, device=device)
     space.half = wp.empty(groups * most, dtype=wp.int32, device=device)
     space.state = wp.empty(groups * most, dtype=wp.int64, device=device)
+    space.point = wp.empty(groups * most, dtype=wp.vec4, device=device)
     return space
 
 

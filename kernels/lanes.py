@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 WARP = 32  # lanes of a group on a GPU
-GROUPS_OF_PROCESSOR = 28  # groups that a multiprocessor of a GPU holds if threads need 72 registers
+GROUPS_OF_PROCESSOR = 32  # groups that a multiprocessor of a GPU holds if threads need 64 registers
 
 
 @wp.func_native("""

@@ -96,7 +96,6 @@ def _draw_ends(
 def _draw_listed(
     # In:
     surface: Surface,
-    pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     pieces: ContourPieces,
     entries: Entries,
@@ -111,9 +110,8 @@ def _draw_listed(
     while row < entries.count.shape[0]:
         count = entries.count[row] & (BOUNDARY - 1)
         if count > 0:
-            section = section_of(pieces, row)
-            f = section_frame(pose, patch, section)
-            side = half_extents(patch[section % patch.shape[0]], bounded)
+            f = pieces.frame[row]
+            side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
             base = start_of(pieces, row)
             for e in range(count):
                 slot = base + wp.int64(entries.entry[base + wp.int64(e) * pieces.stride] & SLOT) * pieces.stride
@@ -148,10 +146,10 @@ def draw_contours(
     lines.polyline_patch, lines.polyline_closed = out.polyline_patch, out.polyline_closed
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     for pieces, entries in joined.rows:
-        row_count, drawn = pieces.count.shape[0], [surface, pose, patch, pieces, entries, int(bounded)]
-        inputs = [*drawn, int(closes), joined.section_start, joined.point_start]
+        row_count, drawn = pieces.count.shape[0], [patch, pieces, entries, int(bounded)]
+        inputs = [surface, pose, *drawn, int(closes), joined.section_start, joined.point_start]
         launch(_draw_contours if pieces.listed is None else _draw_ends, row_count, inputs=inputs, outputs=[lines])
         if pieces.listed is not None:
             lanes, groups = lane_count(device), min(row_count, GROUPS_MOST)
-            launch(_draw_listed, groups * lanes, inputs=[*drawn, lanes, groups], outputs=[lines.points])
+            launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
     return out

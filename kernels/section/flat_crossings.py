@@ -10,10 +10,10 @@ import warp as wp
 
 from ..lanes import lane_count, sync_lanes, take_row, vote_count, votes_before, votes_of
 from ..offsets import BLOCK
-from ..patch import EXACT, Coarse, Frame, Patch, coarse_frame, half_extents, section_frame
+from ..patch import EXACT, Coarse, Frame, Patch, coarse_frame, half_extents
 from .edge_pairing import OPEN
 from .half_edges import LEAF, Surface
-from .pieces import section_at
+from .pieces import ContourPieces, section_of
 from .tree_search import Window, down_half, meets
 
 wp.set_module_options(EXACT)
@@ -154,9 +154,8 @@ def list_crossings_of(
 def _list_crossings(
     # In:
     surface: Surface,
-    pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
-    section: wp.array[wp.int32],  # of each row, as `ContourPieces.section`
+    pieces: ContourPieces,
     first: int,  # row of the block
     bounded: int,
     lanes: int,  # of a group
@@ -170,9 +169,9 @@ def _list_crossings(
     lane = wp.tid() % lanes
     row = take_row(taken, lane)
     while row < lists.count.shape[0]:
-        own = section_at(section, first + row)
-        f = section_frame(pose, patch, own)
-        g = coarse_frame(f, half_extents(patch[own % patch.shape[0]], bounded), surface.reach)
+        own = section_of(pieces, first + row) % patch.shape[0]
+        f = pieces.frame[first + row]
+        g = coarse_frame(f, half_extents(patch[own], bounded), surface.reach)
         w = Window()
         w.low = -g.half
         w.high = g.half
@@ -198,9 +197,8 @@ def _list_crossings(
 
 def list_crossings(
     surface: Any,
-    pose: wp.array,
     patch: wp.array,
-    section: wp.array,
+    pieces: Any,
     first: int,
     *,
     bounded: bool,
@@ -209,9 +207,9 @@ def list_crossings(
     lists: Any,
 ) -> None:
     """List the crossings of as many rows as `lists` has, from row `first` on; `groups` as many as `space` is for."""
-    device = pose.device
+    device = patch.device
     lanes = lane_count(device)
     taken = wp.zeros(1, dtype=wp.int32, device=device)
-    inputs = [surface, pose, patch, section, first, int(bounded), lanes]
+    inputs = [surface, patch, pieces, first, int(bounded), lanes]
     outputs = [taken, space, lists]
     wp.launch(_list_crossings, groups * lanes, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)

@@ -12,7 +12,7 @@ import warp as wp
 
 from ..lanes import lane_count, sync_lanes, take_row, votes_of
 from ..offsets import BLOCK
-from ..patch import EXACT, Frame, Patch, coarse_frame, half_extents, section_frame
+from ..patch import EXACT, Frame, Patch, coarse_frame, half_extents
 from .flat_crossings import KEPT, CrossingLists, LaneSpace
 from .flat_links import (
     ASTRAY,
@@ -226,7 +226,6 @@ def list_steps(
 def _rank_crossings(
     # In:
     surface: Surface,
-    pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     first: int,  # row of the block
     bounded: int,
@@ -245,9 +244,8 @@ def _rank_crossings(
     block_row = take_row(taken, lane)
     while block_row < lists.count.shape[0]:
         row = first + block_row
-        section = section_of(pieces, row)
-        f = section_frame(pose, patch, section)
-        side = half_extents(patch[section % patch.shape[0]], bounded)
+        f = pieces.frame[row]
+        side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
         g = coarse_frame(f, side, surface.reach)
         s = CrossingSpan()
         s.start = lists.start[block_row]
@@ -303,7 +301,6 @@ def first_listed(
 
 def rank_crossings(
     surface: Any,
-    pose: wp.array,
     patch: wp.array,
     first: int,
     lists: Any,
@@ -319,9 +316,9 @@ def rank_crossings(
 
     `excess` counts rows with too few slots. listed: with space for all crossings of `lists`.
     """
-    device = pose.device
+    device = patch.device
     lanes = lane_count(device)
     taken = wp.zeros(1, dtype=wp.int32, device=device)
-    inputs = [surface, pose, patch, first, int(bounded), lanes, lists, wp.int64(listed_before)]
+    inputs = [surface, patch, first, int(bounded), lanes, lists, wp.int64(listed_before)]
     outputs = [taken, space, pieces, listed]
     wp.launch(_rank_crossings, groups * lanes, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)

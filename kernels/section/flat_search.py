@@ -5,12 +5,13 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..lanes import group_count
+from ..patch import Frame
 from .flat_crossings import KEPT, SPACE, USED, CrossingLists, LaneSpace, list_crossings
 from .flat_pieces import rank_crossings
-from .tree_search import find_windings
+from .tree_search import prepare_rows
 
-CROSSINGS_MOST = 2**25  # of a block of rows, about: lists take 8 bytes for each
-SPACE_BYTES = 2**28  # of all groups
+BLOCK_MOST = 2**26  # of a block of rows, about: lists take 8 bytes for each
+SPACE_BYTES = 2**29  # of all groups
 CROSSING_BYTES = 36  # in a group's space
 SHARE = 1.15  # of the crossings that the block before suggests
 
@@ -26,9 +27,10 @@ class FlatSize(NamedTuple):
     """Crossings of a block of rows."""
 
     @classmethod
-    def for_surface(cls, face_count: int) -> "FlatSize":
-        """Capacities for random planes through a round body: they cross about 2.5 sqrt(face_count) faces at most."""
-        return cls(int(max(256.0, 4.0 * face_count**0.5)), 16.0 + face_count**0.5, CROSSINGS_MOST)
+    def for_surface(cls, face_count: int, bounded: bool) -> "FlatSize":
+        """Capacities for planes through a round body: one through its middle crosses 2.6 sqrt(face_count) faces."""
+        root, share = face_count**0.5, 1.0 if bounded else 2.0
+        return cls(int(max(256.0, (2.0 + 2.0 * share) * root)), 16.0 + share * root, BLOCK_MOST)
 
 
 def flat_search_pieces(
@@ -46,15 +48,15 @@ def flat_search_pieces(
     Rows are searched in blocks. A block whose crossings need more memory than there is, is searched again with more.
     """
     device, row_count = pose.device, pieces.count.shape[0]
-    size = size or FlatSize.for_surface(surface.corner.shape[0] // 3)
-    find_windings(surface, pose, patch, pieces, bounded=bounded, closes=closes)
+    size = size or FlatSize.for_surface(surface.corner.shape[0] // 3, bounded)
     with_steps(pieces, device)
+    prepare_rows(surface, pose, patch, pieces, bounded=bounded, closes=closes)
     found: list[wp.array] = []
     first = 0
     while first < row_count:
         rows = min(row_count - first, max(1, int(size.block / size.crossings)))
         listed_before = sum(array.shape[0] for array in found)
-        listed, size = _search_block(surface, pose, patch, pieces, first, rows, listed_before, bounded, size)
+        listed, size = _search_block(surface, patch, pieces, first, rows, listed_before, bounded, size)
         found.append(listed)
         first += rows
     pieces.listed = joined_arrays(found, device)
@@ -62,7 +64,6 @@ def flat_search_pieces(
 
 def _search_block(
     surface: Any,
-    pose: wp.array,
     patch: wp.array,
     pieces: Any,
     first: int,
@@ -72,7 +73,7 @@ def _search_block(
     size: FlatSize,
 ) -> tuple[wp.array, FlatSize]:
     """Half-edges of the steps of a block of rows, and the capacities for the next block."""
-    device = pose.device
+    device = patch.device
     capacity = int(rows * size.crossings) + 1
     excess = wp.clone(pieces.excess)
     while True:
@@ -80,8 +81,8 @@ def _search_block(
         space, lists = space_for(groups, size.space, device), lists_for(rows, capacity, device)
         listed = wp.empty(capacity, dtype=wp.int32, device=device)
         shared: dict[str, Any] = {"bounded": bounded, "groups": groups, "space": space}
-        list_crossings(surface, pose, patch, pieces.section, first, lists=lists, **shared)
-        rank_crossings(surface, pose, patch, first, lists, listed_before, pieces=pieces, listed=listed, **shared)
+        list_crossings(surface, patch, pieces, first, lists=lists, **shared)
+        rank_crossings(surface, patch, first, lists, listed_before, pieces=pieces, listed=listed, **shared)
         numbers = lists.numbers.numpy()
         if numbers[SPACE] == 0 and numbers[USED] <= capacity:
             break
@@ -120,6 +121,7 @@ def with_steps(pieces: Any, device: Any) -> None:
     """Allocate the arrays of `pieces` for listed steps, but `listed` itself."""
     slots = pieces.half.shape[0]
     pieces.row_start = wp.empty(pieces.count.shape[0], dtype=wp.int64, device=device)
+    pieces.frame = wp.empty(pieces.count.shape[0], dtype=Frame, device=device)
     pieces.begin = wp.empty(slots, dtype=wp.int32, device=device)
     pieces.place = wp.empty(slots, dtype=wp.int64, device=device)
 

@@ -309,7 +309,7 @@ def tree_search_pieces(
 
 
 @wp.kernel
-def _find_windings(
+def _prepare_rows(
     # In:
     surface: Surface,
     pose: wp.array2d[wp.transform],
@@ -319,12 +319,13 @@ def _find_windings(
     # Out:
     pieces: ContourPieces,
 ):
-    """Winding number of the solid around corner 0 of each row's patch."""
+    """Frame of each row's patch, and winding number of the solid around its corner 0."""
     row = wp.tid()
     winding = int(0)
+    section = section_of(pieces, row)
+    f = section_frame(pose, patch, section)
+    pieces.frame[row] = f
     if closes == 1:
-        section = section_of(pieces, row)
-        f = section_frame(pose, patch, section)
         side = half_extents(patch[section % patch.shape[0]], bounded)
         g = coarse_frame(f, side, surface.reach)
         halves = wp.zeros(shape=LISTED, dtype=wp.int32)
@@ -332,8 +333,8 @@ def _find_windings(
     pieces.winding[row] = winding
 
 
-def find_windings(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
-    """Winding number of the solid around corner 0 of each row's patch, 0 unless contours are closed."""
+def prepare_rows(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
+    """Frame of each row's patch, and winding number of the solid around its corner 0, 0 unless contours are closed."""
     inputs = [surface, pose, patch, int(bounded), int(closes)]
     rows = pieces.count.shape[0]
-    wp.launch(_find_windings, rows, inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK)
+    wp.launch(_prepare_rows, rows, inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK)

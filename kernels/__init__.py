@@ -14,6 +14,8 @@ RENDER_STAGES = (
     "section.scan_search",
     "section.clip_events",
     "section.tree_search",
+    "section.flat_crossings",
+    "section.flat_pieces",
     "section.joining",
     "section.contour_writing",
     "section.plane_loops",

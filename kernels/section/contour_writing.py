@@ -1,17 +1,26 @@
-"""Writing contours: walks the ordered pieces a second time and writes points in the array's frame."""
+"""Writing contours: walks the ordered pieces a second time and writes points in the array's frame.
 
+Pieces with listed crossings are not walked: one thread a section writes what is few, and lanes the crossings' points.
+"""
+
+from functools import partial
 from typing import Any, NamedTuple
 
 import warp as wp
 
+from ..lanes import lane_count
 from ..offsets import BLOCK
-from ..patch import EXACT, Patch, half_extents, section_frame
+from ..patch import EXACT, Patch, half_extents, output_point, section_frame
 from .half_edges import Surface
-from .joining import Entries, Joined
-from .pieces import ContourPieces, section_of
-from .row_walker import LineArrays, PolylineWriter, draw_row
+from .joining import BOUNDARY, SLOT, Entries, Joined
+from .pieces import ContourPieces, section_of, start_of
+from .row_walker import LineArrays, PolylineWriter, draw_row, draw_row_ends
+from .triangle_walk import crossing_at, point_of
 
 wp.set_module_options(EXACT)
+
+
+GROUPS_MOST = 2**24  # of lanes that draw; 32 times as many threads have numbers in 31 bits
 
 
 class Contours(NamedTuple):
@@ -54,6 +63,69 @@ def _draw_contours(
         lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
 
 
+@wp.kernel
+def _draw_ends(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    pieces: ContourPieces,
+    entries: Entries,
+    bounded: int,
+    closes: int,
+    section_start: wp.array[wp.int64],
+    point_start: wp.array[wp.int64],
+    # Out:
+    lines: LineArrays,
+):
+    """Write each row's polylines but for the points of listed crossings; their places into `ContourPieces.place`."""
+    row = wp.tid()
+    section = section_of(pieces, row)
+    own = section % patch.shape[0]
+    writer = PolylineWriter()
+    writer.i = point_start[section]
+    writer.line = section_start[section]
+    writer.patch = own
+    f = section_frame(pose, patch, section)
+    writer = draw_row_ends(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
+    if section == section_start.shape[0] - 2:
+        lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
+
+
+@wp.kernel
+def _draw_listed(
+    # In:
+    surface: Surface,
+    patch: wp.array[Patch],
+    pieces: ContourPieces,
+    entries: Entries,
+    bounded: int,
+    lanes: int,  # of a group
+    groups: int,
+    # Out:
+    points: wp.array[wp.vec3],
+):
+    """Write the points of the listed crossings of each row's polylines."""
+    row = wp.tid() // lanes
+    while row < entries.count.shape[0]:
+        count = entries.count[row] & (BOUNDARY - 1)
+        if count > 0:
+            f = pieces.frame[row]
+            side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
+            base = start_of(pieces, row)
+            for e in range(count):
+                slot = base + wp.int64(entries.entry[base + wp.int64(e) * pieces.stride] & SLOT) * pieces.stride
+                begin = pieces.row_start[row] + wp.int64(pieces.begin[slot])
+                steps = pieces.steps[slot] // 2
+                k = wp.tid() % lanes
+                while k < steps:
+                    half = pieces.listed[begin + wp.int64(k)]
+                    x = output_point(f, point_of(f, crossing_at(surface, f, half), side))
+                    points[pieces.place[slot] + wp.int64(k)] = x
+                    k += lanes
+        row += groups
+
+
 def draw_contours(
     surface: Any, pose: wp.array, patch: wp.array, joined: Joined, *, bounded: bool, closes: bool
 ) -> Contours:
@@ -72,14 +144,12 @@ def draw_contours(
     lines = LineArrays()
     lines.points, lines.kind, lines.polyline_start = out.points, out.kind, out.polyline_start
     lines.polyline_patch, lines.polyline_closed = out.polyline_patch, out.polyline_closed
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
     for pieces, entries in joined.rows:
-        inputs = [surface, pose, patch, pieces, entries, int(bounded), int(closes)]
-        wp.launch(
-            _draw_contours,
-            pieces.count.shape[0],
-            inputs=[*inputs, joined.section_start, joined.point_start],
-            outputs=[lines],
-            device=device,
-            block_dim=BLOCK,
-        )
+        row_count, drawn = pieces.count.shape[0], [patch, pieces, entries, int(bounded)]
+        inputs = [surface, pose, *drawn, int(closes), joined.section_start, joined.point_start]
+        launch(_draw_contours if pieces.listed is None else _draw_ends, row_count, inputs=inputs, outputs=[lines])
+        if pieces.listed is not None:
+            lanes, groups = lane_count(device), min(row_count, GROUPS_MOST)
+            launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
     return out

@@ -1,33 +1,43 @@
-"""Finding contour pieces: by a scan of all scanned edges ("trace") or a search in the box hierarchy ("seek")."""
+"""Finding contour pieces.
+
+| method | search | threads |
+|---|---|---|
+| trace | scan of all scanned edges, for surfaces with a scan path | one a section |
+| seek | descent of the box hierarchy, walks from triangle to triangle | one a section |
+| flat | descent of the box hierarchy, crossings ranked side by side | many a section, for large surfaces on GPUs |
+"""
 
 from typing import Any
 
 import warp as wp
 
 from ..patch import require_section_poses
+from .flat_search import flat_search_pieces
 from .pieces import room_for_excess, room_for_sections
 from .scan_search import scan_search_pieces
 from .tree_search import tree_search_pieces
 
 SCAN_SEARCH_FACES_MOST = {"cpu": 5000, "cuda": 8000}  # the tree search is faster for more triangles (performance.md)
-METHODS = ("trace", "seek")
+METHODS = ("trace", "seek", "flat")
 
 
 def method_for(surface: Any, device: Any) -> str:
-    """The faster method for a surface: "trace" or "seek"."""
+    """The fastest method for a surface: "trace" for small ones, "seek" or on a GPU "flat" for others."""
     small = surface.corner.shape[0] // 3 <= SCAN_SEARCH_FACES_MOST["cpu" if device.is_cpu else "cuda"]
-    return "trace" if small and surface.scan_path.shape[0] > 0 else "seek"
+    if small and surface.scan_path.shape[0] > 0:
+        return "trace"
+    return "seek" if device.is_cpu else "flat"
 
 
 def find_pieces(
     surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, closes: bool, method: str | None = None
 ) -> list:
-    """Find the pieces of a surface's contours in every patch at every pose; both methods find the same pieces.
+    """Find the pieces of a surface's contours in every patch at every pose; all methods find the same pieces.
 
     surface: Surface; pose: wp.transform, of the hand or of each patch, shape [pose, 1 or patch]; patch: Patch, shape
     [patch]; all on one device.
     bounded: whether patches cut contours off; closes: whether winding numbers are computed.
-    method: "trace" (scan search, for surfaces with a scan path), "seek" (tree search, for any), None: the faster one.
+    method: "trace" (for surfaces with a scan path), "seek", "flat" (for any), None: the fastest one.
     Raises ValueError for an unknown method, one that the surface does not allow, and poses of another shape.
     Returns ContourPieces of all sections, and further ContourPieces for sections with more than SLOTS pieces.
     """
@@ -40,10 +50,11 @@ def find_pieces(
         raise ValueError(f"a surface of {surface.corner.shape[0] // 3} triangles has no scan path: use seek")
     found = [room_for_sections(pose.shape[0] * patch.shape[0], device)]
     needed = None
+    search = flat_search_pieces if method == "flat" else tree_search_pieces
     if method == "trace":
         needed = scan_search_pieces(surface, pose, patch, found[0], bounded=bounded)
     else:
-        tree_search_pieces(surface, pose, patch, found[0], bounded=bounded, closes=closes)
+        search(surface, pose, patch, found[0], bounded=bounded, closes=closes)
     if found[0].excess.numpy()[0] > 0:
         rest = room_for_excess(found[0], device)
         found.append(rest)
@@ -51,5 +62,5 @@ def find_pieces(
             room = int(needed.numpy()[rest.section.numpy()].max())
             scan_search_pieces(surface, pose, patch, rest, bounded=bounded, room=room)
         else:
-            tree_search_pieces(surface, pose, patch, rest, bounded=bounded, closes=closes)
+            search(surface, pose, patch, rest, bounded=bounded, closes=closes)
     return found

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ..patch import Frame
+
 SLOTS = 8  # slots of a section in the first search; sections with more pieces are searched again with enough slots
 CLOSED = wp.constant(1 << 30)  # in a piece's key: a closed loop inside the patch
 
@@ -27,6 +29,11 @@ class ContourPieces:
     side: wp.array[wp.vec2i]  # patch sides by which the piece enters and leaves, NONE for none
     steps: wp.array[wp.int32]  # 2 * (steps of non-zero length between crossings inside) + 1 if both ends are clear.
     # An end is clear if in float32 it differs from the neighbouring crossings and corners, so steps there are not zero
+    listed: wp.array[wp.int32]  # half-edges at which the steps of non-zero length begin, piece by piece; or empty
+    row_start: wp.array[wp.int64]  # where a row's pieces begin in `listed`, shape [row]
+    begin: wp.array[wp.int32]  # where a piece begins among those of its row
+    frame: wp.array[Frame]  # of each row's section; with `listed`
+    place: wp.array[wp.int64]  # where the first of a piece's listed crossings is drawn, among the points of all rows
 
 
 @wp.func

@@ -3,6 +3,7 @@
 | function | sink | state | result |
 |---|---|---|---|
 | draw_row | LineArrays | PolylineWriter | points, kinds and polylines in arrays |
+| draw_row_ends | LineArrays | PolylineWriter | the same but for points of crossings that `ContourPieces.listed` holds |
 | add_row | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind and area vectors, in the state |
 
 Both use the same float32 points in the same order, so `add_row` gives the same bits as `tally` on the written points.
@@ -163,15 +164,25 @@ def add_boundary(encloses: int, sums: LengthAccumulator, f: Frame, half: wp.vec2
     return end_sum(encloses, out, draws)
 
 
-def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any) -> Any:
+def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any, piece: Any = None) -> Any:
     """A wp.func that walks a row's pieces: it passes each point to `to`, each polyline's begin and end to `begin` and
-    `end`, and the patch's whole boundary to `boundary`. Signatures as the functions of PolylineWriter above."""
+    `end`, and the patch's whole boundary to `boundary`. Signatures as the functions of PolylineWriter above.
+
+    piece: passes the points of one piece, as `draw_piece` does, which walks from crossing to crossing."""
 
     @wp.func
     def draw_piece(
-        surface: Surface, f: Frame, side: wp.vec2d, half: int, sink: sink_type, state: state_type, starts: bool
+        surface: Surface,
+        f: Frame,
+        side: wp.vec2d,
+        pieces: ContourPieces,
+        slot: wp.int64,
+        sink: sink_type,
+        state: state_type,
+        starts: bool,
     ):
         """Walk a piece from its first point (on a side or inside) to its last; `starts`: a polyline begins with it."""
+        half = pieces.half[slot]
         c = crossing_at(surface, f, half)
         n = crossing_after(surface, f, c)
         p = point_of(f, c, side)
@@ -197,6 +208,8 @@ def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, b
         if code_q != 0:
             x = output_point(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).leave, p, q, side))
         return to(sink, out, x, True)
+
+    pass_piece = piece or draw_piece
 
     @wp.func
     def draw_corners(sink: sink_type, state: state_type, f: Frame, half: wp.vec2d, first: int, count: int, draws: bool):
@@ -232,7 +245,7 @@ def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, b
             whole = pieces.key[slot] >= CLOSED
             begins = (code & BEGIN) != 0
             out = begin(sink, out, begins, whole or closes == 1)
-            out = draw_piece(surface, f, side, pieces.half[slot], sink, out, begins)
+            out = pass_piece(surface, f, side, pieces, slot, sink, out, begins)
             turns = closes == 1 and not whole
             corners = int(0)
             if turns:
@@ -248,5 +261,56 @@ def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, b
     return draw_row
 
 
+@wp.func
+def draw_piece_ends(
+    surface: Surface,
+    f: Frame,
+    side: wp.vec2d,
+    pieces: ContourPieces,
+    slot: wp.int64,
+    lines: LineArrays,
+    writer: PolylineWriter,
+    starts: bool,
+):
+    """Write a piece's first and last points; leave the place of its listed crossings in `ContourPieces.place`.
+
+    A piece's points: where it enters (unless it starts inside); one for each listed crossing; and the last point inside
+    or where it leaves, which the writer holds at the end.
+    """
+    half = pieces.half[slot]
+    c = crossing_at(surface, f, half)
+    p = point_of(f, c, side)
+    code_p = outcode(p, side)
+    x = output_point(f, p)
+    q = point_of(f, crossing_after(surface, f, c), side)
+    code_q = outcode(q, side)
+    if code_p != 0:
+        x = output_point(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).enter, p, q, side))
+    out = write_to(lines, writer, x, not starts)
+    if starts:
+        out.first = x
+    out.x = x
+    out.kind = OBJECT
+    out = write_to(lines, out, output_point(f, q), code_p != 0 and code_q == 0)
+    pieces.place[slot] = out.i
+    if pieces.key[slot] >= CLOSED:
+        out.i = out.i + wp.int64(pieces.steps[slot] // 2)
+        return out
+    c = crossing_at(surface, f, pieces.out[slot])
+    p = point_of(f, c, side)
+    q = point_of(f, crossing_after(surface, f, c), side)
+    code_p = outcode(p, side)
+    code_q = outcode(q, side)
+    out.i = out.i + wp.int64(pieces.steps[slot] // 2)
+    if code_q == 0:  # the chain ends inside, at an open edge
+        out.x = output_point(f, q)
+        return out
+    if code_p == 0:
+        out.x = output_point(f, p)
+    x = output_point(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).leave, p, q, side))
+    return write_to(lines, out, x, True)
+
+
 draw_row = row_walker(LineArrays, PolylineWriter, write_to, begin_line, end_line, draw_boundary)
+draw_row_ends = row_walker(LineArrays, PolylineWriter, write_to, begin_line, end_line, draw_boundary, draw_piece_ends)
 add_row = row_walker(int, LengthAccumulator, add_to, begin_sum, end_sum, add_boundary)

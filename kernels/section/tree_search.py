@@ -306,3 +306,35 @@ def tree_search_pieces(
     wp.launch(
         _tree_search_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK
     )
+
+
+@wp.kernel
+def _prepare_rows(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    closes: int,
+    # Out:
+    pieces: ContourPieces,
+):
+    """Frame of each row's patch, and winding number of the solid around its corner 0."""
+    row = wp.tid()
+    winding = int(0)
+    section = section_of(pieces, row)
+    f = section_frame(pose, patch, section)
+    pieces.frame[row] = f
+    if closes == 1:
+        side = half_extents(patch[section % patch.shape[0]], bounded)
+        g = coarse_frame(f, side, surface.reach)
+        halves = wp.zeros(shape=LISTED, dtype=wp.int32)
+        winding = winding_at_corner(surface, f, g, side, halves)
+    pieces.winding[row] = winding
+
+
+def prepare_rows(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
+    """Frame of each row's patch, and winding number of the solid around its corner 0, 0 unless contours are closed."""
+    inputs = [surface, pose, patch, int(bounded), int(closes)]
+    rows = pieces.count.shape[0]
+    wp.launch(_prepare_rows, rows, inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK)

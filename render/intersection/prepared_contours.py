@@ -30,15 +30,17 @@ ROOM_MOST = 2**31  # [byte] of memory that is kept
 
 
 class PreparedContours:
-    """Contours of a few poses at a time: those of `render`, bit for bit, without what `render` does for each call.
+    """Contours of batches of as many poses: those of `render`, bit for bit, without what `render` does for each call.
 
     solid, hand, strategy: as in `render`; the hand must be rigid. pose_count: of each batch. device: Warp's; on a GPU
-    all launches are one graph. method: how contours are looked for, see `find_pieces`. size: first capacities.
-    Sections of a mesh by planes take 0.02 ms for a pose on a CPU: memory is taken when made, and anew, twice as much,
-    when a batch needs more; a batch that needs more than 2 GB is rendered as `render` does. So is anything else, meshes
-    that cross themselves and strategies with further stages too, in milliseconds. Not for two threads at once.
+    all launches are one graph. method: how a mesh is searched, see `find_pieces`. size: first capacities.
+    Only sections of a mesh by a palm are prepared ("oc", "cc", "whole"): memory is taken when made, and anew, twice as
+    much, when a batch needs more. What cannot be prepared is rendered as `render` does, in milliseconds: batches that
+    need more than 2 GB, strategies with further stages (hands of planes have one), meshes that cross themselves, voxels
+    and functions. Not for two threads at once.
     Raises MeshError where the strategy needs a closed surface and the object has none, StrategyError for an articulated
-    hand and a number of poses that is not 1..2**20, ValueError for a method that does not exist or not for this object.
+    hand and a number of poses that is not 1..2**20, ValueError, where sections are prepared, for a method that does not
+    exist or not for this object.
 
     >>> import numpy as np
     >>> from palpate.render import PreparedContours, static_pose
@@ -61,7 +63,7 @@ class PreparedContours:
         solid, hand = solid_of(solid), hand_of(hand)
         if hand.pose_count is not None:
             raise StrategyError(f"the hand has {hand.pose_count} poses of its own: prepared contours take a rigid one")
-        if not (is_number(pose_count) and pose_count == int(pose_count) and 1 <= pose_count <= POSES_MOST):
+        if not (is_number(pose_count) and 1 <= pose_count <= POSES_MOST and pose_count == int(pose_count)):
             raise StrategyError(f"pose_count must be a whole number of 1..{POSES_MOST}, not {pose_count!r}")
         self.pose_count, self.device = int(pose_count), warp_device(device)
         """Poses of a batch, and where they are rendered."""
@@ -74,9 +76,8 @@ class PreparedContours:
         poses = np.tile(middle, (self.pose_count, 1))
         if isinstance(solid, MeshObject) and isinstance(hand, PatchHand) and is_kept(self._scene):
             self._room = self._first_room(solid, hand, poses[:1], method, size)
-        self.at_checked(poses)
-        if self._room is not None:
-            self._room.warm()
+        if (room := self._fitting_room(poses)) is not None:
+            room.warm()
 
     def __repr__(self) -> str:
         """One line."""
@@ -84,10 +85,11 @@ class PreparedContours:
         return f"{type(self).__name__}({scene.solid.name} on {scene.hand!r}, {self.pose_count} poses on {self.device})"
 
     def at(self, pose: np.ndarray | wp.array) -> ContourBatch:
-        """Contours of poses, in memory that the next call writes over: copy what shall last.
+        """Contours of poses, in memory that the next call may write over: copy what shall last.
 
         pose: x y z [m] and quaternion xyzw, hand frame -> array frame, shape [pose, 7], or wp.transform [pose] on the
-        device, which is not checked. The batch is on the device; that of a CPU on the host.
+        device, which is not checked: its numbers must be finite and its quaternions of length 1. The batch is on a GPU
+        where the device is one, else on the host (NumPy).
         Raises PoseError for another number of poses, and what `render` refuses.
         """
         rows = pose if isinstance(pose, wp.array) else check_poses(pose)
@@ -97,13 +99,18 @@ class PreparedContours:
 
     def at_checked(self, pose: np.ndarray | wp.array) -> ContourBatch:
         """The same for poses of the right number as `check_poses` leaves them; one pose may be of shape [7]."""
+        room = self._fitting_room(pose)
+        return self._rendered(pose) if room is None else ContourBatch(**room.contours())
+
+    def _fitting_room(self, pose: np.ndarray | wp.array) -> Room | None:
+        """The room, with the contours of poses in it; None where they are rendered without it."""
         while self._room is not None and (needed := self._room.fill(pose)) is not None:
             size = self._room.size.doubled_for(needed)
             if room_bytes(size, self._room.row_count) > ROOM_MOST:
-                return self._rendered(pose)
+                return None
             self._room = self._room_of(size)
             self.grown += 1
-        return self._rendered(pose) if self._room is None else ContourBatch(**self._room.contours())
+        return self._room
 
     def _rendered(self, pose: np.ndarray | wp.array) -> ContourBatch:
         """As `render` does."""
@@ -113,7 +120,8 @@ class PreparedContours:
 
     def _first_room(
         self, solid: MeshObject, hand: PatchHand, pose: np.ndarray, method: str | None, size: RoomSize | None
-    ) -> Room:
+    ) -> Room | None:
+        """Memory for a batch, of a size that is likely enough; None if that is more than is kept."""
         strategy, device = self._scene.strategy, self.device
         section = wp.array(hand.section_poses(pose), dtype=wp.transform, device=device)
         intersect(solid, hand, section, strategy, method=method)  # refuses what cannot be done
@@ -125,7 +133,9 @@ class PreparedContours:
             "method": method or method_for(surface, wp.get_device(device)),
             "pose_count": self.pose_count,
         }
-        return self._room_of(size or RoomSize.for_rows(self.pose_count * hand.patch_count))
+        row_count = self.pose_count * hand.patch_count
+        size = size or RoomSize.for_rows(row_count)
+        return None if room_bytes(size, row_count) > ROOM_MOST else self._room_of(size)
 
     def _room_of(self, size: RoomSize) -> Room:
         room = Room if self.device == "cpu" else GraphRoom

@@ -31,10 +31,12 @@ from ..playback.device_frames import PulsePacker
 from ..playback.focus_source import INTERVALS_LOOKED_AT, require_increasing
 from ..runtime.span_workers import warp_device
 from ..sampling.batch_dwell import dwell_maps
-from ..sampling.batch_sampling import MotionSamples, sample_motions
+from ..sampling.batch_sampling import ROWS_A_POINT, ROWS_MOST, MotionSamples, sample_motions
 from ..sampling.presets import sampling_of
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
+from ..strategies.user_stage_sources import has_own_stages
+from ..validation import value_text
 from .numbers import dwell_grid, sampling_numbers
 from .poses import ExploredPoses, HostPoses, PoseRows, TimedPoses, explored_rows
 
@@ -72,7 +74,8 @@ class MotionGroup:
     """Of all poses, one motion after the other; on the host where a stage of your own left them there."""
 
     def __post_init__(self) -> None:
-        contours, _ = self.scene.contours(self.pose, 0, self.device, point_limit=self.memory // POINT_BYTES)
+        limit = None if len(self.motions) == 1 else min(self.memory // POINT_BYTES, ROWS_MOST // ROWS_A_POINT)
+        contours, _ = self.scene.contours(self.pose, 0, self.device, point_limit=limit)
         object.__setattr__(self, "contours", contours)
 
     def __repr__(self) -> str:
@@ -113,7 +116,12 @@ class MotionGroup:
         return [sampling_numbers(*own, rate) for own in zip(self.samples.counts, maps, strict=True)]
 
     def frames(self, packer: PulsePacker) -> Iterator[PackedFrames]:
-        """Wire bytes of all focal points, one motion after the other, block by block; each motion starts from rest."""
+        """Wire bytes of all focal points, one motion after the other, block by block; each motion starts from rest.
+
+        packer: it is reset, and nobody else may use it until the last block is given. Raises DeviceError for an update
+        rate that the array cannot play.
+        """
+        packer.array.divider(self.sampling.update_rate)
         points, levels, starts = self.samples.position, self.samples.intensity, self.samples.sample_start
         rests = starts.tolist() if self.sampling.foci > 1 else [0, int(starts[-1])]  # one depends on none before it
         block = max(1, self.memory // (FRAMES_SHARE * packer.frame_bytes))
@@ -138,16 +146,16 @@ def render_motions(
 
     solid, hand, strategy, sampling: objects, or names and files, as for `render`; the hand has one shape in all poses.
     motions: with times, of two poses at least; explorations over the array are made on the device. memory: of a group,
-    what is made of it included [byte]; by default 512 MB on a CPU, a quarter of a GPU's. A motion is never divided:
-    where one alone takes more, it has a group of its own.
-    Results do not depend on how motions are grouped. Contours, focal points and wire bytes stay on the device; on GPUs
-    groups of hundreds of motions are many times as fast as single ones, as one thread goes through a motion.
+    what is made of it included, about [byte]; by default 512 MB on a CPU, a quarter of a GPU's. A motion is never
+    divided: where one alone takes more, it has a group of its own, and so has each motion with a stage of your own,
+    which may look at its batch. Results do not depend on how motions are grouped. Contours, focal points and wire bytes
+    stay on the device. A GPU is busy with hundreds of motions at once, and takes as long for one.
     Raises StrategyError for a hand of many shapes, an unknown device and too small a budget; PoseError, with the number
     of the motion, for one without times; and what rendering and sampling raise.
 
     >>> from palpate.render import ExploredPoses, render_motions
     >>> motions = [ExploredPoses.of("tube", duration=1.0, explorer=person) for person in (1, 2, 3, 4, 5, 6)]
-    >>> groups = render_motions("tube", "palm", motions, "cc", "stm", memory=50_000_000)  # of some 12 MB for 30 s
+    >>> groups = render_motions("tube", "palm", motions, "cc", "stm", memory=50_000_000)
     >>> sum(len(group.contours) for group in groups)
     540
     """
@@ -155,9 +163,9 @@ def render_motions(
     scene, chosen = Scene.of(solid_of(solid), hand_of(hand), strategy), sampling_of(sampling)
     if scene.hand.pose_count is not None:
         raise StrategyError(f"{scene.hand!r} has a shape for each pose: render one motion with it, by `render`")
-    timed = [motion if isinstance(motion, ExploredPoses) else HostPoses(motion) for motion in motions]
-    for number, motion in enumerate(timed):
-        require_times(motion, number)
+    if isinstance(motions, HandMotion | ExploredPoses):
+        raise PoseError("motions must be a list of motions: put the one into brackets")
+    timed = [timed_poses(motion, number) for number, motion in enumerate(motions)]
     return motion_groups(scene, timed, chosen, device, memory=group_memory(device, memory))
 
 
@@ -168,9 +176,11 @@ def motion_groups(
     first = 0
     counts = sample_counts(motions, sampling)
     sizes = [motion_bytes(scene, *own, sampling.foci) for own in zip(motions, counts, strict=True)]
+    alone = has_own_stages(scene.strategy)  # which may go by the rows of a motion, and by what is in a batch
     while first < len(motions):
         within = int(np.searchsorted(np.cumsum(sizes[first:]), memory, side="right"))
-        stop = first + max(1, within)
+        counted = int(np.searchsorted(np.cumsum(counts[first:]), ROWS_MOST, side="right"))
+        stop = first + max(1, 1 if alone else min(within, counted))
         while True:
             try:
                 group = MotionGroup(scene, motions[first:stop], sampling, device, first, memory)
@@ -209,13 +219,17 @@ def end_of(time: np.ndarray) -> tuple[float, float]:
     return float(time[-1]) + interval, interval
 
 
-def require_times(motion: TimedPoses, number: int) -> None:
-    """Raise PoseError unless a motion has times that increase, of two poses at least."""
+def timed_poses(given: HandMotion | ExploredPoses, number: int) -> TimedPoses:
+    """A motion's poses; raises PoseError for what is none, or has no times that increase, of two poses at least."""
+    if not isinstance(given, HandMotion | ExploredPoses):
+        raise PoseError(f"motion {number}: must be a HandMotion or ExploredPoses, not {value_text(given)}")
+    motion: TimedPoses = given if isinstance(given, ExploredPoses) else HostPoses(given)
     if motion.time is None:
         raise PoseError(f"motion {number}: its {motion.count} poses have no times")
     if motion.count < 2:
         raise PoseError(f"motion {number}: has {motion.count} pose, and a motion has 2 at least")
     require_increasing(motion.time, Path(f"motion {number}"))
+    return motion
 
 
 def joined_rows(ranges: Sequence[tuple[PoseRows, int, int]], device: str) -> np.ndarray | wp.array:

@@ -7,6 +7,7 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
+from ...datasets.errors import MotionError
 from ...datasets.motions.exploration_options import OVER_ARRAY
 from ...datasets.motions.explorer_habits import SIDES, explorer_habits
 from ...datasets.motions.hand_motion import (
@@ -83,7 +84,9 @@ class ExploredPoses:
 
     @classmethod
     def of(cls, bounds: Any, **options: Any) -> Self:
-        """Check the arguments of `exploration`, whose model is "over-array"; raises MotionError as it does."""
+        """Check the arguments of `exploration`, whose model must be "over-array"; raises MotionError as it does."""
+        if (model := options.get("model", OVER_ARRAY)) != OVER_ARRAY:
+            raise MotionError(f"model must be {OVER_ARRAY}, not {model!r}: others are made by `exploration`")
         arguments = {"bounds": bounds, **EXPLORATION_DEFAULTS, **options, "model": OVER_ARRAY}
         return cls(arguments, check_exploration(**arguments))
 

@@ -68,16 +68,16 @@ class PulsePacker:
         plain = {"offset": np.zeros(len(order)), "gain": np.ones(len(order))}
         self._plain = board_on(values | plain, per_metre=per_metre, turn=grid.turn, mark=0, device=device)
         self._box = box_of(model, strategy)
-        self.frame_bytes = model.frame_bytes
-        """Of a frame."""
-        self._name, self._device = model.name, device
+        self.array, self.frame_bytes = model, model.frame_bytes
+        """Whose frames they are, and bytes of a frame."""
+        self._device = device
         self._strategy = strategy
         self._transducers = transducers_of([model], strategy, device)
         self.reset()
 
     def __repr__(self) -> str:
         """One line."""
-        return f"PulsePacker({self._name!r})"
+        return f"PulsePacker({self.array.name!r})"
 
     def reset(self) -> None:
         """Forget the frames so far: the next one starts from rest."""

@@ -6,7 +6,16 @@ import warp as wp
 
 from palpate.kernels.section import graph_room
 from palpate.kernels.section.kept_room import RoomSize
-from palpate.render import Palm, PoseError, PreparedContours, StrategyError, flat_hand, render, static_pose
+from palpate.render import (
+    IntersectionStrategy,
+    Palm,
+    PoseError,
+    PreparedContours,
+    StrategyError,
+    flat_hand,
+    render,
+    static_pose,
+)
 from palpate.render.bench.cases import random_poses
 from palpate.render.intersection import prepared_contours
 
@@ -30,7 +39,10 @@ def rooms(request, monkeypatch):
 @pytest.mark.parametrize("strategy", ["oc", "cc"])
 @pytest.mark.parametrize(("thing", "method"), [("tube", "trace"), ("dog", "seek")])
 def test_batches_are_those_of_render(rooms, device, thing, method, strategy, hand):
+    if hand.patch_count > 1:  # without a stage, as those of planes are joined
+        strategy = IntersectionStrategy(prune=(), transform=())
     prepared = PreparedContours(thing, hand, strategy, COUNT, device=device, method=method)
+    assert prepared._room is not None
     for seed in range(3):
         poses = random_poses(COUNT, seed)
         assert_same(prepared.at(poses), render(thing, hand, poses, strategy))
@@ -58,6 +70,14 @@ def test_a_batch_that_needs_too_much_is_rendered_without_it(rooms, device, monke
     assert prepared.grown == grown
 
 
+@pytest.mark.parametrize("most", [0, 10**5])  # no room at all; one that is too small and may not grow
+def test_what_is_too_large_from_the_start_is_rendered_without_a_room(rooms, device, monkeypatch, most):
+    monkeypatch.setattr(prepared_contours, "ROOM_MOST", most)
+    poses = random_poses(COUNT)
+    prepared = PreparedContours("tube", "palm", "cc", COUNT, device=device, size=RoomSize(1, 2, 8))
+    assert_same(prepared.at(poses), render("tube", "palm", poses, "cc"))
+
+
 @pytest.mark.filterwarnings("ignore:no pose has a contour")
 def test_batches_without_contours_and_with_them_follow_each_other(rooms, device):
     prepared = PreparedContours("tube", "palm", "cc", 3, device=device)
@@ -73,7 +93,7 @@ def test_strategies_with_stages_are_rendered_as_usual(device):
 
 
 def test_what_cannot_be_prepared_is_refused():
-    for count in (0, 1.5, "2", True, 2**20 + 1):
+    for count in (0, 1.5, "2", True, 2**20 + 1, float("nan"), float("inf")):
         with pytest.raises(StrategyError, match=r"pose_count must be a whole number of 1\.\.1048576"):
             PreparedContours("cube", "palm", "cc", count)
     prepared = PreparedContours("cube", "palm", "cc", 2)

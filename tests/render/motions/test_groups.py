@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from palpate.datasets import HandMotion, exploration
+from palpate.datasets.errors import MotionError
 from palpate.datasets.recordings.files import load_recording
 from palpate.datasets.recordings.sample import write_sample
 from palpate.device.codec import encode_frames
+from palpate.device.errors import DeviceError
 from palpate.kernels.motions.widening import widen_poses
 from palpate.render import (
     Driver,
@@ -16,6 +18,7 @@ from palpate.render import (
     PoseError,
     PulsePacker,
     Sampler,
+    SamplingStrategy,
     StrategyError,
     dwell_map,
     load_sampling,
@@ -124,6 +127,28 @@ def test_one_motion_that_does_not_fit_and_other_errors_are_raised(monkeypatch):
         grouped(trials(1))
 
 
+def test_one_motion_that_takes_more_than_the_budget_has_a_group_of_its_own():
+    motions = [ExploredPoses.of("tube", duration=10.0, seed=5, explorer=6)] * 2
+    parts = grouped(motions, "smooth", memory=2**20)
+    assert [(part.first, part.stop) for part in parts] == [(0, 1), (1, 2)]
+    assert parts[0].contours.point_count * 28 > 2**20
+
+
+def test_groups_have_no_more_rows_than_a_call_can_number(monkeypatch):
+    motions = trials()
+    (whole,) = grouped(motions)
+    monkeypatch.setattr(groups_module, "ROWS_MOST", 20_000)  # samples of two of the motions
+    parts = grouped(motions)
+    assert all(part.stop - part.first <= 2 for part in parts)
+    assert [numbers for part in parts for numbers in part.numbers] == whole.numbers
+
+
+def test_stages_of_a_users_own_see_one_motion_at_a_time(monkeypatch):
+    monkeypatch.setattr(groups_module, "has_own_stages", lambda strategy: True)
+    parts = grouped(trials())
+    assert [(part.first, part.stop) for part in parts] == [(0, 1), (1, 2), (2, 3), (3, 4)]
+
+
 def test_frames_are_those_of_the_driver(device):
     (group,) = grouped(trials(1, duration=0.5), device=device, memory=2**22)
     packer = PulsePacker("pat16", device=device)
@@ -157,6 +182,15 @@ def test_what_cannot_be_a_group_is_refused():
         grouped([trials(1)[0], HandMotion(None, np.tile(static_pose([0, 0, 0.2]).pose, (2, 1)))])
     with pytest.raises(PoseError, match="motion 0: has 1 pose, and a motion has 2 at least"):
         grouped([ExploredPoses.of("tube", duration=0.01)])
+    with pytest.raises(PoseError, match="motion 1: must be a HandMotion or ExploredPoses, not 'x'"):
+        grouped([trials(1)[0], "x"])
+    with pytest.raises(PoseError, match="motions must be a list of motions"):
+        grouped(trials(1)[0])
+    with pytest.raises(MotionError, match="model must be over-array, not 'around'"):
+        ExploredPoses.of("tube", model="around")
+    (group,) = grouped(trials(1), sampling=SamplingStrategy(update_rate=12345.0))
+    with pytest.raises(DeviceError, match="12345 Hz"):
+        next(group.frames(PulsePacker("pat16", device="cpu")))
     with pytest.raises(StrategyError, match="no device 'cuda:7'"):
         grouped(trials(1), device="cuda:7")
     with pytest.raises(StrategyError, match="memory must be at least 1048576 bytes, not 10"):

@@ -88,7 +88,7 @@ class PulsePacker:
         """Frames of focal points [m], vec3, with intensities 0..1, float32, both on the device.
 
         Both have the shape [frame], or [frame, focus] with up to 8 focal points a frame, which are solved as the
-        strategy says. Raises StrategyError for other shapes.
+        strategy says. Raises StrategyError for other shapes and types.
         """
         return self._pack(position, intensity, self._board)
 
@@ -105,6 +105,9 @@ class PulsePacker:
             raise StrategyError(
                 f"position and intensity must be [frame] or [frame, focus], not {position.shape}, {intensity.shape}"
             )
+        if position.dtype is not wp.vec3 or intensity.dtype is not wp.float32:
+            types = f"{position.dtype.__name__}, {intensity.dtype.__name__}"
+            raise StrategyError(f"position must be vec3 and intensity float32, not {types}")
         if position.ndim == 1 or position.shape[1] == 1:
             return pack_pulses(position.flatten(), intensity.flatten(), board, self._box)
         frame_count, count = position.shape

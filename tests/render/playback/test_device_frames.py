@@ -134,3 +134,10 @@ def test_arrays_and_strategies_that_are_not_packed_are_refused():
         PulsePacker("emulator", device="cpu")
     with pytest.raises(StrategyError, match=r"slew 0\.01: frames that depend on those before"):
         PulsePacker("pat16", DriveStrategy(slew=0.01), device="cpu")
+
+
+def test_other_types_of_numbers_are_refused():
+    packer = PulsePacker("pat16", device="cpu")
+    points, levels = wp.zeros(2, dtype=wp.vec3d, device="cpu"), wp.ones(2, dtype=wp.float32, device="cpu")
+    with pytest.raises(StrategyError, match="must be vec3 and intensity float32, not vec3d, float32"):
+        packer.pack(points, levels)

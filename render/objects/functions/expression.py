@@ -360,6 +360,9 @@ def cylinder(radius: float, height: float) -> Expression:
 def torus(radius: float, tube: float) -> Expression:
     """A ring about the z axis: radius to the middle of its tube, and the tube's own [m].
 
+    Where the tube is wider than the radius, it crosses the axis, and values near there, inside, are smaller than the
+    distance to the surface.
+
     >>> from palpate.render import ImplicitObject, torus
     >>> ImplicitObject(torus(0.05, 0.01), at=(0, 0, 0.2))
     ImplicitObject('torus', 120 x 120 x 20 mm at (0, 0, 0.2) m)

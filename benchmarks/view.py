@@ -2,8 +2,9 @@
 
     python benchmarks/view.py FILE [FILE] [--steps 100] [--pause 0.1]
 
-An arrow key moves the slider, as often as `--steps` says. `answer` is from the message that the page sends then to the
-data of the new pose at the page, by the browser's own clock (DevTools protocol, of the worker that has the connection).
+An arrow key moves the slider, as often as `--steps` says, `--pause` [s] after the answer to the one before. `answer` is
+from the message that the page sends then to the data of the new pose at the page, by the browser's own clock (DevTools
+protocol, of the worker that has the connection).
 `drawn` is how many frames a second the page draws while the file plays, which depends on the machine's graphics: here
 it may be software. `sent` is how many the viewer sends meanwhile.
 """
@@ -13,6 +14,7 @@ import json
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,6 +27,7 @@ from palpate.render.view.live.session import view_files
 
 DATA_BYTES = 500  # of a message in base64: the numbers of a pose alone are longer
 PLAYED = 3.0  # [s]
+LONGEST = 60.0  # [s], for one answer on a busy machine
 
 
 class WatchedBrowser(Browser):
@@ -45,6 +48,17 @@ class WatchedBrowser(Browser):
             self.call("Network.enable")
             self.call("Runtime.runIfWaitingForDebugger")
             self._session = page
+
+    def wait_data(self) -> tuple[float, float] | None:
+        """When [s] the page sent its first message since `messages` was cleared, and when data came after it, if they did."""
+        end = time.monotonic() + LONGEST
+        while time.monotonic() < end:
+            asked = [when for is_sent, when, _ in self.messages if is_sent][:1]
+            came = [when for is_sent, when, size in self.messages if not is_sent and size > DATA_BYTES]
+            if later := [when for when in came if asked and when > asked[0]]:
+                return asked[0], later[0]
+            self.settle(0.01)
+        return None
 
     def _note(self, method, params) -> None:
         if method == "Target.attachedToTarget" and params["targetInfo"]["type"] == "worker":
@@ -85,11 +99,9 @@ def _answers(browser: WatchedBrowser, steps: int, pause: float) -> dict[str, flo
     for _ in range(steps):
         browser.messages.clear()
         browser.press("ArrowRight")
+        if (times := browser.wait_data()) is not None:
+            found.append(1e3 * (times[1] - times[0]))
         browser.settle(pause)
-        sent = next((time for is_sent, time, _ in browser.messages if is_sent), None)
-        got = [t for is_sent, t, size in browser.messages if not is_sent and size > DATA_BYTES and sent and t > sent]
-        if got:
-            found.append(1e3 * (got[0] - sent))
     if not found:
         raise SystemExit("no answer was seen: the viewer's page has changed")
     middle, late = np.percentile(found, [50, 95])
@@ -97,8 +109,9 @@ def _answers(browser: WatchedBrowser, steps: int, pause: float) -> dict[str, flo
 
 
 def _rates(browser: WatchedBrowser) -> dict[str, float]:
+    browser.messages.clear()
     browser.run("[...document.querySelectorAll('button')].find((b) => b.innerText === 'play').click()")
-    browser.settle(0.5)
+    browser.wait_data()
     browser.messages.clear()
     drawn = browser.run(
         f"new Promise((done) => {{ let count = 0; const end = performance.now() + {1e3 * PLAYED};"

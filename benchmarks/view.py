@@ -50,7 +50,7 @@ class WatchedBrowser(Browser):
             self._session = page
 
     def wait_data(self) -> tuple[float, float] | None:
-        """When [s] the page sent its first message since `messages` was cleared, and when data came after it, if they did."""
+        """When [s] the page sent its first message since `messages` was cleared, and when data came after it."""
         end = time.monotonic() + LONGEST
         while time.monotonic() < end:
             asked = [when for is_sent, when, _ in self.messages if is_sent][:1]

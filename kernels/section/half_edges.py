@@ -1,6 +1,7 @@
 """A triangle surface as half-edges: links to walk contours, scanned edges and a box hierarchy to search for them."""
 
 from functools import cached_property, reduce
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -66,10 +67,29 @@ class HalfEdges:
         faces = np.asarray(faces, np.int64).reshape(-1, 3)
         if len(faces) > FACES_MOST:
             raise ValueError(f"a surface may have {FACES_MOST} triangles, not {len(faces)}")
-        self.faces = faces[spatial_order(self.vertices, faces)]
+        self.order = spatial_order(self.vertices, faces)
+        """Places of `faces` in those given, shape [face]."""
+        self.faces = faces[self.order]
         """int64, shape [face, 3], in spatial order; half-edge h = 3 face + corner."""
         self.twin = twins_of(self.faces, self.vertices, ROUNDING * np.ptp(self.vertices, axis=0).max(initial=0.0))
         """The opposite half-edge, int32, shape [half]; OPEN if the edge has a triangle on one side only."""
+
+    @classmethod
+    def of_parts(
+        cls, vertices: np.ndarray, faces: np.ndarray, order: np.ndarray, twin: np.ndarray, boxes: "Boxes"
+    ) -> "HalfEdges":
+        """The half-edges of a mesh from what was computed of the same mesh before: `order`, `twin` and `boxes`."""
+        out = cls.__new__(cls)
+        out.vertices = np.ascontiguousarray(vertices, np.float32).reshape(-1, 3)
+        out.order, out.twin = order, twin
+        out.faces = np.asarray(faces, np.int64).reshape(-1, 3)[order]
+        out.boxes = boxes
+        return out
+
+    @cached_property
+    def boxes(self) -> "Boxes":
+        """The box hierarchy of the faces, as `boxes_of` gives it."""
+        return boxes_of(self)
 
     @property
     def open_count(self) -> int:
@@ -213,9 +233,20 @@ def reduce_groups(function: np.ufunc, rows: np.ndarray, size: int) -> np.ndarray
     return reduce(function, (rows[k::size] for k in range(size)))
 
 
-def boxes_of(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray, int]:
-    """Box hierarchy of the faces as a binary heap: centres and half extents [m], float32, shape [node, 3], and the
-    number of the first leaf.
+class Boxes(NamedTuple):
+    """Boxes around faces as a binary heap: each node's box holds those of its two children."""
+
+    centre: np.ndarray  # [m], float32, shape [node, 3]
+    half: np.ndarray  # half extents [m], -1 for an empty box; float32, shape [node, 3]
+
+    @property
+    def leaf_first(self) -> int:
+        """Number of the first leaf."""
+        return len(self.centre) // 2
+
+
+def boxes_of(surface: HalfEdges) -> Boxes:
+    """Box hierarchy of the faces.
 
     A leaf bounds LEAF consecutive faces, which are near each other as faces are in spatial order.
     """
@@ -237,7 +268,7 @@ def boxes_of(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray, int]:
     centre = (0.5 * (lows.astype(np.float64) + highs)).astype(np.float32)
     half = np.maximum(highs - centre, centre - lows) * np.float32(1 + 1e-6)
     half[empty] = -1.0
-    return centre, half, leaf_count
+    return Boxes(centre, half)
 
 
 def upload_surface(surface: HalfEdges, device: str) -> Surface:
@@ -253,10 +284,9 @@ def upload_surface(surface: HalfEdges, device: str) -> Surface:
     vertices, halves = surface.scan_path if surface.has_scan_path else (np.zeros(0, int), np.zeros(0, int))
     out.scan_path = wp.array(pad_to_vec4(surface.vertices[vertices]), dtype=wp.vec4, device=device)
     out.scan_path_half = wp.array(step_halves(surface, vertices, halves), dtype=wp.vec2i, device=device)
-    centre, half, leaf_first = boxes_of(surface)
-    out.node_centre = wp.array(pad_to_vec4(centre), dtype=wp.vec4, device=device)
-    out.node_half = wp.array(pad_to_vec4(half), dtype=wp.vec4, device=device)
-    out.leaf_first = leaf_first
+    out.node_centre = wp.array(pad_to_vec4(surface.boxes.centre), dtype=wp.vec4, device=device)
+    out.node_half = wp.array(pad_to_vec4(surface.boxes.half), dtype=wp.vec4, device=device)
+    out.leaf_first = surface.boxes.leaf_first
     return out
 
 

@@ -94,19 +94,20 @@ def read_volume(path: Path) -> Any:
 
 
 def cache_seeds(folder: Path) -> None:
-    from palpate.render.objects.mesh.cache import write_entry
+    from palpate.render.objects.mesh.kept_arrays import write_entry
+    from palpate.render.objects.mesh.kept_repairs import arrays_of
     from palpate.render.objects.mesh.repair import Repair, repair_mesh
 
     mesh = box()
-    write_entry(
-        folder / f"{'0' * 64}.npz", repair_mesh(mesh.vertices, mesh.faces.astype(np.int64), Repair("winding", 0, 0))
-    )
+    repaired = repair_mesh(mesh.vertices, mesh.faces.astype(np.int64), Repair("winding", 0, 0))
+    write_entry(folder / f"{'0' * 64}.npz", arrays_of(repaired))
 
 
 def read_cache(path: Path) -> Any:
-    from palpate.render.objects.mesh.cache import read_entry
+    from palpate.render.objects.mesh.kept_arrays import read_entry
+    from palpate.render.objects.mesh.kept_repairs import mended_of
 
-    found = read_entry(path)
+    found = read_entry(path, mended_of)
     if found is None:
         raise Refused("it is removed")
     return {"vertices": found.vertices, "faces": found.faces, "count": found.solid_count}

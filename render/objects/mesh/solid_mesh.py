@@ -23,8 +23,10 @@ from ...runtime.interrupt import interrupt_between
 from ...runtime.loading_progress import Watch, unwatched
 from ...user_warnings import warn_user
 from ...validation import unit_hint
-from .cache import cache_folder, repaired_mesh
 from .foreign_meshes import foreign_arrays, pyvista_mesh, trimesh_mesh
+from .kept_arrays import kept_folder
+from .kept_edges import edges_of_mesh
+from .kept_repairs import repaired_mesh
 from .placement import SIZE_LARGEST, Placement, PlacementFields, place_text, placement_of, warn_of_place
 from .repair import Repair
 from .report import MeshReport
@@ -202,7 +204,7 @@ class MeshObject(KeepsDeviceCopies):
     def _announce(self, triangle_count: int) -> None:
         if triangle_count >= TRIANGLES_ANNOUNCED:
             millions = triangle_count / 1e6
-            once = "" if cache_folder() is None else "; the result is kept on disk"
+            once = "" if kept_folder() is None else "; the result is kept on disk"
             warn_user(
                 f"{self.name}: {millions:.3g} million triangles take about {millions * REPAIR_SECONDS:.0f} s and "
                 f"{millions * REPAIR_GIGABYTES:.1f} GB of memory to check and repair{once}"
@@ -244,7 +246,7 @@ class MeshObject(KeepsDeviceCopies):
         """Half-edges, in the order by which contours are numbered; shared by objects with the same placed mesh."""
         edges = _EDGES.get(self.identity)
         if edges is None:
-            edges = _EDGES[self.identity] = HalfEdges(self.vertices, self.faces)
+            edges = _EDGES[self.identity] = edges_of_mesh(self.vertices, self.faces, self.identity)
         return edges
 
     @cached_property

@@ -198,7 +198,8 @@ def test_no_trail_is_made_of_a_mesh_that_is_too_large_for_one(device):
 @pytest.mark.parametrize("count", [1, 2, LEAF, LEAF + 1, 60, 333])
 def test_boxes_hold_their_faces_and_their_children(count):
     edges = HalfEdges(*soup(count))
-    centre, half, first = boxes_of(edges)
+    centre, half = boxes_of(edges)
+    first = edges.boxes.leaf_first
     low, high = centre.astype(np.float64) - half, centre.astype(np.float64) + half
     assert len(centre) == 2 * first >= 2 * count / LEAF
     corners = edges.vertices[edges.faces].astype(np.float64)

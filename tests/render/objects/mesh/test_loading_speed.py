@@ -19,7 +19,7 @@ from palpate.kernels.section.edge_pairing import group_starts, order_of
 from palpate.render import MeshObject
 from palpate.render.errors import PalpateWarning
 from palpate.render.intersection.named_inputs import load_motion, load_solid
-from palpate.render.objects.mesh import cache as mesh_cache
+from palpate.render.objects.mesh import kept_repairs
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.objects.mesh.solid_mesh import repeats_at_most
 from palpate.render.objects.mesh.welding import coordinate_order
@@ -127,7 +127,7 @@ def test_stages_are_heard_while_a_mesh_loads(tmp_path):
 
 def test_a_large_mesh_is_announced_before_it_is_repaired_and_only_then(monkeypatch, tmp_path):
     monkeypatch.setattr("palpate.render.objects.mesh.solid_mesh.TRIANGLES_ANNOUNCED", 1000)
-    monkeypatch.setattr(mesh_cache, "SECONDS_LEAST", 0.0)
+    monkeypatch.setattr(kept_repairs, "SECONDS_LEAST", 0.0)
     monkeypatch.setenv("PALPATE_CACHE", str(tmp_path))
     heard = []
 

@@ -1,39 +1,35 @@
 """Repaired meshes on disk: the same result, never an error, nothing left behind, no more than the bound."""
 
-import ast
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from palpate.render import MeshObject
 from palpate.render.errors import MeshError
-from palpate.render.objects.mesh import cache as mesh_cache
-
-ROOT = Path(__file__).parents[4]
+from palpate.render.objects.mesh import kept_arrays, kept_repairs
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A cache of its own, which keeps whatever is repaired, however fast."""
     monkeypatch.setenv("PALPATE_CACHE", str(tmp_path / "meshes"))
-    monkeypatch.setattr(mesh_cache, "SECONDS_LEAST", 0.0)
+    monkeypatch.setattr(kept_repairs, "SECONDS_LEAST", 0.0)
     return tmp_path / "meshes"
 
 
 @pytest.fixture
 def repairs(monkeypatch):
     """The number of triangles of each mesh that was repaired, not read."""
-    seen, repair = [], mesh_cache.repair_mesh
+    seen, repair = [], kept_repairs.repair_mesh
 
     def counted(vertices, faces, *rest):
         seen.append(len(faces))
         return repair(vertices, faces, *rest)
 
-    monkeypatch.setattr(mesh_cache, "repair_mesh", counted)
+    monkeypatch.setattr(kept_repairs, "repair_mesh", counted)
     return seen
 
 
@@ -81,7 +77,7 @@ def test_another_mesh_option_or_version_never_reads_it(folder, repairs, change, 
     elif change == "a face":
         faces[4] = np.roll(faces[4], 1)
     elif change == "a source":
-        monkeypatch.setattr(mesh_cache, "maker_digest", lambda: b"another version of palpate")
+        monkeypatch.setattr(kept_repairs, "maker_digest", lambda *_: b"another version of palpate")
     else:
         options = change
     MeshObject(vertices, faces, **options)
@@ -128,7 +124,7 @@ def test_a_folder_that_cannot_be_written_and_a_full_disk_give_no_error(tmp_path,
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(mesh_cache, "write_temporary", full)
+        patch.setattr(kept_arrays, "write_temporary", full)
         MeshObject(*two_boxes())
     assert list(folder.iterdir()) == []
     assert len(repairs) == 2
@@ -137,18 +133,18 @@ def test_a_folder_that_cannot_be_written_and_a_full_disk_give_no_error(tmp_path,
 @pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
 def test_the_switch_the_place_and_fast_repairs(tmp_path, monkeypatch, repairs):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    monkeypatch.setattr(mesh_cache, "SECONDS_LEAST", 0.0)
+    monkeypatch.setattr(kept_repairs, "SECONDS_LEAST", 0.0)
     monkeypatch.setenv("PALPATE_CACHE", "off")
     MeshObject(*two_boxes())
     assert list(tmp_path.iterdir()) == []
     monkeypatch.delenv("PALPATE_CACHE")
-    assert mesh_cache.cache_folder() == tmp_path / "xdg" / "palpate" / "meshes"
-    monkeypatch.setattr(mesh_cache, "SECONDS_LEAST", 1e9)
+    assert kept_arrays.kept_folder() == tmp_path / "xdg" / "palpate" / "meshes"
+    monkeypatch.setattr(kept_repairs, "SECONDS_LEAST", 1e9)
     MeshObject(*two_boxes())
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # to be ignored, says the XDG base directory specification
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert mesh_cache.cache_folder() == tmp_path / ".cache" / "palpate" / "meshes"
+    assert kept_arrays.kept_folder() == tmp_path / ".cache" / "palpate" / "meshes"
     assert len(repairs) == 2
 
 
@@ -168,7 +164,7 @@ def test_entries_used_least_lately_are_deleted_and_nothing_else(folder, monkeypa
     for k, path in enumerate(entries):
         os.utime(path, (100 + k, 100 + k))
     size = entries[0].stat().st_size
-    monkeypatch.setattr(mesh_cache, "BYTES_MOST", 3 * size + size // 2)
+    monkeypatch.setattr(kept_arrays, "BYTES_MOST", 3 * size + size // 2)
     MeshObject(vertices + 3, faces)
     assert other.exists()
     assert not left.exists()
@@ -185,26 +181,13 @@ def test_what_is_no_mesh_is_refused_as_without_a_cache(folder):
     assert not folder.exists()
 
 
-def test_every_source_that_decides_about_the_result_is_in_the_key():
-    found, waiting = set(), [ROOT / "render/objects/mesh/repair.py"]
-    while waiting:
-        path = waiting.pop()
-        found.add(path)
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and node.level:
-                base = path.parents[node.level - 1]
-                named = base.joinpath(*node.module.split(".")).with_suffix(".py")
-                waiting += [named] if named.exists() and named not in found else []
-    assert {str(path.relative_to(ROOT)) for path in found} == set(mesh_cache.SOURCES)
-
-
 @pytest.mark.exhaustive
 def test_ctrl_c_while_a_mesh_is_loading_leaves_nothing_behind(tmp_path):
     script = (
         "import numpy as np, signal, os, sys\n"
-        "from palpate.render.terminal import console; from palpate.render.objects.mesh import cache as mesh_cache\n"
+        "from palpate.render.terminal import console; from palpate.render.objects.mesh import kept_repairs\n"
         "from palpate.render.objects.mesh.solid_mesh import MeshObject\n"
-        "mesh_cache.SECONDS_LEAST = 0.0\n"
+        "kept_repairs.SECONDS_LEAST = 0.0\n"
         "def watch(stage, done, total):\n"
         "    if stage == sys.argv[1]:\n"
         "        os.kill(os.getpid(), signal.SIGINT)\n"

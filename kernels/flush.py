@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from .offsets import BLOCK
 from .patch import EXACT, Patch
 
 wp.set_module_options(EXACT)
@@ -41,5 +42,5 @@ def resolve_flush(patch: wp.array, *, flush: float, flush_rate: float = 0.0, rel
     """
     resolved = wp.empty_like(patch)
     inputs = [patch, wp.float64(flush), wp.float64(flush_rate), int(relative)]
-    wp.launch(_resolve_flush, patch.shape[0], inputs=inputs, outputs=[resolved], device=patch.device)
+    wp.launch(_resolve_flush, patch.shape[0], inputs=inputs, outputs=[resolved], device=patch.device, block_dim=BLOCK)
     return resolved

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import warp as wp
 
+from ..offsets import BLOCK
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -169,7 +170,9 @@ def weigh_points(point: wp.array, intensity: wp.array, box: FocalBox) -> tuple[w
     count, device = point.shape[0], point.device
     level = wp.empty(count, dtype=wp.float32, device=device)
     refused = wp.zeros(1, dtype=wp.int64, device=device)
-    wp.launch(_weigh_points, count, inputs=[point, intensity, box], outputs=[level, refused], device=device)
+    wp.launch(
+        _weigh_points, count, inputs=[point, intensity, box], outputs=[level, refused], device=device, block_dim=BLOCK
+    )
     return level, int(refused.numpy()[0])
 
 
@@ -188,13 +191,15 @@ def hold_points(
     level = wp.empty(frame_count, dtype=wp.float32, device=device)
     refused = wp.zeros(1, dtype=wp.int64, device=device)
     outputs = [pressure, usable, level, refused]
-    wp.launch(_weigh_frames, frame_count, inputs=[point, intensity, box], outputs=outputs, device=device)
+    wp.launch(
+        _weigh_frames, frame_count, inputs=[point, intensity, box], outputs=outputs, device=device, block_dim=BLOCK
+    )
     running, listed = wp.empty_like(usable), wp.empty(usable.size, dtype=wp.int32, device=device)
     wp.utils.array_scan(usable.flatten(), running.flatten(), inclusive=True)
     inputs = [usable.flatten(), running.flatten()]
-    wp.launch(_list_usable, usable.size, inputs=inputs, outputs=[listed], device=device)
+    wp.launch(_list_usable, usable.size, inputs=inputs, outputs=[listed], device=device, block_dim=BLOCK)
     out = wp.empty((frame_count, size), dtype=wp.vec3, device=device)
     target = wp.empty((frame_count, size), dtype=wp.float32, device=device)
     inputs = [point, pressure, running, listed, *held]
-    wp.launch(_hold_points, frame_count, inputs=inputs, outputs=[out, target], device=device)
+    wp.launch(_hold_points, frame_count, inputs=inputs, outputs=[out, target], device=device, block_dim=BLOCK)
     return HeldFrames(out, target, level, int(refused.numpy()[0]))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ..offsets import BLOCK
 from ..patch import EXACT
 from .joining import Entries
 from .kept_room import CPU, EXCESS, Launches, Room, RoomSize
@@ -123,10 +124,12 @@ class GraphRoom(Room):
             wp.utils.array_scan(offsets.count, offsets.start, inclusive=False)
             starts.append(offsets.start)
         inputs = [self._counters[EXCESS:], self.size.points, *starts]
-        wp.launch(_sum_up, 1, inputs=inputs, outputs=[self._answer], device=self.device)
+        wp.launch(_sum_up, 1, inputs=inputs, outputs=[self._answer], device=self.device, block_dim=BLOCK)
         outputs = [self._entries, *starts, self._pose_start]
         inputs = [self._answer, self._patch.shape[0]]
-        wp.launch(_withhold_rows, self.row_count + 1, inputs=inputs, outputs=outputs, device=self.device)
+        wp.launch(
+            _withhold_rows, self.row_count + 1, inputs=inputs, outputs=outputs, device=self.device, block_dim=BLOCK
+        )
         self._lines.kind.zero_()
         self._draw.launch()
         wp.copy(self._answered, self._answer)

@@ -124,7 +124,7 @@ def without_repeats(point: wp.array, listed: Listed, pose_count: int) -> Contour
         point, drafts = kept, out
     pose_start = wp.empty(pose_count + 1, dtype=wp.int64, device=device)
     starts = [listed.line_start, listed.group_count, line_start]
-    wp.launch(_start_poses, pose_count + 1, inputs=starts, outputs=[pose_start], device=device)
+    wp.launch(_start_poses, pose_count + 1, inputs=starts, outputs=[pose_start], device=device, block_dim=BLOCK)
     return Contours(
         points=point,
         kind=drafts.kind,

@@ -3,6 +3,7 @@
 import numpy as np
 import warp as wp
 
+from ..offsets import BLOCK
 from ..patch import EXACT
 from .triangle_distance import triangle_distance
 
@@ -65,6 +66,11 @@ class MeshDistance:
         corner = wp.array(near, dtype=wp.vec3, device=self._device)
         known, bound = (wp.empty(len(near), dtype=float, device=self._device) for _ in range(2))
         wp.launch(
-            _bound_distances, len(near), inputs=[self._mesh.id, corner], outputs=[known, bound], device=self._device
+            _bound_distances,
+            len(near),
+            inputs=[self._mesh.id, corner],
+            outputs=[known, bound],
+            device=self._device,
+            block_dim=BLOCK,
         )
         return known.numpy().astype(np.float64), bound.numpy().astype(np.float64)

@@ -284,7 +284,14 @@ def divide_joints(
         raise ValueError(f"contours are of {contours['pose_start'].shape[0] - 1} poses, not of {pose_count}")
     dropped = wp.empty((pose_count, pair.shape[0], 2), dtype=wp.vec2d, device=device)
     inputs = [pose, patch, pair, wp.float64(math.cos(angle)), wp.float64(gap)]
-    wp.launch(_find_touching_sides, (pose_count, pair.shape[0]), inputs=inputs, outputs=[dropped], device=device)
+    wp.launch(
+        _find_touching_sides,
+        (pose_count, pair.shape[0]),
+        inputs=inputs,
+        outputs=[dropped],
+        device=device,
+        block_dim=BLOCK,
+    )
     outline = Outline()
     for field in ("points", "kind", "polyline_start", "polyline_patch", "pose_start"):
         setattr(outline, field, contours[field])

@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from ..fields.field import MODULE
+from ..offsets import BLOCK
 
 PLACES = wp.constant(wp.vec3(0.27, 0.49, 0.69))  # of a segment, at which the function is compared with a straight line
 
@@ -107,5 +108,6 @@ def _map(kernel: Any, points: wp.array, values: wp.array, length_least: float) -
         inputs=[points, wp.float32(min(length_least, 1e30))],
         outputs=[values, deviation],
         device=points.device,
+        block_dim=BLOCK,
     )
     return values, deviation

@@ -121,7 +121,7 @@ def _start_poses(
 def pose_starts(start: wp.array, words: int, pose_count: int) -> wp.array:
     """Offsets by pose of offsets by word."""
     out = wp.empty(pose_count + 1, dtype=wp.int64, device=start.device)
-    wp.launch(_start_poses, pose_count + 1, inputs=[start, words], outputs=[out], device=start.device)
+    wp.launch(_start_poses, pose_count + 1, inputs=[start, words], outputs=[out], device=start.device, block_dim=BLOCK)
     return out
 
 

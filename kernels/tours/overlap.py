@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from ..fields.field import MODULE, Field, inside_function, made_once
-from ..offsets import last_of, offsets_of
+from ..offsets import BLOCK, last_of, offsets_of
 from ..patch import EXACT, rotate, to_float32, to_float64
 
 wp.set_module_options(EXACT)
@@ -204,13 +204,15 @@ def find_shared_surface(
     blocks.start = wp.array(start.astype(np.int32), dtype=int, device=device)
     nodes = int(start[-1])
     inside = wp.empty(nodes, dtype=wp.uint8, device=device)
-    wp.launch(mark, nodes, inputs=[solid.data, hand.data, blocks], outputs=[inside], device=device)
+    wp.launch(mark, nodes, inputs=[solid.data, hand.data, blocks], outputs=[inside], device=device, block_dim=BLOCK)
     found = wp.zeros(nodes + 1, dtype=int, device=device)
-    wp.launch(_count_cut_cells, nodes, inputs=[blocks, inside], outputs=[found], device=device)
+    wp.launch(_count_cut_cells, nodes, inputs=[blocks, inside], outputs=[found], device=device, block_dim=BLOCK)
     before = offsets_of(found)
     point = wp.empty(last_of(before), dtype=wp.vec3, device=device)
     inputs = [solid.data, hand.data, blocks, inside, before]
-    wp.launch(place, nodes, inputs=inputs, outputs=[point], device=device)
+    wp.launch(place, nodes, inputs=inputs, outputs=[point], device=device, block_dim=BLOCK)
     point_start = wp.empty(len(start), dtype=wp.int64, device=device)
-    wp.launch(_start_poses, len(start), inputs=[blocks.start, before], outputs=[point_start], device=device)
+    wp.launch(
+        _start_poses, len(start), inputs=[blocks.start, before], outputs=[point_start], device=device, block_dim=BLOCK
+    )
     return point, point_start

@@ -52,6 +52,26 @@ def test_the_check_sees_such_a_variable():
     assert list(attributes_of_locals("@wp.func\ndef f(e: E):\n    return e.x")) == ["e"]
 
 
+def launches_without_block(source):
+    """Lines of launches that leave the size of a GPU's blocks to Warp."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call):
+            called = [ast.unparse(argument) for argument in (node.func, *node.args[:1])]
+            is_launch = called[0] in ("wp.launch", "wp.launch_tiled") or called == ["partial", "wp.launch"]
+            if is_launch and not {"block_dim", None} & {keyword.arg for keyword in node.keywords}:
+                yield node.lineno
+
+
+def test_every_launch_names_its_block():
+    """Warp compiles a module for a GPU once for each size of blocks: with one left open, twice, for minutes."""
+    found = {(path.name, line) for path in FOLDER.rglob("*.py") for line in launches_without_block(path.read_text())}
+    assert found == set()
+
+
+def test_the_check_sees_such_a_launch():
+    assert list(launches_without_block("wp.launch(f, 3)\nwp.launch(f, 3, block_dim=64)\nwp.launch(f, **same)")) == [1]
+
+
 @pytest.mark.exhaustive
 def test_a_second_process_compiles_nothing(tmp_path):
     tmp_path.chmod(0o700)

@@ -19,6 +19,7 @@ SOURCES = (  # of palpate, that decide how a mesh is repaired
     "kernels/section/edge_pairing.py",
     "kernels/solids/nesting.py",
     "kernels/solids/orientation.py",
+    "kernels/offsets.py",
     "kernels/patch.py",
     "render/errors.py",
     "render/runtime/loading_progress.py",

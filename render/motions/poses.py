@@ -8,10 +8,12 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from ...datasets.errors import MotionError
+from ...datasets.known_names import likely_name
 from ...datasets.motions.exploration_options import OVER_ARRAY
 from ...datasets.motions.explorer_habits import SIDES, explorer_habits
 from ...datasets.motions.hand_motion import (
     EXPLORATION_DEFAULTS,
+    EXPLORATION_OPTIONS,
     CheckedExploration,
     HandMotion,
     check_exploration,
@@ -87,6 +89,10 @@ class ExploredPoses:
         """Check the arguments of `exploration`, whose model must be "over-array"; raises MotionError as it does."""
         if (model := options.get("model", OVER_ARRAY)) != OVER_ARRAY:
             raise MotionError(f"model must be {OVER_ARRAY}, not {model!r}: others are made by `exploration`")
+        if unknown := [name for name in options if name not in EXPLORATION_OPTIONS]:
+            meant = likely_name(unknown[0], EXPLORATION_OPTIONS)
+            known = ", ".join(EXPLORATION_OPTIONS)
+            raise MotionError(f"an exploration has no option {unknown[0]!r}{meant}; known: {known}")
         arguments = {"bounds": bounds, **EXPLORATION_DEFAULTS, **options, "model": OVER_ARRAY}
         return cls(arguments, check_exploration(**arguments))
 

@@ -188,7 +188,12 @@ def test_what_cannot_be_a_group_is_refused():
         grouped(trials(1)[0])
     with pytest.raises(MotionError, match="model must be over-array, not 'around'"):
         ExploredPoses.of("tube", model="around")
+    with pytest.raises(MotionError, match=r"no option 'sed' \(did you mean 'seed'\?\); known: duration, ra"):
+        ExploredPoses.of("tube", sed=2)
     (group,) = grouped(trials(1), sampling=SamplingStrategy(update_rate=12345.0))
+    for number in (-1, 1):
+        with pytest.raises(IndexError, match=f"motion {number} is outside the 1 motion sampled, numbered from 0"):
+            group.samples.focus(number)
     with pytest.raises(DeviceError, match="12345 Hz"):
         next(group.frames(PulsePacker("pat16", device="cpu")))
     with pytest.raises(StrategyError, match="no device 'cuda:7'"):

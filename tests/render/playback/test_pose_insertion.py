@@ -177,26 +177,22 @@ def test_the_poses_are_those_of_each_interval_halved_alone(name, strategy, dista
 
 def test_motions_together_have_the_poses_of_each_alone(monkeypatch, device):
     """Also in small batches, and where the middle's rounding is doubtful: two poses half a turn apart."""
-    motions = [sideways(steps) for steps in ([5e-3, 1e-3], [], [1e-4], [3e-3] * 9)]
+    motions = [sideways(steps) for steps in ([2e-2, 1e-3], [], [1e-4], [1e-2] * 4)]
     pose = motions[3].pose.copy()
-    pose[4, 3:] = [-pose[3, 6], pose[3, 5], -pose[3, 4], pose[3, 3]]
+    pose[2, 3:] = [-pose[1, 6], pose[1, 5], -pose[1, 4], pose[1, 3]]
     motions[3] = HandMotion(motions[3].time, pose)
-    alone = [insert_poses(CUBE, Palm(), motion, closed_contour(), distance=1e-3) for motion in motions]
-    monkeypatch.setattr(pose_insertion, "POSES_AT_ONCE", 5)
-    monkeypatch.setattr(pose_insertion, "POSES_ON_GPU", 7)
-    shift_test = pose_insertion.ShiftTest(Scene.of(CUBE, Palm(), "cc"), 1e-3, device)
+    alone = [insert_poses(CUBE, Palm(), motion, closed_contour(), distance=8e-3) for motion in motions]
+    monkeypatch.setattr(pose_insertion, "POSES_AT_ONCE", 20)
+    monkeypatch.setattr(pose_insertion, "POSES_ON_GPU", 30)
+    shift_test = pose_insertion.ShiftTest(Scene.of(CUBE, Palm(), "cc"), 8e-3, device)
     start = np.cumsum([0, *map(len, motions)])
     given = [np.concatenate([getattr(motion, name) for motion in motions]) for name in ("time", "pose")]
     together = pose_insertion.insert_into_all(shift_test, *given, start)
     np.testing.assert_array_equal(np.diff(together.motion_start), [len(motion) for motion in alone])
     np.testing.assert_array_equal(together.time.numpy(), np.concatenate([motion.time for motion in alone]))
     np.testing.assert_array_equal(together.pose.numpy(), np.concatenate([motion.pose for motion in alone]))
-    oracle = insertion_oracle.insert(lambda pose: lines_at(shift_test.scene, pose), *given_of(motions[3]), 1e-3)
+    oracle = insertion_oracle.insert(lambda pose: lines_at(shift_test.scene, pose), motions[3].time, pose, 8e-3)
     np.testing.assert_array_equal(alone[3].pose, oracle[1])
-
-
-def given_of(motion):
-    return motion.time, motion.pose
 
 
 def test_an_object_that_moves_is_followed_too():

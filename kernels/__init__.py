@@ -65,6 +65,7 @@ PREPARED_STAGES = ("section.graph_room",)  # batches of as many poses, again and
 MOTION_STAGES = ("metrics.contour_shift", "motions.halving")  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 SWEEP_STAGES = (
+    "motions.around",
     "motions.over_array",
     "metrics.facing",
     "metrics.random_pose",

@@ -11,7 +11,8 @@ from .poses import ExploredPoses, PoseRows, explored_rows
 def joined_rows(ranges: Sequence[tuple[PoseRows, int, int]], device: str) -> np.ndarray | wp.array:
     """Poses first..stop of several motions, one after the other: on the host if all are there, else on the device."""
     explored = [(poses, first, stop) for poses, first, stop in ranges if isinstance(poses, ExploredPoses)]
-    if len(explored) == len(ranges):  # as a rule: one launch instead of one for each motion
+    models = {poses.model for poses, _, _ in explored}
+    if len(explored) == len(ranges) and len(models) < 2:  # as a rule: one launch instead of one for each motion
         return explored_rows(explored, device)
     rows = [poses.rows(first, stop, device) for poses, first, stop in ranges]
     if len(rows) == 1:

@@ -204,8 +204,8 @@ def test_what_cannot_be_a_group_is_refused():
         grouped([trials(1)[0], "x"])
     with pytest.raises(PoseError, match="motions must be a list of motions"):
         grouped(trials(1)[0])
-    with pytest.raises(MotionError, match="model must be over-array, not 'around'"):
-        ExploredPoses.of("tube", model="around")
+    with pytest.raises(MotionError, match="model must be one of over-array, around, not 'beside'"):
+        ExploredPoses.of("tube", model="beside")
     with pytest.raises(MotionError, match=r"no option 'sed' \(did you mean 'seed'\?\); known: duration, ra"):
         ExploredPoses.of("tube", sed=2)
     (group,) = grouped(trials(1), sampling=SamplingStrategy(update_rate=12345.0))

@@ -30,7 +30,7 @@ vec5d: Any = wp.types.vector(length=5, dtype=wp.float64)
 
 
 @wp.struct
-class MotionRows:
+class IntervalRows:
     """Poses in the order of time."""
 
     time: wp.array[wp.float64]  # [s]
@@ -44,7 +44,7 @@ class HalvedIntervals:
     """One level of halving."""
 
     rows: Any
-    """Ends and middles of the intervals: MotionRows."""
+    """Ends and middles of the intervals: IntervalRows."""
     middle: Any
     """The middles alone."""
     place: wp.array
@@ -84,7 +84,7 @@ def middle_place(a: wp.vec3, b: wp.vec3):
 @wp.kernel
 def _choose_intervals(
     # In:
-    rows: MotionRows,
+    rows: IntervalRows,
     far: wp.array[wp.uint8],
     hold: wp.float64,  # longer intervals are halved in any case [s]
     least: wp.float64,  # halves are no shorter [s]
@@ -136,7 +136,7 @@ def middle_turn(q: wp.quat, r: wp.quat):
 
 
 @wp.func
-def write_row(out: MotionRows, at: wp.int64, time: wp.float64, pose: wp.transform, key: wp.int64, compared: wp.uint8):
+def write_row(out: IntervalRows, at: wp.int64, time: wp.float64, pose: wp.transform, key: wp.int64, compared: wp.uint8):
     """Write one row."""
     out.time[at] = time
     out.pose[at] = pose
@@ -147,14 +147,14 @@ def write_row(out: MotionRows, at: wp.int64, time: wp.float64, pose: wp.transfor
 @wp.kernel
 def _halve_intervals(
     # In:
-    rows: MotionRows,
+    rows: IntervalRows,
     chosen: wp.array[wp.int64],
     number: wp.array[wp.int64],  # of a chosen interval
     start: wp.array[wp.int64],  # of a row's rows at the next level
     step: wp.int64,  # of keys, to the middle
     # Out:
-    out: MotionRows,
-    middle: MotionRows,
+    out: IntervalRows,
+    middle: IntervalRows,
     place: wp.array[wp.int64],  # of each middle among the rows
     doubtful: wp.array[wp.int32],  # shape [interval + 1]; their count comes last
 ):
@@ -184,7 +184,7 @@ def _halve_intervals(
 @wp.kernel
 def _gather_rows(
     # In:
-    rows: MotionRows,
+    rows: IntervalRows,
     order: wp.array[wp.int32],
     # Out:
     time: wp.array[wp.float64],
@@ -211,7 +211,7 @@ def _find_starts(
 
 def given_rows(time: np.ndarray, pose: np.ndarray | wp.array, compared: np.ndarray, device: str) -> Any:
     """Rows of poses that a tracker gave; compared: whether the interval to the next may be halved, bool [pose]."""
-    rows = MotionRows()
+    rows = IntervalRows()
     rows.time = wp.array(time, dtype=wp.float64, device=device)
     rows.pose = wp.array(pose, dtype=wp.transform, device=device)
     rows.key = wp.array(np.arange(len(time), dtype=np.int64) << LEVELS_MOST, dtype=wp.int64, device=device)
@@ -222,7 +222,7 @@ def given_rows(time: np.ndarray, pose: np.ndarray | wp.array, compared: np.ndarr
 def halve_intervals(rows: Any, far: wp.array, level: int, *, hold: float, least: float) -> HalvedIntervals | None:
     """Halve the intervals to be halved; None if there are none.
 
-    rows: MotionRows. far: whether another pose is wanted between a row and the next, uint8, shape [row]. level: how
+    rows: IntervalRows. far: whether another pose is wanted between a row and the next, uint8, shape [row]. level: how
     often these intervals have been halved. hold: longer intervals are halved in any case [s]; least: but none whose
     halves are shorter [s].
     """
@@ -249,7 +249,7 @@ def halve_intervals(rows: Any, far: wp.array, level: int, *, hold: float, least:
 def ordered_rows(parts: Sequence[Any], motion_start: np.ndarray) -> tuple[wp.array, wp.array, np.ndarray]:
     """All rows in the order of time: times, poses, and offsets of motions into them, int64, shape [motion + 1].
 
-    parts: MotionRows, first those of the tracker. motion_start: offsets of motions into the tracker's poses.
+    parts: IntervalRows, first those of the tracker. motion_start: offsets of motions into the tracker's poses.
     """
     count = sum(part.time.shape[0] for part in parts)
     device = parts[0].time.device
@@ -275,8 +275,8 @@ def ordered_rows(parts: Sequence[Any], motion_start: np.ndarray) -> tuple[wp.arr
 
 
 def empty_rows(count: int, device: Any) -> Any:
-    """MotionRows without values."""
-    rows = MotionRows()
+    """IntervalRows without values."""
+    rows = IntervalRows()
     for name, dtype in (("time", wp.float64), ("pose", wp.transform), ("key", wp.int64), ("compared", wp.uint8)):
         setattr(rows, name, wp.empty(count, dtype=dtype, device=device))
     return rows

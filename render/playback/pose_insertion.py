@@ -114,7 +114,7 @@ class ShiftTest:
     """Of the hand's times [s]."""
 
     def far(self, rows: Any) -> wp.array:
-        """Whether contours move too far between each of the rows (MotionRows) and the next, uint8, shape [row]."""
+        """Whether contours move too far between each of the rows (IntervalRows) and the next, uint8, shape [row]."""
         count = len(rows.time)
         far = wp.zeros(count, dtype=wp.uint8, device=self.device)
         is_small = wp.get_device(self.device).is_cpu or has_own_stages(self.scene.strategy)

@@ -157,8 +157,9 @@ def _ways(explorers: _Explorers, rows: Array, around: Integers) -> tuple[list[Ar
     back = here + (1.0 - depth) * deep + direction * rows[:, DEPTH, None]
     there = np.where(rows[:, KIND, None] == BACK, back, into)
     length = length_of(there - here)
-    ways = list(np.stack([here, there], axis=1))
-    marks = list(np.concatenate([np.zeros((len(length), 1)), length], axis=1))
+    ways: list[Array] = list(np.stack([here, there], axis=1))
+    ends: Array = np.concatenate([np.zeros((len(length), 1)), length], axis=1)
+    marks = list(ends)
     length = length[:, 0]
     if len(around):
         arcs = _ways_around(centre[around], half[around], here[around], direction[around])

@@ -150,7 +150,7 @@ def render_motions(
     """Render many motions, as many at once as a budget allows, without going through the host between the steps.
 
     solid, hand, strategy, sampling: objects, or names and files, as for `render`; the hand has one shape in all poses.
-    motions: with times, of two poses at least; explorations over the array are made on the device. memory: of a group,
+    motions: with times, of two poses at least; explorations are made on the device. memory: of a group,
     what is made of it included, about [byte]; by default 512 MB on a CPU, a quarter of a GPU's. A motion is never
     divided: where one alone takes more, it has a group of its own, and so has each motion with a stage of your own,
     which may look at its batch. interpolate: insert poses where contours would move by more than this from pose to pose

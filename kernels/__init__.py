@@ -62,9 +62,10 @@ FILLING_STAGES = (
     "fillings.inset_pieces",
 )  # of what contours enclose
 PREPARED_STAGES = ("section.graph_room",)  # batches of as many poses, again and again, on GPUs
-MOTION_STAGES = ("metrics.contour_shift",)  # from pose to pose
+MOTION_STAGES = ("metrics.contour_shift", "motions.halving")  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 SWEEP_STAGES = (
+    "motions.around",
     "motions.over_array",
     "metrics.facing",
     "metrics.random_pose",

@@ -1,52 +1,17 @@
 """The exploration around an object: where a palm goes that feels, from every side, what it knows the bounds of."""
 
-import itertools
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
+
+from .exploration_draws import INTERVAL
+from .exploration_strokes import ControlPoints, Progress, control_points, unheard
+from .rotation_vectors import conjugate, exponential, logarithm, product
 
 Array = NDArray[np.float64]
 
 VERSION = 1
 """Of the model: another version makes other poses of the same numbers."""
-INTERVAL = 0.15  # between control points [s]: a hand changes its mind no faster
-MARGIN = 0.06  # the palm's centre stays within the bounds grown by this [m] ...
-FLOOR = 0.06  # ... and this high above the array [m]
-STANDOFF = 0.045  # from the bounds, before a visit [m]: half a palm
-SPEED_RANGE = (0.08, 0.4)  # mean speed of one stroke [m/s]; its peak is 1.875 times that
-TURN_SPEED = 1.6  # mean angular speed of one stroke at most [rad/s]
-TILT = np.radians(15.0)  # how far the skin strays from facing the object, one sigma [rad]
-TREMOR = 0.0015  # of each control point, one sigma [m], cut off at two
-_NEXT, _AFTER_NEXT = np.array([1, 2, 0]), np.array([2, 0, 1])  # of each axis
-_STROKES_TOLD = 1 << 8  # strokes between two words about progress: a tenth of a second
 _BLOCK = 1 << 16  # poses evaluated at once: bounds the memory of long motions
-
-
-Progress = Callable[[int, int], None]
-"""Takes how much is done and how much there is."""
-
-
-def unheard(done: int, total: int) -> None:
-    """A `Progress` that does nothing."""
-    del done, total
-
-
-class _Space(NamedTuple):
-    """The object's box and the box that the palm's centre keeps to [m]."""
-
-    centre: Array
-    half: Array
-    low: Array
-    high: Array
-
-
-class _Stroke(NamedTuple):
-    """Control points of one stroke: positions [m], shape [control, 3], and quaternions xyzw, shape [control, 4]."""
-
-    position: Array
-    quaternion: Array
 
 
 def exploration_path(bounds: Array, time: Array, seed: int, progress: Progress = unheard) -> Array:
@@ -66,147 +31,25 @@ def exploration_path(bounds: Array, time: Array, seed: int, progress: Progress =
     Shin 1995): twice continuously differentiable, inside the convex workspace, and no faster than the control points
     step. Strokes are drawn one after another from one generator, so a later time never changes an earlier pose.
     """
-    space = _space(bounds)
-    control = _control_points(space, np.random.default_rng(seed), int(time[-1] / INTERVAL) + 4, progress)
+    control = control_points(bounds[None], [seed], [control_count(time[-1])], progress)
     poses = np.empty((len(time), 7))
     for first in range(0, len(time), _BLOCK):
-        poses[first : first + _BLOCK] = _spline(control, time[first : first + _BLOCK])
+        poses[first : first + _BLOCK] = spline_poses(control, time[first : first + _BLOCK])
     return poses
 
 
-def _space(bounds: Array) -> _Space:
-    low, high = bounds[0] - MARGIN, bounds[1] + MARGIN
-    low[2] = max(low[2], FLOOR)
-    return _Space(bounds.mean(axis=0), (bounds[1] - bounds[0]) / 2.0, low, high)
+def control_count(end: float) -> int:
+    """Control points that a pose at a time [s] takes, with all before it."""
+    return int(end / INTERVAL) + 4
 
 
-def _control_points(space: _Space, rng: np.random.Generator, count: int, progress: Progress) -> _Stroke:
-    """The first `count` control points of all visits, kept in the workspace."""
-    position: list[Array] = []
-    quaternion: list[Array] = []
-    found = 0
-    for stroke in _strokes(space, rng):
-        position.append(stroke.position)
-        quaternion.append(stroke.quaternion)
-        found += len(stroke.position)
-        if len(position) % _STROKES_TOLD == 0:
-            progress(min(found, count), count)
-        if found >= count:
-            break
-    # Clipping to a box never lengthens a step, so the limit on speed holds.
-    return _Stroke(np.clip(np.concatenate(position), space.low, space.high), np.concatenate(quaternion))
+def control_turns(quaternion: Array) -> Array:
+    """Rotation vectors from each control point to the next [rad], shape [control - 1, 3]."""
+    return logarithm(product(conjugate(quaternion[:-1]), quaternion[1:]))
 
 
-def _strokes(space: _Space, rng: np.random.Generator) -> Iterator[_Stroke]:
-    direction = _octant_direction(int(rng.integers(8)), rng)
-    here = space.centre + _reach(space, direction, STANDOFF)
-    turn = _facing(direction, rng)
-    yield _Stroke(here[None, :], turn[None, :])
-    for octant in itertools.chain.from_iterable(rng.permutation(8) for _ in itertools.count()):
-        direction = _octant_direction(int(octant), rng)
-        for stroke in _visit(space, direction, here, turn, rng):
-            here, turn = stroke.position[-1], stroke.quaternion[-1]
-            tremor = np.clip(rng.normal(0.0, TREMOR, stroke.position.shape), -2.0 * TREMOR, 2.0 * TREMOR)
-            yield stroke._replace(position=stroke.position + tremor)
-
-
-def _visit(space: _Space, direction: Array, here: Array, turn: Array, rng: np.random.Generator) -> Iterator[_Stroke]:
-    """One visit from a direction, beginning at `here` with the orientation `turn`."""
-    stroke = _stroke(_way_around(space, here, direction), turn, _facing(direction, rng), _speed(rng, 0.32))
-    yield stroke
-    deep = _reach(space, direction, 0.0)
-    depths = [rng.uniform(0.8, 1.1), *rng.uniform(-0.25, 1.1, int(rng.integers(2, 5)))]  # 0 middle, 1 surface
-    for index, depth in enumerate(depths):
-        there = space.centre + depth * deep + _sideways(space, direction, rng)
-        stroke = _straight(stroke, there, _facing(direction, rng), _speed(rng, 0.25 if index == 0 else 0.18))
-        yield stroke
-        if index > 0 and rng.random() < 0.5:
-            count = max(1, round(rng.uniform(0.2, 0.7) / INTERVAL))
-            yield _Stroke(*(np.tile(rows[-1], (count, 1)) for rows in stroke))
-    back = stroke.position[-1] + (1.0 - depths[-1]) * deep + direction * rng.uniform(0.01, STANDOFF)
-    yield _straight(stroke, back, _facing(direction, rng), _speed(rng, 0.25))
-
-
-def _straight(before: _Stroke, there: Array, goal: Array, speed: float) -> _Stroke:
-    return _stroke(np.stack([before.position[-1], there]), before.quaternion[-1], goal, speed)
-
-
-def _stroke(way: Array, turn: Array, goal: Array, speed: float) -> _Stroke:
-    """Control points along a polyline, first one left out, with the minimum-jerk profile.
-
-    The quaternions go on from `turn` without a change of sign, and so does the whole path.
-    """
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
-    rotation = _logarithm(_product(_conjugate(turn), goal))
-    seconds = max(length[-1] / speed, float(np.linalg.norm(rotation)) / TURN_SPEED)
-    count = max(1, int(np.ceil(seconds / INTERVAL)))
-    s = np.arange(1, count + 1) / count
-    s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
-    columns: list[Array] = [np.interp(s * length[-1], length, way[:, axis]) for axis in range(3)]
-    return _Stroke(np.stack(columns, axis=1), _product(turn, _exponential(s[:, None] * rotation)))
-
-
-def _way_around(space: _Space, here: Array, direction: Array) -> Array:
-    """Polyline from `here` to the stand-off in `direction`, on the great arc, keeping to grown boxes; [33, 3] [m]."""
-    out = here - space.centre
-    distance = float(np.linalg.norm(out))
-    start = out / distance
-    level = distance / float(np.linalg.norm(_reach(space, start, STANDOFF)))
-    angle = float(np.arccos(np.clip(start @ direction, -1.0, 1.0)))
-    s = np.linspace(0.0, 1.0, 33)[:, None]
-    arc = (np.sin((1.0 - s) * angle) * start + np.sin(s * angle) * direction) / max(np.sin(angle), 1e-9)
-    arc /= np.linalg.norm(arc, axis=1, keepdims=True)
-    return space.centre + ((1.0 - s) * level + s) * _reach(space, arc, STANDOFF)
-
-
-def _reach(space: _Space, direction: Array, grown: float) -> Array:
-    """From the middle along unit directions to the surface of the object's box grown by `grown` [m]."""
-    return direction * ((space.half + grown) / np.maximum(np.abs(direction), 1e-9)).min(axis=-1, keepdims=True)
-
-
-def _sideways(space: _Space, direction: Array, rng: np.random.Generator) -> Array:
-    """Across the direction, up to most of the box [m], shape [3]."""
-    across = rng.uniform(-0.7, 0.7, 3) * space.half
-    return across - (across @ direction) * direction
-
-
-def _speed(rng: np.random.Generator, median: float) -> float:
-    return float(np.clip(median * np.exp(0.4 * rng.normal()), *SPEED_RANGE))
-
-
-def _octant_direction(octant: int, rng: np.random.Generator) -> Array:
-    """A unit direction, uniform in one octant: bits 0, 1, 2 set make x, y, z negative."""
-    direction = np.abs(rng.normal(size=3))
-    return direction / np.linalg.norm(direction) * [-1.0 if octant >> axis & 1 else 1.0 for axis in range(3)]
-
-
-def _facing(direction: Array, rng: np.random.Generator) -> Array:
-    """Quaternion of a hand on the `direction` side of the object, skin towards it, tilted a little; [4]."""
-    ahead = np.array([0.0, 1.0, 0.0] if abs(direction[1]) < 0.75 else [0.0, 0.0, 1.0])
-    back = direction
-    wrist = -(ahead - (ahead @ back) * back)
-    wrist /= np.linalg.norm(wrist)
-    level = _from_axes(np.stack([_cross(back, wrist), back, wrist], axis=1))
-    return _product(level, _exponential(rng.normal(0.0, TILT, 3)))
-
-
-def _from_axes(axes: Array) -> Array:
-    """Quaternion xyzw of a rotation matrix [3, 3] whose columns are the hand's axes."""
-    x, y, z = axes[:, 0], axes[:, 1], axes[:, 2]
-    # The largest of the four squares is at least 1/4: no case divides by nearly nothing.
-    outer = np.array(
-        [
-            [1 + x[0] - y[1] - z[2], y[0] + x[1], z[0] + x[2], y[2] - z[1]],
-            [y[0] + x[1], 1 - x[0] + y[1] - z[2], z[1] + y[2], z[0] - x[2]],
-            [z[0] + x[2], z[1] + y[2], 1 - x[0] - y[1] + z[2], x[1] - y[0]],
-            [y[2] - z[1], z[0] - x[2], x[1] - y[0], 1 + x[0] + y[1] + z[2]],
-        ]
-    )
-    row = outer[int(np.argmax(np.diag(outer)))]
-    return row / np.linalg.norm(row)
-
-
-def _spline(control: _Stroke, time: Array) -> Array:
+def spline_poses(control: ControlPoints, time: Array) -> Array:
+    """Poses at increasing times [s] of the first exploration, shape [pose, 7]."""
     first = np.floor(time / INTERVAL).astype(np.int64)
     u = (time / INTERVAL - first)[:, None]
     weight = (  # cumulative cubic B-spline basis
@@ -216,48 +59,12 @@ def _spline(control: _Stroke, time: Array) -> Array:
     )
     position = control.position[first].copy()
     quaternion = control.quaternion[first].copy()
-    near = _Stroke(*(rows[first[0] : first[-1] + 4] for rows in control))  # many poses share the steps between these
-    move = np.diff(near.position, axis=0)
-    turn = _logarithm(_product(_conjugate(near.quaternion[:-1]), near.quaternion[1:]))
+    near = slice(first[0], first[-1] + 4)  # many poses share the steps between these
+    move = np.diff(control.position[near], axis=0)
+    turn = control_turns(control.quaternion[near])
     first -= first[0]
     for step in range(3):
         position += weight[step] * move[first + step]
-        quaternion = _product(quaternion, _exponential(weight[step] * turn[first + step]))
+        quaternion = product(quaternion, exponential(weight[step] * turn[first + step]))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     return np.hstack([position, quaternion])
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Hamilton product of quaternions xyzw, [..., 4]: first b, then a."""
-    vector_a, scalar_a, vector_b, scalar_b = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
-    vector = scalar_a * vector_b + scalar_b * vector_a + _cross(vector_a, vector_b)
-    scalar = scalar_a * scalar_b - (vector_a * vector_b).sum(axis=-1, keepdims=True)
-    return np.concatenate([vector, scalar], axis=-1)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross product, [..., 3]: the bits of np.cross, which takes ten times as long for a single vector."""
-    return a[..., _NEXT] * b[..., _AFTER_NEXT] - a[..., _AFTER_NEXT] * b[..., _NEXT]
-
-
-def _length(x: Array) -> Array:
-    """Length of vectors, [..., 3] to [..., 1]: the bits of np.linalg.norm along an axis, without its checks."""
-    return np.sqrt(np.add.reduce(x * x, axis=-1, keepdims=True))
-
-
-def _conjugate(q: Array) -> Array:
-    return q * [-1.0, -1.0, -1.0, 1.0]
-
-
-def _exponential(rotation: Array) -> Array:
-    """Quaternion xyzw of a rotation vector [rad], [..., 3]."""
-    angle = _length(rotation)
-    return np.concatenate([rotation * (0.5 * np.sinc(angle / (2.0 * np.pi))), np.cos(angle / 2.0)], axis=-1)
-
-
-def _logarithm(q: Array) -> Array:
-    """Rotation vector [rad] of a unit quaternion xyzw, the short way round; [..., 3]."""
-    sine = _length(q[..., :3])
-    angle = 2.0 * np.arctan2(sine, np.abs(q[..., 3:]))
-    scale = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0)
-    return q[..., :3] * np.where(q[..., 3:] < 0.0, -scale, scale)

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MotionError
 from ..known_names import find_name, likely_name
-from .exploration import FLOOR, MARGIN, Progress, exploration_path
 from .exploration import VERSION as AROUND_VERSION
+from .exploration import exploration_path
+from .exploration_strokes import FLOOR, MARGIN, Progress
 from .explorer_habits import explorer_habits, require_explorer
 from .over_array import FACING, WORKSPACE, ExplorerTrial, over_array_path
 from .over_array import VERSION as OVER_ARRAY_VERSION

@@ -20,8 +20,8 @@ from ..errors import MotionError, RecordingWarning
 from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
 from ..shapes.built_in import shape
 from ..user_warnings import warn_user
-from .exploration import Progress, unheard
 from .exploration_options import EXPLORATION_MODELS, POSE_BYTES, SECOND_BYTES, ExplorationOptions, check_options
+from .exploration_strokes import Progress, unheard
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from ..rigid import quaternion_product, rotate
 from .counter_random import bell, uniform
-from .exploration import Progress
+from .exploration_strokes import Progress
 from .explorer_habits import PITCH_SD, PREFERENCE, ROLL_SD, SIDES, YAW_SD, ExplorerHabits
 from .portable_angles import arc_tangent, hyperbolic_tangent, sine_cosine, sine_of_turns
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import warp as wp
@@ -29,6 +30,7 @@ from ..intersection.scene import Scene
 from ..objects.solid import Solid
 from ..playback.device_frames import PulsePacker
 from ..playback.focus_source import INTERVALS_LOOKED_AT, require_increasing
+from ..playback.pose_insertion import require_insertion
 from ..runtime.span_workers import warp_device
 from ..sampling.batch_dwell import dwell_maps
 from ..sampling.batch_sampling import ROWS_A_POINT, ROWS_MOST, MotionSamples, sample_motions
@@ -37,8 +39,10 @@ from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..strategies.user_stage_sources import has_own_stages
 from ..validation import value_text
+from .denser import denser_motions
+from .joined_rows import joined_rows
 from .numbers import dwell_grid, sampling_numbers
-from .poses import ExploredPoses, HostPoses, PoseRows, TimedPoses, explored_rows
+from .poses import ExploredPoses, HostPoses, TimedPoses
 
 GPU_SHARE = 4  # of a GPU's memory, a group takes a quarter unless told another
 POINTS_A_POSE = 32  # supposed
@@ -141,15 +145,18 @@ def render_motions(
     *,
     device: str = "cpu",
     memory: int | None = None,
+    interpolate: float | None = None,
 ) -> Iterator[MotionGroup]:
     """Render many motions, as many at once as a budget allows, without going through the host between the steps.
 
     solid, hand, strategy, sampling: objects, or names and files, as for `render`; the hand has one shape in all poses.
-    motions: with times, of two poses at least; explorations over the array are made on the device. memory: of a group,
+    motions: with times, of two poses at least; explorations are made on the device. memory: of a group,
     what is made of it included, about [byte]; by default 512 MB on a CPU, a quarter of a GPU's. A motion is never
     divided: where one alone takes more, it has a group of its own, and so has each motion with a stage of your own,
-    which may look at its batch. Results do not depend on how motions are grouped. Contours, focal points and wire bytes
-    stay on the device. A GPU is busy with hundreds of motions at once, and takes as long for one.
+    which may look at its batch. interpolate: insert poses where contours would move by more than this from pose to pose
+    [m], as `palpate render --interpolate` does. Results do not depend on how motions are grouped. Contours, inserted
+    poses, focal points and wire bytes stay on the device; times and counts do not. A GPU is busy with hundreds of
+    motions at once, and takes as long for one.
     Raises StrategyError for a hand of many shapes, an unknown device and too small a budget; PoseError, with the number
     of the motion, for one without times; and what rendering and sampling raise.
 
@@ -166,24 +173,49 @@ def render_motions(
     if isinstance(motions, HandMotion | ExploredPoses):
         raise PoseError("motions must be a list of motions: put the one into brackets")
     timed = [timed_poses(motion, number) for number, motion in enumerate(motions)]
-    return motion_groups(scene, timed, chosen, device, memory=group_memory(device, memory))
+    memory = group_memory(device, memory)
+    if interpolate is None:
+        return motion_groups(scene, timed, chosen, device, memory=memory)
+    require_insertion(scene.hand, interpolate)
+    return denser_groups(scene, timed, chosen, device, memory=memory, distance=interpolate)
+
+
+def denser_groups(
+    scene: Scene,
+    motions: Sequence[TimedPoses],
+    sampling: SamplingStrategy,
+    device: str,
+    *,
+    memory: int,
+    distance: float,
+) -> Iterator[MotionGroup]:
+    """The same with poses inserted, into as many motions at once as would be a group without."""
+    room = GroupRoom.of(scene, motions, sampling, memory)
+    first = 0
+    while first < len(motions):
+        stop = room.stop(first)
+        denser = denser_motions(scene, motions[first:stop], distance, device)
+        yield from motion_groups(scene, denser, sampling, device, memory=memory, number=first)
+        first = stop
 
 
 def motion_groups(
-    scene: Scene, motions: Sequence[TimedPoses], sampling: SamplingStrategy, device: str, *, memory: int
+    scene: Scene,
+    motions: Sequence[TimedPoses],
+    sampling: SamplingStrategy,
+    device: str,
+    *,
+    memory: int,
+    number: int = 0,
 ) -> Iterator[MotionGroup]:
-    """Groups of motions that have times and a rigid hand, in order; see `render_motions`."""
+    """Groups of motions that have times and a rigid hand, in order; see `render_motions`. number: of the first one."""
+    room = GroupRoom.of(scene, motions, sampling, memory)
     first = 0
-    counts = sample_counts(motions, sampling)
-    sizes = [motion_bytes(scene, *own, sampling.foci) for own in zip(motions, counts, strict=True)]
-    alone = has_own_stages(scene.strategy)  # which may go by the rows of a motion, and by what is in a batch
     while first < len(motions):
-        within = int(np.searchsorted(np.cumsum(sizes[first:]), memory, side="right"))
-        counted = int(np.searchsorted(np.cumsum(counts[first:]), ROWS_MOST, side="right"))
-        stop = first + max(1, 1 if alone else min(within, counted))
+        stop = room.stop(first)
         while True:
             try:
-                group = MotionGroup(scene, motions[first:stop], sampling, device, first, memory)
+                group = MotionGroup(scene, motions[first:stop], sampling, device, number + first, memory)
                 break
             except (PointLimitError, MemoryError, RuntimeError) as error:
                 if not is_too_large(error) or stop - first == 1:
@@ -191,6 +223,33 @@ def motion_groups(
                 stop = first + (stop - first) // 2
         yield group
         first = stop
+
+
+@dataclass(frozen=True)
+class GroupRoom:
+    """How many motions a group takes."""
+
+    sizes: Sequence[int]
+    """Of each motion [byte]."""
+    counts: Sequence[int]
+    """Samples of each."""
+    memory: int
+    """Budget [byte]."""
+    alone: bool
+    """Whether each is a group: for stages that may go by the rows of a motion, and by what is in a batch."""
+
+    @classmethod
+    def of(cls, scene: Scene, motions: Sequence[TimedPoses], sampling: SamplingStrategy, memory: int) -> Self:
+        """Of motions that are sampled alike."""
+        counts = sample_counts(motions, sampling)
+        sizes = [motion_bytes(scene, *own, sampling.foci) for own in zip(motions, counts, strict=True)]
+        return cls(sizes, counts, memory, has_own_stages(scene.strategy))
+
+    def stop(self, first: int) -> int:
+        """The motion after the last of a group that begins with a motion."""
+        within = int(np.searchsorted(np.cumsum(self.sizes[first:]), self.memory, side="right"))
+        counted = int(np.searchsorted(np.cumsum(self.counts[first:]), ROWS_MOST, side="right"))
+        return first + max(1, 1 if self.alone else min(within, counted))
 
 
 def group_memory(device: str, memory: int | None = None) -> int:
@@ -230,25 +289,6 @@ def timed_poses(given: HandMotion | ExploredPoses, number: int) -> TimedPoses:
         raise PoseError(f"motion {number}: has {motion.count} pose, and a motion has 2 at least")
     require_increasing(motion.time, Path(f"motion {number}"))
     return motion
-
-
-def joined_rows(ranges: Sequence[tuple[PoseRows, int, int]], device: str) -> np.ndarray | wp.array:
-    """Poses first..stop of several motions, one after the other: on the host if all are there, else on the device."""
-    explored = [(poses, first, stop) for poses, first, stop in ranges if isinstance(poses, ExploredPoses)]
-    if len(explored) == len(ranges):  # as a rule: one launch instead of one for each motion
-        return explored_rows(explored, device)
-    rows = [poses.rows(first, stop, device) for poses, first, stop in ranges]
-    if len(rows) == 1:
-        return rows[0]
-    if all(isinstance(own, np.ndarray) for own in rows):
-        return np.concatenate(rows)
-    out = wp.empty(sum(len(own) for own in rows), dtype=wp.transform, device=device)
-    at = 0
-    for own in rows:
-        source = wp.array(own, dtype=wp.transform, device=device) if isinstance(own, np.ndarray) else own
-        wp.copy(out, source, dest_offset=at, count=len(own))
-        at += len(own)
-    return out
 
 
 def is_too_large(error: Exception) -> bool:

@@ -12,12 +12,16 @@ move evenly (positions linear, rotations along the shorter arc), and what is ren
 | shorter than twice INTERVAL_LEAST | left as they are: contours appear or disappear there, which is no motion |
 """
 
-from dataclasses import replace
+import itertools
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import warp as wp
 
 from ...datasets.motions.hand_motion import HandMotion
 from ...kernels.metrics.contour_shift import find_shifts
+from ...kernels.motions.halving import HalvedIntervals, given_rows, halve_intervals, ordered_rows
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
 from ..intersection.scene import Scene
@@ -25,15 +29,26 @@ from ..objects.moving_object import between, object_poses
 from ..objects.solid import Solid
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
+from ..strategies.user_stage_sources import has_own_stages
 from ..validation import require_number
 
 INTERVAL_LEAST = 25e-6  # [s] a period of 40 kHz: no array is updated more often
 HOLD = SamplingStrategy().hold  # [s]
 SPACINGS = 4  # points that are judged within the distance along a contour
-POSES_AT_ONCE = 3 * 1024
+POSES_AT_ONCE = 3 * 1024  # on a CPU, and where a user's stage sees them
+POSES_ON_GPU = 1 << 16
 
-Poses = tuple[np.ndarray, np.ndarray]
-"""Times [s], float64, shape [pose], and poses, float32, shape [pose, 7]."""
+
+@dataclass(frozen=True)
+class InsertedPoses:
+    """Poses of many motions, one motion after the other, with those that were inserted."""
+
+    time: wp.array
+    """[s], float64, shape [pose]."""
+    pose: wp.array
+    """wp.transform, shape [pose]."""
+    motion_start: np.ndarray
+    """Offsets of motions into poses, int64, shape [motion + 1]."""
 
 
 def insert_poses(
@@ -58,12 +73,7 @@ def insert_poses(
     Raises StrategyError for a hand with poses of its own and a distance below 10 um or above 0.1 m, PoseError for poses
     without times, and what `render` raises.
     """
-    require_number("interpolate", distance, 1e-5, 0.1, unit="m")
-    if hand.pose_count is not None:
-        raise StrategyError(
-            f"the hand has {hand.pose_count} poses of its own, between which it is not known: poses are inserted for a "
-            "rigid one"
-        )
+    require_insertion(hand, distance)
     if motion.time is None:
         raise PoseError("poses are inserted between two times, but this motion has none")
     if object_pose is not None and object_pose.time is None and len(object_pose) > 1:
@@ -71,72 +81,111 @@ def insert_poses(
     if len(motion) == 1:
         return motion
     places = None if object_pose is None else object_poses(object_pose, motion)
-    shift_test = _ShiftTest(Scene.of(solid, hand, strategy, object_pose=places), motion, object_pose, distance, device)
-    gap = max(hold, 2.0 * float(np.median(np.diff(motion.time))))
-    return _with(motion, _inserted(motion, gap, shift_test))
-
-
-def _with(motion: HandMotion, inserted: list[Poses]) -> HandMotion:
-    """A motion with more poses, in the order of time."""
-    time = np.concatenate([motion.time if motion.time is not None else [], *(part[0] for part in inserted)])
-    pose = np.concatenate([motion.pose, *(part[1] for part in inserted)])
-    order = np.argsort(time, kind="stable")
+    scene = Scene.of(solid, hand, strategy, object_pose=places)
+    shift_test = ShiftTest(scene, distance, device, object_pose, motion.offset)
+    start = np.array([0, len(motion)])
+    denser = insert_into_all(shift_test, motion.time, motion.pose, start, hold=hold)
+    time, pose = denser.time.numpy(), denser.pose.numpy()
     count = motion.inserted + len(time) - len(motion)
-    return HandMotion(time[order], pose[order], motion.offset, motion.seed, count, motion.provenance)
+    return HandMotion(time, pose, motion.offset, motion.seed, count, motion.provenance)
 
 
-def _inserted(motion: HandMotion, gap: float, shift_test: "_ShiftTest") -> list[Poses]:
-    """Poses to be inserted, level by level of halving; gap: no interval longer than this is halved [s]."""
-    time, pose = np.asarray(motion.time), motion.pose
-    wanted = shift_test.moves_far(time, pose, np.diff(time) <= gap)
-    ends, out = [(a[:-1][wanted], a[1:][wanted]) for a in (time, pose)], []
-    while True:
-        (t0, t1), (p0, p1) = ends
-        long = (t1 - t0) / 2 >= INTERVAL_LEAST
-        if not long.any():
-            return out
-        t0, t1, p0, p1 = t0[long], t1[long], p0[long], p1[long]
-        middle = 0.5 * (t0 + t1)
-        both = np.stack([p0, p1], axis=1).astype(np.float64).reshape(-1, 7)
-        half = between(np.arange(len(both), dtype=np.float64), both, 2.0 * np.arange(len(middle)) + 0.5)
-        out.append((middle, half))
-        time, pose = np.stack([t0, middle, t1], axis=1).ravel(), np.stack([p0, half, p1], axis=1).reshape(-1, 7)
-        compared = np.tile([True, True, False], len(middle))[:-1]
-        wanted = np.flatnonzero(shift_test.moves_far(time, pose, compared))
-        ends = [(a[wanted], a[wanted + 1]) for a in (time, pose)]
+def require_insertion(hand: Hand, distance: float) -> None:
+    """Raise StrategyError for a distance out of bounds, and a hand between whose poses nothing is known."""
+    require_number("interpolate", distance, 1e-5, 0.1, unit="m")
+    if hand.pose_count is not None:
+        raise StrategyError(
+            f"the hand has {hand.pose_count} poses of its own, between which it is not known: poses are inserted for a "
+            "rigid one"
+        )
 
 
-class _ShiftTest:
+@dataclass(frozen=True)
+class ShiftTest:
     """Tells between which poses contours move too far."""
 
-    def __init__(
-        self, scene: Scene, motion: HandMotion, object_pose: HandMotion | None, distance: float, device: str
-    ) -> None:
-        self._scene, self._distance, self._device = scene, distance, device
-        self._object_pose, self._offset = object_pose, motion.offset
+    scene: Scene
+    distance: float
+    """[m]."""
+    device: str
+    object_pose: HandMotion | None = None
+    """Motion of an object that moves."""
+    offset: float = 0.0
+    """Of the hand's times [s]."""
 
-    def moves_far(self, time: np.ndarray, pose: np.ndarray, compared: np.ndarray) -> np.ndarray:
-        """For which of the intervals that are compared another pose is wanted, bool, shape [pose - 1]."""
-        wanted = np.zeros(len(compared), bool)
-        for first in range(0, len(compared), POSES_AT_ONCE):
-            stop = min(first + POSES_AT_ONCE, len(compared))  # one pose more than intervals
-            rows = slice(first, stop + 1)
-            far = self._far(time[rows], pose[rows], np.append(compared[first:stop], False))
-            wanted[first:stop] = far[:-1]
-        return wanted | (compared & (np.diff(time) > HOLD))
+    def far(self, rows: Any) -> wp.array:
+        """Whether contours move too far between each of the rows (IntervalRows) and the next, uint8, shape [row]."""
+        count = len(rows.time)
+        far = wp.zeros(count, dtype=wp.uint8, device=self.device)
+        is_small = wp.get_device(self.device).is_cpu or has_own_stages(self.scene.strategy)
+        at_once = POSES_AT_ONCE if is_small else POSES_ON_GPU
+        for first in range(0, count - 1, at_once):
+            own = slice(first, min(first + at_once, count - 1) + 1)  # one pose more than intervals
+            self._test(rows.time[own], rows.pose[own], rows.compared[own], far[own])
+        return far
 
-    def _far(self, time: np.ndarray, pose: np.ndarray, compared: np.ndarray) -> np.ndarray:
-        scene = self._scene
-        if self._object_pose is not None:
-            scene = replace(scene, object_pose=self._places(self._object_pose, time))
-        batch = scene.contours(np.ascontiguousarray(pose), 0, self._device)[0].to(self._device)
-        spacing = self._distance / SPACINGS
+    def _test(self, time: wp.array, pose: wp.array, compared: wp.array, far: wp.array) -> None:
+        scene = self.scene
+        if self.object_pose is not None:
+            scene = replace(scene, object_pose=self._places(self.object_pose, time.numpy()))
+        batch = scene.contours(pose, 0, self.device)[0].to(self.device)
+        spacing = self.distance / SPACINGS
         lines = (batch.points, batch.polyline_start, batch.pose_start)
-        return find_shifts(*lines, compared, limit=self._distance - spacing / 2, spacing=spacing)
+        find_shifts(*lines, compared, far, limit=self.distance - spacing / 2, spacing=spacing)
 
     def _places(self, object_pose: HandMotion, time: np.ndarray) -> np.ndarray:
         """Where the object is at other times of the hand."""
         if object_pose.time is None or len(object_pose) == 1:
             return np.repeat(object_pose.pose[:1], len(time), axis=0)
-        own = object_pose.time + (object_pose.offset - self._offset)
+        own = object_pose.time + (object_pose.offset - self.offset)
         return between(own, object_pose.pose.astype(np.float64), np.clip(time, own[0], own[-1]))
+
+
+def insert_into_all(
+    shift_test: ShiftTest,
+    time: np.ndarray,
+    pose: np.ndarray | wp.array,
+    motion_start: np.ndarray,
+    *,
+    hold: float = HOLD,
+) -> InsertedPoses:
+    """Insert poses into many motions at once, level by level of halving; the poses of each do not depend on the others.
+
+    time: of all poses, increasing within a motion [s], shape [pose]; pose: float32, shape [pose, 7], or wp.transform
+    [pose] on the device; motion_start: offsets of motions into poses. hold: see `insert_poses`. Nothing but counts, and
+    one pose in a million, leaves the device, unless the object moves.
+    """
+    compared = _compared(time, motion_start, hold)
+    rows = given_rows(time, pose, compared, shift_test.device)
+    parts = [rows]
+    for level in itertools.count():
+        far = shift_test.far(rows)
+        halved = halve_intervals(rows, far, level, hold=HOLD, least=INTERVAL_LEAST)
+        if halved is None:
+            break
+        _decide_rounding(halved)
+        parts.append(halved.middle)
+        rows = halved.rows
+    return InsertedPoses(*ordered_rows(parts, motion_start))
+
+
+def _compared(time: np.ndarray, motion_start: np.ndarray, hold: float) -> np.ndarray:
+    """Whether contours are compared with those of the next pose: of the same motion, and no gap between them."""
+    out = np.zeros(len(time), bool)
+    for first, stop in itertools.pairwise(motion_start.tolist()):
+        lasting = np.diff(time[first:stop])
+        if len(lasting):
+            out[first : stop - 1] = lasting <= max(hold, 2.0 * float(np.median(lasting)))
+    return out
+
+
+def _decide_rounding(halved: HalvedIntervals) -> None:
+    """Compute the doubtful middles by slerp, which decides how they are rounded."""
+    if len(halved.doubtful) == 0:
+        return
+    for k in halved.doubtful.numpy().tolist():
+        place = int(halved.place[k : k + 1].numpy()[0])
+        ends = halved.rows.pose[place - 1 : place + 2].numpy()[::2].astype(np.float64)
+        middle = between(np.arange(2.0), ends, np.array([0.5]))
+        halved.middle.pose[k : k + 1].assign(middle)
+        halved.rows.pose[place : place + 1].assign(middle)

@@ -77,7 +77,10 @@ class MotionSamples:
         return f"MotionSamples({samples}, {motions}, {int(self.on_host.sum())} of them drawn on the host)"
 
     def focus(self, motion: int) -> FocalPoints:
-        """Focal points of one motion on the host."""
+        """Focal points of one motion on the host; raises IndexError for a motion that is not there."""
+        count = len(self.counts)
+        if not 0 <= motion < count:
+            raise IndexError(f"motion {motion} is outside the {counted(count, 'motion')} sampled, numbered from 0")
         first, stop = self.sample_start[motion : motion + 2].tolist()
         foci = self.intensity.shape[1]
         if first == stop:

@@ -2,8 +2,7 @@
 
 | motion | number of poses | rows |
 |---|---|---|
-| exploration over the array | from duration and rate | made on the device where they are used |
-| exploration around an object | from duration and rate | on the host |
+| exploration | from duration and rate | made on the device where they are used |
 | random | given | made on the device where they are used |
 | file of poses | from the file's header (HDF5) or its lines | on the host |
 | recording of a hand | from its frames, resampled and held as the hand needs them | on the host |

@@ -13,7 +13,6 @@ from threading import RLock
 from typing import Any, Generic, TypeVar
 
 from ....datasets.errors import MotionError
-from ....datasets.motions.exploration_options import OVER_ARRAY
 from ....datasets.motions.hand_motion import EXPLORATION_OPTIONS, RANDOM_AT, RANDOM_SIZE
 from ....device.array import ArrayModel
 from ...errors import StrategyError, SweepError
@@ -136,10 +135,9 @@ class RecipeCache:
         require_unchanged(source, motion.get("sha256"))
         options = {name: motion.get(name) for name in EXPLORATION_OPTIONS} | {"model": model_of(motion)}
         if not is_recording(source):
-            options = options if source == EXPLORATION else {}
-            if options.get("model") == OVER_ARRAY:
+            if source == EXPLORATION:
                 return self._rigid(recipe), explored_poses_of(thing, options)
-            return self._rigid(recipe), HostPoses(load_motion(source, thing, options))
+            return self._rigid(recipe), HostPoses(load_motion(source, thing, {}))
         alignment = motion.get("alignment")
         if alignment is not None:
             require_unchanged(alignment["source"], alignment.get("sha256"))
@@ -192,7 +190,7 @@ def title_of(recipe: Recipe) -> str:
 
 
 def explored_poses_of(thing: Solid, options: dict[str, Any]) -> ExploredPoses:
-    """Poses of an exploration over the array, by its options; raises StrategyError as `load_motion` does."""
+    """Poses of an exploration, by its options; raises StrategyError as `load_motion` does."""
     given = {name: value for name, value in options.items() if value is not None}
     try:
         return ExploredPoses.of(thing.bounds, **given)

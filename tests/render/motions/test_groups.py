@@ -20,6 +20,7 @@ from palpate.render import (
     Sampler,
     SamplingStrategy,
     StrategyError,
+    closed_contour,
     dwell_map,
     load_sampling,
     render,
@@ -31,6 +32,7 @@ from palpate.render.intersection.named_inputs import load_hand
 from palpate.render.motions import groups as groups_module
 from palpate.render.motions.poses import HostPoses
 from palpate.render.playback.focus_source import ContourSource
+from palpate.render.playback.pose_insertion import insert_poses
 from palpate.render.sampling.contour_sampling import joined
 from palpate.render.sweeps.make.sampling import RenderedContours
 
@@ -177,6 +179,22 @@ def test_frames_of_several_focal_points_start_from_rest_at_each_motion(device):
     assert len(frames) == 10_000
 
 
+@pytest.mark.parametrize("memory", [None, 2**20])
+def test_groups_have_the_poses_that_are_inserted_into_each_motion(memory, device):
+    motions = trials(3)
+    tube, strategy = MeshObject.load("tube"), closed_contour()
+    alone = [insert_poses(tube, Palm(), own.motion, strategy, distance=2e-3) for own in motions]
+    assert all(motion.inserted > 5 for motion in alone)
+    groups = grouped(motions, device=device, memory=memory, interpolate=2e-3)
+    assert [(part.first, part.stop) for part in groups] == ([(0, 3)] if memory is None else [(0, 1), (1, 2), (2, 3)])
+    denser = [own for part in groups for own in part.motions]
+    assert [own.inserted for own in denser] == [motion.inserted for motion in alone]
+    pose = np.concatenate([part.pose.numpy() for part in groups])
+    np.testing.assert_array_equal(pose, np.concatenate([motion.pose for motion in alone]))
+    wanted = [numbers for part in grouped(alone, device=device) for numbers in part.numbers]
+    assert [numbers for part in groups for numbers in part.numbers] == wanted
+
+
 def test_what_cannot_be_a_group_is_refused():
     with pytest.raises(PoseError, match="motion 1: its 2 poses have no times"):
         grouped([trials(1)[0], HandMotion(None, np.tile(static_pose([0, 0, 0.2]).pose, (2, 1)))])
@@ -186,11 +204,18 @@ def test_what_cannot_be_a_group_is_refused():
         grouped([trials(1)[0], "x"])
     with pytest.raises(PoseError, match="motions must be a list of motions"):
         grouped(trials(1)[0])
-    with pytest.raises(MotionError, match="model must be over-array, not 'around'"):
-        ExploredPoses.of("tube", model="around")
+    with pytest.raises(MotionError, match="model must be one of over-array, around, not 'beside'"):
+        ExploredPoses.of("tube", model="beside")
+    with pytest.raises(MotionError, match=r"no option 'sed' \(did you mean 'seed'\?\); known: duration, ra"):
+        ExploredPoses.of("tube", sed=2)
     (group,) = grouped(trials(1), sampling=SamplingStrategy(update_rate=12345.0))
+    for number in (-1, 1):
+        with pytest.raises(IndexError, match=f"motion {number} is outside the 1 motion sampled, numbered from 0"):
+            group.samples.focus(number)
     with pytest.raises(DeviceError, match="12345 Hz"):
         next(group.frames(PulsePacker("pat16", device="cpu")))
+    with pytest.raises(StrategyError, match="interpolate must lie in"):
+        grouped(trials(1), interpolate=1.0)
     with pytest.raises(StrategyError, match="no device 'cuda:7'"):
         grouped(trials(1), device="cuda:7")
     with pytest.raises(StrategyError, match="memory must be at least 1048576 bytes, not 10"):

@@ -1,5 +1,8 @@
 """Poses between two of a tracker's: as many as a moving contour needs, on the hand's way, none over a gap."""
 
+import itertools
+
+import insertion_oracle
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
@@ -7,8 +10,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from palpate.datasets import exploration
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion
-from palpate.render import MeshObject, Palm, closed_contour, open_contour, record, render
+from palpate.render import MeshObject, Palm, Scene, closed_contour, load_strategy, open_contour, record, render
 from palpate.render.errors import PoseError, StrategyError
+from palpate.render.playback import pose_insertion
 from palpate.render.playback.pose_insertion import insert_poses
 from palpate.render.sampling.contour_sampling import Sampler, SamplingStrategy, sample_contours
 
@@ -151,6 +155,44 @@ def counted(thing, motion, update_rate, strategy=None):
     blocks = list(sample_contours([batch], motion.pose, motion.time, motion.duration, sampler))
     position = np.concatenate([block.position for block in blocks]).astype(float)
     return sampler.count, position, np.concatenate([block.intensity for block in blocks]) > 0
+
+
+def lines_at(scene, pose):
+    """Polylines at one pose."""
+    batch = scene.contours(pose[None], 0, "cpu")[0].numpy()
+    return [batch.points[a:b] for a, b in itertools.pairwise(batch.polyline_start)]
+
+
+@pytest.mark.parametrize(("name", "strategy", "distance"), [("tube", "cc", 3e-3), ("dog", "oc", 2e-3)])
+def test_the_poses_are_those_of_each_interval_halved_alone(name, strategy, distance, device):
+    thing = MeshObject.load(name)
+    motion = exploration(thing.bounds, duration=1.5, rate=45.0, seed=2, model="around")
+    scene = Scene.of(thing, Palm(), strategy)
+    time, pose = insertion_oracle.insert(lambda pose: lines_at(scene, pose), motion.time, motion.pose, distance)
+    denser = insert_poses(thing, Palm(), motion, load_strategy(strategy), distance=distance, device=device)
+    assert denser.inserted > 20
+    np.testing.assert_array_equal(denser.time, time)
+    np.testing.assert_array_equal(denser.pose, pose)
+
+
+def test_motions_together_have_the_poses_of_each_alone(monkeypatch, device):
+    """Also in small batches, and where the middle's rounding is doubtful: two poses half a turn apart."""
+    motions = [sideways(steps) for steps in ([2e-2, 1e-3], [], [1e-4], [1e-2] * 4)]
+    pose = motions[3].pose.copy()
+    pose[2, 3:] = [-pose[1, 6], pose[1, 5], -pose[1, 4], pose[1, 3]]
+    motions[3] = HandMotion(motions[3].time, pose)
+    alone = [insert_poses(CUBE, Palm(), motion, closed_contour(), distance=8e-3) for motion in motions]
+    monkeypatch.setattr(pose_insertion, "POSES_AT_ONCE", 20)
+    monkeypatch.setattr(pose_insertion, "POSES_ON_GPU", 30)
+    shift_test = pose_insertion.ShiftTest(Scene.of(CUBE, Palm(), "cc"), 8e-3, device)
+    start = np.cumsum([0, *map(len, motions)])
+    given = [np.concatenate([getattr(motion, name) for motion in motions]) for name in ("time", "pose")]
+    together = pose_insertion.insert_into_all(shift_test, *given, start)
+    np.testing.assert_array_equal(np.diff(together.motion_start), [len(motion) for motion in alone])
+    np.testing.assert_array_equal(together.time.numpy(), np.concatenate([motion.time for motion in alone]))
+    np.testing.assert_array_equal(together.pose.numpy(), np.concatenate([motion.pose for motion in alone]))
+    oracle = insertion_oracle.insert(lambda pose: lines_at(shift_test.scene, pose), motions[3].time, pose, 8e-3)
+    np.testing.assert_array_equal(alone[3].pose, oracle[1])
 
 
 def test_an_object_that_moves_is_followed_too():

@@ -11,9 +11,9 @@ import pytest
 import trimesh
 from rich.console import Console
 
-from palpate.datasets.motions.exploration import _cross, _length
 from palpate.datasets.motions.exploration_options import EXPLORATION_MODELS
 from palpate.datasets.motions.hand_motion import exploration
+from palpate.datasets.motions.rotation_vectors import cross, length_of
 from palpate.datasets.shapes.built_in import shape
 from palpate.kernels.section.edge_pairing import group_starts, order_of
 from palpate.render import MeshObject
@@ -57,8 +57,8 @@ def test_products_and_lengths_of_explorations_have_numpys_bits(rng):
     for size in ((3,), (1000, 3)):
         for _ in range(50):
             a, b = rng.normal(size=size), rng.normal(size=size)
-            np.testing.assert_array_equal(_cross(a, b), np.cross(a, b))
-            np.testing.assert_array_equal(_length(a), np.linalg.norm(a, axis=-1, keepdims=True))
+            np.testing.assert_array_equal(cross(a, b), np.cross(a, b))
+            np.testing.assert_array_equal(length_of(a), np.linalg.norm(a, axis=-1, keepdims=True))
 
 
 @pytest.mark.exhaustive

@@ -1,0 +1,47 @@
+"""Motions with poses inserted between those given, made on the device that their contours are on: many at once."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ..intersection.scene import Scene
+from ..playback.pose_insertion import ShiftTest, insert_into_all
+from .joined_rows import joined_rows
+from .poses import TimedPoses
+
+
+@dataclass(frozen=True, eq=False)
+class DenserPoses:
+    """A motion's poses on a device, those that were inserted among them."""
+
+    time: np.ndarray
+    """Of each pose [s]."""
+    pose: wp.array
+    """Hand frame -> array frame, wp.transform, shape [pose]."""
+    inserted: int
+    """Number of poses that were inserted."""
+
+    @property
+    def count(self) -> int:
+        """Number of poses."""
+        return len(self.time)
+
+    def rows(self, first: int, stop: int, device: str) -> Any:
+        """Poses first..stop, wp.transform on the device, shape [pose]."""
+        return self.pose[first:stop].to(device)
+
+
+def denser_motions(scene: Scene, motions: Sequence[TimedPoses], distance: float, device: str) -> list[DenserPoses]:
+    """Motions with poses inserted where contours would move by more than a distance [m]; see `insert_poses`."""
+    clocks = [np.asarray(motion.time) for motion in motions]
+    start = np.concatenate([[0], np.cumsum([len(time) for time in clocks])])
+    pose = joined_rows([(motion, 0, motion.count) for motion in motions], device)
+    made = insert_into_all(ShiftTest(scene, distance, device), np.concatenate(clocks), pose, start)
+    time = made.time.numpy()
+    parts = [slice(*pair) for pair in itertools.pairwise(made.motion_start.tolist())]
+    added = np.diff(made.motion_start) - np.diff(start)
+    return [DenserPoses(time[own], made.pose[own], count) for own, count in zip(parts, added.tolist(), strict=True)]

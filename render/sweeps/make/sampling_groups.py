@@ -26,7 +26,7 @@ from .poses import Poses
 from .rendering import Rendering, sampling_of
 from .sampling import FOCI_AT_ONCE
 
-CPU_BYTES = 256_000_000  # of a group on a CPU: some 20 motions of 30 s, so a sign of progress every half second
+CPU_BYTES = 256_000_000  # of a group on a CPU: some 10 motions of 30 s, so a sign of progress every half second
 SAMPLING, FOCAL_POINTS = "sampling", "keep-focal-points"
 Results = dict[str, dict[str, Any] | Exception]
 """Of a motion, by group: the payload, or why there is none."""
@@ -67,6 +67,7 @@ class SampledAlike:
             own = asked[group.first : group.stop]
             made = self._results(group, own, store, tick)
             seconds = {"sampling": (perf_counter() - started) / len(own)}
+            del group  # before the next takes as much memory
             yield [(chunks, _timed(results, seconds)) for chunks, results in zip(own, made, strict=True)]
             started = perf_counter()
 

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 import warp as wp
@@ -34,6 +33,7 @@ from ..playback.pose_insertion import require_insertion
 from ..runtime.span_workers import warp_device
 from ..sampling.batch_dwell import dwell_maps
 from ..sampling.batch_sampling import ROWS_A_POINT, ROWS_MOST, MotionSamples, sample_motions
+from ..sampling.kernel_plan import plan_of
 from ..sampling.presets import sampling_of
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
@@ -45,9 +45,10 @@ from .numbers import dwell_grid, sampling_numbers
 from .poses import ExploredPoses, HostPoses, TimedPoses
 
 GPU_SHARE = 4  # of a GPU's memory, a group takes a quarter unless told another
-POINTS_A_POSE = 32  # supposed
-TRACK_BYTES = 4000  # of what is laid along a pose's contours
-SAMPLE_BYTES, FOCUS_BYTES, MOTION_BYTES = 3, 16, 15_000  # of what samples, their focal points and motions take
+POINTS_A_POSE = 32  # supposed until a group has more
+TRACK_BYTES = 2500  # of a pose's track without its nodes: 1,000, and 15,000 where a run of several polylines begins
+NODE_BYTES = 53  # of a track, which has some at each point of the contours
+SAMPLE_BYTES, FOCUS_BYTES, MOTION_BYTES = 3, 20, 15_000  # of what samples, their focal points and motions take
 FRAMES_SHARE = 16  # of the budget, a block of wire bytes takes a sixteenth
 
 
@@ -78,7 +79,7 @@ class MotionGroup:
     """Of all poses, one motion after the other; on the host where a stage of your own left them there."""
 
     def __post_init__(self) -> None:
-        limit = None if len(self.motions) == 1 else min(self.memory // POINT_BYTES, ROWS_MOST // ROWS_A_POINT)
+        limit = None if len(self.motions) == 1 else min(self._points_that_fit(), ROWS_MOST // ROWS_A_POINT)
         contours, _ = self.scene.contours(self.pose, 0, self.device, point_limit=limit)
         object.__setattr__(self, "contours", contours)
 
@@ -89,6 +90,17 @@ class MotionGroup:
             f"{type(self).__name__}(motions {self.first}..{self.stop}, {len(self.pose)} poses, {samples} samples, "
             f"on {self.device})"
         )
+
+    def _points_that_fit(self) -> int:
+        """Points of contours for which the budget has room beside everything else."""
+        counts = np.array([motion.count for motion in self.motions]), sample_counts(self.motions, self.sampling)
+        taken = int(motion_bytes(self.scene, *counts, self.sampling, 0.0).sum())
+        return max(0, self.memory - taken) // point_bytes(self.sampling)
+
+    @property
+    def points_a_pose(self) -> float:
+        """Points of contours by pose, on average."""
+        return self.contours.point_count / max(1, len(self.pose))
 
     @property
     def stop(self) -> int:
@@ -190,10 +202,11 @@ def denser_groups(
     distance: float,
 ) -> Iterator[MotionGroup]:
     """The same with poses inserted, into as many motions at once as would be a group without."""
-    room = GroupRoom.of(scene, motions, sampling, memory)
+    poses, counts = np.array([motion.count for motion in motions]), sample_counts(motions, sampling)
     first = 0
     while first < len(motions):
-        stop = room.stop(first)
+        sizes = motion_bytes(scene, poses[first:], counts[first:], sampling, float(POINTS_A_POSE))
+        stop = first + max(1, min(_within(sizes, memory), _within(counts[first:], ROWS_MOST)))
         denser = denser_motions(scene, motions[first:stop], distance, device)
         yield from motion_groups(scene, denser, sampling, device, memory=memory, number=first)
         first = stop
@@ -209,47 +222,32 @@ def motion_groups(
     number: int = 0,
 ) -> Iterator[MotionGroup]:
     """Groups of motions that have times and a rigid hand, in order; see `render_motions`. number: of the first one."""
-    room = GroupRoom.of(scene, motions, sampling, memory)
-    first = 0
+    first, points, pauses = 0, float(POINTS_A_POSE), False
+    poses, counts = np.array([motion.count for motion in motions]), sample_counts(motions, sampling)
+    alone = has_own_stages(scene.strategy)  # which may go by the rows of a motion, and by what is in a batch
     while first < len(motions):
-        stop = room.stop(first)
+        most = len(motions) - first
         while True:
+            sizes = motion_bytes(scene, poses[first:], counts[first:], sampling, points, pauses=pauses)
+            most = max(1, 1 if alone else min(_within(sizes, memory), _within(counts[first:], ROWS_MOST), most))
             try:
-                group = MotionGroup(scene, motions[first:stop], sampling, device, number + first, memory)
+                group = MotionGroup(scene, motions[first : first + most], sampling, device, number + first, memory)
                 break
             except (PointLimitError, MemoryError, RuntimeError) as error:
-                if not is_too_large(error) or stop - first == 1:
+                if not is_too_large(error) or most == 1:
                     raise
-                stop = first + (stop - first) // 2
+                if isinstance(error, PointLimitError):
+                    points = max(points, error.count / int(poses[first : first + most].sum()))
+                most //= 2
+        points, pauses = max(points, group.points_a_pose), pauses or group.contours.dwell is not None
+        first += most
         yield group
-        first = stop
+        del group  # before the next takes as much memory
 
 
-@dataclass(frozen=True)
-class GroupRoom:
-    """How many motions a group takes."""
-
-    sizes: Sequence[int]
-    """Of each motion [byte]."""
-    counts: Sequence[int]
-    """Samples of each."""
-    memory: int
-    """Budget [byte]."""
-    alone: bool
-    """Whether each is a group: for stages that may go by the rows of a motion, and by what is in a batch."""
-
-    @classmethod
-    def of(cls, scene: Scene, motions: Sequence[TimedPoses], sampling: SamplingStrategy, memory: int) -> Self:
-        """Of motions that are sampled alike."""
-        counts = sample_counts(motions, sampling)
-        sizes = [motion_bytes(scene, *own, sampling.foci) for own in zip(motions, counts, strict=True)]
-        return cls(sizes, counts, memory, has_own_stages(scene.strategy))
-
-    def stop(self, first: int) -> int:
-        """The motion after the last of a group that begins with a motion."""
-        within = int(np.searchsorted(np.cumsum(self.sizes[first:]), self.memory, side="right"))
-        counted = int(np.searchsorted(np.cumsum(self.counts[first:]), ROWS_MOST, side="right"))
-        return first + max(1, 1 if self.alone else min(within, counted))
+def _within(sizes: np.ndarray | Sequence[int], most: int) -> int:
+    """How many sizes have a sum of at most so much."""
+    return int(np.searchsorted(np.cumsum(sizes), most, side="right"))
 
 
 def group_memory(device: str, memory: int | None = None) -> int:
@@ -260,10 +258,24 @@ def group_memory(device: str, memory: int | None = None) -> int:
     return checked_memory(memory, [device])
 
 
-def motion_bytes(scene: Scene, motion: TimedPoses, sample_count: int, foci: int) -> int:
-    """What a motion takes on a device, about [byte]."""
-    poses = motion.count * (scene.pose_bytes + POINT_BYTES * POINTS_A_POSE + TRACK_BYTES)
-    return poses + sample_count * (SAMPLE_BYTES + FOCUS_BYTES * foci) + MOTION_BYTES
+def motion_bytes(
+    scene: Scene,
+    pose_count: np.ndarray,
+    sample_count: Sequence[int],
+    sampling: SamplingStrategy,
+    points_a_pose: float,
+    *,
+    pauses: bool = False,
+) -> np.ndarray:
+    """What each motion takes on a device, about [byte]; pauses: whether its contours have any."""
+    pose = scene.pose_bytes + TRACK_BYTES + point_bytes(sampling, pauses=pauses) * points_a_pose
+    samples = np.asarray(sample_count, np.int64) * (SAMPLE_BYTES + FOCUS_BYTES * sampling.foci)
+    return pose_count * pose + samples + MOTION_BYTES
+
+
+def point_bytes(sampling: SamplingStrategy, *, pauses: bool = False) -> int:
+    """What a point of contours takes, about, and the nodes of a track there [byte]."""
+    return POINT_BYTES + NODE_BYTES * int(plan_of(sampling, pauses=pauses).passes)
 
 
 def sample_counts(motions: Sequence[TimedPoses], sampling: SamplingStrategy) -> list[int]:

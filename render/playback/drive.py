@@ -21,6 +21,7 @@ from ..validation import read_fields, require_choice, require_number
 
 REST = (0.0, 0.0, 0.2)  # [m] aim of silent frames before the first focal point
 FRAMES_AT_ONCE = 512  # so that their distances to 256 transducers stay in the processor's cache
+PRODUCT_MOST = 1 << 18  # multiplications of a matrix product; in larger ones OpenBLAS has threads that spin
 INTENSITY_TOLERANCE = 1e-6  # by which rounding may raise an intensity above 1
 
 # Amplitudes: rms error of 4 foci, median over random frames. Change: of a transducer's delay from frame to frame for 4
@@ -313,11 +314,18 @@ def focus_delays(position: np.ndarray, transducer: np.ndarray, wavelength: float
     whole = np.empty((min(FRAMES_AT_ONCE, len(position)), len(transducer)), np.float32)
     for start in range(0, len(position), FRAMES_AT_ONCE):
         part = turns[start : start + FRAMES_AT_ONCE]
-        np.matmul(left[start : start + FRAMES_AT_ONCE], right, out=part)
+        _multiply(left[start : start + FRAMES_AT_ONCE], right, part)
         np.sqrt(np.maximum(part, 0, out=part), out=part)
         part *= np.float32(-1 / wavelength)
         part -= np.floor(part, out=whole[: len(part)])
     return turns
+
+
+def _multiply(left: np.ndarray, right: np.ndarray, out: np.ndarray) -> None:
+    """The matrix product, in pieces of one thread's work; none has one row, which BLAS would round otherwise."""
+    pieces = min(-(-left.size * right.shape[1] // PRODUCT_MOST), max(1, len(left) // 2))
+    for rows, own in zip(np.array_split(left, pieces), np.array_split(out, pieces), strict=True):
+        np.matmul(rows, right, out=own)
 
 
 def drive_focus(focus: FocalPoints, array: ArrayModel | str, *, sound_speed: float = SOUND_SPEED) -> Drives:

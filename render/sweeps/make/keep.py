@@ -37,7 +37,7 @@ from ...intersection.file_recording import record
 from ...intersection.scene import Scene
 from ...playback.drive import Driver
 from ...playback.focus_source import ContourRows
-from ...sampling.contour_sampling import FocalPoints, SamplingStrategy
+from ...sampling.contour_sampling import FocalPoints, SamplingStrategy, joined
 from ..plan.code_version import code_version
 from ..plan.recipe import Recipe
 from .rendering import arrays_of
@@ -45,6 +45,7 @@ from .sampling import RenderedContours
 
 CONTOURS, FOCAL_POINTS, DRIVES = "contours", "focal-points", "drives"
 LOOK_AGAIN = 0.2  # [s] while another process writes the same contour file
+POINTS_A_WRITE = 1 << 16  # 1 MB of focal points
 TRIES = 3  # of a contour file that others have just finished, or given up
 
 
@@ -176,6 +177,7 @@ class FocusKeeper:
     def __init__(self, recipe: Recipe, key: str, store: Path, strategy: SamplingStrategy, frame_count: int) -> None:
         foci = () if strategy.foci == 1 else (strategy.foci,)
         self._name = f"{FOCAL_POINTS}/{key}.h5"
+        self._waiting: list[FocalPoints] = []
         self.file = FrameFile(
             _room_for(store, self._name),
             [FrameField("/focus/position", (*foci, 3), "m"), FrameField("/focus/intensity", foci, "1")],
@@ -187,12 +189,28 @@ class FocusKeeper:
         )
 
     def take(self, focus: FocalPoints) -> None:
-        """Write the next ones."""
+        """Write the next ones, once they are many: HDF5 takes as long for a thousand as for ten thousand."""
+        self._waiting.append(focus)
+        if sum(own.intensity.size for own in self._waiting) >= POINTS_A_WRITE:
+            self._write()
+
+    def _write(self) -> None:
+        focus, self._waiting = joined(self._waiting), []
         self.file.append({"/focus/position": focus.position, "/focus/intensity": focus.intensity})
 
     def publish(self) -> dict[str, Any]:
         """Have the file in its place: `path` within the store, `bytes`."""
+        if self._waiting:
+            self._write()
         return {"path": self._name, "bytes": self.file.publish(), "seconds": {}}
+
+
+def keep_focal_points(recipe: Recipe, store: Path, strategy: SamplingStrategy, focus: FocalPoints) -> dict[str, Any]:
+    """Have the file of all focal points of a recipe in the store; see `FocusKeeper`."""
+    keeper = FocusKeeper(recipe, recipe.key("keep-focal-points"), store, strategy, len(focus.intensity))
+    with keeper.file:
+        keeper.take(focus)
+        return keeper.publish()
 
 
 class DriveKeeper:

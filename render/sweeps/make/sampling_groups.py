@@ -1,13 +1,14 @@
-"""Sampling metrics of many recipes at once: motions of one scene that are sampled alike, in groups.
+"""Sampling metrics and kept focal points of many recipes: motions of one scene that are sampled alike, in groups.
 
 | a rendering of which unsplit groups are asked | is made |
 |---|---|
-| sampling metrics only, of a motion with times on a rigid hand, by kernels | with others of its scene and sampling |
+| only these two, of a motion with times on a rigid hand, by kernels | with others of its scene and sampling |
 | the same, of contours that the store has | alone, as they are read, which may take less than rendering them again |
-| anything else | alone (`unsplit`) |
+| focal points on a GPU, modulated by sines, which round otherwise there | alone (`unsplit`), on the CPU |
+| anything else, as kept drives, which take 20 times as long as their focal points | alone |
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -15,17 +16,20 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ...motions.groups import motion_groups, sample_counts
+from ...motions.groups import MotionGroup, motion_groups, sample_counts
 from ...sampling.batch_sampling import why_on_host
 from ...sampling.contour_sampling import SamplingStrategy
 from ..plan.recipe import Recipe
 from .batch import batch_bytes
-from .keep import contours_at, is_kept
+from .keep import contours_at, is_kept, keep_focal_points
 from .poses import Poses
 from .rendering import Rendering, sampling_of
 from .sampling import FOCI_AT_ONCE
 
-CPU_BYTES = 256_000_000  # of a group on a CPU: some 20 motions of 30 s, so a sign of progress every half second
+CPU_BYTES = 256_000_000  # of a group on a CPU: some 10 motions of 30 s, so a sign of progress every half second
+SAMPLING, FOCAL_POINTS = "sampling", "keep-focal-points"
+Results = dict[str, dict[str, Any] | Exception]
+"""Of a motion, by group: the payload, or why there is none."""
 
 
 class UnsplitChunk(NamedTuple):
@@ -46,23 +50,66 @@ class SampledAlike:
     asked: dict[str, list[UnsplitChunk]] = field(default_factory=dict)
     """By key of the result: those that ask for it."""
 
-    def groups(self, device: str) -> Iterator[list[tuple[list[UnsplitChunk], dict[str, Any]]]]:
-        """Group by group, the metrics of each result, and who asks for it."""
+    def groups(
+        self, device: str, store: Path, *, tick: Callable[[], object] = lambda: None
+    ) -> Iterator[list[tuple[list[UnsplitChunk], Results]]]:
+        """Group by group, the results of each motion, and who asks for them.
+
+        tick: called after every file, as a sign of progress.
+        """
         asked = list(self.asked.values())
         first = asked[0][0].rendering
         motions = [own[0].rendering.poses for own in asked]
-        memory = CPU_BYTES if wp.get_device(device).is_cpu else batch_bytes(device)
+        is_small = wp.get_device(device).is_cpu or any(FOCAL_POINTS in groups_of(own) for own in asked)
+        memory = CPU_BYTES if is_small else batch_bytes(device)
         started = perf_counter()
         for group in motion_groups(first.scene, motions, self.strategy, device, memory=memory):
-            numbers = group.numbers
-            seconds = {"sampling": (perf_counter() - started) / len(numbers)}
             own = asked[group.first : group.stop]
-            yield [(chunks, {**one, "seconds": seconds}) for chunks, one in zip(own, numbers, strict=True)]
+            made = self._results(group, own, store, tick)
+            seconds = {"sampling": (perf_counter() - started) / len(own)}
+            del group  # before the next takes as much memory
+            yield [(chunks, _timed(results, seconds)) for chunks, results in zip(own, made, strict=True)]
             started = perf_counter()
+
+    def _results(
+        self, group: MotionGroup, asked: Sequence[list[UnsplitChunk]], store: Path, tick: Callable[[], object]
+    ) -> list[Results]:
+        """Of each motion of a group. Raises what sampling raises: whose fault that is, making each alone tells."""
+        samples = group.samples
+        is_counted = any(SAMPLING in groups_of(own) for own in asked)
+        numbers = group.numbers if is_counted else [{} for _ in asked]
+        results: list[Results] = []
+        for number, own in enumerate(asked):
+            made: Results = {}
+            for name in groups_of(own):
+                if name == SAMPLING:
+                    made[name] = dict(numbers[number])
+                    continue
+                try:
+                    made[name] = keep_focal_points(own[0].recipe, store, self.strategy, samples.focus(number))
+                except Exception as error:  # of this file only
+                    made[name] = error
+                tick()
+            results.append(made)
+        return results
+
+
+def groups_of(chunks: Sequence[UnsplitChunk]) -> list[str]:
+    """Groups that chunks ask for, each once."""
+    return list(dict.fromkeys(group for chunk in chunks for group in chunk.groups))
+
+
+def _timed(results: Results, seconds: dict[str, float]) -> Results:
+    """The same with seconds, which the first payload has."""
+    out = dict(results)
+    for name, payload in results.items():
+        if not isinstance(payload, Exception):
+            out[name], seconds = {**payload, "seconds": seconds}, {}
+    return out
 
 
 def divide_chunks(
-    chunks: Sequence[UnsplitChunk], store: Path
+    chunks: Sequence[UnsplitChunk], store: Path, device: str
 ) -> tuple[list[SampledAlike], dict[str, list[UnsplitChunk]]]:
     """Chunks that are sampled in groups, and by rendering those that are made alone."""
     by_rendering: dict[str, list[UnsplitChunk]] = {}
@@ -71,7 +118,7 @@ def divide_chunks(
     alike: dict[tuple[str, SamplingStrategy], SampledAlike] = {}
     alone: dict[str, list[UnsplitChunk]] = {}
     for key, own in by_rendering.items():
-        if is_kept(contours_at(store, key)) or not all(map(_is_grouped, own)):
+        if is_kept(contours_at(store, key)) or not all(_is_grouped(chunk, device) for chunk in own):
             alone[key] = own
             continue
         for chunk in own:
@@ -81,16 +128,19 @@ def divide_chunks(
     return list(alike.values()), alone
 
 
-def _is_grouped(chunk: UnsplitChunk) -> bool:
+def _is_grouped(chunk: UnsplitChunk, device: str) -> bool:
     """Whether a chunk is made together with others, by the table above."""
-    if tuple(chunk.groups) != ("sampling",) or not chunk.rendering.is_fusable:
+    if not {SAMPLING, FOCAL_POINTS}.issuperset(chunk.groups) or not chunk.rendering.is_fusable:
         return False
     strategy, poses = sampling_of(chunk.recipe.sampling), chunk.rendering.poses
+    has_sines = strategy.am is not None or strategy.lm is not None
+    if FOCAL_POINTS in chunk.groups and has_sines and not wp.get_device(device).is_cpu:
+        return False
     return why_on_host(strategy) is None and _is_short(poses, strategy)
 
 
 def _is_short(poses: Poses, strategy: SamplingStrategy) -> bool:
-    """Whether poses are a motion in time whose focal points fit the memory all at once."""
+    """Whether poses are a motion in time that has focal points, and these fit the memory all at once."""
     if poses.time is None or poses.count < 2:
         return False
-    return sample_counts([poses], strategy)[0] * strategy.foci <= FOCI_AT_ONCE
+    return 0 < sample_counts([poses], strategy)[0] * strategy.foci <= FOCI_AT_ONCE

@@ -5,7 +5,7 @@
 | a rigid hand | in batches that recipes of one object, hand and strategy share, whatever their motions |
 | a hand posed by a recording | by themselves, since its rows are the motion's |
 | either, too many for the memory, or for a second | in batches of whole spans of 512 poses |
-| groups that cannot be split | in `unsplit`, recipe by recipe |
+| groups that cannot be split | in `sampling_groups`, many recipes at once, else in `unsplit`, recipe by recipe |
 
 How poses are put into batches changes no bit of a result. A recipe that fails does not take others with it: a batch
 that fails is made again, recipe by recipe.
@@ -201,7 +201,7 @@ def _make(task: Task, work: TaskWork) -> None:
         families.setdefault(own.rendering.family + alone, []).append(own)
     for family in families.values():
         _render_family(family, work)
-    alike, alone = divide_chunks(unsplit, work.store)
+    alike, alone = divide_chunks(unsplit, work.store, work.device)
     for shared in alike:
         for chunk in _sample_alike(shared, work):
             alone.setdefault(chunk.rendering.key, []).append(chunk)
@@ -342,17 +342,19 @@ def _add_rows(chunk: RenderedChunk, wants: RenderingWants, work: TaskWork) -> No
 
 
 def _sample_alike(shared: SampledAlike, work: TaskWork) -> list[UnsplitChunk]:
-    """Sampling metrics of motions in groups; returns the chunks that are left, after a group that failed as a whole."""
+    """Results of motions in groups; returns the chunks that are left, after a group that failed as a whole."""
     left = dict(shared.asked)
     places = {chunk.place for chunks in left.values() for chunk in chunks}
     work.progress(sorted(places))
     try:
-        for group in shared.groups(work.device):
-            for chunks, payload in group:
-                key = chunks[0].recipe.key("sampling")
-                work.add(ShardRow("sampling", key, 0, payload))
+        for group in shared.groups(work.device, work.store, tick=lambda: work.progress(None)):
+            for chunks, results in group:
+                recipe = chunks[0].recipe
+                for name, payload in results.items():
+                    asking = {chunk.place for chunk in chunks if name in chunk.groups}
+                    _note_result(work, (name, recipe.key(name)), recipe.title, asking, payload)
                 work.pose_count += chunks[0].rendering.poses.count
-                del left[key]
+                del left[recipe.key("sampling")]
                 places -= {chunk.place for chunk in chunks}
             work.progress(sorted(places))
             if work.is_over:
@@ -361,6 +363,16 @@ def _sample_alike(shared: SampledAlike, work: TaskWork) -> list[UnsplitChunk]:
         return [chunk for chunks in left.values() for chunk in chunks]
     work.left |= places
     return []
+
+
+def _note_result(
+    work: TaskWork, result: tuple[str, str], title: str, places: Iterable[int], payload: dict[str, Any] | Exception
+) -> None:
+    """A row of the shard, or why there is none."""
+    if isinstance(payload, Exception):
+        work.fail(places, f"{title} ({result[0]})", payload)
+    else:
+        work.add(ShardRow(*result, 0, payload))
 
 
 def _make_unsplit(asked: Sequence[UnsplitChunk], work: TaskWork) -> None:
@@ -381,9 +393,6 @@ def _make_unsplit(asked: Sequence[UnsplitChunk], work: TaskWork) -> None:
     is_rendered = False
     made = make_unsplit(rendering, wanted, work.store, work.device, tick=lambda: work.progress(None))
     for result, payload in made.items():
-        if isinstance(payload, Exception):
-            work.fail(places[result], f"{wanted[result].title} ({result[0]})", payload)
-        else:
-            work.add(ShardRow(*result, 0, payload))
-            is_rendered = is_rendered or payload.get("reason") is None
+        _note_result(work, result, wanted[result].title, places[result], payload)
+        is_rendered = is_rendered or (isinstance(payload, dict) and payload.get("reason") is None)
     work.pose_count += rendering.poses.count if is_rendered else 0

@@ -13,7 +13,8 @@ from palpate.device.registry import array_model
 from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import RenderError
 from palpate.render.intersection.file_recording import record
-from palpate.render.playback.drive import drive_focus
+from palpate.render.playback import drive as drive_module
+from palpate.render.playback.drive import drive_focus, focus_delays
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.sampling.contour_sampling import FocalPoints, SamplingStrategy
 
@@ -111,6 +112,18 @@ def test_speed_of_sound_moves_the_phases_and_is_checked():
     assert np.abs(cold - warm).max() > 0.1
     with pytest.raises(RenderError, match=r"300\.\.400 m/s.*34300"):
         drive_focus(focus_at((0, 0, 0.2)), array, sound_speed=34300.0)
+
+
+@pytest.mark.parametrize("transducers", [1, 249, 996])
+@pytest.mark.parametrize("frames", [1, 2, 3, 513, 700])
+def test_pieces_of_a_product_change_no_bit(transducers, frames, rng, monkeypatch):
+    place = rng.uniform(-0.1, 0.1, (transducers, 3)).astype(np.float32)
+    point = rng.uniform(0.1, 0.2, (frames, 3)).astype(np.float32)
+    monkeypatch.setattr(drive_module, "PRODUCT_MOST", 1 << 40)
+    whole = focus_delays(point, place, 0.0086)
+    for most in (1, 5000, 1 << 18):
+        monkeypatch.setattr(drive_module, "PRODUCT_MOST", most)
+        np.testing.assert_array_equal(focus_delays(point, place, 0.0086), whole)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from palpate.datasets.recordings.files import load_recording
 from palpate.datasets.recordings.sample import write_sample
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.kernels.metrics.random_pose import random_poses
-from palpate.render import StrategyError, render
+from palpate.render import render
 from palpate.render.intersection import batch_rendering as render_batch
 from palpate.render.intersection.named_inputs import load_hand, load_hand_and_motion, load_solid
 from palpate.render.objects.functions.expression import sphere
@@ -27,8 +27,6 @@ from palpate.render.objects.functions.expression_json import expression_to_json
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make import batch as batch_module
-from palpate.render.sweeps.make import sampling_groups
-from palpate.render.sweeps.make import unsplit as unsplit_module
 from palpate.render.sweeps.make import work as work_module
 from palpate.render.sweeps.make.batch import PoseRange, RenderedChunk, join_ranges, take_batch
 from palpate.render.sweeps.make.poses import pose_count
@@ -386,57 +384,3 @@ def test_poses_are_those_of_each_rendering_though_one_ends_where_the_next_begins
     ]
     assert batch_module.poses_of(batch, "cpu")[:, 0].tolist() == [1.0] * 3 + [2.0] * 3
     assert [(s.first, s.stop) for s in join_ranges(batch, lambda chunk: chunk)] == [(s.first, s.stop) for s in batch]
-
-
-def sampled(*motions, **options):
-    """Recipes of motions and of two sampling strategies."""
-    return [recipe_of("tube", motion=own, sampling=name, **options) for own in motions for name in ("stm", "capped")]
-
-
-def touching(*seeds):
-    return [{**explored(1.0, seed=seed), "model": "over-array", "explorer": seed + 1} for seed in seeds]
-
-
-@pytest.mark.parametrize("strategy", ["cc", "corners"])
-def test_motions_that_are_sampled_together_are_the_same_as_alone(tmp_path, monkeypatch, device, strategy):
-    recipes = sampled(*touching(5, 7, 4), strategy=strategy)
-    groups, real = [], sampling_groups.motion_groups
-
-    def seen(*args, **options):
-        for group in real(*args, **options):
-            groups.append(group)
-            yield group
-
-    monkeypatch.setattr(sampling_groups, "motion_groups", seen)
-    together = made(tmp_path, recipes, ("sampling",), device)
-    assert [(group.first, group.stop) for group in groups] == [(0, 3), (0, 3)]
-    monkeypatch.setattr(sampling_groups, "_is_grouped", lambda chunk: False)
-    assert made(tmp_path, recipes, ("sampling",), device, name="alone") == together
-    assert len(together) == 6
-    assert any(payload["jumps_per_second"] > 0 for payload, _ in together.values())
-
-
-def test_a_motion_that_fails_fails_alone(tmp_path, monkeypatch):
-    recipes = sampled(*touching(5, 7, 4))[::2]
-    real, calls = unsplit_module.sample_recipe, []
-
-    def fails(*args, **options):
-        calls.append(args)
-        if len(calls) == 2:
-            raise StrategyError("this motion cannot be sampled")
-        return real(*args, **options)
-
-    monkeypatch.setattr(sampling_groups, "motion_groups", lambda *_, **__: (_ for _ in ()).throw(StrategyError("one")))
-    monkeypatch.setattr(unsplit_module, "sample_recipe", fails)
-    outcome = run_task(task_of(tmp_path, recipes, ("sampling",)), "cpu")
-    assert [failed.place for failed in outcome.failed] == [1]
-    assert "this motion cannot be sampled" in outcome.error
-    assert outcome.row_count == 2
-
-
-def test_groups_that_a_tasks_time_does_not_reach_are_left(tmp_path, monkeypatch):
-    recipes = sampled(*touching(5, 7, 4))[::2]
-    monkeypatch.setattr(sampling_groups, "CPU_BYTES", 2**20)  # one motion a group
-    monkeypatch.setattr(work_module.TaskWork, "is_over", property(lambda work: bool(work.rows)))
-    outcome = run_task(task_of(tmp_path, recipes, ("sampling",)), "cpu")
-    assert (outcome.row_count, outcome.left, outcome.failed) == (1, (1, 2), ())

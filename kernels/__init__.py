@@ -33,7 +33,13 @@ FIELD_STAGES = (
     "fields.mesh_inside",
     "stages.move",
 )  # of others
-POINT_STAGES = ("tours.contact", "tours.overlap", "tours.thinning", "tours.tour")  # to paths through points
+POINT_STAGES = (
+    "tours.contact",
+    "tours.nodes",
+    "tours.overlap",
+    "tours.thinning",
+    "tours.tour",
+)  # to paths through points
 FOLLOWING_STAGES = (
     "stages.arc_length",
     "stages.cut",

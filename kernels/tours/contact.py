@@ -1,4 +1,4 @@
-"""Points of skin that are inside a field, pose by pose: nodes of a grid over each patch, or vertices of a mesh."""
+"""Points of skin that are inside an object, pose by pose: marked nodes of patches (`nodes`), or vertices of a mesh."""
 
 from typing import Any
 
@@ -6,12 +6,13 @@ import numpy as np
 import warp as wp
 
 from ..fields.field import Field
-from ..march.grid import TILE_HEIGHT, TILE_WIDTH, Grid, Lattice, lay_grids, node_at, place_grids
-from ..march.sample import bits_below, sample_nodes
+from ..march.grid import TILE_HEIGHT, TILE_WIDTH, Grid, Lattice, node_at
+from ..march.sample import bits_below
 from ..offsets import BLOCK, last_of, offsets_of
 from ..patch import EXACT, to_float32
 from ..skin.edges import Skin
 from ..skin.sign import WORD, Posed, sign_vertices, turn_of, vertex_at
+from .nodes import Nodes, lowest_bit
 
 wp.set_module_options(EXACT)
 
@@ -58,11 +59,12 @@ def _list_nodes(
         i = TILE_WIDTH * ((own - g.tile) % g.across)
         j = TILE_HEIGHT * ((own - g.tile) // g.across)
         place = start[tile]
-        for k in range(TILE_WIDTH * TILE_HEIGHT):
-            if ((word >> wp.uint32(k)) & wp.uint32(1)) != wp.uint32(0):
-                x = node_at(lat, wp.float64(i + k % TILE_WIDTH), wp.float64(j + k // TILE_WIDTH))
-                point[place] = to_float32(x + lat.lift)
-                place += wp.int64(1)
+        while word != wp.uint32(0):
+            k = lowest_bit(word)
+            word = word & (word - wp.uint32(1))
+            x = node_at(lat, wp.float64(i + k % TILE_WIDTH), wp.float64(j + k // TILE_WIDTH))
+            point[place] = to_float32(x + lat.lift)
+            place += wp.int64(1)
 
 
 @wp.kernel
@@ -125,20 +127,14 @@ def pose_starts(start: wp.array, words: int, pose_count: int) -> wp.array:
     return out
 
 
-def inside_nodes(
-    field: Field, pose: wp.array, patch: wp.array, *, step: float, bounds: np.ndarray
-) -> tuple[wp.array, wp.array]:
-    """Nodes of the patches' grids that are inside a field, in order of patch and tile; arguments as `march_patches`.
+def list_nodes(nodes: Nodes) -> tuple[wp.array, wp.array]:
+    """Nodes that are marked, in order of patch and tile.
 
-    Returns points [m], vec3, array frame, and where each pose's start, int64, shape [pose + 1]. Memory is taken for
-    all nodes at once. Raises ValueError for a step that is not positive or too fine.
+    Returns points [m], vec3, array frame, and where each pose's start, int64, shape [pose + 1].
     """
-    device = pose.device
-    half = patch.numpy()["half"].astype(np.float64).reshape(-1, 2)
-    grids = lay_grids(half, step, device)
-    lattice = place_grids(pose, patch, grids, 0, pose.shape[0] * patch.shape[0], middle=None)
-    bits = sample_nodes(field, lattice, grids, bounds)
-    dim = (pose.shape[0], grids.patch_of.shape[0])
+    grids, lattice, bits = nodes
+    device = bits.device
+    dim = (lattice.shape[0] // grids.grid.shape[0], grids.patch_of.shape[0])
     count = wp.zeros(bits.shape[0] + 1, dtype=wp.int64, device=device)
     inputs = [grids.grid, grids.patch_of, bits]
     wp.launch(_count_nodes, dim, inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
@@ -150,7 +146,7 @@ def inside_nodes(
 
 
 def inside_vertices(field: Field, posed: Posed, bounds: np.ndarray) -> tuple[wp.array, wp.array]:
-    """Vertices of posed skin that are inside a field, in their order; returns as `inside_nodes`."""
+    """Vertices of posed skin that are inside a field, in their order; returns as `list_nodes`."""
     device: Any = posed.pose.device
     inside = sign_vertices(field, posed, bounds)
     dim = inside.shape

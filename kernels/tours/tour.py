@@ -1,7 +1,7 @@
-"""A path through points that are thinned before (`thinning`), as short as exchanges make it; one polyline a pose.
+"""A path through points that are thinned before (`thinning`, `nodes`), as short as exchanges make it; one a pose.
 
-Points of a pose come in an order. The path starts with nearest neighbours; then, pass by pass, ranges are reversed
-(2-opt) and runs of one to three points moved elsewhere, either way round (Or-opt), wherever that shortens it. An open
+Points of a pose come in an order. The path starts with nearest neighbours; then, sweep by sweep, exchanges of two or
+three steps (`exchange`) are made wherever they shorten it, from each point near which something has changed. An open
 path is a closed one through one more point, which is at no distance from any.
 """
 
@@ -13,162 +13,71 @@ from ..offsets import BLOCK, last_of, offsets_of
 from ..patch import EXACT
 from ..section.contour_writing import Contours
 from ..section.row_walker import MADE
-from .thinning import apart, thin_points
+from .exchange import NEAR, Tour, measure_step, square_of, sweep_points
 
 wp.set_module_options(EXACT)
 
-SWEEPS = wp.constant(20)  # at most; a few are enough for a hundred points
-RUN_MOST = wp.constant(3)  # points that Or-opt moves at once
-LEAST_GAIN = wp.constant(wp.float64(1.0e-9))  # [m]; what shortens by less is left
-
-
-@wp.struct
-class Tour:
-    """One pose's path under way."""
-
-    point: wp.array[wp.vec3]
-    order: wp.array[wp.int32]  # of points, in the order of the path
-    first: int  # of the pose's points
-    place: int  # of the pose's order
-    count: int  # of points
-    length: int  # of the order: one more, the dummy `count`, if the path is open
+SWEEPS = wp.constant(100)  # at most; 8 were the most that 20,000 poses and 2,000 points needed
+NO_KEY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
+Keys = wp.types.vector(length=int(NEAR), dtype=wp.uint64)  # a distance's square in bits, then the point: they sort
 
 
 @wp.func
-def at(tour: Tour, i: int):
-    """The point at place i of the cyclic order."""
-    return tour.order[tour.place + i % tour.length]
+def know_nearest(tour: Tour):
+    """Find each point's nearest."""
+    for a in range(tour.length):
+        nearest = Keys()
+        for k in range(NEAR):
+            nearest[k] = NO_KEY
+        for b in range(tour.length):
+            key = (wp.uint64(wp.cast(square_of(tour, a, b), wp.uint32)) << wp.uint64(32)) | wp.uint64(b)
+            if b != a:
+                for k in range(NEAR):
+                    less = wp.min(nearest[k], key)
+                    key = wp.max(nearest[k], key)
+                    nearest[k] = less
+        row = NEAR * (tour.row + a)
+        for k in range(NEAR):
+            if k < tour.known:
+                tour.near[row + k] = wp.int16(nearest[k] & wp.uint64(0xFFFF))
+                tour.way[row + k] = wp.sqrt(wp.cast(wp.uint32(nearest[k] >> wp.uint64(32)), wp.float32))
 
 
 @wp.func
-def way(tour: Tour, a: int, b: int):
-    """Distance between two points of the path; none to the dummy [m]."""
-    if a == tour.count or b == tour.count:
-        return wp.float64(0.0)
-    return wp.sqrt(apart(tour.point[tour.first + a], tour.point[tour.first + b]))
-
-
-@wp.func
-def swap_places(tour: Tour, i: int, j: int):
-    """Exchange what stands at two places."""
-    a = tour.order[tour.place + i]
-    tour.order[tour.place + i] = tour.order[tour.place + j]
-    tour.order[tour.place + j] = a
-
-
-@wp.func
-def reverse_places(tour: Tour, first: int, last: int):
-    """Reverse a range of the order."""
-    i = int(first)
-    j = int(last)
-    while i < j:
-        swap_places(tour, i, j)
-        i += 1
-        j -= 1
+def nearest_left(tour: Tour, a: int):
+    """The nearest point to a that is not on the path yet; the first of those that are as near."""
+    row = NEAR * (tour.row + a)
+    for k in range(tour.known):
+        b = int(tour.near[row + k])
+        if b < tour.count and tour.place[tour.row + b] < wp.int16(0):
+            return b
+    best = int(-1)
+    least = float(wp.inf)
+    for b in range(tour.count):
+        if tour.place[tour.row + b] < wp.int16(0):
+            square = square_of(tour, a, b)
+            if best < 0 or square < least:
+                best = b
+                least = square
+    return best
 
 
 @wp.func
 def order_nearest(tour: Tour):
-    """From the first point always to the nearest that is left; the dummy last."""
+    """From the first point always to the nearest that is left; the point that opens the path last."""
+    for b in range(tour.length):
+        tour.place[tour.row + b] = wp.int16(-1)
+        tour.awake[tour.row + b] = wp.uint8(1)
+    a = int(0)
     for i in range(tour.length):
-        tour.order[tour.place + i] = i
-    for i in range(1, tour.count - 1):
-        best = int(i)
-        least = way(tour, at(tour, i - 1), at(tour, i))
-        for j in range(i + 1, tour.count):
-            d = way(tour, at(tour, i - 1), at(tour, j))
-            if d < least:
-                best = j
-                least = d
-        swap_places(tour, i, best)
-
-
-@wp.func
-def sweep_reversals(tour: Tour):
-    """2-opt once around: reverse each range if that shortens the path; returns whether any did."""
-    improved = int(0)
-    for i in range(tour.length - 2):
-        a = at(tour, i)
-        b = at(tour, i + 1)
-        step = way(tour, a, b)
-        for j in range(i + 2, tour.length):
-            if i == 0 and j == tour.length - 1:
-                continue
-            c = at(tour, j)
-            gain = step + way(tour, c, at(tour, j + 1)) - way(tour, a, c)
-            if gain > LEAST_GAIN:  # seldom
-                gain -= way(tour, b, at(tour, j + 1))
-            if gain > LEAST_GAIN:
-                reverse_places(tour, i + 1, j)
-                improved = int(1)
-                b = at(tour, i + 1)
-                step = way(tour, a, b)
-    return improved
-
-
-@wp.func
-def move_run(tour: Tour, first: int, size: int, place: int, turned: int):
-    """Take a run out and put it in behind another place, turned around or not."""
-    last = first + size - 1
-    if turned == 1:
-        reverse_places(tour, first, last)
-    if place > last:  # three reversals rotate a range
-        reverse_places(tour, first, last)
-        reverse_places(tour, last + 1, place)
-        reverse_places(tour, first, place)
-    else:
-        reverse_places(tour, place + 1, first - 1)
-        reverse_places(tour, first, last)
-        reverse_places(tour, place + 1, last)
-
-
-@wp.func
-def sweep_runs(tour: Tour):
-    """Or-opt once around: move each run to where that shortens the path most; whether any was moved."""
-    improved = int(0)
-    for size in range(1, wp.min(RUN_MOST, tour.length - 2) + 1):
-        for first in range(tour.length - size + 1):
-            before = (first + tour.length - 1) % tour.length
-            a = at(tour, first)
-            b = at(tour, first + size - 1)
-            p = at(tour, before)
-            q = at(tour, first + size)
-            saved = way(tour, p, a) + way(tour, b, q) - way(tour, p, q)
-            best = wp.float64(LEAST_GAIN)
-            place = int(-1)
-            turned = int(0)
-            if saved > LEAST_GAIN:
-                for k in range(tour.length):
-                    if k == before or (k >= first and k < first + size):
-                        continue
-                    c = at(tour, k)
-                    d = at(tour, k + 1)
-                    gain = saved + way(tour, c, d)
-                    straight = gain - way(tour, c, a)
-                    around = gain - way(tour, c, b)
-                    if straight > best or around > best:  # else less the other ways they cannot be
-                        straight -= way(tour, b, d)
-                        around -= way(tour, a, d)
-                    if straight > best or around > best:
-                        best = wp.max(straight, around)
-                        place = k
-                        turned = wp.where(around > straight, 1, 0)
-            if place >= 0:
-                move_run(tour, first, size, place, turned)
-                improved = int(1)
-    return improved
-
-
-@wp.func
-def begin_at(tour: Tour, point: int):
-    """Turn the order around until it begins with a point."""
-    i = int(0)
-    while at(tour, i) != point:
-        i += 1
-    if i > 0:
-        reverse_places(tour, 0, i - 1)
-        reverse_places(tour, i, tour.length - 1)
-        reverse_places(tour, 0, tour.length - 1)
+        tour.order[tour.row + i] = wp.int16(a)
+        tour.place[tour.row + a] = wp.int16(i)
+        if i + 1 < tour.count:
+            a = nearest_left(tour, a)
+        else:
+            a = tour.count
+    for i in range(tour.length):
+        measure_step(tour, i)
 
 
 @wp.kernel
@@ -178,27 +87,35 @@ def _order_points(
     start: wp.array[wp.int64],
     closes: int,
     # Out:
-    order: wp.array[wp.int32],  # shape [point + pose], a pose's part begins at start + pose
+    order: wp.array[wp.int16],  # shape [point + pose], a pose's row begins at start + pose
+    place: wp.array[wp.int16],
+    step: wp.array[wp.float32],  # scratch
+    near: wp.array[wp.int16],  # shape [NEAR * (point + pose)]
+    way: wp.array[wp.float32],
+    awake: wp.array[wp.uint8],  # shape [point + pose]
 ):
     """Find a short path through each pose's points."""
     pose = wp.tid()
     tour = Tour()
     tour.point = point
     tour.order = order
+    tour.place = place
+    tour.step = step
+    tour.near = near
+    tour.way = way
+    tour.awake = awake
     tour.first = int(start[pose])
-    tour.place = tour.first + pose
+    tour.row = tour.first + pose
     tour.count = int(start[pose + 1]) - tour.first
     tour.length = tour.count + 1 - closes
+    tour.known = wp.min(NEAR, tour.length - 1)
+    know_nearest(tour)
     order_nearest(tour)
-    improved = int(1)
+    improved = int(wp.where(tour.length > 3, 1, 0))
     sweep = int(0)
-    while improved == 1 and sweep < SWEEPS and tour.length > 3:
-        improved = wp.max(sweep_reversals(tour), sweep_runs(tour))
+    while improved == 1 and sweep < SWEEPS:
+        improved = sweep_points(tour)
         sweep += 1
-    if tour.count > 0:
-        begin_at(tour, wp.where(closes == 1, 0, tour.count))
-        if at(tour, 1) > at(tour, tour.length - 1):
-            reverse_places(tour, 1, tour.length - 1)
 
 
 @wp.kernel
@@ -206,7 +123,8 @@ def _write_tours(
     # In:
     point: wp.array[wp.vec3],
     start: wp.array[wp.int64],
-    order: wp.array[wp.int32],
+    order: wp.array[wp.int16],
+    place: wp.array[wp.int16],
     point_start: wp.array[wp.int64],
     line_start: wp.array[wp.int64],
     closes: int,
@@ -214,18 +132,24 @@ def _write_tours(
     out: wp.array[wp.vec3],
     polyline_start: wp.array[wp.int64],
 ):
-    """Write each pose's polyline, a closed one with its first point again at its end."""
+    """Write each pose's polyline: a closed one from its first point to it again, towards the earlier neighbour."""
     pose = wp.tid()
     line = line_start[pose]
     if line_start[pose + 1] > line:
-        place = point_start[pose]
-        polyline_start[line] = place
+        at = point_start[pose]
+        polyline_start[line] = at
+        row = int(start[pose]) + pose
         count = int(start[pose + 1] - start[pose])
-        base = start[pose] + wp.int64(pose + 1 - closes)  # an open path's order begins with the dummy
-        for k in range(count):
-            out[place + wp.int64(k)] = point[start[pose] + wp.int64(order[base + wp.int64(k)])]
-        if closes == 1:
-            out[place + wp.int64(count)] = out[place]
+        length = count + 1 - closes
+        i = int(place[row + wp.where(closes == 1, 0, count)])
+        after = order[row + (i + 1) % length]
+        before = order[row + (i + length - 1) % length]
+        by = wp.where(after <= before, 1, length - 1)
+        if closes == 0:
+            i = (i + by) % length
+        for k in range(count + closes):
+            out[at + wp.int64(k)] = point[start[pose] + wp.int64(order[row + i])]
+            i = (i + by) % length
 
 
 @wp.kernel
@@ -254,21 +178,26 @@ class Tours(NamedTuple):
     """Poses with a single point, which no path leads through: they are left empty."""
 
 
-def tour_points(point: wp.array, start: wp.array, *, separation: float, closes: bool) -> Tours:
-    """One polyline through each pose's points, thinned to a separation: short, though not always the shortest.
+def tour_points(point: wp.array, start: wp.array, *, closes: bool) -> Tours:
+    """One polyline through each pose's points: short, though not always the shortest.
 
     point: vec3 [m], array frame, shape [point]; start: offsets of each pose's points, int64, shape [pose + 1].
-    separation: exclusion radius [m], see `thin_points`. closes: come back to the first point.
+    At most POINTS_MOST a pose, none of which coincide. closes: come back to the first point.
     The result depends on the order of a pose's points and on nothing else. Poses of one point stay empty, and are
-    counted. Raises as `thin_points`.
+    counted.
     """
     device, pose_count = point.device, start.shape[0] - 1
-    kept, kept_start = thin_points(point, start, separation=separation)
-    order = wp.empty(kept.shape[0] + pose_count, dtype=wp.int32, device=device)
-    inputs = [kept, kept_start, int(closes)]
-    wp.launch(_order_points, pose_count, inputs=inputs, outputs=[order], device=device, block_dim=BLOCK)
+    rows = point.shape[0] + pose_count
+    order, place = (wp.empty(rows, dtype=wp.int16, device=device) for _ in range(2))
+    step = wp.empty(rows, dtype=wp.float32, device=device)
+    near = wp.empty(int(NEAR) * rows, dtype=wp.int16, device=device)
+    way = wp.empty(int(NEAR) * rows, dtype=wp.float32, device=device)
+    awake = wp.empty(rows, dtype=wp.uint8, device=device)
+    inputs = [point, start, int(closes)]
+    outputs = [order, place, step, near, way, awake]
+    wp.launch(_order_points, pose_count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
     points, lines = (wp.zeros(pose_count + 1, dtype=wp.int64, device=device) for _ in range(2))
-    inputs = [kept_start, int(closes)]
+    inputs = [start, int(closes)]
     wp.launch(_count_tours, pose_count, inputs=inputs, outputs=[points, lines], device=device, block_dim=BLOCK)
     point_start, line_start = offsets_of(points), offsets_of(lines)
     point_count, line_count = last_of(point_start), last_of(line_start)
@@ -280,7 +209,7 @@ def tour_points(point: wp.array, start: wp.array, *, separation: float, closes: 
         polyline_closed=wp.full(line_count, int(closes), dtype=wp.uint8, device=device),
         section_start=line_start,
     )
-    inputs = [kept, kept_start, order, point_start, line_start, int(closes)]
+    inputs = [point, start, order, place, point_start, line_start, int(closes)]
     outputs = [contours.points, contours.polyline_start]
     wp.launch(_write_tours, pose_count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
-    return Tours(contours, kept.shape[0] - (point_count - line_count * int(closes)))
+    return Tours(contours, point.shape[0] - (point_count - line_count * int(closes)))

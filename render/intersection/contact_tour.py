@@ -4,24 +4,29 @@ After Maunsbach et al. 2024 (MAMMOTH): points of the hand's skin inside an objec
 the path's true length counts, it closes, and a small contact is drawn as well as a large one.
 """
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
 
 from ...kernels.section.contour_writing import Contours
 from ...kernels.skin.sign import Posed
-from ...kernels.tours.contact import inside_nodes, inside_vertices
+from ...kernels.tours.contact import inside_vertices, list_nodes
+from ...kernels.tours.nodes import Nodes, inside_nodes, outlined_nodes, thin_nodes
 from ...kernels.tours.thinning import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points
 from ...kernels.tours.tour import tour_points
 from ..errors import MeshError, StrategyError
 from ..hands.hand import Hand, PatchHand
+from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.solid import Solid
+from ..strategies.intersection_strategy import IntersectionStrategy
 from ..user_warnings import warn_user
 from ..validation import is_number, number_text
+from .mesh_section import intersect
 
 LARGEST = float(np.finfo(np.float64).max)
 SEPARATION = 0.008  # [m]; MAMMOTH's
+CLOSED = IntersectionStrategy(prune=("outside",), transform=("close",))
 NODES_MOST = 1 << 22  # points of skin that are looked at in one go: up to 30 bytes each
 
 
@@ -56,10 +61,9 @@ def contact_contours(
     try:
         for begin in range(0, len(pose), size):
             rows = slice(begin, min(begin + size, len(pose)))
-            found = skin.inside(pose[rows], first + begin)
-            parts.append(thinned(*found, separation=separation, first=first + begin, name="contact"))
+            parts.append(skin.kept(pose[rows], first + begin, separation))
         point, start = joined_points(parts, device)
-        return toured(point, start, separation=separation, closes=closes, patch_count=hand.patch_count, name="contact")
+        return toured(point, start, closes=closes, patch_count=hand.patch_count, name="contact")
     except (MeshError, StrategyError):
         raise
     except ValueError as error:
@@ -81,13 +85,17 @@ def require_inside(solid: Solid, name: str) -> None:
         raise MeshError(f'raw "{name}" needs an object with an inside: {error}') from error
 
 
+def is_outlined(solid: Solid) -> bool:
+    """Whether the closed contours in which planes cut an object are simple, and all of it: they show what is inside."""
+    return isinstance(solid, MeshObject) and solid.is_simple and not solid.report.sheet_faces
+
+
 class _Skin:
     """A hand's skin as points, whichever kind of hand it is."""
 
     def __init__(self, solid: Solid, hand: Hand, device: str, step: float) -> None:
         self.solid, self.device, self.step = solid, device, step
         self.hand: Any = hand  # a PatchHand or a MeshHand
-        self.field = solid.field_on(device)
         if isinstance(hand, PatchHand):
             self.patch: Any = hand.on(device)
             sides = 2.0 * self.patch.numpy()["half"].reshape(-1, 2)
@@ -98,11 +106,33 @@ class _Skin:
 
     def inside(self, pose: np.ndarray, first: int) -> tuple[wp.array, wp.array]:
         """Points inside the object at poses first.., and where each pose's start."""
-        section = wp.array(self.hand.section_poses(pose, first), dtype=wp.transform, ndim=2, device=self.device)
         if isinstance(self.hand, PatchHand):
-            return inside_nodes(self.field, section, self.patch, step=self.step, bounds=self.solid.bounds)
+            return list_nodes(self.nodes(pose, first))
         vertex = self.hand.vertices_on(self.device, first, first + len(pose))
-        return inside_vertices(self.field, Posed(section, self.skin, vertex), self.solid.bounds)
+        posed = Posed(self._sections(pose, first), self.skin, vertex)
+        return inside_vertices(self.solid.field_on(self.device), posed, self.solid.bounds)
+
+    def nodes(self, pose: np.ndarray, first: int) -> Nodes:
+        """Nodes of patches inside the object at poses first..."""
+        section = self._sections(pose, first)
+        if not is_outlined(self.solid):
+            field = self.solid.field_on(self.device)
+            return inside_nodes(field, section, self.patch, step=self.step, bounds=self.solid.bounds)
+        cut, _ = intersect(cast(MeshObject, self.solid), self.hand, section, CLOSED)
+        outlines = (cut.points, cut.polyline_start, cut.polyline_patch, cut.pose_start)
+        return outlined_nodes(outlines, section, self.patch, step=self.step)
+
+    def kept(self, pose: np.ndarray, first: int, separation: float) -> tuple[wp.array, wp.array]:
+        """Points inside the object that are kept, see `thinned`, and where each pose's start."""
+        if isinstance(self.hand, PatchHand) and self.hand.patch_count == 1:
+            nodes, count = thin_nodes(self.nodes(pose, first), separation=separation)
+            if count.numpy().max(initial=0) <= POINTS_MOST:
+                return list_nodes(nodes)
+        return thinned(*self.inside(pose, first), separation=separation, first=first, name="contact")
+
+    def _sections(self, pose: np.ndarray, first: int) -> wp.array:
+        poses = self.hand.section_poses(pose, first)
+        return wp.array(poses, dtype=wp.transform, ndim=2, device=self.device)
 
 
 def thinned(point: wp.array, start: wp.array, *, separation: float, first: int, name: str) -> tuple[wp.array, wp.array]:
@@ -133,14 +163,12 @@ def joined_points(parts: list[tuple[wp.array, wp.array]], device: str) -> tuple[
     return point, wp.array(np.cumsum(np.concatenate(counts)), dtype=wp.int64, device=device)
 
 
-def toured(
-    point: wp.array, start: wp.array, *, separation: float, closes: bool, patch_count: int, name: str
-) -> Contours:
+def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int, name: str) -> Contours:
     """A path through each pose's points, see `tour_points`, as the contours of a hand of so many patches.
 
     Warns of poses with a single point, which have no path, by the name of the raw intersection.
     """
-    tours = tour_points(point, start, separation=separation, closes=closes)
+    tours = tour_points(point, start, closes=closes)
     if tours.single_count:
         message = (
             f"{name}: at {tours.single_count} of {start.shape[0] - 1} poses a single point touches, which has no length"

@@ -49,7 +49,7 @@ def overlap_contours(
                 parts.append(thinned(*found, separation=separation, first=own, name="overlap"))
                 own += found[1].shape[0] - 1
         point, start = joined_points(parts, device)
-        return toured(point, start, separation=separation, closes=closes, patch_count=hand.patch_count, name="overlap")
+        return toured(point, start, closes=closes, patch_count=hand.patch_count, name="overlap")
     except (MeshError, StrategyError):
         raise
     except ValueError as error:

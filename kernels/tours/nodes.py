@@ -1,0 +1,231 @@
+"""Which nodes of the grids over a hand's patches are inside an object, and which of these are kept; a bit per node."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from ..fields.field import Field
+from ..march.grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, lay_grids, place_grids
+from ..march.sample import bits_below, sample_nodes
+from ..offsets import BLOCK
+from ..patch import EXACT, to_float64
+
+wp.set_module_options(EXACT)
+
+OFF = wp.constant(wp.float64(1.0e-3))  # [step]; contours are rounded by less
+NEARLY = 1.0 - 1e-6  # of the separation: nodes that lie it apart by their steps are kept, whatever rounds
+
+
+class Nodes(NamedTuple):
+    """Marked nodes of grids at some poses."""
+
+    grids: Grids
+    lattice: wp.array  # of each section
+    bits: wp.array  # uint32, shape [tile of all poses]
+
+
+@wp.func
+def grid_place(lat: Lattice, x: wp.vec3):
+    """A point of the patch in steps from node (0, 0)."""
+    d = to_float64(x) - lat.origin
+    return wp.vec2d(wp.dot(d, lat.u) / wp.dot(lat.u, lat.u), wp.dot(d, lat.v) / wp.dot(lat.v, lat.v))
+
+
+@wp.func
+def row_height(g: Grid, j: int):
+    """Height of a row of nodes, the first and the last one moved off the patch's boundary [step]."""
+    return wp.clamp(wp.float64(j), OFF, wp.float64(g.nv) - OFF)
+
+
+@wp.func
+def row_above(g: Grid, y: wp.float64):
+    """The first row of nodes that is not below a height; one past the last if there is none."""
+    j = wp.clamp(int(wp.ceil(y)), 0, g.nv + 1)
+    if j > 0 and row_height(g, wp.max(j - 1, 0)) >= y:
+        j -= 1
+    elif j <= g.nv and row_height(g, wp.min(j, g.nv)) < y:
+        j += 1
+    return j
+
+
+@wp.func
+def column_after(g: Grid, x: wp.float64):
+    """The first column of nodes that is right of a place; the first and the last one lie off the boundary."""
+    if x < OFF:
+        return 0
+    if x >= wp.float64(g.nu) - OFF:
+        return g.nu + 1
+    return wp.min(int(wp.floor(x)) + 1, g.nu)
+
+
+@wp.kernel
+def _fill_outlines(
+    # In:
+    lattice: wp.array[Lattice],
+    grid: wp.array[Grid],
+    tile_count: int,  # of a hand
+    point: wp.array[wp.vec3],
+    polyline_start: wp.array[wp.int64],
+    polyline_patch: wp.array[wp.int32],
+    pose_start: wp.array[wp.int64],  # into polylines
+    # Out:
+    bits: wp.array[wp.uint32],  # comes as 0
+):
+    """Invert the nodes right of each edge of a pose's closed outlines: those that end inverted are inside."""
+    pose = wp.tid()
+    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
+        patch = polyline_patch[line]
+        g = grid[patch]
+        lat = lattice[pose * grid.shape[0] + patch]
+        first = polyline_start[line]
+        count = int(polyline_start[line + 1] - first)
+        a = grid_place(lat, point[first + wp.int64(count - 1)])
+        low = row_above(g, a[1])
+        for k in range(count):
+            b = grid_place(lat, point[first + wp.int64(k)])
+            high = row_above(g, b[1])
+            for j in range(wp.min(low, high), wp.max(low, high)):
+                t = (row_height(g, j) - a[1]) / (b[1] - a[1])
+                i = column_after(g, a[0] + t * (b[0] - a[0]))
+                mask = (wp.uint32(0xFF) << wp.uint32(i & 7)) & wp.uint32(0xFF)
+                for across in range(i >> 3, g.across):
+                    place = pose * tile_count + g.tile + (j >> 2) * g.across + across
+                    bits[place] = bits[place] ^ (mask << wp.uint32(8 * (j & 3)))
+                    mask = wp.uint32(0xFF)
+            a = b
+            low = high
+
+
+@wp.struct
+class Disc:
+    """What a node that is kept excludes around it: rows of nodes, by how many rows they lie off."""
+
+    reach: wp.array[wp.int32]  # columns to either side
+    du: wp.float64  # from column to column [m]
+    dv: wp.float64
+
+
+@wp.func
+def lowest_bit(word: wp.uint32):
+    """Number of the lowest bit that is set."""
+    return int(wp.bit_count((word & (~word + wp.uint32(1))) - wp.uint32(1)))
+
+
+@wp.func
+def exclude_around(bits: wp.array[wp.uint32], base: int, g: Grid, disc: Disc, i: int, j: int, kept: int):
+    """Clear the nodes around a kept one; if it is the first, returns the farthest: 32 x its tile + its bit; else -1."""
+    far = wp.float64(0.0)
+    farthest = int(-1)
+    most = disc.reach.shape[0] - 1
+    for row in range(wp.max(j - most, 0), wp.min(j + most, g.nv) + 1):
+        first = wp.max(i - disc.reach[wp.abs(row - j)], 0)
+        last = wp.min(i + disc.reach[wp.abs(row - j)], g.nu)
+        for across in range(first >> 3, (last >> 3) + 1):
+            low = wp.max(first - 8 * across, 0)
+            wide = wp.min(last - 8 * across, 7) - low + 1
+            mask = wp.uint32(((1 << wide) - 1) << low) << wp.uint32(8 * (row & 3))
+            tile = (row >> 2) * g.across + across
+            word = bits[base + tile]
+            bits[base + tile] = word & (~mask)
+            gone = wp.where(kept == 0, word & mask, wp.uint32(0))
+            while gone != wp.uint32(0):
+                bit = lowest_bit(gone)
+                gone = gone & (gone - wp.uint32(1))
+                x = disc.du * wp.float64(8 * across + (bit & 7) - i)
+                y = disc.dv * wp.float64(row - j)
+                if x * x + y * y > far:
+                    far = x * x + y * y
+                    farthest = 32 * tile + bit
+    return farthest
+
+
+@wp.kernel
+def _thin_nodes(
+    # In:
+    grid: wp.array[Grid],  # one
+    tile_count: int,
+    disc: Disc,
+    # In and out:
+    bits: wp.array[wp.uint32],
+    # Out:
+    count: wp.array[wp.int32],  # of each pose's nodes that are kept
+):
+    """Keep nodes that are not too near to one kept before; where but one is left, the farthest from it too."""
+    pose = wp.tid()
+    base = pose * tile_count
+    g = grid[0]
+    kept = int(0)
+    farthest = int(-1)
+    for tile in range(tile_count):
+        i = TILE_WIDTH * (tile % g.across)
+        j = TILE_HEIGHT * (tile // g.across)
+        done = ~bits_below(g.nu + 1 - i, g.nv + 1 - j)
+        own = wp.uint32(0)
+        word = bits[base + tile] & (~done)
+        while word != wp.uint32(0):
+            bit = lowest_bit(word)
+            own = own | (wp.uint32(1) << wp.uint32(bit))
+            found = exclude_around(bits, base, g, disc, i + (bit & 7), j + (bit >> 3), kept)
+            if kept == 0:
+                farthest = found
+            kept += 1
+            word = bits[base + tile] & (~done)
+        bits[base + tile] = own
+    if kept == 1 and farthest >= 0:
+        place = base + (farthest >> 5)
+        bits[place] = bits[place] | (wp.uint32(1) << wp.uint32(farthest & 31))
+        kept = 2
+    count[pose] = kept
+
+
+def lay_nodes(pose: wp.array, patch: wp.array, step: float) -> tuple[Grids, wp.array]:
+    """Grids of a hand's patches, and where they lie at each pose, see `place_grids`."""
+    half = patch.numpy()["half"].astype(np.float64).reshape(-1, 2)
+    grids = lay_grids(half, step, pose.device)
+    return grids, place_grids(pose, patch, grids, 0, pose.shape[0] * patch.shape[0], middle=None)
+
+
+def inside_nodes(field: Field, pose: wp.array, patch: wp.array, *, step: float, bounds: np.ndarray) -> Nodes:
+    """Nodes of the patches' grids that are inside a field; arguments as `march_patches`.
+
+    Memory is taken for all nodes at once. Raises ValueError for a step that is not positive or too fine.
+    """
+    grids, lattice = lay_nodes(pose, patch, step)
+    return Nodes(grids, lattice, sample_nodes(field, lattice, grids, bounds))
+
+
+def outlined_nodes(outlines: Sequence[wp.array], pose: wp.array, patch: wp.array, *, step: float) -> Nodes:
+    """Nodes of the patches' grids that lie within closed contours of these poses; raises as `inside_nodes`.
+
+    outlines: `points` [m], array frame, `polyline_start`, `polyline_patch` and `pose_start` of a batch of contours.
+    Nodes on a patch's boundary are taken to lie OFF steps farther in.
+    """
+    grids, lattice = lay_nodes(pose, patch, step)
+    tile_count = grids.patch_of.shape[0]
+    bits = wp.zeros(pose.shape[0] * tile_count, dtype=wp.uint32, device=pose.device)
+    inputs = [lattice, grids.grid, tile_count, *outlines]
+    wp.launch(_fill_outlines, pose.shape[0], inputs=inputs, outputs=[bits], device=pose.device, block_dim=BLOCK)
+    return Nodes(grids, lattice, bits)
+
+
+def thin_nodes(nodes: Nodes, *, separation: float) -> tuple[Nodes, wp.array]:
+    """Thin the nodes of a hand of one patch as `thin_points` thins points, by their steps in the grid.
+
+    Returns the nodes that are kept, and how many they are at each pose, int32. separation: [m].
+    """
+    device = nodes.bits.device
+    g = nodes.grids.grid.numpy()[0]
+    du, dv = 2.0 * g["half"].astype(np.float64) / (g["nu"], g["nv"])
+    off = dv * np.arange(g["nv"] + 1)
+    reach = np.sqrt((NEARLY * separation) ** 2 - off[off < NEARLY * separation] ** 2) / du
+    disc = Disc()
+    disc.reach = wp.array(np.minimum(reach, g["nu"]).astype(np.int32), dtype=wp.int32, device=device)
+    disc.du, disc.dv = du, dv
+    bits = wp.clone(nodes.bits)
+    tile_count = nodes.grids.patch_of.shape[0]
+    count = wp.empty(nodes.lattice.shape[0], dtype=wp.int32, device=device)
+    inputs = [nodes.grids.grid, tile_count, disc, bits]
+    wp.launch(_thin_nodes, count.shape[0], inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
+    return nodes._replace(bits=bits), count

@@ -64,13 +64,12 @@ def measure(
 ) -> dict:
     """Figures of one sampling."""
     strategy = load_sampling(sampling)
-    seconds, on_host = 0.0, 0
+    seconds = 0.0
     for first in range(0, explorations, at_once):
         batch, pose = contours_of(first, min(first + at_once, explorations), device)
         run = partial(sample, batch, pose, strategy, device)
         seconds += seconds_by_turns([run], device, rounds if explorations <= at_once else 1)[0]
-        on_host += int(run().on_host.sum())
-    figures = {"sampling": sampling, "device": device, "explorations": explorations, "on_host": on_host}
+    figures = {"sampling": sampling, "device": device, "explorations": explorations}
     figures["us"] = 1e6 * seconds / (explorations * POSES)
     if host:
         batch, pose = contours_of(0, host, device)

@@ -83,6 +83,7 @@ SAMPLING_STAGES = (
     "motions.widening",
     "sampling.concatenation",
     "sampling.entry",
+    "sampling.finishing",
     "sampling.focus",
     "sampling.sums",
     "sampling.tracks",

@@ -1,11 +1,12 @@
 """Courses: nodes of a pose's cycle, and when each is reached; one thread lays the track of a pose.
 
-As `lay_track` in render/sampling/track.py, without sections.
+As `lay_track` in render/sampling/track.py.
 """
 
 import warp as wp
 
 from ..patch import to_float64
+from .cursor import way_piece
 from .layout import (
     CAPPED,
     FREQUENCY,
@@ -25,6 +26,7 @@ from .layout import (
 from .pauses import copy_pause, drawn_dwell, insert_pauses, mark_corners, no_pause
 from .pieces import drawn_level, drawn_size, drawn_vertex, is_loop, size_of
 from .route import PIECES_MOST
+from .sections import begin_sections, divide_course, fastest_in_sections, passages_in_sections, sum_in_sections
 
 SHARE_LEAST = wp.constant(wp.float64(1 / 8))  # of a step that a piece takes at least, as in drawing_turns.py
 NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: ways that take less say nothing of the speed
@@ -34,7 +36,8 @@ NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: ways that take less 
 def first_node(c: MotionContours, plan: SamplingPlan, pose: int):
     """First node of a pose's track; before it is room for every earlier pose's."""
     line = c.pose_start[pose]
-    return wp.int64(plan.passes) * (c.polyline_start[line] + wp.int64(2) * line) + wp.int64(pose)
+    own = wp.int64(pose) * wp.int64(wp.max(plan.sections, 1))
+    return wp.int64(plan.passes) * (c.polyline_start[line] + wp.int64(2) * line) + own
 
 
 @wp.func
@@ -141,7 +144,8 @@ def write_piece(
         source = first + wp.int64(count - 1 - i)
         duration = distance(nodes.point[source + wp.int64(1)], nodes.point[source]) / plan.speed
         copy_node(nodes, source, first + wp.int64(count - 1 + i), k, duration)
-    no_pause(nodes, first)  # it is made when the piece ends there
+    if plan.sections == 0:
+        no_pause(nodes, first)  # it is made when the piece ends there
     return 2 * count - 1
 
 
@@ -169,66 +173,85 @@ def write_course(c: MotionContours, plan: SamplingPlan, rows: RouteRows, nodes: 
 
 
 @wp.func
-def way_piece(nodes: TrackNodes, at: wp.int64):
-    """Number of the piece that the way from a node to the next is on, -1: on none."""
-    piece = int(nodes.piece[at])
-    if piece != int(nodes.piece[at + wp.int64(1)]):
-        piece = int(-1)
-    return piece
+def piece_behind(nodes: TrackNodes, at: wp.int64):
+    """Number of the piece that the way from a node to the one behind it is on, -1: on none."""
+    return way_piece(nodes, at, at + wp.int64(1))
 
 
 @wp.func
-def longest_passages(nodes: TrackNodes, rows: RouteRows, row: wp.int64, pieces: int, first: wp.int64, count: int):
-    """Write the time of the longest passage along each piece; 0 for one that has none. Returns the least that is none.
-
-    first: node. count: of nodes, each with the duration of the way to it.
-    """
-    for k in range(pieces):
-        rows.span[row + wp.int64(k)] = ZERO
+def longest_passages(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
+    """Write the time of the longest passage along each piece; 0 for one that has none."""
+    first = track.first
+    for k in range(track.pieces):
+        rows.span[track.line + wp.int64(k)] = ZERO
     i = int(0)
-    while i < count - 1:
-        piece = way_piece(nodes, first + wp.int64(i))
+    while i < track.count - 1:
+        piece = piece_behind(nodes, first + wp.int64(i))
         begin = i
         i += 1
-        while i < count - 1 and way_piece(nodes, first + wp.int64(wp.min(i, count - 2))) == piece:
+        while i < track.count - 1 and piece_behind(nodes, first + wp.int64(wp.min(i, track.count - 2))) == piece:
             i += 1
         if piece >= 0:
             took = nodes.knot[first + wp.int64(begin + 1)]
             if i > begin + 1:
                 took += sum_of(nodes.knot, first + wp.int64(begin + 2), i - begin - 1)
-            rows.span[row + wp.int64(piece)] = wp.max(rows.span[row + wp.int64(piece)], took)
+            rows.span[track.line + wp.int64(piece)] = wp.max(rows.span[track.line + wp.int64(piece)], took)
+
+
+@wp.func
+def shortest_passage(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
+    """Time of the longest passage along the piece that has the shortest one, which is none of length 0."""
+    if track.sections > 0:
+        passages_in_sections(nodes, rows, track)
+    else:
+        longest_passages(nodes, rows, track)
     least = wp.float64(1e300)
-    for k in range(pieces):
-        if rows.span[row + wp.int64(k)] > ZERO:
-            least = wp.min(least, rows.span[row + wp.int64(k)])
+    for k in range(track.pieces):
+        span = rows.span[track.line + wp.int64(k)]
+        if span > ZERO:
+            least = wp.min(least, span)
     return least
 
 
 @wp.func
-def lengthen_short(nodes: TrackNodes, rows: RouteRows, row: wp.int64, first: wp.int64, count: int, least: wp.float64):
-    """Lengthen the durations on pieces whose passages take less than a least time."""
-    for i in range(count - 1):
-        piece = way_piece(nodes, first + wp.int64(i))
-        if piece >= 0:
-            longest = rows.span[row + wp.int64(piece)]
-            if longest > ZERO and longest < least:
-                nodes.knot[first + wp.int64(i + 1)] = nodes.knot[first + wp.int64(i + 1)] * (least / longest)
+def total_duration(nodes: TrackNodes, track: PoseTrack):
+    """Sum of the durations of all ways, added as by np.sum."""
+    if track.sections > 0:
+        return sum_in_sections(nodes, track)
+    return sum_of(nodes.knot, track.first + wp.int64(1), track.count - 1)
 
 
 @wp.func
-def draw_by_turns(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, row: wp.int64, track: PoseTrack):
+def lengthen_short(nodes: TrackNodes, rows: RouteRows, track: PoseTrack, least: wp.float64):
+    """Lengthen the durations on pieces whose passages take less than a least time."""
+    for k in range(track.pieces):
+        longest = rows.span[track.line + wp.int64(k)]
+        if longest > ZERO and longest < least:
+            rows.span[track.line + wp.int64(k)] = least / longest
+        else:
+            rows.span[track.line + wp.int64(k)] = ONE
+        if track.sections > 0:
+            nodes.stretch[track.line + wp.int64(k)] = rows.span[track.line + wp.int64(k)]
+    for i in range(wp.where(track.sections > 0, 0, track.count - 1)):
+        piece = piece_behind(nodes, track.first + wp.int64(i))
+        if piece >= 0:
+            at = track.first + wp.int64(i + 1)
+            nodes.knot[at] = nodes.knot[at] * rows.span[track.line + wp.int64(piece)]
+
+
+@wp.func
+def draw_by_turns(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
     """A track on whose samples every piece is drawn, some not in every cycle; see render/sampling/drawing_turns.py."""
     out = track
-    ways = track.first + wp.int64(1)
-    least = longest_passages(nodes, rows, row, track.pieces, track.first, track.count)
+    least = shortest_passage(nodes, rows, track)
     samples = wp.float64(track.repeat)
-    step = sum_of(nodes.knot, ways, track.count - 1) / samples
+    step = total_duration(nodes, track) / samples
     if least >= step * (ONE - wp.float64(1e-9)):
         return out
     if least < SHARE_LEAST * step:
         least = SHARE_LEAST * step
-        lengthen_short(nodes, rows, row, track.first, track.count, least)
-        step = sum_of(nodes.knot, ways, track.count - 1) / samples
+        lengthen_short(nodes, rows, track, least)
+        step = total_duration(nodes, track) / samples
     turns = wp.int64(wp.ceil(step / least + ONE / samples))
     more = wp.int64(1)
     if plan.pace == CAPPED:
@@ -255,6 +278,9 @@ def longest_step(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
     if plan.pace != FREQUENCY and plan.pace != CAPPED:
         return plan.ordinary
     fastest = ZERO
+    if track.sections > 0:
+        fastest = fastest_in_sections(nodes, track, NOISE_SHARE * track.one_sample)
+        return fastest * track.one_sample + plan.circle_step
     for i in range(track.count - 1):
         at = track.first + wp.int64(i)
         took = nodes.knot[at + wp.int64(1)] - nodes.knot[at]
@@ -262,6 +288,30 @@ def longest_step(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
             step = nodes.point[at + wp.int64(1)] - nodes.point[at]
             fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
     return fastest * track.one_sample + plan.circle_step
+
+
+@wp.func
+def time_course(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, course: PoseTrack):
+    """The track of a course whose nodes hold the duration of the way to each: pauses or sections, and its cycle."""
+    track = course
+    if plan.sections > 0:
+        sum_durations(nodes, track)
+        track = divide_course(plan, nodes, track)
+    elif nodes.pause.shape[0] > 0:
+        track.count = insert_pauses(plan, nodes, track.first, course.count)
+        track.pauses = track.count - course.count
+    total = ZERO
+    for i in range(1, track.count):
+        total += nodes.knot[track.first + wp.int64(i)]
+    track.repeat = samples_of(plan, total)
+    if plan.points == wp.int64(0) and plan.pace != STILL and track.pieces > 1:
+        track = draw_by_turns(plan, nodes, rows, track)
+    if track.sections > 0:
+        track.period = begin_sections(nodes, track)
+    else:
+        sum_durations(nodes, track)
+        track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
+    return track
 
 
 @wp.func
@@ -279,25 +329,17 @@ def lay_course(
     track = PoseTrack()
     track.first = first_node(c, plan, pose)
     track.pieces = pieces
+    track.line = c.pose_start[pose]
+    track.section = wp.int64(pose) * wp.int64(plan.sections)
     track.turns = 1
     if plain:
         track.count = lay_plain(c, plan, nodes, pose)
         track.single = wp.where(c.pose_start[pose + 1] - c.pose_start[pose] == wp.int64(1), 1, 0)
         track.repeat = samples_of(plan, seconds)
+        track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
     else:
-        moving = write_course(c, plan, rows, nodes, pose, pieces)
-        track.count = moving
-        if nodes.pause.shape[0] > 0:
-            track.count = insert_pauses(plan, nodes, track.first, moving)
-        track.pauses = track.count - moving
-        total = ZERO
-        for i in range(1, track.count):
-            total += nodes.knot[track.first + wp.int64(i)]
-        track.repeat = samples_of(plan, total)
-        if plan.points == wp.int64(0) and plan.pace != STILL and pieces > 1:
-            track = draw_by_turns(plan, nodes, rows, c.pose_start[pose], track)
-        sum_durations(nodes, track)
-    track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
+        track.count = write_course(c, plan, rows, nodes, pose, pieces)
+        track = time_course(plan, nodes, rows, track)
     track.one_sample = wp.float64(track.turns) * track.period / wp.float64(track.repeat)
     track.ordinary = longest_step(plan, nodes, track)
     return track

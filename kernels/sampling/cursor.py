@@ -5,7 +5,7 @@ As `Cursor` and `Track.at` of the host's sampler.
 
 import warp as wp
 
-from .layout import ONE, STILL, ZERO, DrawnPiece, PoseTrack, SamplingPlan, TrackNodes
+from .layout import ONE, STILL, ZERO, DrawnPiece, DrawnSection, PoseTrack, SamplingPlan, TrackNodes
 
 BLOCK_SAMPLES = wp.constant(wp.int64(1024))  # a pose that lasts longer is drawn in blocks, whose ages begin anew
 TURN_SLACK = wp.constant(wp.float64(1e-9))  # of a turn
@@ -32,9 +32,11 @@ class PoseEntry:
     drawn: wp.int32  # 1: the pose has contours and samples
     silent: wp.int32  # 1: the sample before is
     before: wp.int64  # the pose drawn before, -1: none
+    earlier: wp.int64  # the pose whose contours were entered before, -1: none
+    start: wp.int64  # first sample on the pose's own contours; those before are on the contours of `earlier`
     found: wp.int32  # 1: drawing goes on from where it was; 0: from the start of the contours
     anchor: wp.float64  # knot that the samples are counted from
-    index: wp.int64  # of the first sample
+    index: wp.int64  # of sample `start`
 
 
 @wp.struct
@@ -47,6 +49,30 @@ class DrawnTracks:
     pose: wp.array[wp.transformd]  # hand frame -> array frame
     routes: wp.array[DrawnPiece]  # pieces as they are drawn; those of a pose from the row of its first polyline on
     line: wp.array[wp.int64]  # first polyline of each pose, shape [pose + 1]
+
+
+@wp.struct
+class TrackWay:
+    """A way of a track from a node to the next."""
+
+    a: wp.int64  # node
+    b: wp.int64  # the next one
+    begin: wp.float64  # knot at the first node
+    end: wp.float64  # knot at the next one
+    section: wp.int32  # number of the section that it is in
+    number: wp.int32  # of the way in the section, else in the track
+
+
+@wp.func
+def plain_way(nodes: TrackNodes, track: PoseTrack, number: int):
+    """A way by its number, of a track without sections."""
+    way = TrackWay()
+    way.a = track.first + wp.int64(number)
+    way.b = way.a + wp.int64(1)
+    way.begin = nodes.knot[way.a]
+    way.end = nodes.knot[way.b]
+    way.number = number
+    return way
 
 
 @wp.func
@@ -64,50 +90,155 @@ def way_at(knots: wp.array[wp.float64], first: wp.int64, count: int, knot: wp.fl
 
 
 @wp.func
-def way_from(knots: wp.array[wp.float64], first: wp.int64, count: int, knot: wp.float64, guess: int):
-    """`way_at`, faster where it is the guess or the one behind it."""
-    at = first + wp.int64(guess)
-    if knots[at] <= knot:
-        if guess + 1 >= count:
-            return guess
-        if knot < knots[at + wp.int64(1)]:
-            return guess
-        if guess + 2 < count:
-            if knots[at + wp.int64(1)] <= knot and knot < knots[at + wp.int64(2)]:
-                return guess + 1
-    return way_at(knots, first, count, knot)
+def section_way(nodes: TrackNodes, track: PoseTrack, section: int, number: int, begin: wp.float64):
+    """A way of a section by its number, from its knot on; the one behind the last leads to the next section."""
+    own = nodes.section[track.section + wp.int64(section)]
+    ways = own.stop - own.start
+    turn = number % (2 * ways)
+    i = wp.min(turn, 2 * ways - turn)
+    j = wp.where(turn < ways, i + 1, i - 1)
+    way = TrackWay()
+    way.a = track.first + wp.int64(own.start + i)
+    way.b = track.first + wp.int64(own.start + j)
+    way.begin = begin
+    way.end = begin
+    way.section = section
+    way.number = number
+    if number == ways * own.passes:
+        way.b = track.first + wp.int64(nodes.section[track.section + wp.int64(section + 1)].start)
+    else:
+        way.end += section_duration(nodes, track, own.scale, wp.max(way.a, way.b))
+    return way
 
 
 @wp.func
-def point_on(nodes: TrackNodes, track: PoseTrack, way: int, knot: wp.float64):
+def section_duration(nodes: TrackNodes, track: PoseTrack, scale: wp.float64, at: wp.int64):
+    """Knots that the way to a node, or back from there, takes in a section."""
+    duration = nodes.knot[at] * scale
+    piece = way_piece(nodes, at - wp.int64(1), at)
+    if track.pieces > 1 and piece >= 0:
+        duration = duration * nodes.stretch[track.line + wp.int64(piece)]
+    return duration
+
+
+@wp.func
+def way_piece(nodes: TrackNodes, a: wp.int64, b: wp.int64):
+    """Number of the piece that the way from a node to another is on, -1: on none."""
+    piece = int(nodes.piece[a])
+    if piece != int(nodes.piece[b]):
+        piece = int(-1)
+    return piece
+
+
+@wp.func
+def ways_of(section: DrawnSection):
+    """Number of ways of a section, all passes together."""
+    return (section.stop - section.start) * section.passes
+
+
+@wp.func
+def has_next(nodes: TrackNodes, track: PoseTrack, way: TrackWay):
+    """Whether a way is not the last one of a track."""
+    if track.sections == 0:
+        return way.number + 2 < track.count
+    if way.section + 1 < track.sections:
+        return True
+    return way.number + 1 < ways_of(nodes.section[track.section + wp.int64(way.section)])
+
+
+@wp.func
+def next_way(nodes: TrackNodes, track: PoseTrack, way: TrackWay):
+    """The way behind one that is not the last."""
+    if track.sections == 0:
+        return plain_way(nodes, track, way.number + 1)
+    if way.number < ways_of(nodes.section[track.section + wp.int64(way.section)]):
+        return section_way(nodes, track, way.section, way.number + 1, way.end)
+    return section_way(nodes, track, way.section + 1, 0, way.end)
+
+
+@wp.func
+def section_at(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
+    """Number of the section of a track that is drawn at a knot."""
+    low = int(0)
+    high = int(track.sections)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if nodes.section[track.section + wp.int64(middle)].begin <= knot:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@wp.func
+def section_end(nodes: TrackNodes, track: PoseTrack, section: int):
+    """Knot at which a section ends."""
+    if section + 1 < track.sections:
+        return nodes.section[track.section + wp.int64(section + 1)].begin
+    return track.period
+
+
+@wp.func
+def is_on(way: TrackWay, knot: wp.float64):
+    """Whether a knot lies on a way."""
+    return way.begin <= knot and knot < way.end
+
+
+@wp.func
+def find_way(nodes: TrackNodes, track: PoseTrack, knot: wp.float64, guess: TrackWay):
+    """The way on which a knot lies; found faster if it is one soon behind a guess. No guess: `TrackWay()`."""
+    way = guess
+    known = guess.a != guess.b and guess.begin <= knot
+    if track.sections == 0:
+        if known and has_next(nodes, track, guess):
+            way = plain_way(nodes, track, guess.number + 1)
+        if not known or knot >= way.end:
+            number = way_at(nodes.knot, track.first, track.count, knot)
+            way = plain_way(nodes, track, wp.min(number, track.count - 2))
+        return way
+    section = section_at(nodes, track, knot)
+    if not known or section != guess.section:
+        own = nodes.section[track.section + wp.int64(section)]
+        way = section_way(nodes, track, section, 0, own.begin)
+    while knot >= way.end and has_next(nodes, track, way):
+        way = next_way(nodes, track, way)
+    return way
+
+
+@wp.func
+def step_of(nodes: TrackNodes, way: TrackWay):
+    """From a way's node to the next [m]."""
+    return nodes.point[way.b] - nodes.point[way.a]
+
+
+@wp.func
+def point_on(nodes: TrackNodes, way: TrackWay, knot: wp.float64):
     """Point of a track at a knot on a way [m], with the rounding of np.interp."""
-    at = track.first + wp.int64(way)
-    a = nodes.point[at]
-    begin = nodes.knot[at]
-    if way >= track.count - 1 or begin == knot:
+    if knot >= way.end:
+        return nodes.point[way.b]
+    a = nodes.point[way.a]
+    if way.begin == knot:
         return a
-    step = nodes.point[at + wp.int64(1)] - a
-    return (step / (nodes.knot[at + wp.int64(1)] - begin)) * (knot - begin) + a
+    return ((nodes.point[way.b] - a) / (way.end - way.begin)) * (knot - way.begin) + a
 
 
 @wp.func
-def level_on(nodes: TrackNodes, track: PoseTrack, way: int, knot: wp.float64):
+def level_on(nodes: TrackNodes, way: TrackWay, knot: wp.float64):
     """Intensity of a track at a knot on a way."""
     if nodes.intensity.shape[0] == 0:
         return ONE
-    at = track.first + wp.int64(way)
-    a = nodes.intensity[at]
-    begin = nodes.knot[at]
-    if way >= track.count - 1 or begin == knot:
+    if knot >= way.end:
+        return nodes.intensity[way.b]
+    a = nodes.intensity[way.a]
+    if way.begin == knot:
         return a
-    step = nodes.intensity[at + wp.int64(1)] - a
-    return step / (nodes.knot[at + wp.int64(1)] - begin) * (knot - begin) + a
+    return (nodes.intensity[way.b] - a) / (way.end - way.begin) * (knot - way.begin) + a
 
 
 @wp.func
 def track_point(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
     """Point of a track at a knot [m]."""
-    return point_on(nodes, track, way_at(nodes.knot, track.first, track.count, knot), knot)
+    return point_on(nodes, find_way(nodes, track, knot, TrackWay()), knot)
 
 
 @wp.func
@@ -122,6 +253,20 @@ def cycle_knot(plan: SamplingPlan, track: PoseTrack, anchor: wp.float64, index: 
     if knot >= track.period:
         knot -= track.period
     return knot
+
+
+@wp.func
+def contours_at(d: DrawnTracks, pose: wp.int64, sample: wp.int64):
+    """The pose on whose contours a sample of a pose is."""
+    if sample < d.entries[pose].start:
+        return d.entries[pose].earlier
+    return pose
+
+
+@wp.func
+def sample_index(schedule: PoseSchedule, entry: PoseEntry, own: wp.int64, pose: wp.int64, sample: wp.int64):
+    """Index of a pose's sample that is on the contours of another, or its own, which were entered so."""
+    return entry.index + (schedule.number[pose] + sample) - (schedule.number[own] + entry.start)
 
 
 @wp.func

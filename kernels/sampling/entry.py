@@ -1,6 +1,6 @@
 """Motions gone through pose by pose: drawing goes on along each pose's track where the focal point is.
 
-As `Sampler` and `entered` in render/sampling, without sections and continuity "finish".
+As `Sampler` and `entered` in render/sampling; continuity "finish" is in finishing.py.
 """
 
 import warp as wp
@@ -11,16 +11,25 @@ from .cursor import (
     DrawnTracks,
     PoseEntry,
     PoseSchedule,
+    TrackWay,
     age_of,
     cycle_knot,
+    find_way,
     focus_knot,
     gain_of,
+    has_next,
     level_on,
+    next_way,
+    plain_way,
     point_on,
+    section_end,
+    section_way,
     shown_knot,
-    way_at,
+    step_of,
+    ways_of,
 )
 from .layout import (
+    HALF,
     INFINITE,
     ONE,
     TINY,
@@ -30,6 +39,7 @@ from .layout import (
     PoseTrack,
     SamplingPlan,
     TrackNodes,
+    distance,
     product,
     squared,
 )
@@ -40,15 +50,16 @@ wp.set_module_options(EXACT)
 
 NEAR_STEPS = wp.constant(wp.float64(3.0))  # ordinary steps, as in render/sampling/track.py
 AGAINST = wp.constant(wp.float64(1e-9))  # share of a way by which it runs against a direction
+WHOLE_SECTION = wp.constant(wp.float64(1e-3))  # [m], as in render/sampling/continuity.py
 
 
 @wp.func
-def approach(nodes: TrackNodes, at: wp.int64, point: wp.vec3d):
-    """How near the way from a node to the next comes to a point [m], infinite for jumps, and where, 0..1."""
-    a = nodes.point[at]
-    step = nodes.point[at + wp.int64(1)] - a
+def approach(nodes: TrackNodes, way: TrackWay, point: wp.vec3d):
+    """How near a way comes to a point [m], infinite for jumps, and where, 0..1."""
+    a = nodes.point[way.a]
+    step = step_of(nodes, way)
     square = squared(step)
-    if nodes.knot[at + wp.int64(1)] <= nodes.knot[at] or square == ZERO:
+    if way.end <= way.begin or square == ZERO:
         return INFINITE, ZERO
     off = point - a
     part = product(off, step) / wp.max(square, TINY)
@@ -57,29 +68,27 @@ def approach(nodes: TrackNodes, at: wp.int64, point: wp.vec3d):
 
 
 @wp.func
-def is_against(nodes: TrackNodes, at: wp.int64, direction: wp.vec3d):
-    """Whether the way from a node to the next runs against a direction."""
-    step = nodes.point[at + wp.int64(1)] - nodes.point[at]
+def is_against(nodes: TrackNodes, way: TrackWay, direction: wp.vec3d):
+    """Whether a way runs against a direction."""
+    step = step_of(nodes, way)
     return wp.dot(step, direction) < -AGAINST * wp.sqrt(squared(step))
 
 
 @wp.struct
-class NearestWay:
-    """The way of a track that costs least to go on along."""
+class NearestKnot:
+    """The place on a track that costs least to go on at."""
 
     cost: wp.float64  # [m]
-    way: wp.int32
-    part: wp.float64  # where on it, 0..1
+    knot: wp.float64
 
 
 @wp.func
-def nearer(best: NearestWay, way: int, cost: wp.float64, part: wp.float64):
-    """The best way, or another that costs less [m]."""
+def nearer(best: NearestKnot, way: TrackWay, cost: wp.float64, part: wp.float64):
+    """The best place, or another, 0..1 of a way, that costs less [m]."""
     out = best
     if cost < best.cost:
         out.cost = cost
-        out.way = way
-        out.part = part
+        out.knot = way.begin + part * (way.end - way.begin)
     return out
 
 
@@ -89,34 +98,68 @@ def entered(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: Focu
 
     Where a way is near, no direction is a reason for one that is not, unless a pause could be left out or made twice.
     """
-    near = NearestWay()
+    if track.sections > 0:
+        return entered_in_section(plan, nodes, track, place)
+    near = NearestKnot()
     near.cost = INFINITE
     far = near
     directed = squared(place.direction) > ZERO
     for i in range(track.count - 1):
-        away, part = approach(nodes, track.first + wp.int64(i), place.point)
+        way = plain_way(nodes, track, i)
+        away, part = approach(nodes, way, place.point)
         cost = away
-        if directed and away < INFINITE and is_against(nodes, track.first + wp.int64(i), place.direction):
+        if directed and away < INFINITE and is_against(nodes, way, place.direction):
             cost += plan.threshold
         if track.pauses > 0 or away <= NEAR_STEPS * track.ordinary:
-            near = nearer(near, i, cost, part)
+            near = nearer(near, way, cost, part)
         else:
-            far = nearer(far, i, cost, part)
+            far = nearer(far, way, cost, part)
     if near.cost == INFINITE:
         near = far
-    knot = nodes.knot[track.first + wp.int64(near.way)]
-    knot += near.part * (nodes.knot[track.first + wp.int64(near.way + 1)] - knot)
-    return entered_by_pauses(plan, nodes, track, place, knot, near.cost)
+    return entered_by_pauses(plan, nodes, track, place, near.knot, near.cost)
 
 
 @wp.func
-def direction_at(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
-    """Direction in which a focal point moves at a knot; zero where it rests."""
-    way = wp.min(way_at(nodes.knot, track.first, track.count, knot), track.count - 2)
-    at = track.first + wp.int64(way)
-    step = nodes.point[at + wp.int64(1)] - nodes.point[at]
-    if way > 0 and squared(step) == ZERO:
-        step = nodes.point[at] - nodes.point[at - wp.int64(1)]
+def middle_of(nodes: TrackNodes, track: PoseTrack, section: int):
+    """Middle between the ends of a section [m]."""
+    own = nodes.section[track.section + wp.int64(section)]
+    return HALF * (nodes.point[track.first + wp.int64(own.start)] + nodes.point[track.first + wp.int64(own.stop)])
+
+
+@wp.func
+def entered_in_section(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: FocusPlace):
+    """Knot at which drawing goes on: in the section whose middle is nearest, as far through its time."""
+    nearest = int(0)
+    least = INFINITE
+    for k in range(track.sections):
+        apart = distance(place.middle, middle_of(nodes, track, k))
+        if apart < least:
+            least = apart
+            nearest = k
+    own = nodes.section[track.section + wp.int64(nearest)]
+    took = section_end(nodes, track, nearest) - own.begin
+    directed = squared(place.direction) > ZERO
+    near = NearestKnot()
+    near.cost = INFINITE
+    way = section_way(nodes, track, nearest, 0, own.begin)
+    for _i in range(ways_of(own)):
+        cost, part = approach(nodes, way, place.point)
+        if directed and cost < INFINITE and is_against(nodes, way, place.direction):
+            cost += plan.threshold
+        knot = way.begin + part * (way.end - way.begin)
+        cost += WHOLE_SECTION * wp.abs((knot - own.begin) / took - place.through)
+        near = nearer(near, way, cost, part)
+        if has_next(nodes, track, way):
+            way = next_way(nodes, track, way)
+    return near.knot
+
+
+@wp.func
+def direction_on(nodes: TrackNodes, track: PoseTrack, way: TrackWay):
+    """Direction in which a focal point moves on a way, or on the one before if it rests there; zero if on both."""
+    step = step_of(nodes, way)
+    if track.sections == 0 and way.number > 0 and squared(step) == ZERO:
+        step = nodes.point[way.a] - nodes.point[way.a - wp.int64(1)]
     length = wp.sqrt(squared(step))
     if length > ZERO:
         step = step / length
@@ -124,17 +167,18 @@ def direction_at(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
 
 
 @wp.func
-def is_silent_at_end(
+def is_silent_at(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     nodes: TrackNodes,
     track: PoseTrack,
     pose: int,
+    sample: wp.int64,
     knot: wp.float64,
     hold: wp.float64,
 ):
-    """Whether the last sample of a pose, at this knot of its track, is of intensity 0."""
-    age, block_end = age_of(plan, schedule, pose, schedule.count[pose] - wp.int64(1))
+    """Whether a sample of a pose, at this knot of a track, is of intensity 0."""
+    age, block_end = age_of(plan, schedule, pose, sample)
     if gain_of(plan, age, block_end, hold) <= ZERO:
         return int(1)
     if nodes.intensity.shape[0] == 0:
@@ -142,7 +186,7 @@ def is_silent_at_end(
     silent = int(1)
     for focus in range(plan.foci):
         at = shown_knot(plan, schedule.shown, track, focus_knot(plan, track, knot, focus))
-        if level_on(nodes, track, way_at(nodes.knot, track.first, track.count, at), at) > ZERO:
+        if level_on(nodes, find_way(nodes, track, at, TrackWay()), at) > ZERO:
             silent = int(0)
     return silent
 
@@ -171,7 +215,7 @@ def enter_track(
     entry.drawn = 1
     entry.silent = place.silent
     entry.before = place.pose
-    entry.index = wp.int64(0)
+    entry.earlier = place.pose
     if place.pose < wp.int64(0):
         return entry
     if plan.restarts == 1:
@@ -181,6 +225,22 @@ def enter_track(
     entry.anchor = entered(plan, nodes, track, place)
     entry.index = wp.int64(1 - place.silent)
     return entry
+
+
+@wp.func
+def place_at(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
+    """Where the focal point is at a knot of a track."""
+    place = FocusPlace()
+    way = find_way(nodes, track, knot, TrackWay())
+    place.point = point_on(nodes, way, knot)
+    place.direction = direction_on(nodes, track, way)
+    place.rested = -ONE
+    if track.sections > 0:
+        begin = nodes.section[track.section + wp.int64(way.section)].begin
+        place.middle = middle_of(nodes, track, way.section)
+        place.through = (knot - begin) / (section_end(nodes, track, way.section) - begin)
+        return place
+    return place_by_pauses(plan, nodes, track, place, knot)
 
 
 @wp.func
@@ -194,14 +254,12 @@ def place_after(
     hold: wp.float64,
 ):
     """Where the focal point is after a pose's samples."""
-    place = FocusPlace()
-    last = cycle_knot(plan, track, entry.anchor, entry.index + schedule.count[pose] - wp.int64(1))
+    sample = schedule.count[pose] - wp.int64(1)
+    last = cycle_knot(plan, track, entry.anchor, entry.index + sample)
+    place = place_at(plan, nodes, track, last)
     place.pose = wp.int64(pose)
-    place.point = point_on(nodes, track, way_at(nodes.knot, track.first, track.count, last), last)
-    place.direction = direction_at(nodes, track, last)
-    place.silent = is_silent_at_end(plan, schedule, nodes, track, pose, last, hold)
-    place.rested = -ONE
-    return place_by_pauses(plan, nodes, track, place, last)
+    place.silent = is_silent_at(plan, schedule, nodes, track, pose, sample, last, hold)
+    return place
 
 
 @wp.kernel
@@ -225,6 +283,7 @@ def _enter_poses(
     pose = int(schedule.motion_start[motion])
     while pose < int(schedule.motion_start[motion + 1]):
         entries[pose].before = place.pose
+        entries[pose].earlier = place.pose
         if tracks[pose].count > 0:
             track = tracks[pose]
             entry = enter_track(c, plan, nodes, track, pose, place)

@@ -8,24 +8,27 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT, to_float32
-from .course import way_piece
 from .cursor import (
     BLOCK_SAMPLES,
     DrawnTracks,
     PoseSchedule,
+    TrackWay,
     age_of,
+    contours_at,
     cycle_knot,
+    find_way,
     focus_knot,
     gain_of,
+    is_on,
     level_on,
     point_on,
+    sample_index,
     shown_knot,
     track_point,
-    way_at,
-    way_from,
+    way_piece,
 )
 from .layout import HALF, ONE, STILL, TWO, ZERO, SamplingPlan, squared
-from .steps import RE_ENTRY, StepCount, add_step, count_step, counted_length
+from .steps import RE_ENTRY, StepCount, add_step, count_step, counted_length, ordinary_of
 
 wp.set_module_options(EXACT)
 
@@ -76,10 +79,11 @@ def wave_at(plan: SamplingPlan, number: wp.int64):
 def sample_knot(
     plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, sample: wp.int64, focus: int
 ):
-    """Knot at which a focal point of a pose's sample is shown."""
-    track = d.tracks[pose]
-    entry = d.entries[pose]
-    knot = cycle_knot(plan, track, entry.anchor, entry.index + sample)
+    """Knot at which a focal point of a pose's sample is shown, on the contours that the sample is on."""
+    own = contours_at(d, pose, sample)
+    track = d.tracks[own]
+    entry = d.entries[own]
+    knot = cycle_knot(plan, track, entry.anchor, sample_index(schedule, entry, own, pose, sample))
     return shown_knot(plan, schedule.shown, track, focus_knot(plan, track, knot, focus))
 
 
@@ -88,7 +92,8 @@ def sample_point(
     plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, sample: wp.int64, focus: int
 ):
     """A focal point of a pose's sample [m]."""
-    point = track_point(d.nodes, d.tracks[pose], sample_knot(plan, schedule, d, pose, sample, focus))
+    track = d.tracks[contours_at(d, pose, sample)]
+    point = track_point(d.nodes, track, sample_knot(plan, schedule, d, pose, sample, focus))
     if plan.circle_radius > ZERO:
         point += circle_offset(plan, d.pose[pose], schedule.number[pose] + sample)
     return point
@@ -118,9 +123,9 @@ def level_at(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: i
     """Intensity of the contours at a focal point of a sample."""
     if d.nodes.intensity.shape[0] == 0:
         return ONE
-    track = d.tracks[pose]
+    track = d.tracks[contours_at(d, wp.int64(pose), sample)]
     knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
-    return level_on(d.nodes, track, way_at(d.nodes.knot, track.first, track.count, knot), knot)
+    return level_on(d.nodes, find_way(d.nodes, track, knot, TrackWay()), knot)
 
 
 @wp.func
@@ -172,21 +177,57 @@ def rest(
 
 
 @wp.func
-def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: int, sample: wp.int64):
-    """Note that a sample is on a way of a pose's track; samples since the last one on the same piece, 0: none was."""
-    track = d.tracks[pose]
+def pass_piece(passages: PiecePassages, d: DrawnTracks, own: wp.int64, way: TrackWay, sample: wp.int64):
+    """Note that a sample is on a way of a pose's track; samples since the last one on the same piece, 0: none was.
+
+    sample: counted from the first one on this track.
+    """
     piece = int(0)
-    if track.single == 0:
-        piece = way_piece(d.nodes, track.first + wp.int64(wp.min(way, track.count - 2)))
+    if d.tracks[own].single == 0:
+        piece = way_piece(d.nodes, way.a, way.b)
     since = wp.int64(0)
     if piece >= 0:
-        row = d.line[pose] + wp.int64(piece)
+        row = d.line[own] + wp.int64(piece)
         if passages.first[row] < wp.int64(0):
             passages.first[row] = sample
         else:
             since = sample - passages.last[row]
         passages.last[row] = sample
     return since
+
+
+@wp.func
+def pass_carried(
+    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, passages: PiecePassages, pose: int, count: StepCount
+):
+    """Note on which pieces of a pose the samples of later poses are that finish what was under way."""
+    out = count
+    motion = wp.lower_bound(schedule.motion_start, wp.int64(pose + 1)) - 1
+    own = wp.int64(pose)
+    track = d.tracks[own]
+    begin = schedule.number[own] + d.entries[own].start
+    later = own + wp.int64(1)
+    while later < schedule.motion_start[motion + 1]:
+        start = wp.int64(0)
+        if d.entries[later].drawn == 1:
+            start = d.entries[later].start
+        sample = wp.int64(0)
+        while sample < start:
+            number = schedule.number[later] + sample - begin
+            gain, _held = gain_at(plan, schedule, int(later), sample, schedule.hold[motion])
+            if gain > ZERO:
+                out.felt = number + wp.int64(1)
+                for focus in range(plan.foci):
+                    knot = sample_knot(plan, schedule, d, later, sample, focus)
+                    way = find_way(d.nodes, track, knot, TrackWay())
+                    out.absence = wp.max(out.absence, pass_piece(passages, d, own, way, number))
+            else:
+                out.lost = 1
+            sample += wp.int64(1)
+        later += wp.int64(1)
+        if start < schedule.count[later - wp.int64(1)]:
+            later = schedule.motion_start[motion + 1]
+    return out
 
 
 @wp.func
@@ -221,7 +262,8 @@ def pass_repeated(
         track = d.tracks[pose]
         for focus in range(plan.foci):
             knot = sample_knot(plan, schedule, d, wp.int64(pose), wp.int64(0), focus)
-            since = pass_piece(passages, d, pose, way_at(d.nodes.knot, track.first, track.count, knot), last)
+            way = find_way(d.nodes, track, knot, TrackWay())
+            since = pass_piece(passages, d, wp.int64(pose), way, last)
             most = wp.max(most, wp.min(since, wp.int64(1)))
     return most
 
@@ -246,51 +288,63 @@ def _draw_samples(
         counts[pose] = rest(plan, schedule, d, pose, hold, position, intensity)
         return
     count = StepCount()
-    track = d.tracks[pose]
     rests = plan.pace == STILL and plan.circle_radius == ZERO
     last = wp.int64(0)  # sample that is felt, of those that repeat the first
+    start = d.entries[pose].start
     silent = d.entries[pose].silent == 1
-    drawn_before = bool(False)  # a dynamic variable for Warp
-    ways = wp.zeros(shape=FOCI_MOST, dtype=int)
+    drawn_before = not silent
     previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
     for focus in range(plan.foci):
         previous[focus] = shown_before(plan, schedule, d, pose, focus)
     sample = wp.int64(0)
-    while sample < schedule.count[pose]:
-        gain, held = gain_at(plan, schedule, pose, sample, hold)
-        count.held += held
-        drawn = is_drawn(plan, schedule, d, pose, sample, gain)
-        number = schedule.number[pose] + sample
-        wave = wave_at(plan, number)
-        row = schedule.row[pose] + sample
-        first = sample % BLOCK_SAMPLES == wp.int64(0)
-        if first and sample > wp.int64(0):
-            silent = not drawn_before
-        count.silent += wp.where(drawn, wp.int64(0), wp.int64(1))
-        count.felt += wp.where(gain > ZERO, wp.int64(1), wp.int64(0))
-        if rests and sample > wp.int64(0):
-            repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
-            last = wp.where(gain > ZERO, sample, last)
-        for focus in range(wp.where(rests and sample > wp.int64(0), 0, plan.foci)):
-            knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
-            way = way_from(d.nodes.knot, track.first, track.count, knot, ways[focus])
-            ways[focus] = way
-            point = point_on(d.nodes, track, way, knot)
-            if plan.circle_radius > ZERO:
-                point += circle_offset(plan, d.pose[pose], number)
-            position[row, focus] = to_float32(point)
-            intensity[row, focus] = wp.float32(level_on(d.nodes, track, way, knot) * gain * wave)
-            length = wp.sqrt(squared(point - previous[focus]))
-            if first and silent and drawn and (d.entries[pose].before >= wp.int64(0) or sample > wp.int64(0)):
-                count = add_step(plan, count, RE_ENTRY, length, d.tracks[pose].ordinary)
-            length = counted_length(length, drawn, drawn_before, first, silent)
-            count = count_step(plan, schedule, d, count, pose, sample, focus, length)
-            if gain > ZERO:
-                count.absence = wp.max(count.absence, pass_piece(passages, d, pose, way, sample))
-            previous[focus] = point
-        drawn_before = drawn
-        sample += wp.int64(1)
+    while sample < schedule.count[pose]:  # once for samples on the contours before, once for those on the pose's own
+        own = contours_at(d, wp.int64(pose), sample)
+        track = d.tracks[own]
+        entry = d.entries[own]
+        stop = wp.where(sample < start, wp.min(start, schedule.count[pose]), schedule.count[pose])
+        ways = wp.zeros(shape=FOCI_MOST, dtype=TrackWay)
+        while sample < stop:
+            gain, held = gain_at(plan, schedule, pose, sample, hold)
+            count.held += held
+            drawn = is_drawn(plan, schedule, d, pose, sample, gain)
+            number = schedule.number[pose] + sample
+            wave = wave_at(plan, number)
+            row = schedule.row[pose] + sample
+            first = sample % BLOCK_SAMPLES == wp.int64(0)
+            if first:
+                silent = not drawn_before
+            count.silent += wp.where(drawn, wp.int64(0), wp.int64(1))
+            if sample >= start and gain > ZERO:
+                count.felt = sample - start + wp.int64(1)
+            elif sample >= start:
+                count.lost = 1
+            if rests and sample > wp.int64(0):
+                repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
+                last = wp.where(gain > ZERO, sample, last)
+            cycle = cycle_knot(plan, track, entry.anchor, sample_index(schedule, entry, own, wp.int64(pose), sample))
+            for focus in range(wp.where(rests and sample > wp.int64(0), 0, plan.foci)):
+                knot = shown_knot(plan, schedule.shown, track, focus_knot(plan, track, cycle, focus))
+                if not is_on(ways[focus], knot):
+                    ways[focus] = find_way(d.nodes, track, knot, ways[focus])
+                way = ways[focus]
+                point = point_on(d.nodes, way, knot)
+                if plan.circle_radius > ZERO:
+                    point += circle_offset(plan, d.pose[pose], number)
+                position[row, focus] = to_float32(point)
+                intensity[row, focus] = wp.float32(level_on(d.nodes, way, knot) * gain * wave)
+                length = wp.sqrt(squared(point - previous[focus]))
+                if first and silent and drawn and (entry.before >= wp.int64(0) or sample > wp.int64(0)):
+                    count = add_step(plan, count, RE_ENTRY, length, ordinary_of(schedule, d, pose, sample))
+                length = counted_length(length, drawn, drawn_before, first, silent)
+                count = count_step(plan, schedule, d, count, pose, sample, focus, length)
+                if gain > ZERO and sample >= start:
+                    count.absence = wp.max(count.absence, pass_piece(passages, d, own, way, sample - start))
+                previous[focus] = point
+            drawn_before = drawn
+            sample += wp.int64(1)
     count.absence = wp.max(count.absence, pass_repeated(plan, schedule, d, passages, pose, last))
+    if plan.finishes == 1 and start < schedule.count[pose]:
+        count = pass_carried(plan, schedule, d, passages, pose, count)
     counts[pose] = count
 
 

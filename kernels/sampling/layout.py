@@ -38,6 +38,7 @@ class SamplingPlan:
     wave_depth: wp.float64
     fade: wp.float64  # [s]
     restarts: wp.int32  # continuity "jump"
+    finishes: wp.int32  # continuity "finish"
     plain: wp.int32  # a cycle's duration depends on arc length alone
     shortest: wp.int32  # the route has the shortest jumps; 0: it is as given
     margin: wp.float64  # share by which the jumps of a kept route may grow
@@ -50,6 +51,10 @@ class SamplingPlan:
     dwell_time: wp.float64  # of each pause at a corner [s]; 0: pauses take a share of the cycle, or there are none
     dwell_ratio: wp.float64  # of the time at corners to that between them
     corner_cosine: wp.float64  # of the least angle of a corner
+    sections: wp.int32  # that a cycle is divided into; 0: it is not
+    section_speed: wp.float64  # within one [m/s]
+    section_share: wp.float64  # of the cycle, for the sections with a corner together
+    frequency: wp.float64  # cycles a second of pace FREQUENCY [Hz]
 
 
 @wp.struct
@@ -92,15 +97,29 @@ class RouteRows:
 
 
 @wp.struct
+class DrawnSection:
+    """A part of a track that is passed to and fro an odd number of times before the next one is."""
+
+    start: wp.int32  # first node, counted from the track's
+    stop: wp.int32  # last node
+    passes: wp.int32
+    corner: wp.int32  # 1: there is one in it
+    begin: wp.float64  # knot
+    scale: wp.float64  # knots that a second takes at the nominal speeds
+
+
+@wp.struct
 class TrackNodes:
     """Nodes of the tracks of all poses."""
 
-    knot: wp.array[wp.float64]  # when each is reached, from 0
+    knot: wp.array[wp.float64]  # when each is reached, from 0; with sections how long the way to it takes [s]
     point: wp.array[wp.vec3d]  # [m]
     intensity: wp.array[wp.float64]  # of length 0 where it is 1 everywhere
     piece: wp.array[wp.int32]  # number of its piece in the route, -1: of none
     pause: wp.array[wp.float64]  # room for the pause there [s]; of length 0 if there is none anywhere
     corner: wp.array[wp.uint8]  # room for whether it is a corner to pause at
+    section: wp.array[DrawnSection]  # of all tracks; of length 0 if there are none
+    stretch: wp.array[wp.float64]  # by which ways on each piece take longer in sections, by the pieces' rows
 
 
 @wp.struct
@@ -118,6 +137,9 @@ class PoseTrack:
     least: wp.float64  # jumps of the shortest route known [m]
     ordinary: wp.float64  # longest step along it, jumps left out [m]
     pauses: wp.int32  # ways on which the focal point rests
+    sections: wp.int32  # that its nodes are drawn in; 0: they are drawn one after the other
+    section: wp.int64  # row of the first section
+    line: wp.int64  # row of the first piece
 
 
 @wp.struct
@@ -130,6 +152,8 @@ class FocusPlace:
     silent: wp.int32  # 1: the last sample was
     rested: wp.float64  # how much of a pause is over, 0..1; negative in motion
     beside: wp.int32  # 1 shortly behind a pause, -1 shortly before one, else 0
+    middle: wp.vec3d  # of the section that is drawn [m]
+    through: wp.float64  # how much of the section's time is over, 0..1
 
 
 @wp.func

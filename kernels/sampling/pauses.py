@@ -58,7 +58,10 @@ def copy_pause(nodes: TrackNodes, source: wp.int64, at: wp.int64):
 
 @wp.func
 def mark_corners(plan: SamplingPlan, nodes: TrackNodes, first: wp.int64, count: int, loop: bool):
-    """Mark the nodes of a piece where it turns by more than an angle, a loop's first node at its end; and open ends."""
+    """Mark the nodes of a piece where it turns by more than an angle, and open ends.
+
+    A loop's first node is marked at its end; for sections at its start, too.
+    """
     if plan.dwell_time == ZERO and plan.dwell_ratio == ZERO:
         return
     begin = wp.vec3d(ZERO, ZERO, ZERO)  # direction of the first way
@@ -78,6 +81,8 @@ def mark_corners(plan: SamplingPlan, nodes: TrackNodes, first: wp.int64, count: 
             last = i
     if product(before, begin) < plan.corner_cosine:
         nodes.corner[first + wp.int64(last)] = wp.uint8(1)
+    if loop and plan.sections > 0:
+        nodes.corner[first] = nodes.corner[first + wp.int64(count - 1)]
     if not loop:
         nodes.corner[first] = wp.uint8(1)
         nodes.corner[first + wp.int64(count - 1)] = wp.uint8(1)

@@ -5,7 +5,16 @@ As `Sampler._count_jumps` in render/sampling.
 
 import warp as wp
 
-from .cursor import DrawnTracks, PoseSchedule, cycle_knot, focus_knot, track_point
+from .cursor import (
+    BLOCK_SAMPLES,
+    DrawnTracks,
+    PoseSchedule,
+    contours_at,
+    cycle_knot,
+    focus_knot,
+    sample_index,
+    track_point,
+)
 from .layout import INFINITE, TWO, ZERO, SamplingPlan, distance
 
 POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes of jumps, in the order of CAUSES
@@ -23,7 +32,8 @@ class StepCount:
     hops: wp.vec4l
     hops_longest: wp.vec4d  # [m]
     step_longest: wp.float64  # [m]
-    felt: wp.int64  # samples before a fade ends
+    felt: wp.int64  # samples on the pose's contours up to the last one that no fade has ended, those in between too
+    lost: wp.int32  # 1: a fade has ended one of these
     absence: wp.int64  # most samples from one on a piece to the next on it
 
 
@@ -34,15 +44,27 @@ def below(x: wp.float64):
 
 
 @wp.func
+def ordinary_of(schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64):
+    """Ordinary step of the contours on which the block of samples ends that begins with a sample of a pose [m]."""
+    stop = wp.min(sample + BLOCK_SAMPLES, schedule.count[pose])
+    return d.tracks[contours_at(d, wp.int64(pose), stop - wp.int64(1))].ordinary
+
+
+@wp.func
 def moved_by(plan: SamplingPlan, d: DrawnTracks, schedule: PoseSchedule, pose: int, focus: int):
     """From where a focal point was to where it entered the contours of a pose [m]; infinite if anywhere."""
     entry = d.entries[pose]
     if entry.found == 0:
         return INFINITE
     track = d.tracks[pose]
-    then = d.tracks[entry.before]
-    other = d.entries[entry.before]
-    last = cycle_knot(plan, then, other.anchor, other.index + schedule.count[entry.before] - wp.int64(1))
+    then = d.tracks[entry.earlier]
+    other = d.entries[entry.earlier]
+    before = wp.int64(pose)  # the pose of the sample before
+    sample = entry.start - wp.int64(1)
+    if sample < wp.int64(0):
+        before = entry.before
+        sample = schedule.count[before] - wp.int64(1)
+    last = cycle_knot(plan, then, other.anchor, sample_index(schedule, other, entry.earlier, before, sample))
     point = track_point(d.nodes, then, focus_knot(plan, then, last, focus))
     knot = focus_knot(plan, track, entry.anchor, focus)
     behind = knot
@@ -81,13 +103,13 @@ def count_step(
     """Count a step to a sample by its cause."""
     out = count
     out.step_longest = wp.max(out.step_longest, length)
-    ordinary = d.tracks[pose].ordinary
+    ordinary = d.tracks[contours_at(d, wp.int64(pose), sample)].ordinary
     if length <= plan.threshold and length <= TWO * ordinary:
         return out
     cause = int(POLYLINE)
     if plan.points > wp.int64(0):
         cause = ORDER
-    if sample == wp.int64(0):
+    if sample == d.entries[pose].start:
         if TWO * moved_by(plan, d, schedule, pose, focus) >= length:  # else it is the way between two that is long
             cause = POSE
         elif length > plan.threshold:  # the host adds the first step by itself

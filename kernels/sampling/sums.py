@@ -4,9 +4,9 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .cursor import BLOCK_SAMPLES, DrawnTracks, PoseSchedule
+from .cursor import BLOCK_SAMPLES, DrawnTracks, PoseSchedule, contours_at
 from .focus import PiecePassages
-from .layout import STILL, SamplingPlan
+from .layout import STILL, PoseTrack, SamplingPlan
 from .steps import ORDER, POLYLINE, StepCount
 
 wp.set_module_options(EXACT)
@@ -24,14 +24,23 @@ class MotionCount:
 
 
 @wp.func
-def cycles_of(samples: wp.int64, turns: int, repeat: wp.int64, before: wp.float64):
-    """Cycles up to the end of a pose's samples, added block by block."""
+def cycles_within(track: PoseTrack, begin: wp.int64, stop: wp.int64):
+    """Cycles that samples begin..stop on a track are."""
+    return wp.float64(wp.int64(track.turns) * (stop - begin)) / wp.float64(track.repeat)
+
+
+@wp.func
+def cycles_of(d: DrawnTracks, pose: wp.int64, samples: wp.int64, before: wp.float64):
+    """Cycles up to the end of a pose's samples, added block by block; a change of contours ends a block, too."""
     cycles = before
-    left = samples
-    while left > wp.int64(0):
-        count = wp.min(left, BLOCK_SAMPLES)
-        cycles += wp.float64(wp.int64(turns) * count) / wp.float64(repeat)
-        left -= count
+    start = d.entries[pose].start
+    begin = wp.int64(0)
+    while begin < samples:
+        stop = wp.min((begin / BLOCK_SAMPLES + wp.int64(1)) * BLOCK_SAMPLES, samples)
+        if begin < start:
+            stop = wp.min(stop, start)
+        cycles += cycles_within(d.tracks[contours_at(d, pose, begin)], begin, stop)
+        begin = stop
     return cycles
 
 
@@ -54,7 +63,9 @@ def add_counts(a: StepCount, b: StepCount, cause: int):
 def wait_for_pieces(
     d: DrawnTracks, passages: PiecePassages, pose: wp.int64, clock: wp.int64, lost: bool, felt: wp.int64
 ):
-    """Most samples that a piece of a pose waits to be drawn; clock: samples before; lost: no piece is known any more.
+    """Most samples that a piece of a pose waits to be drawn; lost: no piece is known any more.
+
+    clock: samples before the pose's contours are entered. felt: of those on them, see `StepCount`.
 
     Afterwards, `last` of each piece is the sample, of all, in which it was drawn last or before which it appeared.
     """
@@ -65,7 +76,7 @@ def wait_for_pieces(
         since = clock - wp.int64(1)
         earlier = d.routes[row].earlier
         if earlier >= 0 and not lost:
-            since = passages.last[d.line[d.entries[pose].before] + wp.int64(earlier)]
+            since = passages.last[d.line[d.entries[pose].earlier] + wp.int64(earlier)]
         if passages.first[row] >= wp.int64(0):
             most = wp.max(most, clock + passages.first[row] - since)
             since = clock + passages.last[row]
@@ -98,12 +109,12 @@ def _sum_counts(
         if d.entries[pose].drawn == 1:
             out.drawn += samples
             if plan.pace != STILL:
-                track = d.tracks[pose]
-                out.cycles = cycles_of(samples, track.turns, track.repeat, out.cycles)
-            felt = counts[pose].felt
-            out.absence = wp.max(out.absence, counts[pose].absence)
-            out.absence = wp.max(out.absence, wait_for_pieces(d, passages, pose, out.samples, lost, felt))
-            lost = felt < samples
+                out.cycles = cycles_of(d, pose, samples, out.cycles)
+            start = d.entries[pose].start
+            if start < samples:
+                waited = wait_for_pieces(d, passages, pose, out.samples + start, lost, counts[pose].felt)
+                out.absence = wp.max(out.absence, wp.max(counts[pose].absence, waited))
+                lost = counts[pose].lost == 1
         elif samples > wp.int64(0):
             lost = bool(True)
         out.samples += samples

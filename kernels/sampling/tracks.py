@@ -5,6 +5,8 @@ run begins at a pose of several polylines behind one that has at most one, and e
 thread lays the tracks of a run in turn. Any other pose has one polyline and a thread of its own.
 """
 
+from typing import NamedTuple
+
 import warp as wp
 
 from ..offsets import BLOCK
@@ -12,7 +14,7 @@ from ..patch import EXACT
 from .course import is_plain, lay_course
 from .cursor import PoseSchedule
 from .doors import DOORS
-from .layout import DrawnPiece, MotionContours, PoseTrack, RouteRows, SamplingPlan, TrackNodes
+from .layout import DrawnPiece, DrawnSection, MotionContours, PoseTrack, RouteRows, SamplingPlan, TrackNodes
 from .pieces import collect_pieces, mark_pieces, match_pieces
 from .route import append_all, lay_route
 from .search import ROOM, SUMS
@@ -158,7 +160,7 @@ def room_for(contours: MotionContours, plan: SamplingPlan) -> tuple[RouteRows, T
     rows.drawn = wp.empty(lines, dtype=DrawnPiece, device=device)
     rows.candidate = wp.empty(lines, dtype=DrawnPiece, device=device)
     rows.span = wp.empty(lines, dtype=wp.float64, device=device)
-    count = plan.passes * (points + 2 * lines) + poses
+    count = plan.passes * (points + 2 * lines) + poses * max(plan.sections, 1)
     nodes.knot = wp.empty(count, dtype=wp.float64, device=device)
     nodes.point = wp.empty(count, dtype=wp.vec3d, device=device)
     nodes.piece = wp.empty(count, dtype=wp.int32, device=device)
@@ -166,6 +168,8 @@ def room_for(contours: MotionContours, plan: SamplingPlan) -> tuple[RouteRows, T
     pauses = contours.dwell.shape[0] > 0 or plan.dwell_time > 0 or plan.dwell_ratio > 0
     nodes.pause = wp.empty(count if pauses else 0, dtype=wp.float64, device=device)
     nodes.corner = wp.empty(count if pauses else 0, dtype=wp.uint8, device=device)
+    nodes.section = wp.empty(poses * plan.sections, dtype=DrawnSection, device=device)
+    nodes.stretch = wp.empty(lines if plan.sections > 0 else 0, dtype=wp.float64, device=device)
     return rows, nodes
 
 
@@ -177,13 +181,19 @@ def make_search_room(rows: RouteRows, runs: int) -> None:
     rows.door = wp.empty((runs, DOORS), dtype=wp.vec3d, device=device)
 
 
-def lay_tracks(
-    contours: MotionContours, plan: SamplingPlan, schedule: PoseSchedule
-) -> tuple[TrackNodes, wp.array, wp.array]:
-    """Nodes of the tracks of all poses, the tracks, PoseTrack, and the pieces as they are drawn, DrawnPiece.
+class SingleTracks(NamedTuple):
+    """Tracks of poses of one piece, and what those of the others are laid with."""
 
-    Each polyline must have vertices.
-    """
+    rows: RouteRows
+    nodes: TrackNodes
+    pieces: PosePieces
+    tracks: wp.array  # PoseTrack, shape [pose]; of no node where none is laid
+    begin: wp.array  # first pose of each run, in any order
+    runs: wp.array  # how many there are, shape [1]
+
+
+def lay_single_tracks(contours: MotionContours, plan: SamplingPlan, schedule: PoseSchedule) -> SingleTracks:
+    """Lay the tracks of poses of one piece behind one that has at most one. Each polyline must have vertices."""
     device, poses = contours.points.device, contours.pose_start.shape[0] - 1
     rows, nodes = room_for(contours, plan)
     pieces = PosePieces()
@@ -191,16 +201,27 @@ def lay_tracks(
     pieces.length = wp.empty(poses, dtype=wp.float64, device=device)
     tracks = wp.zeros(poses, dtype=PoseTrack, device=device)
     begin = wp.empty(poses, dtype=wp.int32, device=device)
-    count = wp.zeros(1, dtype=wp.int32, device=device)
+    runs = wp.zeros(1, dtype=wp.int32, device=device)
     make_search_room(rows, 0)
     inputs, outputs = [contours, schedule], [rows, pieces]
     wp.launch(_collect_pieces, poses, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
-    inputs, outputs = [contours, plan, schedule, pieces], [rows, nodes, tracks, begin, count]
+    inputs, outputs = [contours, plan, schedule, pieces], [rows, nodes, tracks, begin, runs]
     wp.launch(_lay_single, poses, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
+    return SingleTracks(rows, nodes, pieces, tracks, begin, runs)
+
+
+def lay_tracks(
+    contours: MotionContours, plan: SamplingPlan, schedule: PoseSchedule
+) -> tuple[TrackNodes, wp.array, wp.array]:
+    """Nodes of the tracks of all poses, the tracks, PoseTrack, and the pieces as they are drawn, DrawnPiece.
+
+    Each polyline must have vertices.
+    """
+    rows, nodes, pieces, tracks, begin, count = lay_single_tracks(contours, plan, schedule)
     runs = int(count.numpy()[0])
     make_search_room(rows, min(runs, RUNS_MOST))
     for first in range(0, runs, RUNS_MOST):
         part = begin[first : min(first + RUNS_MOST, runs)]
         inputs, outputs = [contours, plan, schedule, pieces, part], [rows, nodes, tracks]
-        wp.launch(_lay_run, part.shape[0], inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
+        wp.launch(_lay_run, part.shape[0], inputs=inputs, outputs=outputs, device=tracks.device, block_dim=BLOCK)
     return nodes, tracks, rows.drawn

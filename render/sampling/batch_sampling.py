@@ -1,8 +1,8 @@
 """Focal points of many motions at once, on the device that their contours are on.
 
 One thread a pose lays its track; poses of several polylines in a row share one. Then one thread a motion finds where
-drawing goes on along each track, and one thread a pose draws its samples. Strategies that the kernels do not draw
-(`why_on_host`) go through the host's `Sampler`, which gives the same focal points and counts.
+drawing goes on along each track, and one thread a pose draws its samples. Focal points and counts are those of the
+host's `Sampler`.
 """
 
 import itertools
@@ -21,6 +21,7 @@ from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_r
 from ...kernels.sampling.contour_faults import find_faults
 from ...kernels.sampling.cursor import PoseSchedule
 from ...kernels.sampling.entry import enter_poses
+from ...kernels.sampling.finishing import finish_pieces
 from ...kernels.sampling.focus import draw_samples
 from ...kernels.sampling.skin_boxes import skin_samples
 from ...kernels.sampling.sums import sum_counts
@@ -34,11 +35,10 @@ from ..contour_batch import (
     without_empty_polylines,
 )
 from ..errors import StrategyError
-from .contour_sampling import joined, sample_contours
 from .kernel_plan import contours_of, plan_of
 from .metrics import CAUSES, FocalPoints, SamplingCount
 from .revisits import PICK_INTERVAL, REVISIT_LIMIT
-from .sampler import Sampler, shown_order
+from .sampler import shown_order
 from .strategy import SamplingStrategy
 
 ROWS_MOST = 2**31 - 1  # of an array: kernels number them in an int
@@ -66,15 +66,13 @@ class MotionSamples:
     """Offsets of motions into samples, int64, shape [motion + 1]."""
     counts: list[SamplingCount]
     """Of each motion."""
-    on_host: np.ndarray
-    """Motions that the host's sampler drew, bool, shape [motion]."""
     poses: "DevicePoses"
     """The poses at which they were drawn."""
 
     def __repr__(self) -> str:
         """One line."""
         samples, motions = counted(int(self.sample_start[-1]), "sample"), counted(len(self.counts), "motion")
-        return f"MotionSamples({samples}, {motions}, {int(self.on_host.sum())} of them drawn on the host)"
+        return f"MotionSamples({samples}, {motions})"
 
     def focus(self, motion: int) -> FocalPoints:
         """Focal points of one motion on the host; raises IndexError for a motion that is not there."""
@@ -100,15 +98,6 @@ class DevicePoses:
     """Hand frame -> array frame, transformd, shape [pose]."""
     motion: wp.array
     """Number of each one's motion, int64, shape [pose]."""
-
-
-def why_on_host(strategy: SamplingStrategy) -> str | None:
-    """Why the host's sampler draws all motions with a strategy; None where the kernels draw them."""
-    if strategy.sections is not None:
-        return "the contours are drawn in sections"
-    if strategy.continuity == "finish":
-        return "the polyline under way is finished before another pose's contours are drawn"
-    return None
 
 
 def sample_motions(
@@ -137,7 +126,7 @@ def sample_motions(
     >>> from palpate.render import SamplingStrategy, render, sample_motions, static_pose
     >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
     >>> sample_motions(batch, batch.motion.pose, np.zeros(1), np.array([0, 1]), np.array([0.2]), SamplingStrategy())
-    MotionSamples(2000 samples, 1 motion, 0 of them drawn on the host)
+    MotionSamples(2000 samples, 1 motion)
     """
     batch = batches if isinstance(batches, ContourBatch) else joined_batches(batches)
     schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)
@@ -154,14 +143,11 @@ def sample_motions(
         wp.empty(shape, dtype=wp.float32, device=device),
         schedule.sample_start,
         [SamplingCount() for _ in schedule.duration],
-        np.ones(len(schedule.duration), bool),
         poses,
     )
     batch = drawable_contours(batch.to(device))
-    if len(out.counts) > 0 and why_on_host(strategy) is None:
-        _draw_by_kernels(batch, schedule, strategy, out)
-    if out.on_host.any():
-        _draw_on_host(batch.numpy(), out.poses.pose.numpy(), schedule, strategy, out)
+    if len(out.counts) > 0:
+        _draw(batch, schedule, strategy, out)
     return out
 
 
@@ -275,12 +261,11 @@ def require_motions(batch: ContourBatch, pose: np.ndarray | wp.array, schedule: 
         raise StrategyError(f"{rows[1]} samples of {len(pose)} poses are too many for one call; divide the motions")
 
 
-def _draw_by_kernels(
-    batch: ContourBatch, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
-) -> None:
-    """Draw all motions of a batch on its device but those that cannot be drawn there."""
+def _draw(batch: ContourBatch, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples) -> None:
+    """Draw all motions of a batch on its device."""
     plan, when, pose = plan_of(strategy, pauses=batch.dwell is not None), out.poses.schedule, out.poses.pose
-    tracks = enter_poses(contours_of(batch), plan, when, pose)
+    enter = finish_pieces if strategy.continuity == "finish" else enter_poses
+    tracks = enter(contours_of(batch), plan, when, pose)
     counts, passages = draw_samples(plan, when, tracks, out.poses.motion, out.position, out.intensity)
     sums = sum_counts(plan, when, tracks, counts, passages).numpy()
     skin = skin_samples(when, pose, out.position, out.intensity)
@@ -288,7 +273,6 @@ def _draw_by_kernels(
     out.counts[:] = [counted_of(row, strategy) for row in sums]
     for count, number, wait in zip(out.counts, revisits.tolist(), waits.tolist(), strict=True):
         count.revisits, count.revisit_time = number, wait
-    out.on_host[:] = False
 
 
 def _revisits(
@@ -331,21 +315,3 @@ def counted_of(row: np.void, strategy: SamplingStrategy) -> SamplingCount:
         drawn=int(row["drawn"]),
         cycles=float(row["cycles"]),
     )
-
-
-def _draw_on_host(
-    batch: ContourBatch, pose: np.ndarray, schedule: MotionSchedule, strategy: SamplingStrategy, out: MotionSamples
-) -> None:
-    """Draw by the host's sampler the motions that kernels do not draw."""
-    device = out.position.device
-    for motion in np.flatnonzero(out.on_host).tolist():
-        a, b = schedule.motion_start[motion : motion + 2].tolist()
-        first, stop = out.sample_start[motion : motion + 2].tolist()
-        sampler = Sampler(strategy)
-        if first < stop:
-            rows = batch.select(a, b), pose[a:b], schedule.time[a:b], float(schedule.duration[motion])
-            focus = joined(list(sample_contours([rows[0]], *rows[1:], sampler, hold=float(schedule.hold[motion]))))
-            points, level = focus.position.reshape(-1, strategy.foci, 3), focus.intensity.reshape(-1, strategy.foci)
-            wp.copy(out.position[first:stop], wp.array(points, dtype=wp.vec3, device=device))
-            wp.copy(out.intensity[first:stop], wp.array(level, device=device))
-        out.counts[motion] = sampler.count

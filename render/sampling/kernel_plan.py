@@ -16,7 +16,8 @@ WAVES = (None, "sine", "square")
 def plan_of(strategy: SamplingStrategy, *, pauses: bool = False) -> Any:
     """A strategy as numbers. pauses: the contours have some of their own."""
     plan, pace, order, gap = SamplingPlan(), strategy.pace, strategy.order, strategy.gap
-    dwell, pauses = strategy.dwell, pauses or strategy.dwell.time > 0 or strategy.dwell.share > 0
+    dwell, sections = strategy.dwell, strategy.sections
+    pauses = sections is None and (pauses or dwell.time > 0 or dwell.share > 0)
     fewest, most = pace.samples_within(strategy.update_rate)
     numbers = {
         "speed": strategy.speed,
@@ -34,6 +35,7 @@ def plan_of(strategy: SamplingStrategy, *, pauses: bool = False) -> Any:
         "circle_step": strategy.circle_step,
         "fade": max(strategy.fade, 1e-9),
         "restarts": strategy.continuity == "jump",
+        "finishes": strategy.continuity == "finish",
         "plain": strategy.plain,
         "shortest": order.route == "shortest",
         "margin": order.margin,
@@ -46,6 +48,10 @@ def plan_of(strategy: SamplingStrategy, *, pauses: bool = False) -> Any:
         "dwell_time": dwell.time,
         "dwell_ratio": dwell.share / (1.0 - dwell.share),
         "corner_cosine": float(np.cos(dwell.angle)),
+        "sections": 0 if sections is None else sections.count,
+        "section_speed": 0.0 if sections is None else sections.speed,
+        "section_share": dwell.share,
+        "frequency": pace.frequency,
         **_overlays_of(strategy),
     }
     for name, value in numbers.items():

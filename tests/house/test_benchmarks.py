@@ -127,7 +127,6 @@ def test_explorations_are_measured(device):
 @pytest.mark.exhaustive
 def test_sampling_is_measured(device):
     figures = measure_sampling("stm", device, 2, at_once=1, host=1)
-    assert figures["on_host"] == 0
     assert figures["us"] > 0
     assert figures["host_us"] > 0
 

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ...motions.groups import MotionGroup, motion_groups, sample_counts
-from ...sampling.batch_sampling import why_on_host
 from ...sampling.contour_sampling import SamplingStrategy
 from ..plan.recipe import Recipe
 from .batch import batch_bytes
@@ -136,7 +135,7 @@ def _is_grouped(chunk: UnsplitChunk, device: str) -> bool:
     has_sines = strategy.am is not None or strategy.lm is not None
     if FOCAL_POINTS in chunk.groups and has_sines and not wp.get_device(device).is_cpu:
         return False
-    return why_on_host(strategy) is None and _is_short(poses, strategy)
+    return _is_short(poses, strategy)
 
 
 def _is_short(poses: Poses, strategy: SamplingStrategy) -> bool:

@@ -5,14 +5,15 @@ import pytest
 import warp as wp
 from contour_random import random_strokes
 from contour_shapes import still
+from sampler_entries import entered_by_host
 
 from palpate.kernels.sampling import course, cursor, doors, pieces, route, search
 from palpate.kernels.sampling.entry import enter_poses
-from palpate.render.sampling import contour_matching, drawing_turns, sampler
+from palpate.render.sampling import contour_matching, drawing_turns
 from palpate.render.sampling import route as host_route
 from palpate.render.sampling import track as host_track
 from palpate.render.sampling.batch_sampling import MotionSchedule
-from palpate.render.sampling.contour_sampling import Gap, Order, Pace, Sampler, SamplingStrategy, sample_contours
+from palpate.render.sampling.contour_sampling import Gap, Order, Pace, SamplingStrategy, sample_contours
 from palpate.render.sampling.kernel_plan import contours_of, plan_of
 
 STRATEGIES = {
@@ -24,21 +25,6 @@ STRATEGIES = {
     "there-and-back": SamplingStrategy(gap=Gap("pendulum"), order=Order("pendulum")),
     "capped": SamplingStrategy(pace=Pace("capped")),
 }
-
-
-def entered_by_host(batch, time, duration, strategy, monkeypatch):
-    """Track, knot and first sample of each pose that the host's sampler enters."""
-    found = []
-    enter = Sampler._enter
-
-    def noted(self, path, silent):
-        cursor = enter(self, path, silent)
-        found.append((cursor.track, cursor._anchor, cursor._index))
-        return cursor
-
-    monkeypatch.setattr(sampler.Sampler, "_enter", noted)
-    list(sample_contours([batch], still(len(time)), time, duration, Sampler(strategy)))
-    return found
 
 
 @pytest.mark.parametrize("name", STRATEGIES)
@@ -54,7 +40,7 @@ def test_tracks_and_entries_are_the_hosts_to_the_bit(seed, name, device, monkeyp
     expected = entered_by_host(batch, time, duration, strategy, monkeypatch)
     entered = np.flatnonzero(entries["drawn"])
     assert len(entered) == len(expected) > 5
-    for pose, (track, knot, index) in zip(entered.tolist(), expected, strict=True):
+    for pose, (track, knot, index, _) in zip(entered.tolist(), expected, strict=True):
         rows = slice(int(tracks[pose]["first"]), int(tracks[pose]["first"] + tracks[pose]["count"]))
         assert (nodes.knot.numpy()[rows] == track.knot).all()
         assert (nodes.point.numpy()[rows] == track.points).all()

@@ -13,7 +13,7 @@ from palpate.render import ContourBatch, MeshObject, Palm, Scene, exploration, r
 from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
-from palpate.render.sampling.batch_sampling import joined_batches, sample_motions, why_on_host
+from palpate.render.sampling.batch_sampling import joined_batches, sample_motions
 from palpate.render.sampling.contour_sampling import (
     AmplitudeModulation,
     Dwell,
@@ -77,6 +77,8 @@ def random_strategy(rng):
     if kind != "still":
         order = str(rng.choice(["loop", "pendulum", "step", "random"], p=[0.6, 0.2, 0.1, 0.1]))
         points = int(rng.choice([7, 40])) if order in ("step", "random") or rng.random() < 0.2 else None
+    in_sections = kind == "frequency" and order == "loop" and points is None and rng.random() < 0.4
+    sections = Sections(int(rng.choice([2, 5, 24])), float(rng.choice([0.5, 2.0, 20.0])))
     return SamplingStrategy(
         speed=float(rng.choice([2.0, 7.0, 14.0])),
         update_rate=float(rng.choice([1000.0, 10_000.0])),
@@ -89,8 +91,9 @@ def random_strategy(rng):
         am=AmplitudeModulation() if rng.random() < 0.15 else None,
         lm=LateralModulation() if rng.random() < 0.15 else None,
         foci=int(rng.choice([1, 2, 5], p=[0.6, 0.2, 0.2])),
-        continuity=str(rng.choice(["nearest", "jump"], p=[0.7, 0.3])),
+        continuity=str(rng.choice(["nearest", "jump", "finish"], p=[0.5, 0.2, 0.3])),
         dwell=random_dwell(rng, kind),
+        sections=sections if in_sections else None,
     )
 
 
@@ -135,7 +138,6 @@ def test_random_motions_are_what_the_host_draws(seed, device):
     pose, time, start, duration, hold = random_motions(rng, count)
     strategy = random_strategy(rng)
     samples = sample_motions(batch, pose, time, start, duration, strategy, hold=hold, device=device)
-    assert not samples.on_host.any()
     assert_same(samples, batch, pose, time, start, duration, strategy, hold)
 
 
@@ -152,7 +154,6 @@ def test_explorations_are_what_the_host_draws(name, contours, device):
     start, duration = np.array([0, len(motion)]), np.array([motion.duration])
     for strategy in (SamplingStrategy(), preset("capped"), preset("fast-return")):
         samples = sample_motions(batch, motion.pose, motion.time, start, duration, strategy, device=device)
-        assert not samples.on_host.any()
         assert_same(samples, batch, motion.pose, motion.time, start, duration, strategy)
 
 
@@ -186,7 +187,6 @@ def test_routes_through_many_polylines_are_the_hosts(line_most, seed, device):
     order = Order("pendulum" if seed % 2 else "loop", margin=0.0)
     strategy = SamplingStrategy(order=order, gap=Gap(("jump", "pendulum", "close", "return")[seed]))
     samples = sample_motions(batch, still(8), time, start, duration, strategy, device=device)
-    assert not samples.on_host.any()
     assert_same(samples, batch, still(8), time, start, duration, strategy)
 
 
@@ -205,7 +205,6 @@ def test_a_polyline_without_points_is_drawn_as_none(place, device):
     batch = batch_of([[*lines[:place], (np.zeros((0, 3)), False), *lines[place:]]] * 2 + [lines[:1]])
     time, start, duration = np.arange(3) / 90, np.array([0, 3]), np.full(1, 3 / 90)
     samples = sample_motions(batch, still(3), time, start, duration, SamplingStrategy(), device=device)
-    assert samples.on_host.tolist() == [False]
     assert_same(samples, batch, still(3), time, start, duration, SamplingStrategy())
 
 
@@ -216,21 +215,32 @@ def test_contours_that_are_no_finite_numbers_are_refused_by_name_and_place(devic
         sample_motions(batch, still(3), np.arange(3) / 90, [0, 3], [3 / 90], SamplingStrategy(), device=device)
 
 
-@pytest.mark.parametrize(
-    ("strategy", "reason"),
-    [
-        (preset("stp"), "sections"),
-        (SamplingStrategy(pace=Pace("frequency"), sections=Sections(4)), "sections"),
-        (SamplingStrategy(continuity="finish"), "finished"),
-    ],
-)
-def test_strategies_that_the_host_draws_say_why(strategy, reason, device):
-    batch, time = batch_of([[(square(0.04), True)]] * 2), np.arange(2) / 90
-    assert reason in why_on_host(strategy)
-    assert why_on_host(SamplingStrategy()) is None
-    samples = sample_motions(batch, still(2), time, [0, 2], [2 / 90], strategy, device=device)
-    assert samples.on_host.tolist() == [True]
-    assert_same(samples, batch, still(2), time, [0, 2], [2 / 90], strategy)
+@pytest.mark.parametrize("contours", ["cc", "oc"])
+@pytest.mark.parametrize("name", ["cube", "tube"])
+def test_explorations_in_sections_and_with_finished_polylines_are_what_the_host_draws(name, contours, device):
+    batch, motion = explored(name, contours)
+    start, duration = np.array([0, len(motion)]), np.array([motion.duration])
+    for strategy in (
+        preset("stp"),
+        preset("stp", continuity="finish", foci=2),
+        SamplingStrategy(continuity="finish"),
+        SamplingStrategy(speed=0.5, continuity="finish", dwell=Dwell(time=0.01), gap=Gap("return")),
+    ):
+        samples = sample_motions(batch, motion.pose, motion.time, start, duration, strategy, device=device)
+        assert_same(samples, batch, motion.pose, motion.time, start, duration, strategy)
+
+
+@pytest.mark.parametrize("update_rate", [1000.0, 10_000.0])
+@pytest.mark.parametrize("speed", [0.05, 0.2, 7.0])
+def test_a_polyline_is_finished_over_poses_of_many_blocks_fades_and_gaps(speed, update_rate, device):
+    loops = [(circle(0.03, count=64), True), (square(0.02, (0.05, 0, 0.2)), True)]
+    batch = batch_of([loops, loops[:1], loops[1:], loops, [], loops, [(circle(0.02), False)], loops[:1]])
+    time = np.array([0.0, 0.1, 0.112, 0.35, 0.6, 0.61, 0.72, 0.75])
+    strategy = SamplingStrategy(speed=speed, update_rate=update_rate, fade=0.02, continuity="finish", foci=2)
+    for hold in (0.02, 0.1, np.inf):
+        rows = time, [0, 8], [1.1], strategy, np.array([hold])
+        samples = sample_motions(batch, still(8), *rows[:4], hold=rows[4], device=device)
+        assert_same(samples, batch, still(8), *rows)
 
 
 @pytest.mark.parametrize("contours", ["cc", "oc"])
@@ -246,7 +256,6 @@ def test_explorations_with_pauses_are_what_the_host_draws(name, contours, device
         (preset("dtp", gap=Gap("pendulum")), with_pauses(rng, batch)),
     ):
         samples = sample_motions(drawn, motion.pose, motion.time, start, duration, strategy, device=device)
-        assert not samples.on_host.any()
         assert_same(samples, drawn, motion.pose, motion.time, start, duration, strategy)
 
 
@@ -329,5 +338,4 @@ def test_polylines_that_lie_on_each_other_are_recognised_as_the_host_does(name, 
     batch, start, duration = batch.numpy(), np.array([0, len(motion)]), np.array([2.0])
     assert np.diff(batch.pose_start).max() >= 15
     samples = sample_motions(batch, motion.pose, motion.time, start, duration, SamplingStrategy(), device=device)
-    assert not samples.on_host.any()
     assert_same(samples, batch, motion.pose, motion.time, start, duration, SamplingStrategy())

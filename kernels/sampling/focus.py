@@ -9,7 +9,6 @@ import warp as wp
 from ..offsets import BLOCK
 from ..patch import EXACT, to_float32
 from .cursor import (
-    BLOCK_SAMPLES,
     DrawnTracks,
     PoseSchedule,
     TrackWay,
@@ -28,7 +27,7 @@ from .cursor import (
     way_piece,
 )
 from .layout import HALF, ONE, STILL, TWO, ZERO, SamplingPlan, squared
-from .steps import RE_ENTRY, StepCount, add_step, count_step, counted_length, ordinary_of
+from .steps import StepCount, count_move
 
 wp.set_module_options(EXACT)
 
@@ -96,6 +95,15 @@ def sample_point(
     point = track_point(d.nodes, track, sample_knot(plan, schedule, d, pose, sample, focus))
     if plan.circle_radius > ZERO:
         point += circle_offset(plan, d.pose[pose], schedule.number[pose] + sample)
+    return point
+
+
+@wp.func
+def point_near(plan: SamplingPlan, d: DrawnTracks, pose: int, way: TrackWay, knot: wp.float64, number: wp.int64):
+    """Point at a knot on a way [m], moved by the small circle, if there is one, of a sample at a pose."""
+    point = point_on(d.nodes, way, knot)
+    if plan.circle_radius > ZERO:
+        point += circle_offset(plan, d.pose[pose], number)
     return point
 
 
@@ -202,6 +210,8 @@ def pass_carried(
 ):
     """Note on which pieces of a pose the samples of later poses are that finish what was under way."""
     out = count
+    if plan.finishes == 0 or d.entries[pose].start == schedule.count[pose]:
+        return out
     motion = wp.lower_bound(schedule.motion_start, wp.int64(pose + 1)) - 1
     own = wp.int64(pose)
     track = d.tracks[own]
@@ -291,8 +301,7 @@ def _draw_samples(
     rests = plan.pace == STILL and plan.circle_radius == ZERO
     last = wp.int64(0)  # sample that is felt, of those that repeat the first
     start = d.entries[pose].start
-    silent = d.entries[pose].silent == 1
-    drawn_before = not silent
+    drawn_before = d.entries[pose].silent == 0
     previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
     for focus in range(plan.foci):
         previous[focus] = shown_before(plan, schedule, d, pose, focus)
@@ -310,14 +319,9 @@ def _draw_samples(
             number = schedule.number[pose] + sample
             wave = wave_at(plan, number)
             row = schedule.row[pose] + sample
-            first = sample % BLOCK_SAMPLES == wp.int64(0)
-            if first:
-                silent = not drawn_before
             count.silent += wp.where(drawn, wp.int64(0), wp.int64(1))
-            if sample >= start and gain > ZERO:
-                count.felt = sample - start + wp.int64(1)
-            elif sample >= start:
-                count.lost = 1
+            count.felt = wp.where(sample >= start and gain > ZERO, sample - start + wp.int64(1), count.felt)
+            count.lost = wp.where(sample >= start and gain <= ZERO, 1, count.lost)
             if rests and sample > wp.int64(0):
                 repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
                 last = wp.where(gain > ZERO, sample, last)
@@ -327,25 +331,19 @@ def _draw_samples(
                 if not is_on(ways[focus], knot):
                     ways[focus] = find_way(d.nodes, track, knot, ways[focus])
                 way = ways[focus]
-                point = point_on(d.nodes, way, knot)
-                if plan.circle_radius > ZERO:
-                    point += circle_offset(plan, d.pose[pose], number)
+                point = point_near(plan, d, pose, way, knot, number)
                 position[row, focus] = to_float32(point)
                 intensity[row, focus] = wp.float32(level_on(d.nodes, way, knot) * gain * wave)
                 length = wp.sqrt(squared(point - previous[focus]))
-                if first and silent and drawn and (entry.before >= wp.int64(0) or sample > wp.int64(0)):
-                    count = add_step(plan, count, RE_ENTRY, length, ordinary_of(schedule, d, pose, sample))
-                length = counted_length(length, drawn, drawn_before, first, silent)
-                count = count_step(plan, schedule, d, count, pose, sample, focus, length)
+                if drawn:
+                    count = count_move(plan, schedule, d, count, pose, sample, focus, length, drawn_before)
                 if gain > ZERO and sample >= start:
                     count.absence = wp.max(count.absence, pass_piece(passages, d, own, way, sample - start))
                 previous[focus] = point
             drawn_before = drawn
             sample += wp.int64(1)
     count.absence = wp.max(count.absence, pass_repeated(plan, schedule, d, passages, pose, last))
-    if plan.finishes == 1 and start < schedule.count[pose]:
-        count = pass_carried(plan, schedule, d, passages, pose, count)
-    counts[pose] = count
+    counts[pose] = pass_carried(plan, schedule, d, passages, pose, count)
 
 
 def draw_samples(

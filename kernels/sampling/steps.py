@@ -120,8 +120,24 @@ def count_step(
 
 
 @wp.func
-def counted_length(length: wp.float64, drawn: bool, drawn_before: bool, first: bool, silent: bool):
-    """Length of a step [m]; 0 from or to silence. first: of its block; silent: the last sample before that is."""
-    if not drawn or (first and silent) or (not first and not drawn_before):
-        return ZERO
-    return length
+def count_move(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    count: StepCount,
+    pose: int,
+    sample: wp.int64,
+    focus: int,
+    length: wp.float64,
+    drawn_before: bool,
+):
+    """Count the way of a focal point to a sample that is drawn [m].
+
+    drawn_before: whether the sample before is. After one that is not, the first of a block is a re-entry.
+    """
+    if drawn_before:
+        return count_step(plan, schedule, d, count, pose, sample, focus, length)
+    again = d.entries[pose].before >= wp.int64(0) or sample > wp.int64(0)
+    if again and sample % BLOCK_SAMPLES == wp.int64(0):
+        return add_step(plan, count, RE_ENTRY, length, ordinary_of(schedule, d, pose, sample))
+    return count

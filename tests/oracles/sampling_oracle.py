@@ -4,6 +4,10 @@ import itertools
 import math
 
 import numpy as np
+from contour_shapes import still
+
+from palpate.render.sampling import sampler
+from palpate.render.sampling.contour_sampling import Sampler, sample_contours
 
 
 def distance(a, b):
@@ -129,3 +133,29 @@ def nearest_slowly(ring, arcs, point, direction, slack, reach):
         ways.append((off, against, arc + part * long))
     beyond = reach if min(off for off, _, _ in ways) <= reach else math.inf
     return min((off + slack * (against or off > beyond), k, at) for k, (off, against, at) in enumerate(ways))[2]
+
+
+def entered_by_host(batch, time, duration, strategy, monkeypatch):
+    """Track, knot, index and number of the first sample on each pose's contours that the host's sampler enters."""
+    found, taken = [], [0]
+    enter, advance = Sampler._enter, Sampler._advance
+
+    def noted(self, path, silent):
+        cursor = enter(self, path, silent)
+        found.append((cursor.track, cursor._anchor, cursor._index, taken[0]))
+        return cursor
+
+    def counted(self, count, gain):
+        taken[0] += count
+        return advance(self, count, gain)
+
+    def rested(self, count):
+        taken[0] += count
+        return rest(self, count)
+
+    rest = Sampler._rest
+    monkeypatch.setattr(sampler.Sampler, "_enter", noted)
+    monkeypatch.setattr(sampler.Sampler, "_advance", counted)
+    monkeypatch.setattr(sampler.Sampler, "_rest", rested)
+    list(sample_contours([batch], still(len(time)), time, duration, Sampler(strategy)))
+    return found

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from contour_random import random_strokes
 from contour_shapes import batch_of, circle, still
-from sampler_entries import entered_by_host
+from sampling_oracle import entered_by_host
 
 from palpate.kernels.sampling.finishing import finish_pieces
 from palpate.render.sampling.batch_sampling import MotionSchedule, sample_motions

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from contour_random import random_strokes
 from contour_shapes import still
-from sampler_entries import entered_by_host
+from sampling_oracle import entered_by_host
 
 from palpate.kernels.sampling import entry, sections
 from palpate.kernels.sampling.entry import enter_poses

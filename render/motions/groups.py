@@ -48,6 +48,7 @@ GPU_SHARE = 4  # of a GPU's memory, a group takes a quarter unless told another
 POINTS_A_POSE = 32  # supposed until a group has more
 TRACK_BYTES = 2500  # of a pose's track without its nodes: 1,000, and 15,000 where a run of several polylines begins
 NODE_BYTES = 53  # of a track, which has some at each point of the contours
+SECTION_BYTES = 100  # of each section of a track
 SAMPLE_BYTES, FOCUS_BYTES, MOTION_BYTES = 3, 20, 15_000  # of what samples, their focal points and motions take
 FRAMES_SHARE = 16  # of the budget, a block of wire bytes takes a sixteenth
 
@@ -268,7 +269,8 @@ def motion_bytes(
     pauses: bool = False,
 ) -> np.ndarray:
     """What each motion takes on a device, about [byte]; pauses: whether its contours have any."""
-    pose = scene.pose_bytes + TRACK_BYTES + point_bytes(sampling, pauses=pauses) * points_a_pose
+    track = TRACK_BYTES + SECTION_BYTES * (0 if sampling.sections is None else sampling.sections.count)
+    pose = scene.pose_bytes + track + point_bytes(sampling, pauses=pauses) * points_a_pose
     samples = np.asarray(sample_count, np.int64) * (SAMPLE_BYTES + FOCUS_BYTES * sampling.foci)
     return pose_count * pose + samples + MOTION_BYTES
 

@@ -118,7 +118,8 @@ def sample_motions(
     the device. time: of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses,
     shape [motion + 1]. duration: when the last pose of each motion ends [s]. hold: age at which a pose starts to fade
     [s], shape [motion]; None: as for `sample_contours`.
-    A sample takes 16 B of memory for each focal point; meanwhile 3 B more, 0.1 KB a pose and 15 KB a motion.
+    A sample takes 16 B of memory for each focal point; meanwhile 3 B more, 0.1 KB a pose and as much for each of its
+    sections, and 15 KB a motion.
     Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, for
     points and intensities that are not finite, and for more samples than a call can number (2**31).
 
@@ -130,7 +131,7 @@ def sample_motions(
     """
     batch = batches if isinstance(batches, ContourBatch) else joined_batches(batches)
     schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)
-    require_motions(batch, pose, schedule)
+    require_motions(batch, pose, schedule, strategy)
     device = str(batch.points.device) if batch.on_device else device
     shape = int(schedule.row[-1]), strategy.foci
     poses = DevicePoses(
@@ -249,14 +250,17 @@ def _hold_of(time: np.ndarray, strategy: SamplingStrategy) -> float:
     return max(strategy.hold, 2.0 * float(np.median(np.diff(time)))) if len(time) > 1 else np.inf
 
 
-def require_motions(batch: ContourBatch, pose: np.ndarray | wp.array, schedule: MotionSchedule) -> None:
-    """Raise StrategyError unless contours, poses, times and motions are as many as each other."""
+def require_motions(
+    batch: ContourBatch, pose: np.ndarray | wp.array, schedule: MotionSchedule, strategy: SamplingStrategy
+) -> None:
+    """Raise StrategyError unless contours, poses, times and motions are as many as each other, and not too many."""
     counts = batch.pose_count, len(pose), len(schedule.time), int(schedule.motion_start[-1])
     if len(set(counts)) > 1 or len(schedule.motion_start) != len(schedule.duration) + 1:
         raise StrategyError(
             "contours, poses, times and motions must be of the same poses, not {}, {}, {}, {}".format(*counts)
         )
-    rows = ROWS_A_POINT * batch.point_count, int(schedule.row[-1])
+    sections = 0 if strategy.sections is None else strategy.sections.count
+    rows = ROWS_A_POINT * batch.point_count + sections * len(pose), int(schedule.row[-1])
     if max(rows) > ROWS_MOST:
         raise StrategyError(f"{rows[1]} samples of {len(pose)} poses are too many for one call; divide the motions")
 

@@ -46,6 +46,7 @@ class PolylineWriter:
     i: wp.int64  # index of the held point
     line: wp.int64  # index of the next polyline
     patch: int
+    begin: wp.int64  # index of the polyline's first point, where its header is written at its end
     x: wp.vec3  # the held point
     kind: int  # of the segment that starts there
     first: wp.vec3  # first point of the polyline

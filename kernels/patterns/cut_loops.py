@@ -133,7 +133,7 @@ def side_bits(side: int, k: int):
 
 @wp.func
 def is_near_corner(f: Frame, c: Crossing, n: Crossing, k: int, side: wp.vec2d, room: wp.float64):
-    """Whether the segment from c to n crosses side k, unless that is NONE, at most `room` from a corner of the patch."""
+    """Whether the segment from c to n crosses side k at most `room` from a corner of the patch; not if k is NONE."""
     if k == NONE:
         return False
     x = side_point(k, point_of(f, c, side), point_of(f, n, side), side)

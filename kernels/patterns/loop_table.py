@@ -1,7 +1,7 @@
 """The loops in which planes cut a closed surface of few vertices, for each set of vertices that lie above the plane.
 
-Such a set is a pattern: bit v is set if vertex v is above. A pattern alone decides which edges the plane crosses and how
-its triangles join the crossings to loops, so that all walks are done once, when the table is made.
+Such a set is a pattern: bit v is set if vertex v is above. A pattern alone decides which edges the plane crosses and
+how triangles join the crossings to loops. So all walks are done once, when the table is made.
 """
 
 from typing import Any, NamedTuple
@@ -19,7 +19,8 @@ CROSSINGS_MOST = 32  # of a pattern: a section's crossings are bits of one word
 NEVER = np.iinfo(np.int32).max
 
 # A crossing in 23 bits, from the lowest: numbers of the vertices above and below the plane; the next crossing of its
-# loop; its key, the rank of its half-edge among the pattern's crossings; and the crossing whose key is this one's place.
+# loop; its key, the rank of its half-edge among the pattern's crossings; and, in the place of crossing k, the crossing
+# whose key is k.
 LOWER, NEXT, KEY, PLACE = (wp.constant(bit) for bit in (4, 8, 13, 18))
 VERTEX_BITS, CROSSING_BITS = wp.constant(15), wp.constant(31)
 
@@ -46,10 +47,10 @@ class Loops(NamedTuple):
 def loops_of(surface: HalfEdges) -> Loops | None:
     """Loops of each pattern; None for an open surface, and for one with too many vertices, triangles or crossings.
 
-    Each loop begins with its crossing of lowest rank (`HalfEdges.rank`) on a scanned edge, and loops are in the order of
-    these ranks, as the search along the scan path gives them.
+    Each loop begins with its crossing of lowest rank (`HalfEdges.rank`) on a scanned edge, and loops are in the order
+    of these ranks, as the search along the scan path gives them.
     """
-    if surface.open_count or not 0 < len(surface.faces) <= FACES_MOST:
+    if len(surface.faces) > FACES_MOST or surface.open_count:
         return None
     vertex, tail = np.unique(surface.faces, return_inverse=True)
     if len(vertex) > VERTICES_MOST:

@@ -45,7 +45,7 @@ def position_of(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, k: in
 
 @wp.func
 def end_precedes(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, one: int, two: int, leaving: bool):
-    """Whether piece `one` leaves (or enters) before piece `two` along the boundary; at the same place, the lower one."""
+    """Whether piece `one` leaves (or enters) before piece `two` along the boundary; at one place, by number."""
     a = int(0)
     b = int(0)
     side_a = int(0)

@@ -4,6 +4,7 @@
 |---|---|---|---|
 | count_section | int (unused) | PointCounter | numbers of polylines and points |
 | draw_section | LineArrays | PolylineWriter | points, kinds and polylines in arrays |
+| add_section | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind and area vectors |
 
 Points come in the order in which `section.row_walker` passes them, and polylines of no length are left out, so that the
 bits are the same.
@@ -14,7 +15,19 @@ from typing import Any
 import warp as wp
 
 from ..patch import Frame, corner, output_point
-from ..section.row_walker import HAND, OBJECT, LineArrays, PolylineWriter, draw_boundary, write_to
+from ..section.row_walker import (
+    HAND,
+    OBJECT,
+    LengthAccumulator,
+    LineArrays,
+    PolylineWriter,
+    add_boundary,
+    add_to,
+    begin_sum,
+    draw_boundary,
+    end_sum,
+    write_to,
+)
 from ..section.segment_clipping import side_point
 from ..section.triangle_walk import point_of
 from .cut_loops import WHOLE, CutLoops, bit_of, entering_segment, lowest_bit, packed_at, side_in
@@ -27,7 +40,7 @@ class PointCounter:
     """State of counting: the last point, and what the polylines before it come to."""
 
     x: wp.vec3  # the last point
-    kind: int  # unused
+    kind: int  # unused: the walker sets it in every state
     first: wp.vec3  # first point of the polyline
     steps: int  # of non-zero length in the polyline
     lines: int
@@ -46,7 +59,7 @@ def count_to(unused: int, counter: PointCounter, y: wp.vec3, draws: bool):
 
 
 @wp.func
-def begin_count(counter: PointCounter, begins: bool):
+def begin_count(unused: int, counter: PointCounter, begins: bool, closed: bool):
     """Begin a polyline."""
     out = counter
     if begins:
@@ -55,7 +68,7 @@ def begin_count(counter: PointCounter, begins: bool):
 
 
 @wp.func
-def end_count(unused: int, counter: PointCounter, ends: bool, closed: bool):
+def end_count(unused: int, counter: PointCounter, ends: bool):
     """Count the polyline that ends here, unless it has no length."""
     out = counter
     if ends and counter.steps > 0:
@@ -75,16 +88,17 @@ def count_boundary(unused: int, counter: PointCounter, f: Frame, half: wp.vec2d,
 
 
 @wp.func
-def begin_writing(writer: PolylineWriter, begins: bool):
+def begin_writing(lines: LineArrays, writer: PolylineWriter, begins: bool, closed: bool):
     """Begin a polyline; its header is written at its end, since only then it is known to have a length."""
     out = writer
     if begins:
         out.begin = writer.i
+        out.closed = int(closed)
     return out
 
 
 @wp.func
-def end_writing(lines: LineArrays, writer: PolylineWriter, ends: bool, closed: bool):
+def end_writing(lines: LineArrays, writer: PolylineWriter, ends: bool):
     """Write the held point and the header of the polyline that ends here, unless it has no length."""
     out = writer
     if ends and writer.i > writer.begin:
@@ -92,15 +106,16 @@ def end_writing(lines: LineArrays, writer: PolylineWriter, ends: bool, closed: b
         lines.kind[writer.i] = lines.kind[writer.i - wp.int64(1)]
         lines.polyline_start[writer.line] = writer.begin
         lines.polyline_patch[writer.line] = writer.patch
-        lines.polyline_closed[writer.line] = wp.uint8(closed)
+        lines.polyline_closed[writer.line] = wp.uint8(writer.closed)
         out.i = writer.i + wp.int64(1)
         out.line = writer.line + wp.int64(1)
     return out
 
 
 def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any) -> Any:
-    """A wp.func that walks a section's polylines: it passes each point to `to`, each polyline's begin and end to `begin`
-    and `end`, and the patch's whole boundary to `boundary`. Signatures as the functions of PointCounter above."""
+    """A wp.func that walks a section's polylines: it passes each point to `to`, each polyline's begin and end to
+    `begin` and `end`, and the patch's whole boundary to `boundary`. Signatures as the functions of PointCounter above.
+    """
 
     @wp.func
     def walk_piece(
@@ -170,7 +185,7 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
         while rest != wp.uint64(0):
             rest = rest & ~bit_of(piece)
             turns = closes == 1 and piece < WHOLE
-            out = begin(out, piece == first)
+            out = begin(sink, out, piece == first, closes == 1 or piece >= WHOLE)
             out = walk_piece(table, f, side, cut, piece, sink, out, piece == first)
             joint = Joint()
             joint.piece = piece
@@ -179,7 +194,7 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
             out = walk_corners(sink, out, f, side, joint, turns)
             ends = joint.piece == first
             out = to(sink, out, out.first, ends and closes == 1)
-            out = end(sink, out, ends, closes == 1 or piece >= WHOLE)
+            out = end(sink, out, ends)
             piece = joint.piece
             if ends:
                 piece = lowest_bit(rest)
@@ -191,3 +206,4 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
 
 count_section = section_walker(int, PointCounter, count_to, begin_count, end_count, count_boundary)
 draw_section = section_walker(LineArrays, PolylineWriter, write_to, begin_writing, end_writing, draw_boundary)
+add_section = section_walker(int, LengthAccumulator, add_to, begin_sum, end_sum, add_boundary)

@@ -35,7 +35,7 @@ class LoopTable:
     reach: wp.float32  # `Surface.reach` [m]
 
 
-class Loops(NamedTuple):
+class PatternLoops(NamedTuple):
     """Crossings of all patterns on the host."""
 
     vertex: np.ndarray  # numbers of the vertices in the surface's, shape [vertex]
@@ -44,7 +44,7 @@ class Loops(NamedTuple):
     onward: np.ndarray  # the next crossing of the loop, counted in its pattern; int64, shape [crossing]
 
 
-def loops_of(surface: HalfEdges) -> Loops | None:
+def loops_of(surface: HalfEdges) -> PatternLoops | None:
     """Loops of each pattern; None for an open surface, and for one with too many vertices, triangles or crossings.
 
     Each loop begins with its crossing of lowest rank (`HalfEdges.rank`) on a scanned edge, and loops are in the order
@@ -64,7 +64,7 @@ def loops_of(surface: HalfEdges) -> Loops | None:
     half, onward = walk_patterns(surface, down, above[:, np.roll(faces, 1, axis=1).ravel()])
     present = np.arange(half.shape[1]) < count[:, None]
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    return Loops(vertex, start, half[present], onward[present])
+    return PatternLoops(vertex, start, half[present], onward[present])
 
 
 def walk_patterns(surface: HalfEdges, down: np.ndarray, third_above: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,7 +93,7 @@ def walk_patterns(surface: HalfEdges, down: np.ndarray, third_above: np.ndarray)
     return out, onward
 
 
-def packed_crossings(surface: HalfEdges, loops: Loops) -> np.ndarray:
+def packed_crossings(surface: HalfEdges, loops: PatternLoops) -> np.ndarray:
     """Crossings as `LoopTable.crossing` has them, int32."""
     number = np.searchsorted(loops.vertex, surface.ends[loops.half])
     pattern = np.repeat(np.arange(len(loops.start) - 1), np.diff(loops.start))

@@ -20,7 +20,7 @@ from .loop_table import LoopTable, next_of, table_crossing, table_crossing_after
 
 
 @wp.struct
-class Joint:
+class PieceJoint:
     """Where the boundary leads from a piece's end."""
 
     piece: int  # the piece that it leads to
@@ -84,7 +84,7 @@ def boundary_rank(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, pie
 @wp.func
 def joint_after(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, piece: int):
     """The joint after an open piece: leaving end r is paired with entering end r + winding, as in `match_ends`."""
-    joint = Joint()
+    joint = PieceJoint()
     joint.piece = piece
     winding = wp.max(cut.winding, 0)
     place = winding
@@ -105,7 +105,7 @@ def joint_after(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, piece
 
 
 @wp.func
-def joint_steps(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, piece: int, joint: Joint):
+def joint_steps(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, piece: int, joint: PieceJoint):
     """Steps of non-zero length of the joint after a piece, if `CutLoops.clear`."""
     if joint.corners > 0:
         return joint.corners + 1

@@ -32,7 +32,7 @@ from ..section.segment_clipping import side_point
 from ..section.triangle_walk import point_of
 from .cut_loops import WHOLE, CutLoops, bit_of, entering_segment, lowest_bit, packed_at, side_in
 from .loop_table import LoopTable, next_of, table_crossing, table_crossing_after
-from .piece_joints import Joint, joint_after
+from .piece_joints import PieceJoint, joint_after
 
 
 @wp.struct
@@ -162,7 +162,7 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
         return to(sink, out, output_point(f, x), True)
 
     @wp.func
-    def walk_corners(sink: sink_type, state: state_type, f: Frame, half: wp.vec2d, joint: Joint, turns: bool):
+    def walk_corners(sink: sink_type, state: state_type, f: Frame, half: wp.vec2d, joint: PieceJoint, turns: bool):
         """Pass the corners of a joint, if the contour turns there; segments from here on are hand kind."""
         out = state
         if turns:
@@ -187,7 +187,7 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
             turns = closes == 1 and piece < WHOLE
             out = begin(sink, out, piece == first, closes == 1 or piece >= WHOLE)
             out = walk_piece(table, f, side, cut, piece, sink, out, piece == first)
-            joint = Joint()
+            joint = PieceJoint()
             joint.piece = piece
             if turns:
                 joint = joint_after(table, f, side, cut, piece)

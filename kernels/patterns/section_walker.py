@@ -68,7 +68,7 @@ def begin_count(unused: int, counter: PointCounter, begins: bool, closed: bool):
 
 
 @wp.func
-def end_count(unused: int, counter: PointCounter, ends: bool):
+def end_count(unused: int, counter: PointCounter, ends: bool, closed: bool):
     """Count the polyline that ends here, unless it has no length."""
     out = counter
     if ends and counter.steps > 0:
@@ -89,27 +89,31 @@ def count_boundary(unused: int, counter: PointCounter, f: Frame, half: wp.vec2d,
 
 @wp.func
 def begin_writing(lines: LineArrays, writer: PolylineWriter, begins: bool, closed: bool):
-    """Begin a polyline; its header is written at its end, since only then it is known to have a length."""
-    out = writer
+    """Write where a polyline begins; so does the next one, at the same place, if this one has no length."""
     if begins:
-        out.begin = writer.i
-        out.closed = int(closed)
+        lines.polyline_start[writer.line] = writer.i
+    return writer
+
+
+@wp.func
+def end_writing(lines: LineArrays, writer: PolylineWriter, ends: bool, closed: bool):
+    """Write the held point and the rest of the header of the polyline that ends here, unless it has no length."""
+    out = writer
+    if ends:
+        if writer.i > lines.polyline_start[writer.line]:
+            lines.points[writer.i] = writer.x
+            lines.kind[writer.i] = lines.kind[writer.i - wp.int64(1)]
+            lines.polyline_patch[writer.line] = writer.patch
+            lines.polyline_closed[writer.line] = wp.uint8(closed)
+            out.i = writer.i + wp.int64(1)
+            out.line = writer.line + wp.int64(1)
     return out
 
 
 @wp.func
-def end_writing(lines: LineArrays, writer: PolylineWriter, ends: bool):
-    """Write the held point and the header of the polyline that ends here, unless it has no length."""
-    out = writer
-    if ends and writer.i > writer.begin:
-        lines.points[writer.i] = writer.x
-        lines.kind[writer.i] = lines.kind[writer.i - wp.int64(1)]
-        lines.polyline_start[writer.line] = writer.begin
-        lines.polyline_patch[writer.line] = writer.patch
-        lines.polyline_closed[writer.line] = wp.uint8(writer.closed)
-        out.i = writer.i + wp.int64(1)
-        out.line = writer.line + wp.int64(1)
-    return out
+def end_adding(encloses: int, sums: LengthAccumulator, ends: bool, closed: bool):
+    """Add the area of the polyline that ends here to the sum."""
+    return end_sum(encloses, sums, ends)
 
 
 def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any) -> Any:
@@ -185,7 +189,8 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
         while rest != wp.uint64(0):
             rest = rest & ~bit_of(piece)
             turns = closes == 1 and piece < WHOLE
-            out = begin(sink, out, piece == first, closes == 1 or piece >= WHOLE)
+            closed = closes == 1 or piece >= WHOLE
+            out = begin(sink, out, piece == first, closed)
             out = walk_piece(table, f, side, cut, piece, sink, out, piece == first)
             joint = PieceJoint()
             joint.piece = piece
@@ -194,7 +199,7 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
             out = walk_corners(sink, out, f, side, joint, turns)
             ends = joint.piece == first
             out = to(sink, out, out.first, ends and closes == 1)
-            out = end(sink, out, ends)
+            out = end(sink, out, ends, closed)
             piece = joint.piece
             if ends:
                 piece = lowest_bit(rest)
@@ -206,4 +211,4 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
 
 count_section = section_walker(int, PointCounter, count_to, begin_count, end_count, count_boundary)
 draw_section = section_walker(LineArrays, PolylineWriter, write_to, begin_writing, end_writing, draw_boundary)
-add_section = section_walker(int, LengthAccumulator, add_to, begin_sum, end_sum, add_boundary)
+add_section = section_walker(int, LengthAccumulator, add_to, begin_sum, end_adding, add_boundary)

@@ -46,8 +46,6 @@ class PolylineWriter:
     i: wp.int64  # index of the held point
     line: wp.int64  # index of the next polyline
     patch: int
-    begin: wp.int64  # of a polyline whose header is written at its end: index of its first point
-    closed: int  # and whether it is closed
     x: wp.vec3  # the held point
     kind: int  # of the segment that starts there
     first: wp.vec3  # first point of the polyline

@@ -19,6 +19,8 @@ RENDER_STAGES = (
     "section.joining",
     "section.contour_writing",
     "section.plane_loops",
+    "patterns.section_cutting",
+    "patterns.section_drawing",
     "metrics.measure",
 )
 FIELD_STAGES = (
@@ -78,6 +80,7 @@ SWEEP_STAGES = (
     "metrics.histogram",
     "metrics.tally",
     "section.tally_undrawn",
+    "patterns.section_sums",
 )  # poses made where they are used, and sums over them
 SAMPLING_STAGES = (
     "motions.widening",

@@ -131,19 +131,7 @@ def draw_contours(
 ) -> Contours:
     """Write the polylines that `join_pieces` ordered and counted; arguments as for it and `find_pieces`."""
     device = pose.device
-    out = Contours(
-        points=wp.empty(joined.point_count, dtype=wp.vec3, device=device),
-        kind=wp.zeros(joined.point_count, dtype=wp.uint8, device=device),
-        polyline_start=(wp.empty if pose.shape[0] else wp.zeros)(
-            joined.polyline_count + 1, dtype=wp.int64, device=device
-        ),
-        polyline_patch=wp.empty(joined.polyline_count, dtype=wp.int32, device=device),
-        polyline_closed=wp.empty(joined.polyline_count, dtype=wp.uint8, device=device),
-        section_start=joined.section_start,
-    )
-    lines = LineArrays()
-    lines.points, lines.kind, lines.polyline_start = out.points, out.kind, out.polyline_start
-    lines.polyline_patch, lines.polyline_closed = out.polyline_patch, out.polyline_closed
+    out, lines = room_for_contours(joined.section_start, joined.polyline_count, joined.point_count)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     for pieces, entries in joined.rows:
         row_count, drawn = pieces.count.shape[0], [patch, pieces, entries, int(bounded)]
@@ -153,3 +141,21 @@ def draw_contours(
             lanes, groups = lane_count(device), min(row_count, GROUPS_MOST)
             launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
     return out
+
+
+def room_for_contours(section_start: wp.array, polyline_count: int, point_count: int) -> tuple[Contours, Any]:
+    """Allocate contours, and the LineArrays that kernels write them through."""
+    device = section_start.device
+    starts = wp.empty if section_start.shape[0] > 1 else wp.zeros  # the last section writes the last start
+    out = Contours(
+        points=wp.empty(point_count, dtype=wp.vec3, device=device),
+        kind=wp.zeros(point_count, dtype=wp.uint8, device=device),
+        polyline_start=starts(polyline_count + 1, dtype=wp.int64, device=device),
+        polyline_patch=wp.empty(polyline_count, dtype=wp.int32, device=device),
+        polyline_closed=wp.empty(polyline_count, dtype=wp.uint8, device=device),
+        section_start=section_start,
+    )
+    lines = LineArrays()
+    lines.points, lines.kind, lines.polyline_start = out.points, out.kind, out.polyline_start
+    lines.polyline_patch, lines.polyline_closed = out.polyline_patch, out.polyline_closed
+    return out, lines

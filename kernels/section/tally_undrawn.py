@@ -90,8 +90,7 @@ def tally_pieces(
     the length of all contours in float64 [m], shape [pose].
     """
     pose_count, patch_count, device = pose.shape[0], patch.shape[0], pose.device
-    if value.shape[0] < len(METRICS) or value.shape[1] != pose_count or length.shape[0] != pose_count:
-        raise ValueError(f"values must have shape [{len(METRICS)}.., {pose_count}], not {list(value.shape)}")
+    require_values(value, length, pose_count)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     total = wp.zeros((pose_count, 3), dtype=wp.float64, device=device)
     for own in range(patch_count):
@@ -100,3 +99,9 @@ def tally_pieces(
             launch(_tally_pieces, pieces.count.shape[0] if k else pose_count, inputs=inputs, outputs=[total])
     inputs = [total, ordered.polylines, patch_count, int(closes)]
     launch(_write_poses, pose_count, inputs=inputs, outputs=[value, length])
+
+
+def require_values(value: wp.array, length: wp.array, pose_count: int) -> None:
+    """Raise ValueError unless there is room for each pose's rows METRICS and length."""
+    if value.shape[0] < len(METRICS) or value.shape[1] != pose_count or length.shape[0] != pose_count:
+        raise ValueError(f"values must have shape [{len(METRICS)}.., {pose_count}], not {list(value.shape)}")

@@ -9,6 +9,9 @@ from typing import Any
 import warp as wp
 
 from ...kernels.offsets import PointLimitError
+from ...kernels.patterns.section_cutting import cut_sections
+from ...kernels.patterns.section_drawing import draw_sections
+from ...kernels.patterns.section_sums import sum_sections
 from ...kernels.section.contour_writing import draw_contours
 from ...kernels.section.joining import join_pieces, order_pieces
 from ...kernels.section.piece_search import find_pieces
@@ -23,6 +26,10 @@ from ..runtime.stage_timing import StageClock
 from ..strategies.intersection_strategy import IntersectionStrategy
 from .resting import patches_for
 from .section_regularisation import regularised_contours
+
+PATTERN = "pattern"
+"""Method of small closed meshes: loops from a table (`kernels.patterns`), instead of a search (`find_pieces`)."""
+PATTERN_IS_FASTER = {"cpu": True, "cuda": False}  # measured on CPUs (performance.md), not yet on GPUs
 
 
 def intersect(
@@ -41,9 +48,9 @@ def intersect(
 
     pose: wp.transform, hand frame -> array frame, shape [pose]; or as `Hand.section_poses`, shape [pose, 1 or patch].
     strategy: only "outside", "close" and `flush` count here. point_limit: more points than this raise
-    `PointLimitError` before memory is taken for them. method: how contours are looked for, see `find_pieces`; the
-    result is the same. timing: takes the seconds of each stage, which are then waited for one by one. farthest,
-    relative: see `patches_for`.
+    `PointLimitError` before memory is taken for them. method: how contours are looked for, PATTERN or see
+    `find_pieces`; the result is the same, and ValueError is raised for one that the mesh does not allow. timing: takes
+    the seconds of each stage, which are then waited for one by one. farthest, relative: see `patches_for`.
     """
     patch = patches_for(hand, mesh, strategy, str(pose.device), farthest=farthest, relative=relative)
     if needs_regularising(mesh):
@@ -53,8 +60,16 @@ def intersect(
         options = {"method": method, "timing": timing, "farthest": farthest, "relative": relative}
         sheets, added = intersect(mesh.sheet_part, hand, pose, strategy, point_limit=point_limit, **options)
         return join_polylines(batch.numpy(), sheets.numpy()).to(str(pose.device)), count + added
-    found, (surface, section) = _pieces(mesh, patch, pose, strategy, method, timing)
+    _require_cuttable(mesh, strategy)
     device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
+    if (table := _loop_table(mesh, pose.device, method)) is not None:
+        planes = (table, sections_of(pose), patch)
+        with StageClock(timing, "find", device):
+            cut = cut_sections(*planes, bounded=bounded, closes=closes)
+        with StageClock(timing, "draw", device):
+            contours = draw_sections(*planes, cut, bounded=bounded, closes=closes, limit=point_limit)
+        return ContourBatch.from_device(contours, hand.patch_count), contours.points.shape[0]
+    found, (surface, section) = _pieces(mesh, patch, pose, strategy, method, timing)
     with StageClock(timing, "join", device):
         joined = join_pieces(surface, found, section, patch, closes=closes, limit=point_limit)
     with StageClock(timing, "draw", device):
@@ -81,7 +96,7 @@ def _regularised(
 ) -> tuple[ContourBatch, int]:
     """`intersect` for a mesh that crosses itself; points of the loops that are cut count for the limit, too."""
     device = str(pose.device)
-    section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
+    section = sections_of(pose)
     surface = mesh.on(device)
     with StageClock(timing, "find", device):
         loops = plane_loops(surface, section, patch, bounded=strategy.bounded, method=method, limit=point_limit)
@@ -110,8 +125,16 @@ def tally_intersection(
     length: takes that of all contours in float64 [m], shape [pose]. The others as for `intersect`.
     """
     patch = patches_for(hand, mesh, strategy, str(pose.device))
-    found, (surface, section) = _pieces(mesh, patch, pose, strategy, method, timing)
+    _require_cuttable(mesh, strategy)
     device, bounded, closes = str(pose.device), strategy.bounded, strategy.closes
+    if (table := _loop_table(mesh, pose.device, method)) is not None:
+        planes = (table, sections_of(pose), patch)
+        with StageClock(timing, "find", device):
+            cut = cut_sections(*planes, bounded=bounded, closes=closes)
+        with StageClock(timing, "measure", device):
+            sum_sections(*planes, cut, value, length, bounded=bounded, closes=closes)
+        return
+    found, (surface, section) = _pieces(mesh, patch, pose, strategy, method, timing)
     with StageClock(timing, "join", device):
         ordered = order_pieces(surface, found, section, patch, closes=closes)
     with StageClock(timing, "measure", device):
@@ -127,13 +150,32 @@ def _pieces(
     timing: dict[str, float] | None,
 ) -> tuple[list[Any], tuple[Any, wp.array]]:
     """Pieces of contours in each patch; and the surface and section poses that they were found with."""
-    if needs_regularising(mesh):
-        raise MeshError(f"{mesh.name} crosses itself: its contours are drawn to be measured (`intersect`)")
-    if strategy.needs_closed:
-        mesh.require_closed()
-    device = str(pose.device)
-    section = pose.reshape((-1, 1)) if pose.ndim == 1 else pose
+    device, section = str(pose.device), sections_of(pose)
     surface = mesh.on(device)
     with StageClock(timing, "find", device):
         found = find_pieces(surface, section, patch, bounded=strategy.bounded, closes=strategy.closes, method=method)
     return found, (surface, section)
+
+
+def _loop_table(mesh: MeshObject, device: Any, method: str | None) -> Any:
+    """The mesh's LoopTable on a device if its contours are drawn from that, else None."""
+    faster = PATTERN_IS_FASTER["cpu" if device.is_cpu else "cuda"]
+    if method != PATTERN and (method is not None or not faster):
+        return None
+    table = mesh.loop_table_on(str(device))
+    if table is None and method == PATTERN:
+        raise ValueError(f"{mesh.name} is open or has too many vertices for the method {PATTERN!r}")
+    return table
+
+
+def _require_cuttable(mesh: MeshObject, strategy: IntersectionStrategy) -> None:
+    """Raise MeshError for a mesh whose contours as cut are no result."""
+    if needs_regularising(mesh):
+        raise MeshError(f"{mesh.name} crosses itself: its contours are drawn to be measured (`intersect`)")
+    if strategy.needs_closed:
+        mesh.require_closed()
+
+
+def sections_of(pose: wp.array) -> wp.array:
+    """Poses of sections, shape [pose, 1 or patch], of poses of the hand or of patches."""
+    return pose.reshape((-1, 1)) if pose.ndim == 1 else pose

@@ -7,6 +7,9 @@ import warp as wp
 
 from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.patch import ON, Patch
+from palpate.kernels.patterns.loop_table import upload_loop_table
+from palpate.kernels.patterns.section_cutting import cut_sections
+from palpate.kernels.patterns.section_drawing import draw_sections
 from palpate.kernels.section.contour_writing import draw_contours
 from palpate.kernels.section.half_edges import HalfEdges, upload_surface
 from palpate.kernels.section.joining import join_pieces
@@ -103,14 +106,31 @@ def surface_on(mesh, device):
 
 def draw(surface, poses, patch, strategy, method, *, limit=None):
     """Contours of a surface on a device at poses [pose, 7] or [pose, patch, 7], every patch, by a strategy's name."""
-    device = surface.corner.device
     bounded, closes = STRATEGIES[strategy]
-    poses = np.asarray(poses, np.float32)
-    poses = poses if poses.ndim == 3 else np.atleast_2d(poses)[:, None]
-    pose = wp.array(poses, dtype=wp.transform, ndim=2, device=device)
+    pose = pose_array(poses, surface.corner.device)
     found = find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method=method)
     joined = join_pieces(surface, found, pose, patch, closes=closes, limit=limit)
     contours = draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes)
+    return drawn_of(contours)
+
+
+def draw_by_table(mesh, poses, patch, strategy, *, limit=None):
+    """The same for vertices and faces of a small closed solid, from its table of loops."""
+    bounded, closes = STRATEGIES[strategy]
+    table, pose = upload_loop_table(HalfEdges(*mesh), patch.device), pose_array(poses, patch.device)
+    cut = cut_sections(table, pose, patch, bounded=bounded, closes=closes)
+    return drawn_of(draw_sections(table, pose, patch, cut, bounded=bounded, closes=closes, limit=limit))
+
+
+def pose_array(poses, device):
+    """Poses [pose, 7] or [pose, patch, 7] on a device."""
+    poses = np.asarray(poses, np.float32)
+    poses = poses if poses.ndim == 3 else np.atleast_2d(poses)[:, None]
+    return wp.array(poses, dtype=wp.transform, ndim=2, device=device)
+
+
+def drawn_of(contours):
+    """Contours on a device as NumPy arrays, and their lengths."""
     length = measure_contours(contours.points, contours.kind, contours.polyline_start, contours.section_start)
     return Drawn(*(array.numpy() for array in contours), length.numpy())
 

@@ -1,0 +1,203 @@
+"""A section's loops cut by its patch: which segments enter and which leave, as bits of words.
+
+A thread keeps the words of a section in registers, and a section's four words in memory are all that the launch which
+writes points gets from the launch that counts them.
+"""
+
+import warp as wp
+
+from ..patch import Coarse, Frame
+from ..section.clip_events import is_quiet
+from ..section.scan_search import crossing_point, moves
+from ..section.segment_clipping import NONE, corners_left, needs_left, segment_of, side_point
+from ..section.triangle_walk import Crossing, point_of
+from .loop_table import (
+    CROSSING_BITS,
+    KEY,
+    PLACE,
+    LoopTable,
+    next_of,
+    pattern_of,
+    table_crossing,
+    table_crossing_after,
+)
+
+WHOLE = wp.constant(32)  # number of the piece that is all of the loop which begins with crossing 0
+OPEN_BITS = wp.constant(wp.uint64(0xFFFFFFFF))
+ONE = wp.constant(wp.uint64(1))
+SIDE_BITS = wp.constant(wp.uint64(3))
+
+
+@wp.struct
+class CutLoops:
+    """Where a patch cuts a section's loops. Segment k runs from crossing k to the next one of its loop.
+
+    Pieces are numbered as they are drawn: piece p < WHOLE enters with the segment whose crossing has key p, piece
+    WHOLE + k is the loop that begins with crossing k and stays inside.
+    """
+
+    begin: int  # of the pattern's crossings in the table
+    pieces: wp.uint64  # bit p: piece p is there
+    leaves: wp.uint64  # bit k: a piece leaves with segment k
+    enter_side: wp.uint64  # patch side by which piece p enters, in bits 2 p
+    leave_side: wp.uint64  # patch side by which segment k leaves, in bits 2 k
+    open_count: int  # pieces that enter
+    whole_count: int  # loops inside
+    winding: int  # of the solid around the patch's corner 0
+    steps: int  # of non-zero length between crossings inside
+    through: int  # segments that enter and leave
+    clear: int  # 1 if the ends of open pieces surely differ, in float32, from the crossings and corners beside them
+
+
+# The fourth word of a section in memory: which segments leave, and from these bits on other numbers of CutLoops.
+BEGIN_SHIFT, WINDING_SHIFT, OPEN_SHIFT = (wp.constant(wp.uint64(bit)) for bit in (32, 52, 58))
+BEGIN_BITS, COUNT_BITS = wp.constant(wp.uint64(0xFFFFF)), wp.constant(wp.uint64(63))
+
+
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    return __ffsll(static_cast<long long>(x)) - 1;
+#else
+    return x == 0 ? -1 : __builtin_ctzll(x);
+#endif
+""")
+def lowest_bit(x: wp.uint64) -> int:
+    """Number of the lowest bit that is set, -1 for none."""
+
+
+@wp.func
+def bit_of(k: int):
+    """The word in which only bit k is set."""
+    return ONE << wp.uint64(k)
+
+
+@wp.func
+def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops):
+    """Write what drawing needs of a section's cut loops, shape [4, section]."""
+    word[0, section] = cut.pieces
+    word[1, section] = cut.enter_side
+    word[2, section] = cut.leave_side
+    counts = wp.uint64(wp.max(cut.winding, 0)) << WINDING_SHIFT | wp.uint64(cut.open_count) << OPEN_SHIFT
+    word[3, section] = cut.leaves | wp.uint64(cut.begin) << BEGIN_SHIFT | counts
+
+
+@wp.func
+def kept_cut(word: wp.array2d[wp.uint64], section: int):
+    """What `keep_cut` wrote."""
+    cut = CutLoops()
+    cut.pieces = word[0, section]
+    cut.enter_side = word[1, section]
+    cut.leave_side = word[2, section]
+    last = word[3, section]
+    cut.leaves = last & OPEN_BITS
+    cut.begin = int((last >> BEGIN_SHIFT) & BEGIN_BITS)
+    cut.winding = int((last >> WINDING_SHIFT) & COUNT_BITS)
+    cut.open_count = int(last >> OPEN_SHIFT)
+    return cut
+
+
+@wp.func
+def packed_at(table: LoopTable, cut: CutLoops, k: int):
+    """Crossing k of a section, packed."""
+    return table.crossing[cut.begin + k]
+
+
+@wp.func
+def entering_segment(table: LoopTable, cut: CutLoops, piece: int):
+    """Segment with which a piece begins."""
+    if piece >= WHOLE:
+        return piece - WHOLE
+    return (packed_at(table, cut, piece) >> PLACE) & CROSSING_BITS
+
+
+@wp.func
+def leaving_segment(table: LoopTable, cut: CutLoops, piece: int):
+    """Segment with which an open piece ends."""
+    k = entering_segment(table, cut, piece)
+    while (cut.leaves & bit_of(k)) == wp.uint64(0):
+        k = next_of(packed_at(table, cut, k))
+    return k
+
+
+@wp.func
+def side_in(sides: wp.uint64, k: int):
+    """Patch side that a word of two bits each holds for k."""
+    return int((sides >> wp.uint64(2 * k)) & SIDE_BITS)
+
+
+@wp.func
+def side_bits(side: int, k: int):
+    """The word in which k's two bits hold a patch side."""
+    return wp.uint64(side) << wp.uint64(2 * k)
+
+
+@wp.func
+def is_near_corner(f: Frame, c: Crossing, n: Crossing, k: int, side: wp.vec2d, room: wp.float64):
+    """Whether the segment from c to n crosses side k at most `room` from a corner of the patch; not if k is NONE."""
+    if k == NONE:
+        return False
+    x = side_point(k, point_of(f, c, side), point_of(f, n, side), side)
+    return wp.abs(x[0]) >= side[0] - room and wp.abs(x[1]) >= side[1] - room
+
+
+@wp.func
+def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d):
+    """Cut the loops of a section, and count its steps. Loops inside of no length are left out."""
+    cut = CutLoops()
+    pattern = pattern_of(table, f, g)
+    cut.begin = table.start[pattern]
+    count = table.start[pattern + 1] - cut.begin
+    cut.clear = 1
+    k = int(0)
+    while k < count:
+        first = k
+        packed = packed_at(table, cut, k)
+        c = table_crossing(table, f, packed)
+        p = crossing_point(f, g, c, side)
+        steps = int(0)
+        inside = int(1)
+        goes_on = int(1)
+        while goes_on == 1:
+            onward = next_of(packed)
+            following = packed_at(table, cut, onward)
+            n = table_crossing_after(table, f, c, packed, following)
+            q = crossing_point(f, g, n, side)
+            if (p.code | q.code) == 0:
+                if moves(f, g, side, c, p, n, q):
+                    steps += 1
+            else:
+                inside = 0
+            if not is_quiet(p.code, q.code):
+                left = int(0)
+                near = needs_left(p.code, q.code)
+                if near:
+                    left = corners_left(point_of(f, c, side), point_of(f, n, side), side)
+                s = segment_of(p.code, q.code, left)
+                cut.winding += s.winding
+                if s.enter != NONE:
+                    piece = (packed >> KEY) & CROSSING_BITS
+                    cut.pieces = cut.pieces | bit_of(piece)
+                    cut.enter_side = cut.enter_side | side_bits(s.enter, piece)
+                    cut.open_count += 1
+                if s.leave != NONE:
+                    cut.leaves = cut.leaves | bit_of(k)
+                    cut.leave_side = cut.leave_side | side_bits(s.leave, k)
+                if s.enter != NONE and s.leave != NONE:
+                    cut.through += 1
+                if s.enter != NONE or s.leave != NONE:
+                    if (p.clear & q.clear) == 0:
+                        cut.clear = 0
+                    elif near:
+                        room = wp.float64(2.0 * g.unsure)
+                        if is_near_corner(f, c, n, s.enter, side, room) or is_near_corner(f, c, n, s.leave, side, room):
+                            cut.clear = 0
+            goes_on = wp.where(onward > k, 1, 0)
+            k += 1
+            c = n
+            p = q
+            packed = following
+        cut.steps += steps
+        if inside == 1 and steps > 0:
+            cut.pieces = cut.pieces | bit_of(WHOLE + first)
+            cut.whole_count += 1
+    return cut

@@ -1,0 +1,70 @@
+"""The second launch for closed solids of few vertices: writes the points of the contours that the first one counted."""
+
+from typing import Any
+
+import warp as wp
+
+from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..patch import EXACT, Patch, half_extents, section_frame
+from ..section.contour_writing import Contours, room_for_contours
+from ..section.row_walker import LineArrays, PolylineWriter
+from .cut_loops import kept_cut
+from .loop_table import LoopTable
+from .section_cutting import CutSections
+from .section_walker import draw_section
+
+wp.set_module_options(EXACT)
+
+
+@wp.kernel
+def _draw_sections(
+    # In:
+    table: LoopTable,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    closes: int,
+    word: wp.array2d[wp.uint64],
+    section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
+    point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
+    # Out:
+    lines: LineArrays,
+):
+    """Write each section's polylines."""
+    section = wp.tid()
+    if section == section_start.shape[0] - 2:
+        lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
+    writer = PolylineWriter()
+    writer.line = section_start[section]
+    if writer.line == section_start[section + 1]:
+        return
+    writer.i = point_start[section]
+    writer.patch = section % patch.shape[0]
+    f = section_frame(pose, patch, section)
+    side = half_extents(patch[writer.patch], bounded)
+    writer = draw_section(table, f, side, kept_cut(word, section), closes, lines, writer)
+
+
+def draw_sections(
+    table: Any,
+    pose: wp.array,
+    patch: wp.array,
+    cut: CutSections,
+    *,
+    bounded: bool,
+    closes: bool,
+    limit: int | None = None,
+) -> Contours:
+    """Write the contours that `cut_sections` counted, other arguments as for it; bit-identical to `draw_contours`.
+
+    Raises PointLimitError, before memory is taken for them, if there are more points than `limit`.
+    """
+    section_start, point_start = offsets_of(cut.polylines), offsets_of(cut.points)
+    polyline_count, point_count = last_of(section_start), last_of(point_start)
+    if limit is not None and point_count > limit:
+        raise PointLimitError(point_count, limit)
+    contours, lines = room_for_contours(section_start, polyline_count, point_count)
+    inputs = [table, pose, patch, int(bounded), int(closes), cut.word, section_start, point_start]
+    launched = {"device": pose.device, "block_dim": BLOCK}
+    wp.launch(_draw_sections, cut.word.shape[1], inputs=inputs, outputs=[lines], **launched)
+    return contours

@@ -1,0 +1,214 @@
+"""Walking a section's polylines from the table: one generated function counts points, writes them or adds lengths.
+
+| function | sink | state | result |
+|---|---|---|---|
+| count_section | int (unused) | PointCounter | numbers of polylines and points |
+| draw_section | LineArrays | PolylineWriter | points, kinds and polylines in arrays |
+| add_section | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind and area vectors |
+
+Points come in the order in which `section.row_walker` passes them, and polylines of no length are left out, so that the
+bits are the same.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from ..patch import Frame, corner, output_point
+from ..section.row_walker import (
+    HAND,
+    OBJECT,
+    LengthAccumulator,
+    LineArrays,
+    PolylineWriter,
+    add_boundary,
+    add_to,
+    begin_sum,
+    draw_boundary,
+    end_sum,
+    write_to,
+)
+from ..section.segment_clipping import side_point
+from ..section.triangle_walk import point_of
+from .cut_loops import WHOLE, CutLoops, bit_of, entering_segment, lowest_bit, packed_at, side_in
+from .loop_table import LoopTable, next_of, table_crossing, table_crossing_after
+from .piece_joints import PieceJoint, joint_after
+
+
+@wp.struct
+class PointCounter:
+    """State of counting: the last point, and what the polylines before it come to."""
+
+    x: wp.vec3  # the last point
+    kind: int  # unused: the walker sets it in every state
+    first: wp.vec3  # first point of the polyline
+    steps: int  # of non-zero length in the polyline
+    lines: int
+    points: int
+
+
+@wp.func
+def count_to(unused: int, counter: PointCounter, y: wp.vec3, draws: bool):
+    """Go to point y if `draws`."""
+    out = counter
+    if draws and not (counter.x == y):
+        out.steps = counter.steps + 1
+    if draws:
+        out.x = y
+    return out
+
+
+@wp.func
+def begin_count(unused: int, counter: PointCounter, begins: bool, closed: bool):
+    """Begin a polyline."""
+    out = counter
+    if begins:
+        out.steps = 0
+    return out
+
+
+@wp.func
+def end_count(unused: int, counter: PointCounter, ends: bool, closed: bool):
+    """Count the polyline that ends here, unless it has no length."""
+    out = counter
+    if ends and counter.steps > 0:
+        out.lines = counter.lines + 1
+        out.points = counter.points + counter.steps + 1
+    return out
+
+
+@wp.func
+def count_boundary(unused: int, counter: PointCounter, f: Frame, half: wp.vec2d, draws: bool):
+    """Count the patch's whole boundary."""
+    out = counter
+    if draws:
+        out.lines = counter.lines + 1
+        out.points = counter.points + 5
+    return out
+
+
+@wp.func
+def begin_writing(lines: LineArrays, writer: PolylineWriter, begins: bool, closed: bool):
+    """Write where a polyline begins; so does the next one, at the same place, if this one has no length."""
+    if begins:
+        lines.polyline_start[writer.line] = writer.i
+    return writer
+
+
+@wp.func
+def end_writing(lines: LineArrays, writer: PolylineWriter, ends: bool, closed: bool):
+    """Write the held point and the rest of the header of the polyline that ends here, unless it has no length."""
+    out = writer
+    if ends:
+        if writer.i > lines.polyline_start[writer.line]:
+            lines.points[writer.i] = writer.x
+            lines.kind[writer.i] = lines.kind[writer.i - wp.int64(1)]
+            lines.polyline_patch[writer.line] = writer.patch
+            lines.polyline_closed[writer.line] = wp.uint8(closed)
+            out.i = writer.i + wp.int64(1)
+            out.line = writer.line + wp.int64(1)
+    return out
+
+
+@wp.func
+def end_adding(encloses: int, sums: LengthAccumulator, ends: bool, closed: bool):
+    """Add the area of the polyline that ends here to the sum."""
+    return end_sum(encloses, sums, ends)
+
+
+def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any) -> Any:
+    """A wp.func that walks a section's polylines: it passes each point to `to`, each polyline's begin and end to
+    `begin` and `end`, and the patch's whole boundary to `boundary`. Signatures as the functions of PointCounter above.
+    """
+
+    @wp.func
+    def walk_piece(
+        table: LoopTable,
+        f: Frame,
+        side: wp.vec2d,
+        cut: CutLoops,
+        piece: int,
+        sink: sink_type,
+        state: state_type,
+        starts: bool,
+    ):
+        """Walk a piece from its first point (on a side or inside) to its last; `starts`: a polyline begins with it."""
+        first = entering_segment(table, cut, piece)
+        packed = packed_at(table, cut, first)
+        k = next_of(packed)
+        following = packed_at(table, cut, k)
+        c = table_crossing(table, f, packed)
+        p = point_of(f, c, side)
+        n = table_crossing_after(table, f, c, packed, following)
+        q = point_of(f, n, side)
+        x = p
+        if piece < WHOLE:
+            x = side_point(side_in(cut.enter_side, piece), p, q, side)
+        y = output_point(f, x)
+        out = to(sink, state, y, not starts)
+        if starts:
+            out.first = y
+        out.x = y
+        out.kind = OBJECT
+        segment = int(first)
+        while (cut.leaves & bit_of(segment)) == wp.uint64(0) and k != first:
+            out = to(sink, out, output_point(f, q), True)
+            p = q
+            segment = k
+            packed = following
+            k = next_of(packed)
+            following = packed_at(table, cut, k)
+            n = table_crossing_after(table, f, n, packed, following)
+            q = point_of(f, n, side)
+        x = q
+        if piece < WHOLE:
+            x = side_point(side_in(cut.leave_side, segment), p, q, side)
+        return to(sink, out, output_point(f, x), True)
+
+    @wp.func
+    def walk_corners(sink: sink_type, state: state_type, f: Frame, half: wp.vec2d, joint: PieceJoint, turns: bool):
+        """Pass the corners of a joint, if the contour turns there; segments from here on are hand kind."""
+        out = state
+        if turns:
+            out.kind = HAND
+        for k in range(joint.corners):
+            out = to(sink, out, output_point(f, corner((joint.corner + k) % 4, half)), turns)
+            if turns:
+                out.kind = HAND
+        return out
+
+    @wp.func
+    def walk_section(
+        table: LoopTable, f: Frame, side: wp.vec2d, cut: CutLoops, closes: int, sink: sink_type, state: state_type
+    ):
+        """Walk a section's polylines; a closed one repeats its first point at its end."""
+        out = state
+        rest = cut.pieces
+        piece = lowest_bit(rest)
+        first = int(piece)
+        while rest != wp.uint64(0):
+            rest = rest & ~bit_of(piece)
+            turns = closes == 1 and piece < WHOLE
+            closed = closes == 1 or piece >= WHOLE
+            out = begin(sink, out, piece == first, closed)
+            out = walk_piece(table, f, side, cut, piece, sink, out, piece == first)
+            joint = PieceJoint()
+            joint.piece = piece
+            if turns:
+                joint = joint_after(table, f, side, cut, piece)
+            out = walk_corners(sink, out, f, side, joint, turns)
+            ends = joint.piece == first
+            out = to(sink, out, out.first, ends and closes == 1)
+            out = end(sink, out, ends, closed)
+            piece = joint.piece
+            if ends:
+                piece = lowest_bit(rest)
+                first = piece
+        return boundary(sink, out, f, side, closes == 1 and cut.open_count == 0 and cut.winding > 0)
+
+    return walk_section
+
+
+count_section = section_walker(int, PointCounter, count_to, begin_count, end_count, count_boundary)
+draw_section = section_walker(LineArrays, PolylineWriter, write_to, begin_writing, end_writing, draw_boundary)
+add_section = section_walker(int, LengthAccumulator, add_to, begin_sum, end_adding, add_boundary)

@@ -8,8 +8,8 @@ import warp as wp
 
 from ..patch import Coarse, Frame
 from ..section.clip_events import is_quiet
-from ..section.scan_search import crossing_point, moves
-from ..section.segment_clipping import NONE, corners_left, needs_left, segment_of, side_point
+from ..section.scan_search import CrossingPoint, crossing_point, moves
+from ..section.segment_clipping import NONE, Segment, corners_left, needs_left, segment_of, side_point
 from ..section.triangle_walk import Crossing, point_of
 from .loop_table import (
     CROSSING_BITS,
@@ -141,6 +141,30 @@ def is_near_corner(f: Frame, c: Crossing, n: Crossing, k: int, side: wp.vec2d, r
 
 
 @wp.func
+def is_clear(
+    f: Frame,
+    g: Coarse,
+    c: Crossing,
+    p: CrossingPoint,
+    n: Crossing,
+    q: CrossingPoint,
+    s: Segment,
+    near: bool,
+    side: wp.vec2d,
+):
+    """Whether the segment from c to n surely enters and leaves at points that differ, in float32, from its crossings
+    and the patch's corners; near: whether two sides that meet lie between its ends (`needs_left`)."""
+    if s.enter == NONE and s.leave == NONE:
+        return True
+    if (p.clear & q.clear) == 0:
+        return False
+    if not near:
+        return True
+    room = wp.float64(2.0 * g.unsure)  # as in `moves`
+    return not (is_near_corner(f, c, n, s.enter, side, room) or is_near_corner(f, c, n, s.leave, side, room))
+
+
+@wp.func
 def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d):
     """Cut the loops of a section, and count its steps. Loops inside of no length are left out."""
     cut = CutLoops()
@@ -184,13 +208,8 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d):
                     cut.leave_side = cut.leave_side | side_bits(s.leave, k)
                 if s.enter != NONE and s.leave != NONE:
                     cut.through += 1
-                if s.enter != NONE or s.leave != NONE:
-                    if (p.clear & q.clear) == 0:
-                        cut.clear = 0
-                    elif near:
-                        room = wp.float64(2.0 * g.unsure)
-                        if is_near_corner(f, c, n, s.enter, side, room) or is_near_corner(f, c, n, s.leave, side, room):
-                            cut.clear = 0
+                if not is_clear(f, g, c, p, n, q, s, near, side):
+                    cut.clear = 0
             goes_on = wp.where(onward > k, 1, 0)
             k += 1
             c = n

@@ -210,6 +210,13 @@ def outlined_nodes(outlines: Sequence[wp.array], pose: wp.array, patch: wp.array
     return Nodes(grids, lattice, bits)
 
 
+def nodes_of_pose(nodes: Nodes, pose: int) -> Nodes:
+    """Those of one pose, by its row."""
+    sections, tiles = nodes.grids.grid.shape[0], nodes.grids.patch_of.shape[0]
+    lattice = nodes.lattice[pose * sections : (pose + 1) * sections]
+    return Nodes(nodes.grids, lattice, nodes.bits[pose * tiles : (pose + 1) * tiles])
+
+
 def thin_nodes(nodes: Nodes, *, separation: float) -> tuple[Nodes, wp.array]:
     """Thin the nodes of a hand of one patch as `thin_points` thins points, by their steps in the grid.
 
@@ -219,7 +226,8 @@ def thin_nodes(nodes: Nodes, *, separation: float) -> tuple[Nodes, wp.array]:
     g = nodes.grids.grid.numpy()[0]
     du, dv = 2.0 * g["half"].astype(np.float64) / (g["nu"], g["nv"])
     off = dv * np.arange(g["nv"] + 1)
-    reach = np.sqrt((NEARLY * separation) ** 2 - off[off < NEARLY * separation] ** 2) / du
+    apart = NEARLY * min(separation, 4.0 * float(g["half"].sum()))  # nothing is farther away on the patch
+    reach = np.sqrt(apart**2 - off[off < apart] ** 2) / du
     disc = Disc()
     disc.reach = wp.array(np.minimum(reach, g["nu"]).astype(np.int32), dtype=wp.int32, device=device)
     disc.du, disc.dv = du, dv

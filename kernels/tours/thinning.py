@@ -1,5 +1,6 @@
 """Points of each pose, thinned by an exclusion radius: each is kept if no kept one is nearer than the separation."""
 
+from collections.abc import Callable
 from math import ceil, floor, log10
 
 import numpy as np
@@ -112,18 +113,15 @@ def thin_points(point: wp.array, start: wp.array, *, separation: float) -> tuple
     return kept, kept_start
 
 
-def separation_that_fits(point: wp.array, start: wp.array, pose: int, separation: float) -> float:
-    """A larger separation, of two digits, at which a pose keeps POINTS_MOST points at most [m]."""
-    first, stop = (int(x) for x in start.numpy()[pose : pose + 2])
-    own = point[first:stop]
-    ends = wp.array([0, stop - first], dtype=wp.int64, device=point.device)
+def separation_that_fits(fits: Callable[[float], bool], separation: float) -> float:
+    """A larger separation, of two digits, at which a pose keeps POINTS_MOST points at most [m].
+
+    fits: whether it does at a separation.
+    """
     separation = max(separation, NARROWEST)
     while True:
         separation *= WIDER
         digit = 10.0 ** (floor(log10(separation)) - 1)
         separation = round(ceil(separation / digit) * digit, 15)
-        try:
-            thin_points(own, ends, separation=separation)
-        except TooManyPointsError:
-            continue
-        return separation
+        if fits(separation):
+            return separation

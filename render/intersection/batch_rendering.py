@@ -292,3 +292,9 @@ def collect(
     names = dict.fromkeys(name for chunk in chunks for name in chunk.removed)
     removed = {name: np.concatenate([chunk.removed[name] for chunk in chunks]) for name in names}
     return Collected(scene, join_batches([chunk.contours for chunk in chunks]), removed)
+
+
+def is_too_large(error: Exception) -> bool:
+    """Whether a smaller batch may do: too many points, or no memory for them."""
+    is_allocation = isinstance(error, RuntimeError) and "allocate" in str(error)
+    return isinstance(error, PointLimitError | MemoryError) or is_allocation

@@ -4,6 +4,8 @@ After Maunsbach et al. 2024 (MAMMOTH): points of the hand's skin inside an objec
 the path's true length counts, it closes, and a small contact is drawn as well as a large one.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -12,7 +14,7 @@ import warp as wp
 from ...kernels.section.contour_writing import Contours
 from ...kernels.skin.sign import Posed
 from ...kernels.tours.contact import inside_vertices, list_nodes
-from ...kernels.tours.nodes import Nodes, inside_nodes, outlined_nodes, thin_nodes
+from ...kernels.tours.nodes import Nodes, inside_nodes, nodes_of_pose, outlined_nodes, thin_nodes
 from ...kernels.tours.thinning import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points
 from ...kernels.tours.tour import tour_points
 from ..errors import MeshError, StrategyError
@@ -123,12 +125,21 @@ class _Skin:
         return outlined_nodes(outlines, section, self.patch, step=self.step)
 
     def kept(self, pose: np.ndarray, first: int, separation: float) -> tuple[wp.array, wp.array]:
-        """Points inside the object that are kept, see `thinned`, and where each pose's start."""
-        if isinstance(self.hand, PatchHand) and self.hand.patch_count == 1:
-            nodes, count = thin_nodes(self.nodes(pose, first), separation=separation)
-            if count.numpy().max(initial=0) <= POINTS_MOST:
-                return list_nodes(nodes)
-        return thinned(*self.inside(pose, first), separation=separation, first=first, name="contact")
+        """Points inside the object that are kept, and where each pose's start; raises as `thinned`."""
+        if not isinstance(self.hand, PatchHand) or self.hand.patch_count > 1:
+            return thinned(*self.inside(pose, first), separation=separation, first=first, name="contact")
+        nodes = self.nodes(pose, first)
+        kept, count = thin_nodes(nodes, separation=separation)
+        over = np.flatnonzero(count.numpy() > POINTS_MOST)
+        if len(over):
+            own = nodes_of_pose(nodes, row := int(over[0]))
+            raise too_many(
+                f"contact: pose {first + row}",
+                list_nodes(own)[0].shape[0],
+                separation,
+                lambda wider: thin_nodes(own, separation=wider)[1].numpy()[0] <= POINTS_MOST,
+            )
+        return list_nodes(kept)
 
     def _sections(self, pose: np.ndarray, first: int) -> wp.array:
         poses = self.hand.section_poses(pose, first)
@@ -143,11 +154,28 @@ def thinned(point: wp.array, start: wp.array, *, separation: float, first: int, 
     try:
         return thin_points(point, start, separation=separation)
     except TooManyPointsError as error:
-        fits = separation_that_fits(point, start, error.pose, separation)
-        raise StrategyError(
-            f"{name}: pose {first + error.pose} keeps more than {POINTS_MOST} of its {error.point_count} points at a "
-            f"separation of {separation:g} m; {fits:.3g} m fits"
-        ) from error
+        begin, end = start.numpy()[error.pose : error.pose + 2].tolist()
+        own, ends = point[begin:end], wp.array([0, end - begin], dtype=wp.int64, device=point.device)
+        fits = partial(_is_thin_enough, own, ends)
+        raise too_many(f"{name}: pose {first + error.pose}", error.point_count, separation, fits) from error
+
+
+def _is_thin_enough(point: wp.array, start: wp.array, separation: float) -> bool:
+    """Whether a pose keeps POINTS_MOST of its points at most."""
+    try:
+        thin_points(point, start, separation=separation)
+    except TooManyPointsError:
+        return False
+    return True
+
+
+def too_many(title: str, point_count: int, separation: float, fits: Callable[[float], bool]) -> StrategyError:
+    """Error of a pose that keeps too many of its points; fits: whether it does not at another separation."""
+    wider = separation_that_fits(fits, separation)
+    return StrategyError(
+        f"{title} keeps more than {POINTS_MOST} of its {point_count} points at a separation of {separation:g} m; "
+        f"{wider:.3g} m fits"
+    )
 
 
 def joined_points(parts: list[tuple[wp.array, wp.array]], device: str) -> tuple[wp.array, wp.array]:

@@ -54,6 +54,8 @@ def intersect(
     """
     patch = patches_for(hand, mesh, strategy, str(pose.device), farthest=farthest, relative=relative)
     if needs_regularising(mesh):
+        if method == PATTERN:
+            raise ValueError(f"{mesh.name} crosses itself, which the method {PATTERN!r} does not allow")
         batch, count = _regularised(mesh.solid_part, patch, pose, strategy, point_limit, method, timing)
         if not mesh.report.sheet_faces:
             return batch, count

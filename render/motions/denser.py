@@ -35,12 +35,18 @@ class DenserPoses:
         return self.pose[first:stop].to(device)
 
 
-def denser_motions(scene: Scene, motions: Sequence[TimedPoses], distance: float, device: str) -> list[DenserPoses]:
-    """Motions with poses inserted where contours would move by more than a distance [m]; see `insert_poses`."""
+def denser_motions(
+    scene: Scene, motions: Sequence[TimedPoses], distance: float, device: str, *, point_limit: int | None = None
+) -> list[DenserPoses]:
+    """Motions with poses inserted where contours would move by more than a distance [m]; see `insert_poses`.
+
+    point_limit: contours of no more points are rendered at once, if a pose and the next have no more.
+    """
     clocks = [np.asarray(motion.time) for motion in motions]
     start = np.concatenate([[0], np.cumsum([len(time) for time in clocks])])
     pose = joined_rows([(motion, 0, motion.count) for motion in motions], device)
-    made = insert_into_all(ShiftTest(scene, distance, device), np.concatenate(clocks), pose, start)
+    shift_test = ShiftTest(scene, distance, device, point_limit=point_limit)
+    made = insert_into_all(shift_test, np.concatenate(clocks), pose, start)
     time = made.time.numpy()
     parts = [slice(*pair) for pair in itertools.pairwise(made.motion_start.tolist())]
     added = np.diff(made.motion_start) - np.diff(start)

@@ -23,7 +23,7 @@ from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
-from ..intersection.batch_rendering import MEMORY_DEFAULT, POINT_BYTES, checked_memory
+from ..intersection.batch_rendering import MEMORY_DEFAULT, POINT_BYTES, checked_memory, is_too_large
 from ..intersection.named_inputs import hand_of, solid_of
 from ..intersection.scene import Scene
 from ..objects.solid import Solid
@@ -202,13 +202,15 @@ def denser_groups(
     memory: int,
     distance: float,
 ) -> Iterator[MotionGroup]:
-    """The same with poses inserted, into as many motions at once as would be a group without."""
+    """The same with poses inserted, into as many motions at once as would be a group without; see `motion_groups`."""
+    alone = has_own_stages(scene.strategy)
     poses, counts = np.array([motion.count for motion in motions]), sample_counts(motions, sampling)
     first = 0
     while first < len(motions):
         sizes = motion_bytes(scene, poses[first:], counts[first:], sampling, float(POINTS_A_POSE))
-        stop = first + max(1, min(_within(sizes, memory), _within(counts[first:], ROWS_MOST)))
-        denser = denser_motions(scene, motions[first:stop], distance, device)
+        stop = first + max(1, 1 if alone else min(_within(sizes, memory), _within(counts[first:], ROWS_MOST)))
+        limit = None if alone else memory // POINT_BYTES
+        denser = denser_motions(scene, motions[first:stop], distance, device, point_limit=limit)
         yield from motion_groups(scene, denser, sampling, device, memory=memory, number=first)
         first = stop
 
@@ -303,9 +305,3 @@ def timed_poses(given: HandMotion | ExploredPoses, number: int) -> TimedPoses:
         raise PoseError(f"motion {number}: has {motion.count} pose, and a motion has 2 at least")
     require_increasing(motion.time, Path(f"motion {number}"))
     return motion
-
-
-def is_too_large(error: Exception) -> bool:
-    """Whether a smaller batch may do: too many points, or no memory for them."""
-    is_allocation = isinstance(error, RuntimeError) and "allocate" in str(error)
-    return isinstance(error, PointLimitError | MemoryError) or is_allocation

@@ -22,8 +22,10 @@ import warp as wp
 from ...datasets.motions.hand_motion import HandMotion
 from ...kernels.metrics.contour_shift import find_shifts
 from ...kernels.motions.halving import HalvedIntervals, given_rows, halve_intervals, ordered_rows
+from ...kernels.offsets import PointLimitError
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
+from ..intersection.batch_rendering import is_too_large
 from ..intersection.scene import Scene
 from ..objects.moving_object import between, object_poses
 from ..objects.solid import Solid
@@ -112,6 +114,8 @@ class ShiftTest:
     """Motion of an object that moves."""
     offset: float = 0.0
     """Of the hand's times [s]."""
+    point_limit: int | None = None
+    """Contours of no more points are rendered at once, unless two poses have more."""
 
     def far(self, rows: Any) -> wp.array:
         """Whether contours move too far between each of the rows (IntervalRows) and the next, uint8, shape [row]."""
@@ -119,16 +123,26 @@ class ShiftTest:
         far = wp.zeros(count, dtype=wp.uint8, device=self.device)
         is_small = wp.get_device(self.device).is_cpu or has_own_stages(self.scene.strategy)
         at_once = POSES_AT_ONCE if is_small else POSES_ON_GPU
-        for first in range(0, count - 1, at_once):
-            own = slice(first, min(first + at_once, count - 1) + 1)  # one pose more than intervals
-            self._test(rows.time[own], rows.pose[own], rows.compared[own], far[own])
+        first = 0
+        while first < count - 1:
+            stop = min(first + at_once, count - 1)
+            own = slice(first, stop + 1)  # one pose more than intervals
+            limit = self.point_limit if at_once > 1 else None
+            try:
+                self._test(rows.time[own], rows.pose[own], rows.compared[own], far[own], limit)
+            except (PointLimitError, MemoryError, RuntimeError) as error:
+                if not is_too_large(error) or at_once == 1:
+                    raise
+                at_once = max(1, min(at_once, stop - first) // 2)
+            else:
+                first = stop
         return far
 
-    def _test(self, time: wp.array, pose: wp.array, compared: wp.array, far: wp.array) -> None:
+    def _test(self, time: wp.array, pose: wp.array, compared: wp.array, far: wp.array, point_limit: int | None) -> None:
         scene = self.scene
         if self.object_pose is not None:
             scene = replace(scene, object_pose=self._places(self.object_pose, time.numpy()))
-        batch = scene.contours(pose, 0, self.device)[0].to(self.device)
+        batch = scene.contours(pose, 0, self.device, point_limit=point_limit)[0].to(self.device)
         spacing = self.distance / SPACINGS
         lines = (batch.points, batch.polyline_start, batch.pose_start)
         find_shifts(*lines, compared, far, limit=self.distance - spacing / 2, spacing=spacing)

@@ -36,7 +36,8 @@ def _edges_of(vertices: np.ndarray, faces: np.ndarray, entry: dict[str, np.ndarr
     order, twin, boxes = entry["order"], entry["twin"], Boxes(entry["centre"], entry["half"])
     paired = np.flatnonzero(twin != OPEN)
     sound = (
-        np.array_equal(np.bincount(order), np.ones(len(faces)))
+        (order.dtype, twin.dtype, boxes.centre.dtype, boxes.half.dtype) == (np.int32, np.int32, np.float32, np.float32)
+        and np.array_equal(np.bincount(order), np.ones(len(faces)))
         and twin.shape == (faces.size,)
         and np.array_equal(twin[twin[paired]], paired)
         and boxes.centre.shape == boxes.half.shape == (2 * boxes.leaf_first, 3)

@@ -26,7 +26,7 @@ from ....datasets.sweeps.shard import ShardRow, write_shard
 from ....device.errors import DeviceError
 from ....kernels.offsets import PointLimitError
 from ...errors import RenderError, SweepError
-from ...motions.groups import is_too_large
+from ...intersection.batch_rendering import is_too_large
 from ..plan.code_version import code_version
 from ..plan.recipe import WHOLE_GROUPS, Recipe, is_user_metric
 from ..plan.user_metric import load_planned, shown_name

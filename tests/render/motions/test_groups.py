@@ -151,6 +151,18 @@ def test_stages_of_a_users_own_see_one_motion_at_a_time(monkeypatch):
     assert [(part.first, part.stop) for part in parts] == [(0, 1), (1, 2), (2, 3), (3, 4)]
 
 
+def test_poses_are_inserted_motion_by_motion_where_a_users_own_stage_may_go_by_rows(monkeypatch):
+    monkeypatch.setattr(groups_module, "has_own_stages", lambda strategy: True)
+    counts, make = [], groups_module.denser_motions
+    monkeypatch.setattr(
+        groups_module,
+        "denser_motions",
+        lambda scene, motions, *rest, **options: counts.append(len(motions)) or make(scene, motions, *rest, **options),
+    )
+    assert [(part.first, part.stop) for part in grouped(trials(3), interpolate=2e-3)] == [(0, 1), (1, 2), (2, 3)]
+    assert counts == [1, 1, 1]
+
+
 def test_frames_are_those_of_the_driver(device):
     (group,) = grouped(trials(1, duration=0.5), device=device, memory=2**22)
     packer = PulsePacker("pat16", device=device)

@@ -13,7 +13,7 @@ from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion
 from palpate.render import MeshObject, Palm, Scene, closed_contour, load_strategy, open_contour, record, render
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.playback import pose_insertion
-from palpate.render.playback.pose_insertion import insert_poses
+from palpate.render.playback.pose_insertion import ShiftTest, insert_into_all, insert_poses
 from palpate.render.sampling.contour_sampling import Sampler, SamplingStrategy, sample_contours
 
 CUBE = MeshObject.load("cube")
@@ -237,3 +237,26 @@ def test_what_has_no_poses_in_between_is_refused():
         insert_poses(CUBE, Palm(), HandMotion(None, motion.pose), closed_contour(), **rest)
     with pytest.raises(PoseError, match="object's motion has none"):
         insert_poses(CUBE, Palm(), motion, closed_contour(), object_pose=HandMotion(None, motion.pose), **rest)
+
+
+@pytest.mark.parametrize("point_limit", [1, 40, 150])
+def test_no_more_contours_are_rendered_at_once_than_fit(point_limit, monkeypatch, device):
+    motion = exploration("tube", duration=0.4, seed=3)
+    scene, start, rendered = Scene.of(MeshObject.load("tube"), Palm(), closed_contour()), np.array([0, len(motion)]), []
+    contours = Scene.contours
+
+    def noted(self, pose, first, device, **options):
+        batch, removed = contours(self, pose, first, device, **options)
+        rendered.append((len(pose), batch.point_count))
+        return batch, removed
+
+    monkeypatch.setattr(Scene, "contours", noted)
+    whole = insert_into_all(ShiftTest(scene, 2e-3, device), motion.time, motion.pose, start)
+    assert whole.motion_start[-1] > len(motion) + 5
+    assert max(points for _, points in rendered) > point_limit
+    rendered.clear()
+    limited = ShiftTest(scene, 2e-3, device, point_limit=point_limit)
+    parts = insert_into_all(limited, motion.time, motion.pose, start)
+    np.testing.assert_array_equal(whole.time.numpy(), parts.time.numpy())
+    np.testing.assert_array_equal(whole.pose.numpy(), parts.pose.numpy())
+    assert all(count == 2 or points <= point_limit for count, points in rendered)

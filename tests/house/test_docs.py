@@ -54,7 +54,7 @@ def here(line, folder):
     if any(re.search(pattern, line) for pattern in NOT_HERE):
         return None
     if line.startswith("palpate view") and "--export" not in line:  # Ctrl-C, which ends it well
-        line = f"timeout --preserve-status -s INT 12 {line}" + " --no-browser" * ("--no-browser" not in line)
+        line = f"python -m interrupted_command {line}" + " --no-browser" * ("--no-browser" not in line)
     if line.startswith("palpate play"):
         if "--array pat16" in line and "--emulate" not in line:
             line = line.replace(" --watchdog", "") + " --emulate"  # which guards real boards

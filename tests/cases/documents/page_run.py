@@ -95,4 +95,4 @@ def run_command(line: str, code: int = 0) -> None:
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", line], env=environment, capture_output=True, text=True, check=False
     )
-    assert done.returncode == code, f"{line}\n{done.stdout}\n{done.stderr}"
+    assert done.returncode == code, f"{line}\nexit code {done.returncode}\n{done.stdout}\n{done.stderr}"

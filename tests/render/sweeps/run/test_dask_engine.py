@@ -40,7 +40,8 @@ def crowd(tmp_path_factory):
     """An engine of two processes here, and its store; tests leave nothing under way."""
     folder = tmp_path_factory.mktemp("crowd")
     (folder / "shards").mkdir()
-    with contextlib.closing(DaskEngine("local", devices="cpu", workers=2, work=work)) as engine:
+    engine = DaskEngine("local", devices="cpu", workers=2, work=work, patience=LIMIT)  # a busy machine starts slowly
+    with contextlib.closing(engine):
         engine.start(folder)
         yield engine, folder
     assert [path.name for path in folder.iterdir() if path.name.startswith(".")] == []

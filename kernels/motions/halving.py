@@ -17,6 +17,7 @@ import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
 from ..patch import EXACT
+from .around import is_doubtful
 
 wp.set_module_options(EXACT)
 
@@ -66,9 +67,9 @@ def summed(x: wp.vec4d):
 
 
 @wp.func
-def is_doubtful(x: wp.float64):
-    """Whether a number so near to another may round to another float32 number."""
-    return x != ZERO and wp.float32(x - DOUBT) != wp.float32(x + DOUBT)
+def is_unsure(x: wp.float64):
+    """Whether the rounding of a number is doubtful: 0 is exact in both ways of computing it."""
+    return x != ZERO and is_doubtful(x, DOUBT)
 
 
 @wp.func
@@ -130,7 +131,7 @@ def middle_turn(q: wp.quat, r: wp.quat):
     z = both[2] / length
     w = both[3] / length
     doubt = ZERO
-    if wp.abs(cosine) < NEARLY_RIGHT or is_doubtful(x) or is_doubtful(y) or is_doubtful(z) or is_doubtful(w):
+    if wp.abs(cosine) < NEARLY_RIGHT or is_unsure(x) or is_unsure(y) or is_unsure(z) or is_unsure(w):
         doubt = ONE
     return vec5d(x, y, z, w, doubt)
 

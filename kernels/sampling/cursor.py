@@ -190,7 +190,7 @@ def find_way(nodes: TrackNodes, track: PoseTrack, knot: wp.float64, guess: Track
     way = guess
     known = guess.a != guess.b and guess.begin <= knot
     if track.sections == 0:
-        if known and has_next(nodes, track, guess):
+        if known and knot >= guess.end and has_next(nodes, track, guess):
             way = plain_way(nodes, track, guess.number + 1)
         if not known or knot >= way.end:
             number = way_at(nodes.knot, track.first, track.count, knot)

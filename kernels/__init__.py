@@ -14,11 +14,13 @@ RENDER_STAGES = (
     "section.scan_search",
     "section.clip_events",
     "section.tree_search",
-    "section.flat_crossings",
-    "section.flat_pieces",
+    "pieces.flat_boxes",
+    "pieces.flat_search",
+    "pieces.few_crossings",
+    "pieces.many_crossings",
     "section.joining",
     "section.contour_writing",
-    "section.plane_loops",
+    "pieces.plane_loops",
     "patterns.section_cutting",
     "patterns.section_drawing",
     "metrics.measure",
@@ -145,6 +147,9 @@ def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> No
 
     from .offsets import BLOCK
 
-    block = 1 if wp.get_device(device).is_cpu else BLOCK  # a CPU has blocks of one
-    modules = [wp.get_module(import_module(f".{stage}", __name__).__name__) for stage in stages]
-    wp.force_load(device, modules, block_dim=block, max_workers=len(os.sched_getaffinity(0)))
+    on_cpu, by_block = wp.get_device(device).is_cpu, {}
+    for module in (import_module(f".{stage}", __name__) for stage in stages):
+        block = 1 if on_cpu else getattr(module, "BLOCK", BLOCK)  # a CPU has blocks of one
+        by_block.setdefault(block, []).append(wp.get_module(module.__name__))
+    for block, modules in by_block.items():
+        wp.force_load(device, modules, block_dim=block, max_workers=len(os.sched_getaffinity(0)))

@@ -1,20 +1,23 @@
-"""Lanes: the threads that share one section. On a GPU they are a warp, which runs in step; on a CPU there is one.
+"""Lanes: the threads that share one section. On a GPU they are a block; on a CPU there is one.
 
-A kernel is launched with `lane_count` threads for each group of lanes. All lanes of a group take the same way through
-it where they vote, synchronise or take a row.
+All lanes of a group take the same way through a kernel where they vote, synchronise or take a row. A kernel is launched
+with `lane_count` threads for each group, and with that many threads a block.
 """
 
 from typing import Any
 
 import warp as wp
 
-WARP = 32  # lanes of a group on a GPU
-GROUPS_OF_PROCESSOR = 32  # groups that a multiprocessor of a GPU holds if threads need 64 registers
+from .offsets import BLOCK
+
+LANES = BLOCK  # of a group on a GPU
+WARPS = LANES // 32  # their lanes run in step
+GROUPS_OF_PROCESSOR = 16  # groups that a multiprocessor of a GPU holds if lanes need 64 registers
 
 
 @wp.func_native("""
 #ifdef __CUDA_ARCH__
-    __syncwarp();
+    __syncthreads();
 #endif
 """)
 def sync_lanes():
@@ -23,55 +26,95 @@ def sync_lanes():
 
 @wp.func_native("""
 #ifdef __CUDA_ARCH__
-    return static_cast<int>(__ballot_sync(0xffffffffu, vote));
+    return __syncthreads_or(vote) != 0;
 #else
-    return vote ? 1 : 0;
+    return vote;
 #endif
 """)
-def votes_of(vote: wp.bool) -> int:
-    """Bit k is set if lane k votes for it."""
+def any_lane(vote: wp.bool) -> wp.bool:
+    """Whether any lane votes for it; waits for all lanes."""
+
+
+@wp.func_native(f"""
+#ifdef __CUDA_ARCH__
+    __shared__ int counts[2][{WARPS}];
+    const unsigned int votes = __ballot_sync(0xffffffffu, vote);
+    const unsigned int lane = threadIdx.x % 32u, warp = threadIdx.x / 32u;
+    int* count = counts[turn & 1];  // of each warp; a lane may still read those of the turn before
+    if (lane == 0)
+        count[warp] = __popc(votes);
+    __syncthreads();
+    int before = __popc(votes & ((1u << lane) - 1u)), all = 0;
+    for (unsigned int k = 0; k < {WARPS}; ++k) {{
+        before += k < warp ? count[k] : 0;
+        all += count[k];
+    }}
+    return wp::vec_t<2, int>(before, all);
+#else
+    return wp::vec_t<2, int>(0, vote ? 1 : 0);
+#endif
+""")
+def votes_of(vote: wp.bool, turn: int) -> wp.vec2i:
+    """How many lanes below this one voted, and how many in all; waits for all lanes.
+
+    turn: increases by one from call to call between two calls of `sync_lanes`.
+    """
+
+
+@wp.func_native(f"""
+#ifdef __CUDA_ARCH__
+    __shared__ int counts[2][{WARPS}];
+    const unsigned int lane = threadIdx.x % 32u, warp = threadIdx.x / 32u, lower = (1u << lane) - 1u;
+    int* count = counts[turn & 1];
+    int before = 0, own = 0, all = 0;
+    for (int bit = 0; bit < 3; ++bit) {{
+        const unsigned int votes = __ballot_sync(0xffffffffu, (number >> bit) & 1);
+        before += __popc(votes & lower) << bit;
+        own += __popc(votes) << bit;
+    }}
+    if (lane == 0)
+        count[warp] = own;
+    __syncthreads();
+    for (unsigned int k = 0; k < {WARPS}; ++k) {{
+        before += k < warp ? count[k] : 0;
+        all += count[k];
+    }}
+    return wp::vec_t<2, int>(before, all);
+#else
+    return wp::vec_t<2, int>(0, number);
+#endif
+""")
+def numbers_of(number: int, turn: int) -> wp.vec2i:
+    """Sum of the numbers, 0 to 7, of the lanes below this one, and of all; else as `votes_of`."""
 
 
 @wp.func_native("""
 #ifdef __CUDA_ARCH__
-    return __shfl_sync(0xffffffffu, x, 0);
-#else
-    return x;
+    __shared__ int first;
+    if (threadIdx.x == 0)
+        first = x;
+    __syncthreads();
+    x = first;
+    __syncthreads();
 #endif
+    return x;
 """)
 def from_first_lane(x: int) -> int:
-    """The number of lane 0."""
-
-
-@wp.func_native("""
-#ifdef __CUDA_ARCH__
-    return __popc(static_cast<unsigned int>(votes));
-#else
-    return votes != 0 ? 1 : 0;
-#endif
-""")
-def vote_count(votes: int) -> int:
-    """How many lanes voted."""
+    """The number of lane 0; waits for all lanes."""
 
 
 @wp.func
-def votes_before(votes: int, lane: int):
-    """How many lanes below this one voted."""
-    return vote_count(votes & ((1 << lane) - 1))
-
-
-@wp.func
-def take_row(taken: wp.array[wp.int32], lane: int):
-    """The next row that no group has taken."""
+def take_row(taken: wp.array[wp.int32], kernel: int, lane: int):
+    """The next row that no group has taken in a kernel."""
     row = int(0)
     if lane == 0:
-        row = wp.atomic_add(taken, 0, 1)
+        row = wp.atomic_add(taken, kernel, 1)
     return from_first_lane(row)
 
 
 def lane_count(device: Any) -> int:
     """Lanes of a group on a device."""
-    return 1 if device.is_cpu else WARP
+    return 1 if device.is_cpu else LANES
 
 
 def group_count(device: Any, rows: int) -> int:

@@ -10,6 +10,7 @@ from .edge_pairing import OPEN, twins_of
 
 ROUNDING = 2.0**-22  # two float32 spacings, relative to a surface's size: nearer triangles count as coincident
 FACES_MOST = 2**28  # most triangles: half-edge numbers and flags share 31 bits
+LEAF_BITS = wp.constant(2)  # below a leaf's number in those of its triangles
 LEAF = 4  # triangles of a leaf of the hierarchy
 MASK_WORDS = 128  # 32-bit words of the scan search's mask, which has one bit per scanned edge
 SCAN_FACES_MOST = 8000  # most triangles of a surface with a scan path
@@ -28,6 +29,10 @@ class Surface:
     node_centre: wp.array[wp.vec4]  # centres of the hierarchy's boxes, a heap whose root is 1 [m]
     node_half: wp.array[wp.vec4]  # half extents of the boxes [m]; -1 for an empty box
     leaf_first: wp.int32  # heap number of the first leaf
+    packed_box: wp.array[wp.vec4i]  # boxes of the hierarchy and their faces for flat searches (`flat_boxes`), or none
+    packed_face: wp.array[wp.vec4i]
+    box_low: wp.vec3  # corner of the grid of packed boxes [m]
+    box_step: wp.float32  # [m]
 
 
 def spatial_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -235,21 +235,43 @@ def is_candidate(surface: Surface, f: Frame, side: wp.vec2d, half: int):
 
 
 @wp.func
-def winding_at_corner(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.array[wp.int32]):
-    """Winding number around corner 0, from crossings of the line of side 0, beyond corner 0 and outside the patch."""
+def patch_window(g: Coarse):
+    """The window of the patch itself."""
+    w = Window()
+    w.low = -g.half
+    w.high = g.half
+    return w
+
+
+@wp.func
+def corner_window(g: Coarse):
+    """The window of the line of side 0, beyond corner 0."""
     w = Window()
     w.low = wp.vec2(-wp.float32(UNBOUNDED), -g.half[1])
     w.high = -g.half
+    return w
+
+
+@wp.func
+def winding_across(surface: Surface, f: Frame, side: wp.vec2d, half: int):
+    """What the segment from a half-edge's crossing adds to the winding number around corner 0."""
+    c = crossing_at(surface, f, half)
+    p = point_of(f, c, side)
+    q = point_of(f, crossing_after(surface, f, c), side)
+    return winding_step(outcode(p, side), outcode(q, side), corners_left(p, q, side))
+
+
+@wp.func
+def winding_at_corner(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, halves: wp.array[wp.int32]):
+    """Winding number around corner 0, from crossings of the line of side 0, beyond corner 0 and outside the patch."""
+    w = corner_window(g)
     winding = int(0)
     at = Cursor()
     at.node = 1
     while at.node != 0:
         at = traverse(surface, f, g, w, at, halves)
         for k in range(at.listed):
-            c = crossing_at(surface, f, halves[k])
-            p = point_of(f, c, side)
-            q = point_of(f, crossing_after(surface, f, c), side)
-            winding += winding_step(outcode(p, side), outcode(q, side), corners_left(p, q, side))
+            winding += winding_across(surface, f, side, halves[k])
     return winding
 
 
@@ -271,9 +293,7 @@ def _tree_search_pieces(
     side = half_extents(patch[section % patch.shape[0]], bounded)
     g = coarse_frame(f, side, surface.reach)
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
-    w = Window()
-    w.low = -g.half
-    w.high = g.half
+    w = patch_window(g)
     found = TreeResult()
     at = Cursor()
     at.node = 1
@@ -306,35 +326,3 @@ def tree_search_pieces(
     wp.launch(
         _tree_search_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK
     )
-
-
-@wp.kernel
-def _prepare_rows(
-    # In:
-    surface: Surface,
-    pose: wp.array2d[wp.transform],
-    patch: wp.array[Patch],
-    bounded: int,
-    closes: int,
-    # Out:
-    pieces: ContourPieces,
-):
-    """Frame of each row's patch, and winding number of the solid around its corner 0."""
-    row = wp.tid()
-    winding = int(0)
-    section = section_of(pieces, row)
-    f = section_frame(pose, patch, section)
-    pieces.frame[row] = f
-    if closes == 1:
-        side = half_extents(patch[section % patch.shape[0]], bounded)
-        g = coarse_frame(f, side, surface.reach)
-        halves = wp.zeros(shape=LISTED, dtype=wp.int32)
-        winding = winding_at_corner(surface, f, g, side, halves)
-    pieces.winding[row] = winding
-
-
-def prepare_rows(surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, closes: bool) -> None:
-    """Frame of each row's patch, and winding number of the solid around its corner 0, 0 unless contours are closed."""
-    inputs = [surface, pose, patch, int(bounded), int(closes)]
-    rows = pieces.count.shape[0]
-    wp.launch(_prepare_rows, rows, inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK)

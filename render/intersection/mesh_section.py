@@ -14,8 +14,8 @@ from ...kernels.patterns.section_drawing import draw_sections
 from ...kernels.patterns.section_sums import sum_sections
 from ...kernels.section.contour_writing import draw_contours
 from ...kernels.section.joining import join_pieces, order_pieces
-from ...kernels.section.piece_search import find_pieces
-from ...kernels.section.plane_loops import plane_loops
+from ...kernels.pieces.finding import find_pieces
+from ...kernels.pieces.plane_loops import plane_loops
 from ...kernels.section.tally_undrawn import tally_pieces
 from ..contour_batch import ContourBatch, join_polylines
 from ..errors import MeshError

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from ...kernels.section.plane_loops import PlaneLoops
+from ...kernels.pieces.plane_loops import PlaneLoops
 from ...kernels.section.row_walker import HAND, OBJECT
 from ..contour_batch import ContourBatch, join_batches, object_part
 from ..errors import MeshError

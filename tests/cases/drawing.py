@@ -10,10 +10,10 @@ from palpate.kernels.patch import ON, Patch
 from palpate.kernels.patterns.loop_table import upload_loop_table
 from palpate.kernels.patterns.section_cutting import cut_sections
 from palpate.kernels.patterns.section_drawing import draw_sections
+from palpate.kernels.pieces.finding import find_pieces
 from palpate.kernels.section.contour_writing import draw_contours
 from palpate.kernels.section.half_edges import HalfEdges, upload_surface
 from palpate.kernels.section.joining import join_pieces
-from palpate.kernels.section.piece_search import find_pieces
 
 METHODS = ("trace", "seek")
 STRATEGIES = {"raw": (False, False), "oc": (True, False), "cc": (True, True)}  # whether bounded, whether closed

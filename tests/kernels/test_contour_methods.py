@@ -10,8 +10,8 @@ from section_oracle import cut_mesh, is_degenerate, rotation, soup_length
 
 from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.offsets import PointLimitError
+from palpate.kernels.pieces.finding import find_pieces, method_for
 from palpate.kernels.section.half_edges import MASK_WORDS, SCAN_FACES_MOST
-from palpate.kernels.section.piece_search import find_pieces, method_for
 from palpate.kernels.section.pieces import SLOTS
 
 HALF = np.array([0.0425, 0.03])

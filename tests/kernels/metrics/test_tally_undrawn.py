@@ -11,9 +11,9 @@ from mesh_cases import CLOSED, MESHES, generic_poses
 from tally_outputs import empty
 
 from palpate.kernels.metrics.tally import METRICS, tally_contours
+from palpate.kernels.pieces.finding import find_pieces
 from palpate.kernels.section.contour_writing import draw_contours
 from palpate.kernels.section.joining import join_pieces, order_pieces
-from palpate.kernels.section.piece_search import find_pieces
 from palpate.kernels.section.tally_undrawn import tally_pieces
 from palpate.render import MeshObject, Palm, closed_contour, open_contour
 from palpate.render.contour_batch import ContourBatch

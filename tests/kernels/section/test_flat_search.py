@@ -8,11 +8,12 @@ from drawing import STRATEGIES, Drawn, assert_same_bits, draw, patch_array, surf
 from mesh_cases import CLOSED, MESHES, comb, generic_poses
 from tally_outputs import empty
 
-from palpate.kernels.section import piece_search
+from palpate.kernels.pieces import finding
+from palpate.kernels.pieces.finding import find_pieces
+from palpate.kernels.pieces.flat_search import flat_search_pieces
+from palpate.kernels.pieces.row_block import FlatSize
 from palpate.kernels.section.contour_writing import draw_contours
-from palpate.kernels.section.flat_search import FlatSize, flat_search_pieces
 from palpate.kernels.section.joining import join_pieces, order_pieces
-from palpate.kernels.section.piece_search import find_pieces
 from palpate.kernels.section.pieces import SLOTS
 from palpate.kernels.section.tally_undrawn import tally_pieces
 from palpate.render import Palm, closed_contour, open_contour
@@ -103,7 +104,7 @@ def test_what_finds_no_space_is_searched_again(size, device, monkeypatch):
         sizes.append(size)
         flat_search_pieces(*arguments, size=size, **options)
 
-    monkeypatch.setattr(piece_search, "flat_search_pieces", search)
+    monkeypatch.setattr(finding, "flat_search_pieces", search)
     poses = generic_poses(60, 3)
     for mesh in (comb(), blob(12), MESHES["torn dog"]()):
         surface, patch = surface_on(mesh, device), patch_array([0.0425, 0.0425], device)

@@ -10,10 +10,10 @@ from mesh_cases import CLOSED, MIDDLE, generic_poses
 from section_oracle import rotation
 from skin_cases import drawn, grid_skin, lines_of
 
+from palpate.kernels.pieces.finding import find_pieces
 from palpate.kernels.section.contour_writing import draw_contours
 from palpate.kernels.section.half_edges import HalfEdges, upload_surface
 from palpate.kernels.section.joining import join_pieces
-from palpate.kernels.section.piece_search import find_pieces
 from palpate.kernels.skin.curves import skin_contours
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError, PoseError, StrategyError

@@ -11,7 +11,7 @@ from section_oracle import section_links, walk
 
 from palpate.kernels.metrics.tally import METRICS
 from palpate.kernels.offsets import PointLimitError
-from palpate.kernels.section.plane_loops import plane_loops
+from palpate.kernels.pieces.plane_loops import plane_loops
 from palpate.render import IntersectionStrategy, Palm, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, StrategyError
 from palpate.render.hands.hand import rigid_poses

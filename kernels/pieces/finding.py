@@ -12,10 +12,10 @@ from typing import Any
 import warp as wp
 
 from ..patch import require_section_poses
+from ..section.pieces import room_for_excess, room_for_sections
+from ..section.scan_search import scan_search_pieces
+from ..section.tree_search import tree_search_pieces
 from .flat_search import flat_search_pieces
-from .pieces import room_for_excess, room_for_sections
-from .scan_search import scan_search_pieces
-from .tree_search import tree_search_pieces
 
 SCAN_SEARCH_FACES_MOST = {"cpu": 5000, "cuda": 8000}  # the tree search is faster for more triangles (performance.md)
 METHODS = ("trace", "seek", "flat")

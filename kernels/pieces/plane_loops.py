@@ -10,11 +10,11 @@ import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
 from ..patch import EXACT, Frame, Patch, half_extents, section_frame
-from .half_edges import OPEN, Surface
-from .joining import BOUNDARY, SLOT, Entries, order_pieces
-from .piece_search import find_pieces
-from .pieces import ContourPieces, section_of, start_of
-from .triangle_walk import crossing_after, crossing_at, point_of
+from ..section.half_edges import OPEN, Surface
+from ..section.joining import BOUNDARY, SLOT, Entries, order_pieces
+from ..section.pieces import ContourPieces, section_of, start_of
+from ..section.triangle_walk import crossing_after, crossing_at, point_of
+from .finding import find_pieces
 
 wp.set_module_options(EXACT)
 

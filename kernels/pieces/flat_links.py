@@ -1,0 +1,141 @@
+"""Links between listed crossings of a section: which one comes next on the contour, and where pieces begin and end."""
+
+import warp as wp
+
+from ..patch import Coarse, Frame, is_above, outcode, output_point
+from ..section.edge_pairing import OPEN
+from ..section.half_edges import Surface
+from ..section.segment_clipping import NONE, corners_left, segment_of
+from ..section.triangle_walk import (
+    crossing_after,
+    crossing_at,
+    half_after,
+    half_before,
+    link_of,
+    load_vec4,
+    point_of,
+    vertex_of,
+)
+from .lane_space import LaneSpace, begin_at, half_at, link_at, set_begin, set_link, set_state, state_at
+
+OUTCODE = wp.constant(15)  # bits of a link: the outcode of the crossing in its patch
+FIRST = wp.constant(16)  # its piece begins with it
+LAST = wp.constant(32)  # its piece ends in the triangle that it enters
+STEP = wp.constant(64)  # the step from it to the next crossing inside the patch has non-zero length
+INSIDE = wp.constant(128)  # it lies on a piece, and so does the next crossing, which is inside the patch
+ASTRAY = wp.constant(256)  # nothing comes before it, yet no piece begins with it: it lies on none
+LOOP = wp.constant(512)  # it lies on a loop
+FROM_OPEN = wp.constant(16)  # bits before crossings are linked: it lies on an open edge
+TO_OPEN = wp.constant(32)  # the next crossing lies on an open edge
+PLACE = wp.constant(10)  # bits below the place of the next crossing, plus 1: 0 for none
+CROSSINGS_MOST = 2 ** (31 - 10) - 2  # of a section, so that a link has room for any place
+
+
+@wp.func
+def next_of(link: int):
+    """Place of the next crossing in a section's list; NONE if it is not listed."""
+    return (link >> PLACE) - 1
+
+
+@wp.func
+def place_of(s: LaneSpace, count: int, half: int):
+    """Place of the crossing of the half-edge's triangle in a section's list; NONE if it is not listed."""
+    low = int(0)
+    high = int(count)
+    while low < high:
+        middle = (low + high) >> 1
+        if half_at(s, middle) < half:
+            low = middle + 1
+        else:
+            high = middle
+    if low < count:
+        if half_at(s, low) == half:
+            return low
+    return NONE
+
+
+@wp.func
+def set_point(s: LaneSpace, i: int, x: wp.vec3):
+    """Keep a crossing's output point where its state and its beginning will be."""
+    set_state(s, i, (wp.int64(wp.cast(x[1], wp.int32)) << wp.int64(32)) | (wp.int64(wp.cast(x[0], wp.uint32))))
+    set_begin(s, i, wp.cast(x[2], wp.int32))
+
+
+@wp.func
+def point_at(s: LaneSpace, i: int):
+    """A crossing's output point."""
+    state = state_at(s, i)
+    x = wp.cast(wp.int32(state), wp.float32)
+    y = wp.cast(wp.int32(state >> wp.int64(32)), wp.float32)
+    return wp.vec3(x, y, wp.cast(begin_at(s, i), wp.float32))
+
+
+@wp.func
+def place_crossing(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, s: LaneSpace, count: int, i: int):
+    """Compute a crossing's output point, outcode and the place of the next crossing, before crossings are linked."""
+    half = half_at(s, i)
+    p = point_of(f, crossing_at(surface, f, half), side)
+    bits = outcode(p, side)
+    if link_of(load_vec4(surface.corner, half)) == OPEN:
+        bits = bits | FROM_OPEN
+    before = half_before(half)
+    third = vertex_of(load_vec4(surface.corner, before))
+    following = link_of(load_vec4(surface.corner, wp.where(is_above(f, g, third), half_after(half), before)))
+    place = int(NONE)
+    if following == OPEN:
+        bits = bits | TO_OPEN
+    else:
+        place = place_of(s, count, following >> 1)
+    set_point(s, i, output_point(f, p))
+    set_link(s, i, ((place + 1) << PLACE) | bits)
+
+
+@wp.func
+def sides_of(surface: Surface, f: Frame, side: wp.vec2d, half: int, out: int):
+    """The side by which the segment from the crossing of `half` enters the patch, and that by which the segment from
+    the crossing of `out` leaves it; NONE for none."""
+    enter = int(NONE)
+    leave = int(NONE)
+    k = int(0)
+    while k < 2:  # a loop keeps the code short
+        c = crossing_at(surface, f, wp.where(k == 0, half, out))
+        p = point_of(f, c, side)
+        q = point_of(f, crossing_after(surface, f, c), side)
+        clipped = segment_of(outcode(p, side), outcode(q, side), corners_left(p, q, side))
+        if k == 0:
+            enter = clipped.enter
+        leave = clipped.leave
+        k += 1
+    return wp.vec2i(enter, leave)
+
+
+@wp.func
+def link_crossing(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, i: int):
+    """Complete the link of a crossing: whether its piece begins or ends with it, and whether its step counts.
+
+    The next crossing's point is that which its own lane computed: both have the same vertices. One that is not listed
+    lies outside the patch, or at an open edge. Lanes may complete links that others read, who look at the outcode only.
+    """
+    own = link_at(s, i)
+    place = next_of(own)
+    code = own & OUTCODE
+    code_next = int(OUTCODE)
+    bits = int(0)
+    if place != NONE:
+        code_next = link_at(s, place) & OUTCODE
+    if code == 0:
+        bits = wp.where((own & FROM_OPEN) != 0, FIRST, 0)
+        if code_next == 0:
+            bits = bits | wp.where(point_at(s, i) == point_at(s, place), INSIDE, INSIDE | STEP)
+        else:
+            bits = bits | LAST
+    if (code == 0 and (own & TO_OPEN) != 0) or (code != 0 and (place == NONE or (code & code_next) == 0)):
+        c = crossing_at(surface, f, half_at(s, i))
+        p = point_of(f, c, side)
+        q = point_of(f, crossing_after(surface, f, c), side)
+        if code != 0:
+            if segment_of(code, outcode(q, side), corners_left(p, q, side)).enter != NONE:
+                bits = FIRST | wp.where(code_next == 0, INSIDE, LAST)
+        elif outcode(q, side) == 0 and not (output_point(f, p) == output_point(f, q)):
+            bits = bits | STEP
+    set_link(s, i, ((place + 1) << PLACE) | code | bits)

@@ -1,0 +1,293 @@
+"""Pieces from linked crossings: the lanes of a group rank the crossings of one section along their chains.
+
+Ranks come from pointer jumping: each crossing knows one that comes before it in its chain, and how many steps of
+non-zero length lie between. A round replaces that crossing by the one which it knows itself. So after log2(n) rounds
+every crossing of a chain of n knows the chain's first one. A loop inside the patch has no first crossing: rounds that
+pass on the lowest rank find it, and then the loop is ranked as a chain from there.
+"""
+
+import warp as wp
+
+from ..lanes import any_lane, sync_lanes, take_row
+from ..patch import Frame, Patch, coarse_frame, half_extents
+from ..section.half_edges import Surface
+from ..section.pieces import CLOSED, ContourPieces, room_of, section_of, start_of, store_piece
+from ..section.segment_clipping import NONE
+from ..section.triangle_walk import link_of, load_vec4
+from .flat_links import ASTRAY, FIRST, INSIDE, LAST, LOOP, STEP, link_crossing, next_of, place_crossing, sides_of
+from .lane_space import (
+    LaneSpace,
+    begin_at,
+    far_space,
+    half_at,
+    link_at,
+    set_begin,
+    set_half,
+    set_link,
+    set_state,
+    state_at,
+)
+from .row_block import RowBlock
+
+RANK_MOST = wp.constant(0x7FFFFFFF)
+
+
+@wp.func
+def packed(high: int, low: int):
+    """Two numbers >= 0 in one state, which lanes read and write at once."""
+    return (wp.int64(high) << wp.int64(32)) | wp.int64(low)
+
+
+@wp.func
+def high_of(state: wp.int64):
+    """The first number of `packed`."""
+    return int(state >> wp.int64(32))
+
+
+@wp.func
+def low_of(state: wp.int64):
+    """The second number of `packed`."""
+    return int(state & wp.int64(RANK_MOST))
+
+
+@wp.func
+def begin_ranks(s: LaneSpace, count: int, lane: int, lanes: int):
+    """Begin with what comes directly before a crossing, or with itself where a chain begins."""
+    i = int(lane)
+    while i < count:
+        set_state(s, i, packed(i, 0))
+        i += lanes
+    sync_lanes()
+    i = lane
+    while i < count:
+        link = link_at(s, i)
+        if (link & INSIDE) != 0:
+            set_state(s, next_of(link), packed(i, wp.where((link & STEP) != 0, 1, 0)))
+        i += lanes
+    sync_lanes()
+    i = lane
+    while i < count:
+        link = link_at(s, i)
+        if (link & FIRST) == 0 and high_of(state_at(s, i)) == i:
+            set_link(s, i, link | ASTRAY)
+        i += lanes
+    sync_lanes()
+
+
+@wp.func
+def jump(s: LaneSpace, count: int, lane: int, lanes: int):
+    """Rounds of pointer jumping, until all crossings of chains know the first one of theirs.
+
+    A lane may read what another has written in the same round already: that is as true as what it has replaced.
+    """
+    span = int(1)
+    while span < count:
+        changed = bool(False)
+        i = int(lane)
+        while i < count:
+            own = state_at(s, i)
+            known = high_of(own)
+            further = state_at(s, known)
+            if high_of(further) != known:
+                set_state(s, i, packed(high_of(further), (low_of(own) + low_of(further)) & RANK_MOST))
+                changed = True
+            i += lanes
+        if not any_lane(changed):
+            break
+        span = 2 * span
+
+
+@wp.func
+def mark_loops(s: LaneSpace, count: int, lane: int, lanes: int):
+    """Mark the crossings that lie on loops, whose first crossings are not known; returns whether there are any."""
+    found = bool(False)
+    i = int(lane)
+    while i < count:
+        known = high_of(state_at(s, i))
+        if (link_at(s, known) & (FIRST | ASTRAY)) == 0:
+            set_link(s, i, link_at(s, i) | LOOP)
+            found = True
+        i += lanes
+    return any_lane(found)
+
+
+@wp.func
+def scanned_rank(surface: Surface, half: int):
+    """The rank of a half-edge whose edge is scanned, else RANK_MOST."""
+    if link_of(load_vec4(surface.corner, half)) & 1 == 0:
+        return RANK_MOST
+    return surface.rank[half]
+
+
+@wp.func
+def open_loops(surface: Surface, s: LaneSpace, count: int, lane: int, lanes: int):
+    """Make the scanned crossing with the lowest rank the first of each loop: rounds that pass on the lowest rank."""
+    i = int(lane)
+    while i < count:
+        link = link_at(s, i)
+        if (link & LOOP) != 0:
+            following = next_of(link)
+            set_state(s, following, packed(i, scanned_rank(surface, half_at(s, following))))
+        i += lanes
+    sync_lanes()
+    span = int(1)
+    while span < count:
+        i = lane
+        while i < count:
+            if (link_at(s, i) & LOOP) != 0:
+                own = state_at(s, i)
+                further = state_at(s, high_of(own))
+                set_state(s, i, packed(high_of(further), wp.min(low_of(own), low_of(further))))
+            i += lanes
+        sync_lanes()
+        span = 2 * span
+    i = lane
+    while i < count:
+        link = link_at(s, i)
+        if (link & LOOP) != 0:
+            rank = scanned_rank(surface, half_at(s, i))
+            if rank != RANK_MOST and rank == low_of(state_at(s, i)):
+                set_link(s, i, link | FIRST)
+        i += lanes
+    sync_lanes()
+    i = lane
+    while i < count:
+        link = link_at(s, i)
+        if (link & LOOP) != 0:
+            following = next_of(link)
+            if (link_at(s, following) & FIRST) != 0:
+                set_state(s, following, packed(following, 0))
+            else:
+                set_state(s, following, packed(i, wp.where((link & STEP) != 0, 1, 0)))
+        i += lanes
+    sync_lanes()
+
+
+@wp.func
+def rank_crossings(surface: Surface, s: LaneSpace, count: int, lane: int, lanes: int):
+    """Rank all linked crossings of a section along their chains and loops."""
+    begin_ranks(s, count, lane, lanes)
+    jump(s, count, lane, lanes)
+    if mark_loops(s, count, lane, lanes):
+        open_loops(surface, s, count, lane, lanes)
+        jump(s, count, lane, lanes)
+
+
+@wp.func
+def store_ranked(
+    surface: Surface,
+    f: Frame,
+    side: wp.vec2d,
+    s: LaneSpace,
+    i: int,
+    group: int,
+    row: int,
+    steps: wp.array[wp.int32],
+    pieces: ContourPieces,
+):
+    """Store the piece or the loop that ends with a crossing, if any; steps: of each group's row so far."""
+    link = link_at(s, i)
+    is_loop = (link & LOOP) != 0
+    first = int(0)
+    if is_loop:
+        first = next_of(link)
+    elif (link & LAST) != 0:
+        first = high_of(state_at(s, i))
+    else:
+        return
+    if (link_at(s, first) & FIRST) == 0:
+        return
+    count = low_of(state_at(s, i)) + wp.where((link & STEP) != 0, 1, 0)
+    half = half_at(s, first)
+    slot = wp.atomic_add(pieces.count, row, 1)
+    begin = wp.atomic_add(steps, group, count)
+    set_begin(s, first, begin)
+    if slot < room_of(pieces, row):
+        pieces.begin[start_of(pieces, row) + wp.int64(slot) * pieces.stride] = begin
+    if is_loop:
+        store_piece(pieces, row, slot, half, half, NONE, NONE, count, CLOSED + surface.rank[half], 1)
+    else:
+        out = half_at(s, i)
+        sides = sides_of(surface, f, side, half, out)
+        store_piece(pieces, row, slot, half, out, sides[0], sides[1], count, half, 0)
+
+
+@wp.func
+def list_step(s: LaneSpace, start: wp.int64, i: int, listed: wp.array[wp.int32]):
+    """List a crossing with its piece if the step that begins there has non-zero length."""
+    if (link_at(s, i) & STEP) != 0:
+        own = state_at(s, i)
+        first = high_of(own)
+        if (link_at(s, first) & FIRST) != 0:
+            place = begin_at(s, first) + low_of(own)
+            listed[start + wp.int64(place)] = half_at(s, i)
+
+
+@wp.func
+def link_crossings(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, count: int, lane: int, lanes: int):
+    """Link all crossings of a section."""
+    g = coarse_frame(f, side, surface.reach)
+    i = int(lane)
+    while i < count:
+        place_crossing(surface, f, g, side, s, count, i)
+        i += lanes
+    sync_lanes()
+    i = lane
+    while i < count:
+        link_crossing(surface, f, side, s, i)
+        i += lanes
+    sync_lanes()
+
+
+@wp.func
+def rank_rows(
+    # In:
+    surface: Surface,
+    patch: wp.array[Patch],
+    bounded: int,
+    thread: int,
+    lanes: int,  # of a group
+    near: LaneSpace,
+    # Out:
+    block: RowBlock,
+    pieces: ContourPieces,
+    listed: wp.array[wp.int32],
+):
+    """Store the pieces of each row of a block, and list the half-edges of their steps.
+
+    near: memory near the lanes. listed: of each row: in, its crossings; out, the steps of its pieces.
+    """
+    group = thread // lanes
+    lane = thread % lanes
+    own = take_row(block.taken, 2, lane)
+    while own < block.rows:
+        row = block.first + own
+        f = pieces.frame[row]
+        side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
+        count = block.count[own]
+        start = pieces.row_start[row] - block.listed_before
+        s = near
+        if count > near.most:
+            s = far_space(block.far, group)
+        if lane == 0:
+            pieces.count[row] = 0
+            block.steps[group] = 0
+        i = int(lane)
+        while i < count:
+            set_half(s, i, listed[start + wp.int64(i)])
+            i += lanes
+        sync_lanes()
+        link_crossings(surface, f, side, s, count, lane, lanes)
+        rank_crossings(surface, s, count, lane, lanes)
+        i = lane
+        while i < count:
+            store_ranked(surface, f, side, s, i, group, row, block.steps, pieces)
+            i += lanes
+        sync_lanes()
+        if lane == 0 and pieces.count[row] > room_of(pieces, row):
+            wp.atomic_add(pieces.excess, 0, 1)
+        i = lane
+        while i < count:
+            list_step(s, start, i, listed)
+            i += lanes
+        own = take_row(block.taken, 2, lane)

@@ -1,0 +1,180 @@
+"""Memory of a group of lanes for the boxes or the crossings of one section.
+
+Crossings lie near the lanes (a GPU's shared memory) if a section has few of them, else in the device's memory. For each
+there are five words of 32 bits: its half-edge, a link, a state of 64 bits, and a beginning. While crossings are looked
+for, two of the words are those of lists of boxes.
+"""
+
+from typing import Any
+
+import warp as wp
+
+WORDS = 5  # of a crossing
+NEAR_FEW = 512  # crossings near the lanes: more groups of few lanes, and more cache, find room beside little memory
+NEAR_MANY = 1536  # or fewer groups of many lanes
+EVEN = 2  # capacities are even, so that states lie at multiples of 8 bytes
+LINKS = wp.constant(1)  # parts of a memory
+BEGINNINGS = wp.constant(4)
+
+
+@wp.struct
+class FarSpace:
+    """Memory of all groups in the device's memory."""
+
+    most: int  # crossings of a group, even
+    word: wp.array[wp.int32]  # shape [group * WORDS * most]
+
+
+@wp.struct
+class LaneSpace:
+    """Memory of one group."""
+
+    address: wp.uint64
+    most: int  # crossings for which there is room
+
+
+ADDRESS = """
+#ifdef __CUDA_ARCH__
+    __shared__ __align__(16) int words[{}];
+    wp::uint64 address = reinterpret_cast<wp::uint64>(words);
+    asm volatile("" : "+l"(address));  // computed once, not wherever it is used
+    return address;
+#else
+    return 0;
+#endif
+"""
+
+
+@wp.func_native(ADDRESS.format(WORDS * NEAR_FEW))
+def address_of_few() -> wp.uint64:
+    """Address of memory near the lanes for NEAR_FEW crossings; 0 where there is none."""
+
+
+@wp.func_native(ADDRESS.format(WORDS * NEAR_MANY))
+def address_of_many() -> wp.uint64:
+    """Address of memory near the lanes for NEAR_MANY crossings; 0 where there is none."""
+
+
+@wp.func_native("""
+    wp::uint64 address = reinterpret_cast<wp::uint64>(word.data + i);
+#ifdef __CUDA_ARCH__
+    asm volatile("" : "+l"(address));  // computed once, not wherever it is used
+#endif
+    return address;
+""")
+def address_of(word: wp.array[wp.int32], i: wp.int64) -> wp.uint64:
+    """Address of an entry."""
+
+
+@wp.func_native("""
+    return reinterpret_cast<const int*>(address)[i];
+""")
+def word_at(address: wp.uint64, i: int) -> int:
+    """Word i from an address on; unlike an array's entry, it costs no look at the sign of i."""
+
+
+@wp.func_native("""
+    reinterpret_cast<int*>(address)[i] = x;
+""")
+def set_word(address: wp.uint64, i: int, x: int):
+    """Write word i from an address on."""
+
+
+@wp.func_native("""
+    return reinterpret_cast<const wp::int64*>(address)[i];
+""")
+def state_word_at(address: wp.uint64, i: int) -> wp.int64:
+    """Pair i of words from an address on, read at once."""
+
+
+@wp.func_native("""
+    reinterpret_cast<wp::int64*>(address)[i] = x;
+""")
+def set_state_word(address: wp.uint64, i: int, x: wp.int64):
+    """Write pair i of words from an address on at once."""
+
+
+@wp.func
+def near_space(address: wp.uint64, most: int):
+    """The memory near the lanes at an address, or with no room where there is none."""
+    space = LaneSpace()
+    space.address = address
+    space.most = wp.where(address != wp.uint64(0), most, 0)
+    return space
+
+
+@wp.func
+def far_space(far: FarSpace, group: int):
+    """A group's memory in the device's memory."""
+    space = LaneSpace()
+    space.address = address_of(far.word, wp.int64(group) * wp.int64(WORDS * far.most))
+    space.most = far.most
+    return space
+
+
+@wp.func
+def box_at(s: LaneSpace, part: int, i: int):
+    """Box i of a list of boxes; part: 1 or 2."""
+    return word_at(s.address, part * s.most + i)
+
+
+@wp.func
+def set_box(s: LaneSpace, part: int, i: int, box: int):
+    """Write box i of a list of boxes; part: 1 or 2."""
+    set_word(s.address, part * s.most + i, box)
+
+
+@wp.func
+def half_at(s: LaneSpace, i: int):
+    """Half-edge of crossing i."""
+    return word_at(s.address, i)
+
+
+@wp.func
+def set_half(s: LaneSpace, i: int, half: int):
+    """Write the half-edge of crossing i."""
+    set_word(s.address, i, half)
+
+
+@wp.func
+def link_at(s: LaneSpace, i: int):
+    """Link of crossing i (`flat_links`)."""
+    return word_at(s.address, LINKS * s.most + i)
+
+
+@wp.func
+def set_link(s: LaneSpace, i: int, link: int):
+    """Write the link of crossing i."""
+    set_word(s.address, LINKS * s.most + i, link)
+
+
+@wp.func
+def state_at(s: LaneSpace, i: int):
+    """State of crossing i: its output point, x and y (`flat_links`), then its rank (`flat_ranks`)."""
+    return state_word_at(s.address, s.most + i)
+
+
+@wp.func
+def set_state(s: LaneSpace, i: int, state: wp.int64):
+    """Write the state of crossing i."""
+    set_state_word(s.address, s.most + i, state)
+
+
+@wp.func
+def begin_at(s: LaneSpace, i: int):
+    """Where the steps of the piece begin of which crossing i is the first; before, z of its output point."""
+    return word_at(s.address, BEGINNINGS * s.most + i)
+
+
+@wp.func
+def set_begin(s: LaneSpace, i: int, begin: int):
+    """Write what `begin_at` gives."""
+    set_word(s.address, BEGINNINGS * s.most + i, begin)
+
+
+def room_for_groups(groups: int, most: int, device: Any) -> Any:
+    """FarSpace of so many groups, for so many crossings each."""
+    far = FarSpace()
+    far.most = -(-most // EVEN) * EVEN
+    far.word = wp.empty(groups * WORDS * far.most, dtype=wp.int32, device=device)
+    return far

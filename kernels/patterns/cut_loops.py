@@ -6,21 +6,12 @@ writes points gets from the launch that counts them.
 
 import warp as wp
 
-from ..patch import Coarse, Frame
+from ..patch import Coarse, Frame, output_point
 from ..section.clip_events import is_quiet
-from ..section.scan_search import CrossingPoint, crossing_point, moves
-from ..section.segment_clipping import NONE, Segment, corners_left, needs_left, segment_of, side_point
-from ..section.triangle_walk import Crossing, point_of
-from .loop_table import (
-    CROSSING_BITS,
-    KEY,
-    PLACE,
-    LoopTable,
-    next_of,
-    pattern_of,
-    table_crossing,
-    table_crossing_after,
-)
+from ..section.scan_search import CrossingPoint, crossing_point
+from ..section.segment_clipping import NONE, corners_left, needs_left, segment_of, side_point
+from ..section.triangle_walk import point_of
+from .loop_table import CROSSING_BITS, KEY, PLACE, LoopTable, crossing_of, next_of, place_vertices
 
 WHOLE = wp.constant(32)  # number of the piece that is all of the loop which begins with crossing 0
 OPEN_BITS = wp.constant(wp.uint64(0xFFFFFFFF))
@@ -40,7 +31,7 @@ class CutLoops:
     pieces: wp.uint64  # bit p: piece p is there
     leaves: wp.uint64  # bit k: a piece leaves with segment k
     enter_side: wp.uint64  # patch side by which piece p enters, in bits 2 p
-    leave_side: wp.uint64  # patch side by which segment k leaves, in bits 2 k
+    leave_side: wp.uint64  # patch side by which piece p leaves, in bits 2 p
     open_count: int  # pieces that enter
     whole_count: int  # loops inside
     winding: int  # of the solid around the patch's corner 0
@@ -132,43 +123,104 @@ def side_bits(side: int, k: int):
 
 
 @wp.func
-def is_near_corner(f: Frame, c: Crossing, n: Crossing, k: int, side: wp.vec2d, room: wp.float64):
-    """Whether the segment from c to n crosses side k at most `room` from a corner of the patch; not if k is NONE."""
+def is_near_corner(p: wp.vec2d, q: wp.vec2d, k: int, side: wp.vec2d, room: wp.float64):
+    """Whether p -> q crosses side k at most `room` from a corner of the patch; not if k is NONE."""
     if k == NONE:
         return False
-    x = side_point(k, point_of(f, c, side), point_of(f, n, side), side)
+    x = side_point(k, p, q, side)
     return wp.abs(x[0]) >= side[0] - room and wp.abs(x[1]) >= side[1] - room
 
 
+@wp.struct
+class PassedCorners:
+    """How a segment passes the patch's corners."""
+
+    left: int  # bits of those to its left, or on it
+    clear: int  # not 0: where it enters and leaves, it surely differs in float32 from them and from its crossings
+
+
 @wp.func
-def is_clear(
+def pass_exactly(
+    memory: wp.array[wp.float64],
     f: Frame,
     g: Coarse,
-    c: Crossing,
-    p: CrossingPoint,
-    n: Crossing,
-    q: CrossingPoint,
-    s: Segment,
-    near: bool,
     side: wp.vec2d,
+    one: int,
+    p_code: int,
+    two: int,
+    q_code: int,
+    clear: int,
 ):
-    """Whether the segment from c to n surely enters and leaves at points that differ, in float32, from its crossings
-    and the patch's corners; near: whether two sides that meet lie between its ends (`needs_left`)."""
-    if s.enter == NONE and s.leave == NONE:
-        return True
-    if (p.clear & q.clear) == 0:
-        return False
-    if not near:
-        return True
-    room = wp.float64(2.0 * g.unsure)  # as in `moves`
-    return not (is_near_corner(f, c, n, s.enter, side, room) or is_near_corner(f, c, n, s.leave, side, room))
+    """The same from the ends' exact points; one, two: its packed crossings; clear: whether these are clear of sides."""
+    out = PassedCorners()
+    p = point_of(f, crossing_of(memory, one), side)
+    q = point_of(f, crossing_of(memory, two), side)
+    out.left = corners_left(p, q, side)
+    if clear != 0:
+        room = wp.float64(2.0 * g.unsure)  # as in `moves`
+        s = segment_of(p_code, q_code, out.left)
+        if not (is_near_corner(p, q, s.enter, side, room) or is_near_corner(p, q, s.leave, side, room)):
+            out.clear = clear
+    return out
 
 
 @wp.func
-def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d):
+def pass_corners(
+    memory: wp.array[wp.float64],
+    f: Frame,
+    g: Coarse,
+    side: wp.vec2d,
+    one: int,
+    p: CrossingPoint,
+    two: int,
+    q: CrossingPoint,
+):
+    """How p -> q, packed in `one` and `two`, passes the corners: without a division, if it surely misses all of them.
+
+    The determinant of p, q and a corner is the corner's distance from p -> q times that segment's length, times both
+    d. If it exceeds `room` times the root of 2 for each corner, the segment meets no side within `room` of one; and
+    points that are clear of sides are not moved onto them, so that rounding does not change its sign.
+    """
+    a = p.y * q.d - q.y * p.d
+    b = q.x * p.d - p.x * q.d
+    c = p.x * q.y - p.y * q.x
+    u = side[0] * a
+    v = side[1] * b
+    zero = wp.float64(0.0)
+    out = PassedCorners()
+    out.clear = p.clear & q.clear
+    out.left = wp.where(c - u - v >= zero, 1, 0) + wp.where(c + u - v >= zero, 2, 0)
+    out.left += wp.where(c + u + v >= zero, 4, 0) + wp.where(c - u + v >= zero, 8, 0)
+    least = wp.min(wp.abs(wp.abs(c - v) - wp.abs(u)), wp.abs(wp.abs(c + v) - wp.abs(u)))
+    if out.clear == 0 or least <= wp.float64(3.0 * g.unsure) * (wp.abs(a) + wp.abs(b)):  # rare
+        return pass_exactly(memory, f, g, side, one, p.code, two, q.code, out.clear)
+    return out
+
+
+@wp.func
+def steps_between(
+    memory: wp.array[wp.float64],
+    f: Frame,
+    g: Coarse,
+    side: wp.vec2d,
+    one: int,
+    p: CrossingPoint,
+    two: int,
+    q: CrossingPoint,
+):
+    """1 if the float32 output points of two crossings inside, packed in `one` and `two`, differ, else 0: as `moves`."""
+    room = wp.float64(2.0 * g.unsure) * p.d * q.d
+    if wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room:
+        return 1
+    x = output_point(f, point_of(f, crossing_of(memory, one), side))
+    return wp.where(x == output_point(f, point_of(f, crossing_of(memory, two), side)), 0, 1)
+
+
+@wp.func
+def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.array[wp.float64]):
     """Cut the loops of a section, and count its steps. Loops inside of no length are left out."""
     cut = CutLoops()
-    pattern = pattern_of(table, f, g)
+    pattern = place_vertices(table, f, memory)
     cut.begin = table.start[pattern]
     count = table.start[pattern + 1] - cut.begin
     cut.clear = 1
@@ -176,27 +228,26 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d):
     while k < count:
         first = k
         packed = packed_at(table, cut, k)
-        c = table_crossing(table, f, packed)
-        p = crossing_point(f, g, c, side)
+        p = crossing_point(f, g, crossing_of(memory, packed), side)
         steps = int(0)
         inside = int(1)
+        piece = int(NONE)  # that entered last
+        late = int(NONE)  # side by which the piece leaves that enters last
         goes_on = int(1)
         while goes_on == 1:
             onward = next_of(packed)
             following = packed_at(table, cut, onward)
-            n = table_crossing_after(table, f, c, packed, following)
-            q = crossing_point(f, g, n, side)
+            q = crossing_point(f, g, crossing_of(memory, following), side)
             if (p.code | q.code) == 0:
-                if moves(f, g, side, c, p, n, q):
-                    steps += 1
+                steps += steps_between(memory, f, g, side, packed, p, following, q)
             else:
                 inside = 0
             if not is_quiet(p.code, q.code):
-                left = int(0)
-                near = needs_left(p.code, q.code)
-                if near:
-                    left = corners_left(point_of(f, c, side), point_of(f, n, side), side)
-                s = segment_of(p.code, q.code, left)
+                passed = PassedCorners()
+                passed.clear = p.clear & q.clear
+                if needs_left(p.code, q.code):
+                    passed = pass_corners(memory, f, g, side, packed, p, following, q)
+                s = segment_of(p.code, q.code, passed.left)
                 cut.winding += s.winding
                 if s.enter != NONE:
                     piece = (packed >> KEY) & CROSSING_BITS
@@ -205,16 +256,20 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d):
                     cut.open_count += 1
                 if s.leave != NONE:
                     cut.leaves = cut.leaves | bit_of(k)
-                    cut.leave_side = cut.leave_side | side_bits(s.leave, k)
+                    if piece == NONE:
+                        late = s.leave
+                    else:
+                        cut.leave_side = cut.leave_side | side_bits(s.leave, piece)
                 if s.enter != NONE and s.leave != NONE:
                     cut.through += 1
-                if not is_clear(f, g, c, p, n, q, s, near, side):
+                if passed.clear == 0 and (s.enter != NONE or s.leave != NONE):
                     cut.clear = 0
             goes_on = wp.where(onward > k, 1, 0)
             k += 1
-            c = n
             p = q
             packed = following
+        if late != NONE:
+            cut.leave_side = cut.leave_side | side_bits(late, piece)
         cut.steps += steps
         if inside == 1 and steps > 0:
             cut.pieces = cut.pieces | bit_of(WHOLE + first)

@@ -9,30 +9,34 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT, Frame, Patch, coarse_frame, half_extents, require_section_poses, section_frame
+from ..patch import EXACT, Coarse, Frame, Patch, coarse_frame, half_extents, require_section_poses, section_frame
 from .cut_loops import CutLoops, cut_loops, keep_cut
-from .loop_table import LoopTable
-from .piece_joints import joined_counts
+from .loop_table import LoopTable, room_to_remember
+from .piece_joints import join_counts
 from .section_walker import PointCounter, count_section
 
 wp.set_module_options(EXACT)
 
 
 @wp.func
-def total_of(table: LoopTable, f: Frame, side: wp.vec2d, cut: CutLoops, closes: int):
+def total_of(
+    table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, closes: int
+):
     """Polylines and points of a section's cut loops."""
     total = PointCounter()
-    if cut.open_count > 0 and cut.clear == 0:  # rare
-        return count_section(table, f, side, cut, closes, 0, total)
     lines = cut.open_count + cut.whole_count
     points = cut.steps + 2 * cut.open_count - cut.through
+    clear = cut.clear
     if closes == 1:
-        joined, steps = joined_counts(table, f, side, cut)
-        lines += joined - cut.open_count
-        points += steps
+        joined = join_counts(table, f, g, side, memory, cut)
+        lines += joined.lines - cut.open_count
+        points += joined.steps
+        clear = clear & joined.clear
         if cut.open_count == 0 and cut.winding > 0:
             lines += 1
             points += 4
+    if clear == 0:  # rare
+        return count_section(table, f, side, memory, cut, closes, 0, total)
     total.lines = lines
     total.points = points + lines
     return total
@@ -46,6 +50,7 @@ def _cut_sections(
     patch: wp.array[Patch],
     bounded: int,  # 0: the whole plane
     closes: int,  # 1: CC, 0: OC
+    memory: wp.array[wp.float64],  # `room_to_remember`
     # Out:
     word: wp.array2d[wp.uint64],  # `keep_cut`, shape [4, section]
     polylines: wp.array[wp.int64],  # of each section
@@ -55,8 +60,9 @@ def _cut_sections(
     section = wp.tid()
     f = section_frame(pose, patch, section)
     side = half_extents(patch[section % patch.shape[0]], bounded)
-    cut = cut_loops(table, f, coarse_frame(f, side, table.reach), side)
-    total = total_of(table, f, side, cut, closes)
+    g = coarse_frame(f, side, table.reach)
+    cut = cut_loops(table, f, g, side, memory)
+    total = total_of(table, f, g, side, memory, cut, closes)
     keep_cut(word, section, cut)
     polylines[section] = wp.int64(total.lines)
     points[section] = wp.int64(total.points)
@@ -80,6 +86,7 @@ def cut_sections(table: Any, pose: wp.array, patch: wp.array, *, bounded: bool, 
     device, count = pose.device, pose.shape[0] * patch.shape[0]
     polylines, points = (wp.zeros(count + 1, dtype=wp.int64, device=device) for _ in range(2))
     word = wp.empty((4, count), dtype=wp.uint64, device=device)
-    inputs, outputs = [table, pose, patch, int(bounded), int(closes)], [word, polylines, points]
+    inputs = [table, pose, patch, int(bounded), int(closes), room_to_remember(device)]
+    outputs = [word, polylines, points]
     wp.launch(_cut_sections, count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
     return CutSections(word, polylines, points)

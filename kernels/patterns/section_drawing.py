@@ -9,7 +9,7 @@ from ..patch import EXACT, Patch, half_extents, section_frame
 from ..section.contour_writing import Contours, room_for_contours
 from ..section.row_walker import LineArrays, PolylineWriter
 from .cut_loops import kept_cut
-from .loop_table import LoopTable
+from .loop_table import LoopTable, place_vertices, room_to_remember
 from .section_cutting import CutSections
 from .section_walker import draw_section
 
@@ -27,6 +27,7 @@ def _draw_sections(
     word: wp.array2d[wp.uint64],
     section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
+    memory: wp.array[wp.float64],  # `room_to_remember`
     # Out:
     lines: LineArrays,
 ):
@@ -42,7 +43,8 @@ def _draw_sections(
     writer.patch = section % patch.shape[0]
     f = section_frame(pose, patch, section)
     side = half_extents(patch[writer.patch], bounded)
-    writer = draw_section(table, f, side, kept_cut(word, section), closes, lines, writer)
+    place_vertices(table, f, memory)
+    writer = draw_section(table, f, side, memory, kept_cut(word, section), closes, lines, writer)
 
 
 def draw_sections(
@@ -65,6 +67,7 @@ def draw_sections(
         raise PointLimitError(point_count, limit)
     contours, lines = room_for_contours(section_start, polyline_count, point_count)
     inputs = [table, pose, patch, int(bounded), int(closes), cut.word, section_start, point_start]
+    inputs.append(room_to_remember(pose.device))
     launched = {"device": pose.device, "block_dim": BLOCK}
     wp.launch(_draw_sections, cut.word.shape[1], inputs=inputs, outputs=[lines], **launched)
     return contours

@@ -31,7 +31,7 @@ from ..section.row_walker import (
 from ..section.segment_clipping import side_point
 from ..section.triangle_walk import point_of
 from .cut_loops import WHOLE, CutLoops, bit_of, entering_segment, lowest_bit, packed_at, side_in
-from .loop_table import LoopTable, next_of, table_crossing, table_crossing_after
+from .loop_table import LoopTable, crossing_of, next_of
 from .piece_joints import PieceJoint, joint_after
 
 
@@ -126,6 +126,7 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
         table: LoopTable,
         f: Frame,
         side: wp.vec2d,
+        memory: wp.array[wp.float64],
         cut: CutLoops,
         piece: int,
         sink: sink_type,
@@ -137,10 +138,8 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
         packed = packed_at(table, cut, first)
         k = next_of(packed)
         following = packed_at(table, cut, k)
-        c = table_crossing(table, f, packed)
-        p = point_of(f, c, side)
-        n = table_crossing_after(table, f, c, packed, following)
-        q = point_of(f, n, side)
+        p = point_of(f, crossing_of(memory, packed), side)
+        q = point_of(f, crossing_of(memory, following), side)
         x = p
         if piece < WHOLE:
             x = side_point(side_in(cut.enter_side, piece), p, q, side)
@@ -155,14 +154,12 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
             out = to(sink, out, output_point(f, q), True)
             p = q
             segment = k
-            packed = following
-            k = next_of(packed)
+            k = next_of(following)
             following = packed_at(table, cut, k)
-            n = table_crossing_after(table, f, n, packed, following)
-            q = point_of(f, n, side)
+            q = point_of(f, crossing_of(memory, following), side)
         x = q
         if piece < WHOLE:
-            x = side_point(side_in(cut.leave_side, segment), p, q, side)
+            x = side_point(side_in(cut.leave_side, piece), p, q, side)
         return to(sink, out, output_point(f, x), True)
 
     @wp.func
@@ -179,7 +176,14 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
 
     @wp.func
     def walk_section(
-        table: LoopTable, f: Frame, side: wp.vec2d, cut: CutLoops, closes: int, sink: sink_type, state: state_type
+        table: LoopTable,
+        f: Frame,
+        side: wp.vec2d,
+        memory: wp.array[wp.float64],
+        cut: CutLoops,
+        closes: int,
+        sink: sink_type,
+        state: state_type,
     ):
         """Walk a section's polylines; a closed one repeats its first point at its end."""
         out = state
@@ -191,11 +195,11 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
             turns = closes == 1 and piece < WHOLE
             closed = closes == 1 or piece >= WHOLE
             out = begin(sink, out, piece == first, closed)
-            out = walk_piece(table, f, side, cut, piece, sink, out, piece == first)
+            out = walk_piece(table, f, side, memory, cut, piece, sink, out, piece == first)
             joint = PieceJoint()
             joint.piece = piece
             if turns:
-                joint = joint_after(table, f, side, cut, piece)
+                joint = joint_after(table, f, side, memory, cut, piece)
             out = walk_corners(sink, out, f, side, joint, turns)
             ends = joint.piece == first
             out = to(sink, out, out.first, ends and closes == 1)

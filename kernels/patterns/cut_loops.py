@@ -8,7 +8,7 @@ import warp as wp
 
 from ..patch import Coarse, Frame, output_point
 from ..section.clip_events import is_quiet
-from ..section.scan_search import CrossingPoint, crossing_point
+from ..section.scan_search import CrossingPoint, crossing_point, rough_point
 from ..section.segment_clipping import NONE, corners_left, needs_left, segment_of, side_point
 from ..section.triangle_walk import point_of
 from .loop_table import CROSSING_BITS, KEY, PLACE, LoopTable, crossing_of, next_of, place_vertices
@@ -174,6 +174,7 @@ def pass_corners(
     p: CrossingPoint,
     two: int,
     q: CrossingPoint,
+    exact: bool,
 ):
     """How p -> q, packed in `one` and `two`, passes the corners: without a division, if it surely misses all of them.
 
@@ -193,32 +194,41 @@ def pass_corners(
     out.left += wp.where(c + u + v >= zero, 4, 0) + wp.where(c - u + v >= zero, 8, 0)
     least = wp.min(wp.abs(wp.abs(c - v) - wp.abs(u)), wp.abs(wp.abs(c + v) - wp.abs(u)))
     if out.clear == 0 or least <= wp.float64(3.0 * g.unsure) * (wp.abs(a) + wp.abs(b)):  # rare
-        return pass_exactly(memory, f, g, side, one, p.code, two, q.code, out.clear)
+        out.clear = 0
+        if exact:
+            out = pass_exactly(memory, f, g, side, one, p.code, two, q.code, p.clear & q.clear)
     return out
 
 
 @wp.func
-def steps_between(
-    memory: wp.array[wp.float64],
-    f: Frame,
-    g: Coarse,
-    side: wp.vec2d,
-    one: int,
-    p: CrossingPoint,
-    two: int,
-    q: CrossingPoint,
-):
-    """1 if the float32 output points of two crossings inside, packed in `one` and `two`, differ, else 0: as `moves`."""
+def is_surely_step(g: Coarse, p: CrossingPoint, q: CrossingPoint):
+    """Whether the float32 output points of two crossings surely differ, as `moves`."""
     room = wp.float64(2.0 * g.unsure) * p.d * q.d
-    if wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room:
-        return 1
-    x = output_point(f, point_of(f, crossing_of(memory, one), side))
-    return wp.where(x == output_point(f, point_of(f, crossing_of(memory, two), side)), 0, 1)
+    return wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room
 
 
 @wp.func
-def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.array[wp.float64]):
-    """Cut the loops of a section, and count its steps. Loops inside of no length are left out."""
+def is_step(memory: wp.array[wp.float64], f: Frame, side: wp.vec2d, one: int, two: int):
+    """Whether the float32 output points of two packed crossings differ."""
+    x = output_point(f, point_of(f, crossing_of(memory, one), side))
+    return not (x == output_point(f, point_of(f, crossing_of(memory, two), side)))
+
+
+@wp.func
+def cut_crossing(memory: wp.array[wp.float64], f: Frame, g: Coarse, side: wp.vec2d, packed: int, exact: bool):
+    """The point of a packed crossing; its outcode is right if it is clear or `exact`."""
+    c = crossing_of(memory, packed)
+    if exact:
+        return crossing_point(f, g, c, side)
+    return rough_point(g, c, side)
+
+
+@wp.func
+def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.array[wp.float64], exact: bool):
+    """Cut the loops of a section, and count its steps. Loops inside of no length are left out.
+
+    exact: all but `CutLoops.clear` are right; else they are right if that is 1, and no branch is long.
+    """
     cut = CutLoops()
     pattern = place_vertices(table, f, memory)
     cut.begin = table.start[pattern]
@@ -228,7 +238,7 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.
     while k < count:
         first = k
         packed = packed_at(table, cut, k)
-        p = crossing_point(f, g, crossing_of(memory, packed), side)
+        p = cut_crossing(memory, f, g, side, packed, exact)
         steps = int(0)
         inside = int(1)
         piece = int(NONE)  # that entered last
@@ -237,16 +247,23 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.
         while goes_on == 1:
             onward = next_of(packed)
             following = packed_at(table, cut, onward)
-            q = crossing_point(f, g, crossing_of(memory, following), side)
+            q = cut_crossing(memory, f, g, side, following, exact)
             if (p.code | q.code) == 0:
-                steps += steps_between(memory, f, g, side, packed, p, following, q)
+                if is_surely_step(g, p, q):
+                    steps += 1
+                elif not exact:
+                    cut.clear = 0
+                elif is_step(memory, f, side, packed, following):
+                    steps += 1
             else:
                 inside = 0
+            if not exact and q.clear == 0:
+                cut.clear = 0
             if not is_quiet(p.code, q.code):
                 passed = PassedCorners()
                 passed.clear = p.clear & q.clear
                 if needs_left(p.code, q.code):
-                    passed = pass_corners(memory, f, g, side, packed, p, following, q)
+                    passed = pass_corners(memory, f, g, side, packed, p, following, q, exact)
                 s = segment_of(p.code, q.code, passed.left)
                 cut.winding += s.winding
                 if s.enter != NONE:
@@ -262,7 +279,7 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.
                         cut.leave_side = cut.leave_side | side_bits(s.leave, piece)
                 if s.enter != NONE and s.leave != NONE:
                     cut.through += 1
-                if passed.clear == 0 and (s.enter != NONE or s.leave != NONE):
+                if passed.clear == 0 and (not exact or s.enter != NONE or s.leave != NONE):
                     cut.clear = 0
             goes_on = wp.where(onward > k, 1, 0)
             k += 1

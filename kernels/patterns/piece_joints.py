@@ -31,6 +31,7 @@ class PieceJoint:
     piece: int  # the piece that it leads to
     corners: int  # corners of the patch on the way
     corner: int  # the first of them
+    clear: int  # 1 if this is surely right
 
 
 @wp.struct
@@ -128,14 +129,23 @@ def rank_at_side(
 
 
 @wp.func
-def joint_after(table: LoopTable, f: Frame, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, piece: int):
-    """The joint after an open piece: leaving end r is paired with entering end r + winding, as in `match_ends`."""
+def joint_after(
+    table: LoopTable, f: Frame, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, piece: int, exact: bool
+):
+    """The joint after an open piece: leaving end r is paired with entering end r + winding, as in `match_ends`.
+
+    exact: pieces that have a side in common are ordered along it; else the joint is not clear.
+    """
+    joint = PieceJoint()
+    joint.clear = 1
     spread = spread_bits(cut.pieces)
     leave = side_in(cut.leave_side, piece)
     place = count_before(cut.leave_side, spread, leave) + wp.max(cut.winding, 0)
     pieces = pieces_at(cut.leave_side, spread, leave)
     if (pieces & (pieces - ONE)) != wp.uint64(0):
-        place += rank_at_side(table, f, half, memory, cut, pieces, piece, leave, True)
+        joint.clear = 0
+        if exact:
+            place += rank_at_side(table, f, half, memory, cut, pieces, piece, leave, True)
     rank = int(place)
     while rank >= cut.open_count:
         rank -= cut.open_count
@@ -145,10 +155,10 @@ def joint_after(table: LoopTable, f: Frame, half: wp.vec2d, memory: wp.array[wp.
             enter = side
     rank -= count_before(cut.enter_side, spread, enter)
     pieces = pieces_at(cut.enter_side, spread, enter)
-    joint = PieceJoint()
     joint.piece = lowest_bit(pieces) >> 1
     if (pieces & (pieces - ONE)) != wp.uint64(0):
-        rest = pieces
+        joint.clear = 0
+        rest = wp.where(exact, pieces, wp.uint64(0))
         while rest != wp.uint64(0):
             joint.piece = lowest_bit(rest) >> 1
             rest = rest & (rest - ONE)
@@ -156,6 +166,8 @@ def joint_after(table: LoopTable, f: Frame, half: wp.vec2d, memory: wp.array[wp.
                 rest = wp.uint64(0)
     joint.corners = wp.max(enter - leave + wp.where(place >= cut.open_count, 4, 0), 0)
     joint.corner = leave + 1
+    if exact:
+        joint.clear = 1
     return joint
 
 
@@ -202,8 +214,10 @@ def is_apart(
 
 
 @wp.func
-def join_counts(table: LoopTable, f: Frame, g: Coarse, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops):
-    """Closed contours of the open pieces, and the steps of non-zero length of their joints."""
+def join_counts(
+    table: LoopTable, f: Frame, g: Coarse, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, exact: bool
+):
+    """Closed contours of the open pieces, and the steps of non-zero length of their joints; exact: as `joint_after`."""
     counts = JointCounts()
     counts.clear = 1
     rest = cut.pieces & OPEN_BITS
@@ -211,12 +225,15 @@ def join_counts(table: LoopTable, f: Frame, g: Coarse, half: wp.vec2d, memory: w
     piece = int(first)
     while rest != wp.uint64(0):
         rest = rest & ~bit_of(piece)
-        joint = joint_after(table, f, half, memory, cut, piece)
+        joint = joint_after(table, f, half, memory, cut, piece, exact)
         counts.steps += joint.corners + 1
-        if joint.corners == 0:
+        counts.clear = counts.clear & joint.clear
+        if joint.clear == 1 and joint.corners == 0:
             if not is_apart(table, g, half, memory, cut, piece, joint):
                 counts.clear = 0
         piece = joint.piece
+        if counts.clear == 0 and not exact:
+            rest = wp.uint64(0)
         if piece == first:
             counts.lines += 1
             first = lowest_bit(rest)

@@ -4,46 +4,39 @@ A section then keeps four words and two counts in memory, and no pieces. Each cr
 no section has more pieces than there is room for.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT, Coarse, Frame, Patch, coarse_frame, half_extents, require_section_poses, section_frame
+from ..patch import EXACT, Patch, coarse_frame, half_extents, require_section_poses, section_frame
 from .cut_loops import CutLoops, cut_loops, keep_cut
 from .loop_table import LoopTable, room_to_remember
-from .piece_joints import join_counts
+from .piece_joints import JointCounts, join_counts
 from .section_walker import PointCounter, count_section
 
 wp.set_module_options(EXACT)
 
 
 @wp.func
-def total_of(
-    table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, closes: int
-):
-    """Polylines and points of a section's cut loops."""
+def total_of(cut: CutLoops, joined: JointCounts, closes: int):
+    """Polylines and points of a section's cut loops, if these are clear."""
     total = PointCounter()
-    lines = cut.open_count + cut.whole_count
-    points = cut.steps + 2 * cut.open_count - cut.through
-    clear = cut.clear
+    total.lines = cut.open_count + cut.whole_count
+    total.points = cut.steps + 2 * cut.open_count - cut.through
     if closes == 1:
-        joined = join_counts(table, f, g, side, memory, cut)
-        lines += joined.lines - cut.open_count
-        points += joined.steps
-        clear = clear & joined.clear
+        total.lines += joined.lines - cut.open_count
+        total.points += joined.steps
         if cut.open_count == 0 and cut.winding > 0:
-            lines += 1
-            points += 4
-    if clear == 0:  # rare
-        return count_section(table, f, side, memory, cut, closes, 0, total)
-    total.lines = lines
-    total.points = points + lines
+            total.lines += 1
+            total.points += 4
+    total.points += total.lines
     return total
 
 
 @wp.kernel
-def _cut_sections(
+def _cut_clear_sections(
     # In:
     table: LoopTable,
     pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
@@ -55,14 +48,61 @@ def _cut_sections(
     word: wp.array2d[wp.uint64],  # `keep_cut`, shape [4, section]
     polylines: wp.array[wp.int64],  # of each section
     points: wp.array[wp.int64],
+    rest: wp.array[wp.int32],  # sections for `_cut_sections`, in any order, shape [section]
+    rest_count: wp.array[wp.int32],  # number of these, zero-initialised, shape [1]
 ):
-    """Cut each section's loops, and count its polylines and points."""
+    """Cut and count the sections where nothing lies so near to anything that it must be computed exactly."""
     section = wp.tid()
     f = section_frame(pose, patch, section)
     side = half_extents(patch[section % patch.shape[0]], bounded)
     g = coarse_frame(f, side, table.reach)
-    cut = cut_loops(table, f, g, side, memory)
-    total = total_of(table, f, g, side, memory, cut, closes)
+    cut = cut_loops(table, f, g, side, memory, False)
+    joined = JointCounts()
+    if closes == 1 and cut.clear == 1:
+        joined = join_counts(table, f, g, side, memory, cut, False)
+        cut.clear = joined.clear
+    if cut.clear == 1:
+        total = total_of(cut, joined, closes)
+        keep_cut(word, section, cut)
+        polylines[section] = wp.int64(total.lines)
+        points[section] = wp.int64(total.points)
+    else:
+        rest[wp.atomic_add(rest_count, 0, 1)] = section
+
+
+@wp.kernel
+def _cut_sections(
+    # In:
+    table: LoopTable,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    closes: int,
+    memory: wp.array[wp.float64],
+    rest: wp.array[wp.int32],  # sections, empty for all
+    rest_count: wp.array[wp.int32],
+    # Out:
+    word: wp.array2d[wp.uint64],
+    polylines: wp.array[wp.int64],
+    points: wp.array[wp.int64],
+):
+    """Cut and count any sections."""
+    section = wp.tid()
+    if rest.shape[0] > 0:
+        if section >= rest_count[0]:
+            return
+        section = rest[section]
+    f = section_frame(pose, patch, section)
+    side = half_extents(patch[section % patch.shape[0]], bounded)
+    g = coarse_frame(f, side, table.reach)
+    cut = cut_loops(table, f, g, side, memory, True)
+    joined = JointCounts()
+    joined.clear = 1
+    if closes == 1:
+        joined = join_counts(table, f, g, side, memory, cut, True)
+    total = total_of(cut, joined, closes)
+    if cut.open_count > 0 and (cut.clear & joined.clear) == 0:  # rare
+        total = count_section(table, f, side, memory, cut, closes, 0, PointCounter())
     keep_cut(word, section, cut)
     polylines[section] = wp.int64(total.lines)
     points[section] = wp.int64(total.points)
@@ -86,7 +126,14 @@ def cut_sections(table: Any, pose: wp.array, patch: wp.array, *, bounded: bool, 
     device, count = pose.device, pose.shape[0] * patch.shape[0]
     polylines, points = (wp.zeros(count + 1, dtype=wp.int64, device=device) for _ in range(2))
     word = wp.empty((4, count), dtype=wp.uint64, device=device)
-    inputs = [table, pose, patch, int(bounded), int(closes), room_to_remember(device)]
-    outputs = [word, polylines, points]
-    wp.launch(_cut_sections, count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
+    inputs, outputs = (
+        [table, pose, patch, int(bounded), int(closes), room_to_remember(device)],
+        [word, polylines, points],
+    )
+    launch = partial(wp.launch, dim=count, device=device, block_dim=BLOCK)
+    rest = wp.empty(0 if device.is_cpu else count, dtype=wp.int32, device=device)
+    rest_count = wp.zeros(1, dtype=wp.int32, device=device)
+    if not device.is_cpu:  # where a long branch of one thread makes others wait
+        launch(_cut_clear_sections, inputs=inputs, outputs=[*outputs, rest, rest_count])
+    launch(_cut_sections, inputs=[*inputs, rest, rest_count], outputs=outputs)
     return CutSections(word, polylines, points)

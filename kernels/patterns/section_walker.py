@@ -199,7 +199,7 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
             joint = PieceJoint()
             joint.piece = piece
             if turns:
-                joint = joint_after(table, f, side, memory, cut, piece)
+                joint = joint_after(table, f, side, memory, cut, piece, True)
             out = walk_corners(sink, out, f, side, joint, turns)
             ends = joint.piece == first
             out = to(sink, out, out.first, ends and closes == 1)

@@ -7,11 +7,20 @@ writes points gets from the launch that counts them.
 import warp as wp
 
 from ..patch import Coarse, Frame, output_point
-from ..section.clip_events import is_quiet
 from ..section.scan_search import CrossingPoint, crossing_point, rough_point
 from ..section.segment_clipping import NONE, corners_left, needs_left, segment_of, side_point
 from ..section.triangle_walk import point_of
 from .loop_table import CROSSING_BITS, KEY, PLACE, LoopTable, crossing_of, next_of, place_vertices
+from .side_words import (
+    ClippedSegments,
+    SideWords,
+    clip_segments,
+    mark_corners,
+    mark_crossing,
+    side_at,
+    unit_of,
+    word_if,
+)
 
 WHOLE = wp.constant(32)  # number of the piece that is all of the loop which begins with crossing 0
 OPEN_BITS = wp.constant(wp.uint64(0xFFFFFFFF))
@@ -29,7 +38,6 @@ class CutLoops:
 
     begin: int  # of the pattern's crossings in the table
     pieces: wp.uint64  # bit p: piece p is there
-    leaves: wp.uint64  # bit k: a piece leaves with segment k
     enter_side: wp.uint64  # patch side by which piece p enters, in bits 2 p
     leave_side: wp.uint64  # patch side by which piece p leaves, in bits 2 p
     open_count: int  # pieces that enter
@@ -37,6 +45,7 @@ class CutLoops:
     winding: int  # of the solid around the patch's corner 0
     steps: int  # of non-zero length between crossings inside
     through: int  # segments that enter and leave
+    clipped: ClippedSegments  # without winding
     clear: int  # 1 if the ends of open pieces surely differ, in float32, from the crossings and corners beside them
 
 
@@ -56,6 +65,17 @@ def lowest_bit(x: wp.uint64) -> int:
     """Number of the lowest bit that is set, -1 for none."""
 
 
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    return __popcll(x);
+#else
+    return __builtin_popcountll(x);
+#endif
+""")
+def bit_count(x: wp.uint64) -> int:
+    """How many bits are set."""
+
+
 @wp.func
 def bit_of(k: int):
     """The word in which only bit k is set."""
@@ -69,7 +89,7 @@ def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops):
     word[1, section] = cut.enter_side
     word[2, section] = cut.leave_side
     counts = wp.uint64(wp.max(cut.winding, 0)) << WINDING_SHIFT | wp.uint64(cut.open_count) << OPEN_SHIFT
-    word[3, section] = cut.leaves | wp.uint64(cut.begin) << BEGIN_SHIFT | counts
+    word[3, section] = wp.uint64(cut.clipped.leaves) | wp.uint64(cut.begin) << BEGIN_SHIFT | counts
 
 
 @wp.func
@@ -80,7 +100,7 @@ def kept_cut(word: wp.array2d[wp.uint64], section: int):
     cut.enter_side = word[1, section]
     cut.leave_side = word[2, section]
     last = word[3, section]
-    cut.leaves = last & OPEN_BITS
+    cut.clipped.leaves = wp.uint32(last & OPEN_BITS)
     cut.begin = int((last >> BEGIN_SHIFT) & BEGIN_BITS)
     cut.winding = int((last >> WINDING_SHIFT) & COUNT_BITS)
     cut.open_count = int(last >> OPEN_SHIFT)
@@ -102,10 +122,16 @@ def entering_segment(table: LoopTable, cut: CutLoops, piece: int):
 
 
 @wp.func
+def leaves_with(cut: CutLoops, k: int):
+    """Whether a piece ends with segment k."""
+    return (cut.clipped.leaves & unit_of(k)) != wp.uint32(0)
+
+
+@wp.func
 def leaving_segment(table: LoopTable, cut: CutLoops, piece: int):
     """Segment with which an open piece ends."""
     k = entering_segment(table, cut, piece)
-    while (cut.leaves & bit_of(k)) == wp.uint64(0):
+    while not leaves_with(cut, k):
         k = next_of(packed_at(table, cut, k))
     return k
 
@@ -224,6 +250,52 @@ def cut_crossing(memory: wp.array[wp.float64], f: Frame, g: Coarse, side: wp.vec
 
 
 @wp.func
+def add_pieces(table: LoopTable, cut: CutLoops, loop: ClippedSegments):
+    """Add the open pieces of a loop: one begins with each segment that enters, and ends with the next that leaves."""
+    out = cut
+    rest = wp.uint64(loop.enters)
+    while rest != wp.uint64(0):
+        k = lowest_bit(rest)
+        rest = rest & (rest - ONE)
+        piece = (packed_at(table, cut, k) >> KEY) & CROSSING_BITS
+        ahead = (loop.leaves >> wp.uint32(k)) << wp.uint32(k)
+        leaving = lowest_bit(wp.uint64(wp.where(ahead != wp.uint32(0), ahead, loop.leaves)))
+        out.pieces = out.pieces | bit_of(piece)
+        out.enter_side = out.enter_side | side_bits(side_at(loop.enter_low, loop.enter_high, k), piece)
+        out.leave_side = out.leave_side | side_bits(side_at(loop.leave_low, loop.leave_high, leaving), piece)
+    return out
+
+
+@wp.func
+def add_loop(table: LoopTable, cut: CutLoops, words: SideWords, first: int, last: int, steps: int, exact: bool):
+    """Clip the loop of crossings first..last, which has so many steps inside, and add what comes of it."""
+    out = cut
+    outside = words.bottom | words.right | words.top | words.left
+    if outside == wp.uint32(0):
+        if steps > 0:
+            out.pieces = cut.pieces | bit_of(WHOLE + first)
+            out.whole_count += 1
+    else:
+        loop = clip_segments(words, first, last)
+        out = add_pieces(table, cut, loop)
+        out.clipped.enters = cut.clipped.enters | loop.enters
+        out.clipped.enter_low = cut.clipped.enter_low | loop.enter_low
+        out.clipped.enter_high = cut.clipped.enter_high | loop.enter_high
+        out.clipped.leaves = cut.clipped.leaves | loop.leaves
+        out.clipped.leave_low = cut.clipped.leave_low | loop.leave_low
+        out.clipped.leave_high = cut.clipped.leave_high | loop.leave_high
+        out.open_count = cut.open_count + bit_count(wp.uint64(loop.enters))
+        out.through = cut.through + bit_count(wp.uint64(loop.enters & loop.leaves))
+        out.winding = cut.winding + bit_count(wp.uint64(loop.ahead)) - bit_count(wp.uint64(loop.back))
+        if exact and (words.unclear & (loop.enters | loop.leaves)) != wp.uint32(0):
+            out.clear = 0
+    if not exact and words.unclear != wp.uint32(0):
+        out.clear = 0
+    out.steps = cut.steps + steps
+    return out
+
+
+@wp.func
 def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.array[wp.float64], exact: bool):
     """Cut the loops of a section, and count its steps. Loops inside of no length are left out.
 
@@ -239,56 +311,32 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.
         first = k
         packed = packed_at(table, cut, k)
         p = cut_crossing(memory, f, g, side, packed, exact)
+        words = SideWords()
         steps = int(0)
-        inside = int(1)
-        piece = int(NONE)  # that entered last
-        late = int(NONE)  # side by which the piece leaves that enters last
         goes_on = int(1)
         while goes_on == 1:
             onward = next_of(packed)
             following = packed_at(table, cut, onward)
             q = cut_crossing(memory, f, g, side, following, exact)
+            bit = unit_of(k)
+            words = mark_crossing(words, bit, p.code)
+            clear = p.clear & q.clear
             if (p.code | q.code) == 0:
                 if is_surely_step(g, p, q):
                     steps += 1
-                elif not exact:
-                    cut.clear = 0
-                elif is_step(memory, f, side, packed, following):
-                    steps += 1
-            else:
-                inside = 0
-            if not exact and q.clear == 0:
-                cut.clear = 0
-            if not is_quiet(p.code, q.code):
-                passed = PassedCorners()
-                passed.clear = p.clear & q.clear
-                if needs_left(p.code, q.code):
-                    passed = pass_corners(memory, f, g, side, packed, p, following, q, exact)
-                s = segment_of(p.code, q.code, passed.left)
-                cut.winding += s.winding
-                if s.enter != NONE:
-                    piece = (packed >> KEY) & CROSSING_BITS
-                    cut.pieces = cut.pieces | bit_of(piece)
-                    cut.enter_side = cut.enter_side | side_bits(s.enter, piece)
-                    cut.open_count += 1
-                if s.leave != NONE:
-                    cut.leaves = cut.leaves | bit_of(k)
-                    if piece == NONE:
-                        late = s.leave
-                    else:
-                        cut.leave_side = cut.leave_side | side_bits(s.leave, piece)
-                if s.enter != NONE and s.leave != NONE:
-                    cut.through += 1
-                if passed.clear == 0 and (not exact or s.enter != NONE or s.leave != NONE):
-                    cut.clear = 0
+                elif exact:
+                    if is_step(memory, f, side, packed, following):
+                        steps += 1
+                else:
+                    clear = 0
+            elif needs_left(p.code, q.code):
+                passed = pass_corners(memory, f, g, side, packed, p, following, q, exact)
+                words = mark_corners(words, bit, passed.left)
+                clear = passed.clear
+            words.unclear = words.unclear | word_if(clear == 0, bit)
             goes_on = wp.where(onward > k, 1, 0)
             k += 1
             p = q
             packed = following
-        if late != NONE:
-            cut.leave_side = cut.leave_side | side_bits(late, piece)
-        cut.steps += steps
-        if inside == 1 and steps > 0:
-            cut.pieces = cut.pieces | bit_of(WHOLE + first)
-            cut.whole_count += 1
+        cut = add_loop(table, cut, words, first, k - 1, steps, exact)
     return cut

@@ -14,6 +14,7 @@ from .cut_loops import (
     ONE,
     OPEN_BITS,
     CutLoops,
+    bit_count,
     bit_of,
     entering_segment,
     leaving_segment,
@@ -22,6 +23,7 @@ from .cut_loops import (
     side_in,
 )
 from .loop_table import LoopTable, crossing_of, next_of
+from .side_words import segments_at
 
 
 @wp.struct
@@ -41,17 +43,6 @@ class JointCounts:
     lines: int  # closed contours
     steps: int  # of non-zero length along the boundary
     clear: int  # 1 if these are surely right, provided that `CutLoops.clear`
-
-
-@wp.func_native("""
-#ifdef __CUDA_ARCH__
-    return __popcll(x);
-#else
-    return __builtin_popcountll(x);
-#endif
-""")
-def bit_count(x: wp.uint64) -> int:
-    """How many bits are set."""
 
 
 @wp.func
@@ -195,22 +186,30 @@ def rough_end(table: LoopTable, half: wp.vec2d, memory: wp.array[wp.float64], cu
 
 
 @wp.func
-def is_apart(
-    table: LoopTable,
-    g: Coarse,
-    half: wp.vec2d,
-    memory: wp.array[wp.float64],
-    cut: CutLoops,
-    piece: int,
-    joint: PieceJoint,
-):
-    """Whether a joint without corners surely has a length, in float32, if `CutLoops.clear`."""
-    side = side_in(cut.leave_side, piece)
-    if side_in(cut.enter_side, joint.piece) != side:
-        return False
-    p = rough_end(table, half, memory, cut, leaving_segment(table, cut, piece), side)
-    q = rough_end(table, half, memory, cut, entering_segment(table, cut, joint.piece), side)
-    return wp.abs(p.x * q.d - q.x * p.d) > wp.float64(2.0 * g.unsure) * wp.abs(p.d * q.d)  # as in `moves`
+def are_apart(table: LoopTable, g: Coarse, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops):
+    """Whether no piece enters, in float32, where one leaves by the same side, if `CutLoops.clear`."""
+    c = cut.clipped
+    apart = int(1)
+    sides = int(0)
+    for side in range(4):
+        enters = segments_at(c.enters, c.enter_low, c.enter_high, side)
+        if enters != wp.uint32(0) and segments_at(c.leaves, c.leave_low, c.leave_high, side) != wp.uint32(0):
+            sides = sides | (1 << side)
+    while sides != 0:
+        side = lowest_bit(wp.uint64(sides))
+        sides = sides & (sides - 1)
+        leaves = wp.uint64(segments_at(c.leaves, c.leave_low, c.leave_high, side))
+        while leaves != wp.uint64(0):
+            p = rough_end(table, half, memory, cut, lowest_bit(leaves), side)
+            leaves = leaves & (leaves - ONE)
+            rest = wp.uint64(segments_at(c.enters, c.enter_low, c.enter_high, side))
+            while rest != wp.uint64(0):
+                q = rough_end(table, half, memory, cut, lowest_bit(rest), side)
+                rest = rest & (rest - ONE)
+                room = wp.float64(2.0 * g.unsure) * wp.abs(p.d * q.d)  # as in `moves`
+                if wp.abs(p.x * q.d - q.x * p.d) <= room:
+                    apart = 0
+    return apart
 
 
 @wp.func
@@ -219,7 +218,7 @@ def join_counts(
 ):
     """Closed contours of the open pieces, and the steps of non-zero length of their joints; exact: as `joint_after`."""
     counts = JointCounts()
-    counts.clear = 1
+    counts.clear = are_apart(table, g, half, memory, cut)
     rest = cut.pieces & OPEN_BITS
     first = lowest_bit(rest)
     piece = int(first)
@@ -228,9 +227,8 @@ def join_counts(
         joint = joint_after(table, f, half, memory, cut, piece, exact)
         counts.steps += joint.corners + 1
         counts.clear = counts.clear & joint.clear
-        if joint.clear == 1 and joint.corners == 0:
-            if not is_apart(table, g, half, memory, cut, piece, joint):
-                counts.clear = 0
+        if joint.corners == 0 and side_in(cut.enter_side, joint.piece) != side_in(cut.leave_side, piece):
+            counts.clear = 0
         piece = joint.piece
         if counts.clear == 0 and not exact:
             rest = wp.uint64(0)

@@ -30,7 +30,7 @@ from ..section.row_walker import (
 )
 from ..section.segment_clipping import side_point
 from ..section.triangle_walk import point_of
-from .cut_loops import WHOLE, CutLoops, bit_of, entering_segment, lowest_bit, packed_at, side_in
+from .cut_loops import WHOLE, CutLoops, bit_of, entering_segment, leaves_with, lowest_bit, packed_at, side_in
 from .loop_table import LoopTable, crossing_of, next_of
 from .piece_joints import PieceJoint, joint_after
 
@@ -150,7 +150,7 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
         out.x = y
         out.kind = OBJECT
         segment = int(first)
-        while (cut.leaves & bit_of(segment)) == wp.uint64(0) and k != first:
+        while not leaves_with(cut, segment) and k != first:
             out = to(sink, out, output_point(f, q), True)
             p = q
             segment = k

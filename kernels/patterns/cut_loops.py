@@ -41,10 +41,8 @@ class CutLoops:
     enter_side: wp.uint64  # patch side by which piece p enters, in bits 2 p
     leave_side: wp.uint64  # patch side by which piece p leaves, in bits 2 p
     open_count: int  # pieces that enter
-    whole_count: int  # loops inside
     winding: int  # of the solid around the patch's corner 0
     steps: int  # of non-zero length between crossings inside
-    through: int  # segments that enter and leave
     clipped: ClippedSegments  # without winding
     clear: int  # 1 if the ends of open pieces surely differ, in float32, from the crossings and corners beside them
 
@@ -271,11 +269,9 @@ def add_loop(table: LoopTable, cut: CutLoops, words: SideWords, first: int, last
     """Clip the loop of crossings first..last, which has so many steps inside, and add what comes of it."""
     out = cut
     outside = words.bottom | words.right | words.top | words.left
-    if outside == wp.uint32(0):
-        if steps > 0:
-            out.pieces = cut.pieces | bit_of(WHOLE + first)
-            out.whole_count += 1
-    else:
+    if outside == wp.uint32(0) and steps > 0:
+        out.pieces = cut.pieces | bit_of(WHOLE + first)
+    if outside != wp.uint32(0):
         loop = clip_segments(words, first, last)
         out = add_pieces(table, cut, loop)
         out.clipped.enters = cut.clipped.enters | loop.enters
@@ -284,8 +280,6 @@ def add_loop(table: LoopTable, cut: CutLoops, words: SideWords, first: int, last
         out.clipped.leaves = cut.clipped.leaves | loop.leaves
         out.clipped.leave_low = cut.clipped.leave_low | loop.leave_low
         out.clipped.leave_high = cut.clipped.leave_high | loop.leave_high
-        out.open_count = cut.open_count + bit_count(wp.uint64(loop.enters))
-        out.through = cut.through + bit_count(wp.uint64(loop.enters & loop.leaves))
         out.winding = cut.winding + bit_count(wp.uint64(loop.ahead)) - bit_count(wp.uint64(loop.back))
         if exact and (words.unclear & (loop.enters | loop.leaves)) != wp.uint32(0):
             out.clear = 0
@@ -339,4 +333,5 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.
             p = q
             packed = following
         cut = add_loop(table, cut, words, first, k - 1, steps, exact)
+    cut.open_count = bit_count(cut.pieces & OPEN_BITS)
     return cut

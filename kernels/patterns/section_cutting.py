@@ -11,7 +11,7 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT, Patch, coarse_frame, half_extents, require_section_poses, section_frame
-from .cut_loops import CutLoops, cut_loops, keep_cut
+from .cut_loops import CutLoops, bit_count, cut_loops, keep_cut
 from .loop_table import LoopTable, room_to_remember
 from .piece_joints import JointCounts, join_counts
 from .section_walker import PointCounter, count_section
@@ -23,8 +23,8 @@ wp.set_module_options(EXACT)
 def total_of(cut: CutLoops, joined: JointCounts, closes: int):
     """Polylines and points of a section's cut loops, if these are clear."""
     total = PointCounter()
-    total.lines = cut.open_count + cut.whole_count
-    total.points = cut.steps + 2 * cut.open_count - cut.through
+    total.lines = bit_count(cut.pieces)
+    total.points = cut.steps + 2 * cut.open_count - bit_count(wp.uint64(cut.clipped.enters & cut.clipped.leaves))
     if closes == 1:
         total.lines += joined.lines - cut.open_count
         total.points += joined.steps

@@ -48,7 +48,7 @@ class CutLoops:
 
 
 # The fourth word of a section in memory: which segments leave, and from these bits on other numbers of CutLoops.
-BEGIN_SHIFT, WINDING_SHIFT, OPEN_SHIFT = (wp.constant(wp.uint64(bit)) for bit in (32, 52, 58))
+BEGIN_SHIFT, WINDING_SHIFT, EXACT_SHIFT = (wp.constant(wp.uint64(bit)) for bit in (32, 52, 58))
 BEGIN_BITS, COUNT_BITS = wp.constant(wp.uint64(0xFFFFF)), wp.constant(wp.uint64(63))
 
 
@@ -81,13 +81,19 @@ def bit_of(k: int):
 
 
 @wp.func
-def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops):
-    """Write what drawing needs of a section's cut loops, shape [4, section]."""
+def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops, exact: bool):
+    """Write what drawing needs of a section's cut loops, shape [4, section]; exact: whether `cut_loops` was."""
     word[0, section] = cut.pieces
     word[1, section] = cut.enter_side
     word[2, section] = cut.leave_side
-    counts = wp.uint64(wp.max(cut.winding, 0)) << WINDING_SHIFT | wp.uint64(cut.open_count) << OPEN_SHIFT
-    word[3, section] = wp.uint64(cut.clipped.leaves) | wp.uint64(cut.begin) << BEGIN_SHIFT | counts
+    numbers = wp.uint64(cut.begin) << BEGIN_SHIFT | wp.uint64(wp.max(cut.winding, 0)) << WINDING_SHIFT
+    word[3, section] = wp.uint64(cut.clipped.leaves) | numbers | wp.uint64(wp.where(exact, 1, 0)) << EXACT_SHIFT
+
+
+@wp.func
+def kept_exactly(word: wp.array2d[wp.uint64], section: int):
+    """Whether a section's cut loops must be drawn exactly, too."""
+    return (word[3, section] >> EXACT_SHIFT) != wp.uint64(0)
 
 
 @wp.func
@@ -101,7 +107,7 @@ def kept_cut(word: wp.array2d[wp.uint64], section: int):
     cut.clipped.leaves = wp.uint32(last & OPEN_BITS)
     cut.begin = int((last >> BEGIN_SHIFT) & BEGIN_BITS)
     cut.winding = int((last >> WINDING_SHIFT) & COUNT_BITS)
-    cut.open_count = int(last >> OPEN_SHIFT)
+    cut.open_count = bit_count(cut.pieces & OPEN_BITS)
     return cut
 
 

@@ -63,7 +63,7 @@ def _cut_clear_sections(
         cut.clear = joined.clear
     if cut.clear == 1:
         total = total_of(cut, joined, closes)
-        keep_cut(word, section, cut)
+        keep_cut(word, section, cut, False)
         polylines[section] = wp.int64(total.lines)
         points[section] = wp.int64(total.points)
     else:
@@ -103,7 +103,7 @@ def _cut_sections(
     total = total_of(cut, joined, closes)
     if cut.open_count > 0 and (cut.clear & joined.clear) == 0:  # rare
         total = count_section(table, f, side, memory, cut, closes, 0, PointCounter())
-    keep_cut(word, section, cut)
+    keep_cut(word, section, cut, True)
     polylines[section] = wp.int64(total.lines)
     points[section] = wp.int64(total.points)
 
@@ -114,26 +114,31 @@ class CutSections(NamedTuple):
     word: wp.array  # cut loops of each section (`keep_cut`), uint64, shape [4, section]
     polylines: wp.array  # of each section, int64, shape [section + 1], the last one 0
     points: wp.array
+    rest: wp.array  # sections that were cut exactly, int32; empty if all were
+    rest_count: wp.array  # how many these are, int32, shape [1]
 
 
-def cut_sections(table: Any, pose: wp.array, patch: wp.array, *, bounded: bool, closes: bool) -> CutSections:
+def cut_sections(
+    table: Any, pose: wp.array, patch: wp.array, *, bounded: bool, closes: bool, split: bool | None = None
+) -> CutSections:
     """Cut and count the contours of a surface that has a LoopTable in every patch at every pose.
 
     pose: wp.transform, of the hand or of each patch, shape [pose, 1 or patch]; patch: Patch, shape [patch]; all on one
     device. bounded: whether patches cut contours off; closes: whether contours are closed along bounded patches.
+    split: whether only doubtful sections are cut and drawn exactly, which gives the same; by default on a GPU, where
+    a long branch of one thread makes others wait.
     """
     require_section_poses(pose, patch)
     device, count = pose.device, pose.shape[0] * patch.shape[0]
+    split = not device.is_cpu if split is None else split
     polylines, points = (wp.zeros(count + 1, dtype=wp.int64, device=device) for _ in range(2))
     word = wp.empty((4, count), dtype=wp.uint64, device=device)
-    inputs, outputs = (
-        [table, pose, patch, int(bounded), int(closes), room_to_remember(device)],
-        [word, polylines, points],
-    )
-    launch = partial(wp.launch, dim=count, device=device, block_dim=BLOCK)
-    rest = wp.empty(0 if device.is_cpu else count, dtype=wp.int32, device=device)
+    rest = wp.empty(count if split else 0, dtype=wp.int32, device=device)
     rest_count = wp.zeros(1, dtype=wp.int32, device=device)
-    if not device.is_cpu:  # where a long branch of one thread makes others wait
+    inputs = [table, pose, patch, int(bounded), int(closes), room_to_remember(device)]
+    outputs = [word, polylines, points]
+    launch = partial(wp.launch, dim=count, device=device, block_dim=BLOCK)
+    if split:
         launch(_cut_clear_sections, inputs=inputs, outputs=[*outputs, rest, rest_count])
     launch(_cut_sections, inputs=[*inputs, rest, rest_count], outputs=outputs)
-    return CutSections(word, polylines, points)
+    return CutSections(word, polylines, points, rest, rest_count)

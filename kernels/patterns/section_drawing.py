@@ -1,5 +1,6 @@
 """The second launch for closed solids of few vertices: writes the points of the contours that the first one counted."""
 
+from functools import partial
 from typing import Any
 
 import warp as wp
@@ -8,16 +9,16 @@ from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
 from ..patch import EXACT, Patch, half_extents, section_frame
 from ..section.contour_writing import Contours, room_for_contours
 from ..section.row_walker import LineArrays, PolylineWriter
-from .cut_loops import kept_cut
+from .cut_loops import kept_cut, kept_exactly
 from .loop_table import LoopTable, place_vertices, room_to_remember
 from .section_cutting import CutSections
-from .section_walker import draw_section
+from .section_walker import ClearWriter, draw_clear_section, draw_section
 
 wp.set_module_options(EXACT)
 
 
 @wp.kernel
-def _draw_sections(
+def _draw_clear_sections(
     # In:
     table: LoopTable,
     pose: wp.array2d[wp.transform],
@@ -31,10 +32,45 @@ def _draw_sections(
     # Out:
     lines: LineArrays,
 ):
-    """Write each section's polylines."""
+    """Write the polylines of each section that was not cut exactly."""
+    section = wp.tid()
+    writer = ClearWriter()
+    writer.line = section_start[section]
+    if writer.line == section_start[section + 1] or kept_exactly(word, section):
+        return
+    writer.i = point_start[section]
+    writer.patch = section % patch.shape[0]
+    f = section_frame(pose, patch, section)
+    side = half_extents(patch[writer.patch], bounded)
+    place_vertices(table, f, memory)
+    writer = draw_clear_section(table, f, side, memory, kept_cut(word, section), closes, lines, writer)
+
+
+@wp.kernel
+def _draw_sections(
+    # In:
+    table: LoopTable,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    closes: int,
+    word: wp.array2d[wp.uint64],
+    section_start: wp.array[wp.int64],
+    point_start: wp.array[wp.int64],
+    memory: wp.array[wp.float64],
+    rest: wp.array[wp.int32],  # sections, empty for all
+    rest_count: wp.array[wp.int32],
+    # Out:
+    lines: LineArrays,
+):
+    """Write the polylines of any sections, and where the last polyline of all ends."""
     section = wp.tid()
     if section == section_start.shape[0] - 2:
         lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
+    if rest.shape[0] > 0:
+        if section >= rest_count[0]:
+            return
+        section = rest[section]
     writer = PolylineWriter()
     writer.line = section_start[section]
     if writer.line == section_start[section + 1]:
@@ -68,6 +104,8 @@ def draw_sections(
     contours, lines = room_for_contours(section_start, polyline_count, point_count)
     inputs = [table, pose, patch, int(bounded), int(closes), cut.word, section_start, point_start]
     inputs.append(room_to_remember(pose.device))
-    launched = {"device": pose.device, "block_dim": BLOCK}
-    wp.launch(_draw_sections, cut.word.shape[1], inputs=inputs, outputs=[lines], **launched)
+    launch = partial(wp.launch, dim=cut.word.shape[1], outputs=[lines], device=pose.device, block_dim=BLOCK)
+    if cut.rest.shape[0] > 0:
+        launch(_draw_clear_sections, inputs=inputs)
+    launch(_draw_sections, inputs=[*inputs, cut.rest, cut.rest_count])
     return contours

@@ -115,24 +115,21 @@ def end_writing(lines: LineArrays, writer: PolylineWriter, ends: bool, closed: b
 class ClearWriter:
     """State of writing if no step has length zero: the last point is held back until its segment's kind is known."""
 
+    x: wp.vec3  # the held point
+    kind: int  # of the segment that starts there
+    first: wp.vec3  # first point of the polyline
+    written: int  # kind of the segment before
     i: wp.int64  # index of the held point
     line: wp.int64  # index of the next polyline
     patch: int
-    x: wp.vec3  # the held point
-    kind: int  # of the segment that starts there
-    written: int  # kind of the segment before
-    first: wp.vec3  # first point of the polyline
 
 
 @wp.func
-def write_point(lines: LineArrays, writer: ClearWriter):
-    """Write the held point."""
-    lines.points[writer.i] = writer.x
-    if writer.kind != OBJECT:
-        lines.kind[writer.i] = wp.uint8(writer.kind)
-    out = writer
-    out.i = writer.i + wp.int64(1)
-    return out
+def write_point(lines: LineArrays, i: wp.int64, x: wp.vec3, kind: int):
+    """Write a point and the kind of the segment that starts there."""
+    lines.points[i] = x
+    if kind != OBJECT:
+        lines.kind[i] = wp.uint8(kind)
 
 
 @wp.func
@@ -140,7 +137,8 @@ def write_clear(lines: LineArrays, writer: ClearWriter, y: wp.vec3, draws: bool)
     """Write the held point and hold point y, if `draws`."""
     out = writer
     if draws:
-        out = write_point(lines, writer)
+        write_point(lines, writer.i, writer.x, writer.kind)
+        out.i = writer.i + wp.int64(1)
         out.x = y
         out.written = writer.kind
         out.kind = OBJECT
@@ -164,8 +162,8 @@ def end_clear(lines: LineArrays, writer: ClearWriter, ends: bool, closed: bool):
     """Write the held point if the polyline ends here; it repeats the kind of the point before."""
     out = writer
     if ends:
-        out.kind = writer.written
-        out = write_point(lines, out)
+        write_point(lines, writer.i, writer.x, writer.written)
+        out.i = writer.i + wp.int64(1)
     return out
 
 
@@ -174,9 +172,8 @@ def clear_boundary(lines: LineArrays, writer: ClearWriter, f: Frame, half: wp.ve
     """Write the patch's whole boundary as a closed polyline of five points, if `draws`."""
     out = begin_clear(lines, writer, draws, True)
     for k in range(wp.where(draws, 5, 0)):
-        out.kind = HAND
-        out.x = output_point(f, corner(k & 3, half))
-        out = write_point(lines, out)
+        write_point(lines, out.i, output_point(f, corner(k & 3, half)), HAND)
+        out.i = out.i + wp.int64(1)
     return out
 
 

@@ -132,16 +132,21 @@ def segment_of(code_p: int, code_q: int, left: int):
 
 @wp.func
 def side_point(k: int, p: wp.vec2d, q: wp.vec2d, half: wp.vec2d):
-    """Point where p -> q crosses side k, clamped to its corners [m]."""
-    if k == 1 or k == 3:
-        x = half[0]
-        if k == 3:
-            x = -x
-        return wp.vec2d(x, wp.clamp(blend(p, q, p[0] - x, q[0] - x)[1], -half[1], half[1]))
-    y = half[1]
-    if k == 0:
-        y = -y
-    return wp.vec2d(wp.clamp(blend(p, q, p[1] - y, q[1] - y)[0], -half[0], half[0]), y)
+    """Point where p -> q crosses side k, clamped to its corners [m]: that of `blend`, alike for all sides."""
+    upright = (k & 1) != 0
+    at = wp.where(upright, half[0], half[1])
+    most = wp.where(upright, half[1], half[0])
+    if k == 0 or k == 3:
+        at = -at
+    a = wp.where(upright, p[0], p[1]) - at
+    b = wp.where(upright, q[0], q[1]) - at
+    x = wp.where(upright, p[1], p[0])
+    y = wp.where(upright, q[1], q[0])
+    near = wp.abs(a) <= wp.abs(b)
+    from_near = wp.where(near, x, y)
+    to_far = wp.where(near, y, x) - from_near
+    along = wp.clamp(from_near + (wp.where(near, a, -b) / (a - b)) * to_far, -most, most)
+    return wp.vec2d(wp.where(upright, at, along), wp.where(upright, along, at))
 
 
 @wp.func

@@ -18,6 +18,24 @@ from .section_walker import PointCounter, count_section
 
 wp.set_module_options(EXACT)
 
+REST_THREADS = 2**16  # that take the sections which a split leaves: enough to fill a GPU, and few if there are none
+
+
+@wp.func
+def row_count(rest: wp.array[wp.int32], rest_count: wp.array[wp.int32], section_count: int):
+    """How many sections are cut and drawn exactly: those in `rest`, or all."""
+    if rest.shape[0] > 0:
+        return rest_count[0]
+    return section_count
+
+
+@wp.func
+def section_in(rest: wp.array[wp.int32], row: int):
+    """A row's section."""
+    if rest.shape[0] > 0:
+        return rest[row]
+    return row
+
 
 @wp.func
 def total_of(cut: CutLoops, joined: JointCounts, closes: int):
@@ -81,31 +99,29 @@ def _cut_sections(
     memory: wp.array[wp.float64],
     rest: wp.array[wp.int32],  # sections, empty for all
     rest_count: wp.array[wp.int32],
+    step: int,  # threads
     # Out:
     word: wp.array2d[wp.uint64],
     polylines: wp.array[wp.int64],
     points: wp.array[wp.int64],
 ):
     """Cut and count any sections."""
-    section = wp.tid()
-    if rest.shape[0] > 0:
-        if section >= rest_count[0]:
-            return
-        section = rest[section]
-    f = section_frame(pose, patch, section)
-    side = half_extents(patch[section % patch.shape[0]], bounded)
-    g = coarse_frame(f, side, table.reach)
-    cut = cut_loops(table, f, g, side, memory, True)
-    joined = JointCounts()
-    joined.clear = 1
-    if closes == 1:
-        joined = join_counts(table, f, g, side, memory, cut, True)
-    total = total_of(cut, joined, closes)
-    if cut.open_count > 0 and (cut.clear & joined.clear) == 0:  # rare
-        total = count_section(table, f, side, memory, cut, closes, 0, PointCounter())
-    keep_cut(word, section, cut, True)
-    polylines[section] = wp.int64(total.lines)
-    points[section] = wp.int64(total.points)
+    for row in range(wp.tid(), row_count(rest, rest_count, word.shape[1]), step):
+        section = section_in(rest, row)
+        f = section_frame(pose, patch, section)
+        side = half_extents(patch[section % patch.shape[0]], bounded)
+        g = coarse_frame(f, side, table.reach)
+        cut = cut_loops(table, f, g, side, memory, True)
+        joined = JointCounts()
+        joined.clear = 1
+        if closes == 1:
+            joined = join_counts(table, f, g, side, memory, cut, True)
+        total = total_of(cut, joined, closes)
+        if cut.open_count > 0 and (cut.clear & joined.clear) == 0:  # rare
+            total = count_section(table, f, side, memory, cut, closes, 0, PointCounter())
+        keep_cut(word, section, cut, True)
+        polylines[section] = wp.int64(total.lines)
+        points[section] = wp.int64(total.points)
 
 
 class CutSections(NamedTuple):
@@ -137,8 +153,9 @@ def cut_sections(
     rest_count = wp.zeros(1, dtype=wp.int32, device=device)
     inputs = [table, pose, patch, int(bounded), int(closes), room_to_remember(device)]
     outputs = [word, polylines, points]
-    launch = partial(wp.launch, dim=count, device=device, block_dim=BLOCK)
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
     if split:
-        launch(_cut_clear_sections, inputs=inputs, outputs=[*outputs, rest, rest_count])
-    launch(_cut_sections, inputs=[*inputs, rest, rest_count], outputs=outputs)
+        launch(_cut_clear_sections, count, inputs=inputs, outputs=[*outputs, rest, rest_count])
+    step = min(count, REST_THREADS) if split else count
+    launch(_cut_sections, step, inputs=[*inputs, rest, rest_count, step], outputs=outputs)
     return CutSections(word, polylines, points, rest, rest_count)

@@ -11,7 +11,7 @@ from ..section.contour_writing import Contours, room_for_contours
 from ..section.row_walker import LineArrays, PolylineWriter
 from .cut_loops import kept_cut, kept_exactly
 from .loop_table import LoopTable, place_vertices, room_to_remember
-from .section_cutting import CutSections
+from .section_cutting import REST_THREADS, CutSections, row_count, section_in
 from .section_walker import ClearWriter, draw_clear_section, draw_section
 
 wp.set_module_options(EXACT)
@@ -60,27 +60,25 @@ def _draw_sections(
     memory: wp.array[wp.float64],
     rest: wp.array[wp.int32],  # sections, empty for all
     rest_count: wp.array[wp.int32],
+    step: int,  # threads
     # Out:
     lines: LineArrays,
 ):
     """Write the polylines of any sections, and where the last polyline of all ends."""
-    section = wp.tid()
-    if section == section_start.shape[0] - 2:
-        lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
-    if rest.shape[0] > 0:
-        if section >= rest_count[0]:
-            return
-        section = rest[section]
-    writer = PolylineWriter()
-    writer.line = section_start[section]
-    if writer.line == section_start[section + 1]:
-        return
-    writer.i = point_start[section]
-    writer.patch = section % patch.shape[0]
-    f = section_frame(pose, patch, section)
-    side = half_extents(patch[writer.patch], bounded)
-    place_vertices(table, f, memory)
-    writer = draw_section(table, f, side, memory, kept_cut(word, section), closes, lines, writer)
+    count = word.shape[1]
+    if wp.tid() == 0:
+        lines.polyline_start[section_start[count]] = point_start[count]
+    for row in range(wp.tid(), row_count(rest, rest_count, count), step):
+        section = section_in(rest, row)
+        writer = PolylineWriter()
+        writer.line = section_start[section]
+        if writer.line < section_start[section + 1]:
+            writer.i = point_start[section]
+            writer.patch = section % patch.shape[0]
+            f = section_frame(pose, patch, section)
+            side = half_extents(patch[writer.patch], bounded)
+            place_vertices(table, f, memory)
+            writer = draw_section(table, f, side, memory, kept_cut(word, section), closes, lines, writer)
 
 
 def draw_sections(
@@ -104,8 +102,10 @@ def draw_sections(
     contours, lines = room_for_contours(section_start, polyline_count, point_count)
     inputs = [table, pose, patch, int(bounded), int(closes), cut.word, section_start, point_start]
     inputs.append(room_to_remember(pose.device))
-    launch = partial(wp.launch, dim=cut.word.shape[1], outputs=[lines], device=pose.device, block_dim=BLOCK)
-    if cut.rest.shape[0] > 0:
-        launch(_draw_clear_sections, inputs=inputs)
-    launch(_draw_sections, inputs=[*inputs, cut.rest, cut.rest_count])
+    count, split = cut.word.shape[1], cut.rest.shape[0] > 0
+    launch = partial(wp.launch, outputs=[lines], device=pose.device, block_dim=BLOCK)
+    if split:
+        launch(_draw_clear_sections, count, inputs=inputs)
+    step = min(count, REST_THREADS) if split else count
+    launch(_draw_sections, step, inputs=[*inputs, cut.rest, cut.rest_count, step])
     return contours

@@ -53,7 +53,7 @@ def total_of(cut: CutLoops, joined: JointCounts, closes: int):
     return total
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=(BLOCK, 12))  # blocks at a time: 80 registers
 def _cut_clear_sections(
     # In:
     table: LoopTable,

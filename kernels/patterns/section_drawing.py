@@ -17,7 +17,7 @@ from .section_walker import ClearWriter, draw_clear_section, draw_section
 wp.set_module_options(EXACT)
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=(BLOCK, 12))  # blocks at a time: 80 registers
 def _draw_clear_sections(
     # In:
     table: LoopTable,

@@ -97,7 +97,7 @@ def _cut_sections(
     bounded: int,
     closes: int,
     memory: wp.array[wp.float64],
-    rest: wp.array[wp.int32],  # sections, empty for all
+    rest: wp.array[wp.int32],  # sections, None for all
     rest_count: wp.array[wp.int32],
     step: int,  # threads
     # Out:
@@ -130,8 +130,8 @@ class CutSections(NamedTuple):
     word: wp.array  # cut loops of each section (`keep_cut`), uint64, shape [4, section]
     polylines: wp.array  # of each section, int64, shape [section + 1], the last one 0
     points: wp.array
-    rest: wp.array  # sections that were cut exactly, int32; empty if all were
-    rest_count: wp.array  # how many these are, int32, shape [1]
+    rest: wp.array | None  # sections that were cut exactly, int32, in any order; None if all were
+    rest_count: wp.array | None  # how many these are, int32, shape [1]
 
 
 def cut_sections(
@@ -149,8 +149,8 @@ def cut_sections(
     split = not device.is_cpu if split is None else split
     polylines, points = (wp.zeros(count + 1, dtype=wp.int64, device=device) for _ in range(2))
     word = wp.empty((4, count), dtype=wp.uint64, device=device)
-    rest = wp.empty(count if split else 0, dtype=wp.int32, device=device)
-    rest_count = wp.zeros(1, dtype=wp.int32, device=device)
+    rest = wp.empty(count, dtype=wp.int32, device=device) if split else None
+    rest_count = wp.zeros(1, dtype=wp.int32, device=device) if split else None
     inputs = [table, pose, patch, int(bounded), int(closes), room_to_remember(device)]
     outputs = [word, polylines, points]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)

@@ -58,7 +58,7 @@ def _draw_sections(
     section_start: wp.array[wp.int64],
     point_start: wp.array[wp.int64],
     memory: wp.array[wp.float64],
-    rest: wp.array[wp.int32],  # sections, empty for all
+    rest: wp.array[wp.int32],  # sections, None for all
     rest_count: wp.array[wp.int32],
     step: int,  # threads
     # Out:
@@ -102,7 +102,7 @@ def draw_sections(
     contours, lines = room_for_contours(section_start, polyline_count, point_count)
     inputs = [table, pose, patch, int(bounded), int(closes), cut.word, section_start, point_start]
     inputs.append(room_to_remember(pose.device))
-    count, split = cut.word.shape[1], cut.rest.shape[0] > 0
+    count, split = cut.word.shape[1], cut.rest is not None
     launch = partial(wp.launch, outputs=[lines], device=pose.device, block_dim=BLOCK)
     if split:
         launch(_draw_clear_sections, count, inputs=inputs)

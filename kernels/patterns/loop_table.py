@@ -138,9 +138,9 @@ def remember(memory: wp.array[wp.float64], v: int, x: wp.vec3d, writes: bool) ->
     """Write a vertex into a thread's memory if `writes`; returns the one that is there. A GPU's is shared memory."""
 
 
-def room_to_remember(device: Any) -> wp.array:
+def room_to_remember(device: Any) -> wp.array | None:
     """A launch's memory for `remember`: a CPU computes one section after another, and a GPU has shared memory."""
-    return wp.empty(3 * VERTICES_MOST if device.is_cpu else 0, dtype=wp.float64, device=device)
+    return wp.empty(3 * VERTICES_MOST, dtype=wp.float64, device=device) if device.is_cpu else None
 
 
 @wp.func

@@ -171,9 +171,10 @@ def end_clear(lines: LineArrays, writer: ClearWriter, ends: bool, closed: bool):
 def clear_boundary(lines: LineArrays, writer: ClearWriter, f: Frame, half: wp.vec2d, draws: bool):
     """Write the patch's whole boundary as a closed polyline of five points, if `draws`."""
     out = begin_clear(lines, writer, draws, True)
-    for k in range(wp.where(draws, 5, 0)):
-        write_point(lines, out.i, output_point(f, corner(k & 3, half)), HAND)
-        out.i = out.i + wp.int64(1)
+    if draws:
+        for k in range(5):
+            write_point(lines, out.i, output_point(f, corner(k % 4, half)), int(HAND))
+            out.i = out.i + wp.int64(1)
     return out
 
 

@@ -18,6 +18,7 @@ from .section_walker import PointCounter, count_section
 
 wp.set_module_options(EXACT)
 
+LAUNCH_BOUNDS = (BLOCK, 12)  # 12 blocks at a time, 80 registers: shared memory allows no more (`remember`)
 REST_THREADS = 2**16  # that take the sections which a split leaves: enough to fill a GPU, and few if there are none
 
 
@@ -53,7 +54,7 @@ def total_of(cut: CutLoops, joined: JointCounts, closes: int):
     return total
 
 
-@wp.kernel(launch_bounds=(BLOCK, 12))  # blocks at a time: 80 registers
+@wp.kernel(launch_bounds=LAUNCH_BOUNDS)
 def _cut_clear_sections(
     # In:
     table: LoopTable,

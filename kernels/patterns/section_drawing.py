@@ -11,13 +11,13 @@ from ..section.contour_writing import Contours, room_for_contours
 from ..section.row_walker import LineArrays, PolylineWriter
 from .cut_loops import kept_cut, kept_exactly
 from .loop_table import LoopTable, place_vertices, room_to_remember
-from .section_cutting import REST_THREADS, CutSections, row_count, section_in
+from .section_cutting import LAUNCH_BOUNDS, REST_THREADS, CutSections, row_count, section_in
 from .section_walker import ClearWriter, draw_clear_section, draw_section
 
 wp.set_module_options(EXACT)
 
 
-@wp.kernel(launch_bounds=(BLOCK, 12))  # blocks at a time: 80 registers
+@wp.kernel(launch_bounds=LAUNCH_BOUNDS)
 def _draw_clear_sections(
     # In:
     table: LoopTable,

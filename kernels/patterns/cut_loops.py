@@ -6,20 +6,20 @@ writes points gets from the launch that counts them.
 
 import warp as wp
 
-from ..patch import Coarse, Frame
-from ..section.clip_events import is_quiet
-from ..section.scan_search import CrossingPoint, crossing_point, moves
-from ..section.segment_clipping import NONE, Segment, corners_left, needs_left, segment_of, side_point
-from ..section.triangle_walk import Crossing, point_of
-from .loop_table import (
-    CROSSING_BITS,
-    KEY,
-    PLACE,
-    LoopTable,
-    next_of,
-    pattern_of,
-    table_crossing,
-    table_crossing_after,
+from ..patch import Coarse, Frame, output_point
+from ..section.scan_search import CrossingPoint, crossing_point, rough_point
+from ..section.segment_clipping import NONE, corners_left, needs_left, segment_of, side_point
+from ..section.triangle_walk import point_of
+from .loop_table import CROSSING_BITS, KEY, PLACE, LoopTable, crossing_of, next_of, place_vertices
+from .side_words import (
+    ClippedSegments,
+    SideWords,
+    clip_segments,
+    mark_corners,
+    mark_crossing,
+    side_at,
+    unit_of,
+    word_if,
 )
 
 WHOLE = wp.constant(32)  # number of the piece that is all of the loop which begins with crossing 0
@@ -38,19 +38,17 @@ class CutLoops:
 
     begin: int  # of the pattern's crossings in the table
     pieces: wp.uint64  # bit p: piece p is there
-    leaves: wp.uint64  # bit k: a piece leaves with segment k
     enter_side: wp.uint64  # patch side by which piece p enters, in bits 2 p
-    leave_side: wp.uint64  # patch side by which segment k leaves, in bits 2 k
+    leave_side: wp.uint64  # patch side by which piece p leaves, in bits 2 p
     open_count: int  # pieces that enter
-    whole_count: int  # loops inside
     winding: int  # of the solid around the patch's corner 0
     steps: int  # of non-zero length between crossings inside
-    through: int  # segments that enter and leave
+    clipped: ClippedSegments  # without winding
     clear: int  # 1 if the ends of open pieces surely differ, in float32, from the crossings and corners beside them
 
 
 # The fourth word of a section in memory: which segments leave, and from these bits on other numbers of CutLoops.
-BEGIN_SHIFT, WINDING_SHIFT, OPEN_SHIFT = (wp.constant(wp.uint64(bit)) for bit in (32, 52, 58))
+BEGIN_SHIFT, WINDING_SHIFT, EXACT_SHIFT = (wp.constant(wp.uint64(bit)) for bit in (32, 52, 58))
 BEGIN_BITS, COUNT_BITS = wp.constant(wp.uint64(0xFFFFF)), wp.constant(wp.uint64(63))
 
 
@@ -65,6 +63,17 @@ def lowest_bit(x: wp.uint64) -> int:
     """Number of the lowest bit that is set, -1 for none."""
 
 
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    return __popcll(x);
+#else
+    return __builtin_popcountll(x);
+#endif
+""")
+def bit_count(x: wp.uint64) -> int:
+    """How many bits are set."""
+
+
 @wp.func
 def bit_of(k: int):
     """The word in which only bit k is set."""
@@ -72,13 +81,19 @@ def bit_of(k: int):
 
 
 @wp.func
-def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops):
-    """Write what drawing needs of a section's cut loops, shape [4, section]."""
+def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops, exact: bool):
+    """Write what drawing needs of a section's cut loops, shape [4, section]; exact: whether `cut_loops` was."""
     word[0, section] = cut.pieces
     word[1, section] = cut.enter_side
     word[2, section] = cut.leave_side
-    counts = wp.uint64(wp.max(cut.winding, 0)) << WINDING_SHIFT | wp.uint64(cut.open_count) << OPEN_SHIFT
-    word[3, section] = cut.leaves | wp.uint64(cut.begin) << BEGIN_SHIFT | counts
+    numbers = wp.uint64(cut.begin) << BEGIN_SHIFT | wp.uint64(wp.max(cut.winding, 0)) << WINDING_SHIFT
+    word[3, section] = wp.uint64(cut.clipped.leaves) | numbers | wp.uint64(wp.where(exact, 1, 0)) << EXACT_SHIFT
+
+
+@wp.func
+def kept_exactly(word: wp.array2d[wp.uint64], section: int):
+    """Whether a section's cut loops must be drawn exactly, too."""
+    return (word[3, section] >> EXACT_SHIFT) != wp.uint64(0)
 
 
 @wp.func
@@ -89,10 +104,10 @@ def kept_cut(word: wp.array2d[wp.uint64], section: int):
     cut.enter_side = word[1, section]
     cut.leave_side = word[2, section]
     last = word[3, section]
-    cut.leaves = last & OPEN_BITS
+    cut.clipped.leaves = wp.uint32(last & OPEN_BITS)
     cut.begin = int((last >> BEGIN_SHIFT) & BEGIN_BITS)
     cut.winding = int((last >> WINDING_SHIFT) & COUNT_BITS)
-    cut.open_count = int(last >> OPEN_SHIFT)
+    cut.open_count = bit_count(cut.pieces & OPEN_BITS)
     return cut
 
 
@@ -111,10 +126,16 @@ def entering_segment(table: LoopTable, cut: CutLoops, piece: int):
 
 
 @wp.func
+def leaves_with(cut: CutLoops, k: int):
+    """Whether a piece ends with segment k."""
+    return (cut.clipped.leaves & unit_of(k)) != wp.uint32(0)
+
+
+@wp.func
 def leaving_segment(table: LoopTable, cut: CutLoops, piece: int):
     """Segment with which an open piece ends."""
     k = entering_segment(table, cut, piece)
-    while (cut.leaves & bit_of(k)) == wp.uint64(0):
+    while not leaves_with(cut, k):
         k = next_of(packed_at(table, cut, k))
     return k
 
@@ -132,43 +153,156 @@ def side_bits(side: int, k: int):
 
 
 @wp.func
-def is_near_corner(f: Frame, c: Crossing, n: Crossing, k: int, side: wp.vec2d, room: wp.float64):
-    """Whether the segment from c to n crosses side k at most `room` from a corner of the patch; not if k is NONE."""
+def is_near_corner(p: wp.vec2d, q: wp.vec2d, k: int, side: wp.vec2d, room: wp.float64):
+    """Whether p -> q crosses side k at most `room` from a corner of the patch; not if k is NONE."""
     if k == NONE:
         return False
-    x = side_point(k, point_of(f, c, side), point_of(f, n, side), side)
+    x = side_point(k, p, q, side)
     return wp.abs(x[0]) >= side[0] - room and wp.abs(x[1]) >= side[1] - room
 
 
+@wp.struct
+class PassedCorners:
+    """How a segment passes the patch's corners."""
+
+    left: int  # bits of those to its left, or on it
+    clear: int  # not 0: where it enters and leaves, it surely differs in float32 from them and from its crossings
+
+
 @wp.func
-def is_clear(
+def pass_exactly(
+    memory: wp.array[wp.float64],
     f: Frame,
     g: Coarse,
-    c: Crossing,
-    p: CrossingPoint,
-    n: Crossing,
-    q: CrossingPoint,
-    s: Segment,
-    near: bool,
     side: wp.vec2d,
+    one: int,
+    p_code: int,
+    two: int,
+    q_code: int,
+    clear: int,
 ):
-    """Whether the segment from c to n surely enters and leaves at points that differ, in float32, from its crossings
-    and the patch's corners; near: whether two sides that meet lie between its ends (`needs_left`)."""
-    if s.enter == NONE and s.leave == NONE:
-        return True
-    if (p.clear & q.clear) == 0:
-        return False
-    if not near:
-        return True
-    room = wp.float64(2.0 * g.unsure)  # as in `moves`
-    return not (is_near_corner(f, c, n, s.enter, side, room) or is_near_corner(f, c, n, s.leave, side, room))
+    """The same from the ends' exact points; one, two: its packed crossings; clear: whether these are clear of sides."""
+    out = PassedCorners()
+    p = point_of(f, crossing_of(memory, one), side)
+    q = point_of(f, crossing_of(memory, two), side)
+    out.left = corners_left(p, q, side)
+    if clear != 0:
+        room = wp.float64(2.0 * g.unsure)  # as in `moves`
+        s = segment_of(p_code, q_code, out.left)
+        if not (is_near_corner(p, q, s.enter, side, room) or is_near_corner(p, q, s.leave, side, room)):
+            out.clear = clear
+    return out
 
 
 @wp.func
-def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d):
-    """Cut the loops of a section, and count its steps. Loops inside of no length are left out."""
+def pass_corners(
+    memory: wp.array[wp.float64],
+    f: Frame,
+    g: Coarse,
+    side: wp.vec2d,
+    one: int,
+    p: CrossingPoint,
+    two: int,
+    q: CrossingPoint,
+    exact: bool,
+):
+    """How p -> q, packed in `one` and `two`, passes the corners: without a division, if it surely misses all of them.
+
+    The determinant of p, q and a corner is the corner's distance from p -> q times that segment's length, times both
+    d. If it exceeds `room` times the root of 2 for each corner, the segment meets no side within `room` of one; and
+    points that are clear of sides are not moved onto them, so that rounding does not change its sign.
+    """
+    a = p.y * q.d - q.y * p.d
+    b = q.x * p.d - p.x * q.d
+    c = p.x * q.y - p.y * q.x
+    u = side[0] * a
+    v = side[1] * b
+    zero = wp.float64(0.0)
+    out = PassedCorners()
+    out.clear = p.clear & q.clear
+    out.left = wp.where(c - u - v >= zero, 1, 0) + wp.where(c + u - v >= zero, 2, 0)
+    out.left += wp.where(c + u + v >= zero, 4, 0) + wp.where(c - u + v >= zero, 8, 0)
+    least = wp.min(wp.abs(wp.abs(c - v) - wp.abs(u)), wp.abs(wp.abs(c + v) - wp.abs(u)))
+    if out.clear == 0 or least <= wp.float64(3.0 * g.unsure) * (wp.abs(a) + wp.abs(b)):  # rare
+        out.clear = 0
+        if exact:
+            out = pass_exactly(memory, f, g, side, one, p.code, two, q.code, p.clear & q.clear)
+    return out
+
+
+@wp.func
+def is_surely_step(g: Coarse, p: CrossingPoint, q: CrossingPoint):
+    """Whether the float32 output points of two crossings surely differ, as `moves`."""
+    room = wp.float64(2.0 * g.unsure) * p.d * q.d
+    return wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room
+
+
+@wp.func
+def is_step(memory: wp.array[wp.float64], f: Frame, side: wp.vec2d, one: int, two: int):
+    """Whether the float32 output points of two packed crossings differ."""
+    x = output_point(f, point_of(f, crossing_of(memory, one), side))
+    return not (x == output_point(f, point_of(f, crossing_of(memory, two), side)))
+
+
+@wp.func
+def cut_crossing(memory: wp.array[wp.float64], f: Frame, g: Coarse, side: wp.vec2d, packed: int, exact: bool):
+    """The point of a packed crossing; its outcode is right if it is clear or `exact`."""
+    c = crossing_of(memory, packed)
+    if exact:
+        return crossing_point(f, g, c, side)
+    return rough_point(g, c, side)
+
+
+@wp.func
+def add_pieces(table: LoopTable, cut: CutLoops, loop: ClippedSegments):
+    """Add the open pieces of a loop: one begins with each segment that enters, and ends with the next that leaves."""
+    out = cut
+    rest = wp.uint64(loop.enters)
+    while rest != wp.uint64(0):
+        k = lowest_bit(rest)
+        rest = rest & (rest - ONE)
+        piece = (packed_at(table, cut, k) >> KEY) & CROSSING_BITS
+        ahead = (loop.leaves >> wp.uint32(k)) << wp.uint32(k)
+        leaving = lowest_bit(wp.uint64(wp.where(ahead != wp.uint32(0), ahead, loop.leaves)))
+        out.pieces = out.pieces | bit_of(piece)
+        out.enter_side = out.enter_side | side_bits(side_at(loop.enter_low, loop.enter_high, k), piece)
+        out.leave_side = out.leave_side | side_bits(side_at(loop.leave_low, loop.leave_high, leaving), piece)
+    return out
+
+
+@wp.func
+def add_loop(table: LoopTable, cut: CutLoops, words: SideWords, first: int, last: int, steps: int, exact: bool):
+    """Clip the loop of crossings first..last, which has so many steps inside, and add what comes of it."""
+    out = cut
+    outside = words.bottom | words.right | words.top | words.left
+    if outside == wp.uint32(0) and steps > 0:
+        out.pieces = cut.pieces | bit_of(WHOLE + first)
+    if outside != wp.uint32(0):
+        loop = clip_segments(words, first, last)
+        out = add_pieces(table, cut, loop)
+        out.clipped.enters = cut.clipped.enters | loop.enters
+        out.clipped.enter_low = cut.clipped.enter_low | loop.enter_low
+        out.clipped.enter_high = cut.clipped.enter_high | loop.enter_high
+        out.clipped.leaves = cut.clipped.leaves | loop.leaves
+        out.clipped.leave_low = cut.clipped.leave_low | loop.leave_low
+        out.clipped.leave_high = cut.clipped.leave_high | loop.leave_high
+        out.winding = cut.winding + bit_count(wp.uint64(loop.ahead)) - bit_count(wp.uint64(loop.back))
+        if exact and (words.unclear & (loop.enters | loop.leaves)) != wp.uint32(0):
+            out.clear = 0
+    if not exact and words.unclear != wp.uint32(0):
+        out.clear = 0
+    out.steps = cut.steps + steps
+    return out
+
+
+@wp.func
+def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.array[wp.float64], exact: bool):
+    """Cut the loops of a section, and count its steps. Loops inside of no length are left out.
+
+    exact: all but `CutLoops.clear` are right; else they are right if that is 1, and no branch is long.
+    """
     cut = CutLoops()
-    pattern = pattern_of(table, f, g)
+    pattern = place_vertices(table, f, memory)
     cut.begin = table.start[pattern]
     count = table.start[pattern + 1] - cut.begin
     cut.clear = 1
@@ -176,47 +310,34 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d):
     while k < count:
         first = k
         packed = packed_at(table, cut, k)
-        c = table_crossing(table, f, packed)
-        p = crossing_point(f, g, c, side)
+        p = cut_crossing(memory, f, g, side, packed, exact)
+        words = SideWords()
         steps = int(0)
-        inside = int(1)
         goes_on = int(1)
         while goes_on == 1:
             onward = next_of(packed)
             following = packed_at(table, cut, onward)
-            n = table_crossing_after(table, f, c, packed, following)
-            q = crossing_point(f, g, n, side)
+            q = cut_crossing(memory, f, g, side, following, exact)
+            bit = unit_of(k)
+            words = mark_crossing(words, bit, p.code)
+            clear = p.clear & q.clear
             if (p.code | q.code) == 0:
-                if moves(f, g, side, c, p, n, q):
+                if is_surely_step(g, p, q):
                     steps += 1
-            else:
-                inside = 0
-            if not is_quiet(p.code, q.code):
-                left = int(0)
-                near = needs_left(p.code, q.code)
-                if near:
-                    left = corners_left(point_of(f, c, side), point_of(f, n, side), side)
-                s = segment_of(p.code, q.code, left)
-                cut.winding += s.winding
-                if s.enter != NONE:
-                    piece = (packed >> KEY) & CROSSING_BITS
-                    cut.pieces = cut.pieces | bit_of(piece)
-                    cut.enter_side = cut.enter_side | side_bits(s.enter, piece)
-                    cut.open_count += 1
-                if s.leave != NONE:
-                    cut.leaves = cut.leaves | bit_of(k)
-                    cut.leave_side = cut.leave_side | side_bits(s.leave, k)
-                if s.enter != NONE and s.leave != NONE:
-                    cut.through += 1
-                if not is_clear(f, g, c, p, n, q, s, near, side):
-                    cut.clear = 0
+                elif exact:
+                    if is_step(memory, f, side, packed, following):
+                        steps += 1
+                else:
+                    clear = 0
+            elif needs_left(p.code, q.code):
+                passed = pass_corners(memory, f, g, side, packed, p, following, q, exact)
+                words = mark_corners(words, bit, passed.left)
+                clear = passed.clear
+            words.unclear = words.unclear | word_if(clear == 0, bit)
             goes_on = wp.where(onward > k, 1, 0)
             k += 1
-            c = n
             p = q
             packed = following
-        cut.steps += steps
-        if inside == 1 and steps > 0:
-            cut.pieces = cut.pieces | bit_of(WHOLE + first)
-            cut.whole_count += 1
+        cut = add_loop(table, cut, words, first, k - 1, steps, exact)
+    cut.open_count = bit_count(cut.pieces & OPEN_BITS)
     return cut

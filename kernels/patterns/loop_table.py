@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from ..patch import Coarse, Frame, is_above, patch_coordinates
+from ..patch import Frame, above, patch_coordinates
 from ..section.half_edges import HalfEdges, pad_to_vec4
 from ..section.triangle_walk import Crossing, load_vec4, vertex_of
 
@@ -118,13 +118,38 @@ def upload_loop_table(surface: HalfEdges, device: str) -> Any:
     return out
 
 
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    __shared__ double shared[3 * 12 * 64];  // VERTICES_MOST, BLOCK; a thread reads what it wrote itself
+    double* at = shared + 3 * 64 * v + threadIdx.x;
+    const int step = 64;
+#else
+    double* at = memory.data + 3 * v;
+    const int step = 1;
+#endif
+    if (writes) {
+        at[0] = x[0];
+        at[step] = x[1];
+        at[2 * step] = x[2];
+    }
+    return wp::vec_t<3, wp::float64>(at[0], at[step], at[2 * step]);
+""")
+def remember(memory: wp.array[wp.float64], v: int, x: wp.vec3d, writes: bool) -> wp.vec3d:
+    """Write a vertex into a thread's memory if `writes`; returns the one that is there. A GPU's is shared memory."""
+
+
+def room_to_remember(device: Any) -> wp.array | None:
+    """A launch's memory for `remember`: a CPU computes one section after another, and a GPU has shared memory."""
+    return wp.empty(3 * VERTICES_MOST, dtype=wp.float64, device=device) if device.is_cpu else None
+
+
 @wp.func
-def pattern_of(table: LoopTable, f: Frame, g: Coarse):
-    """The pattern of vertices above a plane."""
+def place_vertices(table: LoopTable, f: Frame, memory: wp.array[wp.float64]):
+    """Remember all vertices in the patch's frame [m]; returns the pattern of those above the plane."""
     pattern = int(0)
     for v in range(table.vertex.shape[0]):
-        if is_above(f, g, vertex_of(load_vec4(table.vertex, v))):
-            pattern = pattern | (1 << v)
+        x = remember(memory, v, patch_coordinates(f, vertex_of(load_vec4(table.vertex, v))), True)
+        pattern = pattern | (wp.where(above(x[2]), 1, 0) << v)
     return pattern
 
 
@@ -135,26 +160,9 @@ def next_of(packed: int):
 
 
 @wp.func
-def coordinates_of(table: LoopTable, f: Frame, v: int):
-    """A vertex in the patch's frame [m]."""
-    return patch_coordinates(f, vertex_of(load_vec4(table.vertex, v & VERTEX_BITS)))
-
-
-@wp.func
-def table_crossing(table: LoopTable, f: Frame, packed: int):
-    """A packed crossing in the patch's frame."""
+def crossing_of(memory: wp.array[wp.float64], packed: int):
+    """A packed crossing of remembered vertices."""
     c = Crossing()
-    c.upper = coordinates_of(table, f, packed)
-    c.lower = coordinates_of(table, f, packed >> LOWER)
+    c.upper = remember(memory, packed & VERTEX_BITS, wp.vec3d(), False)
+    c.lower = remember(memory, (packed >> LOWER) & VERTEX_BITS, wp.vec3d(), False)
     return c
-
-
-@wp.func
-def table_crossing_after(table: LoopTable, f: Frame, c: Crossing, packed: int, onward: int):
-    """The crossing packed in `onward`, which comes after c, packed in `packed`: they have one end in common."""
-    n = Crossing()
-    up = ((packed ^ onward) & VERTEX_BITS) != 0
-    x = coordinates_of(table, f, wp.where(up, onward, onward >> LOWER))
-    n.upper = wp.where(up, x, c.upper)
-    n.lower = wp.where(up, c.lower, x)
-    return n

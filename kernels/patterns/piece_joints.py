@@ -1,14 +1,20 @@
-"""How the patch's boundary joins open pieces to closed contours: as `section.joining` does, without sorted memory."""
+"""How the patch's boundary joins open pieces to closed contours: as `section.joining` does, without sorted memory.
+
+A word of sides holds two bits of each piece, at bits 2 p. Pieces are ordered by sides with a few operations on such
+words; the place along a side counts only among pieces that have that side in common.
+"""
 
 import warp as wp
 
-from ..patch import Frame, output_point
+from ..patch import Coarse, Frame
+from ..section.scan_search import CrossingPoint
 from ..section.segment_clipping import side_point, side_position
 from ..section.triangle_walk import point_of
 from .cut_loops import (
     ONE,
     OPEN_BITS,
     CutLoops,
+    bit_count,
     bit_of,
     entering_segment,
     leaving_segment,
@@ -16,7 +22,8 @@ from .cut_loops import (
     packed_at,
     side_in,
 )
-from .loop_table import LoopTable, next_of, table_crossing, table_crossing_after
+from .loop_table import LoopTable, crossing_of, next_of
+from .side_words import segments_at
 
 
 @wp.struct
@@ -26,111 +33,207 @@ class PieceJoint:
     piece: int  # the piece that it leads to
     corners: int  # corners of the patch on the way
     corner: int  # the first of them
+    clear: int  # 1 if this is surely right
+
+
+@wp.struct
+class JointCounts:
+    """What joints add to a section's open pieces."""
+
+    lines: int  # closed contours
+    steps: int  # of non-zero length along the boundary
+    clear: int  # 1 if these are surely right, provided that `CutLoops.clear`
 
 
 @wp.func
-def end_of(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, k: int, side: int):
-    """Where segment k crosses a side of the patch [m]."""
-    packed = packed_at(table, cut, k)
-    c = table_crossing(table, f, packed)
-    n = table_crossing_after(table, f, c, packed, packed_at(table, cut, next_of(packed)))
-    return side_point(side, point_of(f, c, half), point_of(f, n, half), half)
+def spread_bits(x: wp.uint64):
+    """The lower 32 bits, bit p moved to bit 2 p."""
+    y = x & OPEN_BITS
+    y = (y | (y << wp.uint64(16))) & wp.uint64(0x0000FFFF0000FFFF)
+    y = (y | (y << wp.uint64(8))) & wp.uint64(0x00FF00FF00FF00FF)
+    y = (y | (y << wp.uint64(4))) & wp.uint64(0x0F0F0F0F0F0F0F0F)
+    y = (y | (y << wp.uint64(2))) & wp.uint64(0x3333333333333333)
+    return (y | (y << ONE)) & wp.uint64(0x5555555555555555)
 
 
 @wp.func
-def position_of(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, k: int, side: int):
-    """How far along a side of the patch segment k crosses it [m]."""
-    return side_position(side, end_of(table, f, half, cut, k, side))
+def pieces_at(sides: wp.uint64, spread: wp.uint64, side: int):
+    """Spread bits of the pieces that have a side."""
+    low = wp.where((side & 1) != 0, sides, ~sides)
+    return spread & low & (wp.where((side & 2) != 0, sides, ~sides) >> ONE)
 
 
 @wp.func
-def end_precedes(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, one: int, two: int, leaving: bool):
-    """Whether piece `one` leaves (or enters) before piece `two` along the boundary; at one place, by number."""
-    a = int(0)
-    b = int(0)
-    side_a = int(0)
-    side_b = int(0)
+def count_before(sides: wp.uint64, spread: wp.uint64, side: int):
+    """How many pieces have a lower side."""
+    high = sides >> ONE
+    either = wp.where(side == 1, sides | high, wp.where(side == 2, high, sides & high))
+    return wp.where(side == 0, 0, bit_count(spread & ~either))
+
+
+@wp.func
+def end_position(
+    table: LoopTable,
+    f: Frame,
+    half: wp.vec2d,
+    memory: wp.array[wp.float64],
+    cut: CutLoops,
+    piece: int,
+    side: int,
+    leaving: bool,
+):
+    """How far along its side a piece leaves (or enters) [m]."""
+    k = int(0)
     if leaving:
-        a = leaving_segment(table, cut, one)
-        b = leaving_segment(table, cut, two)
-        side_a = side_in(cut.leave_side, a)
-        side_b = side_in(cut.leave_side, b)
+        k = leaving_segment(table, cut, piece)
     else:
-        a = entering_segment(table, cut, one)
-        b = entering_segment(table, cut, two)
-        side_a = side_in(cut.enter_side, one)
-        side_b = side_in(cut.enter_side, two)
-    if side_a != side_b:
-        return side_a < side_b
-    x = position_of(table, f, half, cut, a, side_a)
-    y = position_of(table, f, half, cut, b, side_b)
-    if x != y:
-        return x < y
-    return one < two
+        k = entering_segment(table, cut, piece)
+    packed = packed_at(table, cut, k)
+    p = point_of(f, crossing_of(memory, packed), half)
+    q = point_of(f, crossing_of(memory, packed_at(table, cut, next_of(packed))), half)
+    return side_position(side, side_point(side, p, q, half))
 
 
 @wp.func
-def boundary_rank(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, piece: int, leaving: bool):
-    """How many open pieces leave (or enter) before a piece does."""
+def rank_at_side(
+    table: LoopTable,
+    f: Frame,
+    half: wp.vec2d,
+    memory: wp.array[wp.float64],
+    cut: CutLoops,
+    pieces: wp.uint64,
+    piece: int,
+    side: int,
+    leaving: bool,
+):
+    """How many of the other pieces at a side (spread bits) leave (or enter) before a piece; at one place, by number."""
     rank = int(0)
-    rest = (cut.pieces & OPEN_BITS) & ~bit_of(piece)
+    own = end_position(table, f, half, memory, cut, piece, side, leaving)
+    rest = pieces & ~bit_of(2 * piece)
     while rest != wp.uint64(0):
-        if end_precedes(table, f, half, cut, lowest_bit(rest), piece, leaving):
+        other = lowest_bit(rest) >> 1
+        x = end_position(table, f, half, memory, cut, other, side, leaving)
+        if x < own or (x == own and other < piece):
             rank += 1
         rest = rest & (rest - ONE)
     return rank
 
 
 @wp.func
-def joint_after(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, piece: int):
-    """The joint after an open piece: leaving end r is paired with entering end r + winding, as in `match_ends`."""
+def joint_after(
+    table: LoopTable, f: Frame, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, piece: int, exact: bool
+):
+    """The joint after an open piece: leaving end r is paired with entering end r + winding, as in `match_ends`.
+
+    exact: pieces that have a side in common are ordered along it; else the joint is not clear.
+    """
     joint = PieceJoint()
-    joint.piece = piece
-    winding = wp.max(cut.winding, 0)
-    place = winding
-    if cut.open_count > 1:
-        place += boundary_rank(table, f, half, cut, piece, True)
-        rest = cut.pieces & OPEN_BITS
+    joint.clear = 1
+    spread = spread_bits(cut.pieces)
+    leave = side_in(cut.leave_side, piece)
+    place = count_before(cut.leave_side, spread, leave) + wp.max(cut.winding, 0)
+    pieces = pieces_at(cut.leave_side, spread, leave)
+    if (pieces & (pieces - ONE)) != wp.uint64(0):
+        joint.clear = 0
+        if exact:
+            place += rank_at_side(table, f, half, memory, cut, pieces, piece, leave, True)
+    rank = int(place)
+    while rank >= cut.open_count:
+        rank -= cut.open_count
+    enter = int(0)
+    for side in range(1, 4):
+        if count_before(cut.enter_side, spread, side) <= rank:
+            enter = side
+    rank -= count_before(cut.enter_side, spread, enter)
+    pieces = pieces_at(cut.enter_side, spread, enter)
+    joint.piece = lowest_bit(pieces) >> 1
+    if (pieces & (pieces - ONE)) != wp.uint64(0):
+        joint.clear = 0
+        rest = wp.where(exact, pieces, wp.uint64(0))
         while rest != wp.uint64(0):
-            candidate = lowest_bit(rest)
+            joint.piece = lowest_bit(rest) >> 1
             rest = rest & (rest - ONE)
-            if boundary_rank(table, f, half, cut, candidate, False) == place % cut.open_count:
-                joint.piece = candidate
+            if rank_at_side(table, f, half, memory, cut, pieces, joint.piece, enter, False) == rank:
                 rest = wp.uint64(0)
-    leave = side_in(cut.leave_side, leaving_segment(table, cut, piece))
-    gap = side_in(cut.enter_side, joint.piece) - leave
-    joint.corners = wp.max(gap + wp.where(place >= cut.open_count, 4, 0), 0)
+    joint.corners = wp.max(enter - leave + wp.where(place >= cut.open_count, 4, 0), 0)
     joint.corner = leave + 1
+    if exact:
+        joint.clear = 1
     return joint
 
 
 @wp.func
-def joint_steps(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops, piece: int, joint: PieceJoint):
-    """Steps of non-zero length of the joint after a piece, if `CutLoops.clear`."""
-    if joint.corners > 0:
-        return joint.corners + 1
-    side = (joint.corner + 3) % 4
-    x = end_of(table, f, half, cut, leaving_segment(table, cut, piece), side)
-    enter = side_in(cut.enter_side, joint.piece)
-    y = end_of(table, f, half, cut, entering_segment(table, cut, joint.piece), enter)
-    return wp.where(output_point(f, x) == output_point(f, y), 0, 1)
+def rough_end(table: LoopTable, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, k: int, side: int):
+    """Where segment k crosses a side, without a division: x / d along the side [m]; y is not set."""
+    packed = packed_at(table, cut, k)
+    c = crossing_of(memory, packed)
+    n = crossing_of(memory, packed_at(table, cut, next_of(packed)))
+    upright = (side & 1) != 0
+    at = wp.where(upright, half[0], half[1])
+    at = wp.where(side == 1 or side == 2, at, -at)
+    p = c.upper[2] - c.lower[2]
+    px = c.lower[0] * c.upper[2] - c.upper[0] * c.lower[2]
+    py = c.lower[1] * c.upper[2] - c.upper[1] * c.lower[2]
+    q = n.upper[2] - n.lower[2]
+    qx = n.lower[0] * n.upper[2] - n.upper[0] * n.lower[2]
+    qy = n.lower[1] * n.upper[2] - n.upper[1] * n.lower[2]
+    a = wp.where(upright, px, py) - at * p
+    b = wp.where(upright, qx, qy) - at * q
+    out = CrossingPoint()
+    out.x = wp.where(upright, py, px) * b - wp.where(upright, qy, qx) * a
+    out.d = p * b - q * a
+    return out
 
 
 @wp.func
-def joined_counts(table: LoopTable, f: Frame, half: wp.vec2d, cut: CutLoops):
-    """Closed contours of the open pieces, and the steps of non-zero length of their joints, if `CutLoops.clear`."""
-    lines = int(0)
-    steps = int(0)
+def are_apart(table: LoopTable, g: Coarse, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops):
+    """Whether no piece enters, in float32, where one leaves by the same side, if `CutLoops.clear`."""
+    c = cut.clipped
+    apart = int(1)
+    sides = int(0)
+    for side in range(4):
+        enters = segments_at(c.enters, c.enter_low, c.enter_high, side)
+        if enters != wp.uint32(0) and segments_at(c.leaves, c.leave_low, c.leave_high, side) != wp.uint32(0):
+            sides = sides | (1 << side)
+    while sides != 0:
+        side = lowest_bit(wp.uint64(sides))
+        sides = sides & (sides - 1)
+        leaves = wp.uint64(segments_at(c.leaves, c.leave_low, c.leave_high, side))
+        while leaves != wp.uint64(0):
+            p = rough_end(table, half, memory, cut, lowest_bit(leaves), side)
+            leaves = leaves & (leaves - ONE)
+            rest = wp.uint64(segments_at(c.enters, c.enter_low, c.enter_high, side))
+            while rest != wp.uint64(0):
+                q = rough_end(table, half, memory, cut, lowest_bit(rest), side)
+                rest = rest & (rest - ONE)
+                room = wp.float64(2.0 * g.unsure) * wp.abs(p.d * q.d)  # as in `moves`
+                if wp.abs(p.x * q.d - q.x * p.d) <= room:
+                    apart = 0
+    return apart
+
+
+@wp.func
+def join_counts(
+    table: LoopTable, f: Frame, g: Coarse, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, exact: bool
+):
+    """Closed contours of the open pieces, and the steps of non-zero length of their joints; exact: as `joint_after`."""
+    counts = JointCounts()
+    counts.clear = are_apart(table, g, half, memory, cut)
     rest = cut.pieces & OPEN_BITS
     first = lowest_bit(rest)
     piece = int(first)
     while rest != wp.uint64(0):
         rest = rest & ~bit_of(piece)
-        joint = joint_after(table, f, half, cut, piece)
-        steps += joint_steps(table, f, half, cut, piece, joint)
+        joint = joint_after(table, f, half, memory, cut, piece, exact)
+        counts.steps += joint.corners + 1
+        counts.clear = counts.clear & joint.clear
+        if joint.corners == 0 and side_in(cut.enter_side, joint.piece) != side_in(cut.leave_side, piece):
+            counts.clear = 0
         piece = joint.piece
+        if counts.clear == 0 and not exact:
+            rest = wp.uint64(0)
         if piece == first:
-            lines += 1
+            counts.lines += 1
             first = lowest_bit(rest)
             piece = first
-    return lines, steps
+    return counts

@@ -10,7 +10,7 @@ from ..patch import EXACT, Patch, half_extents, section_frame
 from ..section.row_walker import LengthAccumulator
 from ..section.tally_undrawn import require_values
 from .cut_loops import kept_cut
-from .loop_table import LoopTable
+from .loop_table import LoopTable, place_vertices, room_to_remember
 from .section_cutting import CutSections
 from .section_walker import add_section
 
@@ -27,6 +27,7 @@ def _sum_sections(
     closes: int,  # 1: CC, 0: OC
     word: wp.array2d[wp.uint64],  # `keep_cut`, shape [4, section]
     polylines: wp.array[wp.int64],  # of each section
+    memory: wp.array[wp.float64],  # `room_to_remember`
     # Out:
     value: wp.array2d[wp.float32],  # shape [METRICS.., pose]
     length: wp.array[wp.float64],  # of all contours [m], shape [pose]
@@ -43,7 +44,8 @@ def _sum_sections(
             f = section_frame(pose, patch, section)
             side = half_extents(patch[own], bounded)
             sums.swept = wp.vec3d()
-            sums = add_section(table, f, side, kept_cut(word, section), closes, closes, sums)
+            place_vertices(table, f, memory)
+            sums = add_section(table, f, side, memory, kept_cut(word, section), closes, closes, sums)
             twice_area += wp.length(sums.swept)
     write_lengths(wp.vec3d(sums.outline, sums.side, wp.float64(0.0)), count, row, value, length)
     value[5, row] = wp.where(closes == 1, wp.float32(wp.float64(0.5) * twice_area), NAN)
@@ -63,5 +65,6 @@ def sum_sections(
     """Measure each pose into rows METRICS of `value` and into `length`, as `tally_pieces`; others as `cut_sections`."""
     require_values(value, length, pose.shape[0])
     inputs = [table, pose, patch, int(bounded), int(closes), cut.word, cut.polylines]
+    inputs.append(room_to_remember(pose.device))
     launched = {"device": pose.device, "block_dim": BLOCK}
     wp.launch(_sum_sections, pose.shape[0], inputs=inputs, outputs=[value, length], **launched)

@@ -4,6 +4,7 @@
 |---|---|---|---|
 | count_section | int (unused) | PointCounter | numbers of polylines and points |
 | draw_section | LineArrays | PolylineWriter | points, kinds and polylines in arrays |
+| draw_clear_section | LineArrays | ClearWriter | the same for a section that was not cut exactly |
 | add_section | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind and area vectors |
 
 Points come in the order in which `section.row_walker` passes them, and polylines of no length are left out, so that the
@@ -28,10 +29,10 @@ from ..section.row_walker import (
     end_sum,
     write_to,
 )
-from ..section.segment_clipping import side_point
-from ..section.triangle_walk import point_of
-from .cut_loops import WHOLE, CutLoops, bit_of, entering_segment, lowest_bit, packed_at, side_in
-from .loop_table import LoopTable, next_of, table_crossing, table_crossing_after
+from ..section.segment_clipping import blend, side_point
+from ..section.triangle_walk import Crossing, point_of
+from .cut_loops import WHOLE, CutLoops, bit_of, entering_segment, leaves_with, lowest_bit, packed_at, side_in
+from .loop_table import LoopTable, crossing_of, next_of
 from .piece_joints import PieceJoint, joint_after
 
 
@@ -110,22 +111,103 @@ def end_writing(lines: LineArrays, writer: PolylineWriter, ends: bool, closed: b
     return out
 
 
+@wp.struct
+class ClearWriter:
+    """State of writing if no step has length zero: the last point is held back until its segment's kind is known."""
+
+    x: wp.vec3  # the held point
+    kind: int  # of the segment that starts there
+    first: wp.vec3  # first point of the polyline
+    written: int  # kind of the segment before
+    i: wp.int64  # index of the held point
+    line: wp.int64  # index of the next polyline
+    patch: int
+
+
+@wp.func
+def write_point(lines: LineArrays, i: wp.int64, x: wp.vec3, kind: int):
+    """Write a point and the kind of the segment that starts there."""
+    lines.points[i] = x
+    if kind != OBJECT:
+        lines.kind[i] = wp.uint8(kind)
+
+
+@wp.func
+def write_clear(lines: LineArrays, writer: ClearWriter, y: wp.vec3, draws: bool):
+    """Write the held point and hold point y, if `draws`."""
+    out = writer
+    if draws:
+        write_point(lines, writer.i, writer.x, writer.kind)
+        out.i = writer.i + wp.int64(1)
+        out.x = y
+        out.written = writer.kind
+        out.kind = OBJECT
+    return out
+
+
+@wp.func
+def begin_clear(lines: LineArrays, writer: ClearWriter, begins: bool, closed: bool):
+    """Write the header of a polyline if one begins here."""
+    out = writer
+    if begins:
+        lines.polyline_start[writer.line] = writer.i
+        lines.polyline_patch[writer.line] = writer.patch
+        lines.polyline_closed[writer.line] = wp.uint8(closed)
+        out.line = writer.line + wp.int64(1)
+    return out
+
+
+@wp.func
+def end_clear(lines: LineArrays, writer: ClearWriter, ends: bool, closed: bool):
+    """Write the held point if the polyline ends here; it repeats the kind of the point before."""
+    out = writer
+    if ends:
+        write_point(lines, writer.i, writer.x, writer.written)
+        out.i = writer.i + wp.int64(1)
+    return out
+
+
+@wp.func
+def clear_boundary(lines: LineArrays, writer: ClearWriter, f: Frame, half: wp.vec2d, draws: bool):
+    """Write the patch's whole boundary as a closed polyline of five points, if `draws`."""
+    out = begin_clear(lines, writer, draws, True)
+    if draws:
+        for k in range(5):
+            write_point(lines, out.i, output_point(f, corner(k % 4, half)), int(HAND))
+            out.i = out.i + wp.int64(1)
+    return out
+
+
+@wp.func
+def place_of(f: Frame, c: Crossing, side: wp.vec2d, exact: bool):
+    """Point of a crossing in the patch's plane [m]; unless `exact`, it is flush with no side."""
+    if exact:
+        return point_of(f, c, side)
+    return blend(wp.vec2d(c.upper[0], c.upper[1]), wp.vec2d(c.lower[0], c.lower[1]), c.upper[2], c.lower[2])
+
+
 @wp.func
 def end_adding(encloses: int, sums: LengthAccumulator, ends: bool, closed: bool):
     """Add the area of the polyline that ends here to the sum."""
     return end_sum(encloses, sums, ends)
 
 
-def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any) -> Any:
+def section_walker(
+    sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any, *, exact: bool = True
+) -> Any:
     """A wp.func that walks a section's polylines: it passes each point to `to`, each polyline's begin and end to
     `begin` and `end`, and the patch's whole boundary to `boundary`. Signatures as the functions of PointCounter above.
+
+    exact: unless the sections are those which `cut_loops` and `join_counts` found clear without being exact.
     """
+    exactly = wp.constant(exact)
 
     @wp.func
     def walk_piece(
         table: LoopTable,
         f: Frame,
         side: wp.vec2d,
+        memory: wp.array[wp.float64],
         cut: CutLoops,
         piece: int,
         sink: sink_type,
@@ -137,10 +219,8 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
         packed = packed_at(table, cut, first)
         k = next_of(packed)
         following = packed_at(table, cut, k)
-        c = table_crossing(table, f, packed)
-        p = point_of(f, c, side)
-        n = table_crossing_after(table, f, c, packed, following)
-        q = point_of(f, n, side)
+        p = place_of(f, crossing_of(memory, packed), side, exactly)
+        q = place_of(f, crossing_of(memory, following), side, exactly)
         x = p
         if piece < WHOLE:
             x = side_point(side_in(cut.enter_side, piece), p, q, side)
@@ -151,18 +231,16 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
         out.x = y
         out.kind = OBJECT
         segment = int(first)
-        while (cut.leaves & bit_of(segment)) == wp.uint64(0) and k != first:
+        while not leaves_with(cut, segment) and k != first:
             out = to(sink, out, output_point(f, q), True)
             p = q
             segment = k
-            packed = following
-            k = next_of(packed)
+            k = next_of(following)
             following = packed_at(table, cut, k)
-            n = table_crossing_after(table, f, n, packed, following)
-            q = point_of(f, n, side)
+            q = place_of(f, crossing_of(memory, following), side, exactly)
         x = q
         if piece < WHOLE:
-            x = side_point(side_in(cut.leave_side, segment), p, q, side)
+            x = side_point(side_in(cut.leave_side, piece), p, q, side)
         return to(sink, out, output_point(f, x), True)
 
     @wp.func
@@ -172,14 +250,21 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
         if turns:
             out.kind = HAND
         for k in range(joint.corners):
-            out = to(sink, out, output_point(f, corner((joint.corner + k) % 4, half)), turns)
+            out = to(sink, out, output_point(f, corner((joint.corner + k) & 3, half)), turns)
             if turns:
                 out.kind = HAND
         return out
 
     @wp.func
     def walk_section(
-        table: LoopTable, f: Frame, side: wp.vec2d, cut: CutLoops, closes: int, sink: sink_type, state: state_type
+        table: LoopTable,
+        f: Frame,
+        side: wp.vec2d,
+        memory: wp.array[wp.float64],
+        cut: CutLoops,
+        closes: int,
+        sink: sink_type,
+        state: state_type,
     ):
         """Walk a section's polylines; a closed one repeats its first point at its end."""
         out = state
@@ -191,14 +276,14 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
             turns = closes == 1 and piece < WHOLE
             closed = closes == 1 or piece >= WHOLE
             out = begin(sink, out, piece == first, closed)
-            out = walk_piece(table, f, side, cut, piece, sink, out, piece == first)
+            out = walk_piece(table, f, side, memory, cut, piece, sink, out, piece == first)
             joint = PieceJoint()
             joint.piece = piece
             if turns:
-                joint = joint_after(table, f, side, cut, piece)
+                joint = joint_after(table, f, side, memory, cut, piece, exactly)
             out = walk_corners(sink, out, f, side, joint, turns)
             ends = joint.piece == first
-            out = to(sink, out, out.first, ends and closes == 1)
+            out = to(sink, out, out.first, ends and turns)
             out = end(sink, out, ends, closed)
             piece = joint.piece
             if ends:
@@ -210,5 +295,8 @@ def section_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: An
 
 
 count_section = section_walker(int, PointCounter, count_to, begin_count, end_count, count_boundary)
+draw_clear_section = section_walker(
+    LineArrays, ClearWriter, write_clear, begin_clear, end_clear, clear_boundary, exact=False
+)
 draw_section = section_walker(LineArrays, PolylineWriter, write_to, begin_writing, end_writing, draw_boundary)
 add_section = section_walker(int, LengthAccumulator, add_to, begin_sum, end_adding, add_boundary)

@@ -115,8 +115,8 @@ class CrossingPoint:
 
 
 @wp.func
-def crossing_point(f: Frame, g: Coarse, c: Crossing, side: wp.vec2d):
-    """The point of a crossing; if it may be flush with a side, `point_of` gives the outcode."""
+def rough_point(g: Coarse, c: Crossing, side: wp.vec2d):
+    """The point of a crossing; its outcode is right if it is clear."""
     t = CrossingPoint()
     t.d = c.upper[2] - c.lower[2]
     t.x = c.lower[0] * c.upper[2] - c.upper[0] * c.lower[2]
@@ -124,15 +124,22 @@ def crossing_point(f: Frame, g: Coarse, c: Crossing, side: wp.vec2d):
     right = wp.abs(t.x) - side[0] * t.d
     top = wp.abs(t.y) - side[1] * t.d
     zero = wp.float64(0.0)
-    near = (f.flush + ON) * t.d
-    if wp.abs(right) <= near or wp.abs(top) <= near:
-        t.code = outcode(point_of(f, c, side), side)
-    else:
-        t.code = wp.where(right > zero, wp.where(t.x > zero, RIGHT, LEFT), 0)
-        t.code += wp.where(top > zero, wp.where(t.y > zero, TOP, BOTTOM), 0)
+    t.code = wp.where(right > zero, wp.where(t.x > zero, RIGHT, LEFT), 0)
+    t.code += wp.where(top > zero, wp.where(t.y > zero, TOP, BOTTOM), 0)
     room = wp.float64(2.0 * g.unsure) * t.d
     if wp.abs(right) > room and wp.abs(top) > room:
         t.clear = CLEAR
+    return t
+
+
+@wp.func
+def crossing_point(f: Frame, g: Coarse, c: Crossing, side: wp.vec2d):
+    """The point of a crossing; if it may be flush with a side, which is not clear, `point_of` gives the outcode."""
+    t = rough_point(g, c, side)
+    if t.clear == 0:
+        near = (f.flush + ON) * t.d
+        if wp.abs(wp.abs(t.x) - side[0] * t.d) <= near or wp.abs(wp.abs(t.y) - side[1] * t.d) <= near:
+            t.code = outcode(point_of(f, c, side), side)
     return t
 
 

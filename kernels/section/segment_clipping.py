@@ -5,6 +5,7 @@ import warp as wp
 from ..patch import BOTTOM, LEFT, corner
 
 NONE = wp.constant(-1)
+HIGHEST = wp.constant(wp.uint32(0xFFFFAA50))  # bits 2 n: number of the highest bit of n, for n in 0..15
 
 
 @wp.func
@@ -36,8 +37,20 @@ def corners_left(p: wp.vec2d, q: wp.vec2d, half: wp.vec2d):
 
 
 @wp.func
-def crosses(k: int, code_p: int, code_q: int, left: int):
-    """Whether p -> q crosses side k of the patch: 1 outward, -1 inward, 0 not.
+def bits_after(code: int):
+    """Bit k is set where that of side k + 1 is set in a word of sides."""
+    return (code >> 1) | ((code & 1) << 3)
+
+
+@wp.func
+def bits_before(code: int):
+    """Bit k is set where that of side k - 1 is set in a word of sides."""
+    return ((code << 1) & 15) | (code >> 3)
+
+
+@wp.func
+def crossed_sides(code_p: int, code_q: int, left: int):
+    """Bits of the sides of the patch that p -> q crosses, if no side has both of its ends beyond itself.
 
     A segment that passes a corner asks once for both sides whether that is to its left, so it crosses exactly one of
     them, or cuts the corner off by crossing both, or misses both:
@@ -46,26 +59,19 @@ def crosses(k: int, code_p: int, code_q: int, left: int):
         outward                                            crossed if left        crossed if not left
         inward                                             crossed if not left    crossed if left
     """
-    side = 1 << k
-    if (code_p & side) == (code_q & side):
-        return 0
-    outward = (code_q & side) != 0
-    end = (k + 1) % 4
-    after = 1 << end
-    before = 1 << ((k + 3) % 4)
-    if (code_p & after) != (code_q & after):
-        if ((left >> end) & 1 != 0) != outward:
-            return 0
-    elif (code_p & after) != 0:
-        return 0
-    if (code_p & before) != (code_q & before):
-        if ((left >> k) & 1 != 0) == outward:
-            return 0
-    elif (code_p & before) != 0:
-        return 0
-    if outward:
-        return 1
-    return -1
+    apart = code_p ^ code_q
+    outward = apart & code_q
+    after = bits_after(apart)  # bit k: the corner in which side k ends lies between p and q, if side k does
+    before = bits_before(apart)
+    ends = (after & ~(bits_after(left) ^ outward)) | ~(after | bits_after(code_p))
+    starts = (before & (left ^ outward)) | ~(before | bits_before(code_p))
+    return apart & ends & starts
+
+
+@wp.func
+def highest_side(sides: int):
+    """The highest side whose bit is set, NONE for none."""
+    return wp.where(sides == 0, NONE, int((HIGHEST >> wp.uint32(2 * sides)) & wp.uint32(3)))
 
 
 @wp.func
@@ -77,7 +83,7 @@ def winding_step(code_p: int, code_q: int, left: int):
         upward              yes                 -1
         anything else                            0
 
-    Beyond is decided as `crosses` decides it, so the state at the corner fits the crossings of both its sides.
+    Beyond is decided as `crossed_sides` decides it, so the state at the corner fits the crossings of both its sides.
     """
     if (code_p & BOTTOM) == (code_q & BOTTOM):
         return 0
@@ -117,28 +123,30 @@ def segment_of(code_p: int, code_q: int, left: int):
     segment.enter = NONE
     segment.leave = NONE
     if (code_p & code_q) == 0:
-        for k in range(4):
-            c = crosses(k, code_p, code_q, left)
-            if c == 1:
-                segment.leave = k
-            if c == -1:
-                segment.enter = k
+        crossed = crossed_sides(code_p, code_q, left)
+        segment.leave = highest_side(crossed & code_q)
+        segment.enter = highest_side(crossed & code_p)
     segment.winding = winding_step(code_p, code_q, left)
     return segment
 
 
 @wp.func
 def side_point(k: int, p: wp.vec2d, q: wp.vec2d, half: wp.vec2d):
-    """Point where p -> q crosses side k, clamped to its corners [m]."""
-    if k == 1 or k == 3:
-        x = half[0]
-        if k == 3:
-            x = -x
-        return wp.vec2d(x, wp.clamp(blend(p, q, p[0] - x, q[0] - x)[1], -half[1], half[1]))
-    y = half[1]
-    if k == 0:
-        y = -y
-    return wp.vec2d(wp.clamp(blend(p, q, p[1] - y, q[1] - y)[0], -half[0], half[0]), y)
+    """Point where p -> q crosses side k, clamped to its corners [m]: that of `blend`, alike for all sides."""
+    upright = (k & 1) != 0
+    at = wp.where(upright, half[0], half[1])
+    most = wp.where(upright, half[1], half[0])
+    if k == 0 or k == 3:
+        at = -at
+    a = wp.where(upright, p[0], p[1]) - at
+    b = wp.where(upright, q[0], q[1]) - at
+    x = wp.where(upright, p[1], p[0])
+    y = wp.where(upright, q[1], q[0])
+    near = wp.abs(a) <= wp.abs(b)
+    from_near = wp.where(near, x, y)
+    to_far = wp.where(near, y, x) - from_near
+    along = wp.clamp(from_near + (wp.where(near, a, -b) / (a - b)) * to_far, -most, most)
+    return wp.vec2d(wp.where(upright, at, along), wp.where(upright, along, at))
 
 
 @wp.func

@@ -114,11 +114,11 @@ def draw(surface, poses, patch, strategy, method, *, limit=None):
     return drawn_of(contours)
 
 
-def draw_by_table(mesh, poses, patch, strategy, *, limit=None):
-    """The same for vertices and faces of a small closed solid, from its table of loops."""
+def draw_by_table(mesh, poses, patch, strategy, *, limit=None, split=None):
+    """The same for vertices and faces of a small closed solid, from its table of loops; split: as `cut_sections`."""
     bounded, closes = STRATEGIES[strategy]
     table, pose = upload_loop_table(HalfEdges(*mesh), patch.device), pose_array(poses, patch.device)
-    cut = cut_sections(table, pose, patch, bounded=bounded, closes=closes)
+    cut = cut_sections(table, pose, patch, bounded=bounded, closes=closes, split=split)
     return drawn_of(draw_sections(table, pose, patch, cut, bounded=bounded, closes=closes, limit=limit))
 
 

@@ -177,7 +177,7 @@ def test_kernel_modules_are_compiled_exactly():
         text = path.read_text()
         assert ("@wp.kernel\n" not in text) or ("wp.set_module_options(EXACT)" in text), path
         decorators = {line.strip() for line in text.splitlines() if line.strip().startswith("@wp.kernel")}
-        assert decorators <= {"@wp.kernel", "@wp.kernel(**MODULE)"}, path
+        assert decorators <= {"@wp.kernel", "@wp.kernel(**MODULE)", "@wp.kernel(launch_bounds=LAUNCH_BOUNDS)"}, path
 
 
 def test_precompiling_covers_every_kernel_module():

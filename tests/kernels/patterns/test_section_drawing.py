@@ -26,6 +26,8 @@ def assert_same(mesh, poses, patch, methods=METHODS):
         drawn = draw_by_table(mesh, poses, patch, strategy)
         for method in methods:
             assert_same_bits(draw(surface, poses, patch, strategy, method), drawn)
+        assert_same_bits(draw_by_table(mesh, poses, patch, strategy, split=True), drawn)
+        assert_same_bits(draw_by_table(mesh, poses, patch, strategy, split=False), drawn)
         count += len(drawn.polyline_closed)
     return count
 

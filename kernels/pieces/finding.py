@@ -18,13 +18,13 @@ from ..section.scan_search import scan_search_pieces
 from ..section.tree_search import tree_search_pieces
 from .flat_search import CrossingLimitError, flat_search_pieces
 
-SCAN_SEARCH_FACES_MOST = {"cpu": 5000, "cuda": 8000}  # the tree search is faster for more triangles (performance.md)
+SCAN_SEARCH_FACES_MOST = 5000  # other searches are faster for more triangles, on a CPU and a GPU (performance.md)
 METHODS = ("trace", "seek", "flat")
 
 
 def method_for(surface: Any, device: Any) -> str:
     """The fastest method for a surface: "trace" for small ones, "seek" or on a GPU "flat" for others."""
-    small = surface.corner.shape[0] // 3 <= SCAN_SEARCH_FACES_MOST["cpu" if device.is_cpu else "cuda"]
+    small = surface.corner.shape[0] // 3 <= SCAN_SEARCH_FACES_MOST
     if small and surface.scan_path.shape[0] > 0:
         return "trace"
     return "seek" if device.is_cpu else "flat"

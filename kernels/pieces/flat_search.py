@@ -134,7 +134,7 @@ def flat_search_pieces(
     device, row_count = pose.device, pieces.count.shape[0]
     size = size or FlatSize.for_surface(surface.corner.shape[0] // 3, bounded)
     with_steps(pieces, device)
-    if surface.packed_box is None or surface.packed_box.shape[0] == 0:
+    if surface.packed_face is None or surface.packed_face.shape[0] == 0:
         pack_boxes(surface, device)
     found: list[wp.array] = []
     first = 0

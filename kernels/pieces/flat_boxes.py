@@ -1,8 +1,9 @@
 """Boxes and faces of a surface in 16 bytes each: a flat search reads thousands of them for each section.
 
-A box is given by whole steps of a grid over the surface, 16 bits for each end, rounded outwards. A face is given by
-whole parts of its leaf's box, 10 bits for each coordinate. What is decided by them is certain; a face that lies too
-near the plane for that is looked at itself. Units here are half a step of the grid, counted from its corner.
+A box is given by whole steps of a grid over the surface, 16 bits for each end, rounded outwards (but for the rounding
+of float32, for which every test has a margin). A face is given by whole parts of its leaf's box, 10 bits for each
+coordinate. What is decided by them is certain; a face that lies too near the plane for that is looked at itself. Units
+here are half a step of the grid, counted from its corner.
 """
 
 from typing import Any
@@ -19,11 +20,10 @@ from ..section.triangle_walk import load_vec4, vertex_of
 
 wp.set_module_options(EXACT)
 
-STEPS = 65500  # of the grid along the longest side of the surface; some of 65536 remain for rounding outwards
+STEPS = 65500  # of the grid along the longest side of the surface; of 65536, so that ends are rounded outwards
 PARTS = wp.constant(1023)  # of a leaf's box along each side
 PART_BITS = wp.constant(10)
 UNSURE = wp.constant(0x4444)  # in `crossed_halves`
-CORNERS = wp.constant(0x3333)
 
 # Whole numbers below 2^23 become floats by their bits, which is faster than a GPU's conversion; then 2^23 is too much.
 # What is computed here has margins for its rounding, so fused products do no harm.
@@ -191,6 +191,7 @@ def _pack_boxes(
 def _pack_faces(
     # In:
     surface: Surface,
+    packed_box: wp.array[wp.vec4i],
     # Out:
     packed: wp.array[wp.vec4i],
 ):
@@ -198,7 +199,7 @@ def _pack_faces(
     face = wp.tid()
     out = wp.vec4i(0, 0, 0, 0)
     if 3 * face < surface.corner.shape[0]:
-        box = surface.packed_box[surface.leaf_first + (face >> LEAF_BITS)]
+        box = packed_box[surface.leaf_first + (face >> LEAF_BITS)]
         for corner in range(3):
             x = to_float64(vertex_of(load_vec4(surface.corner, 3 * face + corner))) - to_float64(surface.box_low)
             x = x / wp.float64(surface.box_step)
@@ -219,8 +220,8 @@ def pack_boxes(surface: Any, device: Any) -> None:
     step = max(2.0 * half.max() / STEPS, 1e-30)
     surface.box_step, surface.box_low = step, wp.vec3(*(centre - half - 8.0 * step))
     nodes = surface.node_half.shape[0]
-    surface.packed_box = wp.empty(nodes, dtype=wp.vec4i, device=device)
-    packed = wp.empty(LEAF * (nodes // 2), dtype=wp.vec4i, device=device)
-    wp.launch(_pack_boxes, nodes, inputs=[surface], outputs=[surface.packed_box], device=device, block_dim=BLOCK)
-    wp.launch(_pack_faces, len(packed), inputs=[surface], outputs=[packed], device=device, block_dim=BLOCK)
-    surface.packed_face = packed
+    box = wp.empty(nodes, dtype=wp.vec4i, device=device)
+    face = wp.empty(LEAF * (nodes // 2), dtype=wp.vec4i, device=device)
+    wp.launch(_pack_boxes, nodes, inputs=[surface], outputs=[box], device=device, block_dim=BLOCK)
+    wp.launch(_pack_faces, len(face), inputs=[surface, box], outputs=[face], device=device, block_dim=BLOCK)
+    surface.packed_box, surface.packed_face = box, face  # whole: another thread may search, or pack the same

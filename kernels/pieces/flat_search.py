@@ -128,7 +128,8 @@ def flat_search_pieces(
 ) -> None:
     """Find the pieces of a surface of any size, and list the half-edges of their steps.
 
-    Rows are searched in blocks. A block whose crossings need more memory than there is, is searched again with more.
+    Rows are searched in blocks. A block whose crossings need more memory than there is, is searched again, with more
+    for each row, and fewer rows.
     Raises CrossingLimitError for a section with more than CROSSINGS_MOST crossings.
     """
     device, row_count = pose.device, pieces.count.shape[0]
@@ -140,12 +141,20 @@ def flat_search_pieces(
     first = 0
     while first < row_count:
         rows = range(first, min(row_count, first + max(1, int(size.block / size.listed))))
-        before = sum(array.shape[0] for array in found)
-        block, listed, size = _list_block(surface, pose, patch, pieces, rows, size, bounded, closes, before)
-        few = listed.shape[0] <= FEW * len(rows)
-        rank = rank_few_crossings if few else rank_many_crossings
-        rank(surface, patch, block, bounded=bounded, pieces=pieces, listed=listed)
-        found.append(listed)
+        block = room_for_rows(rows, size, sum(array.shape[0] for array in found), device)
+        listed = _list_block(surface, pose, patch, pieces, block, size, bounded=bounded, closes=closes)
+        needed, used = (int(number) for number in block.numbers.numpy())
+        if needed > CROSSINGS_MOST:
+            raise CrossingLimitError(f"a section needs room for {needed} crossings; a flat search has {CROSSINGS_MOST}")
+        if needed > 0:
+            size = size._replace(space=min(max(2 * size.space, needed), CROSSINGS_MOST))
+            continue
+        size = size.after(used / len(rows), is_enough=used <= listed.shape[0])
+        if used > listed.shape[0]:
+            continue
+        found.append(listed[:used])
+        rank = rank_few_crossings if used <= FEW * len(rows) else rank_many_crossings
+        rank(surface, patch, block, bounded=bounded, pieces=pieces, listed=found[-1])
         first = rows.stop
     pieces.listed = joined_arrays(found, device)
 
@@ -155,31 +164,21 @@ def _list_block(
     pose: wp.array,
     patch: wp.array,
     pieces: Any,
-    rows: range,
+    block: Any,
     size: FlatSize,
+    *,
     bounded: bool,
     closes: bool,
-    listed_before: int,
-) -> tuple[Any, wp.array, FlatSize]:
-    """Prepare a block of rows and list their crossings: RowBlock, half-edges, and the capacities for the next block."""
+) -> wp.array:
+    """Prepare a RowBlock and list its crossings; `block.numbers` tells whether there was room for them."""
     device, lanes = pose.device, lane_count(pose.device)
-    capacity = int(len(rows) * size.listed) + 1
-    while True:
-        block = room_for_rows(rows, size, listed_before, device)
-        listed = wp.empty(capacity, dtype=wp.int32, device=device)
-        launch = partial(wp.launch, dim=block.steps.shape[0] * lanes, device=device, block_dim=BLOCK)
-        inputs = [surface, pose, patch, int(bounded), int(closes), lanes]
-        launch(_prepare_rows, inputs=inputs, outputs=[block, pieces])
-        outputs = [block, pieces.row_start, listed]
-        launch(_list_crossings, inputs=[surface, patch, pieces, int(bounded), lanes], outputs=outputs)
-        needed, used = (int(number) for number in block.numbers.numpy())
-        if needed == 0 and used <= capacity:
-            return block, listed[:used], size.after(used / len(rows))
-        if needed > CROSSINGS_MOST:
-            raise CrossingLimitError(f"a section has {needed} crossings; a flat search links {CROSSINGS_MOST}")
-        capacity = max(capacity, used)
-        if needed:
-            size = size._replace(space=max(2 * size.space, needed))
+    listed = wp.empty(int(block.rows * size.listed) + 1, dtype=wp.int32, device=device)
+    launch = partial(wp.launch, dim=block.steps.shape[0] * lanes, device=device, block_dim=BLOCK)
+    inputs = [surface, pose, patch, int(bounded), int(closes), lanes]
+    launch(_prepare_rows, inputs=inputs, outputs=[block, pieces])
+    outputs = [block, pieces.row_start, listed]
+    launch(_list_crossings, inputs=[surface, patch, pieces, int(bounded), lanes], outputs=outputs)
+    return listed
 
 
 def with_steps(pieces: Any, device: Any) -> None:

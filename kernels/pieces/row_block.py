@@ -8,7 +8,7 @@ from ..lanes import group_count
 from .lane_space import WORDS, FarSpace, room_for_groups
 
 LISTED_FIRST = 2**26  # half-edges of the first block of rows, about
-LISTED_MOST = 2**28  # of later ones, each of which may be larger than the one before
+LISTED_MOST = 2**28  # of later ones, about, each of which may be larger than the one before
 GROWTH = 4
 SHARE = 1.15  # of the half-edges that the block before suggests
 SPACE_BYTES = 2**29  # of all groups
@@ -31,9 +31,10 @@ class FlatSize(NamedTuple):
         root, share = face_count**0.5, 1.0 if bounded else 2.0
         return cls(int(max(256.0, (2.0 + 2.0 * share) * root)), 16.0 + share * root, LISTED_FIRST)
 
-    def after(self, listed: float) -> "FlatSize":
-        """Capacities for the block after one of so many half-edges a row: larger, as their number is known better."""
-        return FlatSize(self.space, max(1.0, SHARE * listed), min(GROWTH * self.block, LISTED_MOST))
+    def after(self, listed: float, *, is_enough: bool) -> "FlatSize":
+        """Capacities after a block of so many half-edges a row; for more rows if it had room, as the mean is known."""
+        block = min(GROWTH * self.block, LISTED_MOST) if is_enough else self.block
+        return FlatSize(self.space, max(1.0, SHARE * listed), block)
 
 
 @wp.struct

@@ -20,7 +20,7 @@ from .triangle_walk import crossing_at, point_of
 wp.set_module_options(EXACT)
 
 
-GROUPS_MOST = 2**24  # of lanes that draw; 32 times as many threads have numbers in 31 bits
+GROUPS_MOST = 2**24  # of lanes that draw; 64 times as many threads have numbers in 31 bits
 
 
 class Contours(NamedTuple):

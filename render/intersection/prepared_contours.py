@@ -20,7 +20,7 @@ from ..runtime.span_workers import warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..validation import is_number
 from .batch_rendering import check_poses
-from .mesh_section import intersect, needs_regularising
+from .mesh_section import PATTERN, intersect, needs_regularising
 from .named_inputs import hand_of, solid_of
 from .resting import patches_for
 from .scene import Scene
@@ -33,7 +33,8 @@ class PreparedContours:
     """Contours of batches of as many poses: those of `render`, bit for bit, without what `render` does for each call.
 
     solid, hand, strategy: as in `render`; the hand must be rigid. pose_count: of each batch. device: Warp's; on a GPU
-    all launches are one graph. method: how a mesh is searched, see `find_pieces`. size: first capacities.
+    all launches are one graph. method: how a mesh is searched, see `find_pieces`; only "trace" and "seek" are prepared,
+    which are taken in place of others. size: first capacities.
     Only sections of a mesh by a palm are prepared ("oc", "cc", "whole"): memory is taken when made, and anew, twice as
     much, when a batch needs more. What cannot be prepared is rendered as `render` does, in milliseconds: batches that
     need more than 2 GB, strategies with further stages (hands of planes have one), meshes that cross themselves, voxels
@@ -126,11 +127,12 @@ class PreparedContours:
         section = wp.array(hand.section_poses(pose), dtype=wp.transform, device=device)
         intersect(solid, hand, section, strategy, method=method)  # refuses what cannot be done
         surface, patch = solid.on(device), patches_for(hand, solid, strategy, device)
+        searched = method or method_for(surface, wp.get_device(device))
         self._made_of = surface, patch
         self._options: dict[str, Any] = {
             "outside": "outside" in strategy.prune,
             "close": "close" in strategy.transform,
-            "method": method or method_for(surface, wp.get_device(device)),
+            "method": "trace" if searched in ("trace", PATTERN) else "seek",
             "pose_count": self.pose_count,
         }
         row_count = self.pose_count * hand.patch_count

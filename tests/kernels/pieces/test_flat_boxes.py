@@ -65,6 +65,21 @@ def test_packed_boxes_hold_boxes_and_corners(name, place, device):
     assert (np.abs(x - edges.vertices[edges.faces]) <= 0.5 * part[:, None] + 2 * rounding).all()
 
 
+def test_a_surface_gets_its_packed_boxes_whole(device, monkeypatch):
+    """Another thread may search it, or pack it too, at any time."""
+    surface, own, seen = surface_on(blob(6), device), wp.launch, []
+
+    def launch(*arguments, **options):
+        seen.append((surface.packed_box, surface.packed_face))
+        return own(*arguments, **options)
+
+    monkeypatch.setattr(wp, "launch", launch)
+    pack_boxes(surface, wp.get_device(device))
+    assert all(box is None and face is None for box, face in seen)
+    assert len(seen) == 2
+    assert surface.packed_box.shape[0] > 0
+
+
 @pytest.mark.parametrize("place", PLACES)
 def test_bits_are_those_of_walking_wherever_the_surface_lies(place, device):
     scale, offset = PLACES[place]

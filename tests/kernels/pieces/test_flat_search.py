@@ -121,7 +121,7 @@ def test_a_section_with_too_many_crossings_is_searched_by_walking(device, monkey
     size = FlatSize(2, 1.0, 64)
     pose = wp.array(random_poses(20)[:, None], dtype=wp.transform, ndim=2, device=device)
     pieces = room_for_sections(20, device)
-    with pytest.raises(flat_search.CrossingLimitError, match=r"a section has \d+ crossings; a flat search links 20"):
+    with pytest.raises(flat_search.CrossingLimitError, match=r"room for \d+ crossings; a flat search has 20"):
         flat_search_pieces(surface, pose, patch, pieces, bounded=True, closes=True, size=size)
     monkeypatch.setattr(finding, "flat_search_pieces", partial(flat_search_pieces, size=size))
     for strategy in STRATEGIES:

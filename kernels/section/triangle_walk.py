@@ -46,19 +46,21 @@ def link_of(x: wp.vec4):
 
 
 @wp.func
+def corner_of(half: int):
+    """Which half-edge of its triangle it is; unsigned numbers need no look at the sign."""
+    return wp.uint32(half) % wp.uint32(3)
+
+
+@wp.func
 def half_after(half: int):
     """Next half-edge of the triangle."""
-    if half % 3 == 2:
-        return half - 2
-    return half + 1
+    return wp.where(corner_of(half) == wp.uint32(2), half - 2, half + 1)
 
 
 @wp.func
 def half_before(half: int):
     """Previous half-edge of the triangle."""
-    if half % 3 == 0:
-        return half + 2
-    return half - 1
+    return wp.where(corner_of(half) == wp.uint32(0), half + 2, half - 1)
 
 
 @wp.func
@@ -81,11 +83,12 @@ def crossing_after(surface: Surface, f: Frame, c: Crossing):
     """
     n = Crossing()
     third = load_vec4(surface.corner, half_before(c.half))
+    down = link_of(load_vec4(surface.corner, half_after(c.half)))  # read already, for it may be needed
     x = patch_coordinates(f, vertex_of(third))
     up = above(x[2])
     n.upper = wp.where(up, x, c.upper)
     n.lower = wp.where(up, c.lower, x)
-    link = link_of(load_vec4(surface.corner, wp.where(up, half_after(c.half), half_before(c.half))))
+    link = wp.where(up, down, link_of(third))
     n.half = link >> 1  # of OPEN: OPEN
     n.scanned = link & 1
     return n

@@ -10,10 +10,11 @@ import warp as wp
 
 from ..lanes import lane_count
 from ..offsets import BLOCK
-from ..patch import EXACT, Patch, half_extents, output_point, section_frame
+from ..patch import EXACT, Frame, Patch, half_extents, output_point, section_frame
 from .half_edges import Surface
 from .joining import BOUNDARY, SLOT, Entries, Joined
 from .pieces import ContourPieces, section_of, start_of
+from .row_order import begin_order, end_order, note_length, rounds_for, row_in_order, thread_count
 from .row_walker import LineArrays, PolylineWriter, draw_row, draw_row_ends
 from .triangle_walk import crossing_at, point_of
 
@@ -34,6 +35,32 @@ class Contours(NamedTuple):
     section_start: wp.array  # int64, shape [section + 1]
 
 
+@wp.func
+def draw_section(
+    surface: Surface,
+    f: Frame,
+    patch: wp.array[Patch],
+    pieces: ContourPieces,
+    entries: Entries,
+    bounded: int,
+    closes: int,
+    row: int,
+    section: int,
+    section_start: wp.array[wp.int64],
+    point_start: wp.array[wp.int64],
+    lines: LineArrays,
+):
+    """Write a row's polylines."""
+    own = section % patch.shape[0]
+    writer = PolylineWriter()
+    writer.i = point_start[section]
+    writer.line = section_start[section]
+    writer.patch = own
+    writer = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
+    if section == section_start.shape[0] - 2:
+        lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
+
+
 @wp.kernel
 def _draw_contours(
     # In:
@@ -46,21 +73,30 @@ def _draw_contours(
     closes: int,  # 1: CC, 0: OC
     section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
+    lanes: int,  # of a block
+    rounds: int,  # how many rows each takes
     # Out:
     lines: LineArrays,
 ):
     """Write each row's polylines."""
-    row = wp.tid()
-    section = section_of(pieces, row)
-    own = section % patch.shape[0]
-    writer = PolylineWriter()
-    writer.i = point_start[section]
-    writer.line = section_start[section]
-    writer.patch = own
-    f = section_frame(pose, patch, section)
-    writer = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
-    if section == section_start.shape[0] - 2:
-        lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
+    first = wp.tid() // lanes * lanes * rounds
+    order = begin_order()
+    for k in range(rounds):
+        i = k * lanes + wp.tid() % lanes
+        length = int(0)
+        if first + i < entries.count.shape[0]:
+            section = section_of(pieces, first + i)
+            length = int(point_start[section + 1] - point_start[section])
+        note_length(order, i, length)
+    end_order(order, rounds)
+    for k in range(rounds):
+        row = first + row_in_order(order, k)
+        if row < entries.count.shape[0]:
+            section = section_of(pieces, row)
+            f = section_frame(pose, patch, section)
+            draw_section(
+                surface, f, patch, pieces, entries, bounded, closes, row, section, section_start, point_start, lines
+            )
 
 
 @wp.kernel
@@ -136,11 +172,19 @@ def draw_contours(
     for pieces, entries in joined.rows:
         row_count, drawn = pieces.count.shape[0], [patch, pieces, entries, int(bounded)]
         inputs = [surface, pose, *drawn, int(closes), joined.section_start, joined.point_start]
-        launch(_draw_contours if pieces.listed is None else _draw_ends, row_count, inputs=inputs, outputs=[lines])
-        if pieces.listed is not None:
+        if pieces.listed is None:
+            launch(_draw_contours, **drawing_threads(row_count, device, inputs), outputs=[lines])
+        else:
             lanes, groups = lane_count(device), min(row_count, GROUPS_MOST)
+            launch(_draw_ends, row_count, inputs=inputs, outputs=[lines])
             launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
     return out
+
+
+def drawing_threads(row_count: int, device: Any, inputs: list) -> dict[str, Any]:
+    """Arguments of a launch of `_draw_contours`: how many threads there are, and its inputs, of which two are added."""
+    rounds = rounds_for(row_count, device)
+    return {"dim": thread_count(row_count, rounds, device), "inputs": [*inputs, lane_count(device), rounds]}
 
 
 def room_for_contours(section_start: wp.array, polyline_count: int, point_count: int) -> tuple[Contours, Any]:

@@ -12,7 +12,7 @@ import warp as wp
 
 from ..offsets import BLOCK
 from .clip_events import _clip_loops, room_for_events
-from .contour_writing import _draw_contours
+from .contour_writing import _draw_contours, drawing_threads
 from .joining import _join_pieces, _join_single_pieces, room_to_join
 from .pieces import SLOTS, ContourPieces, with_slots
 from .row_walker import LineArrays
@@ -197,8 +197,11 @@ class Room:
         ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
 
     def _record(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
+        threads = {"dim": self.row_count, "inputs": inputs}
+        if kernel is _draw_contours:
+            threads = drawing_threads(self.row_count, wp.get_device(self.device), inputs)
         options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
-        return cast(wp.Launch, wp.launch(kernel, self.row_count, inputs=inputs, outputs=outputs, **options))
+        return cast(wp.Launch, wp.launch(kernel, **threads, outputs=outputs, **options))
 
 
 class Offsets:

@@ -137,6 +137,27 @@ def point_of(f: Frame, c: Crossing, side: wp.vec2d):
     return snap_to_sides(blend(p, q, c.upper[2], c.lower[2]), side, f.flush)
 
 
+@wp.struct
+class PlacedPoint:
+    """A crossing's point in the patch's plane, and its outcode."""
+
+    at: wp.vec2d  # [m]
+    code: int
+
+
+@wp.func
+def placed_point(f: Frame, c: Crossing, side: wp.vec2d):
+    """`point_of` and its outcode: what is clearly inside is neither moved nor compared with each side."""
+    p = wp.vec2d(c.upper[0], c.upper[1])
+    q = wp.vec2d(c.lower[0], c.lower[1])
+    out = PlacedPoint()
+    out.at = blend(p, q, c.upper[2], c.lower[2])
+    if wp.max(wp.abs(out.at[0]) - side[0], wp.abs(out.at[1]) - side[1]) >= -f.flush:
+        out.at = snap_to_sides(out.at, side, f.flush)
+        out.code = outcode(out.at, side)
+    return out
+
+
 @wp.func
 def corners_left_from(surface: Surface, f: Frame, half: int, side: wp.vec2d):
     """`corners_left` of the segment from a half-edge's crossing to the next crossing."""

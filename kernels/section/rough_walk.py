@@ -9,7 +9,7 @@ heights exceed 2 e. So t / d is wrong by at most e + 2 e |u - l| / d, and by 2.4
 import warp as wp
 
 from ..patch import BOTTOM, LEFT, RIGHT, TOP, Coarse
-from .clip_events import BEGIN, CLEAR, END, FROM, HALF, Events, is_quiet, write_event
+from .clip_events import BEGIN, CLEAR, END, FROM, HALF, Events, is_quiet, list_passing, write_event
 from .edge_pairing import OPEN
 from .half_edges import Surface
 from .triangle_walk import half_after, half_before, link_of, load_vec4, vertex_of
@@ -244,6 +244,7 @@ def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: in
             write_event(
                 events, row, start + out.events, (now << HALF) | last | CLEAR | (p.code << FROM) | q.code, steps
             )
+            list_passing(events, row, start + out.events, p.code, q.code)
             out.events += 1
             steps = 0
         now = link >> 1

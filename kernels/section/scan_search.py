@@ -37,6 +37,7 @@ from .clip_events import (
     STOP,
     Events,
     _clip_loops,
+    _look_at_corners,
     is_quiet,
     room_for_events,
     write_event,
@@ -344,12 +345,16 @@ def scan_search_pieces(
     events = room_for_events(row_count, room, device)
     rest = wp.empty(row_count, dtype=wp.vec3i, device=device)
     doubtful = wp.empty(row_count, dtype=wp.int32, device=device)
-    counts = wp.zeros(2, dtype=wp.int32, device=device)
-    rests, doubts = [rest, counts[:1]], [doubtful, counts[1:]]
+    counts = wp.zeros(3, dtype=wp.int32, device=device)
+    rests, doubts = [rest, counts[:1]], [doubtful, counts[1:2]]
+    if not device.is_cpu:
+        events.passing, events.passing_count = wp.empty(row_count, dtype=wp.vec2i, device=device), counts[2:]
     inputs = [surface, pose, patch, int(bounded), pieces.section]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     launch(_walk_first_loops, row_count, inputs=inputs, outputs=[events, *rests, *doubts])
     launch(_walk_other_loops, row_count, inputs=[*inputs, *rests], outputs=[events, *doubts])
     launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
+    if not device.is_cpu:
+        launch(_look_at_corners, row_count, inputs=[*inputs[:3], pieces.section], outputs=[events])
     launch(_clip_loops, row_count, inputs=[surface, pose, patch, events], outputs=[pieces])
     return events.count

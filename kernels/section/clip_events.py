@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from ..offsets import BLOCK
 from ..patch import BOTTOM, EXACT, Patch, section_frame
 from .edge_pairing import OPEN
 from .half_edges import Surface
@@ -12,6 +13,11 @@ from .segment_clipping import NONE, Segment, needs_left, segment_of
 from .triangle_walk import corners_left_from, link_of, load_vec4
 
 wp.set_module_options(EXACT)
+
+LAUNCH_BOUNDS = (
+    BLOCK,
+    12,
+)  # 12 blocks at a time, 80 registers: only the look at corners that were not listed needs more
 
 # An event is a segment that clipping must test, as two numbers: `what`, and the number of steps of non-zero length
 # inside the patch since the event before. `what` is the half-edge of the segment's first crossing << HALF | these bits:
@@ -161,7 +167,7 @@ def _look_at_corners(
         events.event[i] = wp.vec2i(what, event[1] | KNOWN | (left << LEFT))
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=LAUNCH_BOUNDS)
 def _clip_loops(
     # In:
     surface: Surface,

@@ -20,6 +20,11 @@ from .triangle_walk import crossing_at, point_of
 
 wp.set_module_options(EXACT)
 
+LAUNCH_BOUNDS = (
+    BLOCK,
+    10,
+)  # 10 blocks at a time, 96 registers: with fewer, more numbers wait in memory than are gained
+
 
 GROUPS_MOST = 2**24  # of lanes that draw; 32 times as many threads have numbers in 31 bits
 
@@ -61,7 +66,7 @@ def draw_section(
         lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=LAUNCH_BOUNDS)
 def _draw_contours(
     # In:
     surface: Surface,

@@ -17,7 +17,7 @@ wp.set_module_options(EXACT)
 LAUNCH_BOUNDS = (
     BLOCK,
     12,
-)  # 12 blocks at a time, 80 registers: only the look at corners that were not listed needs more
+)  # 12 blocks at a time, 80 registers: only a look at unlisted corners needs more
 
 # An event is a segment that clipping must test, as two numbers: `what`, and the number of steps of non-zero length
 # inside the patch since the event before. `what` is the half-edge of the segment's first crossing << HALF | these bits:

@@ -14,7 +14,7 @@ from ..patch import EXACT, Frame, Patch, half_extents, output_point, section_fra
 from .half_edges import Surface
 from .joining import BOUNDARY, SLOT, Entries, Joined
 from .pieces import ContourPieces, section_of, start_of
-from .row_order import begin_order, end_order, note_length, rounds_for, row_in_order, thread_count
+from .row_order import begin_order, end_order, note_length, ordered_threads, row_in_order
 from .row_walker import LineArrays, PolylineWriter, draw_row, draw_row_ends
 from .triangle_walk import crossing_at, point_of
 
@@ -23,7 +23,7 @@ wp.set_module_options(EXACT)
 LAUNCH_BOUNDS = (
     BLOCK,
     10,
-)  # 10 blocks at a time, 96 registers: with fewer, more numbers wait in memory than are gained
+)  # 10 blocks at a time, 96 registers: fewer would leave many numbers in memory
 
 
 GROUPS_MOST = 2**24  # of lanes that draw; 32 times as many threads have numbers in 31 bits
@@ -178,18 +178,12 @@ def draw_contours(
         row_count, drawn = pieces.count.shape[0], [patch, pieces, entries, int(bounded)]
         inputs = [surface, pose, *drawn, int(closes), joined.section_start, joined.point_start]
         if pieces.listed is None:
-            launch(_draw_contours, **drawing_threads(row_count, device, inputs), outputs=[lines])
+            launch(_draw_contours, **ordered_threads(row_count, device, inputs), outputs=[lines])
         else:
             lanes, groups = lane_count(device), min(row_count, GROUPS_MOST)
             launch(_draw_ends, row_count, inputs=inputs, outputs=[lines])
             launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
     return out
-
-
-def drawing_threads(row_count: int, device: Any, inputs: list) -> dict[str, Any]:
-    """Arguments of a launch of `_draw_contours`: how many threads there are, and its inputs, of which two are added."""
-    rounds = rounds_for(row_count, device)
-    return {"dim": thread_count(row_count, rounds, device), "inputs": [*inputs, lane_count(device), rounds]}
 
 
 def room_for_contours(section_start: wp.array, polyline_count: int, point_count: int) -> tuple[Contours, Any]:

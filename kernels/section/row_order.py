@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from ..lanes import LANES
+from ..lanes import LANES, lane_count
 
 ROUNDS_MOST = 8  # of a block: its rows split into 16 groups of about equal lengths
 BLOCKS_OF_PROCESSOR = 64  # that a multiprocessor of a GPU gets at least, if there are enough rows for several rounds
@@ -87,3 +87,10 @@ def thread_count(row_count: int, rounds: int, device: Any) -> int:
     if device.is_cpu:
         return row_count
     return -(-row_count // (LANES * rounds)) * LANES
+
+
+def ordered_threads(row_count: int, device: Any, inputs: list) -> dict[str, Any]:
+    """Arguments of a launch whose blocks order their rows: number of threads, and inputs, to which lanes of a block and
+    rounds are added."""
+    rounds = rounds_for(row_count, device)
+    return {"dim": thread_count(row_count, rounds, device), "inputs": [*inputs, lane_count(device), rounds]}

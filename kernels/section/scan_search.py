@@ -58,6 +58,8 @@ from .rough_walk import (
     scan_roughly,
     walk_roughly,
 )
+from .row_order import begin_order, end_order, note_length, ordered_threads, row_in_order
+from .segment_clipping import NONE
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
@@ -238,31 +240,12 @@ def _walk_first_loops(
         doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
 
 
-@wp.kernel
-def _walk_other_loops(
-    # In:
-    surface: Surface,
-    pose: wp.array2d[wp.transform],
-    patch: wp.array[Patch],
-    bounded: int,
-    section: wp.array[wp.int32],
-    rest: wp.array[wp.vec3i],
-    rest_count: wp.array[wp.int32],
-    # Out:
-    events: Events,  # those of the first loop are there already
-    doubtful: wp.array[wp.int32],
-    doubtful_count: wp.array[wp.int32],
-):
-    """Walk around the other loops of rows that have more than one."""
-    if wp.tid() >= rest_count[0]:
-        return
-    listed = rest[wp.tid()]
+@wp.func
+def walk_rest(surface: Surface, g: Coarse, listed: wp.vec3i, events: Events):
+    """Walk around a row's other loops; returns its number of events, NONE if that is not sure."""
     row = listed[0]
     left = listed[1]
     half = listed[2]
-    own = section_at(section, row)
-    side = half_extents(patch[own % patch.shape[0]], bounded)
-    g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
     mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
     place = ScanPlace()
     place.above = scan_height(g, load_vec4(surface.scan_path, 0)) > 0.0
@@ -276,10 +259,50 @@ def _walk_other_loops(
         walk = walk_roughly(surface, g, half, events, row, count)
         count += walk.events
         left -= walk.scanned
-    if walk.sure:
-        events.count[row] = count
-    else:
-        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
+    return wp.where(walk.sure, count, NONE)
+
+
+@wp.kernel
+def _walk_other_loops(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    section: wp.array[wp.int32],
+    rest: wp.array[wp.vec3i],
+    rest_count: wp.array[wp.int32],
+    lanes: int,  # of a block
+    rounds: int,  # how many rows each takes
+    # Out:
+    events: Events,  # those of the first loop are there already
+    doubtful: wp.array[wp.int32],
+    doubtful_count: wp.array[wp.int32],
+):
+    """Walk around the other loops of rows that have more than one."""
+    first = wp.tid() // lanes * lanes * rounds
+    if first >= rest_count[0]:
+        return
+    order = begin_order()
+    for k in range(rounds):
+        i = k * lanes + wp.tid() % lanes
+        length = int(0)
+        if first + i < rest_count[0]:
+            length = rest[first + i][1]
+        note_length(order, i, length)
+    end_order(order, rounds)
+    for k in range(rounds):
+        i = first + row_in_order(order, k)
+        if i < rest_count[0]:
+            row = rest[i][0]
+            own = section_at(section, row)
+            side = half_extents(patch[own % patch.shape[0]], bounded)
+            g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
+            count = walk_rest(surface, g, rest[i], events)
+            if count != NONE:
+                events.count[row] = count
+            else:
+                doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
 
 
 @wp.func
@@ -352,7 +375,8 @@ def scan_search_pieces(
     inputs = [surface, pose, patch, int(bounded), pieces.section]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     launch(_walk_first_loops, row_count, inputs=inputs, outputs=[events, *rests, *doubts])
-    launch(_walk_other_loops, row_count, inputs=[*inputs, *rests], outputs=[events, *doubts])
+    threads = ordered_threads(row_count, device, [*inputs, *rests])
+    launch(_walk_other_loops, **threads, outputs=[events, *doubts])
     launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
     if not device.is_cpu:
         launch(_look_at_corners, row_count, inputs=[*inputs[:3], pieces.section], outputs=[events])

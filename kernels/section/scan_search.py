@@ -64,6 +64,7 @@ from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, l
 
 wp.set_module_options(EXACT)
 
+FEW_WORDS = 8  # of the mask of a scan path with few steps
 LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
 
 
@@ -240,26 +241,35 @@ def _walk_first_loops(
         doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
 
 
-@wp.func
-def walk_rest(surface: Surface, g: Coarse, listed: wp.vec3i, events: Events):
-    """Walk around a row's other loops; returns its number of events, NONE if that is not sure."""
-    row = listed[0]
-    left = listed[1]
-    half = listed[2]
-    mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
-    place = ScanPlace()
-    place.above = scan_height(g, load_vec4(surface.scan_path, 0)) > 0.0
-    walk = RoughWalk()
-    walk.sure = True
-    count = events.count[row]
-    while left > 0 and walk.sure:
-        mark_roughly(surface, g, half, mask)
-        place = next_unmarked(surface, g, mask, place)
-        half = place.half
-        walk = walk_roughly(surface, g, half, events, row, count)
-        count += walk.events
-        left -= walk.scanned
-    return wp.where(walk.sure, count, NONE)
+def rest_walker(words: int) -> Any:
+    """A wp.func that walks a row's other loops with a mask of so many words: to clear a large one takes longer."""
+
+    @wp.func
+    def walk_rest(surface: Surface, g: Coarse, listed: wp.vec3i, events: Events):
+        """Walk around a row's other loops; returns its number of events, NONE if that is not sure."""
+        row = listed[0]
+        left = listed[1]
+        half = listed[2]
+        mask = wp.zeros(shape=words, dtype=wp.uint32)
+        place = ScanPlace()
+        place.above = scan_height(g, load_vec4(surface.scan_path, 0)) > 0.0
+        walk = RoughWalk()
+        walk.sure = True
+        count = events.count[row]
+        while left > 0 and walk.sure:
+            mark_roughly(surface, g, half, mask)
+            place = next_unmarked(surface, g, mask, place)
+            half = place.half
+            walk = walk_roughly(surface, g, half, events, row, count)
+            count += walk.events
+            left -= walk.scanned
+        return wp.where(walk.sure, count, NONE)
+
+    return walk_rest
+
+
+walk_rest_of_few = rest_walker(FEW_WORDS)
+walk_rest_of_many = rest_walker(MASK_WORDS)
 
 
 @wp.kernel
@@ -298,7 +308,11 @@ def _walk_other_loops(
             own = section_at(section, row)
             side = half_extents(patch[own % patch.shape[0]], bounded)
             g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
-            count = walk_rest(surface, g, rest[i], events)
+            count = int(0)
+            if surface.scan_path.shape[0] <= 32 * FEW_WORDS:
+                count = walk_rest_of_few(surface, g, rest[i], events)
+            else:
+                count = walk_rest_of_many(surface, g, rest[i], events)
             if count != NONE:
                 events.count[row] = count
             else:

@@ -199,7 +199,7 @@ class Room:
 
     def _record(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
         threads = {"dim": self.row_count, "inputs": inputs}
-        if kernel in (_walk_other_loops, _draw_contours):
+        if kernel in (_walk_other_loops, _join_pieces, _draw_contours):
             threads = ordered_threads(self.row_count, wp.get_device(self.device), inputs)
         options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
         return cast(wp.Launch, wp.launch(kernel, **threads, outputs=outputs, **options))

@@ -15,6 +15,8 @@ from .segment_clipping import NONE
 
 wp.set_module_options(EXACT)
 
+LAUNCH_BOUNDS = (BLOCK, 10)  # 10 blocks at a time, 96 registers: with fewer, some would stand in memory
+
 BY_KEY = wp.constant(2)  # an order of pieces; 0 and 1: by where they enter, leave
 BEGIN = wp.constant(1 << 24)  # in an entry: a polyline begins with this piece
 CORNERS = wp.constant(25)  # bits above it: how many corners of the patch follow the piece
@@ -268,7 +270,7 @@ def join_row(
     return wp.vec3i(entry, lines, points)
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=LAUNCH_BOUNDS)
 def _join_pieces(
     # In:
     surface: Surface,

@@ -72,9 +72,7 @@ def list_passing(events: Events, row: int, k: int, code_p: int, code_q: int):
 @wp.func
 def is_quiet(code_p: int, code_q: int):
     """Whether a segment stays inside, or outside without winding around the patch."""
-    if (code_p | code_q) == 0:
-        return True
-    return (code_p & code_q) != 0 and ((code_p ^ code_q) & BOTTOM) == 0
+    return wp.where((code_p & code_q) != 0, ((code_p ^ code_q) & BOTTOM) == 0, (code_p | code_q) == 0)
 
 
 @wp.struct

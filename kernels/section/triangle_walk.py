@@ -33,6 +33,19 @@ def load_vec4(a: wp.array[wp.vec4], i: int) -> wp.vec4:
     """Entry i of a 16-byte aligned array, read with one load on a GPU."""
 
 
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    int link;  // volatile: compilers would wait until it is known whether the link is needed
+    asm volatile("ld.global.nc.b32 %0, [%1];" : "=r"(link) : "l"(reinterpret_cast<const int*>(a.data + i) + 3));
+    return link;
+#else
+    return wp::cast<int>(a.data[i][3]);
+#endif
+""")
+def load_link(a: wp.array[wp.vec4], i: int) -> int:
+    """Link of half-edge i (`HalfEdges.link`), read at once on a GPU."""
+
+
 @wp.func
 def vertex_of(x: wp.vec4):
     """Position [m]."""
@@ -83,7 +96,7 @@ def crossing_after(surface: Surface, f: Frame, c: Crossing):
     """
     n = Crossing()
     third = load_vec4(surface.corner, half_before(c.half))
-    down = link_of(load_vec4(surface.corner, half_after(c.half)))  # read already, for it may be needed
+    down = load_link(surface.corner, half_after(c.half))  # needed if the third vertex is above
     x = patch_coordinates(f, vertex_of(third))
     up = above(x[2])
     n.upper = wp.where(up, x, c.upper)

@@ -33,19 +33,6 @@ def load_vec4(a: wp.array[wp.vec4], i: int) -> wp.vec4:
     """Entry i of a 16-byte aligned array, read with one load on a GPU."""
 
 
-@wp.func_native("""
-#ifdef __CUDA_ARCH__
-    int link;  // volatile: compilers would wait until it is known whether the link is needed
-    asm volatile("ld.global.nc.b32 %0, [%1];" : "=r"(link) : "l"(reinterpret_cast<const int*>(a.data + i) + 3));
-    return link;
-#else
-    return wp::cast<int>(a.data[i][3]);
-#endif
-""")
-def load_link(a: wp.array[wp.vec4], i: int) -> int:
-    """Link of half-edge i (`HalfEdges.link`), read at once on a GPU."""
-
-
 @wp.func
 def vertex_of(x: wp.vec4):
     """Position [m]."""
@@ -62,6 +49,13 @@ def link_of(x: wp.vec4):
 def corner_of(half: int):
     """Which half-edge of its triangle it is; unsigned numbers need no look at the sign."""
     return wp.uint32(half) % wp.uint32(3)
+
+
+@wp.func
+def link_either(up: wp.bool, x: wp.vec4, y: wp.vec4):
+    """Link of y if `up`, else that of x; by their bits, as a GPU would else not read y before it knows `up`."""
+    link = link_of(x)
+    return link ^ ((link ^ link_of(y)) & wp.where(up, -1, 0))
 
 
 @wp.func
@@ -96,12 +90,12 @@ def crossing_after(surface: Surface, f: Frame, c: Crossing):
     """
     n = Crossing()
     third = load_vec4(surface.corner, half_before(c.half))
-    down = load_link(surface.corner, half_after(c.half))  # needed if the third vertex is above
+    following = load_vec4(surface.corner, half_after(c.half))
     x = patch_coordinates(f, vertex_of(third))
     up = above(x[2])
     n.upper = wp.where(up, x, c.upper)
     n.lower = wp.where(up, c.lower, x)
-    link = wp.where(up, down, link_of(third))
+    link = link_either(up, third, following)
     n.half = link >> 1  # of OPEN: OPEN
     n.scanned = link & 1
     return n

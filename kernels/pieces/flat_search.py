@@ -24,7 +24,6 @@ from .row_block import LISTED, SPACE, FlatSize, RowBlock, room_for_rows
 
 wp.set_module_options(EXACT)
 
-SHARE = 1.15  # of the half-edges that the block before suggests
 FEW = 0.75 * NEAR_FEW  # crossings of a row, mean, with which most rows find room beside few lanes
 
 
@@ -72,7 +71,7 @@ def _prepare_rows(
         row = take_row(block.taken, 0, lane)
 
 
-@wp.kernel(launch_bounds=(BLOCK, 12))
+@wp.kernel(launch_bounds=(BLOCK, 16))
 def _list_crossings(
     # In:
     surface: Surface,
@@ -135,7 +134,7 @@ def flat_search_pieces(
     device, row_count = pose.device, pieces.count.shape[0]
     size = size or FlatSize.for_surface(surface.corner.shape[0] // 3, bounded)
     with_steps(pieces, device)
-    if surface.packed_box is None or surface.packed_box.shape[0] == 0:
+    if surface.packed_face is None or surface.packed_face.shape[0] == 0:
         pack_boxes(surface, device)
     found: list[wp.array] = []
     first = 0
@@ -175,7 +174,7 @@ def _list_block(
         launch(_list_crossings, inputs=[surface, patch, pieces, int(bounded), lanes], outputs=outputs)
         needed, used = (int(number) for number in block.numbers.numpy())
         if needed == 0 and used <= capacity:
-            return block, listed[:used], size._replace(listed=max(1.0, SHARE * used / len(rows)))
+            return block, listed[:used], size.after(used / len(rows))
         if needed > CROSSINGS_MOST:
             raise CrossingLimitError(f"a section has {needed} crossings; a flat search links {CROSSINGS_MOST}")
         capacity = max(capacity, used)

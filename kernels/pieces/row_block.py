@@ -7,7 +7,10 @@ import warp as wp
 from ..lanes import group_count
 from .lane_space import WORDS, FarSpace, room_for_groups
 
-LISTED_MOST = 2**26  # half-edges of a block of rows, about
+LISTED_FIRST = 2**26  # half-edges of the first block of rows, about
+LISTED_MOST = 2**28  # of later ones, each of which may be larger than the one before
+GROWTH = 4
+SHARE = 1.15  # of the half-edges that the block before suggests
 SPACE_BYTES = 2**29  # of all groups
 SPACE, LISTED = range(2)  # numbers of a search: crossings for which a section needs room, half-edges listed
 
@@ -26,7 +29,11 @@ class FlatSize(NamedTuple):
     def for_surface(cls, face_count: int, bounded: bool) -> "FlatSize":
         """Capacities for planes through a round body: one through its middle crosses 2.6 sqrt(face_count) faces."""
         root, share = face_count**0.5, 1.0 if bounded else 2.0
-        return cls(int(max(256.0, (2.0 + 2.0 * share) * root)), 16.0 + share * root, LISTED_MOST)
+        return cls(int(max(256.0, (2.0 + 2.0 * share) * root)), 16.0 + share * root, LISTED_FIRST)
+
+    def after(self, listed: float) -> "FlatSize":
+        """Capacities for the block after one of so many half-edges a row: larger, as their number is known better."""
+        return FlatSize(self.space, max(1.0, SHARE * listed), min(GROWTH * self.block, LISTED_MOST))
 
 
 @wp.struct

@@ -133,7 +133,7 @@ def _draw_ends(
         lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=(BLOCK, 12))
 def _draw_listed(
     # In:
     surface: Surface,

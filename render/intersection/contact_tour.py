@@ -30,6 +30,7 @@ LARGEST = float(np.finfo(np.float64).max)
 SEPARATION = 0.008  # [m]; MAMMOTH's
 CLOSED = IntersectionStrategy(prune=("outside",), transform=("close",))
 NODES_MOST = 1 << 22  # points of skin that are looked at in one go: up to 30 bytes each
+GPU_FACTOR = 8  # so many times more on a GPU, where launches for few poses take longer than what they compute
 
 
 def contact_contours(
@@ -59,7 +60,8 @@ def contact_contours(
     pose = np.asarray(pose, np.float32).reshape(-1, 7)
     skin = _Skin(solid, hand, device, step)
     parts = []
-    size = max(1, NODES_MOST // max(skin.point_count, 1))
+    nodes_most = NODES_MOST * (GPU_FACTOR if wp.get_device(device).is_cuda else 1)
+    size = max(1, nodes_most // max(skin.point_count, 1))
     try:
         for begin in range(0, len(pose), size):
             rows = slice(begin, min(begin + size, len(pose)))

@@ -12,10 +12,10 @@ from ...kernels.offsets import PointLimitError
 from ...kernels.patterns.section_cutting import cut_sections
 from ...kernels.patterns.section_drawing import draw_sections
 from ...kernels.patterns.section_sums import sum_sections
-from ...kernels.section.contour_writing import draw_contours
-from ...kernels.section.joining import join_pieces, order_pieces
 from ...kernels.pieces.finding import find_pieces
 from ...kernels.pieces.plane_loops import plane_loops
+from ...kernels.section.contour_writing import draw_contours
+from ...kernels.section.joining import join_pieces, order_pieces
 from ...kernels.section.tally_undrawn import tally_pieces
 from ..contour_batch import ContourBatch, join_polylines
 from ..errors import MeshError
@@ -28,8 +28,8 @@ from .resting import patches_for
 from .section_regularisation import regularised_contours
 
 PATTERN = "pattern"
-"""Method of small closed meshes: loops from a table (`kernels.patterns`), instead of a search (`find_pieces`)."""
-PATTERN_IS_FASTER = {"cpu": True, "cuda": False}  # measured on CPUs (performance.md), not yet on GPUs
+"""Method of small closed meshes, the fastest one for them: loops from a table (`kernels.patterns`), without a search
+(`find_pieces`)."""
 
 
 def intersect(
@@ -161,8 +161,7 @@ def _pieces(
 
 def _loop_table(mesh: MeshObject, device: Any, method: str | None) -> Any:
     """The mesh's LoopTable on a device if its contours are drawn from that, else None."""
-    faster = PATTERN_IS_FASTER["cpu" if device.is_cpu else "cuda"]
-    if method != PATTERN and (method is not None or not faster):
+    if method not in (None, PATTERN):
         return None
     table = mesh.loop_table_on(str(device))
     if table is None and method == PATTERN:

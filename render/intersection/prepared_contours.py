@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 
 from ...datasets.motions.hand_motion import PALM_DOWN
+from ...kernels.pieces.finding import method_for
 from ...kernels.section.graph_room import GraphRoom
 from ...kernels.section.kept_room import Room, RoomSize, room_bytes
-from ...kernels.pieces.finding import method_for
 from ..contour_batch import ContourBatch
 from ..coordinate_spacing import warn_of_spacing
 from ..errors import PoseError, StrategyError

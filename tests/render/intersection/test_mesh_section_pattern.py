@@ -15,7 +15,7 @@ from palpate.render.bench.cases import random_poses
 from palpate.render.errors import MeshError
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.intersection import mesh_section
-from palpate.render.intersection.mesh_section import PATTERN, PATTERN_IS_FASTER, intersect, tally_intersection
+from palpate.render.intersection.mesh_section import PATTERN, intersect, tally_intersection
 from palpate.render.strategies.presets import whole_outline
 
 FIELDS = ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed", "pose_start")
@@ -47,19 +47,14 @@ def test_meshes_and_hands_are_intersected_and_measured_alike(name, hand, strateg
     assert sums[0] == sums[1]
 
 
-def test_the_table_is_taken_where_it_is_faster(device, monkeypatch):
+def test_the_table_is_taken_where_there_is_one(device, monkeypatch):
     def refuse(*_, **__):
         raise AssertionError("searched")
 
     monkeypatch.setattr(mesh_section, "find_pieces", refuse)
-    kind = "cpu" if wp.get_device(device).is_cpu else "cuda"
-    for faster in (True, False):
-        monkeypatch.setitem(PATTERN_IS_FASTER, kind, faster)
-        if faster:
-            assert intersect(MeshObject.load("cube"), Palm(), poses_on(device), closed_contour())[1] > 0
-        for name in ("tube",) if faster else ("tube", "cube"):
-            with pytest.raises(AssertionError, match="searched"):
-                intersect(MeshObject.load(name), Palm(), poses_on(device), closed_contour())
+    assert intersect(MeshObject.load("cube"), Palm(), poses_on(device), closed_contour())[1] > 0
+    with pytest.raises(AssertionError, match="searched"):
+        intersect(MeshObject.load("tube"), Palm(), poses_on(device), closed_contour())
 
 
 def test_a_mesh_without_a_table_cannot_be_cut_by_it(device):

@@ -1,5 +1,7 @@
 """Contours by the flat search: the same bits as by walking, on every mesh, whatever the memory for it."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import warp as wp
@@ -8,13 +10,13 @@ from drawing import STRATEGIES, Drawn, assert_same_bits, draw, patch_array, surf
 from mesh_cases import CLOSED, MESHES, comb, generic_poses
 from tally_outputs import empty
 
-from palpate.kernels.pieces import finding
+from palpate.kernels.pieces import finding, flat_search
 from palpate.kernels.pieces.finding import find_pieces
 from palpate.kernels.pieces.flat_search import flat_search_pieces
 from palpate.kernels.pieces.row_block import FlatSize
 from palpate.kernels.section.contour_writing import draw_contours
 from palpate.kernels.section.joining import join_pieces, order_pieces
-from palpate.kernels.section.pieces import SLOTS
+from palpate.kernels.section.pieces import SLOTS, room_for_sections
 from palpate.kernels.section.tally_undrawn import tally_pieces
 from palpate.render import Palm, closed_contour, open_contour
 from palpate.render.bench.cases import blob, random_poses
@@ -111,6 +113,19 @@ def test_what_finds_no_space_is_searched_again(size, device, monkeypatch):
         for strategy in ("raw", "oc"):
             assert_same(surface, poses, patch, strategy)
     assert len(sizes) > 6  # the comb's rows with many pieces, too
+
+
+def test_a_section_with_too_many_crossings_is_searched_by_walking(device, monkeypatch):
+    monkeypatch.setattr(flat_search, "CROSSINGS_MOST", 20)
+    surface, patch = surface_on(blob(16), device), patch_array([0.0425, 0.0425], device)
+    size = FlatSize(2, 1.0, 64)
+    pose = wp.array(random_poses(20)[:, None], dtype=wp.transform, ndim=2, device=device)
+    pieces = room_for_sections(20, device)
+    with pytest.raises(flat_search.CrossingLimitError, match=r"a section has \d+ crossings; a flat search links 20"):
+        flat_search_pieces(surface, pose, patch, pieces, bounded=True, closes=True, size=size)
+    monkeypatch.setattr(finding, "flat_search_pieces", partial(flat_search_pieces, size=size))
+    for strategy in STRATEGIES:
+        assert_same(surface, random_poses(50), patch, strategy)
 
 
 @pytest.mark.parametrize("name", ["comb", "dog", "shell"])

@@ -24,7 +24,8 @@ class Surface:
     rank: wp.array[wp.int32]  # `HalfEdges.rank`, shape [half]
     is_open: wp.int32  # 1 if any edge has a triangle on one side only
     reach: wp.float32  # largest |x| + |y| + |z| of a vertex [m]; bounds the rounding of float32 heights
-    scan_path: wp.array[wp.vec4]  # vertices [m] along the scan path, shape [step + 1]
+    scan_path: wp.array[wp.vec4]  # vertices [m] along the scan path, and bits of the rank of the step that ends there,
+    # OPEN for a jump; shape [step + 1]
     scan_path_half: wp.array[wp.vec2i]  # half-edges of the step that ends here, forth and back; OPEN for none or a jump
     node_centre: wp.array[wp.vec4]  # centres of the hierarchy's boxes, a heap whose root is 1 [m]
     node_half: wp.array[wp.vec4]  # half extents of the boxes [m]; -1 for an empty box
@@ -287,7 +288,9 @@ def upload_surface(surface: HalfEdges, device: str) -> Surface:
     out.is_open = int(surface.open_count > 0)
     out.reach = float(np.abs(surface.vertices).sum(axis=1).max())
     vertices, halves = surface.scan_path if surface.has_scan_path else (np.zeros(0, int), np.zeros(0, int))
-    out.scan_path = wp.array(pad_to_vec4(surface.vertices[vertices]), dtype=wp.vec4, device=device)
+    path = pad_to_vec4(surface.vertices[vertices])
+    path[1:, 3] = np.where(halves == OPEN, OPEN, surface.rank[halves]).astype(np.int32).view(np.float32)
+    out.scan_path = wp.array(path, dtype=wp.vec4, device=device)
     out.scan_path_half = wp.array(step_halves(surface, vertices, halves), dtype=wp.vec2i, device=device)
     out.node_centre = wp.array(pad_to_vec4(surface.boxes.centre), dtype=wp.vec4, device=device)
     out.node_half = wp.array(pad_to_vec4(surface.boxes.half), dtype=wp.vec4, device=device)

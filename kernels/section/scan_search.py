@@ -1,7 +1,8 @@
 """Scan search, for small surfaces: test every scanned edge, then walk every loop in the plane once.
 
 The walk lists the segments that clipping must test, and a second kernel clips them: all lanes of a GPU walk alike, but
-clipping diverges and would make the other lanes wait.
+clipping diverges and would make the other lanes wait. Closed surfaces are walked in float32 (`rough_walk`), and the
+few rows for which that is not exact enough in float64.
 """
 
 from functools import partial
@@ -36,6 +37,7 @@ from .clip_events import (
     STOP,
     Events,
     _clip_loops,
+    _look_at_corners,
     is_quiet,
     room_for_events,
     write_event,
@@ -43,10 +45,26 @@ from .clip_events import (
 from .edge_pairing import OPEN
 from .half_edges import MASK_WORDS, Surface
 from .pieces import section_at
+from .rough_walk import (
+    RoughWalk,
+    ScanPlace,
+    half_of_step,
+    held_frame,
+    is_marked,
+    mark,
+    mark_roughly,
+    next_unmarked,
+    scan_height,
+    scan_roughly,
+    walk_roughly,
+)
+from .row_order import begin_order, end_order, note_length, ordered_threads, row_in_order
+from .segment_clipping import NONE
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
+FEW_WORDS = 8  # of the mask of a scan path with few steps
 LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
 
 
@@ -54,44 +72,28 @@ LISTED = 32  # scanned crossings that one scan lists; a further scan lists the n
 class ScanResult:
     """Scanned crossings found by a scan along the scan path."""
 
-    first: int  # half-edge of the first one
     kept: int  # number of listed ones
     step: int  # step of the last listed one
     count: int  # number of all
 
 
 @wp.func
-def scan_crossings(surface: Surface, f: Frame, g: Coarse, start: int, lists: bool, halves: wp.array[wp.int32]):
-    """Count the scanned crossings of the scan path after step `start`; list the first LISTED of them if `lists`."""
+def scan_crossings(surface: Surface, f: Frame, g: Coarse, start: int, halves: wp.array[wp.int32]):
+    """Count the scanned crossings of the scan path after step `start`; list the first LISTED of them."""
     found = ScanResult()
-    found.first = OPEN
     was = is_above(f, g, vertex_of(load_vec4(surface.scan_path, start)))
     for i in range(start + 1, surface.scan_path.shape[0]):
         side = is_above(f, g, vertex_of(load_vec4(surface.scan_path, i)))
         if side != was:
             half = surface.scan_path_half[i][wp.where(was, 0, 1)]
             if half != OPEN:
-                if found.count == 0:
-                    found.first = half
-                if lists and found.kept < LISTED:
+                if found.kept < LISTED:
                     halves[found.kept] = half
                     found.kept += 1
                     found.step = i
                 found.count += 1
         was = side
     return found
-
-
-@wp.func
-def is_marked(mask: wp.array[wp.uint32], rank: int):
-    """Whether the scanned edge of that rank is marked as passed."""
-    return (mask[rank >> 5] >> wp.uint32(rank & 31)) & wp.uint32(1) != wp.uint32(0)
-
-
-@wp.func
-def mark(mask: wp.array[wp.uint32], rank: int):
-    """Mark the scanned edge of that rank as passed."""
-    mask[rank >> 5] = mask[rank >> 5] | (wp.uint32(1) << wp.uint32(rank & 31))
 
 
 @wp.struct
@@ -160,7 +162,6 @@ def walk_loop(
     side: wp.vec2d,
     half: int,
     chain: bool,
-    marks: bool,
     mask: wp.array[wp.uint32],
     events: Events,
     row: int,
@@ -177,8 +178,7 @@ def walk_loop(
     out.events = 1
     if chain:
         out.scanned = 1
-        if marks:
-            mark(mask, surface.rank[half])
+        mark(mask, surface.rank[half])
     steps = int(0)
     last = int(0)
     while last == 0:
@@ -190,8 +190,7 @@ def walk_loop(
             last = END
         if n.scanned == 1 and last != STOP:
             out.scanned += 1
-            if marks:
-                mark(mask, surface.rank[n.half])
+            mark(mask, surface.rank[n.half])
         if (p.code | q.code) == 0:
             if moves(f, g, side, c, p, n, q):
                 steps += 1
@@ -207,22 +206,6 @@ def walk_loop(
     return out
 
 
-@wp.func
-def mark_loop(surface: Surface, f: Frame, half: int, mask: wp.array[wp.uint32]):
-    """Mark the scanned crossings of a loop; returns how many there are."""
-    count = int(0)
-    c = crossing_at(surface, f, half)
-    done = int(0)
-    while done == 0:
-        c = crossing_after(surface, f, c)
-        if c.scanned == 1:
-            count += 1
-            mark(mask, surface.rank[c.half])
-        if c.half == half:
-            done = 1
-    return count
-
-
 @wp.kernel
 def _walk_first_loops(
     # In:
@@ -233,54 +216,60 @@ def _walk_first_loops(
     section: wp.array[wp.int32],  # of each row; empty if rows are sections
     # Out:
     events: Events,
-    rest: wp.array[wp.int32],  # rows with more loops, in any order, shape [row]
+    rest: wp.array[wp.vec3i],  # rows with more loops, in any order, shape [row]:
+    # row, scanned crossings of other loops, half-edge of the first loop
     rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
+    doubtful: wp.array[wp.int32],  # rows that need float64, in any order, shape [row]
+    doubtful_count: wp.array[wp.int32],
 ):
-    """Walk around the first loop of each row's plane, usually the only one."""
+    """Walk around the first loop of each row's plane, usually the only one, if the surface is closed."""
     row = wp.tid()
     own = section_at(section, row)
-    f = section_frame(pose, patch, own)
     side = half_extents(patch[own % patch.shape[0]], bounded)
-    g = coarse_frame(f, side, surface.reach)
-    nothing = wp.zeros(shape=1, dtype=wp.int32)
-    no_mask = wp.zeros(shape=1, dtype=wp.uint32)
-    found = scan_crossings(surface, f, g, 0, False, nothing)
-    walk = Walk()
-    if found.count > 0 and surface.is_open == 0:
-        walk = walk_loop(surface, f, g, side, found.first, False, False, no_mask, events, row, 0)
+    g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
+    walk = RoughWalk()
+    if surface.is_open == 0:
+        found = scan_roughly(surface, g)
+        walk.sure = found.least > g.unsure
+        if walk.sure and found.count > 0:
+            half = half_of_step(surface, found.step, found.above)
+            walk = walk_roughly(surface, g, half, events, row, 0)
+            if walk.sure and walk.scanned < found.count:
+                rest[wp.atomic_add(rest_count, 0, 1)] = wp.vec3i(row, found.count - walk.scanned, half)
     events.count[row] = walk.events
-    if walk.scanned < found.count:
-        rest[wp.atomic_add(rest_count, 0, 1)] = row
+    if not walk.sure:
+        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
 
 
-@wp.func
-def walk_other_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, row: int):
-    """Walk around the loops of a row that have no events yet; returns the row's number of events."""
-    count = events.count[row]
-    halves = wp.zeros(shape=LISTED, dtype=wp.int32)
-    mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
-    found = scan_crossings(surface, f, g, 0, True, halves)
-    total = found.count
-    scanned = int(0)
-    if count > 0:
-        scanned = mark_loop(surface, f, found.first, mask)
-    k = int(0)
-    while scanned < total and found.kept > 0:
-        if k == found.kept:
-            found = scan_crossings(surface, f, g, found.step, True, halves)
-            k = 0
-        while k < found.kept and is_marked(mask, surface.rank[halves[k]]):
-            k += 1
-        if k < found.kept:
-            half = halves[k]
-            chain = link_of(load_vec4(surface.corner, half)) == OPEN
-            walk = walk_loop(surface, f, g, side, half, chain, True, mask, events, row, count)
-            if walk.ended == 1 and not chain:
-                half = chain_start(surface, f, half)
-                walk = walk_loop(surface, f, g, side, half, True, True, mask, events, row, count)
+def rest_walker(words: int) -> Any:
+    """A wp.func that walks a row's other loops with a mask of so many words: to clear a large one takes longer."""
+
+    @wp.func
+    def walk_rest(surface: Surface, g: Coarse, listed: wp.vec3i, events: Events):
+        """Walk around a row's other loops; returns its number of events, NONE if that is not sure."""
+        row = listed[0]
+        left = listed[1]
+        half = listed[2]
+        mask = wp.zeros(shape=words, dtype=wp.uint32)
+        place = ScanPlace()
+        place.above = scan_height(g, load_vec4(surface.scan_path, 0)) > 0.0
+        walk = RoughWalk()
+        walk.sure = True
+        count = events.count[row]
+        while left > 0 and walk.sure:
+            mark_roughly(surface, g, half, mask)
+            place = next_unmarked(surface, g, mask, place)
+            half = place.half
+            walk = walk_roughly(surface, g, half, events, row, count)
             count += walk.events
-            scanned += walk.scanned
-    return count
+            left -= walk.scanned
+        return wp.where(walk.sure, count, NONE)
+
+    return walk_rest
+
+
+walk_rest_of_few = rest_walker(FEW_WORDS)
+walk_rest_of_many = rest_walker(MASK_WORDS)
 
 
 @wp.kernel
@@ -291,19 +280,94 @@ def _walk_other_loops(
     patch: wp.array[Patch],
     bounded: int,
     section: wp.array[wp.int32],
-    rest: wp.array[wp.int32],
+    rest: wp.array[wp.vec3i],
     rest_count: wp.array[wp.int32],
+    lanes: int,  # of a block
+    rounds: int,  # how many rows each takes
     # Out:
-    events: Events,  # those of the first loop are there already, if the surface is closed
+    events: Events,  # those of the first loop are there already
+    doubtful: wp.array[wp.int32],
+    doubtful_count: wp.array[wp.int32],
 ):
-    """Walk around the other loops of rows that have more than one, and around all loops of an open surface."""
-    if wp.tid() < rest_count[0]:
-        row = rest[wp.tid()]
+    """Walk around the other loops of rows that have more than one."""
+    first = wp.tid() // lanes * lanes * rounds
+    if first >= rest_count[0]:
+        return
+    order = begin_order()
+    for k in range(rounds):
+        i = k * lanes + wp.tid() % lanes
+        length = int(0)
+        if first + i < rest_count[0]:
+            length = rest[first + i][1]
+        note_length(order, i, length)
+    end_order(order, rounds)
+    for k in range(rounds):
+        i = first + row_in_order(order, k)
+        if i < rest_count[0]:
+            row = rest[i][0]
+            own = section_at(section, row)
+            side = half_extents(patch[own % patch.shape[0]], bounded)
+            g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
+            count = int(0)
+            if surface.scan_path.shape[0] <= 32 * FEW_WORDS:
+                count = walk_rest_of_few(surface, g, rest[i], events)
+            else:
+                count = walk_rest_of_many(surface, g, rest[i], events)
+            if count != NONE:
+                events.count[row] = count
+            else:
+                doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
+
+
+@wp.func
+def walk_all_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, row: int):
+    """Walk around all loops of a row; returns the row's number of events."""
+    halves = wp.zeros(shape=LISTED, dtype=wp.int32)
+    mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
+    found = scan_crossings(surface, f, g, 0, halves)
+    total = found.count
+    count = int(0)
+    scanned = int(0)
+    k = int(0)
+    while scanned < total and found.kept > 0:
+        if k == found.kept:
+            found = scan_crossings(surface, f, g, found.step, halves)
+            k = 0
+        while k < found.kept and is_marked(mask, surface.rank[halves[k]]):
+            k += 1
+        if k < found.kept:
+            half = halves[k]
+            chain = link_of(load_vec4(surface.corner, half)) == OPEN
+            walk = walk_loop(surface, f, g, side, half, chain, mask, events, row, count)
+            if walk.ended == 1 and not chain:
+                half = chain_start(surface, f, half)
+                walk = walk_loop(surface, f, g, side, half, True, mask, events, row, count)
+            count += walk.events
+            scanned += walk.scanned
+    return count
+
+
+@wp.kernel
+def _walk_doubtful_loops(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    bounded: int,
+    section: wp.array[wp.int32],
+    doubtful: wp.array[wp.int32],
+    doubtful_count: wp.array[wp.int32],
+    # Out:
+    events: Events,
+):
+    """Walk in float64 around all loops of rows that float32 cannot decide, and around those of an open surface."""
+    if wp.tid() < doubtful_count[0]:
+        row = doubtful[wp.tid()]
         own = section_at(section, row)
         f = section_frame(pose, patch, own)
         side = half_extents(patch[own % patch.shape[0]], bounded)
         g = coarse_frame(f, side, surface.reach)
-        events.count[row] = walk_other_loops(surface, f, g, side, events, row)
+        events.count[row] = walk_all_loops(surface, f, g, side, events, row)
 
 
 def scan_search_pieces(
@@ -316,11 +380,19 @@ def scan_search_pieces(
     device = pose.device
     row_count = pieces.count.shape[0]
     events = room_for_events(row_count, room, device)
-    rest = wp.empty(row_count, dtype=wp.int32, device=device)
-    rest_count = wp.zeros(1, dtype=wp.int32, device=device)
-    inputs = [surface, pose, patch, int(bounded)]
+    rest = wp.empty(row_count, dtype=wp.vec3i, device=device)
+    doubtful = wp.empty(row_count, dtype=wp.int32, device=device)
+    counts = wp.zeros(3, dtype=wp.int32, device=device)
+    rests, doubts = [rest, counts[:1]], [doubtful, counts[1:2]]
+    if not device.is_cpu:
+        events.passing, events.passing_count = wp.empty(row_count, dtype=wp.vec2i, device=device), counts[2:]
+    inputs = [surface, pose, patch, int(bounded), pieces.section]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    launch(_walk_first_loops, row_count, inputs=[*inputs, pieces.section], outputs=[events, rest, rest_count])
-    launch(_walk_other_loops, row_count, inputs=[*inputs, pieces.section, rest, rest_count], outputs=[events])
+    launch(_walk_first_loops, row_count, inputs=inputs, outputs=[events, *rests, *doubts])
+    threads = ordered_threads(row_count, device, [*inputs, *rests])
+    launch(_walk_other_loops, **threads, outputs=[events, *doubts])
+    launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
+    if not device.is_cpu:
+        launch(_look_at_corners, row_count, inputs=[*inputs[:3], pieces.section], outputs=[events])
     launch(_clip_loops, row_count, inputs=[surface, pose, patch, events], outputs=[pieces])
     return events.count
